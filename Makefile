@@ -1,0 +1,44 @@
+# Both commands set everything up by themselves: Python >= 3.11, make and the package registry are all they need.
+PYTHON ?= python3
+VENV ?= .venv
+BIN = $(VENV)/bin
+
+.PHONY: demo test test-long lint bench docs clean
+
+demo: $(VENV)/installed
+	@PATH="$(CURDIR)/$(BIN):$$PATH" sh examples/demo.sh out
+
+test: lint
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not long"
+
+test-long: $(VENV)/developed
+	$(BIN)/python -m pytest -m long
+
+lint: $(VENV)/developed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(VENV)/developed
+	$(BIN)/python -m benchmarks
+
+docs: $(VENV)/developed
+	$(BIN)/python -m docs.generate
+
+clean:
+	rm -rf $(VENV) out
+
+$(VENV)/python: 
+	$(PYTHON) -c 'import sys; sys.exit("markergen needs Python >= 3.11, found " + sys.version.split()[0] + "; call make PYTHON=python3.11" if sys.version_info < (3, 11) else 0)'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --upgrade pip
+	touch $@
+
+$(VENV)/installed: $(VENV)/python pyproject.toml constraints.txt
+	@echo "Installing markergen and what it needs (about 2 GB the first time, a few minutes)..."
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable .
+	touch $@
+
+$(VENV)/developed: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --group dev
+	touch $@

@@ -1,0 +1,31 @@
+"""One error root; every message says what was expected, what was found, and what to do."""
+
+
+class MarkergenError(Exception):
+    """Root of all errors that markergen raises on purpose; the command line prints it as one line."""
+
+
+class InputError(MarkergenError):
+    """Unusable input (exit status 2).
+
+    Parameters
+    ----------
+    expected, found, remedy : str
+        What was expected, what came instead, and what to do about it.
+
+    Examples
+    --------
+    >>> print(InputError("a radius above 0", "radius=-0.15 m", "give --radius a positive length"))
+    expected a radius above 0, found radius=-0.15 m; give --radius a positive length
+    """
+
+    def __init__(self, expected: str, found: str, remedy: str) -> None:
+        super().__init__(f"expected {expected}, found {found}; {remedy}")
+
+
+class OutputError(MarkergenError):
+    """A result could not be written (exit status 2); the target is as it was before."""
+
+
+class MissingLibraryError(MarkergenError):
+    """A part of markergen needs a library that this machine lacks (exit status 2)."""

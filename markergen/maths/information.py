@@ -1,0 +1,169 @@
+"""Fisher information of pose and homography from noisy image points, and the bounds that follow.
+
+With isotropic Gaussian noise of sigma px on every image coordinate the information is J'J/sigma^2, J being the
+Jacobian of the image points, and its inverse bounds the covariance of every unbiased estimator (CRLB).
+
+A pose has six parameters (w, dt): R <- exp([w]x) R, t <- t + dt, both in the camera frame, rad and m. A homography
+has eight: M <- M (I + D), D33 = 0, where M = [r1 r2 t] acts on (X/r, Y/r, 1), so that no gauge depends on the unit.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.maths.projection import rotate
+from markergen.maths.rotation import angle_between, skew
+
+Array = NDArray[np.float64]
+
+
+def pose_jacobian(points: Array, rotation: Array, translation: Array, focal: Array) -> Array:
+    """Jacobian (..., P, 2n, 6) of the image points (px) with respect to the pose.
+
+    Parameters
+    ----------
+    points : array (..., n, 2 or 3), m, marker frame
+    rotation, translation : arrays (P, 3, 3) and (P, 3)
+    focal : array (2,), px
+    """
+    turned = rotate(points, rotation)
+    rows = _image_rows(turned + translation[:, None, :], focal)
+    # A row g of d x / d X_camera meets dX = w x (R X) + dt, so its part for w is (R X) x g.
+    jacobian = np.concatenate([np.cross(turned[..., None, :], rows), rows], axis=-1)
+    return jacobian.reshape(*jacobian.shape[:-3], -1, 6)
+
+
+def homography_jacobian(points: Array, rotation: Array, translation: Array, focal: Array, radius: float) -> Array:
+    """Jacobian (..., P, 2n, 8) of the image points (px) with respect to the homography; points (..., n, 2) in m."""
+    rows = _image_rows(rotate(points, rotation) + translation[:, None, :], focal)
+    along = rows @ _unit_plane(rotation, translation, radius)[:, None]
+    unit = np.concatenate([points / radius, np.ones((*points.shape[:-1], 1))], axis=-1)[..., None, :, None, None, :]
+    jacobian = (along[..., :, None] * unit).reshape(*rows.shape[:-1], 9)[..., :8]
+    return jacobian.reshape(*jacobian.shape[:-3], -1, 8)
+
+
+def information(jacobian: Array) -> Array:
+    """J'J, shape (..., k, k): the Fisher information for noise of 1 px."""
+    return jacobian.swapaxes(-1, -2) @ jacobian
+
+
+def covariance(matrix: Array) -> Array:
+    """Inverse of an information matrix (..., k, k); inf throughout where it is singular."""
+    try:
+        return np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:
+        singular = np.linalg.matrix_rank(matrix, hermitian=True) < matrix.shape[-1]
+        inverse = np.full_like(matrix, np.inf)
+        inverse[~singular] = np.linalg.inv(matrix[~singular])
+        return inverse
+
+
+def displacement_weight(rim: Array, rotation: Array) -> Array:
+    """W (P, 6, 6), m^2: trace(W C) is the expected squared 3-D displacement of the rim's points (m, 2) or (m, 3)."""
+    turned = rotate(rim, rotation)
+    second = turned.swapaxes(-1, -2) @ turned / rim.shape[-2]
+    mean = turned.mean(axis=-2)
+    weight = np.zeros((len(rotation), 6, 6))
+    weight[:, :3, :3] = np.trace(second, axis1=-2, axis2=-1)[:, None, None] * np.eye(3) - second
+    # d(R b + t) = w x (R b) + dt; the cross term vanishes for a rim that is centred on the origin.
+    weight[:, :3, 3:] = skew(mean)
+    weight[:, 3:, :3] = -skew(mean)
+    weight[:, 3:, 3:] = np.eye(3)
+    return weight
+
+
+def pose_jacobian_pullback(cotangent: Array, points: Array, rotation: Array, translation: Array, focal: Array) -> Array:
+    """Gradient (..., P, n, 2 or 3) with respect to the points of sum(cotangent * pose_jacobian(points, ...)).
+
+    Closed form of the second derivatives of the projection. With a cotangent row (p, q) the row's share is g.w,
+    w = p x (R X) + q, so its derivative is dg.w + dX.(g x p).
+    """
+    turned = rotate(points, rotation)
+    camera_points = turned + translation[:, None, :]
+    rows = _image_rows(camera_points, focal)
+    parts = cotangent.reshape(*rows.shape[:-1], 6)
+    weights = np.cross(parts[..., :3], turned[..., None, :]) + parts[..., 3:]
+    gradient = _row_gradient(weights, camera_points, focal) + np.cross(rows, parts[..., :3]).sum(axis=-2)
+    return gradient @ rotation[:, :, : points.shape[-1]]
+
+
+def homography_jacobian_pullback(
+    cotangent: Array, points: Array, rotation: Array, translation: Array, focal: Array, radius: float
+) -> Array:
+    """Gradient (..., P, n, 2) with respect to the points of sum(cotangent * homography_jacobian(points, ...))."""
+    camera_points = rotate(points, rotation) + translation[:, None, :]
+    rows = _image_rows(camera_points, focal)
+    plane = _unit_plane(rotation, translation, radius)[:, None]
+    parts = cotangent.reshape(*rows.shape[:-1], 8)
+    parts = np.concatenate([parts, np.zeros((*parts.shape[:-1], 1))], axis=-1).reshape(*rows.shape[:-1], 3, 3)
+    unit = np.concatenate([points / radius, np.ones((*points.shape[:-1], 1))], axis=-1)[..., None, :, None, :]
+    weights = np.einsum("...ij,...j->...i", parts, unit) @ plane.swapaxes(-1, -2)
+    gradient = _row_gradient(weights, camera_points, focal) @ rotation[:, :, :2]
+    direct = np.einsum("...ri,...rij->...j", rows @ plane, parts)[..., :2] / radius
+    return gradient + direct
+
+
+def rotation_bound(pose_covariance: Array) -> Array:
+    """RMS rotation angle in rad that a pose covariance (..., 6, 6) allows, to first order."""
+    return np.sqrt(np.trace(pose_covariance[..., :3, :3], axis1=-2, axis2=-1))
+
+
+def translation_bound(pose_covariance: Array, translation: Array) -> Array:
+    """RMS of |t_hat - t|/|t| (a fraction) that a pose covariance (..., P, 6, 6) allows; translation (P, 3)."""
+    return np.sqrt(np.trace(pose_covariance[..., 3:, 3:], axis1=-2, axis2=-1)) / np.linalg.norm(translation, axis=-1)
+
+
+def mirrored_rotation(rotation: Array, translation: Array) -> Array:
+    """Rotation (..., 3, 3) of the flipped pose: the marker's normal reflected about the line of sight.
+
+    The rest of the frame follows by the smallest turn that takes the normal to its mirror image. For a normal
+    along the line of sight the two poses coincide.
+    """
+    sight = translation / np.linalg.norm(translation, axis=-1, keepdims=True)
+    normal = rotation[..., :, 2]
+    # Reflection about the line of sight l is the half turn 2 l l' - I; n -> -n as well leaves it facing away again.
+    half_turn = 2 * sight[..., :, None] * sight[..., None, :] - np.eye(3)
+    mirror = np.einsum("...ij,...j->...i", half_turn, normal)
+    return smallest_turn(normal, mirror) @ rotation
+
+
+def smallest_turn(source: Array, target: Array) -> Array:
+    """Rotation (..., 3, 3) by the smallest angle that takes unit vectors source (..., 3) to target (..., 3).
+
+    Opposite vectors have no unique smallest turn; the result is then not a rotation.
+    """
+    axis = np.cross(source, target)
+    cosine = np.sum(source * target, axis=-1)[..., None, None]
+    cross = skew(axis)
+    return np.eye(3) + cross + cross @ cross / (1 + cosine)
+
+
+def flip_separation(rotation: Array, translation: Array, pose_covariance: Array) -> Array:
+    """Angle between a pose and its mirrored pose, in units of the rotation bound (rad / rad, shape (P,))."""
+    separation = angle_between(rotation, mirrored_rotation(rotation, translation))
+    return separation / rotation_bound(pose_covariance)
+
+
+def _image_rows(camera_points: Array, focal: Array) -> Array:
+    """Derivative of the image point by the camera point, (..., 2, 3): rows f_x/z (1, 0, -a) and f_y/z (0, 1, -b) with (a, b) = (X/z, Y/z)."""
+    scale = focal / camera_points[..., 2:]
+    rows = np.zeros((*camera_points.shape[:-1], 2, 3))
+    rows[..., 0, 0], rows[..., 1, 1] = scale[..., 0], scale[..., 1]
+    rows[..., :, 2] = -scale * camera_points[..., :2] / camera_points[..., 2:]
+    return rows
+
+
+def _row_gradient(weights: Array, camera_points: Array, focal: Array) -> Array:
+    """Gradient (..., 3) with respect to the camera point of sum over the two image rows of row . weight."""
+    depth = camera_points[..., 2:]
+    scale = focal / depth**2
+    slope = camera_points[..., :2] / depth
+    last = weights[..., :, 2]
+    lateral = -scale * last
+    diagonal = np.stack([weights[..., 0, 0], weights[..., 1, 1]], axis=-1)
+    axial = np.sum(scale * (2 * slope * last - diagonal), axis=-1, keepdims=True)
+    return np.concatenate([lateral, axial], axis=-1)
+
+
+def _unit_plane(rotation: Array, translation: Array, radius: float) -> Array:
+    """M = [r r1, r r2, t], shape (P, 3, 3), from (X/r, Y/r, 1) to the camera frame."""
+    return np.concatenate([rotation[..., :2] * radius, translation[..., None]], axis=-1)

@@ -1,0 +1,55 @@
+"""The camera: image size and intrinsics."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera; all in px, pixel centres at integer coordinates, (0, 0) the middle of the top-left pixel.
+
+    Raises
+    ------
+    InputError
+        If the size is not positive or a focal length is not a positive finite number.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1:
+            raise InputError(
+                "an image size above 0", f"{self.width}x{self.height}", "give the camera's width and height in pixels"
+            )
+        if not all(np.isfinite([self.fx, self.fy, self.cx, self.cy])) or self.fx <= 0 or self.fy <= 0:
+            raise InputError("finite positive focal lengths", f"fx={self.fx}, fy={self.fy}", "check the camera matrix")
+
+    @property
+    def matrix(self) -> Array:
+        """K = [fx 0 cx; 0 fy cy; 0 0 1], shape (3, 3)."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=float)
+
+    @property
+    def focal(self) -> Array:
+        """Focal lengths (fx, fy) in px, shape (2,)."""
+        return np.array([self.fx, self.fy], dtype=float)
+
+    def sees(self, pixels: Array) -> NDArray[np.bool_]:
+        """Tell which points (..., 2) lie on the sensor, from the first pixel's outer edge to the last one's."""
+        size = np.array([self.width, self.height])
+        return np.all((pixels >= -0.5) & (pixels <= size - 0.5), axis=-1)
+
+
+PAPER_CAMERA = Camera(640, 480, 800.0, 800.0, 320.0, 240.0)
+"""The simulated camera of Acuna & Willert (2018), section IV."""

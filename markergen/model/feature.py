@@ -1,0 +1,41 @@
+"""Features: the printed shape that stands for a control point."""
+
+from dataclasses import dataclass
+from math import isfinite
+
+from markergen.errors import InputError
+
+
+@dataclass(frozen=True)
+class Feature:
+    """A dark disk, or a ring when it has an inner diameter; both centred on the control point, in m.
+
+    A diameter of 0 is a bare point: allowed in studies, refused by every exporter.
+
+    Raises
+    ------
+    InputError
+        If a diameter is negative, not finite, or the inner one is not below the outer.
+    """
+
+    diameter: float
+    inner_diameter: float = 0.0
+
+    def __post_init__(self) -> None:
+        sizes_fit = 0 <= self.inner_diameter < self.diameter or self.inner_diameter == self.diameter == 0
+        if not (isfinite(self.diameter) and sizes_fit):
+            raise InputError(
+                "a dot diameter of 0 or more, above its inner diameter",
+                f"diameter={self.diameter}, inner_diameter={self.inner_diameter}",
+                "give a length such as 36mm",
+            )
+
+    @property
+    def kind(self) -> str:
+        """``dot`` or ``ring``."""
+        return "ring" if self.inner_diameter else "dot"
+
+
+def key_ring(diameter: float) -> Feature:
+    """The key dot of a marker: a ring whose inner diameter is half the outer, so that labels survive a turn."""
+    return Feature(diameter, diameter / 2)

@@ -1,0 +1,67 @@
+"""The marker: control points with their features inside a boundary, and where they came from."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.model.boundary import Boundary
+from markergen.model.feature import Feature
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ControlPoint:
+    """One control point: identifier, position in the marker frame in m, and its printed feature."""
+
+    id: int
+    x: float
+    y: float
+    z: float
+    feature: Feature
+
+
+@dataclass(frozen=True)
+class Marker:
+    """A designed marker.
+
+    Attributes
+    ----------
+    control_points : tuple of ControlPoint
+        The first is the key dot.
+    boundary : Boundary
+    clearance : float
+        Smallest gap in m between dots, and between a dot's edge and the boundary.
+    thickness : float
+        Of the substrate when it is made as a solid, m.
+    provenance : mapping
+        Spec, seed, versions, camera, poses and criteria, as plain JSON values.
+    """
+
+    control_points: tuple[ControlPoint, ...]
+    boundary: Boundary
+    clearance: float
+    thickness: float = 0.003
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.control_points)
+
+    @cached_property
+    def xyz(self) -> Array:
+        """Control points (n, 3) in m, marker frame."""
+        return np.array([[point.x, point.y, point.z] for point in self.control_points], dtype=float).reshape(-1, 3)
+
+    @property
+    def dot_diameter(self) -> float:
+        """Largest diameter of a feature in m."""
+        return max(point.feature.diameter for point in self.control_points)
+
+    @property
+    def spec_hash(self) -> str:
+        """Eight hexadecimal digits that name the spec it was designed from, or ``unknown``."""
+        return str(self.provenance.get("spec_hash", "unknown"))

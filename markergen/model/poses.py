@@ -1,0 +1,123 @@
+"""Pose distributions: from where the camera looks at the marker."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.maths.projection import project, to_camera
+from markergen.maths.rotation import turn_z
+from markergen.model.boundary import Boundary
+from markergen.model.camera import Camera
+from markergen.registry import Registry
+
+Array = NDArray[np.float64]
+
+RIM_POINTS = 64
+"""Points of the outline that stand for it in visibility checks and in the pose objective."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseDistribution:
+    """P poses T_camera_marker: X_camera = R X_marker + t.
+
+    Attributes
+    ----------
+    name : str
+        The preset or file that they come from.
+    rotation : array (P, 3, 3)
+    translation : array (P, 3), m
+    dropped : int
+        Poses that were left out because the boundary was not in view.
+    """
+
+    name: str
+    rotation: Array
+    translation: Array
+    dropped: int = 0
+
+    def __len__(self) -> int:
+        return len(self.rotation)
+
+    @property
+    def cos_tilt(self) -> Array:
+        """Cosine (P,) of the angle between the marker's normal and the direction to the camera."""
+        toward = -self.translation / np.linalg.norm(self.translation, axis=-1, keepdims=True)
+        return np.sum(self.rotation[:, :, 2] * toward, axis=-1)
+
+    @property
+    def polar_angle_deg(self) -> Array:
+        """Polar angle (P,) in degrees: 0 is frontal."""
+        return np.rad2deg(np.arccos(np.clip(self.cos_tilt, -1.0, 1.0)))
+
+    def by_polar_angle(self) -> dict[str, NDArray[np.bool_]]:
+        """Masks (P,) of the poses at each polar angle; more than 12 distinct angles are put in bins of 10 degrees."""
+        angles = np.round(self.polar_angle_deg, 2)
+        distinct = np.unique(angles)
+        if len(distinct) <= 12:
+            return {f"{angle:g}": angles == angle for angle in distinct}
+        starts = np.unique((angles // 10) * 10)
+        return {f"{low:g}..{low + 10:g}": (angles >= low) & (angles < low + 10) for low in starts}
+
+    def seen_whole(self, boundary: Boundary, camera: Camera) -> "PoseDistribution":
+        """Keep the poses from which the whole boundary is in front of the camera and on the sensor.
+
+        Raises
+        ------
+        InputError
+            If none is left.
+        """
+        rim = boundary.rim(RIM_POINTS)
+        in_front = np.all(to_camera(rim, self.rotation, self.translation)[..., 2] > 0, axis=-1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pixels = project(rim, self.rotation, self.translation, camera.matrix)
+        kept = in_front & np.all(camera.sees(pixels), axis=-1) & (self.cos_tilt > 0)
+        if not kept.any():
+            raise InputError(
+                "a pose that sees the whole marker",
+                f"none of {len(self)} ({self.name}) for {boundary}",
+                "use a smaller marker, poses farther away, or a camera with a wider view",
+            )
+        return PoseDistribution(
+            self.name, self.rotation[kept], self.translation[kept], self.dropped + int(np.sum(~kept))
+        )
+
+
+PRESETS: Registry[Callable[[], PoseDistribution]] = Registry("pose distribution", __name__)
+"""Pose distributions by name."""
+
+
+@PRESETS.register("paper")
+def paper() -> PoseDistribution:
+    """The 400 poses of Acuna & Willert (2018): 4 distances x 5 polar angles x 20 azimuths, looking at the centre.
+
+    Camera centre d (cos a sin p, sin a sin p, cos p); the rows of R are x, y and z = -centre/d with x = z x u and
+    u = (-sin a, cos a, 0). The 80 frontal poses are four distinct views turned about the optical axis.
+    """
+    distance, polar, azimuth = (
+        grid.ravel()
+        for grid in np.meshgrid(
+            [0.6, 0.9, 1.2, 1.5],
+            np.deg2rad([0, 17.5, 35, 52.5, 70]),
+            2 * np.pi * np.arange(20) / 20,
+            indexing="ij",
+        )
+    )
+    zero = np.zeros_like(azimuth)
+    direction = np.stack([np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)], axis=-1)
+    z = -direction
+    x = np.cross(z, np.stack([-np.sin(azimuth), np.cos(azimuth), zero], axis=-1))
+    x /= np.linalg.norm(x, axis=-1, keepdims=True)
+    rotation = np.stack([x, np.cross(z, x), z], axis=-2)
+    # R (-centre) lies on the optical axis by construction; the product would leave rounding dust off it.
+    return PoseDistribution("paper", rotation, np.stack([zero, zero, distance], axis=-1))
+
+
+@PRESETS.register("paper-roll")
+def paper_roll() -> PoseDistribution:
+    """The poses of `paper`, each with the camera rolled about its optical axis by a uniform angle, always the same."""
+    plain = paper()
+    roll = turn_z(np.random.default_rng(0).uniform(0, 2 * np.pi, len(plain)))
+    return PoseDistribution("paper-roll", roll @ plain.rotation, plain.translation)
