@@ -28,7 +28,7 @@ def pose_jacobian(points: Array, rotation: Array, translation: Array, focal: Arr
     turned = rotate(points, rotation)
     rows = _image_rows(turned + translation[:, None, :], focal)
     # A row g of d x / d X_camera meets dX = w x (R X) + dt, so its part for w is (R X) x g.
-    jacobian = np.concatenate([np.cross(turned[..., None, :], rows), rows], axis=-1)
+    jacobian: Array = np.concatenate([np.cross(turned[..., None, :], rows), rows], axis=-1)
     return jacobian.reshape(*jacobian.shape[:-3], -1, 6)
 
 
@@ -144,7 +144,7 @@ def flip_separation(rotation: Array, translation: Array, pose_covariance: Array)
 
 
 def _image_rows(camera_points: Array, focal: Array) -> Array:
-    """Derivative of the image point by the camera point, (..., 2, 3): rows f_x/z (1, 0, -a) and f_y/z (0, 1, -b) with (a, b) = (X/z, Y/z)."""
+    """Image point by camera point, (..., 2, 3): rows f_x/z (1, 0, -a) and f_y/z (0, 1, -b) with (a, b) = (X/z, Y/z)."""
     scale = focal / camera_points[..., 2:]
     rows = np.zeros((*camera_points.shape[:-1], 2, 3))
     rows[..., 0, 0], rows[..., 1, 1] = scale[..., 0], scale[..., 1]
