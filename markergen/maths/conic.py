@@ -31,7 +31,7 @@ def ellipse_of_conic(conic: Array) -> tuple[Array, Array, Array]:
     A conic that is no real ellipse (the circle crosses the camera's horizon) gives nan.
     """
     quadratic = conic[..., :2, :2]
-    centre: Array = -np.linalg.solve(quadratic, conic[..., :2, 2:])[..., 0]
+    centre = np.asarray(-np.linalg.solve(quadratic, conic[..., :2, 2:])[..., 0], dtype=float)
     level = -(conic[..., 2, 2] + np.sum(conic[..., :2, 2] * centre, axis=-1))
     values, vectors = np.linalg.eigh(quadratic)
     # C and -C are the same conic: the sign of the larger eigenvalue decides which is meant.

@@ -43,13 +43,13 @@ def homography_jacobian(points: Array, rotation: Array, translation: Array, foca
 
 def information(jacobian: Array) -> Array:
     """J'J, shape (..., k, k): the Fisher information for noise of 1 px."""
-    return jacobian.swapaxes(-1, -2) @ jacobian
+    return np.matmul(jacobian.swapaxes(-1, -2), jacobian)
 
 
 def covariance(matrix: Array) -> Array:
     """Inverse of an information matrix (..., k, k); inf throughout where it is singular."""
     try:
-        return np.linalg.inv(matrix)
+        return np.asarray(np.linalg.inv(matrix), dtype=float)
     except np.linalg.LinAlgError:
         singular = np.linalg.matrix_rank(matrix, hermitian=True) < matrix.shape[-1]
         inverse = np.full_like(matrix, np.inf)

@@ -1,0 +1,8 @@
+"""A table of objectives: what a design minimizes over the layout, each with its gradient.
+
+An entry is a class registered in `OBJECTIVES` by a module of this package; it is built from a `Setting`.
+"""
+
+from markergen.objectives.base import OBJECTIVES, Objective, Setting
+
+__all__ = ["OBJECTIVES", "Objective", "Setting"]

@@ -1,0 +1,146 @@
+"""What an objective is: values per pose with a pullback, aggregated over the poses."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.maths.information import covariance, information
+from markergen.model.boundary import Boundary
+from markergen.model.camera import Camera
+from markergen.model.poses import PoseDistribution
+from markergen.objectives.aggregates import AGGREGATES
+from markergen.registry import Registry
+
+Array = NDArray[np.float64]
+Pullback = Callable[[Array], Array]
+
+POINTS_AT_ONCE = 20_000
+"""Projected points in one chunk of a batch: intermediate arrays then stay within the processor's cache."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Where a layout is judged: the boundary, the camera, and the poses that see the boundary whole."""
+
+    boundary: Boundary
+    camera: Camera
+    poses: PoseDistribution
+
+
+class Objective(ABC):
+    """A criterion of layouts, smaller is better.
+
+    Parameters
+    ----------
+    setting : Setting
+    aggregate : str
+        Name of an aggregate; empty takes the objective's own default.
+    coordinates : str
+        The coordinates that the criterion is written in, for those that depend on it.
+
+    Attributes
+    ----------
+    unit : str
+        Of the values; empty for a bare number.
+    kinked : bool
+        Whether the optimum may sit where the gradient jumps, so that a softened version leads there.
+    """
+
+    unit: ClassVar[str]
+    default_aggregate: ClassVar[str] = "rms"
+    coordinates: ClassVar[tuple[str, ...]] = ("unit",)
+    has_kinks: ClassVar[bool] = False
+    default_restarts: ClassVar[int]
+
+    def __init__(self, setting: Setting, aggregate: str = "", coordinates: str = "unit") -> None:
+        if coordinates not in self.coordinates:
+            known = ", ".join(self.coordinates)
+            raise InputError("coordinates that the objective knows", repr(coordinates), f"known: {known}")
+        self.setting = setting
+        self.aggregate = aggregate or self.default_aggregate
+        self._aggregate = AGGREGATES[self.aggregate]
+
+    @property
+    def kinked(self) -> bool:
+        """See the class."""
+        return self.has_kinks or self.aggregate == "max"
+
+    @abstractmethod
+    def linearize(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
+        """Values (B, P) of layouts (B, n, 2), and the map from weights (B, P) to sum_p weights dvalue/dpoints (B, n, 2)."""
+
+    def per_pose(self, points: Array) -> Array:
+        """Values (B, P) of layouts (B, n, 2) in m; inf where a layout determines nothing."""
+        return np.concatenate([self.linearize(chunk)[0] for chunk in self._chunks(points)])
+
+    def __call__(self, points: Array) -> Array:
+        """Aggregated values (B,) of layouts (B, n, 2) in m."""
+        return self._aggregate(self.per_pose(points), 0.0)[0]
+
+    def value_and_gradient(self, points: Array, softness: float = 0.0) -> tuple[Array, Array]:
+        """Aggregated values (B,) and their gradients (B, n, 2), per m, for layouts (B, n, 2) in m.
+
+        A layout without a finite value gets a gradient of zero.
+        """
+        values, gradients = [], []
+        for chunk in self._chunks(points):
+            per_pose, pullback = self.linearize(chunk, softness)
+            with np.errstate(invalid="ignore"):
+                value, derivative = self._aggregate(per_pose, softness)
+                gradient = pullback(derivative)
+            values.append(value)
+            gradients.append(np.where(np.isfinite(value)[:, None, None], gradient, 0.0))
+        return np.concatenate(values), np.concatenate(gradients)
+
+    def _chunks(self, points: Array) -> list[Array]:
+        size = max(1, POINTS_AT_ONCE // (len(self.setting.poses) * points.shape[1]))
+        return [points[start : start + size] for start in range(0, len(points), size)]
+
+
+class TraceObjective(Objective):
+    """sqrt(trace(W C)), C = (J'J)^-1 the first-order covariance for image noise of 1 px.
+
+    The gradient is closed: d trace(W M^-1) = -2 <J S, dJ> with M = J'J and S = M^-1 W M^-1.
+    """
+
+    def __init__(self, setting: Setting, aggregate: str = "", coordinates: str = "unit") -> None:
+        super().__init__(setting, aggregate, coordinates)
+        self.weight = self._weight()
+
+    @abstractmethod
+    def _weight(self) -> Array:
+        """W (P, k, k)."""
+
+    @abstractmethod
+    def _jacobian(self, points: Array) -> Array:
+        """J (B, P, 2n, k) for points (B, n, 2)."""
+
+    @abstractmethod
+    def _jacobian_pullback(self, cotangent: Array, points: Array) -> Array:
+        """Gradient (B, P, n, 2) with respect to the points of sum(cotangent * J)."""
+
+    def linearize(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
+        """See `Objective.linearize`; smooth everywhere, so softness changes nothing."""
+        del softness
+        jacobian = self._jacobian(points)
+        inverse = covariance(information(jacobian))
+        with np.errstate(invalid="ignore"):
+            weighted = self.weight @ inverse
+            trace = np.trace(weighted, axis1=-2, axis2=-1)
+        # A rounded inverse of a singular matrix can have a negative or undefined trace.
+        values = np.sqrt(np.where(trace > 0, trace, np.inf))
+
+        def pullback(weights: Array) -> Array:
+            sensitivity = inverse @ weighted * (-weights / values)[..., None, None]
+            return self._jacobian_pullback(jacobian @ sensitivity, points).sum(axis=1)
+
+        return values, pullback
+
+
+OBJECTIVES: Registry[type[Objective]] = Registry("objective", "markergen.objectives")
+"""Objectives by name."""

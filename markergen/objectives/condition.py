@@ -1,0 +1,115 @@
+"""The condition number of the DLT matrix, the objective of Acuna & Willert (2018)."""
+
+import autograd.numpy as anp
+import numpy as np
+from autograd.core import make_vjp
+from autograd.extend import defvjp, primitive
+from numpy.typing import NDArray
+
+from markergen.maths import dlt
+from markergen.maths.projection import to_camera
+from markergen.objectives.base import OBJECTIVES, Objective, Pullback, Setting
+
+Array = NDArray[np.float64]
+
+
+@primitive
+def condition_number(object_points: Array, image_points: Array, softness: float = 0.0) -> Array:
+    """Condition number s1/s8 (see `markergen.maths.dlt.condition`), differentiable by autograd.
+
+    autograd through a full SVD divides by differences of singular values and gives inf or nan where two coincide,
+    which is where optima sit; this primitive brings the closed form instead.
+    """
+    return dlt.condition(object_points, image_points, softness)
+
+
+def _vjp(argument: int) -> object:
+    def make(value: Array, object_points: Array, image_points: Array, softness: float = 0.0) -> Pullback:
+        def vjp(cotangent: Array) -> Array:
+            gradient = dlt.condition_and_gradient(object_points, image_points, softness)[argument]
+            gradient = gradient * (cotangent * value)[..., None, None]
+            return _sum_to(gradient, (object_points, image_points)[argument - 1].shape)
+
+        return vjp
+
+    return make
+
+
+defvjp(condition_number, _vjp(1), _vjp(2), argnums=(0, 1))
+
+
+@OBJECTIVES.register("condition")
+class ConditionObjective(Objective):
+    """Condition number c(A) = s1/s8 of the DLT matrix per pose (Eq. 11).
+
+    It depends on the coordinates that A is written in. ``unit`` (default): object (X - centre)/r and image
+    (x - x_centre) z_centre / r with x = K^-1 px, so that a frontal boundary is the unit disk on both sides and no unit
+    of length matters. ``metric``: m and K^-1 px, as in the paper. ``pixel``: m and px. ``hartley``: each set of points
+    normalised by itself; c then forgets the size and the markers shrink to nothing, so it is for study only.
+    """
+
+    unit = ""
+    default_aggregate = "logmean"
+    coordinates = ("unit", "metric", "pixel", "hartley")
+    has_kinks = True
+    default_restarts = 24
+
+    def __init__(self, setting: Setting, aggregate: str = "", coordinates: str = "unit") -> None:
+        super().__init__(setting, aggregate, coordinates)
+        poses, camera, count = setting.poses, setting.camera, len(setting.poses)
+        self._normalises = coordinates == "hartley"
+        self._object_scale = 1.0
+        # The image is written as (x - shift) * stretch, one shift and stretch for each pose.
+        self._shift, self._stretch = np.zeros((count, 1, 2)), np.ones((count, 1, 2))
+        if coordinates == "unit":
+            depth = poses.translation[:, None, 2:]
+            self._object_scale = 1 / setting.boundary.radius
+            self._shift = poses.translation[:, None, :2] / depth
+            self._stretch = depth / setting.boundary.radius * np.ones(2)
+        elif coordinates == "pixel":
+            self._stretch = np.broadcast_to(camera.focal, (count, 1, 2))
+            self._shift = -camera.matrix[:2, 2] / self._stretch
+
+    def linearize(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
+        """See `Objective.linearize`."""
+        if self._normalises:
+            return self._linearize_hartley(points, softness)
+        rotation = self.setting.poses.rotation
+        camera_points = to_camera(points, rotation, self.setting.poses.translation)
+        depth = camera_points[..., 2:]
+        normalised = camera_points[..., :2] / depth
+        value, by_object, by_image = dlt.condition_and_gradient(
+            points[:, None] * self._object_scale, (normalised - self._shift) * self._stretch, softness
+        )
+
+        def pullback(weights: Array) -> Array:
+            scale = (weights * value)[..., None, None]
+            lateral = by_image * self._stretch * scale / depth
+            axial = -np.sum(lateral * normalised, axis=-1, keepdims=True)
+            chained = np.concatenate([lateral, axial], axis=-1) @ rotation[:, :, :2]
+            return (chained + by_object * (self._object_scale * scale)).sum(axis=1)
+
+        return value, pullback
+
+    def _linearize_hartley(self, points: Array, softness: float) -> tuple[Array, Pullback]:
+        rotation, translation = self.setting.poses.rotation, self.setting.poses.translation
+
+        def values(layouts: Array) -> Array:
+            camera_points = anp.einsum("pij,bnj->bpni", rotation[:, :, :2], layouts) + translation[:, None, :]
+            image = camera_points[..., :2] / camera_points[..., 2:]
+            return condition_number(_hartley(layouts)[:, None], _hartley(image), softness)
+
+        vjp, value = make_vjp(values, points)
+        return value, vjp
+
+
+def _hartley(points: Array) -> Array:
+    centred = points - anp.mean(points, axis=-2, keepdims=True)
+    mean_square = anp.mean(anp.sum(centred**2, axis=-1, keepdims=True), axis=-2, keepdims=True)
+    return centred * anp.sqrt(2 / mean_square)
+
+
+def _sum_to(array: Array, shape: tuple[int, ...]) -> Array:
+    extra = array.ndim - len(shape)
+    axes = tuple(range(extra)) + tuple(i + extra for i, size in enumerate(shape) if size == 1 != array.shape[i + extra])
+    return array.sum(axis=axes, keepdims=True).reshape(shape) if axes else array

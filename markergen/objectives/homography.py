@@ -1,0 +1,45 @@
+"""The homography objective: the expected error of the homography on and around the marker."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.maths.information import homography_jacobian, homography_jacobian_pullback, information
+from markergen.objectives.base import OBJECTIVES, TraceObjective
+
+Array = NDArray[np.float64]
+
+
+def validation_grid(radius: float) -> Array:
+    """The M = 49 validation points (49, 2) in m: an even 7 x 7 grid over a square of half-width 1.5 radius.
+
+    Wider than the marker, as in Acuna & Willert (2018), to measure the homography beyond its control points.
+    """
+    steps = np.linspace(-1.5, 1.5, 7) * radius
+    return np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+
+
+@OBJECTIVES.register("homography")
+class HomographyObjective(TraceObjective):
+    """Root of the expected HE in px, HE the mean squared error over the validation grid, for image noise of 1 px.
+
+    trace(W C) with C the CRLB of the eight parameters of the homography and W the mean over the grid of J_g'J_g.
+    """
+
+    unit = "px"
+    default_restarts = 16
+
+    def _weight(self) -> Array:
+        grid = validation_grid(self.setting.boundary.radius)
+        return information(self._jacobian(grid)) / len(grid)
+
+    def _jacobian(self, points: Array) -> Array:
+        poses, camera = self.setting.poses, self.setting.camera
+        radius = self.setting.boundary.radius
+        return homography_jacobian(points, poses.rotation, poses.translation, camera.focal, radius)
+
+    def _jacobian_pullback(self, cotangent: Array, points: Array) -> Array:
+        poses, camera = self.setting.poses, self.setting.camera
+        radius = self.setting.boundary.radius
+        return homography_jacobian_pullback(
+            cotangent, points, poses.rotation, poses.translation, camera.focal, radius
+        )

@@ -1,0 +1,33 @@
+"""The pose objective: how far the marker's rim is displaced in space by the error of the estimated pose."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.maths.information import displacement_weight, pose_jacobian, pose_jacobian_pullback
+from markergen.model.poses import RIM_POINTS
+from markergen.objectives.base import OBJECTIVES, TraceObjective
+
+Array = NDArray[np.float64]
+
+
+@OBJECTIVES.register("pose")
+class PoseObjective(TraceObjective):
+    """Expected RMS displacement in m of the boundary's rim in the camera frame, for image noise of 1 px.
+
+    trace(W C) with C the CRLB of the pose and W the mean over rim points b of J_b'J_b, J_b = d(R b + t). One unit, so
+    no weight between rotation and translation has to be chosen.
+    """
+
+    unit = "m"
+    default_restarts = 12
+
+    def _weight(self) -> Array:
+        return displacement_weight(self.setting.boundary.rim(RIM_POINTS), self.setting.poses.rotation)
+
+    def _jacobian(self, points: Array) -> Array:
+        poses = self.setting.poses
+        return pose_jacobian(points, poses.rotation, poses.translation, self.setting.camera.focal)
+
+    def _jacobian_pullback(self, cotangent: Array, points: Array) -> Array:
+        poses = self.setting.poses
+        return pose_jacobian_pullback(cotangent, points, poses.rotation, poses.translation, self.setting.camera.focal)
