@@ -32,6 +32,10 @@ class Boundary(ABC):
         """Signed distance (...) in m from points (..., 2) to the outline: positive inside, negative outside."""
 
     @abstractmethod
+    def depth_gradient(self, points: Array) -> Array:
+        """Gradient (..., 2) of `depth`: the unit vector straight into the region; where there is none, zero."""
+
+    @abstractmethod
     def project(self, points: Array, inset: float) -> Array:
         """Nearest points (..., 2) at least `inset` m inside the outline; points that are so already stay."""
 
@@ -79,6 +83,11 @@ class Circle(Boundary):
     def depth(self, points: Array) -> Array:
         """See `Boundary.depth`."""
         return self.size - np.hypot(points[..., 0], points[..., 1])
+
+    def depth_gradient(self, points: Array) -> Array:
+        """See `Boundary.depth_gradient`."""
+        distance = np.hypot(points[..., 0], points[..., 1])[..., None]
+        return -points / np.maximum(distance, np.finfo(float).tiny)
 
     def project(self, points: Array, inset: float) -> Array:
         """See `Boundary.project`; an inset beyond the radius leaves the centre alone."""

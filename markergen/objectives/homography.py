@@ -40,6 +40,4 @@ class HomographyObjective(TraceObjective):
     def _jacobian_pullback(self, cotangent: Array, points: Array) -> Array:
         poses, camera = self.setting.poses, self.setting.camera
         radius = self.setting.boundary.radius
-        return homography_jacobian_pullback(
-            cotangent, points, poses.rotation, poses.translation, camera.focal, radius
-        )
+        return homography_jacobian_pullback(cotangent, points, poses.rotation, poses.translation, camera.focal, radius)

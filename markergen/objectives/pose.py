@@ -19,7 +19,7 @@ class PoseObjective(TraceObjective):
     """
 
     unit = "m"
-    default_restarts = 12
+    default_restarts = 8
 
     def _weight(self) -> Array:
         return displacement_weight(self.setting.boundary.rim(RIM_POINTS), self.setting.poses.rotation)

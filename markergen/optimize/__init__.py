@@ -1,0 +1,1 @@
+"""From a spec to a layout: feasible region, descent, polish, multi-start."""

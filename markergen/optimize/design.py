@@ -1,0 +1,130 @@
+"""From a spec to a marker: the main job."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen import __version__
+from markergen.model.feature import Feature, key_ring
+from markergen.model.marker import ControlPoint, Marker
+from markergen.model.poses import PRESETS
+from markergen.model.spec import Spec
+from markergen.objectives import OBJECTIVES, Objective, Setting
+from markergen.objectives.criteria import Criteria, criteria, median_criteria
+from markergen.optimize.comparisons import comparison_layouts
+from markergen.optimize.dots import DotSize, choose_dots
+from markergen.optimize.multistart import Optimum, Progress, search
+from markergen.optimize.region import Region
+
+Array = NDArray[np.float64]
+
+UPRIGHT = 1e-5
+"""Relative worsening that is allowed for turning the layout upright: far below what any sheet or camera can show."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """A designed marker with what a user wants to know about it.
+
+    Attributes
+    ----------
+    marker : Marker
+    setting : Setting
+    dots : DotSize
+    criteria : dict
+        Criteria of the design (``design``) and of the layouts beside it (``ngon``, ``square``, ``random``), for 1 px.
+    optimum : Optimum
+        Before the layout was turned upright.
+    """
+
+    marker: Marker
+    setting: Setting
+    dots: DotSize
+    criteria: dict[str, Criteria]
+    optimum: Optimum
+
+
+def design(spec: Spec, progress: Progress | None = None) -> Design:
+    """Find the layout that minimizes the spec's objective, and dress it as a marker.
+
+    Equal specs give equal markers. `progress(stage, done, total)` is called along the way.
+
+    Raises
+    ------
+    InputError
+        If no pose sees the marker, the dots do not fit, or a name in the spec is unknown.
+    """
+    kind = OBJECTIVES[spec.objective]
+    setting = Setting(spec.boundary, spec.camera, PRESETS[spec.poses]().seen_whole(spec.boundary, spec.camera))
+    objective = kind(setting, spec.aggregate, spec.coordinates)
+    dots = choose_dots(spec, setting.poses)
+    region = Region(spec.boundary, dots.diameter / 2 + dots.clearance, _spacing(dots))
+    rng = np.random.default_rng(spec.seed)
+    optimum = search(objective, region, spec.n, rng, spec.restarts, progress)
+    points = number(upright(optimum.points, objective, region))
+    table = compare(points, region, setting, spec.seed)
+    return Design(dress(points, dots, spec, setting, table), setting, dots, table, optimum)
+
+
+def compare(points: Array, region: Region, setting: Setting, seed: int = 0) -> dict[str, Criteria]:
+    """Criteria of a layout (n, 2) and of the n-gon, the square and the median random layout of the same region."""
+    table: dict[str, Criteria] = {"design": criteria(points[None], setting)[0]}
+    for name, layouts in comparison_layouts(region, len(points), seed).items():
+        table[name] = median_criteria(criteria(layouts, setting))
+    return table
+
+
+def upright(points: Array, objective: Objective, region: Region) -> Array:
+    """Turn a layout (n, 2) so that one control point stands straight up, where that costs nothing.
+
+    Of the n turns the best is taken, if it is feasible and worse by no more than `UPRIGHT`.
+    """
+    angles = np.pi / 2 - np.arctan2(points[:, 1], points[:, 0])
+    cosine, sine = np.cos(angles), np.sin(angles)
+    turns = np.stack([cosine, -sine, sine, cosine], axis=-1).reshape(-1, 2, 2)
+    candidates = region.boundary.project(points @ turns.swapaxes(-1, -2), region.inset)
+    values = np.where(region.violation(candidates) <= 1e-10, objective(candidates), np.inf)
+    best = int(np.argmin(values))
+    return candidates[best] if values[best] <= objective(points[None])[0] * (1 + UPRIGHT) else points
+
+
+def number(points: Array) -> Array:
+    """Order control points (n, 2) for labels: counterclockwise from straight up, those at the centre last."""
+    radius = np.hypot(points[:, 0], points[:, 1])
+    central = radius < 1e-3 * radius.max()
+    angle = np.mod(np.arctan2(points[:, 1], points[:, 0]) - np.pi / 2 + 1e-6, 2 * np.pi)
+    return points[np.lexsort((radius, np.where(central, 7.0, angle)))]
+
+
+def dress(points: Array, dots: DotSize, spec: Spec, setting: Setting, table: dict[str, Criteria]) -> Marker:
+    """Make a marker of a layout (n, 2): dot 0 is the key ring, the others are disks; provenance says from what."""
+    import scipy
+
+    feature = Feature(dots.diameter)
+    # A tenth of a nanometre: nothing that anybody could make, and the file stays readable.
+    rounded = np.round(points, 10) + 0.0
+    return Marker(
+        control_points=tuple(
+            ControlPoint(i, float(x), float(y), 0.0, key_ring(dots.diameter) if i == 0 else feature)
+            for i, (x, y) in enumerate(rounded)
+        ),
+        boundary=spec.boundary,
+        clearance=dots.clearance,
+        provenance={
+            "spec": spec.as_dict(),
+            "spec_hash": spec.hash,
+            "seed": spec.seed,
+            "versions": {"markergen": __version__, "numpy": np.__version__, "scipy": scipy.__version__},
+            "camera": spec.as_dict()["camera"],
+            "poses": {"name": setting.poses.name, "count": len(setting.poses), "dropped": setting.poses.dropped},
+            "dots": dots.reason,
+            "criteria": {
+                name: {key: float(f"{value:.8g}") for key, value in row.items()} for name, row in table.items()
+            },
+        },
+    )
+
+
+def _spacing(dots: DotSize) -> float:
+    return dots.diameter + dots.clearance if dots.diameter else dots.clearance

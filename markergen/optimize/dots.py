@@ -1,0 +1,99 @@
+"""How large the dots are printed: as many pixels as detection needs, as long as they fit."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from markergen.errors import InputError
+from markergen.model.boundary import Boundary
+from markergen.model.camera import Camera
+from markergen.model.poses import PoseDistribution
+from markergen.model.spec import Spec
+from markergen.optimize.packing import count_that_fit, largest_diameter
+from markergen.units import format_length
+
+PIXELS = 8.0
+"""Smallest extent in px that the dots' images should have."""
+
+PERCENTILE = 94.0
+"""Share of the poses, in per cent, in which they should have it."""
+
+ROOM = 0.9
+"""Largest share of the diameter that just fits: the optimizer needs room to move the dots."""
+
+CLEARANCE = 0.1
+"""Default clearance as a share of the diameter."""
+
+
+@dataclass(frozen=True)
+class DotSize:
+    """Diameter and clearance in m, and one line that explains the choice."""
+
+    diameter: float
+    clearance: float
+    reason: str
+
+
+def choose_dots(spec: Spec, poses: PoseDistribution) -> DotSize:
+    """Size the dots of a spec for the poses that see the marker.
+
+    Raises
+    ------
+    InputError
+        If the dots or the clearance that the spec asks for leave room for fewer than n; the message says for how many.
+    """
+    if spec.dot is None:
+        size = _default(spec, poses)
+    else:
+        clearance = CLEARANCE * spec.dot if spec.clearance is None else spec.clearance
+        size = DotSize(spec.dot, clearance, f"{format_length(spec.dot)}, as asked")
+    if size.diameter > 0 or size.clearance > 0:
+        _refuse_what_does_not_fit(spec, size)
+    return size
+
+
+def wanted_diameter(camera: Camera, poses: PoseDistribution) -> float:
+    """Diameter in m, a whole mm, whose image is 8 px along its short axis in 94 % of the poses.
+
+    d = 8 px z / (f cos tilt) at the marker's origin, f the geometric mean of the focal lengths.
+    """
+    focal = np.sqrt(camera.fx * camera.fy)
+    diameters = PIXELS * poses.translation[:, 2] / (focal * poses.cos_tilt)
+    return float(np.ceil(np.percentile(diameters, PERCENTILE) * 1e3 - 1e-6) / 1e3)
+
+
+def _default(spec: Spec, poses: PoseDistribution) -> DotSize:
+    wanted = wanted_diameter(spec.camera, poses)
+    fits = ROOM * largest_diameter(spec.boundary, spec.n, spec.clearance)
+    if wanted <= fits:
+        reason = f"{format_length(wanted)}: its image is at least {PIXELS:g} px across in {PERCENTILE:g} % of the poses"
+        diameter = wanted
+    else:
+        # Whole tenths of a millimetre: a size that can be measured on the sheet.
+        diameter = float(np.floor(fits * 1e4) / 1e4)
+        left = PIXELS * diameter / wanted
+        reason = (
+            f"{format_length(diameter)}, {ROOM:.0%} of the largest at which {spec.n} dots fit; {PIXELS:g} px would need "
+            f"{format_length(wanted)}, this leaves {left:.1f} px"
+        )
+    clearance = CLEARANCE * diameter if spec.clearance is None else spec.clearance
+    return DotSize(diameter, clearance, reason)
+
+
+def _refuse_what_does_not_fit(spec: Spec, size: DotSize) -> None:
+    # The search for the largest diameter is good to nine digits; the rest is not the user's fault.
+    if size.diameter > 0 and largest_diameter(spec.boundary, spec.n, size.clearance) >= size.diameter * (1 - 1e-6):
+        return
+    fit = _count(spec.boundary, size, spec.n)
+    if fit >= spec.n:
+        return
+    raise InputError(
+        f"{spec.n} dots that fit in a {spec.boundary}",
+        f"dots of {format_length(size.diameter)} with {format_length(size.clearance)} clearance, of which {fit} fit",
+        f"use --dot {format_length(0.9 * largest_diameter(spec.boundary, spec.n)).replace(' ', '')} or less, "
+        "a larger --radius, or a smaller --n",
+    )
+
+
+def _count(boundary: Boundary, size: DotSize, at_most: int) -> int:
+    return count_that_fit(boundary, size.diameter, size.clearance, at_most)

@@ -1,0 +1,73 @@
+"""Global search: a batch of descents from random starts, then a polish of the best distinct few."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.objectives import Objective
+from markergen.optimize.polish import polish
+from markergen.optimize.region import Region
+from markergen.optimize.supersab import descend
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+"""Called with the name of the stage, what is done of it, and its total."""
+
+POLISHED = 5
+"""How many distinct descents are polished."""
+
+DISTINCT = 2e-4
+"""Descents whose values are this close, relatively, ended in the same optimum: one of them is polished."""
+
+JITTER = 0.01
+"""Starts of the polish are shaken by this many radii: a descent from a symmetric layout can end on a saddle, such as
+two squares at a wrong angle to each other, which no gradient leaves."""
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """The best layout (n, 2) in m that was found, its value, and the values (B,) that the descents ended with."""
+
+    points: Array
+    value: float
+    descents: Array
+
+
+def search(
+    objective: Objective,
+    region: Region,
+    n: int,
+    rng: np.random.Generator,
+    restarts: int = 0,
+    progress: Progress | None = None,
+) -> Optimum:
+    """Find the layout of n control points in the region that minimizes the objective.
+
+    Parameters
+    ----------
+    restarts : int
+        Random starts; 0 takes the objective's own default.
+    """
+    starts = region.sample(restarts or objective.default_restarts, n, rng)
+    descent = descend(
+        objective, region, starts, progress=(lambda done, total: progress("descent", done, total)) if progress else None
+    )
+    feasible = np.flatnonzero(region.violation(descent.points) <= 1e-9 * region.boundary.radius)
+    order = feasible[np.argsort(descent.values[feasible], kind="stable")]
+    chosen: list[int] = []
+    for index in order:
+        if not chosen or descent.values[index] > descent.values[chosen[-1]] * (1 + DISTINCT):
+            chosen.append(int(index))
+        if len(chosen) == POLISHED:
+            break
+    best, best_value = descent.points[order[0]], float(descent.values[order[0]])
+    shakes = rng.normal(scale=JITTER * region.boundary.radius, size=(len(chosen), n, 2))
+    for done, (index, shake) in enumerate(zip(chosen, shakes, strict=True), start=1):
+        points, value = polish(objective, region, region.project((descent.points[index] + shake)[None])[0])
+        if value < best_value and region.violation(points[None])[0] <= 1e-10:
+            best, best_value = points, value
+        if progress:
+            progress("polish", done, len(chosen))
+    return Optimum(best, best_value, descent.values)

@@ -1,0 +1,77 @@
+"""Where control points may go: the boundary inset by dot and clearance, and a smallest spacing between them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.model.boundary import Boundary
+
+Array = NDArray[np.float64]
+
+SWEEPS = 60
+"""Rounds of pushing apart and pulling inside; a layout that is not jammed needs fewer than ten."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """The feasible layouts.
+
+    Attributes
+    ----------
+    boundary : Boundary
+    inset : float
+        Smallest distance in m from a control point to the outline: dot radius plus clearance.
+    spacing : float
+        Smallest distance in m between control points: dot diameter plus clearance.
+    """
+
+    boundary: Boundary
+    inset: float = 0.0
+    spacing: float = 0.0
+
+    def sample(self, count: int, n: int, rng: np.random.Generator) -> Array:
+        """Random layouts (count, n, 2): uniform points, pushed apart until they are feasible."""
+        points = self.boundary.sample(count * n, self.inset, rng).reshape(count, n, 2)
+        return self.project(points)
+
+    def project(self, points: Array) -> Array:
+        """Bring layouts (B, n, 2) into the region: pairs that are too close part evenly, points outside come in.
+
+        A layout that is jammed is left with what `violation` tells.
+        """
+        points = self.boundary.project(points, self.inset)
+        if not self.spacing:
+            return points
+        tight = np.flatnonzero(self._overlap(points).max(axis=(1, 2)) > 0)
+        for _ in range(SWEEPS):
+            if not len(tight):
+                break
+            points[tight] = self._spread(points[tight])
+            tight = tight[self._overlap(points[tight]).max(axis=(1, 2)) > 1e-12]
+        return points
+
+    def violation(self, points: Array) -> Array:
+        """Largest breach (B,) in m of the inset or the spacing; 0 or less is feasible."""
+        outside = np.max(self.inset - self.boundary.depth(points), axis=-1)
+        if not self.spacing or points.shape[1] < 2:
+            return outside
+        return np.maximum(outside, self._overlap(points).max(axis=(1, 2)))
+
+    def _overlap(self, points: Array) -> Array:
+        gaps = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)
+        diagonal = np.arange(points.shape[1])
+        gaps[:, diagonal, diagonal] = np.inf
+        return self.spacing - gaps
+
+    def _spread(self, points: Array) -> Array:
+        difference = points[:, :, None] - points[:, None]
+        distance = np.linalg.norm(difference, axis=-1)
+        diagonal = np.arange(points.shape[1])
+        distance[:, diagonal, diagonal] = np.inf
+        # A hair more than needed, or the last gap would be approached only in the limit.
+        push = np.maximum(self.spacing * (1 + 1e-9) - distance, 0.0) / 2
+        direction = difference / np.maximum(distance, 1e-12 * self.spacing)[..., None]
+        # Coincident points have no direction of their own: part them along x.
+        direction[..., 0] += np.where(distance == 0, np.sign(diagonal[:, None] - diagonal), 0.0)
+        return self.boundary.project(points + np.sum(push[..., None] * direction, axis=2), self.inset)
