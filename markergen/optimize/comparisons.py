@@ -18,4 +18,4 @@ def comparison_layouts(region: Region, n: int, seed: int = 0) -> dict[str, Array
     layouts = {"ngon": regular_polygon(n, radius)[None], "square": regular_polygon(4, radius)[None]}
     layouts["random"] = region.sample(RANDOM_LAYOUTS, n, np.random.default_rng(seed))
     # Random layouts that stayed jammed are dropped; the regular ones are kept or dropped whole.
-    return {name: kept for name, batch in layouts.items() if len(kept := batch[region.violation(batch) <= 1e-9])}
+    return {name: kept for name, batch in layouts.items() if len(kept := batch[region.holds(batch)])}

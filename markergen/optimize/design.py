@@ -59,7 +59,7 @@ def design(spec: Spec, progress: Progress | None = None) -> Design:
     setting = Setting(spec.boundary, spec.camera, PRESETS[spec.poses]().seen_whole(spec.boundary, spec.camera))
     objective = kind(setting, spec.aggregate, spec.coordinates)
     dots = choose_dots(spec, setting.poses)
-    region = Region(spec.boundary, dots.diameter / 2 + dots.clearance, _spacing(dots))
+    region = Region(spec.boundary, dots.diameter, dots.clearance)
     rng = np.random.default_rng(spec.seed)
     optimum = search(objective, region, spec.n, rng, spec.restarts, progress)
     points = number(upright(optimum.points, objective, region))
@@ -84,7 +84,7 @@ def upright(points: Array, objective: Objective, region: Region) -> Array:
     cosine, sine = np.cos(angles), np.sin(angles)
     turns = np.stack([cosine, -sine, sine, cosine], axis=-1).reshape(-1, 2, 2)
     candidates = region.boundary.project(points @ turns.swapaxes(-1, -2), region.inset)
-    values = np.where(region.violation(candidates) <= 1e-10, objective(candidates), np.inf)
+    values = np.where(region.holds(candidates), objective(candidates), np.inf)
     best = int(np.argmin(values))
     return candidates[best] if values[best] <= objective(points[None])[0] * (1 + UPRIGHT) else points
 
@@ -125,6 +125,3 @@ def dress(points: Array, dots: DotSize, spec: Spec, setting: Setting, table: dic
         },
     )
 
-
-def _spacing(dots: DotSize) -> float:
-    return dots.diameter + dots.clearance if dots.diameter else dots.clearance

@@ -84,16 +84,13 @@ def _refuse_what_does_not_fit(spec: Spec, size: DotSize) -> None:
     # The search for the largest diameter is good to nine digits; the rest is not the user's fault.
     if size.diameter > 0 and largest_diameter(spec.boundary, spec.n, size.clearance) >= size.diameter * (1 - 1e-6):
         return
-    fit = _count(spec.boundary, size, spec.n)
+    fit = count_that_fit(spec.boundary, size.diameter, size.clearance, spec.n)
     if fit >= spec.n:
         return
     raise InputError(
         f"{spec.n} dots that fit in a {spec.boundary}",
         f"dots of {format_length(size.diameter)} with {format_length(size.clearance)} clearance, of which {fit} fit",
-        f"use --dot {format_length(0.9 * largest_diameter(spec.boundary, spec.n)).replace(' ', '')} or less, "
+        f"use --dot {np.floor(ROOM * largest_diameter(spec.boundary, spec.n) * 1e4) / 10:g}mm or less, "
         "a larger --radius, or a smaller --n",
     )
 
-
-def _count(boundary: Boundary, size: DotSize, at_most: int) -> int:
-    return count_that_fit(boundary, size.diameter, size.clearance, at_most)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.objectives import Objective
+from markergen.optimize.packing import pack
 from markergen.optimize.polish import polish
 from markergen.optimize.region import Region
 from markergen.optimize.supersab import descend
@@ -51,11 +52,13 @@ def search(
         Random starts; 0 takes the objective's own default.
     """
     starts = region.sample(restarts or objective.default_restarts, n, rng)
+    if not region.holds(starts).all():
+        # Random points jam when the dots nearly fill the room; the packing itself is then the start.
+        starts = np.concatenate([starts, pack(region.boundary, n, region.clearance)[0][None]])
     descent = descend(
         objective, region, starts, progress=(lambda done, total: progress("descent", done, total)) if progress else None
     )
-    feasible = np.flatnonzero(region.violation(descent.points) <= 1e-9 * region.boundary.radius)
-    order = feasible[np.argsort(descent.values[feasible], kind="stable")]
+    order = np.argsort(descent.values, kind="stable")[: np.isfinite(descent.values).sum()]
     chosen: list[int] = []
     for index in order:
         if not chosen or descent.values[index] > descent.values[chosen[-1]] * (1 + DISTINCT):
@@ -66,7 +69,7 @@ def search(
     shakes = rng.normal(scale=JITTER * region.boundary.radius, size=(len(chosen), n, 2))
     for done, (index, shake) in enumerate(zip(chosen, shakes, strict=True), start=1):
         points, value = polish(objective, region, region.project((descent.points[index] + shake)[None])[0])
-        if value < best_value and region.violation(points[None])[0] <= 1e-10:
+        if value < best_value and region.holds(points[None])[0]:
             best, best_value = points, value
         if progress:
             progress("polish", done, len(chosen))

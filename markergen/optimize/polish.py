@@ -20,7 +20,7 @@ def polish(objective: Objective, region: Region, start: Array, iterations: int =
     for softness in SOFTNESSES if objective.kinked else (0.0,):
         current = region.project(_slsqp(objective, region, current, softness, iterations)[None])[0]
         value = float(objective(current[None])[0])
-        if value < best_value and region.violation(current[None])[0] <= 1e-10:
+        if value < best_value and region.holds(current[None])[0]:
             best, best_value = current, value
     return best, best_value
 

@@ -15,20 +15,28 @@ SWEEPS = 60
 
 @dataclass(frozen=True)
 class Region:
-    """The feasible layouts.
+    """The feasible layouts of dots of one diameter.
 
     Attributes
     ----------
     boundary : Boundary
-    inset : float
-        Smallest distance in m from a control point to the outline: dot radius plus clearance.
-    spacing : float
-        Smallest distance in m between control points: dot diameter plus clearance.
+    diameter, clearance : float
+        Of the dots, m.
     """
 
     boundary: Boundary
-    inset: float = 0.0
-    spacing: float = 0.0
+    diameter: float = 0.0
+    clearance: float = 0.0
+
+    @property
+    def inset(self) -> float:
+        """Smallest distance in m from a control point to the outline: dot radius plus clearance."""
+        return self.diameter / 2 + self.clearance
+
+    @property
+    def spacing(self) -> float:
+        """Smallest distance in m between control points: dot diameter plus clearance."""
+        return self.diameter + self.clearance
 
     def sample(self, count: int, n: int, rng: np.random.Generator) -> Array:
         """Random layouts (count, n, 2): uniform points, pushed apart until they are feasible."""
@@ -57,6 +65,10 @@ class Region:
         if not self.spacing or points.shape[1] < 2:
             return outside
         return np.maximum(outside, self._overlap(points).max(axis=(1, 2)))
+
+    def holds(self, points: Array) -> NDArray[np.bool_]:
+        """Tell which layouts (B, n, 2) are feasible, to a tenth of a nanometre."""
+        return self.violation(points) <= 1e-10
 
     def _overlap(self, points: Array) -> Array:
         gaps = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)

@@ -26,7 +26,10 @@ LONGEST = 0.15
 
 @dataclass(frozen=True)
 class Descent:
-    """Best layouts (B, n, 2) in m that a descent met, their values (B,), and the number of steps it took."""
+    """Best feasible layouts (B, n, 2) in m that a descent met, their values (B,), and the number of steps it took.
+
+    A restart that never was feasible has the value inf.
+    """
 
     points: Array
     values: Array
@@ -50,7 +53,9 @@ def descend(
     scale = region.boundary.radius
     points = region.project(starts.copy())
     value, gradient = _log_gradient(objective, points, softness)
-    best, best_value, reference = points.copy(), value.copy(), value.copy()
+    best = points.copy()
+    best_value = np.where(region.holds(points), value, np.inf)
+    reference = best_value.copy()
     # The first step moves the fastest coordinate of each layout by a twentieth of the radius.
     fastest = np.max(np.abs(gradient), axis=(1, 2), keepdims=True)
     step = np.broadcast_to(0.05 * scale / np.maximum(fastest, 1e-300), points.shape).copy()
@@ -58,23 +63,28 @@ def descend(
     taken = 0
     for taken in range(1, steps + 1):
         move = np.clip(step[alive] * gradient[alive], -LONGEST * scale, LONGEST * scale)
-        points[alive] = region.project(points[alive] - move)
+        moved = region.project(points[alive] - move)
+        # Where the projection jams, the layout stays and its steps shrink until they fit.
+        jammed = ~region.holds(moved) & np.isfinite(best_value[alive])
+        moved[jammed] = points[alive[jammed]]
+        step[alive[jammed]] *= SHRINK**2
+        points[alive] = moved
         value[alive], fresh = _log_gradient(objective, points[alive], softness)
         agreement = np.sign(fresh) * np.sign(gradient[alive])
         step[alive] *= np.where(agreement > 0, GROW, np.where(agreement < 0, SHRINK, 1.0))
         gradient[alive] = fresh
-        better = alive[value[alive] < best_value[alive]]
+        better = alive[(value[alive] < best_value[alive]) & region.holds(moved)]
         best[better], best_value[better] = points[better], value[better]
         if taken % patience == 0:
             with np.errstate(invalid="ignore"):
-                improving = best_value[alive] < reference[alive] * (1 - tolerance)
+                improving = ~(best_value[alive] >= reference[alive] * (1 - tolerance))
             alive = alive[improving]
             reference[alive] = best_value[alive]
         if progress:
             progress(taken if len(alive) else steps, steps)
         if not len(alive):
             break
-    return Descent(best, objective(best), taken)
+    return Descent(best, best_value, taken)
 
 
 def _log_gradient(objective: Objective, points: Array, softness: float) -> tuple[Array, Array]:
