@@ -2,10 +2,12 @@
 
 import math
 import re
+from decimal import Decimal
 
 from markergen.errors import InputError
 
-METRES = {"": 1.0, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+METRES = {"": "1", "m": "1", "cm": "0.01", "mm": "0.001", "um": "0.000001", "in": "0.0254", "ft": "0.3048"}
+"""Size of each unit in m, as text: the product is made in decimals, so that 6in is 0.1524 to the last bit."""
 
 _LENGTH = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf))\s*([a-zA-Z]*)\s*", re.IGNORECASE)
 
@@ -29,12 +31,10 @@ def parse_length(text: str | float, name: str = "length") -> float:
         raise InputError(
             f"a length for {name}", repr(str(text)), f"write a number and one of {known} (a bare number is metres)"
         )
-    value = float(match[1])
+    value = float(Decimal(match[1]) * Decimal(METRES[match[2]]))
     if not math.isfinite(value):
         raise InputError(f"a finite {name}", f"{name}={text}", "write a number such as 0.15 or 150mm")
-    # Division keeps 150mm equal to 0.15 to the last bit, where 150 * 1e-3 is not.
-    scale = METRES[match[2]]
-    return value / round(1 / scale) if scale < 1e-2 or match[2] == "cm" else value * scale
+    return value
 
 
 def format_length(metres: float) -> str:

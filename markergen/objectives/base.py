@@ -72,7 +72,7 @@ class Objective(ABC):
 
     @abstractmethod
     def linearize(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
-        """Values (B, P) of layouts (B, n, 2), and the map from weights (B, P) to sum_p weights dvalue/dpoints (B, n, 2)."""
+        """Values (B, P) of layouts (B, n, 2), and their pullback: weights (B, P) to sum_p weights dvalue/dpoints."""
 
     def per_pose(self, points: Array) -> Array:
         """Values (B, P) of layouts (B, n, 2) in m; inf where a layout determines nothing."""

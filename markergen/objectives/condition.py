@@ -1,5 +1,7 @@
 """The condition number of the DLT matrix, the objective of Acuna & Willert (2018)."""
 
+from collections.abc import Callable
+
 import autograd.numpy as anp
 import numpy as np
 from autograd.core import make_vjp
@@ -13,14 +15,12 @@ from markergen.objectives.base import OBJECTIVES, Objective, Pullback, Setting
 Array = NDArray[np.float64]
 
 
-@primitive
-def condition_number(object_points: Array, image_points: Array, softness: float = 0.0) -> Array:
-    """Condition number s1/s8 (see `markergen.maths.dlt.condition`), differentiable by autograd.
+condition_number: Callable[..., Array] = primitive(dlt.condition)
+"""Condition number s1/s8 (`markergen.maths.dlt.condition`), differentiable by autograd.
 
-    autograd through a full SVD divides by differences of singular values and gives inf or nan where two coincide,
-    which is where optima sit; this primitive brings the closed form instead.
-    """
-    return dlt.condition(object_points, image_points, softness)
+autograd through a full SVD divides by differences of singular values and gives inf or nan where two coincide, which is
+where optima sit; this primitive brings the closed form instead.
+"""
 
 
 def _vjp(argument: int) -> object:

@@ -44,6 +44,30 @@ class Design:
     criteria: dict[str, Criteria]
     optimum: Optimum
 
+    @property
+    def summary(self) -> str:
+        """What was designed for what, in a few lines."""
+        spec, poses = self.marker.provenance["spec"], self.setting.poses
+        dropped = f", {poses.dropped} more do not see the whole marker" if poses.dropped else ""
+        return (
+            f"{len(self.marker)} control points in a {self.marker.boundary}, "
+            f"seen from {len(poses)} poses ({poses.name}{dropped})\n"
+            f"objective {spec['objective']}, seed {spec['seed']}, spec {self.marker.spec_hash}\n"
+            f"dots of {self.dots.reason}; dot 0 is the key ring"
+        )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the user should know before using the marker."""
+        found = []
+        if self.marker.provenance["spec"]["coordinates"] == "hartley":
+            found.append(
+                "c(A) in Hartley's coordinates does not depend on size: the layout is degenerate, for study only"
+            )
+        if not self.dots.diameter:
+            found.append("bare points (--dot 0) are for studies and cannot be printed or made")
+        return tuple(found)
+
 
 def design(spec: Spec, progress: Progress | None = None) -> Design:
     """Find the layout that minimizes the spec's objective, and dress it as a marker.
@@ -124,4 +148,3 @@ def dress(points: Array, dots: DotSize, spec: Spec, setting: Setting, table: dic
             },
         },
     )
-

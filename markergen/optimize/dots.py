@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from markergen.errors import InputError
-from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
@@ -73,8 +72,8 @@ def _default(spec: Spec, poses: PoseDistribution) -> DotSize:
         diameter = float(np.floor(fits * 1e4) / 1e4)
         left = PIXELS * diameter / wanted
         reason = (
-            f"{format_length(diameter)}, {ROOM:.0%} of the largest at which {spec.n} dots fit; {PIXELS:g} px would need "
-            f"{format_length(wanted)}, this leaves {left:.1f} px"
+            f"{format_length(diameter)}, {ROOM:.0%} of the largest at which {spec.n} dots fit; "
+            f"{PIXELS:g} px would need {format_length(wanted)}, this leaves {left:.1f} px"
         )
     clearance = CLEARANCE * diameter if spec.clearance is None else spec.clearance
     return DotSize(diameter, clearance, reason)
@@ -93,4 +92,3 @@ def _refuse_what_does_not_fit(spec: Spec, size: DotSize) -> None:
         f"use --dot {np.floor(ROOM * largest_diameter(spec.boundary, spec.n) * 1e4) / 10:g}mm or less, "
         "a larger --radius, or a smaller --n",
     )
-

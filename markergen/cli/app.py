@@ -1,0 +1,42 @@
+"""The commands and the options that belong to none of them."""
+
+from typing import Annotated
+
+import typer
+
+from markergen import __version__
+from markergen.cli.design import design
+from markergen.cli.export import export
+from markergen.cli.templates import templates
+from markergen.cli.validate import validate
+
+app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print("markergen", __version__)
+        raise typer.Exit
+
+
+@app.callback()
+def markergen(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say it and stop.")
+    ] = False,
+) -> None:
+    """Design fiducial markers: the layout of control points that gives the most accurate pose, printed at true size,
+    made as solids, and proved.
+
+    \b
+    Example:
+      markergen design --n 5 --radius 0.15 -o marker.pdf
+      markergen validate marker.json
+      markergen export marker.json -o marker.step
+
+    Lengths are metres, or carry a unit: 0.15, 150mm, 6in. Add --debug to see where an error came from.
+    """
+
+
+for command in (design, validate, export, templates):
+    app.command()(command)

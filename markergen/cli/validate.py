@@ -1,0 +1,5 @@
+"""``markergen validate``."""
+
+
+def validate() -> None:
+    """Placeholder until trials are there."""

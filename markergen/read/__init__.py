@@ -1,0 +1,1 @@
+"""Readers of what users bring: specs now; outlines, cameras and poses follow."""

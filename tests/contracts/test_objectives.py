@@ -1,0 +1,66 @@
+"""What every objective of the table promises, for every aggregate and every system of coordinates."""
+
+import numpy as np
+import pytest
+
+from markergen.objectives import OBJECTIVES
+from markergen.objectives.aggregates import AGGREGATES
+from markergen.objectives.criteria import regular_polygon
+
+CASES = [
+    (name, aggregate, coordinates)
+    for name in OBJECTIVES
+    for aggregate in AGGREGATES
+    for coordinates in OBJECTIVES[name].coordinates
+]
+
+
+@pytest.mark.parametrize(("name", "aggregate", "coordinates"), CASES)
+@pytest.mark.parametrize("softness", [0.0, 0.05])
+def test_gradient_agrees_with_differences(setting, name, aggregate, coordinates, softness):
+    objective = OBJECTIVES[name](setting, aggregate, coordinates)
+    rng = np.random.default_rng(0)
+    # Near a polygon, where c in pixels is small enough for differences of its value to mean something.
+    points = regular_polygon(6, 0.11) + rng.normal(scale=0.015, size=(3, 6, 2))
+    along = rng.normal(size=points.shape)
+    # In pixels c is 1e4 to 1e5, so A'A carries a relative rounding of 1e-7 that a longer step has to drown.
+    step = 1e-5 if coordinates == "pixel" else 1e-7
+    ahead, behind = (objective.value_and_gradient(points + h * along, softness)[0] for h in (step, -step))
+    value, gradient = objective.value_and_gradient(points, softness)
+    exact = np.sum(gradient * along, axis=(1, 2))
+    tolerance = 2e-2 if coordinates == "pixel" else 1e-5
+    np.testing.assert_allclose(exact / value, (ahead - behind) / (2 * step) / value, rtol=tolerance, atol=tolerance)
+
+
+@pytest.mark.parametrize(("name", "aggregate", "coordinates"), CASES)
+def test_value_alone_is_the_value_beside_the_gradient(setting, name, aggregate, coordinates):
+    objective = OBJECTIVES[name](setting, aggregate, coordinates)
+    points = np.random.default_rng(1).uniform(-0.1, 0.1, (3, 5, 2))
+    value, gradient = objective.value_and_gradient(points)
+    np.testing.assert_allclose(objective(points), value, rtol=1e-12)
+    assert gradient.shape == points.shape
+    assert objective.per_pose(points).shape == (3, 400)
+    # A batch is its layouts one by one, whatever the chunks.
+    np.testing.assert_allclose([objective.value_and_gradient(p[None])[0][0] for p in points], value, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", list(OBJECTIVES))
+def test_the_order_of_the_points_does_not_matter(setting, name):
+    objective = OBJECTIVES[name](setting)
+    points = np.random.default_rng(2).uniform(-0.1, 0.1, (1, 6, 2))
+    np.testing.assert_allclose(objective(points[:, ::-1]), objective(points), rtol=1e-10)
+
+
+@pytest.mark.parametrize("name", list(OBJECTIVES))
+def test_larger_markers_are_better(setting, name):
+    objective = OBJECTIVES[name](setting)
+    small, large = objective(np.stack([regular_polygon(5, 0.07), regular_polygon(5, 0.14)]))
+    assert large < small
+
+
+@pytest.mark.parametrize("name", list(OBJECTIVES))
+def test_every_objective_is_documented(name):
+    kind = OBJECTIVES[name]
+    assert kind.__doc__
+    assert kind.default_restarts >= 4
+    assert kind.unit in {"m", "px", ""}

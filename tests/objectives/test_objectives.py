@@ -1,0 +1,137 @@
+import numpy as np
+import pytest
+from autograd import grad
+
+from markergen.errors import InputError
+from markergen.maths.dlt import condition, dlt_matrix
+from markergen.maths.information import covariance, displacement_weight, information, pose_jacobian
+from markergen.maths.projection import apply_homography, plane_homography, project
+from markergen.model.poses import RIM_POINTS
+from markergen.objectives import OBJECTIVES
+from markergen.objectives.condition import condition_number
+from markergen.objectives.criteria import regular_polygon
+from markergen.objectives.homography import validation_grid
+
+
+def test_pose_is_the_expected_displacement_of_the_rim(setting):
+    # Sampled: poses drawn from the CRLB at each pose move the rim by as much as the closed form says.
+    points = regular_polygon(5, 0.15)
+    value = OBJECTIVES["pose"](setting).per_pose(points[None])[0]
+    poses, rng = setting.poses, np.random.default_rng(0)
+    bound = covariance(information(pose_jacobian(points, poses.rotation, poses.translation, setting.camera.focal)))
+    rim = setting.boundary.rim(RIM_POINTS)
+    for index in (0, 170, 399):
+        twists = rng.multivariate_normal(np.zeros(6), bound[index], size=20_000)
+        turned = rim @ poses.rotation[index, :, :2].T
+        moved = np.cross(twists[:, None, :3], turned) + twists[:, None, 3:]
+        sampled = np.sqrt(np.mean(np.sum(moved**2, axis=-1)))
+        # 20,000 draws of six normals: the RMS is good to about 1 / sqrt(2 * 20,000) = 0.5 %; four sigma.
+        assert sampled == pytest.approx(value[index], rel=0.02)
+
+
+def test_homography_is_the_expected_error_on_the_grid(setting):
+    # Sampled: a small perturbation of the image points, fitted by linear least squares, moves the grid as predicted.
+    points, grid = regular_polygon(5, 0.15), validation_grid(0.15)
+    objective = OBJECTIVES["homography"](setting)
+    value = objective.per_pose(points[None])[0]
+    poses, rng = setting.poses, np.random.default_rng(1)
+    for index in (0, 250):
+        matrix = plane_homography(poses.rotation[[index]], poses.translation[[index]], setting.camera.matrix)[0]
+        # Derivative of a mapped point by the nine entries of H: [p 0 -x p; 0 p -y p] / w.
+        rows, targets = (np.concatenate([_entries(matrix, p) for p in some]) for some in (points, grid))
+        noise = rng.normal(size=(20_000, rows.shape[0]))
+        moved = noise @ np.linalg.pinv(rows, rcond=1e-12).T @ targets.T
+        sampled = np.sqrt(np.mean(np.sum(moved**2, axis=-1)) / len(grid))
+        assert sampled == pytest.approx(value[index], rel=0.02)
+
+
+def _entries(matrix, point):
+    p = np.append(point, 1.0)
+    weight = matrix[2] @ p
+    x, y = apply_homography(matrix, point[None])[0]
+    zero = np.zeros(3)
+    # Rows are scaled so that H's entries, from 1e-3 to 1e3, meet columns of like size.
+    scale = np.abs(matrix).ravel() + 1.0
+    return np.stack([np.concatenate([p, zero, -x * p]), np.concatenate([zero, p, -y * p])]) / weight * scale
+
+
+@pytest.mark.parametrize("coordinates", ["unit", "metric", "pixel", "hartley"])
+def test_condition_is_that_of_the_coordinates(setting, coordinates):
+    points = np.random.default_rng(2).uniform(-0.1, 0.1, (5, 2))
+    poses, camera = setting.poses, setting.camera
+    image = project(points, poses.rotation, poses.translation, camera.matrix)
+    normalised = (image - camera.matrix[:2, 2]) / camera.focal
+    r, t = 0.15, poses.translation[:, None]
+    written = {
+        "unit": (points / r, (normalised - t[..., :2] / t[..., 2:]) * t[..., 2:] / r),
+        "metric": (points, normalised),
+        "pixel": (points, image),
+        "hartley": (_hartley(points), _hartley(image)),
+    }
+    matrix = dlt_matrix(*written[coordinates])
+    singular = np.linalg.svd(matrix, compute_uv=False)
+    value = OBJECTIVES["condition"](setting, coordinates=coordinates).per_pose(points[None])[0]
+    # The square of a pixel condition number of 1e5 leaves six digits.
+    np.testing.assert_allclose(value, singular[:, 0] / singular[:, 7], rtol=1e-4 if coordinates == "pixel" else 1e-8)
+
+
+def _hartley(points):
+    centred = points - points.mean(axis=-2, keepdims=True)
+    return centred * np.sqrt(2 / np.mean(np.sum(centred**2, -1), -1))[..., None, None]
+
+
+def test_unit_coordinates_forget_the_unit_of_length(setting):
+    # A marker ten times as large, seen from ten times as far, is the same problem.
+    from markergen.model.boundary import Circle
+    from markergen.model.poses import PoseDistribution
+    from markergen.objectives import Setting
+
+    poses = PoseDistribution("far", setting.poses.rotation, setting.poses.translation * 10)
+    large = Setting(Circle(1.5), setting.camera, poses)
+    points = np.random.default_rng(3).uniform(-0.1, 0.1, (3, 6, 2))
+    near, far = OBJECTIVES["condition"](setting)(points), OBJECTIVES["condition"](large)(10 * points)
+    np.testing.assert_allclose(near, far, rtol=1e-9)
+
+
+def test_condition_number_is_an_autograd_primitive():
+    rng = np.random.default_rng(4)
+    object_points, image_points = rng.uniform(-1, 1, (2, 5, 2))
+
+    def of_both(points):
+        return condition_number(points, 2 * points + image_points)
+
+    along, step = rng.normal(size=(5, 2)), 1e-6
+    numeric = (of_both(object_points + step * along) - of_both(object_points - step * along)) / (2 * step)
+    assert np.sum(grad(of_both)(object_points) * along) == pytest.approx(numeric, rel=1e-5)
+
+
+def test_autograd_is_finite_where_singular_values_coincide():
+    square = regular_polygon(4, 1.0)
+    for argument in (0, 1):
+        gradient = grad(condition_number, argument)(square, square)
+        assert np.all(np.isfinite(gradient))
+    assert condition_number(square, square) == condition(square, square)
+
+
+def test_a_degenerate_layout_is_infinite_and_stays_put(setting):
+    line = np.stack([np.linspace(-0.1, 0.1, 5), np.zeros(5)], -1)[None]
+    for name in OBJECTIVES:
+        objective = OBJECTIVES[name](setting)
+        value, gradient = objective.value_and_gradient(line)
+        # The pose of a line is undetermined about itself; rounding may leave a huge number instead of inf.
+        assert value[0] > 1e4 * objective(regular_polygon(5, 0.15)[None])[0]
+        assert np.all(np.isfinite(gradient)) or np.isfinite(value[0])
+
+
+def test_unknown_names_list_the_known(setting):
+    with pytest.raises(InputError, match="condition, homography, pose"):
+        OBJECTIVES["rotation"]
+    with pytest.raises(InputError, match="logmean, max, mean, rms"):
+        OBJECTIVES["pose"](setting, "median")
+    with pytest.raises(InputError, match="unit, metric, pixel, hartley"):
+        OBJECTIVES["condition"](setting, coordinates="polar")
+
+
+def test_displacement_weight_has_one_unit(setting):
+    weight = displacement_weight(setting.boundary.rim(RIM_POINTS), setting.poses.rotation)
+    np.testing.assert_allclose(np.linalg.eigvalsh(weight)[:, -1], 1.0, atol=1e-12)

@@ -1,0 +1,109 @@
+import numpy as np
+import pytest
+
+from markergen.errors import InputError
+from markergen.model.boundary import Circle
+from markergen.model.camera import Camera
+from markergen.model.marker_json import from_json, to_json
+from markergen.model.spec import Spec
+from markergen.objectives import OBJECTIVES
+from markergen.objectives.criteria import regular_polygon
+from markergen.optimize.design import design, number, upright
+from markergen.optimize.dots import choose_dots, wanted_diameter
+from markergen.optimize.region import Region
+
+
+def test_the_default_marker(setting):
+    found = design(Spec())
+    marker = found.marker
+    assert len(marker) == 5
+    assert marker.dot_diameter == 0.036
+    assert marker.control_points[0].feature.kind == "ring"
+    assert [point.feature.kind for point in marker.control_points[1:]] == ["dot"] * 4
+    assert marker.control_points[0].feature.inner_diameter == 0.018
+    xy = marker.xyz[:, :2]
+    # Upright: the key dot is straight up, as far out as dot and clearance allow.
+    np.testing.assert_allclose(xy[0], [0, 0.15 - 0.018 - 0.0036], atol=1e-9)
+    assert set(found.criteria) == {"design", "ngon", "square", "random"}
+    assert found.criteria["design"]["pose_m"] <= found.criteria["ngon"]["pose_m"] * 1.001
+    assert found.criteria["design"]["pose_m"] < 0.5 * found.criteria["random"]["pose_m"]
+
+
+def test_equal_specs_give_equal_bytes_and_other_seeds_other_provenance():
+    spec = Spec(n=4, restarts=2)
+    first, second = (to_json(design(spec).marker) for _ in range(2))
+    assert first == second
+    assert to_json(from_json(first.decode())) == first
+    assert Spec(n=4, restarts=2, seed=1).hash != spec.hash
+
+
+def test_constraints_hold_by_plain_arithmetic():
+    for spec in (Spec(n=9), Spec(n=12, dot=0.05), Spec(n=5, dot=0.08), Spec(n=4, boundary=Circle(0.04))):
+        marker = design(spec).marker
+        radius = marker.dot_diameter / 2
+        assert np.hypot(*marker.xyz[:, :2].T).max() <= spec.boundary.radius - radius - marker.clearance + 1e-9
+        gaps = [np.hypot(*(a - b)[:2]) for i, a in enumerate(marker.xyz) for b in marker.xyz[:i]]
+        assert min(gaps) >= marker.dot_diameter + marker.clearance - 1e-9
+
+
+def test_dots_follow_the_camera_and_the_poses(setting):
+    assert wanted_diameter(setting.camera, setting.poses) == 0.036
+    sharper = Camera(1280, 960, 1600.0, 1600.0, 640.0, 480.0)
+    assert wanted_diameter(sharper, setting.poses) == 0.018
+
+
+def test_dots_are_capped_by_the_room_and_the_cap_is_told(setting):
+    size = choose_dots(Spec(n=12, boundary=Circle(0.05)), setting.poses)
+    assert size.diameter < 0.036
+    assert "8 px would need 36 mm" in size.reason
+    assert "this leaves" in size.reason
+
+
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [
+        (Spec(n=12, dot=0.08), "of which 8 fit"),
+        (Spec(n=4, dot=0.2), "of which 1 fit"),
+        (Spec(n=4, dot=0.4), "of which 0 fit"),
+    ],
+)
+def test_dots_that_cannot_fit_say_how_many_do(setting, spec, words):
+    with pytest.raises(InputError, match=words):
+        choose_dots(spec, setting.poses)
+
+
+def test_a_marker_that_no_pose_sees_is_refused():
+    with pytest.raises(InputError, match="pose that sees the whole marker"):
+        design(Spec(boundary=Circle(2.0)))
+
+
+def test_poses_that_see_only_a_part_are_counted():
+    found = design(Spec(boundary=Circle(0.25), restarts=2))
+    assert 0 < found.setting.poses.dropped < 400
+    assert len(found.setting.poses) + found.setting.poses.dropped == 400
+    assert found.marker.provenance["poses"] == {
+        "name": "paper", "count": len(found.setting.poses), "dropped": found.setting.poses.dropped,
+    }  # fmt: skip
+
+
+def test_turning_upright_costs_nothing_and_numbers_run_round(setting):
+    objective, region = OBJECTIVES["pose"](setting), Region(Circle(0.15))
+    angle = 0.4
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    points = number(upright(regular_polygon(5, 0.15) @ turn.T, objective, region))
+    np.testing.assert_allclose(points, regular_polygon(5, 0.15), atol=1e-9)
+
+
+def test_a_dot_at_the_centre_comes_last():
+    points = np.concatenate([np.zeros((1, 2)), regular_polygon(5, 1.0)])
+    np.testing.assert_array_equal(number(points)[-1], [0, 0])
+
+
+def test_studies_may_use_bare_points_and_are_warned():
+    found = design(Spec(dot=0.0, clearance=0.0, restarts=2))
+    assert found.marker.dot_diameter == 0
+    assert any("bare points" in warning for warning in found.warnings)
+    assert any(
+        "Hartley" in warning
+        for warning in design(Spec(objective="condition", coordinates="hartley", restarts=1)).warnings
+    )
