@@ -9,8 +9,8 @@ from markergen.model.boundary import Boundary
 
 Array = NDArray[np.float64]
 
-SWEEPS = 60
-"""Rounds of pushing apart and pulling inside; a layout that is not jammed needs fewer than ten."""
+SWEEPS, GENTLE = 60, 10
+"""Rounds of pushing apart and pulling inside, and how many of them push by no more than is needed."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +52,11 @@ class Region:
         if not self.spacing:
             return points
         tight = np.flatnonzero(self._overlap(points).max(axis=(1, 2)) > 0)
-        for _ in range(SWEEPS):
+        for sweep in range(SWEEPS):
             if not len(tight):
                 break
-            points[tight] = self._spread(points[tight])
+            # Half the overlap each is the nearest remedy; what is jammed after that comes free when both overdo it.
+            points[tight] = self._spread(points[tight], 0.5 if sweep < GENTLE else 1.0)
             tight = tight[self._overlap(points[tight]).max(axis=(1, 2)) > 1e-12]
         return points
 
@@ -76,13 +77,13 @@ class Region:
         gaps[:, diagonal, diagonal] = np.inf
         return self.spacing - gaps
 
-    def _spread(self, points: Array) -> Array:
+    def _spread(self, points: Array, share: float) -> Array:
         difference = points[:, :, None] - points[:, None]
         distance = np.linalg.norm(difference, axis=-1)
         diagonal = np.arange(points.shape[1])
         distance[:, diagonal, diagonal] = np.inf
         # A hair more than needed, or the last gap would be approached only in the limit.
-        push = np.maximum(self.spacing * (1 + 1e-9) - distance, 0.0) / 2
+        push = np.maximum(self.spacing * (1 + 1e-9) - distance, 0.0) * share
         direction = difference / np.maximum(distance, 1e-12 * self.spacing)[..., None]
         # Coincident points have no direction of their own: part them along x.
         direction[..., 0] += np.where(distance == 0, np.sign(diagonal[:, None] - diagonal), 0.0)
