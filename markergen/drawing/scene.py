@@ -1,0 +1,150 @@
+"""The scene: a display list in millimetres, y up, that every file format replays. No format knows what a marker is."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from markergen.errors import InputError
+from markergen.model.marker import Marker
+
+Point = tuple[float, float]
+Segment = tuple[str, tuple[Point, ...]]
+"""One step of a path: ``M`` and ``L`` with one point, ``Q`` with two, ``C`` with three, ``Z`` with none."""
+
+BLACK, WHITE = "#000000", "#ffffff"
+
+FLAT = 1e-9
+"""How far in m a control point may lie off the plane and still be flat: rounding, far below any printer."""
+
+
+@dataclass(frozen=True)
+class Disk:
+    """A filled circle, or an annulus when it has an inner radius (even-odd: the hole is not painted); mm."""
+
+    x: float
+    y: float
+    radius: float
+    inner_radius: float = 0.0
+    name: str = ""
+    color: str = BLACK
+
+    @property
+    def path_points(self) -> tuple[Point, ...]:
+        """Corners of the bounding box."""
+        return (self.x - self.radius, self.y - self.radius), (self.x + self.radius, self.y + self.radius)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A stroked run of straight segments with butt ends; points and width in mm."""
+
+    points: tuple[Point, ...]
+    width: float
+    name: str = ""
+    color: str = BLACK
+
+    @property
+    def path_points(self) -> tuple[Point, ...]:
+        """Corners of a box that holds the stroke."""
+        half = self.width / 2
+        return tuple((x + sign * half, y + sign * half) for x, y in self.points for sign in (-1, 1))
+
+
+@dataclass(frozen=True)
+class Outline:
+    """A filled path (nonzero winding) of line, quadratic and cubic segments: glyphs and arrow heads; mm."""
+
+    segments: tuple[Segment, ...]
+    name: str = ""
+    color: str = BLACK
+
+    @property
+    def path_points(self) -> tuple[Point, ...]:
+        """All points of the path; its hull holds the curves."""
+        return tuple(point for _, points in self.segments for point in points)
+
+
+Shape = Disk | Line | Outline
+Box = tuple[float, float, float, float]
+
+
+def bounds(shape: Shape) -> Box:
+    """Box (left, bottom, right, top) in mm that holds the shape; an outline without points has none (ValueError)."""
+    xs, ys = zip(*shape.path_points, strict=True)
+    return min(xs), min(ys), max(xs), max(ys)
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Shapes under one name; later ones cover earlier ones."""
+
+    name: str
+    shapes: tuple[Shape, ...]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Layers from the bottom up."""
+
+    layers: tuple[Layer, ...]
+
+    def __iter__(self) -> Iterator[Shape]:
+        """Iterate over all shapes in painting order."""
+        return (shape for layer in self.layers for shape in layer.shapes)
+
+    def __getitem__(self, name: str) -> tuple[Shape, ...]:
+        """Shapes of the layer of that name; none if there is no such layer."""
+        return tuple(shape for layer in self.layers if layer.name == name for shape in layer.shapes)
+
+
+def marker_dots(marker: Marker) -> tuple[Disk, ...]:
+    """Dots of the marker as disks named ``dot-<id>``, in mm, marker frame.
+
+    Raises
+    ------
+    InputError
+        If a control point has no dot (diameter 0), or lies off the plane: neither can be printed.
+    """
+    for point in marker.control_points:
+        if point.feature.diameter == 0:
+            raise InputError(
+                "a dot on every control point to print or make",
+                f"control point {point.id} without a dot (diameter 0)",
+                "design the marker again with --dot above 0",
+            )
+        if abs(point.z) > FLAT:
+            raise InputError(
+                "a flat marker (z = 0)",
+                f"control point {point.id} at z={point.z * 1e3:.6g} mm",
+                "export it as .json, or design it without relief",
+            )
+    return tuple(
+        Disk(
+            _mm(point.x),
+            _mm(point.y),
+            _mm(point.feature.diameter) / 2,
+            _mm(point.feature.inner_diameter) / 2,
+            f"dot-{point.id}",
+        )
+        for point in marker.control_points
+    )
+
+
+def marker_scene(marker: Marker) -> Scene:
+    """Scene of the marker alone: its dots in the layer ``dots``, mm, marker frame. Raises as `marker_dots` does."""
+    return Scene((Layer("dots", marker_dots(marker)),))
+
+
+def moved(disk: Disk, dx: float, dy: float) -> Disk:
+    """Disk shifted by (dx, dy) mm."""
+    return replace(disk, x=disk.x + dx, y=disk.y + dy)
+
+
+def marker_name(marker: Marker) -> str:
+    """``markergen-<spec hash>``, safe in file headers, XML and on paper whatever the provenance holds."""
+    return "markergen-" + re.sub(r"[^0-9A-Za-z_.-]", "", marker.spec_hash)[:16]
+
+
+def _mm(metres: float) -> float:
+    # Rounded to a picometre, so that 0.0036 m reads 3.6 mm and not 3.5999999999999996.
+    return round(metres * 1e3, 9)

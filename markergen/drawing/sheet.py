@@ -1,0 +1,193 @@
+"""The sheet: a marker at true size on paper, with what a person needs to check, mount and read it.
+
++--------------------------+
+|       |  ticks on axes   |   everything but the dots keeps out of their quiet zones: a ring half a dot
+|     o   o                |   diameter wide around each, which detectors need white
+|  -  o + o  -  boundary   |
+|       |                  |
+|  |_|_|_|_| ruler   axes  |
+|  ----------------------  |
+|  marker  dots  size ...  |
++--------------------------+
+"""
+
+from dataclasses import dataclass
+from math import ceil, hypot
+
+from markergen.drawing import furniture
+from markergen.drawing.numbers import place_numbers, quiet_radius
+from markergen.drawing.paper import ISO, PAPERS, Paper, find_paper
+from markergen.drawing.scene import Disk, Layer, Line, Point, Scene, Shape, bounds, marker_dots, marker_name, moved
+from markergen.drawing.text import text
+from markergen.errors import InputError
+from markergen.model.marker import Marker
+
+NUMBER_HEIGHT = 2.6
+"""Of the dots' numbers in mm on A4."""
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A page ready for any printable format.
+
+    Attributes
+    ----------
+    paper : Paper
+    scene : Scene
+        In mm from the page's lower left corner; layers ``dots``, ``marks`` and ``text``.
+    origin_mm : (x, y)
+        Where the marker's origin is on the page.
+    ruler_mm : float
+        Length of the printed ruler.
+    title, description : str
+        For the file's metadata.
+    notes : tuple of str
+        Sentences for the user.
+    """
+
+    paper: Paper
+    scene: Scene
+    origin_mm: Point
+    ruler_mm: float
+    title: str
+    description: str
+    notes: tuple[str, ...]
+
+
+def sheet_for(marker: Marker, paper: str | None = None) -> Sheet:
+    """Lay a marker out on paper, at true size.
+
+    Parameters
+    ----------
+    marker : Marker
+    paper : str or None
+        Name of the paper (`find_paper`); None takes the smallest ISO size from A5 to A0 that holds everything.
+
+    Raises
+    ------
+    InputError
+        If a control point has no dot or lies off the plane, the paper is unknown, or the marker does not fit on it.
+    """
+    dots = marker_dots(marker)
+    radius = marker.boundary.radius * 1e3
+    chosen = _smallest(dots, radius) if paper is None else find_paper(paper)
+    origin = _origin(chosen, dots, radius) if chosen else None
+    if chosen is None or origin is None:
+        raise _too_small(dots, radius, chosen)
+    return _compose(marker, chosen, origin, dots, smallest=paper is None)
+
+
+def _extent(dots: tuple[Disk, ...]) -> tuple[float, float, float, float]:
+    """How far the quiet zones reach from the origin: left, down, right, up; mm."""
+    return (
+        max(quiet_radius(dot) - dot.x for dot in dots),
+        max(quiet_radius(dot) - dot.y for dot in dots),
+        max(quiet_radius(dot) + dot.x for dot in dots),
+        max(quiet_radius(dot) + dot.y for dot in dots),
+    )
+
+
+def _needs(frame: furniture.Frame, dots: tuple[Disk, ...], radius: float) -> tuple[float, float, float, float]:
+    """Distances in mm that the origin must keep from the paper's left, lower, right and upper edge.
+
+    Marks keep to the printable margin; quiet zones are blank and may fill it, but not leave the paper.
+    """
+    marks = radius + furniture.TICK * frame.scale
+    left, down, right, up = _extent(dots)
+    return (
+        max(frame.margin + marks, left),
+        frame.footer + max(marks, down),
+        max(frame.margin + marks, right),
+        max(frame.margin + marks, up),
+    )
+
+
+def _origin(paper: Paper, dots: tuple[Disk, ...], radius: float) -> Point | None:
+    """Where the origin goes: centered across the paper if it can, in the middle of the room above the footer."""
+    left, down, right, up = _needs(furniture.Frame(paper), dots, radius)
+    if left + right > paper.width or down + up > paper.height:
+        return None
+    x = min(max(paper.width / 2, left), paper.width - right)
+    return x, (down + paper.height - up) / 2
+
+
+def _smallest(dots: tuple[Disk, ...], radius: float) -> Paper | None:
+    return next((paper for paper in ISO if _origin(paper, dots, radius)), None)
+
+
+def _too_small(dots: tuple[Disk, ...], radius: float, paper: Paper | None) -> InputError:
+    left, down, right, up = _needs(furniture.Frame(paper or ISO[-1]), dots, radius)
+    room = f"{ceil(left + right)} x {ceil(down + up)} mm"
+    fit = _smallest(dots, radius) or next((p for p in PAPERS.values() if _origin(p, dots, radius)), None)
+    if paper is None:
+        found = f"a marker {2 * radius:.6g} mm across that needs {room}"
+        remedy = f"use --paper {fit.name}" if fit else "design a smaller one, or export it as .step"
+        return InputError("a marker that A0 paper holds", found, remedy)
+    return InputError(
+        f"paper of at least {room} for a marker {2 * radius:.6g} mm across",
+        str(paper),
+        f"use --paper {fit.name}" if fit else "no known paper holds it: design a smaller one, or export it as .step",
+    )
+
+
+def _compose(marker: Marker, paper: Paper, origin: Point, dots: tuple[Disk, ...], smallest: bool) -> Sheet:
+    frame = furniture.Frame(paper)
+    placed = tuple(moved(dot, *origin) for dot in dots)
+    radius = marker.boundary.radius * 1e3
+    marks = [
+        *furniture.boundary_line(marker.boundary, origin, placed),
+        *furniture.center_cross(frame, origin, placed),
+    ]
+    # Ticks that stand on the boundary come before the numbers; those that a quiet zone pushes out come after them.
+    on_boundary = [
+        tick for tick in furniture.axis_ticks(frame, origin, radius, placed) if _starts(tick, origin, radius)
+    ]
+    names = [str(point.id) for point in marker.control_points]
+    height = NUMBER_HEIGHT * frame.scale
+    ink = furniture.ink_points([*marks, *on_boundary])
+    places = place_numbers(placed, names, height, frame.region, origin, ink)
+    numbers: list[Shape] = [
+        text(name, x, y - height / 2, height, "center", color=furniture.GRAY, name=f"number-{name}")
+        for name, place in zip(names, places, strict=True)
+        if place is not None
+        for x, y in [place]
+    ]
+    ticks = furniture.axis_ticks(frame, origin, radius, placed, [bounds(number) for number in numbers])
+    ruler_mm = furniture.ruler_length(frame)
+    ruler_marks, ruler_text = furniture.ruler(frame, ruler_mm)
+    axes_marks, axes_text = furniture.axes(frame)
+    block_marks, block_text = furniture.title_block(frame, marker)
+    scene = Scene(
+        (
+            Layer("dots", placed),
+            Layer("marks", (*marks, *ticks, *ruler_marks, *axes_marks, *block_marks)),
+            Layer("text", (*numbers, *ruler_text, *axes_text, *block_text)),
+        )
+    )
+    nameless = [name for name, place in zip(names, places, strict=True) if place is None]
+    across = f"{marker.boundary.radius * 2e3:.6g} mm across"
+    return Sheet(
+        paper,
+        scene,
+        origin,
+        ruler_mm,
+        marker_name(marker),
+        f"Fiducial marker with {len(marker)} dots, {across}, at true size on {paper}. Print at 100 %.",
+        _notes(f"{'needs' if smallest else 'stands on'} {paper}", across, ruler_mm, nameless),
+    )
+
+
+def _starts(tick: Line, origin: Point, radius: float) -> bool:
+    foot = tick.points[0]
+    return abs(hypot(foot[0] - origin[0], foot[1] - origin[1]) - radius) < 1e-6
+
+
+def _notes(where: str, across: str, ruler_mm: float, nameless: list[str]) -> tuple[str, ...]:
+    notes = [
+        f"The marker {where}: its disk is {across}.",
+        f"Print at 100 %, then check that the ruler on the sheet measures {ruler_mm:g} mm.",
+    ]
+    if nameless:
+        which = f"Dot {nameless[0]} has" if len(nameless) == 1 else f"Dots {', '.join(nameless)} have"
+        notes.append(f"{which} no room for a number outside the quiet zones; see the coordinates in marker.json.")
+    return tuple(notes)

@@ -1,0 +1,125 @@
+"""Text as filled outlines: no sheet carries a live font, so it looks and measures the same everywhere.
+
+The face is Bitstream Vera Sans, which reportlab ships and whose license allows this use.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from markergen.drawing.scene import BLACK, Outline, Segment
+from markergen.errors import MissingLibraryError
+
+FACES = {"regular": "Vera.ttf", "bold": "VeraBd.ttf"}
+SHIFT = {"left": 0.0, "center": 0.5, "right": 1.0}
+
+
+@dataclass(frozen=True)
+class _Glyph:
+    width: float
+    segments: tuple[Segment, ...]
+
+
+def text(
+    string: str,
+    x: float,
+    y: float,
+    height: float,
+    align: str = "left",
+    face: str = "regular",
+    color: str = BLACK,
+    name: str = "",
+) -> Outline:
+    """Outline of one line of Latin-1 text; a character outside of it is written as ``?``.
+
+    Parameters
+    ----------
+    string : str
+    x, y : float
+        Where the baseline starts, has its middle or ends, by `align`; mm.
+    height : float
+        Of a capital letter, mm.
+    align : {"left", "center", "right"}
+    face : {"regular", "bold"}
+    color, name : str
+    """
+    glyphs, cap = _glyphs(string, face)
+    scale = height / cap
+    pen = x - SHIFT[align] * text_width(string, height, face)
+    segments: list[Segment] = []
+    for glyph in glyphs:
+        segments += [
+            (command, tuple((pen + scale * px, y + scale * py) for px, py in points))
+            for command, points in glyph.segments
+        ]
+        pen += scale * glyph.width
+    return Outline(tuple(segments), name, color)
+
+
+def text_width(string: str, height: float, face: str = "regular") -> float:
+    """Advance width in mm of a line of text whose capitals are `height` mm high."""
+    glyphs, cap = _glyphs(string, face)
+    return height / cap * sum(glyph.width for glyph in glyphs)
+
+
+def wrap(string: str, width: float, height: float) -> list[str]:
+    """Lines of words no wider than `width` mm; a single word that is wider has a line of its own."""
+    lines = [""]
+    for word in string.split(" "):
+        longer = f"{lines[-1]} {word}".strip()
+        if lines[-1] and text_width(longer, height) > width:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return lines
+
+
+def _glyphs(string: str, face: str) -> tuple[list[_Glyph], float]:
+    table, cap = _face(face)
+    return [table.get(character, table["?"]) for character in string], cap
+
+
+@cache
+def _face(face: str) -> tuple[dict[str, _Glyph], float]:
+    """Glyphs of Latin-1 by character, and the height of a capital, in font units."""
+    from fontTools.ttLib import TTFont
+
+    with TTFont(_font_file(FACES[face]), lazy=True) as font:
+        shapes, names = font.getGlyphSet(), font.getBestCmap()
+        table = {
+            chr(code): _Glyph(shapes[names[code]].width, _segments(shapes[names[code]], shapes))
+            for code in range(0x20, 0x100)
+            if code in names
+        }
+    return table, max(y for _, points in table["H"].segments for _, y in points)
+
+
+def _segments(glyph: Any, shapes: Any) -> tuple[Segment, ...]:
+    """Path of a glyph, accented letters taken apart and chains of quadratic curves split into single ones."""
+    from fontTools.pens.basePen import decomposeQuadraticSegment
+    from fontTools.pens.recordingPen import DecomposingRecordingPen
+
+    pen = DecomposingRecordingPen(shapes)
+    glyph.draw(pen)
+    segments: list[Segment] = []
+    for command, points in pen.value:
+        if command == "qCurveTo":
+            segments += [("Q", curve) for curve in decomposeQuadraticSegment(points)]
+        else:
+            segments.append(({"moveTo": "M", "lineTo": "L", "curveTo": "C", "closePath": "Z"}[command], points))
+    return tuple(segments)
+
+
+def _font_file(name: str) -> Path:
+    # Found, not imported: reportlab itself is slow to load and only the PDF writer needs it.
+    spec = find_spec("reportlab")
+    for folder in (spec.submodule_search_locations or []) if spec else []:
+        path = Path(folder) / "fonts" / name
+        if path.is_file():
+            return path
+    raise MissingLibraryError(
+        f"sheets take their typeface from the library reportlab, found no reportlab/fonts/{name}; "
+        "install it with: pip install --force-reinstall reportlab"
+    )

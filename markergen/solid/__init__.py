@@ -1,0 +1,1 @@
+"""Solids: the marker as a plate with inlaid dots. The only package that imports cadquery, and only inside functions."""

@@ -1,0 +1,97 @@
+"""The marker as parts to machine or print: a plate, and one inlay per dot that fills its pocket flush."""
+
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+from markergen.drawing.scene import Disk, marker_dots
+from markergen.errors import MissingLibraryError
+from markergen.model.marker import Marker
+
+POCKET = 0.6
+"""Depth of the pockets in mm: three layers of 0.2 mm of a printer, one pass of a small mill."""
+
+EDGE = 2.0
+"""Least width in mm of the plate's edge around the boundary."""
+
+PLATE_COLOR, DOT_COLOR = (1.0, 1.0, 1.0), (0.05, 0.05, 0.05)
+"""Red, green, blue from 0 to 1, sRGB."""
+
+
+@dataclass(frozen=True)
+class NamedSolid:
+    """One part.
+
+    Attributes
+    ----------
+    name : str
+        ``plate`` or ``dot-<id>``.
+    color : (red, green, blue)
+    shape : cadquery.Solid
+        In mm, marker frame: the printed face is z = 0, the plate is below.
+    volume_m3 : float
+    """
+
+    name: str
+    color: tuple[float, float, float]
+    shape: Any
+    volume_m3: float
+
+
+def marker_solids(marker: Marker) -> list[NamedSolid]:
+    """Make the plate and the inlays of a marker, which touch but do not overlap.
+
+    The plate is a disk of `marker.thickness` that holds the boundary and every dot's quiet zone (a white ring half a
+    dot diameter wide). Its pockets are `POCKET` deep, or half the plate if that is less.
+
+    Raises
+    ------
+    InputError
+        If a control point has no dot or lies off the plane.
+    MissingLibraryError
+        If cadquery or a system library it needs is missing.
+    """
+    dots = marker_dots(marker)
+    thickness = round(marker.thickness * 1e3, 9)
+    depth = min(POCKET, thickness / 2)
+    cadquery = import_cadquery()
+    inlays = [_inlay(cadquery, dot, depth) for dot in dots]
+    plate = _cylinder(cadquery, 0.0, 0.0, plate_radius_mm(marker), thickness).cut(*inlays).Solids()[0]
+    return [
+        _named("plate", PLATE_COLOR, plate),
+        *(_named(dot.name, DOT_COLOR, inlay) for dot, inlay in zip(dots, inlays, strict=True)),
+    ]
+
+
+def plate_radius_mm(marker: Marker) -> float:
+    """Radius of the plate in mm: the boundary and an edge, or what the quiet zones need if that is more."""
+    reach = max((dot.x**2 + dot.y**2) ** 0.5 + 2 * dot.radius for dot in marker_dots(marker))
+    return max(marker.boundary.radius * 1e3 + EDGE, reach)
+
+
+def import_cadquery() -> ModuleType:
+    """Import cadquery, or say in one line what is missing and how to install it (MissingLibraryError)."""
+    try:
+        import cadquery
+    except ImportError as error:
+        found = " ".join(str(error).split())
+        raise MissingLibraryError(
+            f"solids need the library cadquery with the system's libGL and libX11, found: {found}; "
+            "install them with: pip install cadquery && apt-get install libgl1 libx11-6"
+        ) from None
+    return cadquery
+
+
+def _inlay(cadquery: ModuleType, dot: Disk, depth: float) -> Any:
+    outer = _cylinder(cadquery, dot.x, dot.y, dot.radius, depth)
+    if not dot.inner_radius:
+        return outer
+    return outer.cut(_cylinder(cadquery, dot.x, dot.y, dot.inner_radius, depth)).Solids()[0]
+
+
+def _cylinder(cadquery: ModuleType, x: float, y: float, radius: float, height: float) -> Any:
+    return cadquery.Solid.makeCylinder(radius, height, cadquery.Vector(x, y, -height))
+
+
+def _named(name: str, color: tuple[float, float, float], shape: Any) -> NamedSolid:
+    return NamedSolid(name, color, shape, shape.Volume() * 1e-9)

@@ -1,0 +1,83 @@
+"""The same suite over every output suffix."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from markergen.errors import InputError
+from markergen.export import EXPORTERS, ExportOptions, Output
+from markergen.model.boundary import Circle
+from markergen.model.feature import Feature, key_ring
+from markergen.model.marker import ControlPoint, Marker
+from markergen.model.marker_json import to_json
+
+ANGLES = 2 * np.pi * np.arange(5) / 5
+MARKER = Marker(
+    tuple(
+        ControlPoint(i, 0.03 * float(np.sin(a)), 0.03 * float(np.cos(a)), 0.0, Feature(0.008) if i else key_ring(0.008))
+        for i, a in enumerate(ANGLES)
+    ),
+    Circle(0.04),
+    0.0008,
+    provenance={"spec_hash": "1a2b3c4d"},
+)
+BARE = replace(MARKER, control_points=tuple(replace(p, feature=Feature(0.0)) for p in MARKER.control_points))
+HOLDS_POINTS = {".json"}
+
+OTHER_PROCESS = """
+import sys
+from markergen.export import EXPORTERS, ExportOptions
+from markergen.model.marker_json import from_json
+marker = from_json(sys.stdin.read())
+sys.stdout.buffer.write(EXPORTERS[sys.argv[1]](marker, ExportOptions()).data)
+"""
+
+
+@pytest.fixture(scope="module", params=list(EXPORTERS))
+def suffix(request):
+    return request.param
+
+
+def test_suffixes_are_lower_case_with_a_dot(suffix):
+    assert suffix.startswith(".")
+    assert suffix == suffix.lower()
+
+
+def test_gives_bytes_and_sentences(suffix):
+    output = EXPORTERS[suffix](MARKER, ExportOptions())
+    assert isinstance(output, Output)
+    assert len(output.data) > 500
+    assert all(note.endswith(".") and note[0].isupper() for note in output.notes)
+
+
+def test_same_bytes_again_in_this_process_and_in_another(suffix):
+    once = EXPORTERS[suffix](MARKER, ExportOptions()).data
+    assert EXPORTERS[suffix](MARKER, ExportOptions()).data == once
+    done = subprocess.run(
+        [sys.executable, "-c", OTHER_PROCESS, suffix], input=to_json(MARKER), capture_output=True, check=True
+    )
+    assert done.stdout == once
+
+
+def test_another_marker_gives_other_bytes(suffix):
+    first, *rest = MARKER.control_points
+    other = replace(MARKER, control_points=(replace(first, x=first.x + 1e-5), *rest))
+    assert EXPORTERS[suffix](other, ExportOptions()).data != EXPORTERS[suffix](MARKER, ExportOptions()).data
+
+
+def test_bare_points_are_refused_by_all_but_the_marker_itself(suffix):
+    if suffix in HOLDS_POINTS:
+        assert EXPORTERS[suffix](BARE, ExportOptions()).data
+    else:
+        with pytest.raises(InputError, match="diameter 0"):
+            EXPORTERS[suffix](BARE, ExportOptions())
+
+
+def test_no_time_and_no_place_in_the_bytes(suffix, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    data = EXPORTERS[suffix](MARKER, ExportOptions()).data
+    assert str(tmp_path).encode() not in data
+    assert b"/tmp" not in data

@@ -1,0 +1,51 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from markergen.drawing.scene import Disk, Line, Outline, bounds, marker_name, marker_scene, moved
+from markergen.errors import InputError
+
+
+def test_scene_of_a_marker_is_its_dots_in_mm(make_ngon):
+    marker = make_ngon(5, 0.15, 0.036)
+    scene = marker_scene(marker)
+    disks = list(scene)
+    assert [disk.name for disk in disks] == [f"dot-{i}" for i in range(5)]
+    assert scene["dots"] == tuple(disks)
+    assert scene["nothing"] == ()
+    # Rounded to 1e-9 mm on the way to millimetres.
+    np.testing.assert_allclose([(d.x, d.y) for d in disks], marker.xyz[:, :2] * 1e3, atol=1e-9, rtol=0)
+    assert [d.radius for d in disks] == [18.0] * 5
+    assert [d.inner_radius for d in disks] == [9.0, 0.0, 0.0, 0.0, 0.0]
+
+
+def test_bare_points_and_relief_are_refused(make_ngon):
+    with pytest.raises(InputError, match=r"control point 0 without a dot .*--dot above 0"):
+        marker_scene(make_ngon(4, 0.15, 0.0))
+    flat = make_ngon(4, 0.15, 0.02)
+    raised = replace(
+        flat, control_points=(*flat.control_points[:2], replace(flat.control_points[2], z=0.01), flat.control_points[3])
+    )
+    with pytest.raises(InputError, match="control point 2 at z=10 mm"):
+        marker_scene(raised)
+
+
+def test_bounds_hold_the_ink():
+    assert bounds(Disk(1, 2, 3)) == (-2, -1, 4, 5)
+    assert bounds(Line(((0, 0), (10, 0)), 0.5)) == (-0.25, -0.25, 10.25, 0.25)
+    assert bounds(Outline((("M", ((0, 1),)), ("Q", ((5, 9), (2, 2))), ("Z", ())))) == (0, 1, 5, 9)
+    with pytest.raises(ValueError):
+        bounds(Outline(()))
+
+
+def test_moved_keeps_the_rest():
+    assert moved(Disk(1, 2, 3, 1, "a", "#123456"), 10, -1) == Disk(11, 1, 3, 1, "a", "#123456")
+
+
+@pytest.mark.parametrize(
+    ("found", "name"),
+    [("1a2b3c4d", "markergen-1a2b3c4d"), ("a<b>&'\x00\n;#1", "markergen-ab1"), ("x" * 99, "markergen-" + "x" * 16)],
+)
+def test_name_is_safe_in_every_format(make_ngon, found, name):
+    assert marker_name(replace(make_ngon(4, 0.1, 0.01), provenance={"spec_hash": found})) == name

@@ -1,0 +1,270 @@
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from markergen.drawing.furniture import CENTROID_PULL, Frame
+from markergen.drawing.paper import ISO, PAPERS
+from markergen.drawing.scene import WHITE, Disk, Line, Outline, bounds
+from markergen.drawing.sheet import Sheet, sheet_for
+from markergen.drawing.text import text, text_width
+from markergen.errors import InputError
+from markergen.model.marker import Marker
+
+PRINTER_MARGIN = 8.0
+ROUNDING = 1e-6  # mm; sums of doubles of a few hundred mm
+
+
+def named(sheet: Sheet) -> dict:
+    shapes = {shape.name: shape for shape in sheet.scene}
+    assert len(shapes) == len(list(sheet.scene)), "names are unique, for they become ids"
+    return shapes
+
+
+def segment_distance(point: np.ndarray, line: Line) -> float:
+    """Smallest distance of a point to the stroke's axis."""
+    starts, ends = np.array(line.points[:-1]), np.array(line.points[1:])
+    way = ends - starts
+    t = np.clip(np.sum((point - starts) * way, axis=1) / np.sum(way**2, axis=1), 0, 1)
+    return float(np.min(np.linalg.norm(starts + t[:, None] * way - point, axis=1)))
+
+
+def box_distance(points: np.ndarray, box: tuple) -> float:
+    """Smallest distance of points (..., 2) to a box; 0 inside."""
+    beyond = np.maximum(np.maximum(np.array(box[:2]) - points, points - np.array(box[2:])), 0)
+    return float(np.min(np.hypot(beyond[..., 0], beyond[..., 1])))
+
+
+def along(line: Line) -> np.ndarray:
+    """Points of a line, 20 per segment."""
+    t = np.linspace(0, 1, 20)[:, None, None]
+    return (1 - t) * np.array(line.points[:-1]) + t * np.array(line.points[1:])
+
+
+def check_sheet(marker: Marker, sheet: Sheet) -> None:
+    """Dots in place and whole, quiet zones blank and on the paper, the margin white, numbers apart from all ink."""
+    dots = sheet.scene["dots"]
+    expected = marker.xyz[:, :2] * 1e3 + sheet.origin_mm
+    np.testing.assert_allclose([(d.x, d.y) for d in dots], expected, atol=ROUNDING, rtol=0)
+    width, height = sheet.paper.width, sheet.paper.height
+    others = [shape for shape in sheet.scene if shape.name not in {d.name for d in dots}]
+    crosses = [shape for shape in others if shape.name.startswith("center")]
+    boxes = {id(shape): bounds(shape) for shape in others}
+    for dot in dots:
+        center, quiet = np.array([dot.x, dot.y]), 2 * dot.radius
+        assert quiet - ROUNDING <= dot.x <= width - quiet + ROUNDING
+        assert quiet - ROUNDING <= dot.y <= height - quiet + ROUNDING
+        for shape in others:
+            if shape in crosses and np.hypot(*(center - sheet.origin_mm)) < dot.radius:
+                continue
+            if isinstance(shape, Line):
+                gap = segment_distance(center, shape) - shape.width / 2
+            else:
+                gap = box_distance(center, boxes[id(shape)])
+            assert gap >= quiet - ROUNDING, f"{shape.name} is in the quiet zone of {dot.name}"
+    for shape in sheet.scene:
+        left, bottom, right, top = bounds(shape)
+        white = min(left, bottom, width - right, height - top)
+        assert white >= PRINTER_MARGIN, f"{shape.name} is {white:.2f} mm from the edge"
+    numbers = [shape for shape in others if shape.name.startswith("number-")]
+    for number in numbers:
+        box = boxes[id(number)]
+        for other in others:
+            if other is number or other in crosses:
+                continue
+            if isinstance(other, Line):
+                assert box_distance(along(other), box) > other.width / 2, (number.name, other.name)
+            else:
+                assert apart(box, boxes[id(other)]), (number.name, other.name)
+    missing = {str(p.id) for p in marker.control_points} - {n.name.removeprefix("number-") for n in numbers}
+    assert all(any(f" {name}" in note for note in sheet.notes) for name in missing)
+
+
+def apart(a: tuple, b: tuple) -> bool:
+    return a[2] < b[0] or b[2] < a[0] or a[3] < b[1] or b[3] < a[1]
+
+
+@pytest.mark.parametrize("n", [4, 5, 8, 12])
+@pytest.mark.parametrize(("radius", "diameter"), [(0.15, 0.036), (0.04, 0.01), (0.085, 0.016)])
+def test_regular_markers(make_ngon, n, radius, diameter):
+    marker = make_ngon(n, radius, diameter)
+    sheet = sheet_for(marker)
+    check_sheet(marker, sheet)
+    assert sum(shape.name.startswith("number-") for shape in sheet.scene) == n
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    count=st.integers(4, 14),
+    seed=st.integers(0, 2**32 - 1),
+    radius=st.floats(0.02, 0.3),
+    share=st.floats(0.02, 0.3),
+    scatter=st.floats(0.2, 1.0),
+    paper=st.sampled_from([None, "A0", "A0-landscape"]),
+)
+def test_random_layouts_keep_every_quiet_zone(make_marker, count, seed, radius, share, scatter, paper):
+    diameter = share * radius
+    rng = np.random.default_rng(seed)
+    points: list[np.ndarray] = []
+    for _ in range(200):
+        r, phi = scatter * (radius - 0.6 * diameter) * np.sqrt(rng.random()), 2 * np.pi * rng.random()
+        candidate = r * np.array([np.cos(phi), np.sin(phi)])
+        if len(points) < count and all(np.hypot(*(candidate - p)) > 1.1 * diameter for p in points):
+            points.append(candidate)
+    marker = make_marker(np.array(points), radius, diameter)
+    check_sheet(marker, sheet_for(marker, paper))
+
+
+@pytest.mark.parametrize(
+    ("radius", "paper"), [(0.04, "A5"), (0.085, "A4"), (0.1, "A3"), (0.15, "A2"), (0.25, "A1"), (0.38, "A0")]
+)
+def test_smallest_iso_paper_that_holds_the_marker(make_ngon, radius, paper):
+    marker = make_ngon(5, radius, radius / 8)
+    sheet = sheet_for(marker)
+    assert sheet.paper == PAPERS[paper.lower()]
+    smaller = [p.name for p in ISO[: [p.name for p in ISO].index(paper)]]
+    for name in smaller:
+        with pytest.raises(InputError, match=f"found {name} .*use --paper {paper}"):
+            sheet_for(marker, name)
+
+
+def test_notes_say_which_paper_and_why(make_ngon):
+    sheet = sheet_for(make_ngon(5, 0.15, 0.036))
+    assert sheet.notes[0] == "The marker needs A2 (420 x 594 mm): its disk is 300 mm across."
+    assert "200 mm" in sheet.notes[1]
+    larger = sheet_for(make_ngon(5, 0.15, 0.036), "A1")
+    assert larger.notes[0] == "The marker stands on A1 (594 x 841 mm): its disk is 300 mm across."
+
+
+def test_too_small_paper_says_the_size_needed(make_ngon):
+    with pytest.raises(InputError, match=r"at least 3\d\d x 3\d\d mm .* found A4 \(210 x 297 mm\); use --paper A2"):
+        sheet_for(make_ngon(5, 0.15, 0.036), "A4")
+    with pytest.raises(InputError, match=r"A0 paper .* 2000 mm across that needs \d+ x \d+ mm; .*\.step"):
+        sheet_for(make_ngon(5, 1.0, 0.1))
+    with pytest.raises(InputError, match="no known paper"):
+        sheet_for(make_ngon(5, 1.0, 0.1), "A4")
+
+
+def test_unknown_paper_and_bare_points(make_ngon):
+    with pytest.raises(InputError, match="did you mean 'A4'"):
+        sheet_for(make_ngon(5, 0.05, 0.01), "A44")
+    with pytest.raises(InputError, match="diameter 0"):
+        sheet_for(make_ngon(5, 0.05, 0.0))
+
+
+@pytest.mark.parametrize("paper", sorted(PAPERS))
+def test_every_paper_has_a_whole_ruler_and_words_to_check_it_by(make_ngon, paper):
+    sheet = sheet_for(make_ngon(4, 0.03, 0.008), paper)
+    shapes = named(sheet)
+    check_sheet(make_ngon(4, 0.03, 0.008), sheet)
+    length = sheet.ruler_mm
+    frame = Frame(sheet.paper)
+    assert length % 50 == 0
+    assert 50 <= length <= 200
+    ticks = {mm: shapes[f"ruler-{mm}"].points[0][0] for mm in range(0, int(length) + 1, 10)}
+    assert f"ruler-{int(length) + 10}" not in shapes
+    assert all(x - ticks[0] == pytest.approx(mm, abs=1e-9) for mm, x in ticks.items())
+    assert [name for name in shapes if name.startswith("ruler-number")] == [
+        f"ruler-number-{mm}" for mm in range(0, int(length) + 1, 50)
+    ]
+    # The longest that fits: 50 mm more would run into the axes.
+    assert length == 200 or ticks[0] + length + 50 > bounds(shapes["axes-y-label"])[0] - 10 * frame.scale
+    words = f"This ruler must measure {length:g} mm."
+    first = shapes["ruler-words-0"]
+    opening = text(words, frame.margin, first.segments[0][1][0][1], 1.6 * frame.scale)
+    assert len(first.segments) >= len(opening.segments)
+
+
+@pytest.mark.parametrize("paper", sorted(PAPERS))
+def test_nothing_around_the_marker_overlaps(make_ngon, paper):
+    sheet = sheet_for(make_ngon(4, 0.03, 0.008), paper)
+    furniture = [s for s in sheet.scene["text"] if not s.name.startswith("number-")]
+    furniture += [s for s in sheet.scene["marks"] if s.name in {"rule", "axes-x", "axes-y", "ruler"}]
+    joined = [{"axes-x", "axes-y"}]
+    for a, b in combinations(furniture, 2):
+        assert {a.name, b.name} in joined or apart(bounds(a), bounds(b)), (a.name, b.name)
+
+
+def test_caption_holds_the_facts(make_ngon):
+    marker = make_ngon(5, 0.15, 0.036)
+    sheet = sheet_for(marker)
+    shapes, frame = named(sheet), Frame(sheet.paper)
+    for name, words in {
+        "block-dots": "5",
+        "block-dot-diameter": "36 mm",
+        "block-size": "300 mm across",
+        "block-scale": "1 : 1, print at 100 %",
+    }.items():
+        x = shapes[name].segments[0][1][0][0] - text(words, 0, 0, 1.9 * frame.scale).segments[0][1][0][0]
+        assert shapes[name] == text(words, x, frame.margin, 1.9 * frame.scale, name=name) or np.allclose(
+            shapes[name].path_points, text(words, x, frame.margin, 1.9 * frame.scale).path_points, atol=1e-9
+        )
+    right = bounds(shapes["block-made-with"])[2]
+    assert frame.right - 1 < right <= frame.right + 1e-9
+    assert text_width("markergen", 1.9 * frame.scale) > 0
+
+
+def test_axes_point_right_and_up(make_ngon):
+    shapes = named(sheet_for(make_ngon(5, 0.15, 0.036)))
+    (x0, y0), (x1, y1) = shapes["axes-x"].points
+    assert x1 > x0
+    assert y1 == y0
+    (x0, y0), (x1, y1) = shapes["axes-y"].points
+    assert y1 > y0
+    assert x1 == x0
+    assert isinstance(shapes["axes-x-head"], Outline)
+    assert bounds(shapes["axes-x-label"])[0] > bounds(shapes["axes-x-head"])[2]
+    assert bounds(shapes["axes-y-label"])[1] > bounds(shapes["axes-y-head"])[3]
+
+
+def test_axis_ticks_start_on_the_boundary_where_it_is_free(make_ngon):
+    sheet = sheet_for(make_ngon(5, 0.15, 0.036))
+    shapes, (x, y) = named(sheet), sheet.origin_mm
+    assert shapes["axis+x"].points[0] == pytest.approx((x + 150, y), abs=1e-9)
+    assert shapes["axis-x"].points[0] == pytest.approx((x - 150, y), abs=1e-9)
+    assert shapes["axis-y"].points[0] == pytest.approx((x, y - 150), abs=1e-9)
+    # The key dot stands at the top: the tick moves out of its quiet zone and stays on the axis.
+    assert shapes["axis+y"].points[0][0] == pytest.approx(x, abs=1e-9)
+    assert shapes["axis+y"].points[0][1] > y + 128.4 + 36
+
+
+def test_center_cross_is_black_on_paper_white_on_a_dot_and_left_out_beside_one(make_marker):
+    far = np.array([[0.1, 0], [-0.1, 0], [0, 0.1], [0, -0.1]])
+
+    def crosses(points: np.ndarray) -> list:
+        scene = sheet_for(make_marker(points, 0.15, 0.03)).scene
+        return [shape for shape in scene if shape.name.startswith("center")]
+
+    assert [cross.color for cross in crosses(far)] == ["#000000"] * 2
+    assert [cross.color for cross in crosses(np.concatenate([far, [[0, 0]]]))] == [WHITE] * 2
+    assert crosses(np.concatenate([far, [[0.02, 0]]])) == []
+    # In the hole of the ring it is black again.
+    in_hole = crosses(np.concatenate([[[0, 0]], far]))
+    assert [cross.color for cross in in_hole] == ["#000000"] * 2
+    assert all(bounds(cross)[2] - bounds(cross)[0] < 15 for cross in in_hole)
+
+
+@pytest.mark.parametrize("offset", [0.001, 0.003, 0.006, 0.009, 0.0149])
+def test_white_cross_leaves_the_center_of_gravity_alone(make_marker, offset):
+    points = np.array([[0.1, 0], [-0.1, 0], [0, 0.1], [0, -0.1], [offset, 0]])
+    sheet = sheet_for(make_marker(points, 0.15, 0.03))
+    crosses = [shape for shape in sheet.scene if shape.name.startswith("center")]
+    area = sum(np.hypot(*np.subtract(c.points[1], c.points[0])) * c.width for c in crosses)
+    assert area * offset * 1e3 / (np.pi * 15**2) <= CENTROID_PULL * (1 + 1e-9)
+    disk = next(d for d in sheet.scene["dots"] if d.name == "dot-4")
+    assert all(segment_distance(np.array([disk.x, disk.y]), c) < disk.radius for c in crosses)
+
+
+def test_same_marker_gives_an_equal_sheet(make_ngon):
+    assert sheet_for(make_ngon(7, 0.1, 0.02)) == sheet_for(make_ngon(7, 0.1, 0.02))
+
+
+def test_dots_that_have_no_room_for_a_number_are_named(make_marker):
+    # Seven dots packed like coins: the middle one's surroundings are all quiet zone.
+    angles = np.arange(6) * np.pi / 3
+    ring = 0.022 * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    sheet = sheet_for(make_marker(np.concatenate([ring, [[0, 0]]]), 0.1, 0.02))
+    assert isinstance(sheet.scene["dots"][6], Disk)
+    assert sheet.notes[-1].startswith("Dot 6 has no room for a number")
