@@ -1,6 +1,7 @@
 """What many tests start from: the paper's setting, and the regular pentagon that `design` makes of it."""
 
 import os
+from collections.abc import Callable
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -23,19 +24,35 @@ def setting() -> Setting:
     return Setting(boundary, PAPER_CAMERA, paper().seen_whole(boundary, PAPER_CAMERA))
 
 
-def make_marker(points: np.ndarray, diameter: float = 0.036, clearance: float = 0.0036, radius: float = 0.15) -> Marker:
+def build_marker(points: np.ndarray, radius: float, diameter: float) -> Marker:
+    """Marker with dots at points (n, 2) in m, the first one a ring; clearance a tenth of the diameter."""
     return Marker(
         tuple(
-            ControlPoint(i, float(x), float(y), 0.0, Feature(diameter) if i else key_ring(diameter))
+            ControlPoint(i, float(x), float(y), 0.0, key_ring(diameter) if i == 0 and diameter else Feature(diameter))
             for i, (x, y) in enumerate(points)
         ),
         Circle(radius),
-        clearance,
-        provenance={"spec_hash": "0123abcd"},
+        diameter / 10,
+        provenance={"spec_hash": "1a2b3c4d"},
     )
+
+
+def build_ngon(n: int, radius: float, diameter: float) -> Marker:
+    """Regular n-gon, as far out as dots and clearance allow."""
+    return build_marker(regular_polygon(n, radius - 0.6 * diameter), radius, diameter)
+
+
+@pytest.fixture(scope="session")
+def make_marker() -> Callable[..., Marker]:
+    return build_marker
+
+
+@pytest.fixture(scope="session")
+def make_ngon() -> Callable[..., Marker]:
+    return build_ngon
 
 
 @pytest.fixture(scope="session")
 def pentagon() -> Marker:
-    """Five dots of 36 mm, evenly on the rim that they and their clearance leave."""
-    return make_marker(regular_polygon(5, 0.1284))
+    """What `design` makes of its defaults."""
+    return build_ngon(5, 0.15, 0.036)

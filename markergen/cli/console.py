@@ -62,6 +62,8 @@ def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]
 
 def print_criteria(table: Mapping[str, Mapping[str, float]], n: int) -> None:
     """Print the criteria of a design beside those of the layouts that it is compared with."""
+    from markergen.validate.tables import number
+
     rows = [
         [
             LAYOUTS[name].replace("n-gon", f"{n}-gon"),
@@ -83,6 +85,13 @@ def print_outputs(written: Sequence[tuple[Path, Sequence[str]]]) -> None:
         print(f"wrote {path}", *notes, sep="\n  ")
 
 
-def number(value: float | None, digits: int = 4) -> str:
-    """Write a number with that many significant digits; a dash where there is none."""
-    return "-" if value is None else f"{value:#.{digits}g}".rstrip(".")
+def print_results(results: Mapping[str, Any]) -> None:
+    """Print what a validation found, as tables and sentences."""
+    from markergen.validate import tables
+
+    if results["estimators"]:
+        print_table(*tables.estimator_table(results))
+        print_table(*tables.polar_angle_table(results))
+        print_table(*tables.homography_table(results))
+    print_table(*tables.comparison_table(results))
+    print(*tables.sentences(results), sep="\n")

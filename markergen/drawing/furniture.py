@@ -229,7 +229,7 @@ def title_block(frame: Frame, marker: Marker) -> Drawn:
     scale, left = frame.scale, frame.margin
     across = f"{marker.boundary.radius * 2e3:.6g} mm across"
     columns = [
-        ("marker", marker_name(marker).removeprefix("markergen-"), "bold"),
+        ("spec", marker_name(marker).removeprefix("markergen-"), "bold"),
         ("dots", str(len(marker)), "regular"),
         ("dot diameter", f"{marker.dot_diameter * 1e3:.6g} mm", "regular"),
         ("size", across, "regular"),

@@ -1,0 +1,27 @@
+"""The paper's objective and ours on the same job: where they agree, and where they part.
+
+    python examples/condition_against_pose.py
+"""
+
+import argparse
+
+from markergen.model.spec import Spec
+from markergen.optimize.design import design
+
+
+def main(counts: list[int]) -> None:
+    """Design bare points with both objectives and print the RMS rotation bound of each, for noise of 1 px."""
+    print(" n  condition  pose   regular polygon   (RMS rotation bound in degrees)")
+    for n in counts:
+        bounds = {}
+        for objective in ("condition", "pose"):
+            found = design(Spec(n=n, objective=objective, dot=0.0, clearance=0.0))
+            bounds[objective] = found.criteria["design"]["rotation_deg"]
+            bounds["ngon"] = found.criteria["ngon"]["rotation_deg"]
+        print(f"{n:>2} {bounds['condition']:>10.3f} {bounds['pose']:>6.3f} {bounds['ngon']:>11.3f}")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("n", type=int, nargs="*", default=[4, 5, 6, 8])
+    main(parser.parse_args().n)

@@ -1,0 +1,152 @@
+"""What every estimator is given and what it returns: batches of correspondences, batches of estimates."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, ClassVar, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.maths.projection import perspective, to_camera, to_pixels
+from markergen.model.camera import Camera
+
+Array = NDArray[np.float64]
+E = TypeVar("E")
+
+COLLINEAR = 1e-6
+"""Points whose spread across their main direction is below this share of the spread along it count as collinear."""
+
+
+@dataclass(frozen=True)
+class PoseEstimates:
+    """Poses T_camera_marker of T trials, k solutions each, best first; nan where there is no solution.
+
+    Attributes
+    ----------
+    rotation : array (T, k, 3, 3)
+    translation : array (T, k, 3), m
+    """
+
+    rotation: Array
+    translation: Array
+
+    @property
+    def best(self) -> tuple[Array, Array]:
+        """Rotation (T, 3, 3) and translation (T, 3) of the solution with the least reprojection error."""
+        return self.rotation[:, 0], self.translation[:, 0]
+
+
+@dataclass(frozen=True, eq=False)
+class Correspondences:
+    """One layout seen in T images.
+
+    Attributes
+    ----------
+    object_points : array (n, 2 or 3), m, marker frame; n is 4 or more
+    image_points : array (T, n, 2), px
+    camera : Camera
+
+    Raises
+    ------
+    InputError
+        If the shapes do not fit or there are fewer than four points.
+    """
+
+    object_points: Array
+    image_points: Array
+    camera: Camera
+    _solved: dict["Estimator[Any]", Any] = field(default_factory=dict, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        n = len(self.object_points)
+        if n < 4 or self.object_points.shape[1:] not in [(2,), (3,)] or self.image_points.shape[1:] != (n, 2):
+            raise InputError(
+                "object points (n, 2 or 3) and image points (T, n, 2) with n >= 4",
+                f"{self.object_points.shape} and {self.image_points.shape}",
+                "give four or more correspondences",
+            )
+
+    def once(self, estimator: "Estimator[E]") -> E:
+        """Solve with `estimator`, or hand out what it found before, so that LM and IPPE share one solution of IPPE.
+
+        Raises
+        ------
+        InputError
+            If the points do not lie in one plane and the estimator can do only with those that do.
+        """
+        if estimator.planar_only and not self.planar:
+            raise InputError(
+                f"control points in the marker's plane for {estimator.name}",
+                "a relief",
+                "use an estimator for points in space, such as sqpnp",
+            )
+        if estimator not in self._solved:
+            self._solved[estimator] = estimator.solve(self)
+        result: E = self._solved[estimator]
+        return result
+
+    @property
+    def planar(self) -> bool:
+        """True if all control points lie in the marker's plane, z = 0."""
+        return self.object_points.shape[1] == 2 or not self.object_points[:, 2].any()
+
+    @cached_property
+    def xyz(self) -> Array:
+        """Object points (n, 3), m."""
+        missing = 3 - self.object_points.shape[1]
+        return np.pad(np.asarray(self.object_points, dtype=float), ((0, 0), (0, missing)))
+
+    @cached_property
+    def solvable(self) -> NDArray[np.bool_]:
+        """Mask (T,) of the trials with finite points that are neither coincident nor collinear, here or there."""
+        finite = np.asarray(np.isfinite(self.image_points).all(axis=(-2, -1)))
+        images = np.where(finite[:, None, None], self.image_points, 0.0)
+        return finite & _spread(images) & _spread(self.xyz)
+
+    def reprojection_error(self, rotation: Array, translation: Array) -> Array:
+        """Mean squared distance (T,) in px^2 between image points and reprojected object points.
+
+        inf for a pose (T, 3, 3), (T, 3) that is not finite or puts a point behind the camera.
+        """
+        seen = to_camera(self.xyz, rotation, translation)
+        in_front = np.all(seen[..., 2] > 0, axis=-1)
+        seen = np.where(in_front[:, None, None], seen, 1.0)
+        residual = to_pixels(perspective(seen), self.camera.matrix) - self.image_points
+        return np.where(in_front, np.mean(np.sum(residual**2, axis=-1), axis=-1), np.inf)
+
+
+class Estimator(ABC, Generic[E]):
+    """An entry of the table: solves a whole batch at once and never raises for points that have no solution.
+
+    Attributes
+    ----------
+    name : str
+    planar_only : bool
+        True if it can do only with control points in one plane.
+    """
+
+    name: ClassVar[str]
+    planar_only: ClassVar[bool] = False
+
+    @abstractmethod
+    def solve(self, batch: Correspondences) -> E:
+        """Estimate from every trial of the batch, nan where there is no solution; called by `Correspondences.once`."""
+
+
+class PoseEstimator(Estimator[PoseEstimates]):
+    """Estimates poses."""
+
+
+class HomographyEstimator(Estimator[Array]):
+    """Estimates homographies (T, 3, 3) from marker plane (m) to image (px)."""
+
+    planar_only = True
+
+
+def _spread(points: Array) -> NDArray[np.bool_]:
+    """True where points (..., n, 2 or 3) span two directions."""
+    centred = points - points.mean(axis=-2, keepdims=True)
+    scatter = np.linalg.eigvalsh(centred.swapaxes(-1, -2) @ centred)
+    return np.asarray(scatter[..., -2] > COLLINEAR**2 * scatter[..., -1], dtype=bool)

@@ -1,0 +1,34 @@
+"""IPPE (Collins & Bartoli 2014), OpenCV's: both poses that a plane's homography allows to first order."""
+
+import numpy as np
+
+from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimates, PoseEstimator
+from markergen.estimators.decomposition import decompose_homography
+from markergen.estimators.dlt import DLT
+from markergen.estimators.opencv import best_first, solve_each
+from markergen.maths.information import mirrored_rotation
+
+
+class Ippe(PoseEstimator):
+    """IPPE as OpenCV has it, both solutions kept; where that gives nan, the pose of the homography and its mirror.
+
+    OpenCV divides 0 by 0 where the two solutions coincide, as they do from the front.
+    """
+
+    name = "ippe"
+    planar_only = True
+
+    def solve(self, batch: Correspondences) -> PoseEstimates:
+        """Poses of the batch, two solutions each, the better first."""
+        found = solve_each(batch, "IPPE", solutions=2)
+        lost = np.isnan(found.translation[:, 0, 0])
+        if not lost.any():
+            return found
+        rotation, translation = decompose_homography(batch.once(DLT)[lost], batch.camera.matrix)
+        found.rotation[lost] = np.stack([rotation, mirrored_rotation(rotation, translation)], axis=1)
+        found.translation[lost] = translation[:, None]
+        return best_first(batch, found.rotation, found.translation)
+
+
+IPPE = Ippe()
+ESTIMATORS.register(IPPE.name)(IPPE)

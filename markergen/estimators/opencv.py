@@ -1,0 +1,81 @@
+"""cv2.solvePnPGeneric over a batch, away from the poses in which it goes wrong.
+
+Only the bare call stands in the loop; everything before and after it is done for the whole batch.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.estimators.base import Correspondences, PoseEstimates
+from markergen.maths.rotation import exponential, turn_z
+
+Array = NDArray[np.float64]
+
+AWAY = np.diag([1.0, -1.0, -1.0])
+"""Half turn about x: the marker's z then points away from the camera, and an upright frontal marker has R = I."""
+MOST_SOLUTIONS = 18
+"""The most that any method of OpenCV returns; SQPnP has room for this many."""
+
+
+def solve_each(batch: Correspondences, method: str, solutions: int = 1) -> PoseEstimates:
+    """Poses of every trial by the method cv2.SOLVEPNP_`method`, k = `solutions` or more, best first; nan for none."""
+    import cv2
+
+    flag: int = getattr(cv2, f"SOLVEPNP_{method}")
+    matrix = batch.camera.matrix
+    objects, images, turn = prepare(batch)
+    found = np.full((len(images), MOST_SOLUTIONS, 2, 3), np.nan)
+    for trial in np.flatnonzero(batch.solvable):
+        try:
+            count, vectors, translations, _ = cv2.solvePnPGeneric(
+                objects[trial], images[trial], matrix, None, flags=flag
+            )
+        except cv2.error:
+            count = 0
+        if not count:
+            continue
+        solutions = max(solutions, count)
+        for k in range(count):
+            found[trial, k, 0], found[trial, k, 1] = vectors[k][:, 0], translations[k][:, 0]
+    found = found[:, :solutions]
+    return best_first(batch, exponential(found[:, :, 0]) @ turn[:, None], found[:, :, 1])
+
+
+def prepare(batch: Correspondences) -> tuple[Array, Array, Array]:
+    """Object points (T, n, 3), image points (T, n, 2) and turn (T, 3, 3) for OpenCV: R_marker = R_opencv turn.
+
+    OpenCV's IPPE is wrong, and says success, where the rotation it has to find is a half turn about the optical axis
+    or the marker's z points toward the camera. So the object is turned to have z away and to lie in its plane as the
+    image shows it (the Procrustes angle between both), and the rotation is turned back afterwards.
+    """
+    images = np.where(batch.solvable[:, None, None], batch.image_points, 0.0)
+    away = batch.xyz @ AWAY
+    turn = turn_z(_procrustes_angle(away[:, :2], images))
+    return np.ascontiguousarray(away @ turn.swapaxes(-1, -2)), images, turn @ AWAY
+
+
+def best_first(batch: Correspondences, rotation: Array, translation: Array) -> PoseEstimates:
+    """Order the solutions (T, k, 3, 3), (T, k, 3) of every trial by reprojection error, nan for one not finite last.
+
+    OpenCV orders IPPE's solutions so, except that it takes one behind the camera for as good as one in front, but not
+    SQPnP's, whose first is off by a radian in some layouts of four points.
+    """
+    finite = np.asarray(np.isfinite(rotation).all(axis=(-2, -1)) & np.isfinite(translation).all(axis=-1))
+    rotation = np.where(finite[..., None, None], rotation, np.nan)
+    translation = np.where(finite[..., None], translation, np.nan)
+    solutions = rotation.shape[1]
+    if solutions > 1:
+        errors = [batch.reprojection_error(rotation[:, k], translation[:, k]) for k in range(solutions)]
+        order = np.lexsort((np.stack(errors, axis=1), ~finite), axis=1)
+        rotation = np.take_along_axis(rotation, order[..., None, None], axis=1)
+        translation = np.take_along_axis(translation, order[..., None], axis=1)
+    return PoseEstimates(rotation, translation)
+
+
+def _procrustes_angle(points: Array, images: Array) -> Array:
+    """Angle (T,) in rad that turns points (n, 2) nearest to images (T, n, 2), both about their centroids."""
+    points = points - points.mean(axis=0)
+    images = images - images.mean(axis=1, keepdims=True)
+    sine = np.sum(points[:, 0] * images[..., 1] - points[:, 1] * images[..., 0], axis=-1)
+    cosine = np.sum(points * images, axis=(-2, -1))
+    return np.asarray(np.arctan2(sine, cosine))

@@ -1,0 +1,1 @@
+"""How well a marker does: trials with noise against the bounds, synthetic views, and checks of the results."""

@@ -1,0 +1,99 @@
+"""Checks such as ``estimators.lm.rotation_deg.rms > 0.5`` on the JSON form of results."""
+
+import math
+import operator
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from markergen.errors import InputError
+
+OPERATORS = {">": operator.gt, ">=": operator.ge, "<": operator.lt, "<=": operator.le}
+
+_EXPRESSION = re.compile(r"\s*([^\s<>=]+)\s*(>=|<=|>|<)\s*([^\s<>=]+)\s*")
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+
+
+def check(expression: str, results: Mapping[str, Any]) -> tuple[bool, str]:
+    """Evaluate what must not be: a path into the results, one of > >= < <=, and a number.
+
+    Parameters
+    ----------
+    expression : str
+        The parts of the path are joined by dots; a key that has dots itself is written as it is.
+    results : mapping
+        Plain JSON values.
+
+    Returns
+    -------
+    passed : bool
+        False if the comparison holds.
+    message : str
+        What was found, one line.
+
+    Raises
+    ------
+    InputError
+        If the expression is malformed, or the path leads to no number; the message lists what there is.
+
+    Examples
+    --------
+    >>> check("bound.by_polar_angle.17.5 > 0.5", {"bound": {"by_polar_angle": {"17.5": 0.61}}})
+    (False, 'bound.by_polar_angle.17.5 = 0.61 > 0.5')
+    """
+    match = _EXPRESSION.fullmatch(expression)
+    if match is None or not _NUMBER.fullmatch(match[3]):
+        raise InputError(
+            "a path, one of > >= < <=, and a number",
+            repr(expression),
+            "write for example 'estimators.lm.rotation_deg.rms > 0.5'",
+        )
+    path, sign, limit = match[1], match[2], float(match[3])
+    value = _number(path, results)
+    holds = OPERATORS[sign](value, limit)
+    relation = sign if holds else {">": "<=", ">=": "<", "<": ">=", "<=": ">"}[sign]
+    return not holds, f"{path} = {value:.6g} {relation} {match[3]}"
+
+
+def _number(path: str, results: Mapping[str, Any]) -> float:
+    found, reached, rest = _follow(results, path)
+    where = f"under {reached!r}" if reached else "in the results"
+    children = _children(found)
+    if children:
+        problem = repr(rest) if rest else "a group"
+        raise InputError(f"a path to a number {where}", problem, f"known there: {', '.join(children)}")
+    if rest:
+        raise InputError(f"a group {where}", f"no {rest!r} in it: {found!r} is a value", f"end the path at {reached!r}")
+    if found is None or (isinstance(found, float) and not math.isfinite(found)):
+        raise InputError(
+            f"a number at {path!r}",
+            "that it has no value here",
+            "choose another path, or poses and runs that give it a value",
+        )
+    if isinstance(found, bool) or not isinstance(found, int | float):
+        raise InputError(f"a number at {path!r}", repr(found), "choose a path that leads to a number")
+    return found
+
+
+def _follow(value: Any, path: str) -> tuple[Any, str, str]:
+    """Go as far as the path leads; return the value there, the path to it, and what is left of the path.
+
+    A key may contain dots, so every key that the path begins with is tried, and the way that leads farthest taken;
+    where two lead to the end, the one that ends at a value.
+    """
+    ways = [(value, "", path)]
+    for key, child in _children(value).items():
+        if path == key:
+            ways.append((child, key, ""))
+        elif path.startswith(key + "."):
+            found, reached, rest = _follow(child, path[len(key) + 1 :])
+            ways.append((found, f"{key}.{reached}" if reached else key, rest))
+    return min(ways, key=lambda way: (len(way[2]), len(_children(way[0])) > 0))
+
+
+def _children(value: Any) -> dict[str, Any]:
+    if isinstance(value, Mapping):
+        return {str(key): child for key, child in value.items()}
+    if isinstance(value, list):
+        return {str(index): child for index, child in enumerate(value)}
+    return {}

@@ -1,0 +1,130 @@
+"""Errors of estimates, the names for how an estimate can go wrong, and statistics that carry their count."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.maths.information import mirrored_rotation
+from markergen.maths.projection import apply_homography, to_camera
+from markergen.maths.rotation import angle_between, logarithm
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Statistics = dict[str, float | int | None]
+
+FLIP_SEPARATION = 6.0
+"""A flip is not called where pose and mirrored pose lie closer than this, in units of the rotation bound."""
+EFFICIENCY_LIMIT_DEG = 2.5
+"""Above this rotation bound the first-order bound itself does not hold, and an efficiency would mean nothing."""
+POSE_PARAMETERS = 6
+
+
+def rotation_error_deg(estimate: Array, rotation: Array) -> Array:
+    """RE (...): angle of R_hat^T R in degrees, for estimates (..., 3, 3); nan where the estimate is not finite."""
+    return np.rad2deg(angle_between(estimate, rotation))
+
+
+def translation_error_pct(estimate: Array, translation: Array) -> Array:
+    """TE (...): |t_hat - t|/|t| in percent, for estimates (..., 3)."""
+    return np.asarray(100 * np.linalg.norm(estimate - translation, axis=-1) / np.linalg.norm(translation, axis=-1))
+
+
+def homography_error_px2(estimate: Array, grid: Array, pixels: Array) -> Array:
+    """HE (T,): mean over the validation grid of the squared distance |x_j - pi(H_hat X_j)|^2 in px^2 (not its root).
+
+    Parameters
+    ----------
+    estimate : array (T, 3, 3)
+    grid : array (m, 2), m, marker frame
+    pixels : array (m, 2)
+        Where the grid is seen without noise.
+    """
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return np.asarray(np.mean(np.sum((pixels - apply_homography(estimate, grid)) ** 2, axis=-1), axis=-1))
+
+
+def validation_grid(radius: float, wider: float = 1.5, count: int = 7) -> Array:
+    """Even grid (count^2, 2) in m over the square of half-width `wider` * radius: wider than the marker itself."""
+    steps = np.linspace(-wider * radius, wider * radius, count)
+    return np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+
+
+def pose_failed(points: Array, rotation: Array, translation: Array, te_pct: Array) -> Mask:
+    """Failure (T,) of estimates (T, 3, 3), (T, 3): not finite, a point (n, 3) behind the camera, or TE over 100 %."""
+    in_front = np.all(to_camera(points, rotation, translation)[..., 2] > 0, axis=-1)
+    # A comparison with nan is false, so what is not finite has failed as well.
+    return np.asarray(~(in_front & (te_pct <= 100) & np.isfinite(rotation).all(axis=(-2, -1))))
+
+
+def homography_failed(points: Array, estimate: Array, he_px2: Array) -> Mask:
+    """Failure (T,) of estimates (T, 3, 3) with H[2, 2] = 1: not finite, or a point (n, 2) beyond the horizon."""
+    depth = points @ estimate[:, 2, :2].T + 1
+    return np.asarray(~(np.isfinite(he_px2) & np.all(depth > 0, axis=0)))
+
+
+def flipped(estimate: Array, rotation: Array, translation: Array) -> Mask:
+    """Tell which rotations (T, 3, 3) are nearer to the mirrored pose than to the true one (3, 3), (3,)."""
+    mirrored = mirrored_rotation(rotation, translation)
+    return np.asarray(angle_between(estimate, mirrored) < angle_between(estimate, rotation))
+
+
+def pose_nees(
+    rotation_estimate: Array, translation_estimate: Array, rotation: Array, translation: Array, information: Array
+) -> Array:
+    """NEES (T,): e' C^-1 e with e = (log(R_hat R^T), t_hat - t), and C^-1 the information (6, 6) at the true pose.
+
+    Its mean is 6 for an unbiased estimator that reaches the bound. The estimates must be finite.
+    """
+    error = np.concatenate([logarithm(rotation_estimate @ rotation.T), translation_estimate - translation], axis=-1)
+    return np.einsum("ti,ij,tj->t", error, information, error)
+
+
+def statistics(values: Array) -> Statistics:
+    """Count, mean, std, rms, median, 95th percentile and maximum of values of any shape; None where there are none."""
+    if not values.size:
+        return {"count": 0, **dict.fromkeys(["mean", "std", "rms", "median", "p95", "max"])}
+    median, p95 = np.quantile(values, [0.5, 0.95])
+    return {
+        "count": values.size,
+        "mean": float(np.mean(values)),
+        "std": float(np.std(values)),
+        "rms": float(np.sqrt(np.mean(values**2))),
+        "median": float(median),
+        "p95": float(p95),
+        "max": float(np.max(values)),
+    }
+
+
+def efficiency(rotation_deg: Array, kept: Mask, bound_deg: Array) -> float | None:
+    """Mean square of the rotation bound over that of the measured RE: 1 is as good as can be.
+
+    Parameters
+    ----------
+    rotation_deg, kept : arrays (P, T)
+        RE, and which trials count: neither failed nor flipped.
+    bound_deg : array (P,)
+        Rotation bound of each pose.
+
+    Returns
+    -------
+    float or None
+        None where the RMS bound is above 2.5 degrees (the first-order bound does not hold there), where it or the
+        errors are 0, or where no trial is left.
+    """
+    if not kept.any() or not np.sqrt(np.mean(bound_deg**2)) <= EFFICIENCY_LIMIT_DEG:
+        return None
+    measured = np.mean(rotation_deg[kept] ** 2)
+    # Each pose's bound counts as often as its trials do.
+    bound = np.average(bound_deg**2, weights=kept.sum(axis=1))
+    return float(bound / measured) if bound > 0 and measured > 0 else None
+
+
+def mean_nees_interval(count: int, confidence: float = 0.99) -> tuple[float, float]:
+    """Interval that holds the mean NEES of `count` trials with this probability if the covariance is right.
+
+    The sum of the trials' NEES is chi-square with 6 * count degrees of freedom.
+    """
+    from scipy.special import gammaincinv
+
+    tail = (1 - confidence) / 2
+    low, high = gammaincinv(POSE_PARAMETERS * count / 2, [tail, 1 - tail]) * 2 / count
+    return float(low), float(high)

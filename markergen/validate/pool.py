@@ -1,0 +1,105 @@
+"""A pool of processes that leaves nothing behind, whatever ends it."""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from typing import TypeVar
+
+from markergen.errors import MarkergenError
+
+C = TypeVar("C")
+R = TypeVar("R")
+
+BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+
+def processor_count() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def map_chunks(
+    function: Callable[[C], R], chunks: Sequence[C], workers: int, finished: Callable[[int], None]
+) -> list[R]:
+    """Return function(chunk) of every chunk, computed by `workers` processes; 1 computes in this process.
+
+    Calls finished(index) as each chunk is done. Whatever interrupts the caller ends the workers at once.
+
+    Raises
+    ------
+    MarkergenError
+        If a worker ends early: out of memory, or a script that does not guard its entry point.
+    """
+    results: dict[int, R] = {}
+    if workers == 1:
+        for index, chunk in enumerate(chunks):
+            results[index] = function(chunk)
+            finished(index)
+        return list(results.values())
+    others = set(multiprocessing.active_children())
+    # A fresh interpreter, because fork would copy the locks that threads of BLAS and OpenCV hold at that moment.
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_start_worker)
+    try:
+        with _inherited_by_workers():
+            futures = {pool.submit(function, chunk): index for index, chunk in enumerate(chunks)}
+        for future in as_completed(futures):
+            index = futures[future]
+            results[index] = future.result()
+            finished(index)
+    except BaseException as error:
+        for child in set(multiprocessing.active_children()) - others:
+            child.terminate()
+        if isinstance(error, BrokenProcessPool):
+            raise MarkergenError(
+                "expected worker processes that stay alive, found one that ended early; use one worker, or put a"
+                ' script\'s entry under if __name__ == "__main__"'
+            ) from error
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+    return [results[index] for index in range(len(chunks))]
+
+
+@contextmanager
+def _inherited_by_workers() -> Iterator[None]:
+    """Start processes with one thread of BLAS each, and deaf to Ctrl-C: that is for the parent to answer.
+
+    BLAS reads its variables when numpy is imported, which in a worker is before any code of ours. A signal that is
+    blocked, other than one that is ignored, still reaches the parent afterwards.
+    """
+    before = {name: os.environ.get(name) for name in BLAS_THREADS}
+    os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
+    can_block = hasattr(signal, "pthread_sigmask")
+    if can_block:
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+        if can_block:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+def _start_worker() -> None:
+    import cv2
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    cv2.setNumThreads(1)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """Leave no worker waiting for work from a parent that was killed."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

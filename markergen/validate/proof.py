@@ -1,0 +1,123 @@
+"""The whole proof of a marker: trials, bounds, criteria, the layouts beside it, and synthetic views."""
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.model.feature import Feature, key_ring
+from markergen.model.marker import ControlPoint, Marker
+from markergen.model.poses import PRESETS
+from markergen.model.spec import Spec
+from markergen.objectives import OBJECTIVES, Setting
+from markergen.objectives.criteria import Criteria
+from markergen.optimize.comparisons import comparison_layouts
+from markergen.optimize.design import compare
+from markergen.optimize.region import Region
+from markergen.read.spec_file import spec_from_mapping
+from markergen.validate.run import validate
+from markergen.validate.views import validate_views
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+
+
+def setting_of(marker: Marker, poses: str | None = None) -> Setting:
+    """Camera and poses that a marker was designed for, or other poses by name.
+
+    A marker whose file does not say what it was designed for is judged in the paper's setting.
+
+    Raises
+    ------
+    InputError
+        If the poses are unknown, or none sees the marker whole.
+    """
+    spec = spec_from_mapping(marker.provenance["spec"], "provenance.spec") if "spec" in marker.provenance else Spec()
+    distribution = PRESETS[poses or spec.poses]()
+    return Setting(marker.boundary, spec.camera, distribution.seen_whole(marker.boundary, spec.camera))
+
+
+def prove(
+    marker: Marker,
+    setting: Setting,
+    noise_px: float = 0.2,
+    runs: int = 1000,
+    views: int = 0,
+    seed: int = 0,
+    workers: int | None = None,
+    trials_for_all: bool = False,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Validate a marker and return the results as plain JSON values.
+
+    Parameters
+    ----------
+    noise_px : float
+        Standard deviation of the noise on every image coordinate.
+    runs : int
+        Noisy trials for each pose; 0 gives the bounds alone.
+    views : int
+        Synthetic images to render and detect; 0 leaves them out.
+    trials_for_all : bool
+        Run the trials for the layouts beside the marker as well; otherwise they have criteria and bounds.
+    progress : callable or None
+        Called with the stage, what is done of it, and its total.
+
+    Returns
+    -------
+    dict
+        In the form that docs/validate.md describes.
+    """
+
+    def told(stage: str) -> Callable[[int, int], None] | None:
+        return (lambda done, total: progress(stage, done, total)) if progress else None
+
+    def trials(judged: Marker, stage: str) -> dict[str, Any]:
+        condition = OBJECTIVES["condition"](setting).per_pose(judged.xyz[None, :, :2])[0]
+        result = validate(
+            judged, setting.camera, setting.poses, noise_px, runs, seed,
+            workers=workers, progress=told(stage), condition=condition,
+        )  # fmt: skip
+        return result.as_dict()
+
+    points = marker.xyz[:, :2]
+    region = Region(marker.boundary, marker.dot_diameter, marker.clearance)
+    content = trials(marker, "trials")
+    table = compare(points, region, setting, seed)
+    content["criteria"] = table.pop("design")
+    content["comparisons"] = {name: _beside(row, noise_px) for name, row in table.items()}
+    if trials_for_all:
+        objective = OBJECTIVES["pose"](setting)
+        for name, layouts in comparison_layouts(region, len(points), seed).items():
+            values = objective(layouts)
+            # Of several layouts the median one runs; their number is odd.
+            middle = layouts[np.argsort(values)[len(values) // 2]]
+            found = trials(_dressed(middle, marker), name)
+            content["comparisons"][name] |= {key: found[key] for key in ("estimators", "homography", "bound")}
+    if views:
+        content["views"] = validate_views(marker, setting.camera, setting.poses, views, seed, progress=told("views"))
+    return content
+
+
+def _beside(row: Criteria, noise_px: float) -> dict[str, Any]:
+    # Criteria are for 1 px, and bounds are proportional to the noise.
+    return {"criteria": dict(row), "bound": {key: noise_px * row[key] for key in ("rotation_deg", "translation_pct")}}
+
+
+def _dressed(points: Array, like: Marker) -> Marker:
+    features = [key_ring(like.dot_diameter), *[Feature(like.dot_diameter)] * (len(points) - 1)]
+    return Marker(
+        tuple(
+            ControlPoint(i, float(x), float(y), 0.0, feature)
+            for i, ((x, y), feature) in enumerate(zip(points, features, strict=True))
+        ),
+        like.boundary,
+        like.clearance,
+    )
+
+
+def to_json(results: dict[str, Any]) -> bytes:
+    """Results of `prove` as JSON text."""
+    return (json.dumps(results, indent=2, allow_nan=False) + "\n").encode()

@@ -1,0 +1,34 @@
+"""What is generated is up to date, and every command, flag and link of the README is real."""
+
+import re
+from pathlib import Path
+
+import typer
+
+from docs.generate import reference, schema
+from markergen.cli.app import app
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_generated_documents_are_up_to_date():
+    assert (ROOT / "docs" / "marker-v1.schema.json").read_text() == schema()
+    assert (ROOT / "docs" / "cli.md").read_text() == reference()
+
+
+def test_every_command_is_documented_with_an_example():
+    for name, command in typer.main.get_command(app).commands.items():
+        assert "Example:" in command.help, name
+        assert f"## markergen {name}" in (ROOT / "docs" / "cli.md").read_text()
+
+
+def test_links_of_the_readme_lead_somewhere():
+    text = (ROOT / "README.md").read_text()
+    for target in re.findall(r"\]\(([^)#:]+)\)", text) + re.findall(r'src="([^"]+)"', text):
+        assert (ROOT / target).exists(), target
+
+
+def test_flags_of_the_readme_exist():
+    known = (ROOT / "docs" / "cli.md").read_text()
+    for flag in re.findall(r"(--[a-z][a-z-]+)", (ROOT / "README.md").read_text()):
+        assert flag in known, flag

@@ -1,0 +1,34 @@
+"""Every example runs as it is written, and says what it promises."""
+
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def run(name, *arguments, monkeypatch):
+    monkeypatch.setattr(sys, "argv", [name, *map(str, arguments)])
+    runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+
+
+def test_condition_against_pose(monkeypatch, capsys):
+    run("condition_against_pose.py", 4, monkeypatch=monkeypatch)
+    condition, pose, polygon = (float(word) for word in capsys.readouterr().out.splitlines()[-1].split()[1:])
+    # For four points all three are the square.
+    assert condition == pytest.approx(3.10, abs=0.01)
+    assert pose == pytest.approx(polygon, rel=2e-3)
+
+
+def test_own_camera(monkeypatch, capsys, tmp_path):
+    run("own_camera.py", tmp_path / "m.pdf", monkeypatch=monkeypatch)
+    assert (tmp_path / "m.pdf").read_bytes().startswith(b"%PDF")
+    assert (tmp_path / "m.json").is_file()
+    assert "6 control points in a disk of radius 100 mm" in capsys.readouterr().out
+
+
+def test_every_example_is_run_here():
+    here = Path(__file__).read_text()
+    assert all(path.name in here for path in EXAMPLES.glob("*.py"))
