@@ -1,6 +1,6 @@
 """Value and gradient of the condition number, beside numpy's batched eigh of as many 9x9 matrices (the floor).
 
-    python -m benchmarks.condition
+python -m benchmarks.condition
 """
 
 import os

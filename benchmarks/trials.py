@@ -4,15 +4,22 @@
 
 The bare loop is given its arrays ready made, and only its calls are timed; `validate` is timed as a whole, with the
 start of its processes, the noise, the errors and the statistics. OpenCV's own LM refinement is slower than everything
-else together, so there are two ratios: with it in the bare loop, and with our batched LM in both.
+else but SQPnP, so there are two ratios: with it in the bare loop, and with our batched LM in both.
+
+Processor time is given beside the time on the wall, because on a busy machine only that one compares; then for both
+the seconds of all workers together.
 """
 
 import argparse
+import os
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from markergen.estimators import Correspondences
 from markergen.estimators.ippe import IPPE
@@ -29,7 +36,7 @@ from markergen.validate.pool import map_chunks, processor_count
 from markergen.validate.run import POSES_AT_ONCE, validate
 from markergen.validate.trials import Experiment, noisy_images
 
-Times = dict[str, float]
+Times = dict[str, NDArray[np.float64]]
 
 
 def main() -> None:
@@ -40,25 +47,30 @@ def main() -> None:
     options = parser.parse_args()
 
     marker, poses = pentagon(), subset(paper(), options.poses)
-    start = time.perf_counter()
+    before, start = processor_seconds(), time.perf_counter()
     validate(marker, PAPER_CAMERA, poses, runs=options.runs, workers=options.workers).as_dict()
-    ours = time.perf_counter() - start
+    ours = np.array([time.perf_counter() - start, processor_seconds() - before])
 
     bounds = pose_bounds(marker.xyz, PAPER_CAMERA, poses, 0.2)
     experiment = Experiment(marker.xyz, 0.15, PAPER_CAMERA, poses, bounds, 0.2, options.runs, 0, ())
     chunks = [range(i, min(i + POSES_AT_ONCE, len(poses))) for i in range(0, len(poses), POSES_AT_ONCE)]
     parts = map_chunks(partial(bare_loop, experiment), chunks, options.workers, lambda _: None)
-    spent = {name: sum(part[name] for part in parts) / options.workers for name in parts[0]}
-    common = spent["dlt"] + spent["epnp"] + spent["ippe"] + spent["sqpnp"]
+    spent = {name: np.sum([part[name] for part in parts], axis=0) for name in parts[0]}
 
-    trials = len(poses) * options.runs
     print(f"{len(poses)} poses x {options.runs} runs, {options.workers} workers")
-    for name, seconds in spent.items():
-        print(f"  {name:12} {seconds / trials * options.workers * 1e6:7.1f} us a trial")
-    print(f"validate                          {ours:7.2f} s")
+    print("                                    wall s  processor s")
+    for name, (wall, processor) in spent.items():
+        print(f"  {name:30} {wall / options.workers:9.2f} {processor:12.2f}")
+    print(f"validate                         {ours[0]:9.2f} {ours[1]:12.2f}")
     for name, label in [("lm_opencv", "OpenCV's LM"), ("lm_batched", "our batched LM")]:
-        bare = common + spent[name]
-        print(f"bare loop with {label:18} {bare:7.2f} s, ratio {ours / bare:.2f}")
+        bare = (spent["dlt"] + spent["epnp"] + spent["ippe"] + spent["sqpnp"] + spent[name]) / [options.workers, 1]
+        print(f"bare loop with {label:17} {bare[0]:9.2f} {bare[1]:12.2f}")
+        print(f"  ratio                          {ours[0] / bare[0]:9.2f} {ours[1] / bare[1]:12.2f}")
+
+
+def processor_seconds() -> float:
+    """Processor time of this process and of the workers that it has seen end."""
+    return sum(os.times()[:4])
 
 
 def pentagon() -> Marker:
@@ -81,35 +93,38 @@ def subset(poses: PoseDistribution, count: int) -> PoseDistribution:
 
 
 def bare_loop(experiment: Experiment, indices: range) -> Times:
-    """Seconds that the calls alone take, for each estimator."""
-    spent = dict.fromkeys(["dlt", "epnp", "ippe", "sqpnp", "lm_opencv", "lm_batched"], 0.0)
+    """Seconds on the wall and of the processor that the calls alone take, for each estimator."""
+    spent: Times = {}
     matrix = experiment.camera.matrix
+
+    @contextmanager
+    def timed(name: str) -> Iterator[None]:
+        wall, processor = time.perf_counter(), time.process_time()
+        yield
+        taken = np.array([time.perf_counter() - wall, time.process_time() - processor])
+        spent[name] = spent.get(name, np.zeros(2)) + taken
+
     for index in indices:
         for images in noisy_images(experiment, index):
             batch = Correspondences(experiment.points, images, experiment.camera)
             objects, images, _ = prepare(batch)
             pairs = list(zip(objects, images, strict=True))
-            start = time.perf_counter()
-            estimate_homography(experiment.points[:, :2], images)
-            spent["dlt"] += time.perf_counter() - start
-            for name, flag in [("epnp", cv2.SOLVEPNP_EPNP), ("sqpnp", cv2.SOLVEPNP_SQPNP)]:
-                start = time.perf_counter()
+            with timed("dlt"):
+                estimate_homography(experiment.points[:, :2], images)
+            with timed("epnp"):
                 for points, image in pairs:
-                    cv2.solvePnP(points, image, matrix, None, flags=flag)
-                spent[name] += time.perf_counter() - start
-            start = time.perf_counter()
-            starts = [
-                cv2.solvePnPGeneric(points, image, matrix, None, flags=cv2.SOLVEPNP_IPPE) for points, image in pairs
-            ]
-            spent["ippe"] += time.perf_counter() - start
-            start = time.perf_counter()
-            for (points, image), (_, vectors, shifts, _) in zip(pairs, starts, strict=True):
-                cv2.solvePnPRefineLM(points, image, matrix, None, vectors[0], shifts[0])
-            spent["lm_opencv"] += time.perf_counter() - start
+                    cv2.solvePnP(points, image, matrix, None, flags=cv2.SOLVEPNP_EPNP)
+            with timed("sqpnp"):
+                for points, image in pairs:
+                    cv2.solvePnP(points, image, matrix, None, flags=cv2.SOLVEPNP_SQPNP)
+            with timed("ippe"):
+                starts = [cv2.solvePnPGeneric(*pair, matrix, None, flags=cv2.SOLVEPNP_IPPE) for pair in pairs]
+            with timed("lm_opencv"):
+                for (points, image), (_, vectors, shifts, _) in zip(pairs, starts, strict=True):
+                    cv2.solvePnPRefineLM(points, image, matrix, None, vectors[0], shifts[0])
             best = batch.once(IPPE).best
-            start = time.perf_counter()
-            refine(batch, *best)
-            spent["lm_batched"] += time.perf_counter() - start
+            with timed("lm_batched"):
+                refine(batch, *best)
     return spent
 
 

@@ -1,6 +1,6 @@
 """The paper's objective and ours on the same job: where they agree, and where they part.
 
-    python examples/condition_against_pose.py
+python examples/condition_against_pose.py
 """
 
 import argparse

@@ -1,6 +1,6 @@
 """Design for a camera of your own, write the sheet, and read the expected accuracy from the result.
 
-    python examples/own_camera.py marker.pdf
+python examples/own_camera.py marker.pdf
 """
 
 import argparse

@@ -16,7 +16,7 @@ def test_new_and_old_files_end_up_complete(tmp_path):
     write_atomic(target, b"two")
     assert target.read_bytes() == b"two"
     assert stat.S_IMODE(target.stat().st_mode) == 0o640
-    assert os.listdir(tmp_path) == ["a.bin"]
+    assert [path.name for path in tmp_path.iterdir()] == ["a.bin"]
 
 
 def test_a_missing_folder_is_one_line(tmp_path):
@@ -43,4 +43,4 @@ def test_a_full_disk_changes_nothing(tmp_path, monkeypatch):
     with pytest.raises(OutputError, match="No space left"):
         write_all({first: b"new", second: b"new"})
     assert first.read_bytes() == b"old"
-    assert os.listdir(tmp_path) == ["a.bin"]
+    assert [path.name for path in tmp_path.iterdir()] == ["a.bin"]
