@@ -24,10 +24,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     debug = "--debug" in given
     try:
         status = app([word for word in given if word != "--debug"], standalone_mode=False, prog_name="markergen")
-        return int(status or 0)
     except (typer.Abort, KeyboardInterrupt):
-        _complain("interrupted; nothing was written")
-        return INTERRUPTED
+        status = INTERRUPTED
     except usage_error as error:
         command = error.ctx.command_path if error.ctx else "markergen"
         _complain(f"{error.format_message().rstrip('.')}; see {command} --help")
@@ -46,6 +44,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         _complain(f"this should not happen: {type(error).__name__}: {error}; run again with --debug and report it")
         return UNUSABLE
+    # Typer turns Ctrl-C into this status itself, without a word.
+    if status == INTERRUPTED:
+        _complain("interrupted; nothing was written")
+    return int(status or 0)
 
 
 def _complain(message: str) -> None:

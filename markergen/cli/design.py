@@ -83,9 +83,9 @@ def design(
 
     with progress_bar() as progress:
         found = find(spec, progress)
+    written = save(found.marker, paths, ExportOptions(paper=paper))
     for warning in found.warnings:
         typer.echo(f"markergen: warning: {warning}", err=True)
-    written = save(found.marker, paths, ExportOptions(paper=paper))
     print(found.summary)
     print_criteria(found.criteria, spec.n)
     print_outputs(written)

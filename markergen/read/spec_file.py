@@ -74,7 +74,8 @@ def spec_from_mapping(values: Mapping[str, Any], name: str = "spec") -> Spec:
         findings = "; ".join(f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.errors())
         raise InputError(f"a valid spec in {name}", findings, "correct these places") from None
     fields = table.model_dump(exclude={"title", "radius", "boundary", "camera"})
-    radius = table.radius or (table.boundary.radius if table.boundary else None)
+    radius = table.boundary.radius if table.boundary else None
+    radius = table.radius if table.radius is not None else radius
     camera = Camera(**table.camera.model_dump()) if table.camera else PAPER_CAMERA
     return Spec(camera=camera, **fields) if radius is None else Spec(boundary=Circle(radius), camera=camera, **fields)
 

@@ -1,0 +1,260 @@
+"""The command line as a user meets it: the main job from end to end, and what it says when something is wrong."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from markergen import __version__
+from markergen.cli import main
+from markergen.model.marker_json import to_json
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def marker(here, pentagon) -> Path:
+    (here / "marker.json").write_bytes(to_json(pentagon))
+    return here / "marker.json"
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def complaint(capsys, *arguments) -> str:
+    """Status 2, and one line on stderr that is the whole answer."""
+    assert main([str(argument) for argument in arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    lines = captured.err.splitlines()
+    assert len(lines) == 1, captured.err
+    assert lines[0].startswith("markergen: error: ")
+    assert "Traceback" not in captured.err
+    return lines[0]
+
+
+def test_the_main_job(here, capsys):
+    assert main(["design", "--n", "5", "--radius", "0.15", "-o", "marker.pdf", "-o", "marker.svg"]) == 0
+    said = capsys.readouterr().out
+    assert names(here) == {"marker.pdf", "marker.svg", "marker.json"}
+    for words in (
+        "5 control points in a disk of radius 150 mm",
+        "36 mm",
+        "needs A2",
+        "regular 5-gon",
+        "random, median",
+    ):
+        assert words in said
+    assert main(["validate", "marker.json", "--runs", "3", "--views", "4", "--json", "results.json"]) == 0
+    said = capsys.readouterr().out
+    for words in ("EPnP", "IPPE", "LM", "SQPnP", "DLT", "bound (CRLB)", "70 deg", "4 of 4 detected"):
+        assert words in said
+    results = json.loads((here / "results.json").read_text())
+    assert set(results) == {
+        "marker", "criteria", "comparisons", "nees", "camera", "poses", "noise_px", "runs", "seed", "condition",
+        "homography", "estimators", "bound", "views",
+    }  # fmt: skip
+    assert set(results["comparisons"]) == {"ngon", "square", "random"}
+    assert set(results["estimators"]) == {"epnp", "ippe", "lm", "sqpnp"}
+    assert main(["export", "marker.json", "-o", "copy.svg", "--paper", "A1"]) == 0
+    assert "A1" not in capsys.readouterr().err
+
+
+def test_the_same_seed_writes_the_same_bytes(here):
+    for folder in ("a", "b"):
+        (here / folder).mkdir()
+        assert main(["design", "--n", "4", "--seed", "3", "-o", f"{folder}/m.pdf", "-o", f"{folder}/m.svg"]) == 0
+    for name in ("m.pdf", "m.svg", "m.json"):
+        assert (here / "a" / name).read_bytes() == (here / "b" / name).read_bytes()
+
+
+def test_options_go_before_the_template(here, capsys):
+    assert main(["design", "--template", "desk-a4", "--n", "4", "-o", "m.json"]) == 0
+    assert "4 control points in a disk of radius 80 mm" in capsys.readouterr().out
+    assert names(here) == {"m.json"}
+
+
+def test_the_desk_template_fits_on_a4(here, capsys):
+    assert main(["design", "--template", "desk-a4", "-o", "m.pdf"]) == 0
+    assert "needs A4" in capsys.readouterr().out
+
+
+def test_templates_are_listed_and_printed(capsys):
+    assert main(["templates"]) == 0
+    assert "desk-a4" in capsys.readouterr().out
+    assert main(["templates", "paper-disk"]) == 0
+    assert 'radius = "150mm"' in capsys.readouterr().out
+
+
+def test_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"markergen {__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("design --n 3", "at least 4 control points, found n=3"),
+        ("design --n four", "--n"),
+        ("design --radius 0", "radius above 0"),
+        ("design --radius -0.1", "radius above 0"),
+        ("design --radius nan", "finite"),
+        ("design --radius wide", "a number and one of m, cm, mm"),
+        ("design --n 12 --dot 80mm", "of which 8 fit"),
+        ("design --n 5 --dot 500mm", "of which 0 fit"),
+        ("design --objective speed", "known: condition, homography, pose"),
+        ("design --objective pos", "did you mean 'pose'?"),
+        ("design --aggregate median", "nown: logmean, max, mean, rms"),
+        ("design --coordinates polar --objective condition", "unit, metric, pixel, hartley"),
+        ("design --poses sideways", "known: paper, paper-roll"),
+        ("design --template none", "known: desk-a4, paper-disk"),
+        ("design --radius 3", "none of 400"),
+        ("design -o marker.doc", ".pdf"),
+        ("design -o marker", ".pdf"),
+        ("design -o a.pdf -o a.pdf", "twice"),
+        ("design --restarts 1 -o none/marker.pdf", "No such file or directory"),
+        ("design --restarts 1 -o m.pdf --paper A3", "A2"),
+        ("design --restarts 1 -o m.pdf --paper A99", "A0"),
+        ("design --restarts 1 --dot 0 -o m.pdf", "dot"),
+        ("design --seed -1", "seed"),
+        ("design --colour red", "--colour"),
+        ("draw", "draw"),
+        ("export none.json -o m.svg", "No such file"),
+        ("validate none.json", "No such file"),
+    ],
+)
+def test_bad_input_is_one_line_and_writes_nothing(here, capsys, arguments, words):
+    assert words in complaint(capsys, *arguments.split())
+    assert names(here) == set()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("validate marker.json --runs -1", "runs"),
+        ("validate marker.json --noise -0.1", "noise"),
+        ("validate marker.json --noise nan", "noise"),
+        ("validate marker.json --workers 0", "worker"),
+        ("validate marker.json --views -2 --runs 0", "view"),
+        ("validate marker.json --poses none", "known: paper, paper-roll"),
+        ("validate marker.json --runs 1 --fail-if nonsense", "write for example"),
+        ("validate marker.json --runs 1 --fail-if estimators.pnp.rotation_deg.rms>1", "epnp"),
+        ("validate marker.json --runs 0 --json none/r.json", "No such file"),
+        ("export marker.json -o m.xyz", ".step"),
+        ("export marker.json", "-o"),
+        ("export marker.json -o marker.json -o none/m.svg", "No such file"),
+    ],
+)
+def test_bad_requests_leave_the_marker_alone(marker, capsys, arguments, words):
+    before = marker.read_bytes()
+    status = main(arguments.split())
+    captured = capsys.readouterr()
+    assert status == 2
+    assert len(captured.err.splitlines()) == 1
+    assert words in captured.err
+    assert marker.read_bytes() == before
+    assert names(marker.parent) == {"marker.json"}
+
+
+@pytest.mark.parametrize("command", ["validate marker.json --runs 1", "export marker.json -o m.svg"])
+@pytest.mark.parametrize("damage", ["cut", "foreign", "newer", "twice", "outside"])
+def test_a_bad_marker_is_refused_by_every_reader(marker, capsys, command, damage):
+    content = json.loads(marker.read_text())
+    words = {
+        "cut": "complete JSON", "foreign": "another kind of file", "newer": "version 2", "twice": "used twice",
+        "outside": "over the boundary",
+    }[damage]  # fmt: skip
+    if damage == "foreign":
+        content = {"type": "FeatureCollection"}
+    elif damage == "newer":
+        content["version"] = 2
+    elif damage == "twice":
+        content["control_points"][2]["id"] = 0
+    elif damage == "outside":
+        content["control_points"][2]["x"] = 0.3
+    text = json.dumps(content)
+    marker.write_text(text[:-40] if damage == "cut" else text)
+    assert words in complaint(capsys, *command.split())
+    assert names(marker.parent) == {"marker.json"}
+
+
+def test_results_on_standard_output_are_nothing_but_json(marker, capsys):
+    assert main(["validate", "marker.json", "--runs", "0", "--json", "-"]) == 0
+    results = json.loads(capsys.readouterr().out)
+    # 0.2 px of noise: a fifth of the 3.707 degrees of the default marker at 1 px.
+    assert results["bound"]["rotation_deg"] == pytest.approx(0.2 * results["criteria"]["rotation_deg"])
+
+
+def test_a_failed_check_is_status_1(marker, capsys):
+    common = ["validate", "marker.json", "--runs", "0"]
+    assert main([*common, "--fail-if", "bound.rotation_deg > 0.1", "--fail-if", "bound.rotation_deg > 5"]) == 1
+    said = capsys.readouterr().err
+    assert "FAILED: bound.rotation_deg" in said
+    assert "passed: bound.rotation_deg" in said
+    assert main([*common, "--fail-if", "bound.by_polar_angle.17.5.rotation_deg > 5"]) == 0
+
+
+def test_trials_for_all_measures_the_layouts_beside_it(marker, capsys):
+    assert main(["validate", "marker.json", "--runs", "2", "--trials-for-all", "--json", "-"]) == 0
+    results = json.loads(capsys.readouterr().out)
+    for row in results["comparisons"].values():
+        assert row["estimators"]["lm"]["rotation_deg"]["count"] > 0
+        assert row["bound"]["rotation_deg"] > 0
+
+
+def test_a_marker_that_says_nothing_of_its_setting_gets_the_papers(marker, capsys):
+    content = json.loads(marker.read_text())
+    content["provenance"] = {}
+    marker.write_text(json.dumps(content))
+    assert main(["validate", "marker.json", "--runs", "0", "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["poses"]["count"] == 400
+
+
+def test_debug_shows_where_an_error_came_from():
+    with pytest.raises(Exception, match="at least 4"):
+        main(["design", "--n", "3", "--debug"])
+
+
+@pytest.mark.parametrize(
+    "arguments", ["validate marker.json --json r.json", "design --n 12 --objective condition -o m.pdf"]
+)
+def test_ctrl_c_ends_cleanly(marker, arguments):
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "markergen", *arguments.split()],
+        cwd=marker.parent, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+    )  # fmt: skip
+    time.sleep(3)
+    assert process.poll() is None, process.communicate()
+    # As a terminal does: to the whole group, workers included.
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=20)
+    assert process.returncode == 130, err
+    assert err.splitlines()[-1] == "markergen: error: interrupted; nothing was written"
+    assert "Traceback" not in err
+    assert "wrote" not in out
+    assert names(marker.parent) == {"marker.json"}
+    # Nobody of the group is left: asking it for a sign of life fails.
+    deadline = time.monotonic() + 10
+    while time.monotonic() < deadline and alive(process.pid):
+        time.sleep(0.1)
+    assert not alive(process.pid)
+
+
+def alive(group: int) -> bool:
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
