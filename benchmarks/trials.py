@@ -112,7 +112,8 @@ def bare_loop(experiment: Experiment, indices: range) -> Times:
             with timed("dlt"):
                 estimate_homography(experiment.points[:, :2], images)
             with timed("epnp"):
-                for points, image in pairs:
+                # Twice, as our entry does, and for the same reason.
+                for points, image in pairs * 2:
                     cv2.solvePnP(points, image, matrix, None, flags=cv2.SOLVEPNP_EPNP)
             with timed("sqpnp"):
                 for points, image in pairs:

@@ -20,5 +20,5 @@ cat <<'END'
   marker.pdf       the marker at true size: print at 100 % on A2 and check the ruler
   marker.json      the marker itself: every point, what it was designed for, and how good it is
   validation.json  what each estimator makes of it, with the bounds beside
-  marker.step      a plate and five inlays as named, coloured solids, in mm
+  marker.step      a plate and five inlays as named, colored solids, in mm
 END

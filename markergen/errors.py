@@ -20,7 +20,11 @@ class InputError(MarkergenError):
     """
 
     def __init__(self, expected: str, found: str, remedy: str) -> None:
-        super().__init__(f"expected {expected}, found {found}; {remedy}")
+        # The three parts are the arguments, so that the error survives the way back from a worker process.
+        super().__init__(expected, found, remedy)
+
+    def __str__(self) -> str:
+        return "expected {}, found {}; {}".format(*self.args)
 
 
 class OutputError(MarkergenError):

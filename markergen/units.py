@@ -1,4 +1,4 @@
-"""The one parser of lengths, used where users type them; inside, everything is in metres."""
+"""The one parser of lengths, used where users type them; inside, everything is in meters."""
 
 import math
 import re
@@ -6,14 +6,14 @@ from decimal import Decimal
 
 from markergen.errors import InputError
 
-METRES = {"": "1", "m": "1", "cm": "0.01", "mm": "0.001", "um": "0.000001", "in": "0.0254", "ft": "0.3048"}
+METERS = {"": "1", "m": "1", "cm": "0.01", "mm": "0.001", "um": "0.000001", "in": "0.0254", "ft": "0.3048"}
 """Size of each unit in m, as text: the product is made in decimals, so that 6in is 0.1524 to the last bit."""
 
 _LENGTH = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf))\s*([a-zA-Z]*)\s*", re.IGNORECASE)
 
 
 def parse_length(text: str | float, name: str = "length") -> float:
-    """Read a length such as ``0.15``, ``150mm`` or ``6in`` and return metres; a bare number is metres.
+    """Read a length such as ``0.15``, ``150mm`` or ``6in`` and return meters; a bare number is meters.
 
     Raises
     ------
@@ -26,21 +26,21 @@ def parse_length(text: str | float, name: str = "length") -> float:
     (0.15, 0.1524, 0.15)
     """
     match = _LENGTH.fullmatch(str(text))
-    known = ", ".join(unit for unit in METRES if unit)
-    if match is None or match[2] not in METRES:
+    known = ", ".join(unit for unit in METERS if unit)
+    if match is None or match[2] not in METERS:
         raise InputError(
-            f"a length for {name}", repr(str(text)), f"write a number and one of {known} (a bare number is metres)"
+            f"a length for {name}", repr(str(text)), f"write a number and one of {known} (a bare number is meters)"
         )
-    value = float(Decimal(match[1]) * Decimal(METRES[match[2]]))
+    value = float(Decimal(match[1]) * Decimal(METERS[match[2]]))
     if not math.isfinite(value):
         raise InputError(f"a finite {name}", f"{name}={text}", "write a number such as 0.15 or 150mm")
     return value
 
 
-def format_length(metres: float) -> str:
-    """Write a length for people: millimetres below one metre, metres above.
+def format_length(meters: float) -> str:
+    """Write a length for people: millimeters below one meter, meters above.
 
     >>> format_length(0.036), format_length(1.5)
     ('36 mm', '1.5 m')
     """
-    return f"{metres * 1e3:.6g} mm" if abs(metres) < 1 else f"{metres:.6g} m"
+    return f"{meters * 1e3:.6g} mm" if abs(meters) < 1 else f"{meters:.6g} m"

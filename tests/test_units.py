@@ -5,11 +5,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from markergen.errors import InputError
-from markergen.units import METRES, format_length, parse_length
+from markergen.units import METERS, format_length, parse_length
 
 
 @pytest.mark.parametrize(
-    ("text", "metres"),
+    ("text", "meters"),
     [
         ("0.15", 0.15),
         ("150mm", 0.15),
@@ -20,8 +20,8 @@ from markergen.units import METRES, format_length, parse_length
         (0.15, 0.15),
     ],
 )
-def test_known_units_are_exact(text, metres):
-    assert parse_length(text) == metres
+def test_known_units_are_exact(text, meters):
+    assert parse_length(text) == meters
 
 
 @pytest.mark.parametrize("text", ["", "mm", "15 parsec", "1,5mm", "0x10", "1 2", "--3"])
@@ -36,13 +36,13 @@ def test_lengths_are_finite(text):
         parse_length(text, "radius")
 
 
-@given(st.floats(1e-4, 1e3), st.sampled_from([unit for unit in METRES if unit]))
+@given(st.floats(1e-4, 1e3), st.sampled_from([unit for unit in METERS if unit]))
 def test_a_unit_scales_as_its_table_says(value, unit):
     # Two roundings in the float product, one in ours.
-    assert math.isclose(parse_length(f"{value!r}{unit}"), value * float(METRES[unit]), rel_tol=4e-16)
+    assert math.isclose(parse_length(f"{value!r}{unit}"), value * float(METERS[unit]), rel_tol=4e-16)
 
 
 @given(st.floats(1e-6, 10))
-def test_what_is_written_reads_back(metres):
+def test_what_is_written_reads_back(meters):
     # Six significant digits are written.
-    assert math.isclose(parse_length(format_length(metres)), metres, rel_tol=1e-5)
+    assert math.isclose(parse_length(format_length(meters)), meters, rel_tol=1e-5)

@@ -34,7 +34,7 @@ def markergen(
       markergen validate marker.json
       markergen export marker.json -o marker.step
 
-    Lengths are metres, or carry a unit: 0.15, 150mm, 6in. Add --debug to see where an error came from.
+    Lengths are meters, or carry a unit: 0.15, 150mm, 6in. Add --debug to see where an error came from.
     """
 
 

@@ -1,1 +1,1 @@
-"""Pictures as data: a scene of shapes in millimetres, text as outlines, and the sheet of paper around a marker."""
+"""Pictures as data: a scene of shapes in millimeters, text as outlines, and the sheet of paper around a marker."""

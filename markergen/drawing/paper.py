@@ -1,4 +1,4 @@
-"""Paper is data: names and exact sizes in millimetres."""
+"""Paper is data: names and exact sizes in millimeters."""
 
 from dataclasses import dataclass
 from difflib import get_close_matches

@@ -1,4 +1,4 @@
-"""The scene: a display list in millimetres, y up, that every file format replays. No format knows what a marker is."""
+"""The scene: a display list in millimeters, y up, that every file format replays. No format knows what a marker is."""
 
 import re
 from collections.abc import Iterator
@@ -145,6 +145,6 @@ def marker_name(marker: Marker) -> str:
     return "markergen-" + re.sub(r"[^0-9A-Za-z_.-]", "", marker.spec_hash)[:16]
 
 
-def _mm(metres: float) -> float:
-    # Rounded to a picometre, so that 0.0036 m reads 3.6 mm and not 3.5999999999999996.
-    return round(metres * 1e3, 9)
+def _mm(meters: float) -> float:
+    # Rounded to a picometer, so that 0.0036 m reads 3.6 mm and not 3.5999999999999996.
+    return round(meters * 1e3, 9)

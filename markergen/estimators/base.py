@@ -147,6 +147,6 @@ class HomographyEstimator(Estimator[Array]):
 
 def _spread(points: Array) -> NDArray[np.bool_]:
     """True where points (..., n, 2 or 3) span two directions."""
-    centred = points - points.mean(axis=-2, keepdims=True)
-    scatter = np.linalg.eigvalsh(centred.swapaxes(-1, -2) @ centred)
+    centered = points - points.mean(axis=-2, keepdims=True)
+    scatter = np.linalg.eigvalsh(centered.swapaxes(-1, -2) @ centered)
     return np.asarray(scatter[..., -2] > COLLINEAR**2 * scatter[..., -1], dtype=bool)

@@ -1,16 +1,16 @@
-"""The normalised direct linear transform, the estimator of the paper."""
+"""The normalized direct linear transform, the estimator of the paper."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.estimators import ESTIMATORS, Correspondences, HomographyEstimator
-from markergen.maths.dlt import condition, estimate_homography, normalisation
+from markergen.maths.dlt import condition, estimate_homography, normalization
 
 Array = NDArray[np.float64]
 
 
 class Dlt(HomographyEstimator):
-    """Normalised DLT (Hartley 1997); nan where the points do not determine a homography."""
+    """Normalized DLT (Hartley 1997); nan where the points do not determine a homography."""
 
     name = "dlt"
 
@@ -26,10 +26,10 @@ class Dlt(HomographyEstimator):
 
 def _four_in_general_position(points: Array) -> bool:
     """Tell whether four of the points (n, 2), which are not all collinear, have no three of them on a line."""
-    centre, scale = normalisation(points)
-    normalised = (points - centre) * scale
+    center, scale = normalization(points)
+    normalized = (points - center) * scale
     # The DLT matrix of the identity has rank 8 exactly then.
-    return bool(np.isfinite(condition(normalised, normalised)))
+    return bool(np.isfinite(condition(normalized, normalized)))
 
 
 DLT = Dlt()

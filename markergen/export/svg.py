@@ -1,4 +1,4 @@
-"""SVG in millimetres: exact circles, no transforms, text as outlines."""
+"""SVG in millimeters: exact circles, no transforms, text as outlines."""
 
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement

@@ -1,4 +1,4 @@
-"""The image of a circle: conic, ellipse, and how far its centre lies from the image of the circle's centre."""
+"""The image of a circle: conic, ellipse, and how far its center lies from the image of the circle's center."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,14 +8,14 @@ from markergen.maths.projection import apply_homography
 Array = NDArray[np.float64]
 
 
-def circle_conic(centre: Array, radius: Array | float) -> Array:
-    """Symmetric C (..., 3, 3) with X'CX = 0 on the circle, for centre (..., 2) and radius (...), same unit."""
-    centre = np.asarray(centre, dtype=float)
-    radius = np.broadcast_to(np.asarray(radius, dtype=float), centre.shape[:-1])
-    conic = np.zeros((*centre.shape[:-1], 3, 3))
+def circle_conic(center: Array, radius: Array | float) -> Array:
+    """Symmetric C (..., 3, 3) with X'CX = 0 on the circle, for center (..., 2) and radius (...), same unit."""
+    center = np.asarray(center, dtype=float)
+    radius = np.broadcast_to(np.asarray(radius, dtype=float), center.shape[:-1])
+    conic = np.zeros((*center.shape[:-1], 3, 3))
     conic[..., 0, 0] = conic[..., 1, 1] = 1
-    conic[..., :2, 2] = conic[..., 2, :2] = -centre
-    conic[..., 2, 2] = np.sum(centre**2, axis=-1) - radius**2
+    conic[..., :2, 2] = conic[..., 2, :2] = -center
+    conic[..., 2, 2] = np.sum(center**2, axis=-1) - radius**2
     return conic
 
 
@@ -26,13 +26,13 @@ def transform_conic(conic: Array, homography: Array) -> Array:
 
 
 def ellipse_of_conic(conic: Array) -> tuple[Array, Array, Array]:
-    """Centre (..., 2), semi-axes (..., 2) longest first, and angle (...) in rad of the longest axis from x.
+    """Center (..., 2), semi-axes (..., 2) longest first, and angle (...) in rad of the longest axis from x.
 
     A conic that is no real ellipse (the circle crosses the camera's horizon) gives nan.
     """
     quadratic = conic[..., :2, :2]
-    centre = np.asarray(-np.linalg.solve(quadratic, conic[..., :2, 2:])[..., 0], dtype=float)
-    level = -(conic[..., 2, 2] + np.sum(conic[..., :2, 2] * centre, axis=-1))
+    center = np.asarray(-np.linalg.solve(quadratic, conic[..., :2, 2:])[..., 0], dtype=float)
+    level = -(conic[..., 2, 2] + np.sum(conic[..., :2, 2] * center, axis=-1))
     values, vectors = np.linalg.eigh(quadratic)
     # C and -C are the same conic: the sign of the larger eigenvalue decides which is meant.
     sign = np.sign(values[..., 1])
@@ -41,15 +41,15 @@ def ellipse_of_conic(conic: Array) -> tuple[Array, Array, Array]:
     order = np.argsort(-semi, axis=-1)
     semi = np.take_along_axis(semi, order, axis=-1)
     longest = np.take_along_axis(vectors, order[..., None, :1], axis=-1)[..., 0]
-    return centre, semi, np.arctan2(longest[..., 1], longest[..., 0])
+    return center, semi, np.arctan2(longest[..., 1], longest[..., 0])
 
 
-def circle_image(centre: Array, radius: Array | float, homography: Array) -> tuple[Array, Array, Array]:
+def circle_image(center: Array, radius: Array | float, homography: Array) -> tuple[Array, Array, Array]:
     """Ellipse (see `ellipse_of_conic`) that the homography (..., 3, 3) makes of circles of the marker plane."""
-    return ellipse_of_conic(transform_conic(circle_conic(centre, radius), homography))
+    return ellipse_of_conic(transform_conic(circle_conic(center, radius), homography))
 
 
-def center_offset(centre: Array, radius: Array | float, homography: Array) -> Array:
-    """Ellipse centre minus image of the circle's centre, (..., 2) px: what a plain centroid is wrong by."""
-    centre = np.asarray(centre, dtype=float)
-    return circle_image(centre, radius, homography)[0] - apply_homography(homography, centre[..., None, :])[..., 0, :]
+def center_offset(center: Array, radius: Array | float, homography: Array) -> Array:
+    """Ellipse center minus image of the circle's center, (..., 2) px: what a plain centroid is wrong by."""
+    center = np.asarray(center, dtype=float)
+    return circle_image(center, radius, homography)[0] - apply_homography(homography, center[..., None, :])[..., 0, :]

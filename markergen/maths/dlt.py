@@ -1,4 +1,4 @@
-"""The direct linear transform: its matrix, its condition number with gradient, and the normalised estimate.
+"""The direct linear transform: its matrix, its condition number with gradient, and the normalized estimate.
 
 For a correspondence X = (X, Y), x = (x, y) and p = (X, Y, 1) the two rows of A (Acuna & Willert 2018, Eq. 4) are
 
@@ -102,31 +102,31 @@ def normal_matrix(object_points: Array, image_points: Array) -> Array:
     return result
 
 
-def normalisation(points: Array) -> tuple[Array, Array]:
-    """Hartley's centre (..., 1, 2) and scale (..., 1, 1): (points - centre) * scale has an RMS of sqrt(2)."""
-    centre = points.mean(axis=-2, keepdims=True)
-    mean_square = np.mean(np.sum((points - centre) ** 2, axis=-1), axis=-1)[..., None, None]
-    return centre, np.sqrt(2 / mean_square)
+def normalization(points: Array) -> tuple[Array, Array]:
+    """Hartley's center (..., 1, 2) and scale (..., 1, 1): (points - center) * scale has an RMS of sqrt(2)."""
+    center = points.mean(axis=-2, keepdims=True)
+    mean_square = np.mean(np.sum((points - center) ** 2, axis=-1), axis=-1)[..., None, None]
+    return center, np.sqrt(2 / mean_square)
 
 
 def estimate_homography(object_points: Array, image_points: Array) -> Array:
-    """Normalised DLT estimate of H (..., 3, 3), scaled to H[2, 2] = 1, from n >= 4 points (Hartley 1997).
+    """Normalized DLT estimate of H (..., 3, 3), scaled to H[2, 2] = 1, from n >= 4 points (Hartley 1997).
 
-    The least eigenvector of the 9x9 A'A is taken instead of the least singular vector of A: after normalisation
+    The least eigenvector of the 9x9 A'A is taken instead of the least singular vector of A: after normalization
     A is so well conditioned that squaring costs no more than 1e-12 px, and it is four times as fast.
     """
-    object_centre, object_scale = normalisation(object_points)
-    image_centre, image_scale = normalisation(image_points)
-    normal = normal_matrix((object_points - object_centre) * object_scale, (image_points - image_centre) * image_scale)
+    object_center, object_scale = normalization(object_points)
+    image_center, image_scale = normalization(image_points)
+    normal = normal_matrix((object_points - object_center) * object_scale, (image_points - image_center) * image_scale)
     h = np.linalg.eigh(normal)[1][..., :, 0].reshape(*normal.shape[:-2], 3, 3)
-    h = np.linalg.inv(_similarity(image_centre, image_scale)) @ h @ _similarity(object_centre, object_scale)
+    h = np.linalg.inv(_similarity(image_center, image_scale)) @ h @ _similarity(object_center, object_scale)
     return h / h[..., 2:, 2:]
 
 
-def _similarity(centre: Array, scale: Array) -> Array:
-    matrix = np.zeros((*centre.shape[:-2], 3, 3))
+def _similarity(center: Array, scale: Array) -> Array:
+    matrix = np.zeros((*center.shape[:-2], 3, 3))
     matrix[..., 0, 0] = matrix[..., 1, 1] = scale[..., 0, 0]
-    matrix[..., :2, 2] = -scale[..., 0] * centre[..., 0, :]
+    matrix[..., :2, 2] = -scale[..., 0] * center[..., 0, :]
     matrix[..., 2, 2] = 1
     return matrix
 

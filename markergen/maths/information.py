@@ -64,7 +64,7 @@ def displacement_weight(rim: Array, rotation: Array) -> Array:
     mean = turned.mean(axis=-2)
     weight = np.zeros((len(rotation), 6, 6))
     weight[:, :3, :3] = np.trace(second, axis1=-2, axis2=-1)[:, None, None] * np.eye(3) - second
-    # d(R b + t) = w x (R b) + dt; the cross term vanishes for a rim that is centred on the origin.
+    # d(R b + t) = w x (R b) + dt; the cross term vanishes for a rim that is centered on the origin.
     weight[:, :3, 3:] = skew(mean)
     weight[:, 3:, :3] = -skew(mean)
     weight[:, 3:, 3:] = np.eye(3)

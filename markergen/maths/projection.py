@@ -25,17 +25,17 @@ def to_camera(points: Array, rotation: Array, translation: Array) -> Array:
 
 
 def perspective(camera_points: Array) -> Array:
-    """Divide by depth: normalised image coordinates (..., 2) of camera points (..., 3); no check of the sign of z."""
+    """Divide by depth: normalized image coordinates (..., 2) of camera points (..., 3); no check of the sign of z."""
     return camera_points[..., :2] / camera_points[..., 2:]
 
 
-def to_pixels(normalised: Array, matrix: Array) -> Array:
-    """Apply the camera matrix (3, 3) to normalised coordinates (..., 2); returns px, pixel centres at integers."""
-    return normalised @ matrix[:2, :2].T + matrix[:2, 2]
+def to_pixels(normalized: Array, matrix: Array) -> Array:
+    """Apply the camera matrix (3, 3) to normalized coordinates (..., 2); returns px, pixel centers at integers."""
+    return normalized @ matrix[:2, :2].T + matrix[:2, 2]
 
 
 def from_pixels(pixels: Array, matrix: Array) -> Array:
-    """Undo `to_pixels`: normalised image coordinates (..., 2) of pixel coordinates (..., 2)."""
+    """Undo `to_pixels`: normalized image coordinates (..., 2) of pixel coordinates (..., 2)."""
     return (pixels - matrix[:2, 2]) @ np.linalg.inv(matrix[:2, :2]).T
 
 

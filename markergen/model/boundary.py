@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 class Boundary(ABC):
-    """A closed region of the marker plane; the marker frame's origin is the centre of its smallest enclosing circle."""
+    """A closed region of the marker plane; the marker frame's origin is the center of its smallest enclosing circle."""
 
     @property
     @abstractmethod
@@ -90,7 +90,7 @@ class Circle(Boundary):
         return -points / np.maximum(distance, np.finfo(float).tiny)
 
     def project(self, points: Array, inset: float) -> Array:
-        """See `Boundary.project`; an inset beyond the radius leaves the centre alone."""
+        """See `Boundary.project`; an inset beyond the radius leaves the center alone."""
         limit = max(self.size - inset, 0.0)
         distance = np.hypot(points[..., 0], points[..., 1])[..., None]
         return np.where(distance > limit, points * (limit / np.maximum(distance, np.finfo(float).tiny)), points)

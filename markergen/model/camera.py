@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera; all in px, pixel centres at integer coordinates, (0, 0) the middle of the top-left pixel.
+    """A pinhole camera; all in px, pixel centers at integer coordinates, (0, 0) the middle of the top-left pixel.
 
     Raises
     ------

@@ -8,7 +8,7 @@ from markergen.errors import InputError
 
 @dataclass(frozen=True)
 class Feature:
-    """A dark disk, or a ring when it has an inner diameter; both centred on the control point, in m.
+    """A dark disk, or a ring when it has an inner diameter; both centered on the control point, in m.
 
     A diameter of 0 is a bare point: allowed in studies, refused by every exporter.
 

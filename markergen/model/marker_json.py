@@ -37,8 +37,8 @@ class _Frame(_Strict):
     x: Literal["right"] = "right"
     y: Literal["up"] = "up"
     z: Literal["out of the printed face, toward the viewer"] = "out of the printed face, toward the viewer"
-    origin: Literal["centre of the boundary's smallest enclosing circle"] = (
-        "centre of the boundary's smallest enclosing circle"
+    origin: Literal["center of the boundary's smallest enclosing circle"] = (
+        "center of the boundary's smallest enclosing circle"
     )
 
 

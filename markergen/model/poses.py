@@ -91,9 +91,9 @@ PRESETS: Registry[Callable[[], PoseDistribution]] = Registry("pose distribution"
 
 @PRESETS.register("paper")
 def paper() -> PoseDistribution:
-    """The 400 poses of Acuna & Willert (2018): 4 distances x 5 polar angles x 20 azimuths, looking at the centre.
+    """The 400 poses of Acuna & Willert (2018): 4 distances x 5 polar angles x 20 azimuths, looking at the center.
 
-    Camera centre d (cos a sin p, sin a sin p, cos p); the rows of R are x, y and z = -centre/d with x = z x u and
+    Camera center d (cos a sin p, sin a sin p, cos p); the rows of R are x, y and z = -center/d with x = z x u and
     u = (-sin a, cos a, 0). The 80 frontal poses are four distinct views turned about the optical axis.
     """
     distance, polar, azimuth = (
@@ -111,7 +111,7 @@ def paper() -> PoseDistribution:
     x = np.cross(z, np.stack([-np.sin(azimuth), np.cos(azimuth), zero], axis=-1))
     x /= np.linalg.norm(x, axis=-1, keepdims=True)
     rotation = np.stack([x, np.cross(z, x), z], axis=-2)
-    # R (-centre) lies on the optical axis by construction; the product would leave rounding dust off it.
+    # R (-center) lies on the optical axis by construction; the product would leave rounding dust off it.
     return PoseDistribution("paper", rotation, np.stack([zero, zero, distance], axis=-1))
 
 

@@ -42,10 +42,10 @@ defvjp(condition_number, _vjp(1), _vjp(2), argnums=(0, 1))
 class ConditionObjective(Objective):
     """Condition number c(A) = s1/s8 of the DLT matrix per pose (Eq. 11).
 
-    It depends on the coordinates that A is written in. ``unit`` (default): object (X - centre)/r and image
-    (x - x_centre) z_centre / r with x = K^-1 px, so that a frontal boundary is the unit disk on both sides and no unit
+    It depends on the coordinates that A is written in. ``unit`` (default): object (X - center)/r and image
+    (x - x_center) z_center / r with x = K^-1 px, so that a frontal boundary is the unit disk on both sides and no unit
     of length matters. ``metric``: m and K^-1 px, as in the paper. ``pixel``: m and px. ``hartley``: each set of points
-    normalised by itself; c then forgets the size and the markers shrink to nothing, so it is for study only.
+    normalized by itself; c then forgets the size and the markers shrink to nothing, so it is for study only.
     """
 
     unit = ""
@@ -57,7 +57,7 @@ class ConditionObjective(Objective):
     def __init__(self, setting: Setting, aggregate: str = "", coordinates: str = "unit") -> None:
         super().__init__(setting, aggregate, coordinates)
         poses, camera, count = setting.poses, setting.camera, len(setting.poses)
-        self._normalises = coordinates == "hartley"
+        self._normalizes = coordinates == "hartley"
         self._object_scale = 1.0
         # The image is written as (x - shift) * stretch, one shift and stretch for each pose.
         self._shift, self._stretch = np.zeros((count, 1, 2)), np.ones((count, 1, 2))
@@ -72,20 +72,20 @@ class ConditionObjective(Objective):
 
     def linearize(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
         """See `Objective.linearize`."""
-        if self._normalises:
+        if self._normalizes:
             return self._linearize_hartley(points, softness)
         rotation = self.setting.poses.rotation
         camera_points = to_camera(points, rotation, self.setting.poses.translation)
         depth = camera_points[..., 2:]
-        normalised = camera_points[..., :2] / depth
+        normalized = camera_points[..., :2] / depth
         value, by_object, by_image = dlt.condition_and_gradient(
-            points[:, None] * self._object_scale, (normalised - self._shift) * self._stretch, softness
+            points[:, None] * self._object_scale, (normalized - self._shift) * self._stretch, softness
         )
 
         def pullback(weights: Array) -> Array:
             scale = (weights * value)[..., None, None]
             lateral = by_image * self._stretch * scale / depth
-            axial = -np.sum(lateral * normalised, axis=-1, keepdims=True)
+            axial = -np.sum(lateral * normalized, axis=-1, keepdims=True)
             chained = np.concatenate([lateral, axial], axis=-1) @ rotation[:, :, :2]
             return (chained + by_object * (self._object_scale * scale)).sum(axis=1)
 
@@ -104,9 +104,9 @@ class ConditionObjective(Objective):
 
 
 def _hartley(points: Array) -> Array:
-    centred = points - anp.mean(points, axis=-2, keepdims=True)
-    mean_square = anp.mean(anp.sum(centred**2, axis=-1, keepdims=True), axis=-2, keepdims=True)
-    return centred * anp.sqrt(2 / mean_square)
+    centered = points - anp.mean(points, axis=-2, keepdims=True)
+    mean_square = anp.mean(anp.sum(centered**2, axis=-1, keepdims=True), axis=-2, keepdims=True)
+    return centered * anp.sqrt(2 / mean_square)
 
 
 def _sum_to(array: Array, shape: tuple[int, ...]) -> Array:

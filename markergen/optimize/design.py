@@ -114,7 +114,7 @@ def upright(points: Array, objective: Objective, region: Region) -> Array:
 
 
 def number(points: Array) -> Array:
-    """Order control points (n, 2) for labels: counterclockwise from straight up, those at the centre last."""
+    """Order control points (n, 2) for labels: counterclockwise from straight up, those at the center last."""
     radius = np.hypot(points[:, 0], points[:, 1])
     central = radius < 1e-3 * radius.max()
     angle = np.mod(np.arctan2(points[:, 1], points[:, 0]) - np.pi / 2 + 1e-6, 2 * np.pi)
@@ -126,7 +126,7 @@ def dress(points: Array, dots: DotSize, spec: Spec, setting: Setting, table: dic
     import scipy
 
     feature = Feature(dots.diameter)
-    # A tenth of a nanometre: nothing that anybody could make, and the file stays readable.
+    # A tenth of a nanometer: nothing that anybody could make, and the file stays readable.
     rounded = np.round(points, 10) + 0.0
     return Marker(
         control_points=tuple(

@@ -68,7 +68,7 @@ def _default(spec: Spec, poses: PoseDistribution) -> DotSize:
         reason = f"{format_length(wanted)}: its image is at least {PIXELS:g} px across in {PERCENTILE:g} % of the poses"
         diameter = wanted
     else:
-        # Whole tenths of a millimetre: a size that can be measured on the sheet.
+        # Whole tenths of a millimeter: a size that can be measured on the sheet.
         diameter = float(np.floor(fits * 1e4) / 1e4)
         left = PIXELS * diameter / wanted
         reason = (

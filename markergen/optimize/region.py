@@ -68,7 +68,7 @@ class Region:
         return np.maximum(outside, self._overlap(points).max(axis=(1, 2)))
 
     def holds(self, points: Array) -> NDArray[np.bool_]:
-        """Tell which layouts (B, n, 2) are feasible, to a tenth of a nanometre."""
+        """Tell which layouts (B, n, 2) are feasible, to a tenth of a nanometer."""
         return self.violation(points) <= 1e-10
 
     def _overlap(self, points: Array) -> Array:

@@ -42,12 +42,6 @@ def homography_error_px2(estimate: Array, grid: Array, pixels: Array) -> Array:
         return np.asarray(np.mean(np.sum((pixels - apply_homography(estimate, grid)) ** 2, axis=-1), axis=-1))
 
 
-def validation_grid(radius: float, wider: float = 1.5, count: int = 7) -> Array:
-    """Even grid (count^2, 2) in m over the square of half-width `wider` * radius: wider than the marker itself."""
-    steps = np.linspace(-wider * radius, wider * radius, count)
-    return np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-
-
 def pose_failed(points: Array, rotation: Array, translation: Array, te_pct: Array) -> Mask:
     """Failure (T,) of estimates (T, 3, 3), (T, 3): not finite, a point (n, 3) behind the camera, or TE over 100 %."""
     in_front = np.all(to_camera(points, rotation, translation)[..., 2] > 0, axis=-1)

@@ -6,7 +6,13 @@ from typing import Any
 Table = tuple[str, list[str], list[list[str]], str]
 """Title, header, rows, and a caption."""
 
-TITLES = {"epnp": "EPnP", "ippe": "IPPE (better)", "lm": "LM from IPPE", "sqpnp": "SQPnP", "dlt": "DLT"}
+TITLES = {
+    "epnp": "EPnP (better of 2)",
+    "ippe": "IPPE (better of 2)",
+    "lm": "LM from IPPE",
+    "sqpnp": "SQPnP",
+    "dlt": "DLT",
+}
 LAYOUTS = {"ngon": "regular n-gon", "square": "square, 4 dots", "random": "random, median"}
 
 

@@ -10,6 +10,7 @@ from markergen.estimators import ESTIMATORS, AnyEstimator, Correspondences, Pose
 from markergen.maths.projection import project, to_camera
 from markergen.model.camera import Camera
 from markergen.model.poses import PoseDistribution
+from markergen.objectives.homography import validation_grid
 from markergen.validate.bounds import PoseBounds
 from markergen.validate.metrics import (
     FLIP_SEPARATION,
@@ -20,7 +21,6 @@ from markergen.validate.metrics import (
     pose_nees,
     rotation_error_deg,
     translation_error_pct,
-    validation_grid,
 )
 
 Array = NDArray[np.float64]

@@ -127,7 +127,7 @@ def test_version(capsys):
         ("design --restarts 1 -o m.pdf --paper A99", "A0"),
         ("design --restarts 1 --dot 0 -o m.pdf", "dot"),
         ("design --seed -1", "seed"),
-        ("design --colour red", "--colour"),
+        ("design --color red", "--color"),
         ("draw", "draw"),
         ("export none.json -o m.svg", "No such file"),
         ("validate none.json", "No such file"),

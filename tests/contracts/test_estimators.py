@@ -55,7 +55,7 @@ def test_entry_knows_its_name(name):
 @pytest.mark.parametrize("distribution", list(POSES))
 @pytest.mark.parametrize("layout", list(LAYOUTS))
 def test_exact_without_noise(layout, distribution):
-    """From the front, turned by half a turn, and everywhere else. EPnP is not exact on a plane; see below."""
+    """From the front, turned by half a turn, and everywhere else. EPnP has its own test below."""
     points, poses = LAYOUTS[layout], POSES[distribution]()
     batch = see(points, poses)
     for name in HOMOGRAPHY_NAMES:
@@ -66,6 +66,15 @@ def test_exact_without_noise(layout, distribution):
         rotation, translation = batch.once(ESTIMATORS[name]).best
         assert angle_between(rotation, poses.rotation).max() <= TOLERANCE, name
         assert (np.linalg.norm(translation - poses.translation, axis=-1) / distance).max() <= TOLERANCE, name
+
+
+@pytest.mark.parametrize("distribution", list(POSES))
+@pytest.mark.parametrize("layout", list(LAYOUTS))
+def test_epnp_is_exact_but_for_a_few(layout, distribution):
+    """OpenCV's alone is up to 140 deg off in 13 to 40 % of these poses; what is left is 4 of 400 at most."""
+    poses = POSES[distribution]()
+    rotation, _ = see(LAYOUTS[layout], poses).once(ESTIMATORS["epnp"]).best
+    assert np.mean(angle_between(rotation, poses.rotation) <= TOLERANCE) >= 0.99
 
 
 @pytest.mark.parametrize("name", POSE_NAMES)
@@ -141,7 +150,7 @@ def test_three_of_four_points_on_a_line_raise_nothing(name):
 
 
 @pytest.mark.parametrize("name", ESTIMATORS.names())
-def test_a_bad_trial_does_not_spoil_its_neighbours(name):
+def test_a_bad_trial_does_not_spoil_its_neighbors(name):
     poses = paper()
     batch = see(regular(4), poses)
     alone = translation_or_homography(batch.once(ESTIMATORS[name]))[40:45]

@@ -129,7 +129,7 @@ def test_never_a_wrong_label(ngon):
         if found.found:
             truth = project(marker.xyz, ROLLED.rotation[[pose]], ROLLED.translation[[pose]], PAPER_CAMERA.matrix)[0]
             assert np.linalg.norm(found.pixels - truth, axis=-1).max() < 5
-    # A dot moved by some 40 mm is nearly always noticed; one moved by a millimetre is a badly printed marker.
+    # A dot moved by some 40 mm is nearly always noticed; one moved by a millimeter is a badly printed marker.
     assert refused > 135
 
 

@@ -14,7 +14,7 @@ def test_scene_of_a_marker_is_its_dots_in_mm(make_ngon):
     assert [disk.name for disk in disks] == [f"dot-{i}" for i in range(5)]
     assert scene["dots"] == tuple(disks)
     assert scene["nothing"] == ()
-    # Rounded to 1e-9 mm on the way to millimetres.
+    # Rounded to 1e-9 mm on the way to millimeters.
     np.testing.assert_allclose([(d.x, d.y) for d in disks], marker.xyz[:, :2] * 1e3, atol=1e-9, rtol=0)
     assert [d.radius for d in disks] == [18.0] * 5
     assert [d.inner_radius for d in disks] == [9.0, 0.0, 0.0, 0.0, 0.0]

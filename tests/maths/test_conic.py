@@ -13,17 +13,17 @@ HOMOGRAPHY = plane_homography(POSES.rotation, POSES.translation, PAPER_CAMERA.ma
 
 
 def test_circle_is_its_own_ellipse():
-    centre, semi, _ = ellipse_of_conic(circle_conic(np.array([1.0, -2.0]), 3.0))
-    np.testing.assert_allclose(centre, [1, -2], atol=1e-14)
+    center, semi, _ = ellipse_of_conic(circle_conic(np.array([1.0, -2.0]), 3.0))
+    np.testing.assert_allclose(center, [1, -2], atol=1e-14)
     np.testing.assert_allclose(semi, [3, 3], atol=1e-14)
 
 
 @given(st.integers(0, 399), st.floats(-0.13, 0.13), st.floats(-0.13, 0.13), st.floats(0.002, 0.02))
 def test_the_ellipse_goes_through_the_imaged_circle(index, x, y, radius):
-    centre, semi, angle = circle_image(np.array([x, y]), radius, HOMOGRAPHY[index])
+    center, semi, angle = circle_image(np.array([x, y]), radius, HOMOGRAPHY[index])
     phase = np.linspace(0, 2 * np.pi, 24)
     rim = np.array([x, y]) + radius * np.stack([np.cos(phase), np.sin(phase)], -1)
-    seen = apply_homography(HOMOGRAPHY[index], rim) - centre
+    seen = apply_homography(HOMOGRAPHY[index], rim) - center
     along = seen @ [np.cos(angle), np.sin(angle)]
     across = seen @ [-np.sin(angle), np.cos(angle)]
     # The conic in px has entries from 1e-7 to 1; its determinant loses about as many digits.
@@ -31,7 +31,7 @@ def test_the_ellipse_goes_through_the_imaged_circle(index, x, y, radius):
     assert semi[0] >= semi[1] * (1 - 1e-9)
 
 
-def test_centre_offset_is_the_closed_form():
+def test_center_offset_is_the_closed_form():
     # Tilted by p at distance d and on the axis: along the tilt the rim's two extreme points are at
     # f (d cos p -+ ...): x = f r cos p / (d -+ r sin p), whose middle is f r^2 sin p cos p / (d^2 - r^2 sin^2 p).
     tilt, distance, radius = np.deg2rad(70), 0.6, 0.018

@@ -32,6 +32,6 @@ def test_plane_points_need_no_z_and_batches_broadcast():
 
 
 def test_pixels_and_back():
-    normalised = np.array([[0.0, 0.0], [0.1, -0.2]])
-    np.testing.assert_array_equal(to_pixels(normalised, K)[0], [320, 240])
-    np.testing.assert_allclose(from_pixels(to_pixels(normalised, K), K), normalised, atol=1e-15)
+    normalized = np.array([[0.0, 0.0], [0.1, -0.2]])
+    np.testing.assert_array_equal(to_pixels(normalized, K)[0], [320, 240])
+    np.testing.assert_allclose(from_pixels(to_pixels(normalized, K), K), normalized, atol=1e-15)

@@ -23,10 +23,10 @@ def test_the_papers_poses():
     np.testing.assert_allclose(np.linalg.det(poses.rotation), 1, atol=1e-12)
     # A marker at the origin seen frontally upright has R = diag(1, -1, -1).
     np.testing.assert_allclose(poses.rotation[0], np.diag([1, -1, -1]), atol=1e-12)
-    # Camera centres are d (cos a sin p, sin a sin p, cos p).
-    centre = -np.einsum("pji,pj->pi", poses.rotation, poses.translation)
-    np.testing.assert_allclose(np.linalg.norm(centre, axis=-1), poses.translation[:, 2], atol=1e-12)
-    assert np.all(centre[:, 2] > 0)
+    # Camera centers are d (cos a sin p, sin a sin p, cos p).
+    center = -np.einsum("pji,pj->pi", poses.rotation, poses.translation)
+    np.testing.assert_allclose(np.linalg.norm(center, axis=-1), poses.translation[:, 2], atol=1e-12)
+    assert np.all(center[:, 2] > 0)
     seen = poses.seen_whole(Circle(0.15), PAPER_CAMERA)
     assert (len(seen), seen.dropped) == (400, 0)
 
@@ -74,7 +74,7 @@ def test_circle_geometry(radius, seed, share):
     assert np.all(circle.depth(inside) >= inset - 1e-12 * radius)
     kept = circle.depth(points) >= inset
     np.testing.assert_array_equal(inside[kept], points[kept])
-    # The nearest such point: straight toward the centre.
+    # The nearest such point: straight toward the center.
     cross = inside[:, 0] * points[:, 1] - inside[:, 1] * points[:, 0]
     np.testing.assert_allclose(cross, 0, atol=1e-12 * radius**2)
     assert np.all(circle.depth(circle.sample(50, inset, rng)) >= inset - 1e-12 * radius)

@@ -60,11 +60,11 @@ def test_condition_is_that_of_the_coordinates(setting, coordinates):
     points = np.random.default_rng(2).uniform(-0.1, 0.1, (5, 2))
     poses, camera = setting.poses, setting.camera
     image = project(points, poses.rotation, poses.translation, camera.matrix)
-    normalised = (image - camera.matrix[:2, 2]) / camera.focal
+    normalized = (image - camera.matrix[:2, 2]) / camera.focal
     r, t = 0.15, poses.translation[:, None]
     written = {
-        "unit": (points / r, (normalised - t[..., :2] / t[..., 2:]) * t[..., 2:] / r),
-        "metric": (points, normalised),
+        "unit": (points / r, (normalized - t[..., :2] / t[..., 2:]) * t[..., 2:] / r),
+        "metric": (points, normalized),
         "pixel": (points, image),
         "hartley": (_hartley(points), _hartley(image)),
     }
@@ -76,8 +76,8 @@ def test_condition_is_that_of_the_coordinates(setting, coordinates):
 
 
 def _hartley(points):
-    centred = points - points.mean(axis=-2, keepdims=True)
-    return centred * np.sqrt(2 / np.mean(np.sum(centred**2, -1), -1))[..., None, None]
+    centered = points - points.mean(axis=-2, keepdims=True)
+    return centered * np.sqrt(2 / np.mean(np.sum(centered**2, -1), -1))[..., None, None]
 
 
 def test_unit_coordinates_forget_the_unit_of_length(setting):

@@ -94,7 +94,7 @@ def test_turning_upright_costs_nothing_and_numbers_run_round(setting):
     np.testing.assert_allclose(points, regular_polygon(5, 0.15), atol=1e-9)
 
 
-def test_a_dot_at_the_centre_comes_last():
+def test_a_dot_at_the_center_comes_last():
     points = np.concatenate([np.zeros((1, 2)), regular_polygon(5, 1.0)])
     np.testing.assert_array_equal(number(points)[-1], [0, 0])
 

@@ -33,8 +33,8 @@ def test_lengths_may_carry_units():
 
 def test_all_errors_are_listed_with_their_paths():
     with pytest.raises(InputError) as caught:
-        spec_from_mapping({"n": "many", "radius": "wide", "camera": {"width": 640}, "colour": "red"}, "my.toml")
-    for words in ("my.toml", "n: ", "radius: ", "camera.height: ", "colour: "):
+        spec_from_mapping({"n": "many", "radius": "wide", "camera": {"width": 640}, "color": "red"}, "my.toml")
+    for words in ("my.toml", "n: ", "radius: ", "camera.height: ", "color: "):
         assert words in str(caught.value)
     assert "\n" not in str(caught.value)
 
