@@ -1,9 +1,12 @@
 """What an objective is: values per pose with a pullback, aggregated over the poses."""
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import ClassVar
+from functools import cache
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +21,16 @@ from markergen.registry import Registry
 
 Array = NDArray[np.float64]
 Pullback = Callable[[Array], Array]
+T = TypeVar("T")
 
-POINTS_AT_ONCE = 20_000
+POINTS_AT_ONCE = 10_000
 """Projected points in one chunk of a batch: intermediate arrays then stay within the processor's cache."""
+
+
+@cache
+def _threads() -> ThreadPoolExecutor:
+    # numpy leaves the interpreter's lock while it computes, so that chunks really run side by side.
+    return ThreadPoolExecutor(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count())
 
 
 @dataclass(frozen=True)
@@ -76,7 +86,7 @@ class Objective(ABC):
 
     def per_pose(self, points: Array) -> Array:
         """Values (B, P) of layouts (B, n, 2) in m; inf where a layout determines nothing."""
-        return np.concatenate([self.linearize(chunk)[0] for chunk in self._chunks(points)])
+        return np.concatenate(self._in_chunks(lambda chunk: self.linearize(chunk)[0], points))
 
     def __call__(self, points: Array) -> Array:
         """Aggregated values (B,) of layouts (B, n, 2) in m."""
@@ -87,19 +97,22 @@ class Objective(ABC):
 
         A layout without a finite value gets a gradient of zero.
         """
-        values, gradients = [], []
-        for chunk in self._chunks(points):
+
+        def both(chunk: Array) -> tuple[Array, Array]:
             per_pose, pullback = self.linearize(chunk, softness)
             with np.errstate(invalid="ignore"):
                 value, derivative = self._aggregate(per_pose, softness)
                 gradient = pullback(derivative)
-            values.append(value)
-            gradients.append(np.where(np.isfinite(value)[:, None, None], gradient, 0.0))
+            return value, np.where(np.isfinite(value)[:, None, None], gradient, 0.0)
+
+        values, gradients = zip(*self._in_chunks(both, points), strict=True)
         return np.concatenate(values), np.concatenate(gradients)
 
-    def _chunks(self, points: Array) -> list[Array]:
+    def _in_chunks(self, function: Callable[[Array], T], points: Array) -> list[T]:
+        """Results on chunks of the batch, computed side by side; how many cores there are changes no chunk."""
         size = max(1, POINTS_AT_ONCE // (len(self.setting.poses) * points.shape[1]))
-        return [points[start : start + size] for start in range(0, len(points), size)]
+        chunks = [points[start : start + size] for start in range(0, len(points), size)]
+        return list(_threads().map(function, chunks)) if len(chunks) > 1 else [function(points)]
 
 
 class TraceObjective(Objective):

@@ -1,0 +1,1 @@
+"""Speed and quality beside a peer or a floor in the same run; `python -m benchmarks` prints the quick ones."""
