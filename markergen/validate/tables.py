@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from markergen.validate.metrics import mean_nees_interval
+
 Table = tuple[str, list[str], list[list[str]], str]
 """Title, header, rows, and a caption."""
 
@@ -115,7 +117,11 @@ def sentences(results: Mapping[str, Any]) -> list[str]:
     if tilted:
         count = sum(row["count"] for row in tilted.values())
         mean = sum(row["mean"] * row["count"] for row in tilted.values()) / count
-        found.append(f"Covariance of LM: mean NEES {mean:.4g} over {count} tilted trials; 6 is what it claims.")
+        low, high = mean_nees_interval(count)
+        found.append(
+            f"Covariance of LM: mean NEES {mean:.3f} over {count} trials tilted by 17.5 deg and more; "
+            f"{low:.3f} to {high:.3f} is what 99 % of such runs give if the bound's covariance is right."
+        )
     views = results["views"]
     if views:
         found.append(
