@@ -11,6 +11,8 @@ from markergen.errors import OutputError
 def write_atomic(path: Path, data: bytes) -> None:
     """Write `data` to a temporary file beside `path` and rename it over `path`.
 
+    A link is followed, and what is no regular file, such as a pipe or a terminal, is written to as it is.
+
     Raises
     ------
     OutputError
@@ -20,27 +22,53 @@ def write_atomic(path: Path, data: bytes) -> None:
 
 
 def write_all(files: Mapping[Path, bytes]) -> None:
-    """Write several files so that none is replaced before all are on disk (see `write_atomic`)."""
-    staged: list[tuple[Path, Path]] = []
+    """Write several files so that all are replaced or none (see `write_atomic`)."""
+    staged: dict[Path, Path] = {}
+    replaced: dict[Path, bytes | None] = {}
     target = Path()
     try:
         for target, data in files.items():
-            staged.append((_stage(target, data), target))
-        for temporary, target in staged:
-            temporary.replace(target)
+            if _is_special(target):
+                target.write_bytes(data)
+            else:
+                staged[target] = _stage(target.resolve(), data)
+        for target, temporary in staged.items():
+            before = target.read_bytes() if target.exists() else None
+            temporary.replace(target.resolve())
+            replaced[target] = before
     except OSError as error:
+        for done, before in replaced.items():
+            _restore(done.resolve(), before)
         reason = error.strerror or str(error)
         raise OutputError(
-            f"expected to write {target}, found: {reason}; nothing was changed, choose another place for -o"
+            f"expected to write {target}, found: {reason}; nothing was changed, choose another path"
         ) from error
     finally:
-        for temporary, _ in staged:
+        for temporary in staged.values():
             temporary.unlink(missing_ok=True)
+
+
+def check_folder(path: Path) -> None:
+    """Refuse a path that cannot be written, before any work is done for it; raises as `write_atomic` does."""
+    folder = path.resolve().parent
+    reason = ""
+    if not folder.is_dir():
+        reason = "No such file or directory" if not folder.exists() else "Not a directory"
+    elif path.is_dir():
+        reason = "Is a directory"
+    elif not os.access(folder, os.W_OK):
+        reason = "Permission denied"
+    if reason and not _is_special(path):
+        raise OutputError(f"expected to write {path}, found: {reason}; nothing was changed, choose another path")
+
+
+def _is_special(path: Path) -> bool:
+    return path.exists() and not path.is_file() and not path.is_dir()
 
 
 def _stage(target: Path, data: bytes) -> Path:
     if target.is_dir():
-        raise IsADirectoryError(21, "it is a directory", str(target))
+        raise IsADirectoryError(21, "Is a directory", str(target))
     handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
     temporary = Path(name)
     try:
@@ -54,6 +82,13 @@ def _stage(target: Path, data: bytes) -> Path:
         temporary.unlink(missing_ok=True)
         raise
     return temporary
+
+
+def _restore(target: Path, before: bytes | None) -> None:
+    if before is None:
+        target.unlink(missing_ok=True)
+    else:
+        _stage(target, before).replace(target)
 
 
 def _umask() -> int:

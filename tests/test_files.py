@@ -44,3 +44,49 @@ def test_a_full_disk_changes_nothing(tmp_path, monkeypatch):
         write_all({first: b"new", second: b"new"})
     assert first.read_bytes() == b"old"
     assert [path.name for path in tmp_path.iterdir()] == ["a.bin"]
+
+
+def test_when_one_of_several_cannot_be_replaced_the_others_are_put_back(tmp_path, monkeypatch):
+    old, new, stuck = tmp_path / "old.bin", tmp_path / "new.bin", tmp_path / "stuck.bin"
+    old.write_bytes(b"old")
+    replace = files.Path.replace
+
+    def refuse(self, target):
+        if target.name == "stuck.bin":
+            raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
+        return replace(self, target)
+
+    monkeypatch.setattr(files.Path, "replace", refuse)
+    with pytest.raises(OutputError, match=r"stuck\.bin, found: Operation not permitted; nothing was changed"):
+        write_all({old: b"1", new: b"2", stuck: b"3"})
+    assert old.read_bytes() == b"old"
+    assert [path.name for path in tmp_path.iterdir()] == ["old.bin"]
+
+
+def test_links_are_followed(tmp_path):
+    real, link = tmp_path / "real.bin", tmp_path / "link.bin"
+    real.write_bytes(b"old")
+    link.symlink_to(real)
+    write_atomic(link, b"new")
+    assert link.is_symlink()
+    assert real.read_bytes() == b"new"
+
+
+def test_a_pipe_stays_a_pipe(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    write_atomic(pipe, b"through")
+    assert os.read(reader, 100) == b"through"
+    os.close(reader)
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+
+
+@pytest.mark.parametrize(
+    ("path", "words"), [("none/a.json", "No such file"), (".", "Is a directory"), ("f/a", "Not a dir")]
+)
+def test_folders_are_checked_before_the_work(tmp_path, path, words):
+    (tmp_path / "f").write_bytes(b"")
+    with pytest.raises(OutputError, match=words):
+        files.check_folder(tmp_path / path)
+    files.check_folder(tmp_path / "fine.json")

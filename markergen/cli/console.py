@@ -17,8 +17,6 @@ CRITERIA = {
 }
 """Column title and factor of each criterion."""
 
-LAYOUTS = {"design": "this marker", "ngon": "regular n-gon", "square": "square, 4 dots", "random": "random, median"}
-
 
 @contextmanager
 def progress_bar() -> Iterator[Progress]:
@@ -35,6 +33,7 @@ def progress_bar() -> Iterator[Progress]:
     with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
         tasks: dict[str, Any] = {}
 
+        # A stage announces itself with nothing done, so that the time left is reckoned from its start.
         def advance(stage: str, done: int, total: int) -> None:
             if stage not in tasks:
                 tasks[stage] = bar.add_task(stage, total=total)
@@ -43,39 +42,64 @@ def progress_bar() -> Iterator[Progress]:
         yield advance
 
 
+@contextmanager
+def busy(words: str) -> Iterator[None]:
+    """Show on stderr that something is under way that has no parts to count."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    if console.is_terminal:
+        with console.status(words):
+            yield
+    else:
+        yield
+
+
+def length(text: str) -> float:
+    """Read a length for an option, so that a bad one is told with the option's name."""
+    from typer import BadParameter
+
+    from markergen.errors import InputError
+    from markergen.units import parse_length
+
+    try:
+        return parse_length(text)
+    except InputError as error:
+        raise BadParameter(str(error)) from None
+
+
 def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> None:
-    """Print rows of text under a header: the first column to the left, numbers to the right."""
+    """Print rows of text under a header, none of it cut off: the first column to the left, the others to the right."""
     from rich import box
     from rich.console import Console
     from rich.table import Table
 
     table = Table(
-        title=title, caption=caption or None, box=box.SIMPLE_HEAD, title_justify="left", caption_justify="left"
+        box=box.SIMPLE_HEAD, title=title, caption=caption or None, title_justify="left", caption_justify="left"
     )
+    table.title_style = "bold"
     for index, name in enumerate(header):
-        table.add_column(name, justify="right" if index else "left", no_wrap=True)
+        table.add_column(name, justify="right" if index and len(header) > 2 else "left", overflow="fold")
     for row in rows:
         table.add_row(*row)
-    # A pipe has no width; tables are then as wide as they need to be.
-    Console(width=None if sys.stdout.isatty() else 120, highlight=False).print(table)
+    # A pipe has no width of its own; no table needs more than this.
+    Console(width=None if sys.stdout.isatty() else 100, highlight=False).print(table)
 
 
 def print_criteria(table: Mapping[str, Mapping[str, float]], n: int) -> None:
     """Print the criteria of a design beside those of the layouts that it is compared with."""
-    from markergen.validate.tables import number
+    from markergen.validate.tables import LAYOUTS, number
 
+    names = {"design": "this marker", **LAYOUTS, "ngon": f"regular {n}-gon"}
     rows = [
-        [
-            LAYOUTS[name].replace("n-gon", f"{n}-gon"),
-            *(number(row[key] * factor) for key, (_, factor) in CRITERIA.items()),
-        ]
+        [names[name], *(number(row[key] * factor, 4) for key, (_, factor) in CRITERIA.items())]
         for name, row in table.items()
     ]
     print_table(
-        "What the layout allows",
+        "What the layout allows, for image noise of 1 px",
         ["", *(title for title, _ in CRITERIA.values())],
         rows,
-        "RMS over the poses, for image noise of 1 px (at 0.2 px: a fifth); c(A) is free of noise.",
+        "RMS over the poses; proportional to the noise but for c(A).",
     )
 
 
@@ -89,9 +113,12 @@ def print_results(results: Mapping[str, Any]) -> None:
     """Print what a validation found, as tables and sentences."""
     from markergen.validate import tables
 
+    print(tables.heading(results))
     if results["estimators"]:
-        print_table(*tables.estimator_table(results))
-        print_table(*tables.polar_angle_table(results))
+        print_table(*tables.rotation_table(results))
+        print_table(*tables.translation_table(results))
+        print_table(*tables.polar_angle_table(results, "rotation_deg"))
+        print_table(*tables.polar_angle_table(results, "translation_pct"))
         print_table(*tables.homography_table(results))
     print_table(*tables.comparison_table(results))
     print(*tables.sentences(results), sep="\n")

@@ -5,16 +5,14 @@ from typing import Annotated
 
 import typer
 
-from markergen.units import parse_length
+from markergen.cli.console import length
 
 
 def design(
-    n: Annotated[int | None, typer.Option("--n", help="Number of control points, 4 or more. [default: 5]")] = None,
+    n: Annotated[int | None, typer.Option("--n", help="Number of control points, 4 to 60. [default: 5]")] = None,
     radius: Annotated[
         float | None,
-        typer.Option(
-            parser=parse_length, metavar="LENGTH", help="Of the disk that the dots must lie in. [default: 150mm]"
-        ),
+        typer.Option(parser=length, metavar="LENGTH", help="Of the disk that the dots must lie in. [default: 150mm]"),
     ] = None,
     template: Annotated[
         str | None, typer.Option(metavar="NAME|FILE", help="Start from a ready-made spec; see markergen templates.")
@@ -35,18 +33,16 @@ def design(
     poses: Annotated[str | None, typer.Option(metavar="NAME", help="paper or paper-roll. [default: paper]")] = None,
     dot: Annotated[
         float | None,
-        typer.Option(parser=parse_length, metavar="LENGTH", help="Dot diameter. [default: what the camera needs]"),
+        typer.Option(parser=length, metavar="LENGTH", help="Dot diameter. [default: what the camera needs]"),
     ] = None,
     clearance: Annotated[
         float | None,
-        typer.Option(
-            parser=parse_length, metavar="LENGTH", help="Smallest gap around dots. [default: a tenth of --dot]"
-        ),
+        typer.Option(parser=length, metavar="LENGTH", help="Smallest gap around dots. [default: a tenth of --dot]"),
     ] = None,
     seed: Annotated[
         int | None, typer.Option(help="Of the random starts; the same seed gives the same bytes. [default: 0]")
     ] = None,
-    restarts: Annotated[int | None, typer.Option(help="Random starts. [default: the objective's]")] = None,
+    restarts: Annotated[int | None, typer.Option(min=1, help="Random starts. [default: the objective's]")] = None,
     paper: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="A0..A5, letter, ... [default: the smallest ISO size that holds it]"),
@@ -64,8 +60,8 @@ def design(
     Example:
       markergen design --n 5 --radius 0.15 -o marker.pdf
     """
-    from markergen.cli.console import print_criteria, print_outputs, progress_bar
-    from markergen.export import ExportOptions, check_outputs, save
+    from markergen.cli.console import busy, print_criteria, print_outputs, progress_bar
+    from markergen.export import ExportOptions, check_outputs, save, with_record
     from markergen.optimize.design import design as find
     from markergen.read.spec_file import read_template, spec_from_mapping
 
@@ -76,14 +72,14 @@ def design(
     }  # fmt: skip
     values.update({key: value for key, value in options.items() if value is not None})
     spec = spec_from_mapping(values, template or "the options")
-    paths = output or [Path("marker.pdf")]
-    record = paths[0].with_suffix(".json")
-    paths = paths if record in paths else [*paths, record]
-    check_outputs(paths)
+    choices = ExportOptions(paper=paper)
+    paths = with_record(output or [Path("marker.pdf")])
+    check_outputs(paths, choices)
 
     with progress_bar() as progress:
         found = find(spec, progress)
-    written = save(found.marker, paths, ExportOptions(paper=paper))
+    with busy("writing"):
+        written = save(found.marker, paths, choices)
     for warning in found.warnings:
         typer.echo(f"markergen: warning: {warning}", err=True)
     print(found.summary)

@@ -22,9 +22,13 @@ def export(
     Example:
       markergen export marker.json -o marker.step -o marker.svg
     """
-    from markergen.cli.console import print_outputs
+    from markergen.cli.console import busy, print_outputs
     from markergen.export import ExportOptions, check_outputs, save
     from markergen.model.marker_json import read_marker
 
-    check_outputs(output)
-    print_outputs(save(read_marker(marker), output, ExportOptions(paper=paper)))
+    choices = ExportOptions(paper=paper)
+    check_outputs(output, choices)
+    read = read_marker(marker)
+    with busy("writing"):
+        written = save(read, output, choices)
+    print_outputs(written)

@@ -34,17 +34,22 @@ def validate(
       markergen validate marker.json --views 20 --fail-if 'estimators.lm.rotation_deg.rms > 1'
     """
     from markergen.cli.console import print_results, progress_bar
-    from markergen.files import write_atomic
+    from markergen.files import check_folder, write_atomic
     from markergen.model.marker_json import read_marker
-    from markergen.validate.fail_if import check
+    from markergen.validate.fail_if import check, parse
     from markergen.validate.proof import prove, setting_of, to_json
 
+    for expression in fail_if or []:
+        parse(expression)
+    to_stdout = str(json) == "-"
+    if json and not to_stdout:
+        check_folder(json)
     judged = read_marker(marker)
     setting = setting_of(judged, poses)
     with progress_bar() as progress:
         results = prove(judged, setting, noise, runs, views, seed, workers, trials_for_all, progress)
     verdicts = [check(expression, results) for expression in fail_if or []]
-    if str(json) == "-":
+    if to_stdout:
         typer.echo(to_json(results).decode(), nl=False)
     else:
         print_results(results)

@@ -4,8 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from markergen.drawing.paper import find_paper
 from markergen.errors import InputError
-from markergen.files import write_all
+from markergen.files import check_folder, write_all
 from markergen.model.marker import Marker
 from markergen.registry import Registry
 
@@ -56,17 +57,29 @@ def save(
     OutputError
         If a file cannot be written; every target is as it was.
     """
-    check_outputs(paths)
-    outputs = [EXPORTERS[path.suffix.lower()](marker, options or ExportOptions()) for path in paths]
+    choices = options or ExportOptions()
+    check_outputs(paths, choices)
+    outputs = [EXPORTERS[path.suffix.lower()](marker, choices) for path in paths]
     write_all({path: output.data for path, output in zip(paths, outputs, strict=True)})
     return [(path, output.notes) for path, output in zip(paths, outputs, strict=True)]
 
 
-def check_outputs(paths: Sequence[Path]) -> None:
-    """Refuse unknown suffixes and repeated paths before any work is done; raises as `save` does."""
+def with_record(paths: Sequence[Path]) -> list[Path]:
+    """Add the marker.json that always comes with a design, named after the first path, if it is not among them."""
+    if not paths[0].name:
+        return list(paths)
+    record = paths[0].with_suffix(".json")
+    return list(paths) if record.resolve() in {path.resolve() for path in paths} else [*paths, record]
+
+
+def check_outputs(paths: Sequence[Path], options: ExportOptions) -> None:
+    """Refuse what cannot be written before any work is done; raises as `save` does."""
+    if options.paper is not None:
+        find_paper(options.paper)
     seen: set[Path] = set()
     for path in paths:
         EXPORTERS[path.suffix.lower()]
         if path.resolve() in seen:
             raise InputError("each output path once", f"{path} twice", "give every -o another name")
         seen.add(path.resolve())
+        check_folder(path)

@@ -1,5 +1,6 @@
 """The camera: image size and intrinsics."""
 
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,9 @@ from markergen.errors import InputError
 
 Array = NDArray[np.float64]
 
+LARGEST_SIDE = 20_000
+"""Largest width and height of an image in px: above every camera there is."""
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -17,7 +21,8 @@ class Camera:
     Raises
     ------
     InputError
-        If the size is not positive or a focal length is not a positive finite number.
+        If a side is not 1 to 20000 px, a focal length is not a positive finite number, or the principal point is
+        not finite.
     """
 
     width: int
@@ -28,12 +33,18 @@ class Camera:
     cy: float
 
     def __post_init__(self) -> None:
-        if self.width < 1 or self.height < 1:
+        if not (1 <= self.width <= LARGEST_SIDE and 1 <= self.height <= LARGEST_SIDE):
             raise InputError(
-                "an image size above 0", f"{self.width}x{self.height}", "give the camera's width and height in pixels"
+                f"an image size of 1 to {LARGEST_SIDE} pixels",
+                f"{self.width}x{self.height}",
+                "give the camera's width and height in pixels",
             )
-        if not all(np.isfinite([self.fx, self.fy, self.cx, self.cy])) or self.fx <= 0 or self.fy <= 0:
+        # Compared, not converted: an integer may be too large for a float. NaN fails every comparison.
+        largest = sys.float_info.max
+        if not (0 < self.fx <= largest and 0 < self.fy <= largest):
             raise InputError("finite positive focal lengths", f"fx={self.fx}, fy={self.fy}", "check the camera matrix")
+        if not (abs(self.cx) <= largest and abs(self.cy) <= largest):
+            raise InputError("a finite principal point", f"cx={self.cx}, cy={self.cy}", "check the camera matrix")
 
     @property
     def matrix(self) -> Array:

@@ -6,21 +6,26 @@ published schema (docs/marker-v1.schema.json).
 
 import json
 from collections import Counter
+from math import isfinite
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
 from markergen.model.feature import Feature
+from markergen.model.findings import brief, findings_of, listed
 from markergen.model.marker import ControlPoint, Marker
 
 FORMAT, VERSION = "markergen-marker", 1
+LARGEST_FILE, MOST_CONTROL_POINTS = 10_000_000, 1000
+"""Bytes and control points; a marker has some kilobytes and a dozen points, a file beyond these is no marker."""
 TOLERANCE = 1e-9
-"""How far in m a dot may stand over the boundary or into another: rounding, far below any printer."""
+"""How far in m a dot may stand over the boundary, into another or into its clearance: rounding, far below printers."""
 
+Value = TypeVar("Value")
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -54,7 +59,7 @@ class _Feature(_Strict):
 
 
 class _ControlPoint(_Strict):
-    id: Annotated[int, Field(ge=0)]
+    id: Annotated[int, Field(ge=0, le=2**31 - 1)]
     x: Finite
     y: Finite
     z: Finite
@@ -62,7 +67,7 @@ class _ControlPoint(_Strict):
 
 
 class _Substrate(_Strict):
-    thickness: Positive
+    thickness: Annotated[float, Field(ge=1e-5, le=1.0)]
 
 
 class MarkerFile(_Strict):
@@ -73,7 +78,7 @@ class MarkerFile(_Strict):
     frame: _Frame
     boundary: _Circle
     clearance: NonNegative
-    control_points: Annotated[list[_ControlPoint], Field(min_length=4)]
+    control_points: Annotated[list[_ControlPoint], Field(min_length=4, max_length=MOST_CONTROL_POINTS)]
     tag: None = None
     substrate: _Substrate
     print_correction: None = None
@@ -112,7 +117,7 @@ def to_json(marker: Marker) -> bytes:
         "print_correction": None,
         "provenance": dict(marker.provenance),
     }
-    return (json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
+    return (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
 
 
 def read_marker(path: Path) -> Marker:
@@ -125,7 +130,13 @@ def read_marker(path: Path) -> Marker:
         schema or the marker's geometry; then *all* errors are listed, each with its path.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        with path.open("rb") as file:
+            data = file.read(LARGEST_FILE + 1)
+        if len(data) > LARGEST_FILE:
+            raise InputError(
+                f"a marker.json of at most {LARGEST_FILE // 10**6} MB at {path}", "a larger file", "check the path"
+            )
+        text = data.decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "bytes that are not UTF-8 text"
         raise InputError(f"a readable marker.json at {path}", str(reason), "check the path") from None
@@ -134,80 +145,141 @@ def read_marker(path: Path) -> Marker:
 
 def from_json(text: str, name: str = "marker.json") -> Marker:
     """Parse the text of a marker.json; `name` is what messages call it. Raises as `read_marker` does."""
-    try:
-        content = json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as error:
-        where = (
-            f"line {error.lineno} column {error.colno}: {error.msg}"
-            if isinstance(error, json.JSONDecodeError)
-            else "endless nesting"
-        )
-        raise InputError(
-            f"complete JSON in {name}", where, "the file is cut off or damaged: design it again or restore it"
-        ) from None
+    content = _parse(text, name)
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise InputError(
             f'"format": "{FORMAT}" in {name}', "another kind of file", "give a marker.json written by markergen design"
         )
-    if content.get("version") != VERSION:
+    version = content.get("version")
+    if type(version) is not int or version != VERSION:  # 1.0 and true equal 1, too
         raise InputError(
             f"marker.json version {VERSION} in {name}",
-            f"version {content.get('version')!r}",
+            f"version {brief(version)}",
             "update markergen, or design the marker again with this version",
         )
     findings = _structure(content) + _geometry(content)
     if findings:
-        raise InputError(f"a valid marker in {name}", "; ".join(findings), "correct these places")
+        raise InputError(f"a valid marker in {name}", listed(findings), "correct these places")
     return _build(MarkerFile.model_validate(content))
+
+
+def _parse(text: str, name: str) -> Any:
+    try:
+        return json.loads(
+            text, object_pairs_hook=_distinct, parse_constant=_number, parse_float=_number, parse_int=_integer
+        )
+    except json.JSONDecodeError as error:
+        found = f"line {error.lineno} column {error.colno}: {error.msg}"
+    except RecursionError:
+        found = "endless nesting"
+    except ValueError as error:
+        found = str(error)
+    raise InputError(f"complete JSON in {name}", found, "the file is cut off or damaged: design it again or restore it")
+
+
+def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        (key, _), *_ = Counter(key for key, _ in pairs).most_common(1)
+        raise ValueError(f"the key {brief(key)} twice in one object")
+    return content
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if not isfinite(value):
+        raise ValueError(f"the number {text if len(text) < 20 else text[:17] + '...'}, which is not finite")
+    return value
+
+
+def _integer(text: str) -> int:
+    _number(text)  # Python refuses thousands of digits with words of its own
+    return int(text)
 
 
 def _structure(content: dict[str, Any]) -> list[str]:
     try:
         MarkerFile.model_validate(content)
     except ValidationError as error:
-        return [f"{_path(item['loc'])}: {item['msg']} (got {_brief(item['input'])})" for item in error.errors()]
+        return findings_of(error)
     return []
+
+
+POINT: TypeAdapter[_ControlPoint] = TypeAdapter(_ControlPoint)
+CIRCLE: TypeAdapter[_Circle] = TypeAdapter(_Circle)
+GAP: TypeAdapter[float] = TypeAdapter(Annotated[NonNegative, Field(strict=True)])
+
+
+def _valid(kind: TypeAdapter[Value], value: object) -> Value | None:
+    try:
+        return kind.validate_python(value)
+    except ValidationError:
+        return None
 
 
 def _geometry(content: dict[str, Any]) -> list[str]:
     """Findings about the points that are well formed by themselves, whatever is wrong elsewhere in the file."""
-    points: list[tuple[int, _ControlPoint]] = []
-    listed = content.get("control_points")
-    for index, item in enumerate(listed if isinstance(listed, list) else []):
-        try:
-            points.append((index, _ControlPoint.model_validate(item)))
-        except ValidationError:
-            continue
-    findings = []
-    counts = Counter(point.id for _, point in points)
-    seen: set[int] = set()
-    for index, point in points:
-        if counts[point.id] > 1 and point.id in seen:
-            findings.append(f"control_points[{index}].id: {point.id} is used twice")
-        seen.add(point.id)
-        if not 0 <= point.feature.inner_diameter <= point.feature.diameter:
-            findings.append(f"control_points[{index}].feature.inner_diameter: not below the diameter")
-    try:
-        boundary = Circle(_Circle.model_validate(content.get("boundary")).radius)
-    except ValidationError:
-        return findings
-    if not points:
-        return findings
-    xy = np.array([[point.x, point.y] for _, point in points])
-    radii = np.array([point.feature.diameter / 2 for _, point in points])
-    outside = radii - boundary.depth(xy)
-    findings += [
-        f"control_points[{index}]: stands {over * 1e3:.4g} mm over the boundary"
-        for (index, _), over in zip(points, outside, strict=True)
-        if over > TOLERANCE
-    ]
-    gaps = np.linalg.norm(xy[:, None] - xy[None], axis=-1) - radii[:, None] - radii[None]
-    findings += [
-        f"control_points[{points[j][0]}]: overlaps control_points[{points[i][0]}] by {-gaps[i, j] * 1e3:.4g} mm"
-        for i, j in zip(*np.triu_indices(len(points), 1), strict=True)
-        if gaps[i, j] < -TOLERANCE
-    ]
+    items = content.get("control_points")
+    if not isinstance(items, list) or len(items) > MOST_CONTROL_POINTS:
+        return []
+    points = {
+        f"control_points[{index}]": point
+        for index, item in enumerate(items)
+        if (point := _valid(POINT, item)) is not None
+    }
+    boundary = _valid(CIRCLE, content.get("boundary"))
+    findings = _features(points)
+    if points and boundary is not None:
+        findings += _room(points, Circle(boundary.radius), _valid(GAP, content.get("clearance")) or 0.0)
     return findings
+
+
+def _features(points: dict[str, _ControlPoint]) -> list[str]:
+    findings = []
+    seen: set[int] = set()
+    for path, point in points.items():
+        feature = point.feature
+        if point.id in seen:
+            findings.append(f"{path}.id: {point.id} is used twice")
+        seen.add(point.id)
+        if feature.inner_diameter and feature.inner_diameter >= feature.diameter:
+            findings.append(
+                f"{path}.feature.inner_diameter: not below the diameter of {feature.diameter} "
+                f"(got {feature.inner_diameter})"
+            )
+        if (feature.kind == "ring") != (feature.inner_diameter > 0):
+            findings.append(
+                f"{path}.feature.kind: a ring has an inner_diameter above 0, a dot has none "
+                f"(got {feature.kind!r} with {feature.inner_diameter})"
+            )
+    return findings
+
+
+def _room(points: dict[str, _ControlPoint], boundary: Circle, clearance: float) -> list[str]:
+    """Findings about dots that are over or near the boundary, and that overlap or are near each other."""
+    paths = list(points)
+    xy = np.array([[point.x, point.y] for point in points.values()], dtype=float)
+    radii = np.array([point.feature.diameter / 2 for point in points.values()])
+    # Coordinates may be so large that their squares are not finite; such points are outside.
+    with np.errstate(over="ignore"):
+        inside = boundary.depth(xy) - radii
+        gaps = np.linalg.norm(xy[:, None] - xy[None], axis=-1) - radii[:, None] - radii[None]
+    findings = []
+    for i in np.flatnonzero(inside < clearance - TOLERANCE):
+        if inside[i] < -TOLERANCE:
+            findings.append(f"{paths[i]}: stands {_mm(-inside[i])} over the boundary")
+        else:
+            findings.append(f"{paths[i]}: {_mm(clearance - inside[i])} nearer to the boundary than the clearance")
+    for i, j in np.argwhere(np.triu(gaps < clearance - TOLERANCE, 1)):
+        if gaps[i, j] < -TOLERANCE:
+            findings.append(f"{paths[j]}: overlaps {paths[i]} by {_mm(-gaps[i, j])}")
+        else:
+            findings.append(f"{paths[j]}: {_mm(clearance - gaps[i, j])} nearer to {paths[i]} than the clearance")
+    return findings
+
+
+def _mm(meters: float) -> str:
+    return f"{float(meters) * 1e3:.4g} mm"
 
 
 def _build(file: MarkerFile) -> Marker:
@@ -221,12 +293,3 @@ def _build(file: MarkerFile) -> Marker:
         thickness=file.substrate.thickness,
         provenance=file.provenance,
     )
-
-
-def _path(location: tuple[int | str, ...]) -> str:
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).lstrip(".") or "file"
-
-
-def _brief(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 40 else text[:37] + "..."

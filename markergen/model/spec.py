@@ -10,6 +10,9 @@ from markergen.errors import InputError
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.camera import PAPER_CAMERA, Camera
 
+MOST_POINTS = 60
+"""The polish has a constraint for every pair of points, and takes half a minute for this many."""
+
 
 @dataclass(frozen=True)
 class Spec:
@@ -18,7 +21,7 @@ class Spec:
     Attributes
     ----------
     n : int
-        Number of control points, at least 4.
+        Number of control points, 4 to 60.
     boundary : Boundary
     camera : Camera
     poses : str
@@ -49,6 +52,8 @@ class Spec:
     def __post_init__(self) -> None:
         if self.n < 4:
             raise InputError("at least 4 control points", f"n={self.n}", "a homography needs four: use --n 4 or more")
+        if self.n > MOST_POINTS:
+            raise InputError(f"at most {MOST_POINTS} control points", f"n={self.n}", "use a smaller --n")
         for name in ("dot", "clearance"):
             value = getattr(self, name)
             if value is not None and not (isfinite(value) and value >= 0):

@@ -69,8 +69,8 @@ class Objective(ABC):
 
     def __init__(self, setting: Setting, aggregate: str = "", coordinates: str = "unit") -> None:
         if coordinates not in self.coordinates:
-            known = ", ".join(self.coordinates)
-            raise InputError("coordinates that the objective knows", repr(coordinates), f"known: {known}")
+            remedy = f"known: {', '.join(self.coordinates)}; only --objective condition depends on them"
+            raise InputError("coordinates that the objective knows", repr(coordinates), remedy)
         self.setting = setting
         self.aggregate = aggregate or self.default_aggregate
         self._aggregate = AGGREGATES[self.aggregate]
@@ -90,7 +90,8 @@ class Objective(ABC):
 
     def __call__(self, points: Array) -> Array:
         """Aggregated values (B,) of layouts (B, n, 2) in m."""
-        return self._aggregate(self.per_pose(points), 0.0)[0]
+        with np.errstate(invalid="ignore"):
+            return self._aggregate(self.per_pose(points), 0.0)[0]
 
     def value_and_gradient(self, points: Array, softness: float = 0.0) -> tuple[Array, Array]:
         """Aggregated values (B,) and their gradients (B, n, 2), per m, for layouts (B, n, 2) in m.

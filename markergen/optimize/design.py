@@ -13,7 +13,7 @@ from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Objective, Setting
 from markergen.objectives.criteria import Criteria, criteria, median_criteria
 from markergen.optimize.comparisons import comparison_layouts
-from markergen.optimize.dots import DotSize, choose_dots
+from markergen.optimize.dots import DotSize, choose_dots, pixels_across
 from markergen.optimize.multistart import Optimum, Progress, search
 from markergen.optimize.region import Region
 
@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 
 UPRIGHT = 1e-5
 """Relative worsening that is allowed for turning the layout upright: far below what any sheet or camera can show."""
+
+FEWEST_PIXELS = 4.0
+"""Below this many px across, a dot's image is too small for its center to be measured well."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,7 @@ class Design:
             f"{len(self.marker)} control points in a {self.marker.boundary}, "
             f"seen from {len(poses)} poses ({poses.name}{dropped})\n"
             f"objective {spec['objective']}, seed {spec['seed']}, spec {self.marker.spec_hash}\n"
-            f"dots of {self.dots.reason}; dot 0 is the key ring"
+            + (f"dots of {self.dots.reason}; dot 0 is the key ring" if self.dots.diameter else "bare points")
         )
 
     @property
@@ -64,8 +67,11 @@ class Design:
             found.append(
                 "c(A) in Hartley's coordinates does not depend on size: the layout is degenerate, for study only"
             )
+        across = pixels_across(self.dots.diameter, self.setting.camera, self.setting.poses)
         if not self.dots.diameter:
             found.append("bare points (--dot 0) are for studies and cannot be printed or made")
+        elif across < FEWEST_PIXELS:
+            found.append(f"dots of {across:.1f} px are hardly detected: use fewer, more room, or a better camera")
         return tuple(found)
 
 

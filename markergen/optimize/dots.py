@@ -45,7 +45,7 @@ def choose_dots(spec: Spec, poses: PoseDistribution) -> DotSize:
         size = _default(spec, poses)
     else:
         clearance = CLEARANCE * spec.dot if spec.clearance is None else spec.clearance
-        size = DotSize(spec.dot, clearance, f"{format_length(spec.dot)}, as asked")
+        size = DotSize(spec.dot, clearance, f"{format_length(spec.dot)}, as asked, {_pixels(spec.dot, spec, poses)}")
     if size.diameter > 0 or size.clearance > 0:
         _refuse_what_does_not_fit(spec, size)
     return size
@@ -70,13 +70,28 @@ def _default(spec: Spec, poses: PoseDistribution) -> DotSize:
     else:
         # Whole tenths of a millimeter: a size that can be measured on the sheet.
         diameter = float(np.floor(fits * 1e4) / 1e4)
-        left = PIXELS * diameter / wanted
+        if not diameter:
+            raise InputError(
+                "room for dots of 0.1 mm and more",
+                f"{spec.n} dots in a {spec.boundary}",
+                "use a larger --radius or a smaller --n",
+            )
         reason = (
-            f"{format_length(diameter)}, {ROOM:.0%} of the largest at which {spec.n} dots fit; "
-            f"{PIXELS:g} px would need {format_length(wanted)}, this leaves {left:.1f} px"
+            f"{format_length(diameter)}, {100 * ROOM:g} % of the largest at which {spec.n} dots fit; "
+            f"{PIXELS:g} px would need {format_length(wanted)}, this leaves {_pixels(diameter, spec, poses)}"
         )
     clearance = CLEARANCE * diameter if spec.clearance is None else spec.clearance
     return DotSize(diameter, clearance, reason)
+
+
+def pixels_across(diameter: float, camera: Camera, poses: PoseDistribution) -> float:
+    """Extent in px that the image of a dot has along its short axis in 94 % of the poses (see `wanted_diameter`)."""
+    focal = np.sqrt(camera.fx * camera.fy)
+    return float(diameter * focal / np.percentile(poses.translation[:, 2] / poses.cos_tilt, PERCENTILE))
+
+
+def _pixels(diameter: float, spec: Spec, poses: PoseDistribution) -> str:
+    return f"{pixels_across(diameter, spec.camera, poses):.1f} px"
 
 
 def _refuse_what_does_not_fit(spec: Spec, size: DotSize) -> None:

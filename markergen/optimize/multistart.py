@@ -51,6 +51,8 @@ def search(
     restarts : int
         Random starts; 0 takes the objective's own default.
     """
+    if progress:
+        progress("descent", 0, 1)
     starts = region.sample(restarts or objective.default_restarts, n, rng)
     if not region.holds(starts).all():
         # Random points jam when the dots nearly fill the room; the packing itself is then the start.

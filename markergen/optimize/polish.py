@@ -10,7 +10,8 @@ Array = NDArray[np.float64]
 
 SOFTNESSES = (0.1, 0.03, 0.01, 0.003, 0.001)
 """Continuation for an objective with kinks (s7 = s8): each stage starts from the one before and follows a smooth
-function that lies within a factor 2^(softness/2) of the true one. Quasi-Newton steps on the kink itself stall."""
+function that lies within a factor 7^(softness/2) of c(A), or P^softness of the worst of P poses. Quasi-Newton steps on
+the kink itself stall."""
 
 
 def polish(objective: Objective, region: Region, start: Array, iterations: int = 60) -> tuple[Array, float]:

@@ -4,13 +4,14 @@ import tomllib
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
-from markergen.model.camera import PAPER_CAMERA, Camera
+from markergen.model.camera import LARGEST_SIDE, Camera
+from markergen.model.findings import brief, findings_of, listed
 from markergen.model.spec import Spec
 from markergen.units import parse_length
 
@@ -20,64 +21,83 @@ def _length(value: object) -> float:
         return parse_length(value if isinstance(value, (str, int, float)) else str(value))
     except InputError as error:
         # pydantic collects ValueErrors with their paths; our own error would end the list at the first.
-        raise ValueError(str(error)) from None
+        raise ValueError(error.args[2]) from None
 
 
 Length = Annotated[float, BeforeValidator(_length)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Whole = Annotated[int, Field(lt=2**63)]  # TOML's integers have 64 bits
+Side = Annotated[int, Field(ge=1, le=LARGEST_SIDE)]
+
+ABSENT: Any = None
+"""Stands in for a key that is not given; the defaults are those of `Spec` alone."""
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", strict=True)
 
 
 class _Boundary(_Table):
-    kind: str = "circle"
+    kind: Literal["circle"] = "circle"
     radius: Length
 
 
 class _Camera(_Table):
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
+    width: Side
+    height: Side
+    fx: Finite
+    fy: Finite
+    cx: Finite
+    cy: Finite
 
 
 class _SpecFile(_Table):
-    title: str = ""
-    n: int = 5
-    radius: Length | None = None
-    boundary: _Boundary | None = None
-    camera: _Camera | None = None
-    poses: str = "paper"
-    objective: str = "pose"
-    aggregate: str = ""
-    coordinates: str = "unit"
-    dot: Length | None = None
-    clearance: Length | None = None
-    seed: int = 0
-    restarts: int = 0
+    title: str = ABSENT
+    n: Whole = ABSENT
+    radius: Length = ABSENT
+    boundary: _Boundary = ABSENT
+    camera: _Camera = ABSENT
+    poses: str = ABSENT
+    objective: str = ABSENT
+    aggregate: str = ABSENT
+    coordinates: str = ABSENT
+    dot: Length | None = ABSENT
+    clearance: Length | None = ABSENT
+    seed: Whole = ABSENT
+    restarts: Whole = ABSENT
+
+    @field_validator("boundary")
+    @classmethod
+    def _only_one(cls, boundary: _Boundary, info: ValidationInfo) -> _Boundary:
+        if info.data.get("radius") is not None:
+            raise ValueError("give either radius or [boundary], not both")
+        return boundary
 
 
-def spec_from_mapping(values: Mapping[str, Any], name: str = "spec") -> Spec:
-    """Make a spec of plain values; lengths may be text with a unit. `name` is what messages call the source.
+def spec_from_mapping(values: object, name: str = "spec") -> Spec:
+    """Make a spec of a mapping of plain values; lengths may be text with a unit, what is not given is as in `Spec`.
+
+    `name` is what messages call the source.
 
     Raises
     ------
     InputError
-        If keys are unknown or values unfit; all of them are listed, each with its path.
+        If it is not a mapping, keys are unknown or values unfit; all of them are listed, each with its path.
     """
+    if not isinstance(values, Mapping):
+        raise InputError(f"a table of values in {name}", brief(values), "write for example n = 5 or radius = 0.15")
     try:
         table = _SpecFile.model_validate(dict(values))
     except ValidationError as error:
-        findings = "; ".join(f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.errors())
-        raise InputError(f"a valid spec in {name}", findings, "correct these places") from None
-    fields = table.model_dump(exclude={"title", "radius", "boundary", "camera"})
-    radius = table.boundary.radius if table.boundary else None
-    radius = table.radius if table.radius is not None else radius
-    camera = Camera(**table.camera.model_dump()) if table.camera else PAPER_CAMERA
-    return Spec(camera=camera, **fields) if radius is None else Spec(boundary=Circle(radius), camera=camera, **fields)
+        raise InputError(f"a valid spec in {name}", listed(findings_of(error)), "correct these places") from None
+    given = table.model_dump(exclude_unset=True, exclude={"title", "radius"})
+    if "camera" in given:
+        given["camera"] = Camera(**given["camera"])
+    if "boundary" in given:
+        given["boundary"] = Circle(table.boundary.radius)
+    elif table.radius is not None:
+        given["boundary"] = Circle(table.radius)
+    return Spec(**given)
 
 
 def read_template(name: str) -> dict[str, Any]:
@@ -92,6 +112,8 @@ def read_template(name: str) -> dict[str, Any]:
         return tomllib.loads(template_text(name))
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"TOML in {name}", str(error), "correct the file") from None
+    except (ValueError, RecursionError):
+        raise InputError(f"TOML in {name}", "an endless number or endless nesting", "correct the file") from None
 
 
 def template_text(name: str) -> str:

@@ -14,6 +14,18 @@ _EXPRESSION = re.compile(r"\s*([^\s<>=]+)\s*(>=|<=|>|<)\s*([^\s<>=]+)\s*")
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 
+def parse(expression: str) -> tuple[str, str, str]:
+    """Split an expression into path, comparison and the text of the number; raises InputError if it is malformed."""
+    match = _EXPRESSION.fullmatch(expression)
+    if match is None or not _NUMBER.fullmatch(match[3]):
+        raise InputError(
+            "a path, one of > >= < <=, and a number",
+            repr(expression),
+            "write for example 'estimators.lm.rotation_deg.rms > 0.5'",
+        )
+    return match[1], match[2], match[3]
+
+
 def check(expression: str, results: Mapping[str, Any]) -> tuple[bool, str]:
     """Evaluate what must not be: a path into the results, one of > >= < <=, and a number.
 
@@ -41,18 +53,11 @@ def check(expression: str, results: Mapping[str, Any]) -> tuple[bool, str]:
     >>> check("bound.by_polar_angle.17.5 > 0.5", {"bound": {"by_polar_angle": {"17.5": 0.61}}})
     (False, 'bound.by_polar_angle.17.5 = 0.61 > 0.5')
     """
-    match = _EXPRESSION.fullmatch(expression)
-    if match is None or not _NUMBER.fullmatch(match[3]):
-        raise InputError(
-            "a path, one of > >= < <=, and a number",
-            repr(expression),
-            "write for example 'estimators.lm.rotation_deg.rms > 0.5'",
-        )
-    path, sign, limit = match[1], match[2], float(match[3])
+    path, sign, limit = parse(expression)
     value = _number(path, results)
-    holds = OPERATORS[sign](value, limit)
+    holds = OPERATORS[sign](value, float(limit))
     relation = sign if holds else {">": "<=", ">=": "<", "<": ">=", "<=": ">"}[sign]
-    return not holds, f"{path} = {value:.6g} {relation} {match[3]}"
+    return not holds, f"{path} = {value:.6g} {relation} {limit}"
 
 
 def _number(path: str, results: Mapping[str, Any]) -> float:
@@ -62,6 +67,8 @@ def _number(path: str, results: Mapping[str, Any]) -> float:
     if children:
         problem = repr(rest) if rest else "a group"
         raise InputError(f"a path to a number {where}", problem, f"known there: {', '.join(children)}")
+    if rest and (found is None or found == {}):
+        raise InputError(f"results under {reached!r}", "none in this run", "ask for them with --runs or --views")
     if rest:
         raise InputError(f"a group {where}", f"no {rest!r} in it: {found!r} is a value", f"end the path at {reached!r}")
     if found is None or (isinstance(found, float) and not math.isfinite(found)):

@@ -7,16 +7,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.errors import InputError
 from markergen.model.feature import Feature, key_ring
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.poses import PRESETS
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.objectives.criteria import Criteria
+from markergen.objectives.criteria import Criteria, criteria
 from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.design import compare
 from markergen.optimize.region import Region
 from markergen.read.spec_file import spec_from_mapping
+from markergen.validate.result import ValidationResult
 from markergen.validate.run import validate
 from markergen.validate.views import validate_views
 
@@ -69,36 +71,44 @@ def prove(
     -------
     dict
         In the form that docs/validate.md describes.
+
+    Raises
+    ------
+    InputError
+        If the control points determine no homography, or a number is out of range.
     """
 
     def told(stage: str) -> Callable[[int, int], None] | None:
         return (lambda done, total: progress(stage, done, total)) if progress else None
 
-    def trials(judged: Marker, stage: str) -> dict[str, Any]:
+    def trials(judged: Marker, stage: str) -> ValidationResult:
         condition = OBJECTIVES["condition"](setting).per_pose(judged.xyz[None, :, :2])[0]
-        result = validate(
+        return validate(
             judged, setting.camera, setting.poses, noise_px, runs, seed,
             workers=workers, progress=told(stage), condition=condition,
         )  # fmt: skip
-        return result.as_dict()
 
     points = marker.xyz[:, :2]
     region = Region(marker.boundary, marker.dot_diameter, marker.clearance)
-    content = trials(marker, "trials")
+    if not np.isfinite(OBJECTIVES["condition"](setting)(points[None])[0]):
+        raise InputError(
+            "control points that determine a homography",
+            "too many of them on one line or in one place",
+            "design the marker again, with four points in general position",
+        )
+    seen = validate_views(marker, setting.camera, setting.poses, views, seed, progress=told("views")) if views else None
+    own = trials(marker, "trials")
     table = compare(points, region, setting, seed)
-    content["criteria"] = table.pop("design")
-    content["comparisons"] = {name: _beside(row, noise_px) for name, row in table.items()}
+    beside: dict[str, Any] = {name: _beside(row, noise_px) for name, row in table.items() if name != "design"}
     if trials_for_all:
         objective = OBJECTIVES["pose"](setting)
         for name, layouts in comparison_layouts(region, len(points), seed).items():
-            values = objective(layouts)
             # Of several layouts the median one runs; their number is odd.
-            middle = layouts[np.argsort(values)[len(values) // 2]]
-            found = trials(_dressed(middle, marker), name)
-            content["comparisons"][name] |= {key: found[key] for key in ("estimators", "homography", "bound")}
-    if views:
-        content["views"] = validate_views(marker, setting.camera, setting.poses, views, seed, progress=told("views"))
-    return content
+            middle = layouts[np.argsort(objective(layouts))[len(layouts) // 2]]
+            found = trials(_dressed(middle, marker), name).as_dict()
+            beside[name] = {key: found[key] for key in ("bound", "estimators", "homography")}
+            beside[name]["criteria"] = criteria(middle[None], setting)[0]
+    return own.as_dict(criteria=table["design"], comparisons=beside, views=seen)
 
 
 def _beside(row: Criteria, noise_px: float) -> dict[str, Any]:

@@ -86,6 +86,7 @@ class ValidationResult:
         return {
             "rotation_deg": statistics(rotation_deg[~failed]),
             "translation_pct": statistics(translation_pct[~failed]),
+            "nearest_rotation_deg": statistics(errors.nearest_deg[poses][~failed]),
             "flip_rate": np.mean(flipped),
             "failure_rate": np.mean(failed),
             "efficiency": efficiency(rotation_deg, ~(failed | flipped), self.experiment.bounds.rotation_deg[poses]),

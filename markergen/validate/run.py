@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,8 @@ Array = NDArray[np.float64]
 
 POSES_AT_ONCE = 4
 """Poses in one chunk of work: about a second of computing at 1000 runs."""
+MOST_NOISE_PX = 1000.0
+"""Beyond any image; no estimate means anything long before."""
 WORTH_A_WORKER = 10_000
 """Trials (poses times runs) below which starting another process takes longer than it saves."""
 
@@ -85,6 +86,8 @@ def validate(
     worth = 1 + len(poses) * runs // WORTH_A_WORKER
     chunks = [range(start, min(start + POSES_AT_ONCE, len(poses))) for start in range(0, len(poses), POSES_AT_ONCE)]
     done = 0
+    if progress is not None:
+        progress(0, len(poses))
 
     def finished(index: int) -> None:
         nonlocal done
@@ -111,8 +114,9 @@ def _fitting(points: Array, names: Sequence[str] | None) -> tuple[str, ...]:
 
 
 def _check(noise_px: float, runs: int, seed: int, workers: int | None) -> None:
-    if not (isfinite(noise_px) and noise_px >= 0):
-        raise InputError("a noise of 0 px or more", f"noise={noise_px}", "give --noise a number such as 0.2")
+    if not 0 <= noise_px <= MOST_NOISE_PX:
+        expected = f"a noise from 0 to {MOST_NOISE_PX:g} px"
+        raise InputError(expected, f"noise={noise_px}", "give --noise a number such as 0.2")
     if runs < 0:
         raise InputError("0 runs or more", f"runs={runs}", "give --runs a whole number such as 1000")
     if seed < 0:

@@ -1,6 +1,6 @@
 """Results as rows of text, for the terminal and any other page."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from markergen.validate.metrics import mean_nees_interval
@@ -8,69 +8,67 @@ from markergen.validate.metrics import mean_nees_interval
 Table = tuple[str, list[str], list[list[str]], str]
 """Title, header, rows, and a caption."""
 
-TITLES = {
-    "epnp": "EPnP (better of 2)",
-    "ippe": "IPPE (better of 2)",
-    "lm": "LM from IPPE",
-    "sqpnp": "SQPnP",
-    "dlt": "DLT",
-}
+TITLES = {"epnp": "EPnP", "ippe": "IPPE", "lm": "LM from IPPE", "sqpnp": "SQPnP", "dlt": "DLT"}
 LAYOUTS = {"ngon": "regular n-gon", "square": "square, 4 dots", "random": "random, median"}
+STATISTICS = ("mean", "std", "rms", "median", "p95", "max")
+BOUND = "bound (CRLB)"
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Write a number with that many significant digits; a dash where there is none."""
-    return "-" if value is None else f"{value:#.{digits}g}".rstrip(".")
+    """Write a number with that many significant digits; a dash where there is none, no digits where it is rounding."""
+    if value is None:
+        return "-"
+    return "<1e-6" if 0 < abs(value) < 1e-6 else f"{value:#.{digits}g}".rstrip(".")
 
 
-def estimator_table(results: Mapping[str, Any]) -> Table:
-    """Rotation and translation errors of each estimator, overall, with the bound below."""
-    header = [
-        "pose",
-        "RE deg: mean",
-        "rms",
-        "median",
-        "p95",
-        "max",
-        "TE %: mean",
-        "rms",
-        "flips",
-        "failures",
-        "efficiency",
-    ]
+def percent(share: float | None) -> str:
+    """Write a share as a percentage with up to three digits; a dash where there is none."""
+    return "-" if share is None else f"{100 * share:.3g} %"
+
+
+def rotation_table(results: Mapping[str, Any]) -> Table:
+    """Rotation errors of each estimator over all poses, with its efficiency, and the bound below."""
+    rows = []
+    for name, row in results["estimators"].items():
+        numbers = [number(row["rotation_deg"][key]) for key in STATISTICS]
+        rows.append([TITLES.get(name, name), *numbers, number(row["efficiency"])])
+        if name == "ippe":
+            rows.append(["  nearer of both", *(number(row["nearest_rotation_deg"][key]) for key in STATISTICS), ""])
+    rows.append([BOUND, "", "", number(results["bound"]["rotation_deg"]), "", "", "", ""])
+    caption = "Without failures, with flips. IPPE: the solution that fits better, and the truer one."
+    return "Rotation error RE, deg", ["", *STATISTICS, "effic."], rows, caption
+
+
+def translation_table(results: Mapping[str, Any]) -> Table:
+    """Translation errors of each estimator over all poses, with flips and failures, and the bound below."""
     rows = [
         [
             TITLES.get(name, name),
-            *(number(row["rotation_deg"][key]) for key in ("mean", "rms", "median", "p95", "max")),
-            *(number(row["translation_pct"][key]) for key in ("mean", "rms")),
-            *(f"{100 * row[key]:.2g} %" for key in ("flip_rate", "failure_rate")),
-            number(row["efficiency"], 3),
+            *(number(row["translation_pct"][key]) for key in STATISTICS),
+            *(percent(row[key]) for key in ("flip_rate", "failure_rate")),
         ]
         for name, row in results["estimators"].items()
     ]
-    bound = results["bound"]
-    rows.append(["bound (CRLB)", "", number(bound["rotation_deg"]), "", "", "", "", number(bound["translation_pct"])])
-    poses, runs = results["poses"]["count"], results["runs"]
-    caption = "Errors exclude failures and include flips; efficiency is the bound's mean square over the measured one."
-    return f"{poses} poses x {runs} runs, noise {results['noise_px']:g} px", header, _even(rows, len(header)), caption
+    rows.append([BOUND, "", "", number(results["bound"]["translation_pct"]), "", "", "", "", ""])
+    return "Translation error TE, %", ["", *STATISTICS, "flips", "failed"], rows, ""
 
 
-def polar_angle_table(results: Mapping[str, Any]) -> Table:
-    """RMS rotation error of each estimator at each polar angle, with the bound below."""
+def polar_angle_table(results: Mapping[str, Any], key: str) -> Table:
+    """RMS of ``rotation_deg`` or ``translation_pct`` of each estimator at each polar angle, with the bound below."""
     angles = list(results["bound"]["by_polar_angle"])
     rows = [
-        [TITLES.get(name, name), *(number(row["by_polar_angle"][angle]["rotation_deg"]["rms"]) for angle in angles)]
+        [TITLES.get(name, name), *(number(row["by_polar_angle"][angle][key]["rms"]) for angle in angles)]
         for name, row in results["estimators"].items()
     ]
     bounds = results["bound"]["by_polar_angle"]
-    rows.append(["bound (CRLB)", *(number(bounds[angle]["rotation_deg"]) for angle in angles)])
-    caption = "Frontal views bound the rotation least: always look at them apart."
-    return "RE deg, rms, by polar angle", ["", *(f"{angle} deg" for angle in angles)], rows, caption
+    rows.append([BOUND, *(number(bounds[angle][key]) for angle in angles)])
+    title = {"rotation_deg": "RE, deg", "translation_pct": "TE, %"}[key]
+    return f"{title}: rms by polar angle", ["", *(f"{angle} deg" for angle in angles)], rows, ""
 
 
 def homography_table(results: Mapping[str, Any]) -> Table:
     """Errors of each homography estimator over the validation grid."""
-    header = ["homography", "HE px^2: mean", "median", "p95", "sqrt(HE) px: mean", "median", "p95"]
+    header = ["", "mean px^2", "median", "p95", "mean px", "median", "p95"]
     rows = [
         [
             TITLES.get(name, name),
@@ -79,13 +77,13 @@ def homography_table(results: Mapping[str, Any]) -> Table:
         ]
         for name, row in results["homography"].items()
     ]
-    caption = "HE is the mean squared distance over a 7 x 7 grid, half as wide again as the marker."
-    return "Homography", header, rows, caption
+    caption = "HE is over a grid half as wide again as the marker; its root in px beside it."
+    return "Homography error HE, px^2, and its root, px", header, rows, caption
 
 
 def comparison_table(results: Mapping[str, Any]) -> Table:
     """The marker's bounds and criteria beside those of the layouts of the same region, and LM's errors where run."""
-    header = ["layout", "bound: RE deg", "TE %", "pose mm at 1 px", "c(A)", "LM: RE deg, rms", "TE %, rms"]
+    header = ["", "RE bound", "TE bound", "LM: RE", "LM: TE", "c(A)"]
     layouts = {
         "this marker": {key: results[key] for key in ("criteria", "bound", "estimators")},
         **{LAYOUTS.get(name, name): row for name, row in results["comparisons"].items()},
@@ -96,14 +94,25 @@ def comparison_table(results: Mapping[str, Any]) -> Table:
         rows.append(
             [
                 name,
-                number(row["bound"]["rotation_deg"]),
-                number(row["bound"]["translation_pct"]),
-                number(1e3 * row["criteria"]["pose_m"]),
-                number(row["criteria"]["condition"]),
+                *(number(row["bound"][key]) for key in ("rotation_deg", "translation_pct")),
                 *(number(measured.get(key, {}).get("rms")) for key in ("rotation_deg", "translation_pct")),
+                number(row["criteria"]["condition"]),
             ]
         )
-    return "Beside other layouts of the same room", header, rows, "--trials-for-all measures the others too."
+    title = "Beside other layouts of the same room: deg and %, rms"
+    return title, header, rows, "--trials-for-all measures them all."
+
+
+def heading(results: Mapping[str, Any]) -> str:
+    """What was measured, from where, with what."""
+    camera, poses = results["camera"], results["poses"]
+    dropped = f", {poses['dropped']} more do not see the whole marker" if poses["dropped"] else ""
+    return (
+        f"{poses['count']} poses ({poses['name']}{dropped}) x {results['runs']} runs, "
+        f"noise {results['noise_px']:g} px\n"
+        f"camera {camera['width']}x{camera['height']}, focal lengths {camera['fx']:g} and {camera['fy']:g} px, "
+        f"principal point ({camera['cx']:g}, {camera['cy']:g})"
+    )
 
 
 def sentences(results: Mapping[str, Any]) -> list[str]:
@@ -134,7 +143,3 @@ def sentences(results: Mapping[str, Any]) -> list[str]:
             for view in views["failures"][:5]
         ]
     return found
-
-
-def _even(rows: Sequence[list[str]], width: int) -> list[list[str]]:
-    return [row + [""] * (width - len(row)) for row in rows]

@@ -38,10 +38,13 @@ LEAST_DEPTH = 0.1
 class PoseErrors:
     """Errors of one pose estimator, arrays (T,) for a pose or (P, T) for all: RE, TE, and what went wrong.
 
-    NEES is nan where it is not defined: a failure or a flip, no noise, or another estimator than LM.
+    `nearest_deg` is the RE of the solution that is nearest to the truth, whichever the estimator prefers: what a second
+    look, such as another image, could make of it. NEES is nan where it is not defined: a failure or a flip, no noise,
+    or another estimator than LM.
     """
 
     rotation_deg: Array
+    nearest_deg: Array
     translation_pct: Array
     nees: Array
     failed: Mask
@@ -131,7 +134,8 @@ def _errors(experiment: Experiment, index: int, batch: Correspondences, estimato
         pixels = project(grid, rotation[None], translation[None], experiment.camera.matrix)[0]
         he_px2 = homography_error_px2(homography, grid, pixels)
         return HomographyErrors(he_px2, homography_failed(batch.object_points[:, :2], homography, he_px2))
-    estimates = batch.once(estimator).best
+    found = batch.once(estimator)
+    estimates = found.best
     te_pct = translation_error_pct(estimates[1], translation)
     failed = pose_failed(batch.object_points, *estimates, te_pct)
     can_flip = experiment.bounds.separation[index] > FLIP_SEPARATION
@@ -141,4 +145,6 @@ def _errors(experiment: Experiment, index: int, batch: Correspondences, estimato
         kept = ~(failed | flips)
         information = experiment.bounds.information[index] / experiment.noise_px**2
         nees[kept] = pose_nees(estimates[0][kept], estimates[1][kept], rotation, translation, information)
-    return PoseErrors(rotation_error_deg(estimates[0], rotation), te_pct, nees, failed, flips)
+    every_deg = rotation_error_deg(found.rotation, rotation)
+    nearest_deg = np.fmin.reduce(every_deg, axis=1)
+    return PoseErrors(every_deg[:, 0], nearest_deg, te_pct, nees, failed, flips)

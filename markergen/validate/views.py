@@ -119,6 +119,8 @@ def validate_views(
     groups = {angle: _Tally() for angle in poses.by_polar_angle()}
     angle_of = {int(i): angle for angle, mask in poses.by_polar_angle().items() for i in np.flatnonzero(mask)}
     total, failures = _Tally(), []
+    if progress:
+        progress(0, count)
     for done, view in enumerate(take_views(marker, camera, poses, count, seed, optics), start=1):
         total.add(view)
         groups[angle_of[view.pose]].add(view)

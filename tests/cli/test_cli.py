@@ -96,6 +96,32 @@ def test_templates_are_listed_and_printed(capsys):
     assert 'radius = "150mm"' in capsys.readouterr().out
 
 
+def test_no_arguments_is_a_cry_for_help(capsys):
+    assert main([]) == 0
+    assert "Commands:" in capsys.readouterr().out
+
+
+def test_the_record_is_known_by_its_place_not_its_spelling(here, capsys):
+    (here / "a").mkdir()
+    assert main(["design", "--n", "4", "--restarts", "1", "-o", "a/../p.svg", "-o", "p.json"]) == 0
+    assert names(here) == {"a", "p.svg", "p.json"}
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+@pytest.mark.parametrize("arguments", ["--help", "templates", "export marker.json -o m.svg"])
+def test_a_full_standard_output_is_one_line(marker, arguments):
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    with Path("/dev/full").open("w") as full:
+        run = subprocess.run(
+            [sys.executable, "-m", "markergen", *arguments.split()],
+            cwd=marker.parent, env=environment, stdout=full, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+    assert run.returncode == 2
+    assert run.stderr.startswith("markergen: error: ")
+    assert "No space left" in run.stderr
+    assert "Traceback" not in run.stderr
+
+
 def test_version(capsys):
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"markergen {__version__}\n"
@@ -109,7 +135,16 @@ def test_version(capsys):
         ("design --radius 0", "radius above 0"),
         ("design --radius -0.1", "radius above 0"),
         ("design --radius nan", "finite"),
-        ("design --radius wide", "a number and one of m, cm, mm"),
+        ("design --radius wide", "'--radius': expected a length"),
+        ("design --dot 5xx", "a number and one of m, cm, mm"),
+        ("design --n 61", "at most 60"),
+        ("design --n 99999999999999999999", "n: "),
+        ("design --restarts 0", "--restarts"),
+        ("design --radius 4um -o m.json", "room for dots of 0.1 mm"),
+        ("design --coordinates metric", "only --objective condition"),
+        ("design -o /", ".pdf"),
+        ("design -o .", ".pdf"),
+        ("design -o a/../m.pdf -o ./m.pdf", "twice"),
         ("design --n 12 --dot 80mm", "of which 8 fit"),
         ("design --n 5 --dot 500mm", "of which 0 fit"),
         ("design --objective speed", "known: condition, homography, pose"),
@@ -122,9 +157,9 @@ def test_version(capsys):
         ("design -o marker.doc", ".pdf"),
         ("design -o marker", ".pdf"),
         ("design -o a.pdf -o a.pdf", "twice"),
-        ("design --restarts 1 -o none/marker.pdf", "No such file or directory"),
+        ("design -o none/marker.pdf", "No such file or directory"),
         ("design --restarts 1 -o m.pdf --paper A3", "A2"),
-        ("design --restarts 1 -o m.pdf --paper A99", "A0"),
+        ("design -o m.pdf --paper A99", "A0"),
         ("design --restarts 1 --dot 0 -o m.pdf", "dot"),
         ("design --seed -1", "seed"),
         ("design --color red", "--color"),
@@ -149,7 +184,10 @@ def test_bad_input_is_one_line_and_writes_nothing(here, capsys, arguments, words
         ("validate marker.json --poses none", "known: paper, paper-roll"),
         ("validate marker.json --runs 1 --fail-if nonsense", "write for example"),
         ("validate marker.json --runs 1 --fail-if estimators.pnp.rotation_deg.rms>1", "epnp"),
-        ("validate marker.json --runs 0 --json none/r.json", "No such file"),
+        ("validate marker.json --json none/r.json", "No such file"),
+        ("validate marker.json --fail-if a>", "write for example"),
+        ("validate marker.json --runs 0 --fail-if estimators.lm.rotation_deg.rms>1", "ask for them with --runs"),
+        ("validate marker.json --noise 1e300", "noise"),
         ("export marker.json -o m.xyz", ".step"),
         ("export marker.json", "-o"),
         ("export marker.json -o marker.json -o none/m.svg", "No such file"),
@@ -241,7 +279,7 @@ def test_ctrl_c_ends_cleanly(marker, arguments):
     os.killpg(process.pid, signal.SIGINT)
     out, err = process.communicate(timeout=20)
     assert process.returncode == 130, err
-    assert err.splitlines()[-1] == "markergen: error: interrupted; nothing was written"
+    assert err.splitlines()[-1] == "markergen: error: interrupted"
     assert "Traceback" not in err
     assert "wrote" not in out
     assert names(marker.parent) == {"marker.json"}

@@ -75,5 +75,5 @@ def test_a_full_disk_leaves_every_target_alone(make_ngon, tmp_path, monkeypatch)
 def test_a_target_that_is_a_folder_is_refused(make_ngon, tmp_path):
     target = Path(tmp_path / "m.svg")
     target.mkdir()
-    with pytest.raises(OutputError, match="it is a directory"):
+    with pytest.raises(OutputError, match="Is a directory"):
         save(make_ngon(5, 0.05, 0.01), [target])

@@ -46,15 +46,20 @@ def test_every_error_is_told_with_its_path(content):
     content["control_points"][2]["y"] = 0.149
     content["control_points"][4]["feature"]["inner_diameter"] = 0.05
     content["surprise"] = 1
+    content["two\nlines"] = 2
+    content["k" * 1_000_000] = 3
     del content["clearance"]
     message = refusal(content)
+    assert len(message) < 1000
     for words in (
         "control_points[1].x: Input should be a valid number",
-        "surprise: Extra inputs are not permitted",
-        "clearance: Field required",
+        "surprise: unknown key (got 1)",
+        "clearance: missing",
         "control_points[3].id: 3 is used twice",
         "control_points[2]: stands",
-        "control_points[4].feature.inner_diameter: not below the diameter",
+        "control_points[4].feature.inner_diameter: not below the diameter of 0.036 (got 0.05)",
+        "['two\\nlines']: unknown key",
+        "kkk']: unknown key (got 3)",
     ):
         assert words in message
 
@@ -72,7 +77,14 @@ def test_overlapping_dots_are_told(content):
         ({"version": "1"}, "found version '1'"),
         ({"format": "something"}, "another kind of file"),
         ({"boundary": {"kind": "circle", "radius": -1}}, "boundary.radius"),
-        ({"boundary": {"kind": "circle", "radius": float("nan")}}, "boundary.radius"),
+        ({"boundary": {"kind": "circle", "radius": float("nan")}}, "found the number NaN"),
+        ({"provenance": {"camera": {"fx": float("-inf")}}}, "found the number -Infinity"),
+        ({"version": True}, "found version True"),
+        ({"version": 1.0}, "found version 1.0"),
+        ({"version": ["2"] * 1000}, "found version ['2', '2',"),
+        ({"substrate": {"thickness": 9e-6}}, "substrate.thickness: Input should be greater than or equal to 0.00001"),
+        ({"substrate": {"thickness": 1.1}}, "substrate.thickness: Input should be less than or equal to 1 (got 1.1)"),
+        ({"control_points": [0] * 1001}, "control_points: List should have at most 1000 items"),
         ({"control_points": []}, "control_points: List should have at least 4 items"),
         ({"control_points": "none"}, "control_points: Input should be a valid list"),
     ],
@@ -115,6 +127,104 @@ def test_a_damaged_value_anywhere_is_one_line_or_harmless(pentagon, data):
     except InputError as error:
         message = str(error)
     assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [("1e999", "1e999"), ("9" * 5000, "99999999999999999..."), ("-" + "9" * 400, "-9999999999999999...")],
+)
+def test_numbers_without_end_are_refused_wherever_they_stand(pentagon, number, words):
+    text = to_json(pentagon).decode().replace('"1a2b3c4d"', number)
+    assert f"found the number {words}, which is not finite" in refusal(text)
+
+
+def test_keys_given_twice_are_refused(pentagon):
+    text = to_json(pentagon).decode()
+    assert "the key 'diameter' twice" in refusal(text.replace('"inner_diameter"', '"diameter"', 1))
+    assert "the key 'format' twice" in refusal('{"format": 1, "format": 2}')
+
+
+def test_half_characters_survive_reading_and_writing(content):
+    content["provenance"] = {"note": "\ud800 µ"}
+    marker = from_json(json.dumps(content))
+    assert marker.provenance == content["provenance"]
+    assert from_json(to_json(marker).decode()) == marker
+
+
+def test_identifiers_fit_32_bits(content):
+    content["control_points"][1]["id"] = 2**31 - 1
+    from_json(json.dumps(content))
+    content["control_points"][1]["id"] += 1
+    assert "control_points[1].id: Input should be less than or equal to 2147483647 (got 2147483648)" in refusal(content)
+
+
+@pytest.mark.parametrize(
+    ("feature", "words"),
+    [
+        ({"kind": "dot", "diameter": 0.036, "inner_diameter": 0.018}, ".kind: a ring has"),
+        ({"kind": "ring", "diameter": 0.036, "inner_diameter": 0}, ".kind: a ring has"),
+        ({"kind": "ring", "diameter": 0, "inner_diameter": 0}, ".kind: a ring has"),
+        ({"kind": "ring", "diameter": 0.036, "inner_diameter": 0.036}, ".inner_diameter: not below"),
+        ({"kind": "ring", "diameter": 0, "inner_diameter": 0.001}, ".inner_diameter: not below"),
+    ],
+)
+def test_features_that_contradict_themselves_are_told(content, feature, words):
+    content["control_points"][1]["feature"] = feature
+    message = refusal(content)
+    assert f"control_points[1].feature{words}" in message
+    assert message.count("control_points[1]") == 1
+
+
+def test_bare_points_are_dots_of_diameter_0(content):
+    content["control_points"][1]["feature"] = {"kind": "dot", "diameter": 0, "inner_diameter": 0}
+    assert from_json(json.dumps(content)).control_points[1].feature.diameter == 0
+
+
+def test_a_breach_of_the_clearance_is_told_once(content):
+    # The topmost dot moves 1 mm nearer to the rim, where it stood exactly at the clearance of 3.6 mm.
+    first, second = content["control_points"][:2]
+    first["y"] += 0.001
+    assert "found control_points[0]: 1 mm nearer to the boundary than the clearance; " in refusal(content)
+    # 2 mm from edge to edge instead of 3.6.
+    first["y"] -= 0.001
+    second["x"], second["y"] = 0.0, first["y"] - 0.036 - 0.002
+    message = refusal(content)
+    assert "control_points[1]: 1.6 mm nearer to control_points[0] than the clearance" in message
+    assert "overlaps" not in message
+    second["y"] += 0.003
+    message = refusal(content)
+    assert "control_points[1]: overlaps control_points[0] by 1 mm" in message
+    assert "clearance" not in message
+    # The rounding of written coordinates is no breach.
+    second["y"] = first["y"] - 0.036 - content["clearance"] + 5e-10
+    from_json(json.dumps(content))
+
+
+def test_of_many_findings_the_first_20_are_listed(content):
+    content["control_points"] = [dict(content["control_points"][0], id=0) for _ in range(30)]
+    message = refusal(content)
+    # 29 identifiers used twice, and 30 * 29 / 2 pairs that overlap.
+    assert message.count("control_points[") == 20
+    assert f"and {29 + 435 - 20} more" in message
+
+
+def test_coordinates_beyond_all_measure_are_outside(content):
+    content["control_points"][0].update(x=1.7e308, y=-1.7e308)
+    content["control_points"][1].update(x=-1.7e308)
+    assert "control_points[1]: stands" in refusal(content)
+
+
+def test_a_file_without_end_is_refused(tmp_path):
+    with pytest.raises(InputError, match="at most 10 MB"):
+        read_marker(Path("/dev/zero"))
+    (tmp_path / "large.json").write_bytes(b" " * 10_000_000)
+    with pytest.raises(InputError, match="complete JSON"):
+        read_marker(tmp_path / "large.json")
+
+
+def test_a_byte_order_mark_is_accepted(pentagon, tmp_path):
+    (tmp_path / "m.json").write_bytes(b"\xef\xbb\xbf" + to_json(pentagon))
+    assert read_marker(tmp_path / "m.json") == pentagon
 
 
 def test_unreadable_files_are_one_line(tmp_path):

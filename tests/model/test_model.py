@@ -109,8 +109,15 @@ def test_bad_specs_are_refused(values):
 def test_bad_cameras_and_features_are_refused():
     with pytest.raises(InputError, match="focal"):
         Camera(640, 480, 0.0, 800.0, 320.0, 240.0)
-    with pytest.raises(InputError, match="image size"):
-        Camera(0, 480, 800.0, 800.0, 320.0, 240.0)
+    for focal in (math.nan, math.inf, 10**400):
+        with pytest.raises(InputError, match="focal"):
+            Camera(640, 480, 800.0, focal, 320.0, 240.0)
+    with pytest.raises(InputError, match="principal point"):
+        Camera(640, 480, 800.0, 800.0, math.nan, 240.0)
+    for side in (0, -1, 20_001, 10**400):
+        with pytest.raises(InputError, match="image size"):
+            Camera(side, 480, 800.0, 800.0, 320.0, 240.0)
+    assert Camera(20_000, 1, 800.0, 800.0, 320.0, 240.0).width == 20_000
     for diameter, inner in ((-1.0, 0.0), (0.01, 0.01), (0.01, -0.001), (math.nan, 0.0)):
         with pytest.raises(InputError, match="diameter"):
             Feature(diameter, inner)

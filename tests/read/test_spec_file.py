@@ -6,6 +6,8 @@ from markergen.model.camera import PAPER_CAMERA
 from markergen.model.spec import Spec
 from markergen.read.spec_file import read_template, spec_from_mapping, templates
 
+CAMERA = {"width": 640, "height": 480, "fx": 800.0, "fy": 800.0, "cx": 320.0, "cy": 240.0}
+
 
 def test_templates_are_ready_to_use():
     assert set(templates()) == {"desk-a4", "paper-disk"}
@@ -34,9 +36,55 @@ def test_lengths_may_carry_units():
 def test_all_errors_are_listed_with_their_paths():
     with pytest.raises(InputError) as caught:
         spec_from_mapping({"n": "many", "radius": "wide", "camera": {"width": 640}, "color": "red"}, "my.toml")
-    for words in ("my.toml", "n: ", "radius: ", "camera.height: ", "color: "):
+    for words in (
+        "my.toml",
+        "n: Input should be a valid integer (got 'many')",
+        "radius: write a number and one of m, ",
+        "camera.height: missing",
+        "color: unknown key (got 'red')",
+    ):
         assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("values", [[1], "x", None, 3])
+def test_what_is_no_table_is_refused(values):
+    with pytest.raises(InputError, match="a table of values in the file, found"):
+        spec_from_mapping(values, "the file")
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"n": True}, "n: Input should be a valid integer (got True)"),
+        ({"n": 5.0}, "n: Input should be a valid integer (got 5.0)"),
+        ({"n": None}, "n: Input should be a valid integer (got None)"),
+        ({"n": 16**6000}, "n: Input should be less than 9223372036854775808 (got an endless number)"),
+        ({"seed": "3"}, "seed: Input should be a valid integer (got '3')"),
+        ({"seed": 16**6000}, "seed: Input should be less than 9223372036854775808 (got an endless number)"),
+        ({"radius": True}, "radius: write a number"),
+        ({"dot": "inf"}, "dot: write a number such as 0.15 or 150mm (got 'inf')"),
+        ({"objective": 3}, "objective: Input should be a valid string (got 3)"),
+        ({"boundary": {"kind": "square", "radius": 1}}, "boundary.kind: Input should be 'circle' (got 'square')"),
+        ({"boundary": {"kind": "circle"}}, "boundary.radius: missing"),
+        ({"radius": 0.1, "boundary": {"radius": 0.1}}, "boundary: give either radius or [boundary], not both"),
+        ({"camera": CAMERA | {"width": 10**400}}, "camera.width: Input should be less than or equal to 20000"),
+        ({"camera": CAMERA | {"height": 0}}, "camera.height: Input should be greater than or equal to 1"),
+        ({"camera": CAMERA | {"cx": 10**400}}, "camera.cx: Input should be a valid number"),
+        ({"camera": CAMERA | {"fx": float("nan")}}, "camera.fx: Input should be a finite number"),
+        ({"camera": CAMERA | {"fx": 0.0}}, "finite positive focal lengths"),
+    ],
+)
+def test_each_unfit_value_is_named(values, words):
+    with pytest.raises(InputError) as caught:
+        spec_from_mapping(values)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_whole_numbers_serve_as_lengths_and_pixels():
+    spec = spec_from_mapping({"boundary": {"radius": 1}, "dot": 0, "camera": CAMERA | {"fx": 800}})
+    assert (spec.boundary, spec.dot, spec.camera) == (Circle(1.0), 0, PAPER_CAMERA)
 
 
 def test_templates_from_files(tmp_path):
@@ -46,6 +94,10 @@ def test_templates_from_files(tmp_path):
     path.write_text("n = = 6")
     with pytest.raises(InputError, match="TOML"):
         read_template(str(path))
+    for endless in ("9" * 5000, "[" * 100_000):
+        path.write_text(f"n = {endless}")
+        with pytest.raises(InputError, match="found an endless number or endless nesting"):
+            read_template(str(path))
     path.write_bytes(b"\xff")
     with pytest.raises(InputError, match="UTF-8"):
         read_template(str(path))

@@ -59,7 +59,7 @@ def test_malformed(expression):
         ("runs.rms", "under 'runs', found no 'rms' in it: 100 is a value; end the path at 'runs'"),
         ("estimators.lm.efficiency", "found that it has no value"),
         ("views", "found that it has no value"),
-        ("views.detected", "under 'views', found no 'detected' in it: None is a value"),
+        ("views.detected", "results under 'views', found none in this run"),
         ("marker.name", "a number at 'marker.name', found 'pentagon'"),
         ("marker.good", "found True"),
     ],

@@ -3,6 +3,7 @@ import json
 import numpy as np
 import pytest
 
+from markergen.errors import InputError
 from markergen.model.boundary import Circle
 from markergen.model.marker import Marker
 from markergen.objectives import OBJECTIVES
@@ -32,13 +33,23 @@ def test_criteria_bounds_and_condition_tell_one_story(results, setting, pentagon
 
 
 def test_tables_show_the_numbers_of_the_results(results):
-    for table in (tables.estimator_table, tables.polar_angle_table, tables.homography_table, tables.comparison_table):
-        _, header, rows, _ = table(results)
+    shown = [
+        tables.rotation_table(results),
+        tables.translation_table(results),
+        tables.polar_angle_table(results, "rotation_deg"),
+        tables.polar_angle_table(results, "translation_pct"),
+        tables.homography_table(results),
+        tables.comparison_table(results),
+    ]
+    for _, header, rows, _ in shown:
         assert {len(row) for row in rows} == {len(header)}
-    rows = {row[0]: row for row in tables.estimator_table(results)[2]}
-    shown = float(rows["LM from IPPE"][2])
-    assert shown == pytest.approx(results["estimators"]["lm"]["rotation_deg"]["rms"], rel=5e-3)
-    assert len(rows) == 5
+    for (_, header, rows, _), key in zip(shown, ("rotation_deg", "translation_pct"), strict=False):
+        named = {row[0]: dict(zip(header, row, strict=True)) for row in rows}
+        for statistic in ("mean", "std", "rms", "median", "p95", "max"):
+            expected = results["estimators"]["lm"][key][statistic]
+            assert float(named["LM from IPPE"][statistic]) == pytest.approx(expected, rel=5e-3)
+        assert float(named["bound (CRLB)"]["rms"]) == pytest.approx(results["bound"][key], rel=5e-3)
+    assert "400 poses (paper) x 5 runs, noise 0.2 px" in tables.heading(results)
     assert any("3 of 3 detected" in line for line in tables.sentences(results))
 
 
@@ -56,7 +67,28 @@ def test_the_setting_is_what_the_marker_was_designed_for(pentagon):
 
 
 @pytest.mark.parametrize(
-    ("value", "text"), [(None, "-"), (0.0, "0.00"), (12.0, "12.0"), (123.0, "123"), (0.001234, "0.00123")]
+    ("value", "text"),
+    [(None, "-"), (0.0, "0.00"), (12.0, "12.0"), (123.0, "123"), (0.001234, "0.00123"), (2e-9, "<1e-6")],
 )
 def test_numbers_keep_their_digits(value, text):
     assert tables.number(value) == text
+
+
+def test_points_on_a_line_are_refused_in_one_line(make_marker, setting):
+    line = make_marker(np.stack([np.linspace(-0.12, 0.12, 5), np.zeros(5)], -1), 0.15, 0.03)
+    with pytest.raises(InputError, match="determine a homography"):
+        prove(line, setting, runs=1)
+
+
+@pytest.mark.parametrize(
+    ("share", "text"), [(None, "-"), (0.0, "0 %"), (1.0, "100 %"), (0.3825, "38.2 %"), (2.5e-6, "0.00025 %")]
+)
+def test_shares_are_plain_percentages(share, text):
+    assert tables.percent(share) == text
+
+
+def test_trials_of_the_others_belong_to_one_layout(pentagon, setting):
+    found = prove(pentagon, setting, runs=2, trials_for_all=True)
+    for row in found["comparisons"].values():
+        assert row["criteria"]["rotation_deg"] * 0.2 == pytest.approx(row["bound"]["rotation_deg"])
+        assert row["estimators"]["lm"]["rotation_deg"]["count"] > 0

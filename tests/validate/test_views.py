@@ -112,7 +112,7 @@ def test_more_views_than_poses():
 def test_progress_counts_to_the_end():
     calls = []
     validate_views(ngon(5), PAPER_CAMERA, POSES, count=3, progress=lambda done, total: calls.append((done, total)))
-    assert calls == [(1, 3), (2, 3), (3, 3)]
+    assert calls == [(0, 3), (1, 3), (2, 3), (3, 3)]
 
 
 def test_view_as_png():

@@ -1,0 +1,46 @@
+"""What is wrong with a file, as ``path: words (got ...)``: the same wording for every reader."""
+
+import reprlib
+from collections.abc import Sequence
+
+from pydantic import ValidationError
+
+SHOWN = 20
+"""How many findings a message lists; it then says how many more there are."""
+
+_WORDS = {"missing": "missing", "extra_forbidden": "unknown key"}
+
+
+def findings_of(error: ValidationError) -> list[str]:
+    """Findings of a pydantic check, each with its path, such as ``control_points[2].x``."""
+    return [
+        f"{path_of(item['loc'])}: {_WORDS.get(item['type'], item['msg'].removeprefix('Value error, '))}"
+        # What a missing key got is the whole table around it.
+        + ("" if item["type"] == "missing" else f" (got {brief(item['input'])})")
+        for item in error.errors()
+    ]
+
+
+def listed(findings: Sequence[str]) -> str:
+    """All findings in one line; of more than 20 the first 20, and how many more there are."""
+    more = len(findings) - SHOWN
+    return "; ".join(findings[:SHOWN]) + (f"; and {more} more" if more > 0 else "")
+
+
+def path_of(location: Sequence[int | str]) -> str:
+    """Path of a place in a file: ``("control_points", 2, "x")`` is ``control_points[2].x``, the whole is ``file``."""
+    return "".join(_step(part) for part in location).removeprefix(".") or "file"
+
+
+def _step(part: int | str) -> str:
+    plain = isinstance(part, str) and part.isidentifier() and len(part) <= 40
+    return f".{part}" if plain else f"[{brief(part)}]"
+
+
+def brief(value: object) -> str:
+    """One short line for any value, however long or deep it is."""
+    try:
+        text = reprlib.repr(value)
+    except ValueError:  # Python refuses to write integers of thousands of digits.
+        return "an endless number"
+    return text if len(text) <= 60 else text[:57] + "..."
