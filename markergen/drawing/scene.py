@@ -130,11 +130,6 @@ def marker_dots(marker: Marker) -> tuple[Disk, ...]:
     )
 
 
-def marker_scene(marker: Marker) -> Scene:
-    """Scene of the marker alone: its dots in the layer ``dots``, mm, marker frame. Raises as `marker_dots` does."""
-    return Scene((Layer("dots", marker_dots(marker)),))
-
-
 def moved(disk: Disk, dx: float, dy: float) -> Disk:
     """Disk shifted by (dx, dy) mm."""
     return replace(disk, x=disk.x + dx, y=disk.y + dy)

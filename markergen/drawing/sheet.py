@@ -24,6 +24,8 @@ from markergen.model.marker import Marker
 
 NUMBER_HEIGHT = 2.6
 """Of the dots' numbers in mm on A4."""
+MOST_LISTED = 12
+"""Of the dots that a note names."""
 
 
 @dataclass(frozen=True)
@@ -188,6 +190,7 @@ def _notes(where: str, across: str, ruler_mm: float, nameless: list[str]) -> tup
         f"Print at 100 %, then check that the ruler on the sheet measures {ruler_mm:g} mm.",
     ]
     if nameless:
-        which = f"Dot {nameless[0]} has" if len(nameless) == 1 else f"Dots {', '.join(nameless)} have"
+        listed = ", ".join(nameless[:MOST_LISTED]) + (", ..." if len(nameless) > MOST_LISTED else "")
+        which = f"Dot {listed} has" if len(nameless) == 1 else f"{len(nameless)} dots ({listed}) have"
         notes.append(f"{which} no room for a number outside the quiet zones; see the coordinates in marker.json.")
     return tuple(notes)

@@ -3,14 +3,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from markergen.drawing.scene import Disk, Line, Outline, bounds, marker_name, marker_scene, moved
+from markergen.drawing.scene import Disk, Layer, Line, Outline, Scene, bounds, marker_dots, marker_name, moved
 from markergen.errors import InputError
 
 
 def test_scene_of_a_marker_is_its_dots_in_mm(make_ngon):
     marker = make_ngon(5, 0.15, 0.036)
-    scene = marker_scene(marker)
-    disks = list(scene)
+    disks = list(marker_dots(marker))
+    scene = Scene((Layer("dots", tuple(disks)),))
+    assert list(scene) == disks
     assert [disk.name for disk in disks] == [f"dot-{i}" for i in range(5)]
     assert scene["dots"] == tuple(disks)
     assert scene["nothing"] == ()
@@ -22,13 +23,13 @@ def test_scene_of_a_marker_is_its_dots_in_mm(make_ngon):
 
 def test_bare_points_and_relief_are_refused(make_ngon):
     with pytest.raises(InputError, match=r"control point 0 without a dot .*--dot above 0"):
-        marker_scene(make_ngon(4, 0.15, 0.0))
+        marker_dots(make_ngon(4, 0.15, 0.0))
     flat = make_ngon(4, 0.15, 0.02)
     raised = replace(
         flat, control_points=(*flat.control_points[:2], replace(flat.control_points[2], z=0.01), flat.control_points[3])
     )
     with pytest.raises(InputError, match="control point 2 at z=10 mm"):
-        marker_scene(raised)
+        marker_dots(raised)
 
 
 def test_bounds_hold_the_ink():

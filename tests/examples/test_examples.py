@@ -32,3 +32,10 @@ def test_own_camera(monkeypatch, capsys, tmp_path):
 def test_every_example_is_run_here():
     here = Path(__file__).read_text()
     assert all(path.name in here for path in EXAMPLES.glob("*.py"))
+
+
+def test_see_a_view(monkeypatch, capsys, tmp_path):
+    run("see_a_view.py", tmp_path / "view.png", monkeypatch=monkeypatch)
+    assert (tmp_path / "view.png").read_bytes().startswith(b"\x89PNG")
+    # Noise alone gives about 0.005 px at these sizes; a wrong label would give tens of pixels.
+    assert float(capsys.readouterr().out.split()[-2]) < 0.05

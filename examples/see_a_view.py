@@ -1,0 +1,28 @@
+"""See a marker as a camera would: render it, find its dots, and save the picture with what was found.
+
+python examples/see_a_view.py view.png
+"""
+
+import argparse
+from pathlib import Path
+
+from markergen.model.spec import Spec
+from markergen.optimize.design import design
+from markergen.render import Optics
+from markergen.validate.views import take_views
+
+
+def main(path: Path) -> None:
+    """Design the default marker and look at it once, from somewhere steep, through a slightly blurred lens."""
+    found = design(Spec())
+    views = take_views(found.marker, found.setting.camera, found.setting.poses, 3, optics=Optics(blur_px=1.0))
+    view = list(views)[1]
+    path.write_bytes(view.png())
+    print(f"pose {view.pose}: {'found' if view.detection.found else view.detection.reason}")
+    print(f"largest error of a dot's center: {view.error_px.max():.4f} px")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("path", type=Path, nargs="?", default=Path("view.png"))
+    main(parser.parse_args().path)
