@@ -31,7 +31,10 @@ def parse_length(text: str | float, name: str = "length") -> float:
         raise InputError(
             f"a length for {name}", repr(str(text)), f"write a number and one of {known} (a bare number is meters)"
         )
-    value = float(Decimal(match[1]) * Decimal(METERS[match[2]]))
+    try:
+        value = float(Decimal(match[1]) * Decimal(METERS[match[2]]))
+    except ArithmeticError:
+        value = math.inf
     if not math.isfinite(value):
         raise InputError(f"a finite {name}", f"{name}={text}", "write a number such as 0.15 or 150mm")
     return value

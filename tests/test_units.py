@@ -30,7 +30,7 @@ def test_what_is_no_length_is_refused_with_the_known_units(text):
         parse_length(text, "radius")
 
 
-@pytest.mark.parametrize("text", ["nan", "inf", "-inf", "1e999"])
+@pytest.mark.parametrize("text", ["nan", "inf", "-inf", "1e999", "1e99999999999999999999", "1e9999999mm"])
 def test_lengths_are_finite(text):
     with pytest.raises(InputError, match=r"finite radius|length for radius"):
         parse_length(text, "radius")

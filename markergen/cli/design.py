@@ -70,6 +70,8 @@ def design(
         "n": n, "radius": radius, "objective": objective, "aggregate": aggregate, "coordinates": coordinates,
         "poses": poses, "dot": dot, "clearance": clearance, "seed": seed, "restarts": restarts,
     }  # fmt: skip
+    if radius is not None:
+        values.pop("boundary", None)
     values.update({key: value for key, value in options.items() if value is not None})
     spec = spec_from_mapping(values, template or "the options")
     choices = ExportOptions(paper=paper)

@@ -127,7 +127,7 @@ def read_marker(path: Path) -> Marker:
     ------
     InputError
         If the file cannot be read, is not a marker.json, has a version this program does not know, or breaks the
-        schema or the marker's geometry; then *all* errors are listed, each with its path.
+        schema or the marker's geometry; then *all* errors are told with their paths, of many the first 20.
     """
     try:
         with path.open("rb") as file:
