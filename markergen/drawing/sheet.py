@@ -190,7 +190,8 @@ def _notes(where: str, across: str, ruler_mm: float, nameless: list[str]) -> tup
         f"Print at 100 %, then check that the ruler on the sheet measures {ruler_mm:g} mm.",
     ]
     if nameless:
-        listed = ", ".join(nameless[:MOST_LISTED]) + (", ..." if len(nameless) > MOST_LISTED else "")
-        which = f"Dot {listed} has" if len(nameless) == 1 else f"{len(nameless)} dots ({listed}) have"
+        more = len(nameless) - MOST_LISTED
+        listed = ", ".join(nameless[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
+        which = f"Dot {listed} has" if len(nameless) == 1 else f"Dots {listed} have"
         notes.append(f"{which} no room for a number outside the quiet zones; see the coordinates in marker.json.")
     return tuple(notes)
