@@ -10,8 +10,8 @@ class Sqpnp(PoseEstimator):
     name = "sqpnp"
 
     def solve(self, batch: Correspondences) -> PoseEstimates:
-        """Poses of the batch, one or more solutions each, the best first."""
-        return solve_each(batch, "SQPNP")
+        """Poses of the batch, two or more solutions each (nan where it has one), the best first."""
+        return solve_each(batch, "SQPNP", solutions=2)
 
 
 SQPNP = Sqpnp()
