@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 MAX_HYPOTHESES = 300_000
+MAX_CANDIDATES = 24
+"""Control points among which the four of the basis are sought; more would only cost time."""
 _CHUNK = 20_000
 
 _ACCEPT_PX, _ACCEPT_SHARE = 0.75, 0.005
@@ -103,15 +105,26 @@ def _layout(marker: Marker) -> tuple[Array, Array, NDArray[np.bool_]]:
 def _basis(points: Array, rings: NDArray[np.bool_]) -> Indices:
     """Four control points, a ring among them if possible, of which the smallest triangle is largest."""
     key = int(np.argmax(rings))
-    everyone = range(len(points))
-    with_key = [(key, *rest) for rest in combinations([i for i in everyone if i != key], 3)]
+    candidates = _far_apart(points, key, MAX_CANDIDATES)
+    with_key = ((key, *rest) for rest in combinations(candidates[1:], 3))
     # A key dot where the diagonals of a square meet is on a line with two of any three others.
-    for quads in (with_key, list(combinations(everyone, 4))):
+    for choices in (with_key, combinations(candidates, 4)):
+        quads = list(choices)
         smallest = np.abs(_triangles(points[np.array(quads)])).min(axis=-1)
         best = int(np.argmax(smallest))
         if smallest[best] > 1e-6 * np.ptp(points, axis=0).max() ** 2:
             return np.array(quads[best], dtype=np.intp)
     raise InputError("four control points of which no three are on a line", "none", "use a layout that spans the plane")
+
+
+def _far_apart(points: Array, first: int, count: int) -> list[int]:
+    """Indices of up to `count` points (n, 2), each the farthest from those before it, beginning with `first`."""
+    chosen = [first]
+    distance = np.linalg.norm(points - points[first], axis=-1)
+    while len(chosen) < min(count, len(points)):
+        chosen.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=-1))
+    return chosen
 
 
 def _triangles(quads: Array) -> Array:

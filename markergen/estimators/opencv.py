@@ -3,6 +3,8 @@
 Only the bare call stands in the loop; everything before and after it is done for the whole batch.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,7 +27,7 @@ def solve_each(batch: Correspondences, method: str, solutions: int = 1) -> PoseE
     import cv2
 
     flag: int = getattr(cv2, f"SOLVEPNP_{method}")
-    solve = cv2.solvePnP if solutions == 1 else cv2.solvePnPGeneric
+    solve: Any = cv2.solvePnP if solutions == 1 else cv2.solvePnPGeneric
     matrix = batch.camera.matrix
     objects, images, turn = prepare(batch)
     found = np.full((len(images), MOST_SOLUTIONS, 2, 3), np.nan)

@@ -133,11 +133,13 @@ def sentences(results: Mapping[str, Any]) -> list[str]:
         )
     views = results["views"]
     if views:
-        found.append(
-            f"Views: {views['detected']} of {views['count']} detected, {views['wrong']} with wrong labels, "
-            f"dot centers off by {number(views['point_px']['rms'])} px rms "
-            f"({number(views['uncorrected_px']['rms'])} px before the correction for perspective)."
-        )
+        line = f"Views: {views['detected']} of {views['count']} detected, {views['wrong']} with wrong labels"
+        if views["detected"]:
+            line += (
+                f", dot centers off by {number(views['point_px']['rms'])} px rms "
+                f"({number(views['uncorrected_px']['rms'])} px before the correction for perspective)"
+            )
+        found.append(f"{line}.")
         found += [
             f"  not detected: {view['polar_angle_deg']:g} deg at {view['distance']:.3g} m: {view['reason']}"
             for view in views["failures"][:5]
