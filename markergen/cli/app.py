@@ -22,7 +22,7 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def markergen(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say it and stop.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
     ] = False,
 ) -> None:
     """Design fiducial markers: the layout of control points that gives the most accurate pose, printed at true size,
