@@ -33,6 +33,7 @@ def validate(
     Example:
       markergen validate marker.json --views 20 --fail-if 'estimators.lm.rotation_deg.rms > 1'
     """
+    from markergen.cli import FAILED
     from markergen.cli.console import print_results, progress_bar
     from markergen.files import check_folder, write_atomic
     from markergen.model.marker_json import read_marker
@@ -59,4 +60,4 @@ def validate(
     for passed, found in verdicts:
         typer.echo(f"{'passed' if passed else 'FAILED'}: {found}", err=True)
     if not all(passed for passed, _ in verdicts):
-        raise typer.Exit(1)
+        raise typer.Exit(FAILED)

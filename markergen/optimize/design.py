@@ -14,7 +14,7 @@ from markergen.objectives import OBJECTIVES, Objective, Setting
 from markergen.objectives.criteria import Criteria, criteria, median_criteria
 from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.dots import DotSize, choose_dots, pixels_across
-from markergen.optimize.multistart import Optimum, Progress, search
+from markergen.optimize.multistart import Progress, search
 from markergen.optimize.region import Region
 
 Array = NDArray[np.float64]
@@ -37,15 +37,12 @@ class Design:
     dots : DotSize
     criteria : dict
         Criteria of the design (``design``) and of the layouts beside it (``ngon``, ``square``, ``random``), for 1 px.
-    optimum : Optimum
-        Before the layout was turned upright.
     """
 
     marker: Marker
     setting: Setting
     dots: DotSize
     criteria: dict[str, Criteria]
-    optimum: Optimum
 
     @property
     def summary(self) -> str:
@@ -94,7 +91,7 @@ def design(spec: Spec, progress: Progress | None = None) -> Design:
     optimum = search(objective, region, spec.n, rng, spec.restarts, progress)
     points = number(upright(optimum.points, objective, region))
     table = compare(points, region, setting, spec.seed)
-    return Design(dress(points, dots, spec, setting, table), setting, dots, table, optimum)
+    return Design(dress(points, dots, spec, setting, table), setting, dots, table)
 
 
 def compare(points: Array, region: Region, setting: Setting, seed: int = 0) -> dict[str, Criteria]:

@@ -29,11 +29,10 @@ two squares at a wrong angle to each other, which no gradient leaves."""
 
 @dataclass(frozen=True)
 class Optimum:
-    """The best layout (n, 2) in m that was found, its value, and the values (B,) that the descents ended with."""
+    """The best layout (n, 2) in m that was found, and its value."""
 
     points: Array
     value: float
-    descents: Array
 
 
 def search(
@@ -75,4 +74,4 @@ def search(
             best, best_value = points, value
         if progress:
             progress("polish", done, len(chosen))
-    return Optimum(best, best_value, descent.values)
+    return Optimum(best, best_value)

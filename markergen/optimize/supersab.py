@@ -43,7 +43,6 @@ def descend(
     steps: int = 150,
     patience: int = 10,
     tolerance: float = 1e-3,
-    softness: float = 0.0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Descent:
     """Run SuperSAB from every start (B, n, 2) at once; what no longer improves is retired from the batch.
@@ -52,7 +51,7 @@ def descend(
     """
     scale = region.boundary.radius
     points = region.project(starts.copy())
-    value, gradient = _log_gradient(objective, points, softness)
+    value, gradient = _log_gradient(objective, points)
     best = points.copy()
     best_value = np.where(region.holds(points), value, np.inf)
     reference = best_value.copy()
@@ -69,7 +68,7 @@ def descend(
         moved[jammed] = points[alive[jammed]]
         step[alive[jammed]] *= SHRINK**2
         points[alive] = moved
-        value[alive], fresh = _log_gradient(objective, points[alive], softness)
+        value[alive], fresh = _log_gradient(objective, points[alive])
         agreement = np.sign(fresh) * np.sign(gradient[alive])
         step[alive] *= np.where(agreement > 0, GROW, np.where(agreement < 0, SHRINK, 1.0))
         gradient[alive] = fresh
@@ -87,6 +86,6 @@ def descend(
     return Descent(best, best_value, taken)
 
 
-def _log_gradient(objective: Objective, points: Array, softness: float) -> tuple[Array, Array]:
-    value, gradient = objective.value_and_gradient(points, softness)
+def _log_gradient(objective: Objective, points: Array) -> tuple[Array, Array]:
+    value, gradient = objective.value_and_gradient(points)
     return value, gradient / value[:, None, None]

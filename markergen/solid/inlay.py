@@ -29,13 +29,11 @@ class NamedSolid:
     color : (red, green, blue)
     shape : cadquery.Solid
         In mm, marker frame: the printed face is z = 0, the plate is below.
-    volume_m3 : float
     """
 
     name: str
     color: tuple[float, float, float]
     shape: Any
-    volume_m3: float
 
 
 def marker_solids(marker: Marker) -> list[NamedSolid]:
@@ -58,8 +56,8 @@ def marker_solids(marker: Marker) -> list[NamedSolid]:
     inlays = [_inlay(cadquery, dot, depth) for dot in dots]
     plate = _cylinder(cadquery, 0.0, 0.0, plate_radius_mm(marker), thickness).cut(*inlays).Solids()[0]
     return [
-        _named("plate", PLATE_COLOR, plate),
-        *(_named(dot.name, DOT_COLOR, inlay) for dot, inlay in zip(dots, inlays, strict=True)),
+        NamedSolid("plate", PLATE_COLOR, plate),
+        *(NamedSolid(dot.name, DOT_COLOR, inlay) for dot, inlay in zip(dots, inlays, strict=True)),
     ]
 
 
@@ -91,7 +89,3 @@ def _inlay(cadquery: ModuleType, dot: Disk, depth: float) -> Any:
 
 def _cylinder(cadquery: ModuleType, x: float, y: float, radius: float, height: float) -> Any:
     return cadquery.Solid.makeCylinder(radius, height, cadquery.Vector(x, y, -height))
-
-
-def _named(name: str, color: tuple[float, float, float], shape: Any) -> NamedSolid:
-    return NamedSolid(name, color, shape, shape.Volume() * 1e-9)

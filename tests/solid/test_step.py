@@ -78,7 +78,7 @@ def test_parts_are_valid_solids_with_the_volumes_that_were_written(written, part
         shape = parts[solid.name][0]
         (only,) = shape.Solids()
         assert shape.isValid()
-        assert only.Volume() * 1e-9 == pytest.approx(solid.volume_m3, rel=1e-9)
+        assert only.Volume() * 1e-9 == pytest.approx(solid.shape.Volume() * 1e-9, rel=1e-9)
 
 
 def test_dot_centers_are_within_a_micrometre_in_the_marker_frame(written, parts):
