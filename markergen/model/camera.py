@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
+from markergen.maths.projection import from_pixels, perspective, to_camera, to_pixels
 
 Array = NDArray[np.float64]
 
@@ -55,6 +56,37 @@ class Camera:
     def focal(self) -> Array:
         """Focal lengths (fx, fy) in px, shape (2,)."""
         return np.array([self.fx, self.fy], dtype=float)
+
+    @property
+    def ideal(self) -> "Camera":
+        """The same camera without lens distortion."""
+        return self
+
+    def to_pixels(self, normalized: Array) -> Array:
+        """Image points (..., 2) in px of normalized coordinates (..., 2) = (X/z, Y/z), through the lens."""
+        return to_pixels(normalized, self.matrix)
+
+    def from_pixels(self, pixels: Array) -> Array:
+        """Undo `to_pixels`; nan where no ray comes to that pixel."""
+        return from_pixels(pixels, self.matrix)
+
+    def pixel_jacobian(self, normalized: Array) -> Array:
+        """Derivative (..., 2, 2) of `to_pixels`, px."""
+        return np.broadcast_to(np.diag(self.focal), (*normalized.shape[:-1], 2, 2))
+
+    def parameter_jacobian(self, normalized: Array) -> Array:
+        """Derivative (..., 2, k) of `to_pixels` by the k parameters (fx, fy, cx, cy, then the distortion's)."""
+        jacobian = np.zeros((*normalized.shape[:-1], 2, 4))
+        jacobian[..., 0, 0], jacobian[..., 1, 1] = normalized[..., 0], normalized[..., 1]
+        jacobian[..., 0, 2] = jacobian[..., 1, 3] = 1
+        return jacobian
+
+    def project(self, points: Array, rotation: Array, translation: Array) -> Array:
+        """Image points (..., P, n, 2) in px of marker points (..., n, 2 or 3) under P poses, through the lens.
+
+        Points behind the camera come out mirrored, as the formula has it; `to_camera` tells the depth.
+        """
+        return self.to_pixels(perspective(to_camera(points, rotation, translation)))
 
     def sees(self, pixels: Array) -> NDArray[np.bool_]:
         """Tell which points (..., 2) lie on the sensor, from the first pixel's outer edge to the last one's."""
