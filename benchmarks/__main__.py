@@ -6,6 +6,6 @@
 import subprocess
 import sys
 
-for module, *arguments in (["condition"], ["trials", "--poses", "40"]):
+for module, *arguments in (["condition"], ["views"], ["trials", "--poses", "40"]):
     print(f"\n== {module} ==", flush=True)
     subprocess.run([sys.executable, "-m", f"benchmarks.{module}", *arguments], check=True)

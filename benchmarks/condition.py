@@ -39,10 +39,10 @@ def main() -> None:
         print(f"{n:>3} {ours * scale:>9.2f} {floor * scale:>9.2f} {ours / floor:>6.2f}")
 
 
-def fastest(*calls: Callable[[], object]) -> list[float]:
+def fastest(*calls: Callable[[], object], rounds: int = ROUNDS) -> list[float]:
     """Least time in s of each call; they take turns, so that a busy machine is unfair to none."""
     best = [np.inf] * len(calls)
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         for index, call in enumerate(calls):
             start = time.perf_counter()
             call()

@@ -6,18 +6,19 @@ python examples/see_a_view.py view.png
 import argparse
 from pathlib import Path
 
+from markergen.detect.overlay import overlay
 from markergen.model.spec import Spec
 from markergen.optimize.design import design
 from markergen.render import Optics
-from markergen.validate.views import take_views
+from markergen.validate.views import Shoot, take_view
 
 
 def main(path: Path) -> None:
     """Design the default marker and look at it once, from somewhere steep, through a slightly blurred lens."""
     found = design(Spec())
-    views = take_views(found.marker, found.setting.camera, found.setting.poses, 3, optics=Optics(blur_px=1.0))
-    view = list(views)[1]
-    path.write_bytes(view.png())
+    setting = found.setting
+    view = take_view(Shoot(found.marker, setting.camera, setting.poses, count=3, optics=Optics(blur_px=1.0)), 1)
+    path.write_bytes(overlay(view.image, found.marker, setting.camera, [view.detection]))
     print(f"pose {view.pose}: {'found' if view.detection.found else view.detection.reason}")
     print(f"largest error of a dot's center: {view.error_px.max():.4f} px")
 

@@ -5,7 +5,9 @@ from typing import Annotated
 import typer
 
 from markergen import __version__
+from markergen.cli.compare import compare
 from markergen.cli.design import design
+from markergen.cli.detect import detect
 from markergen.cli.export import export
 from markergen.cli.templates import templates
 from markergen.cli.validate import validate
@@ -33,10 +35,11 @@ def markergen(
       markergen design --n 5 --radius 0.15 -o marker.pdf
       markergen validate marker.json
       markergen export marker.json -o marker.step
+      markergen detect photos/ --marker marker.json --camera camera.yaml
 
     Lengths are meters, or carry a unit: 0.15, 150mm, 6in. Add --debug to see where an error came from.
     """
 
 
-for command in (design, validate, export, templates):
+for command in (design, validate, export, detect, compare, templates):
     app.command()(command)

@@ -55,6 +55,11 @@ def busy(words: str) -> Iterator[None]:
         yield
 
 
+def complain(line: str) -> None:
+    """Print a line on stderr, where it cannot mix with data."""
+    print(line, file=sys.stderr)
+
+
 def length(text: str) -> float:
     """Read a length for an option, so that a bad one is told with the option's name."""
     from typer import BadParameter
@@ -86,7 +91,7 @@ def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]
     Console(width=None if sys.stdout.isatty() else 100, highlight=False).print(table)
 
 
-def print_criteria(table: Mapping[str, Mapping[str, float]], n: int) -> None:
+def print_criteria(table: Mapping[str, Mapping[str, float]], n: int, noise: str) -> None:
     """Print the criteria of a design beside those of the layouts that it is compared with."""
     from markergen.validate.tables import LAYOUTS, number
 
@@ -96,7 +101,7 @@ def print_criteria(table: Mapping[str, Mapping[str, float]], n: int) -> None:
         for name, row in table.items()
     ]
     print_table(
-        "What the layout allows, for image noise of 1 px",
+        f"What the layout allows, for {noise}",
         ["", *(title for title, _ in CRITERIA.values())],
         rows,
         "RMS over the poses; proportional to the noise but for c(A).",
@@ -111,7 +116,7 @@ def print_outputs(written: Sequence[tuple[Path, Sequence[str]]]) -> None:
 
 def print_results(results: Mapping[str, Any]) -> None:
     """Print what a validation found, as tables and sentences."""
-    from markergen.validate import tables
+    from markergen.validate import tables, view_tables
 
     print(tables.heading(results))
     if results["estimators"]:
@@ -121,4 +126,11 @@ def print_results(results: Mapping[str, Any]) -> None:
         print_table(*tables.polar_angle_table(results, "translation_pct"))
         print_table(*tables.homography_table(results))
     print_table(*tables.comparison_table(results))
-    print(*tables.sentences(results), sep="\n")
+    print_table(*view_tables.budget_table(results))
+    if results["views"]:
+        print_table(*view_tables.group_table(results["views"]))
+        if results["views"]["detected"]:
+            print_table(*view_tables.estimator_table(results["views"]))
+        if "stress" in results["views"]:
+            print_table(*view_tables.stress_table(results["views"]))
+    print(*tables.sentences(results), *view_tables.sentences(results), sep="\n")

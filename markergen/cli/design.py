@@ -32,12 +32,22 @@ def design(
     ] = None,
     poses: Annotated[str | None, typer.Option(metavar="NAME", help="paper or paper-roll. [default: paper]")] = None,
     dot: Annotated[
-        float | None,
-        typer.Option(parser=length, metavar="LENGTH", help="Dot diameter. [default: what the camera needs]"),
+        str | None,
+        typer.Option(
+            metavar="LENGTH|auto",
+            help="Dot diameter; auto: the one with the least predicted error. [default: what the camera needs]",
+        ),
     ] = None,
     clearance: Annotated[
         float | None,
         typer.Option(parser=length, metavar="LENGTH", help="Smallest gap around dots. [default: a tenth of --dot]"),
+    ] = None,
+    noise_model: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="point: 1 px everywhere; image: what each dot's image tells in each pose. [default: point]",
+        ),
     ] = None,
     seed: Annotated[
         int | None, typer.Option(help="Of the random starts; the same seed gives the same bytes. [default: 0]")
@@ -68,7 +78,8 @@ def design(
     values = read_template(template) if template else {}
     options = {
         "n": n, "radius": radius, "objective": objective, "aggregate": aggregate, "coordinates": coordinates,
-        "poses": poses, "dot": dot, "clearance": clearance, "seed": seed, "restarts": restarts,
+        "poses": poses, "dot": dot, "clearance": clearance, "noise_model": noise_model, "seed": seed,
+        "restarts": restarts,
     }  # fmt: skip
     if radius is not None:
         values.pop("boundary", None)
@@ -85,5 +96,5 @@ def design(
     for warning in found.warnings:
         typer.echo(f"markergen: warning: {warning}", err=True)
     print(found.summary)
-    print_criteria(found.criteria, spec.n)
+    print_criteria(found.criteria, spec.n, found.setting.noise_words)
     print_outputs(written)

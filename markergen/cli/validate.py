@@ -5,18 +5,51 @@ from typing import Annotated
 
 import typer
 
+from markergen.cli.console import length
+
 
 def validate(
     marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design.")],
     runs: Annotated[int, typer.Option(help="Noisy trials for each pose; 0 gives the bounds alone.")] = 1000,
     noise: Annotated[float, typer.Option(metavar="PX", help="Standard deviation on every image coordinate.")] = 0.2,
-    views: Annotated[int, typer.Option(help="Synthetic images to render and to find the dots in.")] = 0,
+    views: Annotated[
+        int | None, typer.Option(help="Synthetic images to find the marker in. [default: 100; 0 for bare points]")
+    ] = None,
     poses: Annotated[
         str | None, typer.Option(metavar="NAME", help="paper or paper-roll. [default: what it was designed for]")
     ] = None,
     trials_for_all: Annotated[
         bool, typer.Option("--trials-for-all", help="Run trials for the n-gon, square and random layouts too.")
     ] = False,
+    optics: Annotated[
+        str, typer.Option(metavar="KEY=VALUE,...", help="Of the views, such as blur_px=1.5,noise_grey=4.")
+    ] = "",
+    background: Annotated[
+        str, typer.Option(metavar="NAME", help="Behind the marker: plain, clutter or photo.")
+    ] = "plain",
+    hide: Annotated[int, typer.Option(help="Dots of each view that something lies on.")] = 0,
+    refine: Annotated[
+        str, typer.Option(metavar="NAME", help="none, or photometric: align the rendered model with the image.")
+    ] = "none",
+    stress: Annotated[
+        bool, typer.Option("--stress", help="Repeat the views with blur, noise, little light, a hidden dot, clutter.")
+    ] = False,
+    print_sigma: Annotated[
+        float,
+        typer.Option(
+            parser=length, metavar="LENGTH", help="Error of each dot's place in print, 1 sigma along an axis."
+        ),
+    ] = "0.1mm",  # type: ignore[assignment]
+    camera_covariance: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Covariance, or a row of standard deviations, of fx, fy, cx, cy, ..."),
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(metavar="FILE.html", help="Write everything as one page to look at.")
+    ] = None,
+    pictures: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write views that failed, the worst and typical ones as PNG.")
+    ] = None,
     json: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the results as JSON; - is standard output.")
     ] = None,
@@ -27,36 +60,70 @@ def validate(
     seed: Annotated[int, typer.Option(help="Of the noise; the same seed gives the same results.")] = 0,
     workers: Annotated[int | None, typer.Option(help="Processes. [default: one for each processor]")] = None,
 ) -> None:
-    """Prove a marker: homography and pose errors of every estimator over all poses, with their bounds beside them.
+    """Prove a marker: homography and pose errors of every estimator over all poses with their bounds, then synthetic
+    views in which it is found as a program would, and what limits the accuracy: image, print, or calibration.
 
     \b
     Example:
-      markergen validate marker.json --views 20 --fail-if 'estimators.lm.rotation_deg.rms > 1'
+      markergen validate marker.json --report report.html --fail-if 'estimators.lm.rotation_deg.rms > 1'
     """
     from markergen.cli import FAILED
-    from markergen.cli.console import print_results, progress_bar
+    from markergen.cli.console import busy, print_results, progress_bar
+    from markergen.estimators.budget import ErrorSources, pose_budget
     from markergen.files import check_folder, write_atomic
     from markergen.model.marker_json import read_marker
+    from markergen.read.cameras import read_camera_covariance
+    from markergen.render import DEFAULT_OPTICS, optics_from_text
+    from markergen.validate.bounds import image_covariance
     from markergen.validate.fail_if import check, parse
+    from markergen.validate.pictures import pictures as taken
     from markergen.validate.proof import prove, setting_of, to_json
+    from markergen.validate.report import html_report
+    from markergen.validate.views import Shoot
 
     for expression in fail_if or []:
         parse(expression)
     to_stdout = str(json) == "-"
-    if json and not to_stdout:
-        check_folder(json)
+    for path in (None if to_stdout else json, report):
+        if path:
+            check_folder(path)
     judged = read_marker(marker)
     setting = setting_of(judged, poses)
+    covariance = read_camera_covariance(camera_covariance, setting.camera) if camera_covariance else None
+    errors = ErrorSources(print_sigma, covariance)
+    shoot = None
+    if views is None:
+        views = 100 if judged.dot_diameter else 0
+    if views:
+        lens = optics_from_text(optics)
+        shoot = Shoot(judged, setting.camera, setting.poses, views, seed, lens, background, hide, errors, refine)
     with progress_bar() as progress:
-        results = prove(judged, setting, noise, runs, views, seed, workers, trials_for_all, progress)
+        results = prove(judged, setting, noise, runs, shoot, seed, workers, trials_for_all, stress, errors, progress)
     verdicts = [check(expression, results) for expression in fail_if or []]
+    shown = []
+    if shoot and (pictures or report):
+        with busy("taking pictures"):
+            shown = list(taken(shoot, results["views"]))
     if to_stdout:
         typer.echo(to_json(results).decode(), nl=False)
     else:
         print_results(results)
-        if json:
-            write_atomic(json, to_json(results))
-            print(f"wrote {json}")
+    written = {}
+    if json and not to_stdout:
+        written[json] = to_json(results)
+    if report:
+        with busy("writing the report"):
+            lens = shoot.optics if shoot else DEFAULT_OPTICS
+            image = image_covariance(judged, setting.camera, setting.poses, lens, noise)
+            poses_seen = setting.poses
+            parts = pose_budget(judged.xyz, poses_seen.rotation, poses_seen.translation, setting.camera, image, errors)
+            written[report] = html_report(results, judged, setting, shown, parts)
+    if pictures:
+        pictures.mkdir(parents=True, exist_ok=True)
+        written |= {pictures / f"{picture.name}.png": picture.png for picture in shown}
+    for path, content in written.items():
+        write_atomic(path, content)
+        typer.echo(f"wrote {path}", err=to_stdout)
     for passed, found in verdicts:
         typer.echo(f"{'passed' if passed else 'FAILED'}: {found}", err=True)
     if not all(passed for passed, _ in verdicts):

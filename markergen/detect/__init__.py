@@ -1,5 +1,6 @@
-"""From an image to labeled dot centers: candidates, ellipses, labels, corrected centers."""
+"""From an image to labeled dot centers and poses: candidates, ellipses, labels, corrected centers, pose."""
 
-from markergen.detect.detection import Detection, detect
+from markergen.detect.detection import Detection, detect, detect_all
+from markergen.detect.pose import PoseEstimate, estimate_pose
 
-__all__ = ["Detection", "detect"]
+__all__ = ["Detection", "PoseEstimate", "detect", "detect_all", "estimate_pose"]

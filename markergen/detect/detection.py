@@ -1,16 +1,34 @@
-"""The whole way from an image to labeled centers, with a reason when it ends early."""
+"""The whole way from an image to labeled centers and a pose, with a reason when it ends early."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.blobs import Image, detect_dots
-from markergen.detect.labels import label_dots
+from markergen.detect.blobs import Blobs, Image, detect_dots
+from markergen.detect.candidates import Poses
+from markergen.detect.correction import correct_centers
+from markergen.detect.fit import outlines
+from markergen.detect.ideal import Ellipses, undo_lens
+from markergen.detect.labels import Search, ambiguity, contender, search
+from markergen.detect.layout import layout_of
+from markergen.detect.pose import DEFAULT_ERRORS, PoseEstimate, fit_pose, outlier
+from markergen.errors import InputError
+from markergen.estimators import ESTIMATORS, Correspondences, HomographyEstimator
+from markergen.estimators.budget import ErrorSources
+from markergen.maths.projection import plane_homography
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 
 Array = NDArray[np.float64]
+
+MAX_COPIES = 32
+"""Copies of one marker that are looked for in one image."""
+
+
+def _empty(*shape: int) -> Array:
+    return np.zeros((0, *shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,47 +38,239 @@ class Detection:
     Attributes
     ----------
     found : bool
-        All control points, with labels that are the only ones possible.
-    ids : array (n,) of int
-        Of the control points; empty when not found, as are the others.
-    pixels : array (n, 2), px
-        Images of the control points.
-    ellipse_centers : array (n, 2), px
-        Centers of the dots' image ellipses, from which `pixels` were corrected.
+        Four control points or more, with labels that are the only ones possible.
+    ids : array (m,) of int
+        Of the control points that were found, in the marker's order; empty when not found, as are the others.
+    pixels : array (m, 2), px
+        Images of the control points, in the image as taken: lens distortion included.
+    covariance : array (m, 2, 2), px^2
+        Of `pixels`, from the image's noise.
+    ellipse_centers : array (m, 2), px
+        Centers of the dots' image ellipses, in the image as taken, from which `pixels` were corrected.
+    homography : array (3, 3) or None
+        From the marker plane (m) to ideal px, those of `camera.ideal`; None for a marker with relief.
+    pose : PoseEstimate or None
+        None without a camera.
     reason : str
         Why nothing was found; empty otherwise.
+    marker : int
+        Which of the markers that were looked for.
+    dropped : array (k,) of int
+        Control points that were labeled, but lie farther from where the others put them than any error explains.
     """
 
     found: bool
-    ids: NDArray[np.intp]
-    pixels: Array
-    ellipse_centers: Array
+    ids: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    pixels: Array = field(default_factory=lambda: _empty(2))
+    covariance: Array = field(default_factory=lambda: _empty(2, 2))
+    ellipse_centers: Array = field(default_factory=lambda: _empty(2))
+    homography: Array | None = None
+    pose: PoseEstimate | None = None
     reason: str = ""
+    marker: int = 0
+    dropped: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
 
-def detect(image: Image, marker: Marker, camera: Camera) -> Detection:
-    """Find all control points of a flat marker in an undistorted grey image.
+def detect(
+    image: Image, marker: Marker, camera: Camera | None = None, errors: ErrorSources = DEFAULT_ERRORS
+) -> Detection:
+    """Find one marker in a grey image; of several copies the one with the most dots.
 
     Parameters
     ----------
-    image : array (camera.height, camera.width) of uint8 or uint16
+    image : array (h, w) of uint8 or uint16
+    camera : Camera or None
+        Without one, labels are told by the homography alone, and there is no pose.
+    errors : ErrorSources
+        Of print and calibration, for the weights of the dots and the pose's covariance.
 
     Raises
     ------
     InputError
-        If the image is not grey of uint8 or uint16, or the marker has relief. An image without the marker is no error.
+        If the image is not grey of uint8 or uint16, or the marker has fewer than four dots, dots on one line, dots
+        without size, or relief and there is no camera. An image without the marker is no error.
     """
+    return detect_all(image, [marker], camera, errors, copies=1)[0]
+
+
+def detect_all(
+    image: Image,
+    markers: Sequence[Marker],
+    camera: Camera | None = None,
+    errors: ErrorSources = DEFAULT_ERRORS,
+    copies: int = MAX_COPIES,
+) -> list[Detection]:
+    """Find all copies of all markers in a grey image.
+
+    The best labeling of all markers is taken, its blobs are removed, and so on. A blob that two markers claim
+    with labelings that fit nearly as well goes to neither.
+
+    Parameters
+    ----------
+    copies : int
+        Most copies of each marker that are looked for.
+
+    Returns
+    -------
+    list of Detection
+        Those found, best first, and then one with the reason for each marker that was not found at all.
+
+    Raises
+    ------
+    InputError
+        As `detect` does.
+    """
+    if camera is not None and image.ndim == 2 and image.shape != (camera.height, camera.width):
+        sizes = f"{image.shape[1]}x{image.shape[0]} px, the camera {camera.width}x{camera.height} px"
+        return [Detection(False, reason=f"the image is {sizes}", marker=k) for k in range(len(markers))]
     blobs = detect_dots(image)
     height, width = image.shape
-    if (width, height) != (camera.width, camera.height):
-        return _nothing(f"the image is {width}x{height} px, the camera {camera.width}x{camera.height} px")
-    labeling = label_dots(blobs, marker, camera)
-    if labeling.blobs is None or labeling.pixels is None:
-        return _nothing(labeling.reason)
+    return identify(blobs, markers, camera or made_up_camera(width, height), camera is not None, errors, copies)
+
+
+def identify(
+    blobs: Blobs,
+    markers: Sequence[Marker],
+    camera: Camera,
+    calibrated: bool = True,
+    errors: ErrorSources = DEFAULT_ERRORS,
+    copies: int = MAX_COPIES,
+) -> list[Detection]:
+    """`detect_all` from the dots of an image.
+
+    Parameters
+    ----------
+    calibrated : bool
+        Whether the camera is more than a made-up one of the image's size.
+    """
+    if not markers:
+        raise InputError("one marker or more", "none", "say what to look for")
+    layouts = [layout_of(marker) for marker in markers]
+    if not calibrated and not all(layout.flat for layout in layouts):
+        raise InputError("a camera for a marker with relief", "none", "give the camera's calibration")
+    ellipses = undo_lens(blobs, camera)
+    left, reasons, found = dict.fromkeys(range(len(markers)), copies), dict[int, str](), list[Detection]()
+    while left:
+        searches = {k: search(ellipses, layouts[k], camera, calibrated) for k in left}
+        for k, each in searches.items():
+            if each.reason:
+                reasons.setdefault(k, each.reason)
+                del left[k]
+        open_searches = {k: each for k, each in searches.items() if not each.reason}
+        if not open_searches:
+            break
+        best = min(open_searches, key=lambda k: open_searches[k].rank)
+        chosen = open_searches[best]
+        doubt = ambiguity(chosen)
+        doubts = {best: doubt} if doubt else _claims(best, open_searches)
+        if doubts:
+            for k, reason in doubts.items():
+                reasons.setdefault(k, reason)
+        else:
+            found.append(
+                replace(_finish(chosen, blobs, ellipses, markers[best], camera, calibrated, errors), marker=best)
+            )
+            left[best] -= 1
+            if not left[best]:
+                del left[best]
+        # Also what is in doubt is something, and nothing else.
+        ellipses = ellipses.take(~np.isin(np.arange(len(ellipses)), chosen.blobs))
+    seen = {each.marker for each in found}
+    return found + [Detection(False, reason=reasons[k], marker=k) for k in range(len(markers)) if k not in seen]
+
+
+def made_up_camera(width: int, height: int) -> Camera:
+    """A camera for images without one: its focal length only starts the search."""
+    focal = float(max(width, height, 1))
+    return Camera(max(width, 1), max(height, 1), focal, focal, (width - 1) / 2, (height - 1) / 2)
+
+
+def _claims(best: int, searches: dict[int, Search]) -> dict[int, str]:
+    """Markers that claim the same blobs with labelings nearly as good as the best one's, and what to say of each."""
+    rivals = [
+        k
+        for k, each in searches.items()
+        if k != best and contender(searches[best], each, same_marker=False) is not None
+    ]
+    said = "labels are ambiguous between two markers that fit the same dots: {} and {}"
+    reasons = {k: said.format(*sorted((k, best))) for k in rivals}
+    return {best: reasons[rivals[0]], **reasons} if rivals else {}
+
+
+def _finish(
+    chosen: Search,
+    blobs: Blobs,
+    ellipses: Ellipses,
+    marker: Marker,
+    camera: Camera,
+    calibrated: bool,
+    errors: ErrorSources,
+) -> Detection:
+    """Detection from a labeling: the pose, strangers dropped, and the dots' centers corrected from the pose."""
+    layout = chosen.layout
     ids = np.array([point.id for point in marker.control_points], dtype=np.intp)
-    return Detection(True, ids, labeling.pixels, blobs.center[labeling.blobs])
+    used = np.flatnonzero(chosen.blobs >= 0)
+    labeled, pose = used, None
+    if calibrated:
+        used, pose = _pose(chosen, used, blobs, ellipses, camera, errors)
+        if pose is None:
+            return Detection(False, reason="no pose sees the dots from the front")
+    own = chosen.blobs[used]
+    points, radii, seen = layout.points[used], layout.radii[used], ellipses.center[own]
+    homography = None
+    if pose is None:
+        corrected, planes = correct_centers(seen[None], points[:, :2], radii)
+        corrected, homography = corrected[0], camera.matrix @ planes[0]
+    else:
+        drawn = outlines(points, radii, pose.rotation[None], pose.translation[None])
+        corrected = seen - (drawn.center - drawn.point)[0]
+        if layout.flat:
+            homography = _homography(points, corrected, camera, pose)
+    index = ellipses.index[own]
+    return Detection(
+        True,
+        ids[used],
+        camera.to_pixels(corrected),
+        blobs.covariance[index],
+        blobs.center[index],
+        None if homography is None else homography / homography[2, 2],
+        pose,
+        dropped=ids[np.setdiff1d(labeled, used)],
+    )
 
 
-def _nothing(reason: str) -> Detection:
-    empty = np.zeros((0, 2))
-    return Detection(False, np.zeros(0, dtype=np.intp), empty, empty, reason)
+def _pose(
+    chosen: Search, used: NDArray[np.intp], blobs: Blobs, ellipses: Ellipses, camera: Camera, errors: ErrorSources
+) -> tuple[NDArray[np.intp], PoseEstimate | None]:
+    """Indices of the dots that are kept, and the pose from them."""
+    model = chosen.candidates.model
+    assert isinstance(model, Poses)
+    start = model.rotation[0], model.translation[0]
+    while True:
+        own = chosen.blobs[used]
+        measured = (
+            chosen.layout.points[used],
+            chosen.layout.radii[used],
+            ellipses.center[own],
+            blobs.covariance[ellipses.index[own]],
+            camera,
+            errors,
+        )
+        pose = fit_pose(*measured, start)
+        worst = None if pose is None else outlier(*measured, pose)
+        if worst is None:
+            return used, pose
+        used = np.delete(used, worst)
+
+
+def _homography(points: Array, corrected: Array, camera: Camera, pose: PoseEstimate) -> Array:
+    """Homography of the marker plane to ideal px, by DLT; where the points do not determine it, that of the pose."""
+    height = points[0, 2]
+    solver = ESTIMATORS["dlt"]
+    assert isinstance(solver, HomographyEstimator)
+    ideal = camera.ideal.to_pixels(corrected)
+    found = Correspondences(points[:, :2], ideal[None], camera.ideal).once(solver)[0]
+    if np.isfinite(found).all():
+        return found
+    origin = pose.translation + height * pose.rotation[:, 2]
+    return plane_homography(pose.rotation[None], origin[None], camera.matrix)[0]

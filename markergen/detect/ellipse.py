@@ -1,189 +1,201 @@
-"""The ellipse of one dot, fitted to the grey levels around its outline."""
+"""Ellipses of dots, fitted to the grey levels around their outlines, many at once."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.detect.descent import BLUR, CENTER, MIN_SEMI_PX, NOISE_SLACK, SCALE, SHAPE, SLOPE, Descent
+from markergen.detect.outline_pixels import outline_pixels
+
 Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+Image = NDArray[np.uint8] | NDArray[np.uint16]
 
-_ITERATIONS = 8
-_CONVERGED_PX = 1e-3
-"""A step below this ends the iteration. The next would be under 4e-4 px, a tenth of the best standard deviation."""
+_CHECKPOINTS = (1, 0.3), (2, 0.17), (5, 0.12)
+"""Steps, and the largest RMS residual after them, as a share of the contrast and beyond the noise."""
+_STEPS, _ROUNDS = 5, 4
 
-_BAND_PX = 2.5
+_BAND_BLURS, _MIN_BAND_PX, _MAX_BAND_PX = 3.0, 2.5, 9.0
 """Half-width of the band of pixels around the outline that are fitted: beyond it the levels are flat and tell nothing,
 and the next dot may begin."""
 
-_MAX_MISFIT = 0.15
-"""Largest RMS residual as a share of the contrast. Dots reach 0.02 at a noise of a hundredth of the contrast, 0.06 at a
-twentieth, and 0.12 with another dot a pixel away; squares of 14 px and more are above."""
+_MAX_MISFIT, _MAX_NOISE = 0.06, 0.2
+"""Largest RMS residual beyond the noise, and largest noise, at the end, as shares of the contrast."""
+_MIN_MAJOR_PX, _MAX_ELONGATION, _MAX_SIGMA_PX = 2.4, 10.0, 0.5
+_HOLE_SCALES = 0.15, 0.85
 
-_MIN_BLUR, _MAX_BLUR = 0.25, 4.0
-_TINY = 1e-12
+_DISK_BELOW, _RING_ABOVE, _RING_GAIN = 0.15, 0.7, 20.0
+"""Levels in the middle of what is surely a disk, or a ring; what a ring in doubt must gain in log-likelihood, twice."""
 
 
 @dataclass(frozen=True, eq=False)
-class DotFit:
-    """Ellipse of a dot: center (2,) and semi-axes (2,) in px, longest first; its angle in rad; bright in the middle."""
+class Outlines:
+    """Rough outlines of B dark regions, where the fit starts.
+
+    Attributes
+    ----------
+    center : array (B, 2), px
+    spread : array (B, 2, 2), px^2
+        Q of the ellipse x'Q^-1 x = 1 about the center: four times the covariance of its area.
+    light, dark : arrays (B,), grey levels outside and inside
+    blur : array (B,), px
+        Width of the edge as the standard deviation of a normal distribution.
+    middle : array (B,)
+        Level in the middle, from 0 where it is dark to 1 where it is light.
+    """
 
     center: Array
+    spread: Array
+    light: Array
+    dark: Array
+    blur: Array
+    middle: Array
+
+    def __len__(self) -> int:
+        return len(self.center)
+
+    def take(self, index: Bools | Indices) -> "Outlines":
+        """The outlines of an index."""
+        return Outlines(*(getattr(self, field.name)[index] for field in fields(self)))
+
+
+@dataclass(frozen=True, eq=False)
+class Dots:
+    """B fitted dots.
+
+    Attributes
+    ----------
+    index : array (B,) of int
+        The outline that each began as.
+    center : array (B, 2), px
+    covariance : array (B, 2, 2), px^2, of the center
+    semi : array (B, 2), px, longest first
+    angle : array (B,), rad, of the longest axis from x
+    ring : array (B,) of bool
+    blur : array (B,), px
+    misfit : array (B,)
+        Twice the log-likelihood that the dot lacks, but for a constant that all fits of one outline share.
+    """
+
+    index: Indices
+    center: Array
+    covariance: Array
     semi: Array
-    angle: float
-    ring: bool
+    angle: Array
+    ring: Bools
+    blur: Array
+    misfit: Array
+
+    def __len__(self) -> int:
+        return len(self.center)
+
+    def take(self, index: Bools | Indices) -> "Dots":
+        """The dots of an index."""
+        return Dots(*(getattr(self, field.name)[index] for field in fields(self)))
 
 
-@dataclass(frozen=True, eq=False)
-class _State:
-    """Unknowns of the fit; `shape` is symmetric and takes the ellipse about its center to the unit circle."""
+def fit_dots(image: Image, outlines: Outlines, noise: float) -> Dots:
+    """Least-squares fit of blurred dark ellipses, or elliptic rings, to grey levels; what is no dot is dropped.
 
-    center: Array
-    shape: Array
-    light: float
-    dark: float
-    blur: float
-    hole_center: Array
-    hole_scale: float
+    Model: (1 + g'x) (light - (light - dark) (D - D_hole)), with D the share of ink (`blurred_ellipse`) and g the
+    slope of the light over the dot; saturated where the image is. Ellipse, levels, slope and blur are unknown, and for
+    a ring the hole's center and scale too: under perspective hole and outline are not concentric. Every pixel counts by
+    what it tells, so the center's error is near the least that the image's noise allows.
 
-
-def fit_dot(image: Array, center: Array, covariance: Array) -> DotFit | None:
-    """Least-squares fit of a blurred dark ellipse, or elliptic ring, to grey levels.
-
-    Model: light - (light - dark) [F(-e/s) - F(-e_hole/s)], with F the normal distribution, s the blur and e the
-    distance from the outline to first order, (rho - 1)/|grad rho|, rho = |M (x - c)|. Ellipse, levels and blur are
-    unknown, and for a ring the hole's center and scale too: under perspective hole and outline are not concentric.
-    Every pixel counts by what it tells, so the center's error is near the least that the image's noise allows.
+    Parts of the outline that show no edge, or one elsewhere (an occluder, a touching neighbor), are found sector by
+    sector and left out. A third of the outline may be missing; with more the dot is dropped, for a center from little
+    more than half an outline would be worse than none.
 
     Parameters
     ----------
-    image : array (h, w), grey levels
-    center, covariance : arrays (2,) and (2, 2), px and px^2
-        Mean and covariance of the dark region's area, the start.
+    image : array (h, w)
+    outlines : Outlines
+    noise : float, grey levels
+        Of plain parts of the image, to tell noise from what is not explained.
 
     Returns
     -------
-    DotFit or None
-        None if the fit leaves the region or does not explain the grey levels: this is no dot.
+    Dots
+        With the covariance of each center by the fit's normal matrix and the noise that it leaves, no less than that
+        of rounding to whole grey levels.
     """
-    # The covariance of an ellipse's area is its shape matrix over 4; a contour runs through the outermost pixels'
-    # centers, half a pixel inside.
-    values, vectors = np.linalg.eigh(covariance)
-    semi = 2 * np.sqrt(values) + 0.5
-    x, y, grey, rho, distance = _surroundings(image, center, (vectors * semi**2) @ vectors.T)
-    if len(grey) < 12:
-        return None
-    light, dark = np.percentile(grey, 90), np.percentile(grey, 5)
-    if not light > dark:
-        return None
-    # The middle is at least the pixel nearest the center, for dots of a few pixels.
-    ring = bool(np.median(grey[rho <= max(0.2, rho.min())]) > (light + dark) / 2)
-    if not ring:
-        band = distance > -_BAND_PX
-        x, y, grey = x[band], y[band], grey[band]
-    state = _State(center, (vectors / semi) @ vectors.T, light, dark, 0.8, center, 0.5)
-    fitted = _iterate(state, x, y, grey, ring)
-    if fitted is None:
-        return None
-    values, vectors = np.linalg.eigh(fitted.shape)
-    return DotFit(fitted.center, 1 / values, float(np.arctan2(vectors[1, 0], vectors[0, 0])), ring)
+    # What is neither dark nor light in the middle is fitted both as a disk and as a ring.
+    doubtful = (outlines.middle > _DISK_BELOW) & (outlines.middle < _RING_ABOVE)
+    index = np.concatenate([np.arange(len(outlines)), np.flatnonzero(doubtful)])
+    ring = np.concatenate([outlines.middle >= _RING_ABOVE, np.ones(int(doubtful.sum()), dtype=bool)])
+    descent = _descent(image, outlines.take(index), ring, ring | doubtful[index], noise)
+    for steps, misfit in _CHECKPOINTS:
+        descent.run(steps)
+        descent.drop_hopeless(misfit)
+    for _ in range(_ROUNDS):
+        descent.run(_STEPS, descent.leave_out())
+    dots = _dots(descent, index)
+    return dots.take(_better(dots))
 
 
-def _surroundings(image: Array, center: Array, spread: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """Pixels in and around an ellipse: x, y, grey level, rho (1 on the outline), distance outward along the ray."""
-    half = np.sqrt(np.diag(spread)) + _BAND_PX
-    left, top = np.maximum(np.floor(center - half), 0).astype(int)
-    right, bottom = np.minimum(np.ceil(center + half), np.array(image.shape[::-1]) - 1).astype(int)
-    x, y = np.meshgrid(np.arange(left, right + 1, dtype=float), np.arange(top, bottom + 1, dtype=float))
-    offset = np.stack([x, y], axis=-1) - center
-    rho = np.sqrt(np.einsum("...i,ij,...j->...", offset, np.linalg.inv(spread), offset))
-    distance = (rho - 1) * np.hypot(offset[..., 0], offset[..., 1]) / np.maximum(rho, _TINY)
-    near = distance < _BAND_PX
-    return x[near], y[near], image[top : bottom + 1, left : right + 1][near], rho[near], distance[near]
+def _descent(image: Image, outlines: Outlines, ring: Bools, filled: Bools, noise: float) -> Descent:
+    values, vectors = np.linalg.eigh(outlines.spread)
+    shape = np.einsum("bik,bk,bjk->bij", vectors, values**-0.5, vectors)
+    band = np.clip(_BAND_BLURS * outlines.blur, _MIN_BAND_PX, _MAX_BAND_PX)
+    pixels = outline_pixels(image, outlines.center, outlines.spread, band, filled)
+    top = int(image.max(initial=0))
+    return Descent(pixels, outlines.center, shape, outlines.light, outlines.dark, outlines.blur, ring, noise, top)
 
 
-def _iterate(state: _State, x: Array, y: Array, grey: Array, ring: bool) -> _State | None:
-    """Gauss-Newton steps until the ellipse stands still."""
-    start = state
-    size = 1 / np.linalg.eigvalsh(state.shape)
-    for _ in range(_ITERATIONS):
-        model, jacobian = _model(state, x, y, ring)
-        residual = grey - model
-        # A neighbor's edge in the band, or a speck, says nothing about this dot.
-        kept = np.abs(residual) < 0.5 * (state.light - state.dark)
-        j, r = jacobian[kept], residual[kept]
-        try:
-            step = np.asarray(np.linalg.solve(j.T @ j, j.T @ r), dtype=float)
-        except np.linalg.LinAlgError:
-            return None
-        state = _moved(state, step, ring)
-        inside = np.linalg.norm(state.center - start.center) < size[-1]
-        if not (np.isfinite(step).all() and inside and np.linalg.eigvalsh(state.shape)[0] > 0.1 / size[0]):
-            return None
-        if np.abs(step[:2]).max() < _CONVERGED_PX:
-            break
-    residual = grey - _model(state, x, y, ring)[0]
-    contrast = state.light - state.dark
-    # Pixels that had no say count here, but by no more than half the contrast: a few may be a neighbor's.
-    bounded = np.clip(residual, -0.5 * contrast, 0.5 * contrast)
-    good = contrast > 0 and np.sqrt(np.mean(bounded**2)) < _MAX_MISFIT * contrast
-    return state if good else None
+def _dots(descent: Descent, index: Indices) -> Dots:
+    """What has the outline of a dot nearly all around, with the center's covariance."""
+    if len(descent.index):
+        noise, variance = descent.noise(), descent.variance()
+        good = variance < (NOISE_SLACK * noise) ** 2 + (_MAX_MISFIT * descent.contrast) ** 2
+        descent.keep(good & (noise < _MAX_NOISE * descent.contrast) & descent.complete())
+    variance, unknowns = descent.variance(), descent.unknowns
+    step, covariance = _shrink_slope(descent.normal, variance, unknowns[:, SLOPE])
+    # M's smaller eigenvalue belongs to the longer semi-axis.
+    values, vectors = np.linalg.eigh((unknowns + step)[:, SHAPE][:, [0, 1, 1, 2]].reshape(-1, 2, 2))
+    scale = unknowns[:, SCALE]
+    good = np.einsum("bii->b", covariance[:, CENTER, CENTER]) < _MAX_SIGMA_PX**2
+    good &= (1 / values[:, 0] > _MIN_MAJOR_PX) & (1 / values[:, 1] > MIN_SEMI_PX)
+    good &= values[:, 1] < _MAX_ELONGATION * values[:, 0]
+    good &= ~descent.ring | ((scale > _HOLE_SCALES[0]) & (scale < _HOLE_SCALES[1]))
+    return Dots(
+        index[descent.index],
+        unknowns[:, CENTER] + step[:, CENTER],
+        covariance[:, CENTER, CENTER],
+        1 / values,
+        np.arctan2(vectors[:, 1, 0], vectors[:, 0, 0]),
+        descent.ring,
+        unknowns[:, BLUR],
+        np.diff(descent.pixels.start) * np.log(np.maximum(descent.misfit(), 1e-12)),
+    ).take(good)
 
 
-def _moved(state: _State, step: Array, ring: bool) -> _State:
-    change = np.array([[step[2], step[3]], [step[3], step[4]]])
-    return _State(
-        center=state.center + step[:2],
-        shape=state.shape + change,
-        light=state.light + step[5],
-        dark=state.dark + step[6],
-        blur=float(np.clip(state.blur + step[7], _MIN_BLUR, _MAX_BLUR)),
-        hole_center=state.hole_center + step[8:10] if ring else state.hole_center,
-        hole_scale=float(np.clip(state.hole_scale + step[10], 0.1, 0.9)) if ring else state.hole_scale,
-    )
+def _shrink_slope(normal: Array, variance: Array, slope: Array) -> tuple[Array, Array]:
+    """Last step (B, 13), and covariance (B, 13, 13), when the slope of the light is expected to be as in other dots.
+
+    A slope that is free costs a third of the center's information, one that is left out displaces the center where the
+    light is uneven. So it has a normal prior about zero whose variance is what all slopes of the image show beyond
+    their own errors (DerSimonian and Laird's estimate): none in even light, as much as need be in other.
+    """
+    if not len(slope):
+        return np.zeros((0, normal.shape[-1])), normal
+    free = variance[:, None, None] * np.linalg.pinv(normal, hermitian=True)
+    own = np.einsum("bii->b", free[:, SLOPE, SLOPE]) / 2
+    weight = np.maximum(own, 1e-15) ** -2
+    between = np.sum(weight * (np.sum(slope**2, axis=-1) / 2 - own)) / np.sum(weight)
+    prior = variance / max(float(between), 1e-12)
+    stiff = normal.copy()
+    stiff[:, [8, 9], [8, 9]] += prior[:, None]
+    inverse = np.linalg.pinv(stiff, hermitian=True)
+    step = -np.einsum("bij,bj->bi", inverse[:, :, SLOPE], prior[:, None] * slope)
+    return step, variance[:, None, None] * inverse
 
 
-def _model(state: _State, x: Array, y: Array, ring: bool) -> tuple[Array, Array]:
-    """Grey levels (m,) and their derivatives (m, 8 or 11) in the order of `_moved`."""
-    contrast = state.light - state.dark
-    ink, by_center, by_shape, by_blur, _ = _disk(x, y, state.center, state.shape, state.blur)
-    if not ring:
-        columns = [*by_center, *by_shape]
-    else:
-        scale = 1 / state.hole_scale
-        hole, by_hole_center, by_hole_shape, by_hole_blur, by_hole_size = _disk(
-            x, y, state.hole_center, state.shape * scale, state.blur
-        )
-        ink, by_blur = ink - hole, by_blur - by_hole_blur
-        columns = [*by_center, *(d - scale * h for d, h in zip(by_shape, by_hole_shape, strict=True))]
-    columns = [-contrast * column for column in columns]
-    columns += [1 - ink, ink, -contrast * by_blur]
-    if ring:
-        columns += [contrast * column for column in by_hole_center]
-        # d rho/d scale = -rho/hole_scale.
-        columns += [-contrast * by_hole_size / state.hole_scale]
-    return state.light - contrast * ink, np.stack(columns, axis=-1)
-
-
-def _disk(
-    x: Array, y: Array, center: Array, shape: Array, blur: float
-) -> tuple[Array, tuple[Array, Array], tuple[Array, Array, Array], Array, Array]:
-    """Share of ink (m,) of a blurred ellipse; derivatives by center, shape (m11, m12, m22), blur, and d/d log rho."""
-    from scipy.special import ndtr
-
-    dx, dy = x - center[0], y - center[1]
-    u = shape[0, 0] * dx + shape[0, 1] * dy
-    v = shape[0, 1] * dx + shape[1, 1] * dy
-    rho = np.maximum(np.hypot(u, v), _TINY)
-    u, v = u / rho, v / rho
-    gradient_x, gradient_y = shape[0, 0] * u + shape[0, 1] * v, shape[0, 1] * u + shape[1, 1] * v
-    # At the center itself rho has no direction; |grad rho| is nowhere below the least eigenvalue >= det/trace.
-    least = (shape[0, 0] * shape[1, 1] - shape[0, 1] ** 2) / (shape[0, 0] + shape[1, 1])
-    steepness = np.maximum(np.hypot(gradient_x, gradient_y), least)
-    depth = (1 - rho) / (steepness * blur)
-    density = np.exp(-0.5 * depth**2) / np.sqrt(2 * np.pi)
-    # |grad rho| is held fixed in the derivatives: its own change is of second order at the outline, and only the
-    # path to the solution depends on it.
-    by_rho = -density / (steepness * blur)
-    by_center = (-by_rho * gradient_x, -by_rho * gradient_y)
-    by_shape = (by_rho * u * dx, by_rho * (u * dy + v * dx), by_rho * v * dy)
-    return ndtr(depth), by_center, by_shape, -density * depth / blur, by_rho * rho
+def _better(dots: Dots) -> Bools:
+    """Of dots that were fitted as a disk and as a ring the one that fits: the ring only if it does so clearly."""
+    chosen = np.ones(len(dots), dtype=bool)
+    for ring in np.flatnonzero(dots.ring):
+        for disk in np.flatnonzero((dots.index == dots.index[ring]) & ~dots.ring):
+            chosen[disk if dots.misfit[disk] - dots.misfit[ring] > _RING_GAIN else ring] = False
+    return chosen

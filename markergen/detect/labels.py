@@ -1,193 +1,215 @@
-"""Which blob is which dot: hypothesize from four dots, verify on all, and insist that the answer is the only one."""
+"""Which blob is which dot: the best of the labelings that fit, if it is the only one."""
 
-from dataclasses import dataclass
-from itertools import combinations
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.blobs import Blobs
-from markergen.detect.correction import correct_centers
-from markergen.errors import InputError
-from markergen.estimators.decomposition import decompose_homography
-from markergen.maths.conic import circle_image
-from markergen.maths.projection import apply_homography, plane_homography
+from markergen.detect.candidates import (
+    LEAST_DOTS,
+    NEAR_PX,
+    NEAR_REACH,
+    Candidates,
+    Planes,
+    assign,
+    find_candidates,
+)
+from markergen.detect.ideal import Ellipses
+from markergen.detect.layout import Layout
 from markergen.model.camera import Camera
-from markergen.model.marker import Marker
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-MAX_HYPOTHESES = 300_000
-MAX_CANDIDATES = 24
-"""Control points among which the four of the basis are sought; more would only cost time."""
-_CHUNK = 20_000
+MAX_BLOBS = 256
+"""Blobs among which labels are sought."""
 
-_ACCEPT_PX, _ACCEPT_SHARE = 0.75, 0.005
-"""Largest misfit of a labeling: px, plus a share of the marker's extent in the image for an imperfect calibration."""
+ACCEPT_PX, ACCEPT_SHARE = 0.6, 0.005
+"""Largest misfit of a labeling without missing dots: px, plus a share of the marker's extent in the image for an
+imperfect calibration. With dots missing it is less, in the ratio of what is left to check (see `Search.bound`)."""
 
-_UNIQUE_RATIO, _UNIQUE_PX = 2.0, 0.5
-"""The second-best labeling must be worse by this factor, and by so many px."""
+UNIQUE_RATIO, UNIQUE_PX = 2.0, 0.5
+"""Any other labeling of the same blobs must be worse by this factor, and by so many px for the marker and each dot that
+it misses."""
+
+MISSING_PX, WRONG_KIND_PX = 1.0, 3.0
+"""What is added to the misfit when labelings are compared: for a dot that should be seen and is not, and for one in
+whose place there is a ring instead of a disk, or the other way around."""
+
+EDGE_PX = 3.0
+"""A dot is expected if it is predicted inside the image, and farther than this, plus its size, from the edge."""
 
 
 @dataclass(frozen=True, eq=False)
-class Labeling:
-    """For each control point the index of its blob, or the reason why there is none.
+class Search:
+    """What a search for one marker came to.
 
     Attributes
     ----------
-    blobs : array (n,) of int, or None
-    pixels : array (n, 2), px, or None
-        Corrected centers in the order of the control points.
+    layout : Layout
+    candidates : Candidates
+        Best first.
+    bound : array (A,), px
+        Misfit up to which each is accepted.
+    missing : array (A,) of int
+        Dots that should be seen and have no blob.
+    rings, disks : arrays (A,) of int
+        Disks in whose place there is a ring, and rings in whose place there is a disk.
+    alone : Search or None
+        The same for the blobs of the best labeling alone; if it has no ring, as though rings looked like disks.
     reason : str
-        Empty when labeled.
+        Why there is no labeling; empty if the first candidate is one, unless another contends.
     """
 
-    blobs: Indices | None
-    pixels: Array | None
+    layout: Layout
+    candidates: Candidates
+    bound: Array
+    missing: Indices
+    rings: Indices
+    disks: Indices
+    alone: "Search | None" = None
     reason: str = ""
 
+    @property
+    def rank(self) -> tuple[int, float]:
+        """The less, the better: most dots first, then the least misfit."""
+        return -int(self.candidates.count[0]), float(self.candidates.misfit[0])
 
-def label_dots(blobs: Blobs, marker: Marker, camera: Camera) -> Labeling:
-    """Find the one assignment of blobs to control points that the camera could have seen.
+    @property
+    def blobs(self) -> Indices:
+        """Blobs (n,) of the best labeling, -1 for none."""
+        return self.candidates.blobs[0]
 
-    Every assignment of blobs to four well-spread control points, the key dot first, that keeps the orientation of
-    all triples (a view from the front does) is a homography; those that take all control points near blobs of
-    the right kind are verified: centers and ellipses must be those of the nearest calibrated pose, and no other
-    assignment may be nearly as good.
 
-    Raises
-    ------
-    InputError
-        If the marker's control points are fewer than four, on one line, or not in one plane z = const.
+def search(ellipses: Ellipses, layout: Layout, camera: Camera, calibrated: bool = True) -> Search:
+    """Find the labelings of blobs that the camera could have seen, the best one first.
+
+    Guessed poses (see `seeds`) take blobs near the dots they predict; labelings of four dots or more are fitted, and
+    verified by how far centers and outlines are from those of the fitted pose, which leaves 5 m - 6 numbers of m dots
+    to check. A labeling that is accepted may still not be the only one: see `contenders`.
+
+    Parameters
+    ----------
+    camera : Camera
+        For pixels; its calibration counts only if `calibrated`.
     """
-    points, radii, rings = _layout(marker)
-    if len(blobs) < len(points):
-        return Labeling(None, None, f"found {len(blobs)} dots, the marker has {len(points)}")
-    if blobs.ring.sum() < rings.sum():
-        return Labeling(None, None, "found no key ring")
-    basis = _basis(points, rings)
-    hypotheses = _four_blobs(blobs, rings[basis])
-    if hypotheses is None:
-        return Labeling(None, None, f"found {len(blobs)} dots: too many to tell the marker's from the others")
-    assignments = _assignments(blobs, points, rings, basis, hypotheses)
-    if not len(assignments):
-        return Labeling(None, None, f"found {len(blobs)} dots, but not in the marker's layout")
-    misfit, corrected = _misfit(blobs, assignments, points, radii, camera)
-    order = np.argsort(misfit)
-    best = order[0]
-    pixels = corrected[best]
-    if not misfit[best] <= _ACCEPT_PX + _ACCEPT_SHARE * np.ptp(pixels, axis=0).max():
-        return Labeling(None, None, f"no labeling fits the camera: the best is off by {misfit[best]:.2g} px")
-    if len(order) > 1 and misfit[order[1]] < _UNIQUE_RATIO * misfit[best] + _UNIQUE_PX:
-        return Labeling(
-            None, None, f"labels are ambiguous: two labelings fit, to {misfit[best]:.2g} and {misfit[order[1]]:.2g} px"
+    px = float(np.sqrt(camera.fx * camera.fy))
+    if len(ellipses) < LEAST_DOTS:
+        return _failed(
+            layout, f"found {len(ellipses)} dots, and labels take {LEAST_DOTS} of the marker's {len(layout)}"
         )
-    return Labeling(assignments[best], pixels)
+    if len(ellipses) > MAX_BLOBS:
+        return _failed(layout, f"found {len(ellipses)} dots: too many to tell the marker's from the others")
+    candidates = find_candidates(ellipses, layout, px, calibrated)
+    if not len(candidates) or candidates.count[0] < LEAST_DOTS:
+        return _failed(layout, _how_far(ellipses, layout, candidates, camera))
+    found = _ranked(candidates, ellipses, layout, camera, px)
+    misfit, said = found.candidates.misfit[0], f"found {len(ellipses)} dots, but not in the marker's layout"
+    if found.candidates.count[0] < found.missing[0]:
+        seen, expected = found.candidates.count[0], found.candidates.count[0] + found.missing[0]
+        return _failed(layout, f"{said}: only {seen} of {expected} dots that should be seen are where they should be")
+    if not misfit <= found.bound[0]:
+        fits = f"{found.candidates.count[0]} of {len(layout)} dots to {misfit:.2g} px, {found.bound[0]:.2g} px allowed"
+        return _failed(layout, f"{said}: the best labeling fits {fits}")
+    if found.rings[0]:
+        return _failed(layout, f"{said}: there is a ring in the place of a dot")
+    # What is around the marker may have spoiled the search for other labelings of the same dots.
+    ringed = not layout.rings.any() or bool((found.blobs[layout.rings] >= 0).any())
+    own = ellipses.take(found.blobs[found.blobs >= 0])
+    if ringed and len(own) == len(ellipses):
+        return found
+    alone = find_candidates(own, layout, px, calibrated, rings_tell=ringed)
+    return replace(found, alone=_ranked(alone, own, layout, camera, px))
 
 
-def _layout(marker: Marker) -> tuple[Array, Array, NDArray[np.bool_]]:
-    xyz = marker.xyz
-    if len(xyz) < 4:
-        raise InputError("4 or more control points", f"n={len(xyz)}", "a homography needs four")
-    if np.ptp(xyz[:, 2]) > 0:
-        raise InputError(
-            "a flat marker", f"a relief of {np.ptp(xyz[:, 2]) * 1e3:g} mm", "detect markers whose dots are in one plane"
-        )
-    features = [point.feature for point in marker.control_points]
-    return (
-        xyz[:, :2],
-        np.array([feature.diameter / 2 for feature in features]),
-        np.array([feature.kind == "ring" for feature in features]),
-    )
+def _ranked(candidates: Candidates, ellipses: Ellipses, layout: Layout, camera: Camera, px: float) -> Search:
+    """Candidates with what speaks against them, best first by misfit and lack of dots; those out of bounds last."""
+    absent = candidates.blobs < 0
+    missing = np.sum(_expected(candidates, camera) & absent, axis=-1)
+    bound = _bound(candidates, missing, ellipses, px)
+    lack = MISSING_PX * (len(layout) - candidates.count)
+    order = np.lexsort((candidates.misfit + lack, candidates.misfit > bound))
+    there, _ = assign(candidates.predicted, ellipses, layout, NEAR_REACH, NEAR_PX / px, rings_tell=False)
+    strange = absent & (there >= 0) & (ellipses.ring[there] != layout.rings)
+    rings, disks = (np.sum(strange & (layout.rings == kind), axis=-1) for kind in (False, True))
+    return Search(layout, candidates.take(order), bound[order], missing[order], rings[order], disks[order])
 
 
-def _basis(points: Array, rings: NDArray[np.bool_]) -> Indices:
-    """Four control points, a ring among them if possible, of which the smallest triangle is largest."""
-    key = int(np.argmax(rings))
-    candidates = _far_apart(points, key, MAX_CANDIDATES)
-    with_key = ((key, *rest) for rest in combinations(candidates[1:], 3))
-    # A key dot where the diagonals of a square meet is on a line with two of any three others.
-    for choices in (with_key, combinations(candidates, 4)):
-        quads = list(choices)
-        smallest = np.abs(_triangles(points[np.array(quads)])).min(axis=-1)
-        best = int(np.argmax(smallest))
-        if smallest[best] > 1e-6 * np.ptp(points, axis=0).max() ** 2:
-            return np.array(quads[best], dtype=np.intp)
-    raise InputError("four control points of which no three are on a line", "none", "use a layout that spans the plane")
+def ambiguity(chosen: Search) -> str:
+    """Reason why the best labeling of a search is not the only one; empty if it is."""
+    for others in (chosen, chosen.alone):
+        rival = None if others is None else contender(chosen, others, same_marker=True)
+        if others is not None and rival is not None:
+            pair = f"{chosen.candidates.misfit[0]:.2g} and {others.candidates.misfit[rival]:.2g} px"
+            lost = chosen.layout.rings.any() and not (chosen.blobs[chosen.layout.rings] >= 0).any()
+            return f"labels are ambiguous{' without the key ring' if lost else ''}: two labelings fit, to {pair}"
+    return ""
 
 
-def _far_apart(points: Array, first: int, count: int) -> list[int]:
-    """Indices of up to `count` points (n, 2), each the farthest from those before it, beginning with `first`."""
-    chosen = [first]
-    distance = np.linalg.norm(points - points[first], axis=-1)
-    while len(chosen) < min(count, len(points)):
-        chosen.append(int(np.argmax(distance)))
-        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=-1))
-    return chosen
+def contender(chosen: Search, others: Search, same_marker: bool) -> int | None:
+    """Index of a labeling that explains blobs of the best labeling differently, and nearly as well; None without any.
 
-
-def _triangles(quads: Array) -> Array:
-    """Twice the signed areas (..., 4) of the triangles that leave out one of four points (..., 4, 2)."""
-    first, second, third = (quads[..., [1, 0, 0, 0], :], quads[..., [2, 2, 1, 1], :], quads[..., [3, 3, 3, 2], :])
-    u, v = second - first, third - first
-    return np.asarray(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
-
-
-def _four_blobs(blobs: Blobs, rings: NDArray[np.bool_]) -> Indices | None:
-    """All ordered choices (k, 4) of distinct blobs of the given kinds; None if they are more than can be tried."""
-    # Ring or not is trusted: a ring that reads as a disk gives no labeling rather than a wrong one.
-    choices = [np.flatnonzero(blobs.ring == ring) for ring in rings]
-    if np.prod([float(len(choice)) for choice in choices]) > MAX_HYPOTHESES:
-        return None
-    grid = np.stack(np.meshgrid(*choices, indexing="ij"), axis=-1).reshape(-1, 4)
-    return grid[(np.diff(np.sort(grid, axis=-1), axis=-1) > 0).all(axis=-1)]
-
-
-def _assignments(blobs: Blobs, points: Array, rings: NDArray[np.bool_], basis: Indices, hypotheses: Indices) -> Indices:
-    """Distinct assignments (m, n) of blobs to control points that hypotheses (k, 4) for the basis lead to."""
-    # The image's y points down, so every triangle changes its sign; equal signs also keep all four before the camera.
-    turn = -np.sign(_triangles(points[basis]))
-    hypotheses = hypotheses[(np.sign(_triangles(blobs.center[hypotheses])) == turn).all(axis=-1)]
-    gate = 0.5 * blobs.semi[:, 1] + 1
-    found = []
-    for start in range(0, len(hypotheses), _CHUNK):
-        chunk = hypotheses[start : start + _CHUNK]
-        homography = _projective_frame(blobs.center[chunk]) @ np.linalg.inv(_projective_frame(points[basis]))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            predicted = apply_homography(homography, points)
-            distance = np.linalg.norm(predicted[:, :, None] - blobs.center, axis=-1)
-        distance = np.where(blobs.ring == rings[:, None], np.nan_to_num(distance, nan=np.inf), np.inf)
-        nearest = distance.argmin(axis=-1)
-        close = (distance.min(axis=-1) < gate[nearest]).all(axis=-1)
-        distinct = (np.diff(np.sort(nearest, axis=-1), axis=-1) > 0).all(axis=-1)
-        found.append(nearest[close & distinct])
-    merged = np.concatenate(found) if found else np.zeros((0, len(points)), dtype=np.intp)
-    return np.unique(merged, axis=0)
-
-
-def _projective_frame(quads: Array) -> Array:
-    """Matrix (..., 3, 3) that takes (1,0,0), (0,1,0), (0,0,1) and (1,1,1) to four points (..., 4, 2)."""
-    homogeneous = np.concatenate([quads, np.ones((*quads.shape[:-1], 1))], axis=-1).swapaxes(-1, -2)
-    columns = homogeneous[..., :3]
-    return np.asarray(columns * np.linalg.solve(columns, homogeneous[..., 3:]).swapaxes(-1, -2))
-
-
-def _misfit(blobs: Blobs, assignments: Indices, points: Array, radii: Array, camera: Camera) -> tuple[Array, Array]:
-    """RMS (m,) in px by which centers and semi-axes miss those of the nearest calibrated pose; corrected centers.
-
-    With four dots any assignment is a homography; that H = K [r1 r2 t] with a rotation, and the size and shape of the
-    dots, is what tells a right one.
+    Labelings that share no blob are other copies; those that agree in what they have are parts of the same labeling.
     """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        corrected, homography = correct_centers(blobs.center[assignments], points, radii)
-        usable = np.isfinite(corrected).all(axis=(-1, -2)) & np.isfinite(homography).all(axis=(-1, -2))
-        misfit = np.full(len(assignments), np.inf)
-        if usable.any():
-            rotation, translation = decompose_homography(homography[usable], camera.matrix)
-            nearest = plane_homography(rotation, translation, camera.matrix)
-            offset = apply_homography(nearest, points) - corrected[usable]
-            semi = circle_image(points, radii, nearest[:, None])[1]
-            error = np.concatenate([offset, semi - blobs.semi[assignments[usable]]], axis=-1)
-            misfit[usable] = np.nan_to_num(np.sqrt(np.mean(np.sum(error**2, axis=-1), axis=-1)), nan=np.inf)
-    return misfit, corrected
+    best, labelings = chosen.blobs, others.candidates.blobs
+    if others is chosen.alone:
+        # There the blobs are numbered by themselves.
+        best = np.where(best >= 0, np.cumsum(best >= 0) - 1, -1)
+    shared = np.isin(labelings, best[best >= 0]).any(axis=-1)
+    if same_marker:
+        same = labelings == best
+        shared &= ~(same | (labelings < 0)).all(axis=-1) & ~(same | (best < 0)).all(axis=-1)
+    # Fewer dots explained, or more that should be seen and are not, speak against a labeling.
+    fewer = chosen.candidates.count[0] - others.candidates.count
+    more = MISSING_PX * np.maximum(fewer, others.missing - chosen.missing[0])
+    strange = WRONG_KIND_PX * (others.rings + others.disks - chosen.rings[0] - chosen.disks[0])
+    excess = others.candidates.misfit + more + strange
+    allowed = UNIQUE_RATIO * chosen.candidates.misfit[0] + UNIQUE_PX * (1 + chosen.missing[0])
+    rivals = np.flatnonzero(shared & (excess < allowed))
+    return int(rivals[np.argmin(excess[rivals])]) if len(rivals) else None
+
+
+def _bound(candidates: Candidates, missing: Indices, ellipses: Ellipses, px: float) -> Array:
+    """Accepted misfit (A,) in px: less where dots are missing, by the share of dots beyond those that fix the pose;
+    less than half of the dots that should be seen are never enough.
+    """
+    used = (candidates.blobs >= 0)[..., None]
+    center = ellipses.center[candidates.blobs]
+    low, high = (np.where(used, center, fill) for fill in (np.inf, -np.inf))
+    extent = px * np.max(high.max(axis=1) - low.min(axis=1), axis=-1)
+    count = candidates.count
+    bound = (ACCEPT_PX + ACCEPT_SHARE * extent) * (count - 3) / (count + missing - 3)
+    # Four corners of a square are a third of a regular 12-gon, wherever equal dots are on a grid.
+    return np.where(count >= missing, bound, -1.0)
+
+
+def _expected(candidates: Candidates, camera: Camera) -> NDArray[np.bool_]:
+    """Dots (A, n) that are predicted wholly inside the image, by a margin."""
+    drawn = candidates.predicted
+    with np.errstate(invalid="ignore", divide="ignore"):
+        pixels = camera.to_pixels(drawn.center)
+        half = np.sqrt(drawn.shape[..., [0, 1], [0, 1]]) * camera.focal + EDGE_PX
+        size = np.array([camera.width, camera.height])
+        inside = ((pixels - half >= 0) & (pixels + half <= size - 1)).all(axis=-1)
+    return drawn.seen & inside
+
+
+def _how_far(ellipses: Ellipses, layout: Layout, candidates: Candidates, camera: Camera) -> str:
+    """Why there are no four dots in the marker's layout."""
+    found = f"found {len(ellipses)} dots"
+    if layout.rings.any() and not ellipses.ring.any():
+        found += ", no key ring"
+    if not len(candidates) or candidates.count[0] < 2:
+        return f"{found}, but not in the marker's layout"
+    fit = f"{found}, of which at most {candidates.count[0]} fit the marker's layout of {len(layout)}"
+    absent = candidates.blobs[0] < 0
+    cut_off = (candidates.predicted.seen[0] & ~_expected(candidates, camera)[0])[absent].all()
+    return f"{fit}; the others may be cut off by the image's edge" if cut_off else fit
+
+
+def _failed(layout: Layout, reason: str) -> Search:
+    nothing = Planes(np.zeros((0, 3, 3)))
+    none = np.zeros((0, len(layout)), dtype=np.intp)
+    candidates = Candidates(none, np.zeros(0), nothing, nothing.outlines(layout))
+    count = np.zeros(0, dtype=np.intp)
+    return Search(layout, candidates, np.zeros(0), count, count, count, reason=reason)

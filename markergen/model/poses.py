@@ -52,14 +52,22 @@ class PoseDistribution:
         """Polar angle (P,) in degrees: 0 is frontal."""
         return np.rad2deg(np.arccos(np.clip(self.cos_tilt, -1.0, 1.0)))
 
+    @property
+    def distance(self) -> Array:
+        """Distance (P,) in m from the camera to the marker's origin."""
+        return np.linalg.norm(self.translation, axis=-1)
+
     def by_polar_angle(self) -> dict[str, NDArray[np.bool_]]:
         """Masks (P,) of the poses at each polar angle; more than 12 distinct angles are put in bins of 10 degrees."""
-        angles = np.round(self.polar_angle_deg, 2)
-        distinct = np.unique(angles)
-        if len(distinct) <= 12:
-            return {f"{angle:g}": angles == angle for angle in distinct}
-        starts = np.unique((angles // 10) * 10)
-        return {f"{low:g}..{low + 10:g}": (angles >= low) & (angles < low + 10) for low in starts}
+        return _groups(np.round(self.polar_angle_deg, 2), 10.0)
+
+    def by_distance(self) -> dict[str, NDArray[np.bool_]]:
+        """Masks (P,) of the poses at each distance in m; more than 12 distinct ones are put in bins of equal width."""
+        distance = np.round(self.distance, 4)
+        # 1, 2 or 5 times a power of ten, and at most 12 bins.
+        width = np.ptp(distance) / 11
+        power = 10 ** np.floor(np.log10(width)) if width > 0 else 1.0
+        return _groups(distance, next(float(step * power) for step in (1, 2, 5, 10) if step * power >= width))
 
     def seen_whole(self, boundary: Boundary, camera: Camera) -> "PoseDistribution":
         """Keep the poses from which the whole boundary is in front of the camera and on the sensor.
@@ -121,3 +129,12 @@ def paper_roll() -> PoseDistribution:
     plain = paper()
     roll = turn_z(np.random.default_rng(0).uniform(0, 2 * np.pi, len(plain)))
     return PoseDistribution("paper-roll", roll @ plain.rotation, plain.translation)
+
+
+def _groups(values: Array, width: float) -> dict[str, NDArray[np.bool_]]:
+    """Masks of equal values by their text; of bins of that width where more than 12 values are distinct."""
+    distinct = np.unique(values)
+    if len(distinct) <= 12:
+        return {f"{value:g}": values == value for value in distinct}
+    bins = np.floor(values / width + 1e-9).astype(int)
+    return {f"{i * width:g}..{(i + 1) * width:g}": bins == i for i in np.unique(bins)}

@@ -4,11 +4,14 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass
 from math import isfinite
-from typing import Any
+from typing import Any, Literal
 
 from markergen.errors import InputError
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.camera import PAPER_CAMERA, Camera
+from markergen.model.image_noise import ImageNoise
+
+NOISE_MODELS = ("point", "image")
 
 MOST_POINTS = 60
 """The polish has a constraint for every pair of points, and takes half a minute for this many."""
@@ -28,13 +31,18 @@ class Spec:
         Name of a pose distribution.
     objective, aggregate, coordinates : str
         What is minimized; an empty aggregate is the objective's own default. Coordinates matter to ``condition`` alone.
-    dot : float or None
-        Dot diameter in m; None lets the camera and poses decide.
+    dot : float, "auto" or None
+        Dot diameter in m; None lets the camera and poses decide, ``auto`` the predicted error of the objective.
     clearance : float or None
         m; None is a tenth of the dot's diameter.
     seed : int
     restarts : int
         Random starts of the descent; 0 is the objective's own default.
+    noise_model : str
+        ``point``: image noise of 1 px on every control point. ``image``: what the image tells about each dot in each
+        pose. Empty is ``image`` for ``dot="auto"`` and ``point`` otherwise.
+    image_noise : ImageNoise
+        The image that ``image`` is about.
     """
 
     n: int = 5
@@ -44,10 +52,12 @@ class Spec:
     objective: str = "pose"
     aggregate: str = ""
     coordinates: str = "unit"
-    dot: float | None = None
+    dot: float | Literal["auto"] | None = None
     clearance: float | None = None
     seed: int = 0
     restarts: int = 0
+    noise_model: str = ""
+    image_noise: ImageNoise = ImageNoise()  # noqa: RUF009
 
     def __post_init__(self) -> None:
         if self.n < 4:
@@ -56,17 +66,48 @@ class Spec:
             raise InputError(f"at most {MOST_POINTS} control points", f"n={self.n}", "use a smaller --n")
         for name in ("dot", "clearance"):
             value = getattr(self, name)
-            if value is not None and not (isfinite(value) and value >= 0):
+            if value is None or value == "auto" == self.dot:
+                continue
+            if not (isfinite(value) and value >= 0):
                 raise InputError(f"a {name} of 0 or more", f"{name}={value} m", f"give --{name} a length such as 5mm")
         if self.restarts < 0:
             raise InputError("restarts of 1 or more", f"restarts={self.restarts}", "give a positive number of restarts")
         if self.seed < 0:
             raise InputError("a seed of 0 or more", f"seed={self.seed}", "give a non-negative whole number")
+        self._settle_noise_model()
+
+    def _settle_noise_model(self) -> None:
+        # Settled here, so that what means the same is equal and has the same hash.
+        if not self.noise_model:
+            object.__setattr__(self, "noise_model", "image" if self.dot == "auto" else "point")
+        if self.noise_model not in NOISE_MODELS:
+            raise InputError("a known noise model", repr(self.noise_model), f"known: {', '.join(NOISE_MODELS)}")
+        if self.noise_model == "point" and self.dot == "auto":
+            raise InputError(
+                "the noise model image for --dot auto",
+                "noise_model='point'",
+                "leave out --noise-model, or give a --dot",
+            )
+        if self.noise_model == "image" and self.dot == 0:
+            raise InputError(
+                "dots with a size for the noise model image", "dot=0", "give --dot a length such as 36mm, or auto"
+            )
+        if self.noise_model == "image" and self.objective == "condition":
+            raise InputError(
+                "an objective that depends on the noise", "objective='condition' with the noise model image",
+                "use --objective pose or homography",
+            )  # fmt: skip
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the spec as plain JSON values, lengths in m."""
+        """Return the spec as plain JSON values, lengths in m; of the noise, only what is not the default."""
         values = asdict(self)
         values["boundary"] = self.boundary.as_dict()
+        values["camera"] = self.camera.as_dict()
+        # Specs from before there was a noise model keep their hash.
+        if self.noise_model == "point":
+            del values["noise_model"]
+        if self.image_noise == ImageNoise():
+            del values["image_noise"]
         return values
 
     @property

@@ -17,6 +17,7 @@ from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
 from markergen.model.poses import PoseDistribution
 from markergen.objectives.aggregates import AGGREGATES
+from markergen.objectives.weights import DotNoise, DotWeights
 from markergen.registry import Registry
 
 Array = NDArray[np.float64]
@@ -35,11 +36,27 @@ def _threads() -> ThreadPoolExecutor:
 
 @dataclass(frozen=True)
 class Setting:
-    """Where a layout is judged: the boundary, the camera, and the poses that see the boundary whole."""
+    """Where a layout is judged.
+
+    Attributes
+    ----------
+    boundary : Boundary
+    camera : Camera
+    poses : PoseDistribution
+        Those that see the boundary whole.
+    noise : DotNoise or None
+        What the image tells about the dots; None is noise of 1 px on every coordinate.
+    """
 
     boundary: Boundary
     camera: Camera
     poses: PoseDistribution
+    noise: DotNoise | None = None
+
+    @property
+    def noise_words(self) -> str:
+        """What bounds in this setting are for."""
+        return str(self.noise) if self.noise else "image noise of 1 px"
 
 
 class Objective(ABC):
@@ -117,14 +134,19 @@ class Objective(ABC):
 
 
 class TraceObjective(Objective):
-    """sqrt(trace(W C)), C = (J'J)^-1 the first-order covariance for image noise of 1 px.
+    """sqrt(trace(W C)), C = M^-1 the first-order covariance, M the Fisher information.
 
-    The gradient is closed: d trace(W M^-1) = -2 <J S, dJ> with M = J'J and S = M^-1 W M^-1.
+    M = J'J for image noise of 1 px; with `Setting.noise` M = sum of J_i' F_i J_i over the dots, F_i the information of
+    a dot's center (`markergen.maths.dot_noise`), which depends on where the dot is. The gradient is closed:
+    d trace(W M^-1) = -<S, dM> with S = M^-1 W M^-1, that is -2 <J S, dJ> for J'J.
     """
 
     def __init__(self, setting: Setting, aggregate: str = "", coordinates: str = "unit") -> None:
         super().__init__(setting, aggregate, coordinates)
         self.weight = self._weight()
+        self._dots: DotWeights | None = None
+        if setting.noise:
+            self._dots = DotWeights(setting.noise, self._plane(), self._jacobian(np.zeros((1, 2))))
 
     @abstractmethod
     def _weight(self) -> Array:
@@ -135,14 +157,23 @@ class TraceObjective(Objective):
         """J (B, P, 2n, k) for points (B, n, 2)."""
 
     @abstractmethod
+    def _plane(self) -> Array:
+        """T (P, k, 2) with J T = d(image point)/d(X, Y): a point moved in the plane, as a change of the parameters."""
+
+    @abstractmethod
     def _jacobian_pullback(self, cotangent: Array, points: Array) -> Array:
         """Gradient (B, P, n, 2) with respect to the points of sum(cotangent * J)."""
+
+    def covariance(self, points: Array) -> Array:
+        """C (B, P, k, k) for layouts (B, n, 2) in m; inf where a layout determines nothing."""
+        return covariance(self._information(self._jacobian(points))[0])
 
     def linearize(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
         """See `Objective.linearize`; smooth everywhere, so softness changes nothing."""
         del softness
         jacobian = self._jacobian(points)
-        inverse = covariance(information(jacobian))
+        matrix, through_weights = self._information(jacobian)
+        inverse = covariance(matrix)
         with np.errstate(invalid="ignore"):
             weighted = self.weight @ inverse
             trace = np.trace(weighted, axis1=-2, axis2=-1)
@@ -151,9 +182,16 @@ class TraceObjective(Objective):
 
         def pullback(weights: Array) -> Array:
             sensitivity = inverse @ weighted * (-weights / values)[..., None, None]
-            return self._jacobian_pullback(jacobian @ sensitivity, points).sum(axis=1)
+            return self._jacobian_pullback(through_weights(jacobian @ sensitivity), points).sum(axis=1)
 
         return values, pullback
+
+    def _information(self, jacobian: Array) -> tuple[Array, Pullback]:
+        """M (B, P, k, k), and what J S, for half of <S, dM>, is as a cotangent of J."""
+        if self._dots is None:
+            return information(jacobian), lambda turned: turned
+        weighed, pullback = self._dots(jacobian)
+        return jacobian.swapaxes(-1, -2) @ weighed, pullback
 
 
 OBJECTIVES: Registry[type[Objective]] = Registry("objective", "markergen.objectives")

@@ -5,8 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.maths.information import covariance, information, pose_jacobian, rotation_bound, translation_bound
+from markergen.maths.information import rotation_bound, translation_bound
 from markergen.objectives.base import OBJECTIVES, Setting
+from markergen.objectives.pose import PoseObjective
 
 Array = NDArray[np.float64]
 Criteria = Mapping[str, float]
@@ -16,16 +17,16 @@ RANDOM_LAYOUTS = 25
 
 
 def criteria(points: Array, setting: Setting) -> list[dict[str, float]]:
-    """Every criterion of each layout (B, n, 2), for image noise of 1 px and each with its default aggregate.
+    """Every criterion of each layout (B, n, 2), for the noise of the setting and each with its default aggregate.
 
     Keys: ``pose_m``, ``homography_px``, ``condition`` (unit coordinates), and the RMS over the poses of the bounds
-    ``rotation_deg`` and ``translation_pct``. Bounds scale with the noise; ``condition`` does not depend on it.
+    ``rotation_deg`` and ``translation_pct``. Bounds are for `Setting.noise_words` and scale with the noise;
+    ``condition`` does not depend on it.
     """
     names = {"pose": "pose_m", "homography": "homography_px", "condition": "condition"}
     columns = {key: OBJECTIVES[name](setting)(points) for name, key in names.items()}
     poses = setting.poses
-    jacobian = pose_jacobian(points, poses.rotation, poses.translation, setting.camera.focal)
-    bound = covariance(information(jacobian))
+    bound = PoseObjective(setting).covariance(points)
     rotation = np.rad2deg(rotation_bound(bound))
     translation = 100 * translation_bound(bound, poses.translation)
     columns["rotation_deg"] = np.sqrt(np.mean(rotation**2, axis=-1))

@@ -20,7 +20,7 @@ def validation_grid(radius: float) -> Array:
 
 @OBJECTIVES.register("homography")
 class HomographyObjective(TraceObjective):
-    """Root of the expected HE in px, HE the mean squared error over the validation grid, for image noise of 1 px.
+    """Root of the expected HE in px, HE the mean squared error over the validation grid, for the noise of the setting.
 
     trace(W C) with C the CRLB of the eight parameters of the homography and W the mean over the grid of J_g'J_g.
     """
@@ -36,6 +36,12 @@ class HomographyObjective(TraceObjective):
         poses, camera = self.setting.poses, self.setting.camera
         radius = self.setting.boundary.radius
         return homography_jacobian(points, poses.rotation, poses.translation, camera.focal, radius)
+
+    def _plane(self) -> Array:
+        # M (I + D) takes the plane point r (x, y) to that of (x + D13, y + D23) to first order, for every x and y.
+        shift = np.zeros((8, 2))
+        shift[2, 0] = shift[5, 1] = 1 / self.setting.boundary.radius
+        return np.broadcast_to(shift, (len(self.setting.poses), 8, 2))
 
     def _jacobian_pullback(self, cotangent: Array, points: Array) -> Array:
         poses, camera = self.setting.poses, self.setting.camera

@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 @OBJECTIVES.register("pose")
 class PoseObjective(TraceObjective):
-    """Expected RMS displacement in m of the boundary's rim in the camera frame, for image noise of 1 px.
+    """Expected RMS displacement in m of the boundary's rim in the camera frame, for the noise of the setting.
 
     trace(W C) with C the CRLB of the pose and W the mean over rim points b of J_b'J_b, J_b = d(R b + t). One unit, so
     no weight between rotation and translation has to be chosen.
@@ -27,6 +27,11 @@ class PoseObjective(TraceObjective):
     def _jacobian(self, points: Array) -> Array:
         poses = self.setting.poses
         return pose_jacobian(points, poses.rotation, poses.translation, self.setting.camera.focal)
+
+    def _plane(self) -> Array:
+        # A point that moves in the plane moves in the camera frame as by a translation of the marker.
+        in_plane = self.setting.poses.rotation[:, :, :2]
+        return np.concatenate([np.zeros_like(in_plane), in_plane], axis=1)
 
     def _jacobian_pullback(self, cotangent: Array, points: Array) -> Array:
         poses = self.setting.poses

@@ -1,6 +1,6 @@
 """From a spec to a marker: the main job."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,9 @@ from markergen.model.poses import PRESETS
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Objective, Setting
 from markergen.objectives.criteria import Criteria, criteria, median_criteria
+from markergen.objectives.weights import DotNoise
 from markergen.optimize.comparisons import comparison_layouts
-from markergen.optimize.dots import DotSize, choose_dots, pixels_across
+from markergen.optimize.dots import FEWEST_PIXELS, DotSize, choose_dots, pixels_across
 from markergen.optimize.multistart import Progress, search
 from markergen.optimize.region import Region
 
@@ -21,9 +22,6 @@ Array = NDArray[np.float64]
 
 UPRIGHT = 1e-5
 """Relative worsening that is allowed for turning the layout upright: far below what any sheet or camera can show."""
-
-FEWEST_PIXELS = 4.0
-"""Below this many px across, a dot's image is too small for its center to be measured well."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,8 @@ class Design:
     setting : Setting
     dots : DotSize
     criteria : dict
-        Criteria of the design (``design``) and of the layouts beside it (``ngon``, ``square``, ``random``), for 1 px.
+        Criteria of the design (``design``) and of the layouts beside it (``ngon``, ``square``, ``random``), for the
+        noise that ``setting.noise_words`` tells.
     """
 
     marker: Marker
@@ -48,11 +47,12 @@ class Design:
     def summary(self) -> str:
         """What was designed for what, in a few lines."""
         spec, poses = self.marker.provenance["spec"], self.setting.poses
+        against = f" for {self.setting.noise_words}" if self.setting.noise else ""
         dropped = f", {poses.dropped} more do not see the whole marker" if poses.dropped else ""
         return (
             f"{len(self.marker)} control points in a {self.marker.boundary}, "
             f"seen from {len(poses)} poses ({poses.name}{dropped})\n"
-            f"objective {spec['objective']}, seed {spec['seed']}, spec {self.marker.spec_hash}\n"
+            f"objective {spec['objective']}{against}, seed {spec['seed']}, spec {self.marker.spec_hash}\n"
             + (f"dots of {self.dots.reason}; dot 0 is the key ring" if self.dots.diameter else "bare points")
         )
 
@@ -84,8 +84,11 @@ def design(spec: Spec, progress: Progress | None = None) -> Design:
     """
     kind = OBJECTIVES[spec.objective]
     setting = Setting(spec.boundary, spec.camera, PRESETS[spec.poses]().seen_whole(spec.boundary, spec.camera))
+    kind(setting, spec.aggregate, spec.coordinates)  # a wrong name is told before any search
+    dots = choose_dots(spec, setting.poses, progress)
+    if spec.noise_model == "image":
+        setting = replace(setting, noise=DotNoise(dots.diameter, spec.image_noise))
     objective = kind(setting, spec.aggregate, spec.coordinates)
-    dots = choose_dots(spec, setting.poses)
     region = Region(spec.boundary, dots.diameter, dots.clearance)
     rng = np.random.default_rng(spec.seed)
     optimum = search(objective, region, spec.n, rng, spec.restarts, progress)
@@ -149,5 +152,7 @@ def dress(points: Array, dots: DotSize, spec: Spec, setting: Setting, table: dic
             "criteria": {
                 name: {key: float(f"{value:.8g}") for key, value in row.items()} for name, row in table.items()
             },
+            # Without this word criteria are for noise of 1 px.
+            **({"noise": setting.noise_words} if setting.noise else {}),
         },
     )

@@ -8,6 +8,7 @@ from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
+from markergen.optimize.multistart import Progress
 from markergen.optimize.packing import count_that_fit, largest_diameter
 from markergen.units import format_length
 
@@ -19,6 +20,9 @@ PERCENTILE = 94.0
 
 ROOM = 0.9
 """Largest share of the diameter that just fits: the optimizer needs room to move the dots."""
+
+FEWEST_PIXELS, FEWEST_PIXELS_LONG = 4.0, 6.0
+"""Below this many px along its image's short and long axis, a dot is too small to be detected reliably."""
 
 CLEARANCE = 0.1
 """Default clearance as a share of the diameter."""
@@ -33,7 +37,12 @@ class DotSize:
     reason: str
 
 
-def choose_dots(spec: Spec, poses: PoseDistribution) -> DotSize:
+def clearance_of(spec: Spec, diameter: float) -> float:
+    """Clearance in m that the spec asks for with dots of that diameter."""
+    return CLEARANCE * diameter if spec.clearance is None else spec.clearance
+
+
+def choose_dots(spec: Spec, poses: PoseDistribution, progress: Progress | None = None) -> DotSize:
     """Size the dots of a spec for the poses that see the marker.
 
     Raises
@@ -41,10 +50,15 @@ def choose_dots(spec: Spec, poses: PoseDistribution) -> DotSize:
     InputError
         If the dots or the clearance that the spec asks for leave room for fewer than n; the message says for how many.
     """
-    if spec.dot is None:
+    if spec.dot == "auto":
+        # It is found by designing for several sizes, of what this module says about them.
+        from markergen.optimize.diameter import best_dots
+
+        size = best_dots(spec, poses, progress)
+    elif spec.dot is None:
         size = _default(spec, poses)
     else:
-        clearance = CLEARANCE * spec.dot if spec.clearance is None else spec.clearance
+        clearance = clearance_of(spec, spec.dot)
         size = DotSize(spec.dot, clearance, f"{format_length(spec.dot)}, as asked, {_pixels(spec.dot, spec, poses)}")
     if size.diameter > 0 or size.clearance > 0:
         _refuse_what_does_not_fit(spec, size)
@@ -61,27 +75,44 @@ def wanted_diameter(camera: Camera, poses: PoseDistribution) -> float:
     return float(np.ceil(np.percentile(diameters, PERCENTILE) * 1e3 - 1e-6) / 1e3)
 
 
-def _default(spec: Spec, poses: PoseDistribution) -> DotSize:
-    wanted = wanted_diameter(spec.camera, poses)
+def largest_that_leaves_room(spec: Spec) -> float:
+    """Largest diameter in m, a whole tenth of a mm, that leaves the optimizer room to move n dots.
+
+    Raises
+    ------
+    InputError
+        If it is below 0.1 mm.
+    """
     fits = ROOM * largest_diameter(spec.boundary, spec.n, spec.clearance)
-    if wanted <= fits:
-        reason = f"{format_length(wanted)}: its image is at least {PIXELS:g} px across in {PERCENTILE:g} % of the poses"
-        diameter = wanted
-    else:
-        # Whole tenths of a millimeter: a size that can be measured on the sheet.
-        diameter = float(np.floor(fits * 1e4) / 1e4)
-        if not diameter:
-            raise InputError(
-                "room for dots of 0.1 mm and more",
-                f"{spec.n} dots in a {spec.boundary}",
-                "use a larger --radius or a smaller --n",
-            )
-        reason = (
-            f"{format_length(diameter)}, {100 * ROOM:g} % of the largest at which {spec.n} dots fit; "
-            f"{PIXELS:g} px would need {format_length(wanted)}, this leaves {_pixels(diameter, spec, poses)}"
+    # Whole tenths of a millimeter: a size that can be measured on the sheet.
+    diameter = float(np.floor(fits * 1e4) / 1e4)
+    if not diameter:
+        raise InputError(
+            "room for dots of 0.1 mm and more",
+            f"{spec.n} dots in a {spec.boundary}",
+            "use a larger --radius or a smaller --n",
         )
-    clearance = CLEARANCE * diameter if spec.clearance is None else spec.clearance
-    return DotSize(diameter, clearance, reason)
+    return diameter
+
+
+def smallest_detectable(camera: Camera, poses: PoseDistribution) -> float:
+    """Diameter in m, a whole tenth of a mm, whose image is 4 px wide and 6 px long or more in 94 % of the poses."""
+    focal = np.sqrt(camera.fx * camera.fy)
+    depth = poses.translation[:, 2]
+    needed = np.maximum(FEWEST_PIXELS * depth / poses.cos_tilt, FEWEST_PIXELS_LONG * depth) / focal
+    return float(np.ceil(np.percentile(needed, PERCENTILE) * 1e4 - 1e-6) / 1e4)
+
+
+def _default(spec: Spec, poses: PoseDistribution) -> DotSize:
+    wanted, diameter = wanted_diameter(spec.camera, poses), largest_that_leaves_room(spec)
+    if wanted <= diameter:
+        reason = f"{format_length(wanted)}: its image is at least {PIXELS:g} px across in {PERCENTILE:g} % of the poses"
+        return DotSize(wanted, clearance_of(spec, wanted), reason)
+    reason = (
+        f"{format_length(diameter)}, {100 * ROOM:g} % of the largest at which {spec.n} dots fit; "
+        f"{PIXELS:g} px would need {format_length(wanted)}, this leaves {_pixels(diameter, spec, poses)}"
+    )
+    return DotSize(diameter, clearance_of(spec, diameter), reason)
 
 
 def pixels_across(diameter: float, camera: Camera, poses: PoseDistribution) -> float:

@@ -6,12 +6,22 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
-from markergen.model.camera import LARGEST_SIDE, Camera
+from markergen.model.camera import LARGEST_SIDE, Camera, Distortion
 from markergen.model.findings import brief, findings_of, listed
+from markergen.model.image_noise import ImageNoise
 from markergen.model.spec import Spec
 from markergen.units import parse_length
 
@@ -24,7 +34,17 @@ def _length(value: object) -> float:
         raise ValueError(error.args[2]) from None
 
 
+def _length_or_auto(value: object) -> float | str:
+    if value == "auto":
+        return "auto"
+    try:
+        return _length(value)
+    except ValueError as error:
+        raise ValueError(f"{error}, or auto") from None
+
+
 Length = Annotated[float, BeforeValidator(_length)]
+DotLength = Annotated[float | Literal["auto"], BeforeValidator(_length_or_auto)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Whole = Annotated[int, Field(lt=2**63)]  # TOML's integers have 64 bits
 Side = Annotated[int, Field(ge=1, le=LARGEST_SIDE)]
@@ -42,6 +62,19 @@ class _Boundary(_Table):
     radius: Length
 
 
+class _Distortion(_Table):
+    model: str
+    coefficients: list[Finite]
+
+    @model_validator(mode="after")
+    def _known(self) -> "_Distortion":
+        try:
+            Distortion(self.model, tuple(self.coefficients))
+        except InputError as error:
+            raise ValueError(str(error)) from None
+        return self
+
+
 class _Camera(_Table):
     width: Side
     height: Side
@@ -49,6 +82,13 @@ class _Camera(_Table):
     fy: Finite
     cx: Finite
     cy: Finite
+    distortion: _Distortion = ABSENT
+
+
+class _ImageNoise(_Table):
+    blur_px: Finite = ABSENT
+    noise_grey: Finite = ABSENT
+    contrast: Finite = ABSENT
 
 
 class _SpecFile(_Table):
@@ -61,10 +101,12 @@ class _SpecFile(_Table):
     objective: str = ABSENT
     aggregate: str = ABSENT
     coordinates: str = ABSENT
-    dot: Length | None = ABSENT
+    dot: DotLength | None = ABSENT
     clearance: Length | None = ABSENT
     seed: Whole = ABSENT
     restarts: Whole = ABSENT
+    noise_model: str = ABSENT
+    image_noise: _ImageNoise = ABSENT
 
     @field_validator("boundary")
     @classmethod
@@ -92,12 +134,21 @@ def spec_from_mapping(values: object, name: str = "spec") -> Spec:
         raise InputError(f"a valid spec in {name}", listed(findings_of(error)), "correct these places") from None
     given = table.model_dump(exclude_unset=True, exclude={"title", "radius"})
     if "camera" in given:
-        given["camera"] = Camera(**given["camera"])
+        given["camera"] = _camera(table.camera)
+    if "image_noise" in given:
+        given["image_noise"] = ImageNoise(**given["image_noise"])
     if "boundary" in given:
         given["boundary"] = Circle(table.boundary.radius)
     elif table.radius is not None:
         given["boundary"] = Circle(table.radius)
     return Spec(**given)
+
+
+def _camera(table: _Camera) -> Camera:
+    values = table.model_dump(exclude={"distortion"})
+    if table.distortion is None:
+        return Camera(**values)
+    return Camera(**values, distortion=Distortion(table.distortion.model, tuple(table.distortion.coefficients)))
 
 
 def read_template(name: str) -> dict[str, Any]:

@@ -1,6 +1,19 @@
-"""Synthetic views: the dots of a marker as a camera images them, through given optics, with given noise."""
+"""Synthetic views: flat patches as a camera images them, in given scenery, through given optics, with given noise."""
 
-from markergen.render.optics import DEFAULT_OPTICS, Optics
-from markergen.render.view import render_view
+from markergen.render.optics import DEFAULT_OPTICS, Optics, optics_from_text
+from markergen.render.patches import Patch, circle
+from markergen.render.scenery import Scenery
+from markergen.render.shapes import marker_patches
+from markergen.render.view import render_patches, render_view
 
-__all__ = ["DEFAULT_OPTICS", "Optics", "render_view"]
+__all__ = [
+    "DEFAULT_OPTICS",
+    "Optics",
+    "Patch",
+    "Scenery",
+    "circle",
+    "marker_patches",
+    "optics_from_text",
+    "render_patches",
+    "render_view",
+]

@@ -1,4 +1,7 @@
-"""One synthetic view of a marker."""
+"""One synthetic view of a marker, or of anything else that is made of flat patches."""
+
+from collections.abc import Sequence
+from itertools import dropwhile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,10 +10,15 @@ from markergen.maths.conic import circle_image
 from markergen.maths.projection import plane_homography
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
-from markergen.render.coverage import ellipse_coverage
 from markergen.render.optics import FINENESS, Optics, expose, quantize
+from markergen.render.patches import Patch, circle_vertices, project_patches
+from markergen.render.raster import paint
+from markergen.render.scenery import Scenery
+from markergen.render.shapes import marker_patches
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 def render_view(
@@ -20,36 +28,85 @@ def render_view(
     translation: Array,
     optics: Optics,
     rng: np.random.Generator,
-) -> NDArray[np.uint8]:
-    """Image (height, width) of the marker's dots, as the camera takes it from one pose T_camera_marker.
+    scenery: Scenery | None = None,
+) -> Image:
+    """Image (height, width) of a marker, as the camera takes it from one pose T_camera_marker.
+
+    See `render_patches`; the patches are those of `marker_patches`, the plate with its default margin.
+    """
+    eye = -rotation.T @ translation
+    count = circle_vertices(_largest_radius(marker, camera, rotation, translation))
+    patches = marker_patches(marker, eye=eye, count=count)
+    return render_patches(patches, camera, rotation, translation, optics, rng, scenery)
+
+
+def render_patches(
+    patches: Sequence[Patch],
+    camera: Camera,
+    rotation: Array,
+    translation: Array,
+    optics: Optics,
+    rng: np.random.Generator,
+    scenery: Scenery | None = None,
+) -> Image:
+    """Image (height, width) of patches, painted one over the other, as the camera takes it from one pose.
+
+    Where one patch after the other covers a subpixel whole or not at all its grey level is exact; where the outlines
+    of two pass through the same one, each is taken to cover the same share of all parts of it.
 
     Parameters
     ----------
     rotation, translation : arrays (3, 3) and (3,), m
+        T_camera_marker.
+    rng : Generator
+        Draws the noise; the same seed gives the same bytes.
+    scenery : Scenery
+        What is behind and before the patches; None for substrate everywhere behind, and nothing before.
 
     Returns
     -------
-    array (height, width) of uint8
-        Substrate everywhere but on the dots. Dots that turn their face away or reach behind the camera are not seen.
+    array (height, width) of uint8, or uint16 where the sensor has more than 8 bits
+        Patches that turn their face away are not seen, nor what lies behind the camera.
+
+    Raises
+    ------
+    InputError
+        If a background's size is not the camera's.
     """
-    return quantize(expose(ink_coverage(marker, _finer(camera, FINENESS), rotation, translation), optics, rng))
+    scenery = scenery or Scenery()
+    ink = scenery.ink_behind(camera, optics, FINENESS)
+    if ink is None:
+        # Substrate painted on substrate.
+        patches = list(dropwhile(lambda patch: patch.reflectance == 1, patches))
+    projected = project_patches(patches, camera, rotation, translation)
+    corner, size = np.zeros(2, dtype=int), np.array([camera.width, camera.height])
+    if ink is None and not scenery.occluders:
+        # All around the patches is substrate: no need to blur it.
+        corner, size = _window(projected, optics.reach_px, size)
+    if ink is None:
+        ink = np.zeros(size[::-1] * FINENESS, dtype=np.float32)
+    for patch, outlines in zip(patches, projected, strict=True):
+        paint(ink, [outline - corner for outline in outlines], np.float32(1 - patch.reflectance), FINENESS)
+    scenery.cover(ink, optics, FINENESS)
+    return quantize(expose(ink, optics, rng, corner, (camera.height, camera.width)), optics.bits)
 
 
-def ink_coverage(marker: Marker, camera: Camera, rotation: Array, translation: Array) -> Array:
-    """Fraction (height, width) of each pixel's area that is ink, exact to rounding, for a sharp pinhole camera."""
-    image = np.zeros((camera.height, camera.width))
-    for diameters, sign in ((_diameters(marker, inner=False), 1.0), (_diameters(marker, inner=True), -1.0)):
-        center, semi, angle = dot_ellipses(marker, camera, rotation, translation, diameters)
-        for i in np.flatnonzero((diameters > 0) & np.isfinite(semi).all(axis=-1)):
-            tile, top, left = ellipse_coverage(center[i], semi[i], float(angle[i]), camera.width, camera.height)
-            image[top : top + tile.shape[0], left : left + tile.shape[1]] += sign * tile
-    return image
+def _window(projected: list[tuple[Array, ...]], reach_px: int, size: Indices) -> tuple[Indices, Indices]:
+    """Top left pixel and size (2,) of the part of an image to which the light of outlines spreads."""
+    vertices = [outline for outlines in projected for outline in outlines]
+    if not vertices:
+        return np.zeros(2, dtype=int), np.ones(2, dtype=int)
+    low = np.min([v.min(axis=0) for v in vertices], axis=0) - reach_px
+    high = np.max([v.max(axis=0) for v in vertices], axis=0) + reach_px
+    first = np.clip(np.floor(low), 0, size - 1).astype(int)
+    last = np.clip(np.ceil(high), 0, size - 1).astype(int)
+    return first, last - first + 1
 
 
 def dot_ellipses(
     marker: Marker, camera: Camera, rotation: Array, translation: Array, diameters: Array
 ) -> tuple[Array, Array, Array]:
-    """Image ellipses of circles around the control points, each in the plane of its own height.
+    """Image ellipses of circles around the control points, each in the plane of its own height, without the lens.
 
     Parameters
     ----------
@@ -73,12 +130,12 @@ def dot_ellipses(
     return center, semi, angle
 
 
-def _finer(camera: Camera, factor: int) -> Camera:
-    """Return the camera with each pixel divided by a whole factor; the image's corner stays at (-0.5, -0.5)."""
-    cx, cy = ((center + 0.5) * factor - 0.5 for center in (camera.cx, camera.cy))
-    return Camera(camera.width * factor, camera.height * factor, camera.fx * factor, camera.fy * factor, cx, cy)
-
-
-def _diameters(marker: Marker, inner: bool) -> Array:
-    features = [point.feature for point in marker.control_points]
-    return np.array([feature.inner_diameter if inner else feature.diameter for feature in features])
+def _largest_radius(marker: Marker, camera: Camera, rotation: Array, translation: Array) -> float:
+    """Upper limit in px for how large any dot's radius is magnified; no more than the image's diagonal."""
+    centers = marker.xyz @ rotation.T + translation
+    diagonal = float(np.hypot(camera.width, camera.height))
+    nearest = centers[:, 2] - marker.dot_diameter
+    if nearest.min() <= 0:
+        return diagonal
+    stretch = np.linalg.norm(centers, axis=-1) / nearest**2
+    return min(float(camera.focal.max() * marker.dot_diameter / 2 * stretch.max()), diagonal)

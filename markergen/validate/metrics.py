@@ -122,3 +122,13 @@ def mean_nees_interval(count: int, confidence: float = 0.99) -> tuple[float, flo
     tail = (1 - confidence) / 2
     low, high = gammaincinv(POSE_PARAMETERS * count / 2, [tail, 1 - tail]) * 2 / count
     return float(low), float(high)
+
+
+def share_interval(successes: int, count: int, confidence: float = 0.99) -> tuple[float, float]:
+    """Clopper-Pearson interval of a probability from the number of successes among `count` independent trials."""
+    from scipy.special import betaincinv
+
+    tail = (1 - confidence) / 2
+    low = betaincinv(successes, count - successes + 1, tail) if successes else 0.0
+    high = betaincinv(successes + 1, count - successes, 1 - tail) if successes < count else 1.0
+    return float(low), float(high)

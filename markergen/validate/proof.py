@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
+from markergen.estimators.budget import ErrorSources
 from markergen.model.feature import Feature, key_ring
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.poses import PRESETS
@@ -18,12 +19,19 @@ from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.design import compare
 from markergen.optimize.region import Region
 from markergen.read.spec_file import spec_from_mapping
+from markergen.render import DEFAULT_OPTICS
+from markergen.validate.bounds import error_budget, image_covariance
 from markergen.validate.result import ValidationResult
 from markergen.validate.run import validate
-from markergen.validate.views import validate_views
+from markergen.validate.stress import stress
+from markergen.validate.view_records import summarize, take_records
+from markergen.validate.views import Shoot
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
+
+DEFAULT_ERRORS = ErrorSources()
+"""What a good printer does, and a camera whose calibration is taken as exact."""
 
 
 def setting_of(marker: Marker, poses: str | None = None) -> Setting:
@@ -46,10 +54,12 @@ def prove(
     setting: Setting,
     noise_px: float = 0.2,
     runs: int = 1000,
-    views: int = 0,
+    shoot: Shoot | None = None,
     seed: int = 0,
     workers: int | None = None,
     trials_for_all: bool = False,
+    stressed: bool = False,
+    errors: ErrorSources = DEFAULT_ERRORS,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Validate a marker and return the results as plain JSON values.
@@ -60,10 +70,14 @@ def prove(
         Standard deviation of the noise on every image coordinate.
     runs : int
         Noisy trials for each pose; 0 gives the bounds alone.
-    views : int
-        Synthetic images to render and detect; 0 leaves them out.
+    shoot : Shoot or None
+        Synthetic images to render and detect; None leaves them out.
     trials_for_all : bool
         Run the trials for the layouts beside the marker as well; otherwise they have criteria and bounds.
+    stressed : bool
+        Repeat the shoot under worse conditions.
+    errors : ErrorSources
+        For the error budget.
     progress : callable or None
         Called with the stage, what is done of it, and its total.
 
@@ -96,7 +110,6 @@ def prove(
             "too many of them on one line or in one place",
             "design the marker again, with four points in general position",
         )
-    seen = validate_views(marker, setting.camera, setting.poses, views, seed, progress=told("views")) if views else None
     own = trials(marker, "trials")
     table = compare(points, region, setting, seed)
     beside: dict[str, Any] = {name: _beside(row, noise_px) for name, row in table.items() if name != "design"}
@@ -108,7 +121,13 @@ def prove(
             found = trials(_dressed(middle, marker), name).as_dict()
             beside[name] = {key: found[key] for key in ("bound", "estimators", "homography")}
             beside[name]["criteria"] = criteria(middle[None], setting)[0]
-    return own.as_dict(criteria=table["design"], comparisons=beside, views=seen)
+    views = summarize(shoot, take_records(shoot, workers, told("views"))) if shoot else None
+    if shoot and stressed and views is not None:
+        views["stress"] = stress(shoot, workers, told("stress"))
+    optics = shoot.optics if shoot else DEFAULT_OPTICS
+    image = image_covariance(marker, setting.camera, setting.poses, optics, noise_px)
+    budget = error_budget(marker, setting.camera, setting.poses, image, errors)
+    return own.as_dict(criteria=table["design"], comparisons=beside, views=views, budget=budget)
 
 
 def _beside(row: Criteria, noise_px: float) -> dict[str, Any]:

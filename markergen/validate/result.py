@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -36,17 +36,19 @@ class ValidationResult:
     errors: Mapping[str, Errors]
     condition: Array | None = None
 
-    def as_dict(self, criteria: Any = None, comparisons: Any = None, views: Any = None) -> dict[str, Any]:
+    def as_dict(
+        self, criteria: Any = None, comparisons: Any = None, views: Any = None, budget: Any = None
+    ) -> dict[str, Any]:
         """Return the results as plain JSON values, None in place of a number that does not exist.
 
         Parameters
         ----------
-        criteria, comparisons, views
+        criteria, comparisons, views, budget
             JSON values that others compute, put in their places.
         """
         experiment = self.experiment
         poses = experiment.poses
-        groups = poses.by_polar_angle()
+        by_polar_angle, by_distance = poses.by_polar_angle(), poses.by_distance()
         content = {
             "marker": {
                 "control_points": len(self.marker),
@@ -56,29 +58,34 @@ class ValidationResult:
             },
             "criteria": criteria,
             "comparisons": comparisons,
-            "nees": self._nees(groups),
-            "camera": asdict(experiment.camera),
+            "nees": self._nees(by_polar_angle),
+            "camera": experiment.camera.as_dict(),
             "poses": {"name": poses.name, "count": len(poses), "dropped": poses.dropped},
             "noise_px": experiment.noise_px,
             "runs": experiment.runs,
             "seed": experiment.seed,
             "condition": _range(self.condition),
             "homography": {
-                name: _by_group(_homography, errors, groups)
+                name: _by_group(_homography, errors, by_polar_angle)
                 for name, errors in self.errors.items()
                 if isinstance(errors, HomographyErrors)
             },
             "estimators": {
-                name: _by_group(self._pose, errors, groups)
+                name: _by_group(self._pose, errors, by_polar_angle)
+                | {"by_distance": {name: self._pose(errors, mask) for name, mask in by_distance.items()}}
                 for name, errors in self.errors.items()
                 if isinstance(errors, PoseErrors)
             },
             "bound": self._bound(np.ones(len(poses), dtype=bool))
-            | {"by_polar_angle": {angle: self._bound(mask) for angle, mask in groups.items()}},
+            | {
+                "by_polar_angle": {name: self._bound(mask) for name, mask in by_polar_angle.items()},
+                "by_distance": {name: self._bound(mask) for name, mask in by_distance.items()},
+            },
+            "budget": budget,
             "views": views,
         }
-        plain: dict[str, Any] = _plain(content)
-        return plain
+        values: dict[str, Any] = plain(content)
+        return values
 
     def _pose(self, errors: PoseErrors, poses: Mask) -> dict[str, Any]:
         failed, flipped = errors.failed[poses], errors.flipped[poses]
@@ -137,12 +144,12 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """JSON values of dictionaries, sequences and numpy scalars; None for nan and inf, which JSON does not know."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value

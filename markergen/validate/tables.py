@@ -8,7 +8,14 @@ from markergen.validate.metrics import mean_nees_interval
 Table = tuple[str, list[str], list[list[str]], str]
 """Title, header, rows, and a caption."""
 
-TITLES = {"epnp": "EPnP", "ippe": "IPPE", "lm": "LM from IPPE", "sqpnp": "SQPnP", "dlt": "DLT"}
+TITLES = {
+    "detect": "detection's own",
+    "epnp": "EPnP",
+    "ippe": "IPPE",
+    "lm": "LM from IPPE",
+    "sqpnp": "SQPnP",
+    "dlt": "DLT",
+}
 LAYOUTS = {"ngon": "regular n-gon", "square": "square, 4 dots", "random": "random, median"}
 STATISTICS = ("mean", "std", "rms", "median", "p95", "max")
 BOUND = "bound (CRLB)"
@@ -116,7 +123,7 @@ def heading(results: Mapping[str, Any]) -> str:
 
 
 def sentences(results: Mapping[str, Any]) -> list[str]:
-    """What needs no table: calibration of the covariance, and the views."""
+    """What needs no table: whether the covariance is calibrated."""
     found = []
     tilted = {
         angle: row
@@ -131,17 +138,4 @@ def sentences(results: Mapping[str, Any]) -> list[str]:
             f"Covariance of LM: mean NEES {mean:.3f} over {count} trials tilted by 17.5 deg and more; "
             f"{low:.3f} to {high:.3f} is what 99 % of such runs give if the bound's covariance is right."
         )
-    views = results["views"]
-    if views:
-        line = f"Views: {views['detected']} of {views['count']} detected, {views['wrong']} with wrong labels"
-        if views["detected"]:
-            line += (
-                f", dot centers off by {number(views['point_px']['rms'])} px rms "
-                f"({number(views['uncorrected_px']['rms'])} px before the correction for perspective)"
-            )
-        found.append(f"{line}.")
-        found += [
-            f"  not detected: {view['polar_angle_deg']:g} deg at {view['distance']:.3g} m: {view['reason']}"
-            for view in views["failures"][:5]
-        ]
     return found

@@ -1,25 +1,85 @@
 """Synthetic views of a marker, detected as a photo would be and held against the truth they were made from."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect import Detection, detect
 from markergen.errors import InputError
-from markergen.maths.projection import project
+from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
-from markergen.render import DEFAULT_OPTICS, Optics, render_view
-from markergen.validate.metrics import statistics
+from markergen.render import DEFAULT_OPTICS, Optics, Scenery, render_view
+from markergen.render.scenery import BACKGROUNDS, hiding
 
 Array = NDArray[np.float64]
 
 WRONG_PX = 5.0
 """A detection with any dot farther than this from its true place carries a wrong label."""
+
+REFINEMENTS = ("none", "photometric")
+
+
+@dataclass(frozen=True, eq=False)
+class Shoot:
+    """What decides a series of synthetic views; the same shoot gives the same images, whoever takes them and when.
+
+    Attributes
+    ----------
+    marker : Marker
+    camera : Camera
+    poses : PoseDistribution
+    count : int
+        Views; one pose is drawn from each of `count` equal stretches of the distribution, so poses come again, with
+        other noise, where it has fewer.
+    seed : int
+    optics : Optics
+    background : str
+        ``plain``: substrate as far as the eye can see; or a name from render's table of backgrounds.
+    hidden : int
+        Dots that something lies on, chosen anew in every view.
+    errors : ErrorSources
+        `print_sigma` displaces every dot of every view's print; both are what the detection's covariance allows for.
+    refine : str
+        ``none`` or ``photometric``.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range, a name unknown, or a dot has no size.
+    """
+
+    marker: Marker
+    camera: Camera
+    poses: PoseDistribution
+    count: int = 20
+    seed: int = 0
+    optics: Optics = DEFAULT_OPTICS
+    background: str = "plain"
+    hidden: int = 0
+    errors: ErrorSources = field(default_factory=lambda: ErrorSources(print_sigma=0.0))
+    refine: str = "none"
+
+    def __post_init__(self) -> None:
+        if self.count < 1:
+            raise InputError("one view or more", f"views={self.count}", "ask for a positive number of views")
+        if self.seed < 0:
+            raise InputError("a seed of 0 or more", f"seed={self.seed}", "give a non-negative whole number")
+        if min(point.feature.diameter for point in self.marker.control_points) == 0:
+            raise InputError("dots that can be seen", "a dot of diameter 0", "design the marker with --dot above 0")
+        if not 0 <= self.hidden <= len(self.marker):
+            raise InputError(f"0 to {len(self.marker)} hidden dots", f"hidden={self.hidden}", "hide fewer dots")
+        if self.background != "plain":
+            _ = BACKGROUNDS[self.background]
+        if self.refine not in REFINEMENTS:
+            raise InputError(f"a refinement: {' or '.join(REFINEMENTS)}", repr(self.refine), "choose one of these")
+
+    def pose_of(self, k: int) -> int:
+        """Index into the pose distribution of view k."""
+        jitter = np.random.default_rng([self.seed, self.count]).random(self.count)[k]
+        return int((k + jitter) * len(self.poses) / self.count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,28 +88,44 @@ class View:
 
     Attributes
     ----------
-    pose : int
-        Index into the pose distribution.
-    image : array (height, width) of uint8
+    index, pose : int
+        Of the view in its shoot, and of its pose in the distribution.
+    image : array (height, width)
     detection : Detection
     truth : array (n, 2), px
-        Projected control points.
+        Images of the dots' centers where they were printed, the print's error included.
+    hidden : array (h,) of int
+        Indices of the control points that something lies on.
     """
 
+    index: int
     pose: int
-    image: NDArray[np.uint8]
+    image: NDArray[np.uint8] | NDArray[np.uint16]
     detection: Detection
     truth: Array
+    hidden: NDArray[np.intp]
+    ids: NDArray[np.intp]
 
     @property
-    def error_px(self) -> Array:
-        """Distances (n,) in px of the detected control points from the true ones; empty when not found."""
-        return _distance(self.detection.pixels, self.truth)
+    def found(self) -> NDArray[np.intp]:
+        """Indices (m,) of the control points that were found, in the order of the detection."""
+        order = np.argsort(self.ids)
+        return order[np.searchsorted(self.ids, self.detection.ids, sorter=order)]
+
+    @property
+    def error(self) -> Array:
+        """Errors (m, 2) in px of the control points that were found; empty when none was."""
+        return self.detection.pixels - self.truth[self.found]
 
     @property
     def uncorrected_px(self) -> Array:
-        """The same (n,) for the centers of the image ellipses, before the correction."""
-        return _distance(self.detection.ellipse_centers, self.truth)
+        """Distances (m,) in px from the truth of the ellipses' centers, before the correction for perspective."""
+        return np.linalg.norm(self.detection.ellipse_centers - self.truth[self.found], axis=-1)
+
+    @property
+    def error_px(self) -> Array:
+        """Distances (m,) in px of the control points that were found from the true ones."""
+        return np.linalg.norm(self.error, axis=-1)
 
     @property
     def wrong(self) -> bool:
@@ -61,113 +137,49 @@ class View:
         """Found, and right."""
         return self.detection.found and not self.wrong
 
-    def png(self) -> bytes:
-        """The image as PNG bytes with the detected control points and their ids drawn in."""
-        from markergen.render.png import png
-
-        return png(self.image, self.detection.pixels, [int(i) for i in self.detection.ids])
-
-
-def take_views(
-    marker: Marker,
-    camera: Camera,
-    poses: PoseDistribution,
-    count: int = 20,
-    seed: int = 0,
-    optics: Optics = DEFAULT_OPTICS,
-) -> Iterator[View]:
-    """Render and detect `count` views, one pose drawn from each of `count` equal stretches of the distribution.
-
-    Poses come again, with other noise, where the distribution has fewer than `count`.
-
-    Raises
-    ------
-    InputError
-        If count is below 1, a dot has no size, or the marker cannot be detected (see `label_dots`).
-    """
-    if count < 1:
-        raise InputError("one view or more", f"views={count}", "ask for a positive number of views")
-    if min(point.feature.diameter for point in marker.control_points) == 0:
-        raise InputError("dots that can be seen", "a dot of diameter 0", "design the marker with --dot above 0")
-    jitter = np.random.default_rng([seed, count]).random(count)
-    for k, pose in enumerate(((np.arange(count) + jitter) * len(poses) / count).astype(int)):
-        rotation, translation = poses.rotation[pose], poses.translation[pose]
-        image = render_view(marker, camera, rotation, translation, optics, np.random.default_rng([seed, count, k]))
-        truth = project(marker.xyz, rotation[None], translation[None], camera.matrix)[0]
-        yield View(int(pose), image, detect(image, marker, camera), truth)
+    @property
+    def failure(self) -> str:
+        """Why it counts as not detected; empty if it does not."""
+        if self.wrong:
+            return f"wrong label: a dot is {self.error_px.max():.1f} px off"
+        return self.detection.reason
 
 
-def validate_views(
-    marker: Marker,
-    camera: Camera,
-    poses: PoseDistribution,
-    count: int = 20,
-    seed: int = 0,
-    optics: Optics = DEFAULT_OPTICS,
-    progress: Callable[[int, int], None] | None = None,
-) -> dict[str, Any]:
-    """Detect the marker in synthetic views (see `take_views`) and tell how often and how accurately it is found.
+def take_view(shoot: Shoot, k: int) -> View:
+    """Render and detect view k (0 to count - 1) of a shoot."""
+    marker, camera = shoot.marker, shoot.camera
+    pose = shoot.pose_of(k)
+    rotation, translation = shoot.poses.rotation[pose], shoot.poses.translation[pose]
+    # Each source has its own random numbers, so that a view without print error differs by that alone.
+    noise, misprint, surroundings = (np.random.default_rng([shoot.seed, shoot.count, k, part]) for part in range(3))
+    printed = _misprinted(marker, shoot.errors.print_sigma, misprint)
+    hidden = np.sort(surroundings.choice(len(marker), shoot.hidden, replace=False))
+    scenery = Scenery(
+        background=None if shoot.background == "plain" else BACKGROUNDS[shoot.background](camera, surroundings),
+        occluders=hiding(printed, hidden, camera, rotation, translation, surroundings),
+    )
+    image = render_view(printed, camera, rotation, translation, shoot.optics, noise, scenery)
+    found = detect(image, marker, camera, shoot.errors)
+    if shoot.refine == "photometric" and found.found:
+        from markergen.detect.photometric import refine
 
-    Returns
-    -------
-    dict
-        Plain JSON values: ``count``; ``detected``, found with right labels; ``wrong``, found with a wrong one;
-        ``point_px`` and ``uncorrected_px``, statistics of the dots' errors in px with and without the correction of
-        the ellipse centers, over the detected views; ``by_polar_angle`` with the same per angle and the ``rate`` of
-        detection; ``failures``, the pose, its polar angle in degrees, its distance in m and the reason, of each other.
-    """
-    groups = {angle: _Tally() for angle in poses.by_polar_angle()}
-    angle_of = {int(i): angle for angle, mask in poses.by_polar_angle().items() for i in np.flatnonzero(mask)}
-    total, failures = _Tally(), []
-    if progress:
-        progress(0, count)
-    for done, view in enumerate(take_views(marker, camera, poses, count, seed, optics), start=1):
-        total.add(view)
-        groups[angle_of[view.pose]].add(view)
-        if not view.detected:
-            failures.append(
-                {
-                    "pose": view.pose,
-                    "polar_angle_deg": round(float(poses.polar_angle_deg[view.pose]), 2),
-                    "distance": float(np.linalg.norm(poses.translation[view.pose])),
-                    "reason": view.detection.reason or f"wrong label: a dot is {view.error_px.max():.1f} px off",
-                }
-            )
-        if progress:
-            progress(done, count)
-    by_polar_angle = {
-        angle: {**tally.as_dict(), "rate": tally.detected / tally.count}
-        for angle, tally in groups.items()
-        if tally.count
-    }
-    return {**total.as_dict(), "by_polar_angle": by_polar_angle, "failures": failures}
+        found = refine(image, marker, camera, found, shoot.errors)
+    truth = camera.project(printed.xyz, rotation[None], translation[None])[0]
+    ids = np.array([point.id for point in marker.control_points], dtype=np.intp)
+    return View(k, pose, image, found, truth, hidden, ids)
 
 
-class _Tally:
-    """Counts and errors of some views."""
-
-    def __init__(self) -> None:
-        self.count = self.detected = self.wrong = 0
-        self._errors: list[Array] = []
-        self._uncorrected: list[Array] = []
-
-    def add(self, view: View) -> None:
-        self.count += 1
-        self.wrong += view.wrong
-        if view.detected:
-            self.detected += 1
-            self._errors.append(view.error_px)
-            self._uncorrected.append(view.uncorrected_px)
-
-    def as_dict(self) -> dict[str, Any]:
-        return {
-            "count": self.count,
-            "detected": self.detected,
-            "wrong": self.wrong,
-            "point_px": statistics(np.concatenate([np.zeros(0), *self._errors])),
-            "uncorrected_px": statistics(np.concatenate([np.zeros(0), *self._uncorrected])),
-        }
-
-
-def _distance(pixels: Array, truth: Array) -> Array:
-    return np.linalg.norm(pixels - truth, axis=-1) if len(pixels) else np.zeros(0)
+def _misprinted(marker: Marker, sigma: float, rng: np.random.Generator) -> Marker:
+    """Return the marker as it is printed: each dot off by a Gaussian error in the plane, and in height if raised."""
+    if not sigma:
+        return marker
+    offset = sigma * rng.standard_normal((len(marker), 3))
+    if not marker.xyz[:, 2].any():
+        offset[:, 2] = 0
+    return replace(
+        marker,
+        control_points=tuple(
+            replace(point, x=point.x + dx, y=point.y + dy, z=point.z + dz)
+            for point, (dx, dy, dz) in zip(marker.control_points, offset.tolist(), strict=True)
+        ),
+    )

@@ -29,3 +29,8 @@ def test_points_without_size_stay(ngon):
     truth = project(marker.xyz, POSES.rotation[:5], POSES.translation[:5], PAPER_CAMERA.matrix)
     corrected, _ = correct_centers(truth, marker.xyz[:, :2], np.full(6, 1e-9))
     np.testing.assert_allclose(corrected, truth, rtol=0, atol=1e-9)
+
+
+def test_three_points_on_a_line_end_without_a_warning():
+    points = np.array([[0, 0], [0.1, 0], [0.2, 0], [0, 0.1]])
+    correct_centers(apply_homography(HOMOGRAPHY[:1], points), points, np.full(4, 0.01))

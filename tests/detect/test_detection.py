@@ -1,11 +1,16 @@
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
-from markergen.detect import detect
-from markergen.maths.projection import project
-from markergen.model.camera import PAPER_CAMERA, Camera
+from markergen.detect import detect, detect_all
+from markergen.detect.blobs import Blobs, detect_dots
+from markergen.detect.detection import identify, made_up_camera
+from markergen.errors import InputError
+from markergen.estimators.budget import ErrorSources
+from markergen.maths.projection import apply_homography, project
+from markergen.maths.rotation import angle_between, logarithm, turn_z
+from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution, paper, paper_roll
 from markergen.render import Optics, render_view
@@ -13,29 +18,50 @@ from markergen.render import Optics, render_view
 POSES, ROLLED = paper(), paper_roll()
 # Each distance and polar angle, at changing azimuths: with steps of 21 the azimuth moves by one from group to group.
 SUBSET = range(0, 400, 7)
+EXACT = ErrorSources(print_sigma=0.0)
+LENSES = {
+    "radtan": replace(PAPER_CAMERA, distortion=Distortion("radtan", (-0.3, 0.1, 0.001, -0.0005))),
+    "fisheye": replace(PAPER_CAMERA, fx=500.0, fy=500.0, distortion=Distortion("equidistant", (-0.02, 0.005, 0, 0))),
+}
+PICTURES = (
+    "astronaut brick camera chelsea clock coffee coins grass gravel hubble_deep_field immunohistochemistry moon page "
+    "retina rocket text"
+).split()
 
 
-def look(marker, poses, pose, optics=None, seed=0):
+def look(marker, poses, pose, optics=None, seed=0, camera=PAPER_CAMERA):
     rng = np.random.default_rng([seed, pose])
-    return render_view(marker, PAPER_CAMERA, poses.rotation[pose], poses.translation[pose], optics or Optics(), rng)
+    return render_view(marker, camera, poses.rotation[pose], poses.translation[pose], optics or Optics(), rng)
 
 
-def errors(marker, poses, chosen, optics=None):
+def truth(marker, poses, pose, found=None, camera=PAPER_CAMERA):
+    """Pixels of the control points that were found."""
+    pixels = camera.project(marker.xyz, poses.rotation[[pose]], poses.translation[[pose]])[0]
+    ids = [point.id for point in marker.control_points]
+    return pixels if found is None else pixels[[ids.index(i) for i in found.ids]]
+
+
+def errors(marker, poses, chosen, optics=None, camera=PAPER_CAMERA):
     """Errors (m, n, 2) of corrected and of plain centers over the poses where the marker was found; the reasons."""
     corrected, plain, reasons = [], [], []
     for pose in chosen:
-        found = detect(look(marker, poses, pose, optics), marker, PAPER_CAMERA)
-        if not found.found:
-            reasons.append((pose, found.reason))
+        found = detect(look(marker, poses, pose, optics, camera=camera), marker, camera)
+        if not found.found or len(found.ids) < len(marker):
+            reasons.append((pose, found.reason, found.ids))
             continue
-        truth = project(marker.xyz, poses.rotation[[pose]], poses.translation[[pose]], PAPER_CAMERA.matrix)[0]
-        corrected.append(found.pixels - truth)
-        plain.append(found.ellipse_centers - truth)
+        exact = truth(marker, poses, pose, found, camera)
+        corrected.append(found.pixels - exact)
+        plain.append(found.ellipse_centers - exact)
     return np.array(corrected), np.array(plain), reasons
 
 
 def rms(error):
     return np.sqrt(np.mean(np.sum(error**2, axis=-1)))
+
+
+def merged(*sights):
+    """The blobs of several sights as though in one image."""
+    return Blobs(*(np.concatenate([getattr(each.blobs, f.name) for each in sights]) for f in fields(Blobs)))
 
 
 def test_all_of_the_paper_at_the_accuracy_the_noise_allows(pentagon):
@@ -94,6 +120,21 @@ def test_without_noise_only_the_model_is_left(pentagon):
     assert rms(corrected) < 0.0015
 
 
+@pytest.mark.parametrize("lens", LENSES)
+def test_lens_distortion_leaves_no_bias(pentagon, lens):
+    camera = LENSES[lens]
+    # In the corners of the image, where the outline of a dot is bent most.
+    chosen = range(3, 400, 29)
+    places = np.array([[x, y, 1.0] for x, y in [(-0.2, -0.12), (0.2, 0.12), (-0.2, 0.12), (0.2, -0.12)]])
+    poses = replace(ROLLED, translation=places[np.arange(400) % 4] * ROLLED.translation[:, 2:] * camera.fx / 800)
+    corrected, plain, reasons = errors(pentagon, poses, chosen, Optics(noise_grey=0), camera)
+    assert reasons == []
+    # 8 bits of rounding, and what of a bent outline no ellipse has: 0.001 px RMS here; 0.005 is what is asked for.
+    assert rms(corrected) < 0.002
+    assert np.abs(corrected).max() < 0.005
+    assert rms(plain) > 0.05
+
+
 @pytest.mark.parametrize("optics", [Optics(0, 0), Optics(0.7, 8), Optics(1.5, 2), Optics(0.7, 2, 100, 150)])
 def test_other_optics(pentagon, optics):
     corrected, _, reasons = errors(pentagon, POSES, range(0, 400, 29), optics)
@@ -102,21 +143,94 @@ def test_other_optics(pentagon, optics):
     assert rms(corrected) < 0.025
 
 
-@pytest.mark.parametrize("hidden", range(5))
-def test_a_hidden_dot_is_said(pentagon, hidden):
+def test_pose_homography_and_covariance(pentagon):
+    nees = []
+    for pose in SUBSET:
+        found = detect(look(pentagon, ROLLED, pose), pentagon, PAPER_CAMERA, EXACT)
+        turn = logarithm(ROLLED.rotation[pose] @ found.pose.rotation.T)
+        error = np.concatenate([turn, ROLLED.translation[pose] - found.pose.translation])
+        nees.append(error @ np.linalg.solve(found.pose.budget.total, error))
+        # A DLT of points off by 0.005 px, on the points themselves.
+        mapped = apply_homography(found.homography, pentagon.xyz[:, :2])
+        assert np.abs(mapped - truth(pentagon, ROLLED, pose)).max() < 0.05
+        assert found.covariance.shape == (5, 2, 2)
+        assert np.linalg.eigvalsh(found.covariance).min() > 0
+    # Mean of 58 of chi2 with 6 degrees of freedom: 0.45 of scatter, times four; the fit's own covariance is good to 10 %.
+    assert abs(np.mean(nees) - 6) < 2.5
+
+
+@pytest.mark.parametrize("hidden", range(1, 5))
+def test_a_hidden_dot_is_left_out(pentagon, hidden):
     points = pentagon.control_points
     covered = Marker(points[:hidden] + points[hidden + 1 :], pentagon.boundary, pentagon.clearance)
+    found = detect(look(covered, POSES, 130), pentagon, PAPER_CAMERA, EXACT)
+    assert found.found, found.reason
+    np.testing.assert_array_equal(found.ids, np.delete([10, 11, 12, 13, 14], hidden))
+    assert np.abs(found.pixels - truth(pentagon, POSES, 130, found)).max() < 0.03
+    assert found.pose.degrees_of_freedom == 2
+    # 0.005 px on dots 130 px from the middle, with room for four dots' geometry.
+    assert np.rad2deg(angle_between(found.pose.rotation, POSES.rotation[130])) < 0.1
+
+
+def test_a_hidden_key_ring_leaves_the_turn_open(pentagon):
+    covered = replace(pentagon, control_points=pentagon.control_points[1:])
     found = detect(look(covered, POSES, 130), pentagon, PAPER_CAMERA)
     assert not found.found
-    assert "found 4 dots, the marker has 5" in found.reason
-    assert found.ids.size == found.pixels.size == found.ellipse_centers.size == 0
+    assert "ambiguous without the key ring" in found.reason
+    assert found.ids.size == found.pixels.size == found.ellipse_centers.size == found.covariance.size == 0
+    assert found.pose is None
+    assert found.homography is None
+
+
+def test_relief_has_a_pose_and_no_homography(ngon, sight):
+    marker = ngon(6, heights=[0, 0.02, 0.01, 0.02, 0, 0.005])
+    nees = []
+    for pose in range(0, 400, 5):
+        view = sight(marker, pose)
+        (found,) = identify(view.blobs, [marker], PAPER_CAMERA, True, EXACT, 1)
+        assert found.found, found.reason
+        assert found.homography is None
+        # Each dot is corrected in the plane of its own height: 0.02 px of noise, five times.
+        assert np.abs(found.pixels - view.pixels).max() < 0.1
+        turn = logarithm(view.rotation @ found.pose.rotation.T)
+        error = np.concatenate([turn, view.translation - found.pose.translation])
+        nees.append(error @ np.linalg.solve(found.pose.budget.total, error))
+    # Mean of 80 of chi2 with 6 degrees of freedom: 0.39 of scatter, times four.
+    assert abs(np.mean(nees) - 6) < 1.6
+    with pytest.raises(InputError, match="a camera for a marker with relief"):
+        detect(np.zeros((480, 640), np.uint8), marker)
+
+
+def test_without_a_camera_pixels_and_homography_alone(pentagon, ngon):
+    for marker in (pentagon, ngon(4), ngon(8)):
+        for pose in range(9, 400, 97):
+            found = detect(look(marker, ROLLED, pose), marker)
+            assert found.found, found.reason
+            assert found.pose is None
+            exact = truth(marker, ROLLED, pose)
+            np.testing.assert_array_equal(found.ids, [point.id for point in marker.control_points])
+            assert np.abs(found.pixels - exact).max() < 0.03
+            assert np.abs(apply_homography(found.homography, marker.xyz[:, :2]) - exact).max() < 0.05
+
+
+def test_the_worst_of_many_dots_is_dropped(ngon):
+    marker = ngon(8)
+    for pose in (3, 130, 277):
+        points = list(marker.control_points)
+        points[5] = replace(points[5], x=points[5].x + 0.003, y=points[5].y)
+        image = look(replace(marker, control_points=tuple(points)), ROLLED, pose)
+        found = detect(image, marker, PAPER_CAMERA)
+        assert found.found, found.reason
+        assert 15 not in found.ids
+        assert len(found.ids) == 7
+        assert np.abs(found.pixels - truth(marker, ROLLED, pose, found)).max() < 0.03
 
 
 def test_never_a_wrong_label(ngon):
     """Markers with one dot moved elsewhere: found or not, no dot is reported far from where it should be."""
     rng = np.random.default_rng(3)
-    refused = 0
-    for trial in range(150):
+    partly = refused = 0
+    for trial in range(100):
         marker = ngon(int(rng.choice([4, 5, 6])))
         points = list(marker.control_points)
         moved = int(rng.integers(len(points)))
@@ -126,11 +240,69 @@ def test_never_a_wrong_label(ngon):
         image = look(Marker(tuple(points), marker.boundary, marker.clearance), ROLLED, pose, seed=trial)
         found = detect(image, marker, PAPER_CAMERA)
         refused += not found.found
+        partly += found.found and len(found.ids) < len(marker)
         if found.found:
-            truth = project(marker.xyz, ROLLED.rotation[[pose]], ROLLED.translation[[pose]], PAPER_CAMERA.matrix)[0]
-            assert np.linalg.norm(found.pixels - truth, axis=-1).max() < 5
-    # A dot moved by some 40 mm is nearly always noticed; one moved by a millimeter is a badly printed marker.
-    assert refused > 135
+            assert np.linalg.norm(found.pixels - truth(marker, ROLLED, pose, found), axis=-1).max() < 5
+    # Of four dots none may be missing, nor the ring; else the others are found without the one that is elsewhere.
+    assert refused > 30
+    assert partly > 20
+
+
+def test_several_markers_in_one_image(pentagon, irregular, sight):
+    blobs = merged(sight(pentagon, 385), sight(irregular, 392))
+    shift = np.array([[-160.0, 0]] * 5 + [[160.0, 0]] * 6)
+    # Moved in the image, tilts no longer agree exactly with where the dots are.
+    blobs = replace(blobs, center=blobs.center + shift)
+    found = identify(blobs, [irregular, pentagon], PAPER_CAMERA)
+    assert [each.found for each in found] == [True, True], [each.reason for each in found]
+    assert {each.marker: len(each.ids) for each in found} == {0: 6, 1: 5}
+    used = np.concatenate([each.ellipse_centers for each in found])
+    assert len(np.unique(used, axis=0)) == 11
+
+
+def test_several_copies_of_one_marker(pentagon):
+    # Two of 75 % size in one plane before the camera.
+    turn = np.diag([1.0, -1.0, -1.0])
+    one = look(pentagon, PoseDistribution("left", turn[None], np.array([[-0.25, 0, 1.2]])), 0, Optics(noise_grey=0))
+    two = look(pentagon, PoseDistribution("right", turn[None], np.array([[0.25, 0.05, 1.2]])), 0, Optics(noise_grey=0))
+    image = np.minimum(one, two)
+    found = detect_all(image, [pentagon], PAPER_CAMERA)
+    assert [each.found for each in found] == [True, True]
+    places = sorted(each.pose.translation[0] for each in found)
+    np.testing.assert_allclose(places, [-0.25, 0.25], atol=1e-3)
+    # One of them is not all there: the other is reported.
+    image[:, :60] = 225
+    image[:200, :120] = 225
+    single = detect(image, pentagon, PAPER_CAMERA)
+    np.testing.assert_allclose(single.pose.translation[0], 0.25, atol=1e-3)
+
+
+def test_equal_markers_contend(pentagon, sight):
+    blobs = sight(pentagon, 130).blobs
+    found = identify(blobs, [pentagon, pentagon], PAPER_CAMERA)
+    assert [(each.found, each.marker) for each in found] == [(False, 0), (False, 1)]
+    assert all("between two markers" in each.reason for each in found)
+
+
+def test_a_marker_that_is_part_of_another_is_not_found_in_it(ngon, make, sight):
+    large = ngon(8)
+    small = make(large.xyz[[0, 2, 4, 6], :2])
+    for pose in (5, 130, 399):
+        found = identify(sight(large, pose).blobs, [small, large], PAPER_CAMERA)
+        assert [(each.found, each.marker) for each in found] == [(True, 1), (False, 0)]
+        assert found[0].ids.size == 8
+    # And the other way around, half of the large one is no large one.
+    found = identify(sight(small, 130).blobs, [small, large], PAPER_CAMERA)
+    assert found[0].found
+    assert found[0].marker == 0
+
+
+def test_each_marker_that_is_not_there_has_its_reason(pentagon, irregular):
+    found = detect_all(look(pentagon, POSES, 130), [irregular, pentagon], PAPER_CAMERA)
+    assert [(each.found, each.marker) for each in found] == [(True, 1), (False, 0)]
+    assert found[1].reason
+    with pytest.raises(InputError, match="one marker or more"):
+        detect_all(np.zeros((480, 640), np.uint8), [], PAPER_CAMERA)
 
 
 @pytest.mark.parametrize(
@@ -141,8 +313,9 @@ def test_never_a_wrong_label(ngon):
         np.random.default_rng(0).integers(0, 256, (480, 640)).astype(np.uint8),
     ],
 )
-def test_images_without_marker(pentagon, image):
-    found = detect(image, pentagon, PAPER_CAMERA)
+@pytest.mark.parametrize("camera", [PAPER_CAMERA, None])
+def test_images_without_marker(pentagon, image, camera):
+    found = detect(image, pentagon, camera)
     assert not found.found
     assert "found 0 dots" in found.reason
 
@@ -152,6 +325,8 @@ def test_image_of_another_size(pentagon, shape):
     found = detect(np.zeros(shape, np.uint8), pentagon, PAPER_CAMERA)
     assert not found.found
     assert "640x480" in found.reason
+    # Without a camera any size will do.
+    assert "found 0 dots" in detect(np.zeros(shape, np.uint8), pentagon).reason
 
 
 def test_image_of_one_pixel(pentagon):
@@ -160,6 +335,76 @@ def test_image_of_one_pixel(pentagon):
     assert found.reason
 
 
+@pytest.mark.parametrize("image", [np.zeros((480, 640, 3), np.uint8), np.zeros((480, 640)), np.zeros(9, np.uint8)])
+def test_other_images_are_refused(pentagon, image):
+    with pytest.raises(InputError, match="uint8 or uint16"):
+        detect(image, pentagon, PAPER_CAMERA)
+
+
 def test_ids_are_those_of_the_marker(pentagon):
     found = detect(look(pentagon, POSES, 60), pentagon, PAPER_CAMERA)
     np.testing.assert_array_equal(found.ids, [10, 11, 12, 13, 14])
+    assert found.dropped.size == 0
+    assert found.marker == 0
+
+
+def wild(rng, with_ellipses):
+    """A crop (480, 640) of a picture with a contrast of 64 grey levels or more, half of them with ellipses drawn in."""
+    import cv2
+    from skimage import color, data
+
+    while True:
+        picture = getattr(data, str(rng.choice(PICTURES)))()
+        grey = picture if picture.ndim == 2 else np.rint(255 * color.rgb2gray(picture)).astype(np.uint8)
+        height, width = (int(side * rng.uniform(0.3, 1)) for side in grey.shape)
+        top, left = (int(rng.integers(side - part + 1)) for side, part in zip(grey.shape, (height, width), strict=True))
+        crop = grey[top : top + height, left : left + width]
+        if np.ptp(np.percentile(crop, [1, 99])) >= 64:
+            break
+    image = cv2.resize(crop, (640, 480), interpolation=cv2.INTER_CUBIC)
+    for _ in range(int(rng.integers(5, 13)) if with_ellipses else 0):
+        place, long = rng.uniform([40, 40], [600, 440]), rng.uniform(4, 40)
+        axes, angle = np.array([long, long * rng.uniform(0.3, 1)]), rng.uniform(0, 180)
+        light, dark = int(rng.integers(150, 256)), int(rng.integers(0, 80))
+        layers = [(axes + 8, light), (axes, dark)] + ([(axes / 2, light)] if rng.random() < 0.25 else [])
+        for size, level in layers[int(rng.random() < 0.3) :]:
+            fixed = np.rint(np.concatenate([place, size]) * 16).astype(int).tolist()
+            cv2.ellipse(image, fixed[:2], fixed[2:], angle, 0, 360, level, -1, cv2.LINE_AA, 4)
+    return image
+
+
+def false_detections(count, seed, markers):
+    found = []
+    for k in range(count):
+        blobs = detect_dots(wild(np.random.default_rng([seed, k]), bool(k % 2)))
+        for name, marker in markers.items():
+            for camera, calibrated in ((PAPER_CAMERA, True), (made_up_camera(640, 480), False)):
+                each = identify(blobs, [marker], camera, calibrated, copies=1)[0]
+                found += [(k, name, calibrated, each.ids)] if each.found else []
+    return found
+
+
+def test_nothing_is_found_in_other_pictures(pentagon, ngon):
+    assert false_detections(40, 1, {"pentagon": pentagon, "square": ngon(4)}) == []
+
+
+@pytest.mark.long
+def test_nothing_is_found_in_500_other_pictures(pentagon, ngon, make, irregular):
+    plain = make(irregular.xyz[:, :2], rings=())
+    markers = {"pentagon": pentagon, "square": ngon(4), "octagon": ngon(8), "without ring": plain}
+    assert false_detections(500, 2, markers) == []
+
+
+@pytest.mark.long
+def test_covariance_over_2000_views(pentagon):
+    nees = []
+    for k in range(2000):
+        pose = k % 400
+        found = detect(look(pentagon, ROLLED, pose, seed=k), pentagon, PAPER_CAMERA, EXACT)
+        turn = logarithm(ROLLED.rotation[pose] @ found.pose.rotation.T)
+        error = np.concatenate([turn, ROLLED.translation[pose] - found.pose.translation])
+        nees.append(error @ np.linalg.solve(found.pose.budget.total, error))
+    # Four times the scatter of a mean of 2000, 0.08, and a covariance that is right to 5 %.
+    assert abs(np.mean(nees) - 6) < 0.6
+    # 12.59 is the 95 % quantile; the 99 % interval of 2000 draws is 93.7 to 96.2 %.
+    assert 0.937 < np.mean(np.array(nees) < 12.59) < 0.962

@@ -1,8 +1,11 @@
+import json
+
 import pytest
 
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
-from markergen.model.camera import PAPER_CAMERA
+from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
+from markergen.model.image_noise import ImageNoise
 from markergen.model.spec import Spec
 from markergen.read.spec_file import read_template, spec_from_mapping, templates
 
@@ -25,6 +28,20 @@ def test_the_papers_template_is_the_default():
 def test_what_a_marker_carries_gives_its_spec_back():
     spec = Spec(n=7, boundary=Circle(0.2), dot=0.02, objective="condition", coordinates="metric", poses="paper-roll")
     assert spec_from_mapping(spec.as_dict()) == spec
+
+
+def test_a_lens_is_part_of_the_camera(tmp_path):
+    camera = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.28, 0.07, 1e-3, 0.0)))
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        "[camera]\n"
+        + "".join(f"{key} = {value}\n" for key, value in CAMERA.items())
+        + 'distortion = {model = "radtan", coefficients = [-0.28, 0.07, 1e-3, 0]}\n'
+    )
+    spec = spec_from_mapping(read_template(str(path)))
+    assert spec.camera == camera
+    # As a marker.json carries it.
+    assert spec_from_mapping(json.loads(json.dumps(spec.as_dict()))) == spec
 
 
 def test_lengths_may_carry_units():
@@ -63,7 +80,7 @@ def test_what_is_no_table_is_refused(values):
         ({"seed": "3"}, "seed: Input should be a valid integer (got '3')"),
         ({"seed": 16**6000}, "seed: Input should be less than 9223372036854775808 (got an endless number)"),
         ({"radius": True}, "radius: write a number"),
-        ({"dot": "inf"}, "dot: write a number such as 0.15 or 150mm (got 'inf')"),
+        ({"dot": "inf"}, "dot: write a number such as 0.15 or 150mm, or auto (got 'inf')"),
         ({"objective": 3}, "objective: Input should be a valid string (got 3)"),
         ({"boundary": {"kind": "square", "radius": 1}}, "boundary.kind: Input should be 'circle' (got 'square')"),
         ({"boundary": {"kind": "circle"}}, "boundary.radius: missing"),
@@ -73,6 +90,15 @@ def test_what_is_no_table_is_refused(values):
         ({"camera": CAMERA | {"cx": 10**400}}, "camera.cx: Input should be a valid number"),
         ({"camera": CAMERA | {"fx": float("nan")}}, "camera.fx: Input should be a finite number"),
         ({"camera": CAMERA | {"fx": 0.0}}, "finite positive focal lengths"),
+        ({"camera": CAMERA | {"distortion": {"model": "radtan"}}}, "camera.distortion.coefficients: missing"),
+        (
+            {"camera": CAMERA | {"distortion": {"model": "omni", "coefficients": []}}},
+            "camera.distortion: expected a known distortion model, found 'omni'; known: none, radtan",
+        ),
+        (
+            {"camera": CAMERA | {"distortion": {"model": "radtan", "coefficients": [0.1]}}},
+            "camera.distortion: expected 4 or 5 coefficients of the distortion model 'radtan', found 1",
+        ),
     ],
 )
 def test_each_unfit_value_is_named(values, words):
@@ -105,3 +131,15 @@ def test_templates_from_files(tmp_path):
         read_template(str(tmp_path / "none.toml"))
     with pytest.raises(InputError, match="known: desk-a4, paper-disk"):
         read_template("desk")
+
+
+def test_dots_may_be_left_to_the_image():
+    spec = spec_from_mapping({"dot": "auto", "image_noise": {"blur_px": 1.2, "contrast": 100}})
+    assert (spec.dot, spec.noise_model) == ("auto", "image")
+    assert spec.image_noise == ImageNoise(blur_px=1.2, noise_grey=2.0, contrast=100.0)
+    assert spec_from_mapping(spec.as_dict()) == spec
+    assert spec_from_mapping({"noise_model": "image", "dot": "30mm"}).dot == 0.03
+    with pytest.raises(InputError, match=r"dot: write a number .* or auto"):
+        spec_from_mapping({"dot": "automatic"})
+    with pytest.raises(InputError, match=r"image_noise\.blur: unknown key"):
+        spec_from_mapping({"image_noise": {"blur": 1.0}})

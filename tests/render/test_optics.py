@@ -3,7 +3,7 @@ import pytest
 from scipy.stats import norm
 
 from markergen.errors import InputError
-from markergen.render.optics import FINENESS, Optics, expose, quantize
+from markergen.render.optics import FINENESS, Optics, expose, optics_from_text, quantize
 
 BLANK = np.zeros((FINENESS * 480, FINENESS * 640))
 
@@ -53,6 +53,115 @@ def test_sensor_saturates():
     np.testing.assert_array_equal(quantize(np.array([-3, 0.4, 0.6, 254.6, 300], np.float32)), [0, 0, 1, 255, 255])
 
 
+def test_a_window_is_the_part_of_the_whole_it_stands_for():
+    window = np.zeros((FINENESS * 30, FINENESS * 20))
+    window[20:40, 16:24] = 1
+    whole = np.zeros((FINENESS * 60, FINENESS * 80))
+    whole[FINENESS * 7 : FINENESS * 37, FINENESS * 50 : FINENESS * 70] = window
+    optics = Optics(0.7, 0, vignetting=0.4, gradient=0.3)
+    part, all_of_it = expose(window, optics, None, (50, 7), (60, 80)), expose(whole, optics, None)
+    # Single precision.
+    np.testing.assert_allclose(part, all_of_it, rtol=0, atol=1e-4)
+
+
+def lit(optics):
+    """A blank sheet in this light, noise-free."""
+    return expose(np.zeros((FINENESS * 61, FINENESS * 81)), optics, None)
+
+
+def test_exposure_multiplies_and_saturates():
+    np.testing.assert_allclose(lit(Optics(noise_grey=0, exposure=0.5)), 112.5)
+    assert (quantize(lit(Optics(noise_grey=0, exposure=1.5))) == 255).all()
+
+
+def test_vignetting_is_cos4_and_takes_its_share_at_the_corners():
+    grey = lit(Optics(noise_grey=0, light=200, vignetting=0.4)) / 200
+    assert grey[30, 40] == pytest.approx(1)
+    # The outermost pixel's middle is half a pixel short of the corner.
+    np.testing.assert_allclose(grey[[0, 0, -1, -1], [0, -1, 0, -1]], 0.6, rtol=0, atol=0.01)
+    tangent_square = (81**2 + 61**2) / 4 / (0.6**-0.5 - 1)
+    expected = np.cos(np.arctan(np.sqrt(20**2 / tangent_square))) ** 4
+    np.testing.assert_allclose([grey[10, 40], grey[30, 60]], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("direction", "dark", "bright"),
+    [
+        (0, (30, 0), (30, 80)),
+        (90, (0, 40), (60, 40)),
+        (180, (30, 80), (30, 0)),
+        (45, (0, 0), (60, 80)),
+    ],
+)
+def test_gradient_is_linear_from_end_to_end(direction, dark, bright):
+    grey = lit(Optics(noise_grey=0, light=100, gradient=0.5, gradient_deg=direction)) / 100
+    assert grey[30, 40] == pytest.approx(1)
+    # From 1 - 0.25 to 1 + 0.25 at the image's edges, which are half a pixel outside of the last middles.
+    assert grey[dark] == pytest.approx(0.75, abs=0.006)
+    assert grey[bright] == pytest.approx(1.25, abs=0.006)
+    assert grey[dark] + grey[bright] == pytest.approx(2, abs=1e-6)
+
+
+@pytest.mark.parametrize("psf", [{"defocus_px": 3.0}, {"motion_px": 9.0, "motion_deg": 30.0}, {"blur_px": 1.5}])
+def test_edge_blur_is_what_edges_show(psf):
+    optics = Optics(**{"blur_px": 0.0, "noise_grey": 0, "dark": 0, "light": 1, **psf})
+    variances = []
+    for offset in np.arange(8) / 8:
+        ink = np.clip(np.arange(FINENESS * 61) + 1 - FINENESS * (30 + offset), 0, 1)
+        for axis in (0, 1):
+            image = np.broadcast_to(np.expand_dims(ink, 1 - axis), (len(ink), len(ink)))
+            slope = -np.diff(np.take(expose(image, optics, None).astype(float), 30, axis=1 - axis))
+            place = np.arange(len(slope)) + 0.5
+            assert slope.sum() == pytest.approx(1, abs=1e-6)
+            # Nothing moves: ink begins 30 px and the offset from the first pixel's edge, which is at -0.5.
+            assert slope @ place == pytest.approx(29.5 + offset, abs=1e-4)
+            variances.append(slope @ (place - slope @ place) ** 2)
+    # Differences of neighboring pixels spread by a twelfth more. A Gaussian ends at 4 sigma and lacks 0.1 % of its
+    # variance; the subpixels in which disk and line are counted add at most a sixth of their square.
+    assert np.mean(variances) == pytest.approx(optics.edge_blur**2 + 1 / 12, abs=1 / (6 * FINENESS**2))
+
+
+def test_a_point_spreads_no_farther_than_the_reach():
+    for optics in (Optics(1.3, 0), Optics(0.5, 0, defocus_px=4), Optics(0.5, 0, motion_px=9, motion_deg=60)):
+        ink = np.zeros((FINENESS * 61, FINENESS * 61))
+        ink[FINENESS * 30, FINENESS * 30] = 1
+        rows, columns = np.nonzero(expose(ink, optics, None) != 225)
+        assert np.abs([rows - 30, columns - 30]).max() <= optics.reach_px
+
+
+@pytest.mark.parametrize(
+    ("full_well", "noise", "bits"), [(500.0, 0.0, 16), (500.0, 1.0, 8), (10_000.0, 2.0, 12), (None, 0.0, 8)]
+)
+def test_noise_is_as_strong_as_foretold(full_well, noise, bits):
+    for level in (40.3, 160.7):
+        optics = Optics(0.7, noise, 0, level, full_well=full_well, bits=bits)
+        image = quantize(expose(BLANK, optics, np.random.default_rng(3)), bits) * (255 / (2**bits - 1))
+        if noise == 0 and full_well is None:
+            # Without noise rounding is an error of its own, at most half a level.
+            assert np.abs(image - level).max() <= 0.5
+            continue
+        # Five standard errors of mean and standard deviation of what, with 80 electrons or more, is nearly normal.
+        expected = float(optics.grey_noise(level))
+        assert image.mean() == pytest.approx(level, abs=5 * expected / np.sqrt(image.size))
+        assert image.std() == pytest.approx(expected, abs=5 * expected / np.sqrt(2 * image.size))
+
+
+def test_few_electrons_are_counted_one_by_one():
+    grey = expose(BLANK, Optics(0, 0, 0, 255, exposure=0.1, full_well=20), np.random.default_rng(4))
+    electrons = grey * (20 / 255)
+    np.testing.assert_allclose(electrons, np.rint(electrons), rtol=0, atol=1e-5)
+    # Poisson of mean 2: none at all in exp(-2) of the pixels, to five standard errors.
+    share = np.exp(-2)
+    assert np.mean(electrons < 0.5) == pytest.approx(share, abs=5 * np.sqrt(share / grey.size))
+
+
+@pytest.mark.parametrize(("bits", "kind", "top"), [(8, np.uint8, 255), (10, np.uint16, 1023), (16, np.uint16, 65535)])
+def test_levels_of_the_sensor(bits, kind, top):
+    image = quantize(np.array([-1, 0, 51, 255, 256], np.float32), bits)
+    assert image.dtype == kind
+    np.testing.assert_array_equal(image, [0, 0, round(top / 5), top, top])
+
+
 @pytest.mark.parametrize(
     "values",
     [
@@ -62,8 +171,41 @@ def test_sensor_saturates():
         {"dark": 225},
         {"light": 256},
         {"dark": -1},
+        {"defocus_px": 101},
+        {"motion_px": float("nan")},
+        {"motion_deg": float("inf")},
+        {"exposure": 0},
+        {"vignetting": 1},
+        {"gradient": 2},
+        {"gradient": -0.1},
+        {"gradient_deg": float("nan")},
+        {"full_well": 0.5},
+        {"bits": 7},
+        {"bits": 17},
     ],
 )
 def test_impossible_optics_are_refused(values):
     with pytest.raises(InputError, match=next(iter(values))):
         Optics(**values)
+
+
+def test_optics_from_text():
+    assert optics_from_text("") == Optics()
+    assert optics_from_text(" blur_px=1.5, bits=12,full_well=1e4 ") == Optics(1.5, bits=12, full_well=1e4)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("blr_px=1", "blur_px"),
+        ("blur_px", "number"),
+        ("blur_px=wide", "number"),
+        ("bits=8.5", "number"),
+        ("blur_px=1,blur_px=2", "once"),
+        ("blur_px=-1", "blur_px=-1"),
+    ],
+)
+def test_unusable_text_is_one_line(text, message):
+    with pytest.raises(InputError, match=message) as raised:
+        optics_from_text(text)
+    assert "\n" not in str(raised.value)

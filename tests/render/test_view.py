@@ -4,68 +4,122 @@ import pytest
 from markergen.maths.conic import circle_image
 from markergen.maths.projection import plane_homography, project
 from markergen.model.boundary import Circle
-from markergen.model.camera import PAPER_CAMERA, Camera
+from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.feature import Feature, key_ring
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.poses import paper
-from markergen.render.optics import Optics
-from markergen.render.view import ink_coverage, render_view
+from markergen.render import Optics, Patch, Scenery, marker_patches, render_patches, render_view
+from markergen.render.view import dot_ellipses
 
 POSES = paper()
 SHARP = Optics(blur_px=0, noise_grey=0)
 FACING = np.diag([1.0, -1.0, -1.0])
+LENS = Distortion("radtan", (-0.35, 0.12, 0.003, -0.002))
+PSFS = {
+    "sharp": {"blur_px": 0.0},
+    "gaussian": {"blur_px": 0.7},
+    "defocus": {"blur_px": 0.3, "defocus_px": 2.3},
+    "motion": {"blur_px": 0.3, "motion_px": 6.4, "motion_deg": 37.0},
+    "all": {"blur_px": 0.7, "defocus_px": 1.1, "motion_px": 3.0, "motion_deg": 110.0},
+}
 
 
 def one_dot(x, y, z=0.0, feature=None):
     return Marker((ControlPoint(0, x, y, z, feature or Feature(0.036)),), Circle(0.15), 0.0036)
 
 
-def centroid(weight):
-    y, x = np.indices(weight.shape)
-    return np.array([(x * weight).sum(), (y * weight).sum()]) / weight.sum()
+def fine_grey(psf):
+    """No noise, and levels so fine that rounding does not count."""
+    return Optics(**PSFS[psf], noise_grey=0, dark=0, light=255, bits=16)
 
 
+@pytest.mark.parametrize("psf", PSFS)
 @pytest.mark.parametrize("pose", [3, 47, 66, 95, 230, 395])
-def test_grey_centroid_is_the_ellipse_center_not_the_projected_one(pose):
+def test_grey_centroid_is_the_ellipse_center_not_the_projected_one(pose, psf, centroid):
     marker, rotation, translation = one_dot(0.07, -0.1), POSES.rotation[pose], POSES.translation[pose]
-    # Contrast enough that rounding to whole grey levels is small.
-    image = render_view(marker, PAPER_CAMERA, rotation, translation, Optics(0.7, 0, 0, 255), np.random.default_rng(0))
+    image = render_view(marker, PAPER_CAMERA, rotation, translation, fine_grey(psf), np.random.default_rng(0))
     homography = plane_homography(rotation[None], translation[None], PAPER_CAMERA.matrix)[0]
     ellipse = circle_image(marker.xyz[0, :2], 0.018, homography)[0]
-    # Rounding to grey levels moves the centroid by 5e-4 px RMS and 2e-3 px at most, measured over the poses.
-    np.testing.assert_allclose(centroid(255.0 - image), ellipse, rtol=0, atol=2.5e-3)
+    # Sampling a sharp outline by pixels moves the centroid by up to 1e-3 px; any blur leaves less.
+    np.testing.assert_allclose(centroid(65535.0 - image), ellipse, rtol=0, atol=2e-3)
     projected = project(marker.xyz, rotation[None], translation[None], PAPER_CAMERA.matrix)[0, 0]
     tilted = POSES.polar_angle_deg[pose] > 1
     assert (np.linalg.norm(ellipse - projected) > 0.02) == tilted
 
 
-def test_frontal_dot_has_the_size_the_pinhole_gives_it():
-    coverage = ink_coverage(one_dot(0, 0), PAPER_CAMERA, FACING, np.array([0, 0, 0.6]))
-    # Radius 18 mm at 0.6 m and f = 800 px: 24 px. Rounding alone is left.
-    assert coverage.sum() == pytest.approx(np.pi * 24**2, rel=1e-10)
-    np.testing.assert_allclose(centroid(coverage), [320, 240], atol=1e-9)
+def disk_centroid(x, y, radius, camera, rotation, translation):
+    """Centroid in px of a disk's image: the mean of the pixels of its points, weighted by how each is magnified."""
+    nodes, weights = np.polynomial.legendre.leggauss(24)
+    angle = 2 * np.pi * np.arange(64) / 64
+    distance = radius * np.sqrt((nodes[:, None] + 1) / 2)
+    points = np.stack([x + distance * np.cos(angle), y + distance * np.sin(angle)], axis=-1)
+
+    def pixels(dx, dy):
+        return camera.project(points + [dx, dy], rotation[None], translation[None])[:, 0]
+
+    h = 1e-5
+    along_x, along_y = (pixels(h, 0) - pixels(-h, 0)) / (2 * h), (pixels(0, h) - pixels(0, -h)) / (2 * h)
+    weight = weights[:, None] * np.abs(along_x[..., 0] * along_y[..., 1] - along_x[..., 1] * along_y[..., 0])
+    return np.sum(weight[..., None] * pixels(0, 0), axis=(0, 1)) / weight.sum()
 
 
-def test_marker_axes_are_right_and_up():
-    coverage = ink_coverage(one_dot(0.06, 0.03), PAPER_CAMERA, FACING, np.array([0, 0, 0.6]))
+@pytest.mark.parametrize("psf", PSFS)
+@pytest.mark.parametrize("place", [(0.07, -0.1), (-0.12, 0.06)])
+def test_grey_centroid_through_a_lens_is_that_of_the_disk(place, psf, centroid):
+    camera = Camera(240, 180, 220, 224, 122, 88, LENS)
+    rotation, translation = POSES.rotation[47], 0.6 * POSES.translation[47]
+    image, straight = (
+        render_view(one_dot(*place), lens, rotation, translation, fine_grey(psf), None)
+        for lens in (camera, camera.ideal)
+    )
+    expected = disk_centroid(*place, 0.018, camera, rotation, translation)
+    # As above.
+    np.testing.assert_allclose(centroid(65535.0 - image), expected, rtol=0, atol=2e-3)
+    # The test can fail: without the lens the dot is elsewhere.
+    assert np.linalg.norm(centroid(65535.0 - straight) - expected) > 0.5
+
+
+@pytest.mark.parametrize("lens", [Distortion(), LENS])
+def test_whole_marker_agrees_with_rays(lens, pentagon, traced):
+    camera = Camera(80, 60, 100, 100, 41, 29, lens)
+    rotation, translation = POSES.rotation[95], POSES.translation[95]
+    sharp = Optics(0, 0, 0, 255, bits=16)
+    image = render_view(pentagon, camera, rotation, translation, sharp, None)
+    # An outline through 16 x 16 points is counted to half a row, 1/32, at worst.
+    np.testing.assert_allclose(1 - image / 65535, traced(pentagon, camera, rotation, translation), rtol=0, atol=1 / 32)
+
+
+def test_frontal_dot_has_the_size_the_pinhole_gives_it(centroid):
+    image = render_view(one_dot(0, 0), PAPER_CAMERA, FACING, np.array([0, 0, 0.6]), fine_grey("sharp"), None)
+    ink = 1 - image / 65535
+    # Radius 18 mm at 0.6 m and f = 800 px: 24 px. Some 200 pixels are rounded to 16 bits.
+    assert ink.sum() == pytest.approx(np.pi * 24**2, abs=200 / 65535)
+    np.testing.assert_allclose(centroid(ink), [320, 240], atol=1e-5)
+
+
+def test_marker_axes_are_right_and_up(centroid):
+    image = render_view(one_dot(0.06, 0.03), PAPER_CAMERA, FACING, np.array([0, 0, 0.6]), fine_grey("sharp"), None)
     # 60 mm to the right is +80 px, 30 mm up is -40 px. A centroid of sharp pixels is off by up to 1e-3 px.
-    np.testing.assert_allclose(centroid(coverage), [400, 200], atol=1e-2)
+    np.testing.assert_allclose(centroid(65535.0 - image), [400, 200], atol=1e-2)
 
 
 def test_ring_is_the_disk_without_its_hole():
     pose = POSES.rotation[95], POSES.translation[95]
     ring, disk, hole = (
-        ink_coverage(one_dot(0.05, 0.08, feature=feature), PAPER_CAMERA, *pose)
+        65535.0 - render_view(one_dot(0.05, 0.08, feature=feature), PAPER_CAMERA, *pose, fine_grey("gaussian"), None)
         for feature in (key_ring(0.036), Feature(0.036), Feature(0.018))
     )
-    np.testing.assert_allclose(ring, disk - hole, rtol=0, atol=1e-12)
-    assert ring.min() >= -1e-12
+    # Three images rounded.
+    np.testing.assert_allclose(ring, disk - hole, rtol=0, atol=1.5)
 
 
 def test_raised_dot_is_seen_as_if_the_marker_came_nearer():
-    raised = ink_coverage(one_dot(0.05, 0.02, 0.1), PAPER_CAMERA, FACING, np.array([0, 0, 0.7]))
-    nearer = ink_coverage(one_dot(0.05, 0.02), PAPER_CAMERA, FACING, np.array([0, 0, 0.6]))
-    np.testing.assert_allclose(raised, nearer, rtol=0, atol=1e-9)
+    raised, nearer = (
+        render_view(one_dot(0.05, 0.02, z), PAPER_CAMERA, FACING, np.array([0, 0, distance]), fine_grey("sharp"), None)
+        for z, distance in ((0.1, 0.7), (0.0, 0.6))
+    )
+    # Single precision.
+    np.testing.assert_allclose(raised.astype(float), nearer, rtol=0, atol=1)
 
 
 @pytest.mark.parametrize(
@@ -78,13 +132,15 @@ def test_raised_dot_is_seen_as_if_the_marker_came_nearer():
     ],
 )
 def test_what_cannot_be_seen_leaves_the_substrate(rotation, translation):
-    image = render_view(one_dot(0, 0), PAPER_CAMERA, rotation, np.array(translation), SHARP, np.random.default_rng(0))
-    assert image.min() == 225
+    for scenery in (None, Scenery(225.0)):
+        image = render_view(one_dot(0, 0), PAPER_CAMERA, rotation, np.array(translation), SHARP, None, scenery)
+        assert image.shape == (480, 640)
+        assert (image == 225).all()
 
 
 def test_bare_points_are_not_drawn():
-    image = ink_coverage(one_dot(0, 0, feature=Feature(0.0)), PAPER_CAMERA, FACING, np.array([0, 0, 0.6]))
-    assert not image.any()
+    image = render_view(one_dot(0, 0, feature=Feature(0.0)), PAPER_CAMERA, FACING, np.array([0, 0, 0.6]), SHARP, None)
+    assert (image == 225).all()
 
 
 def test_image_has_the_camera_size_and_repeats_with_its_seed():
@@ -97,3 +153,45 @@ def test_image_has_the_camera_size_and_repeats_with_its_seed():
     assert first.dtype == np.uint8
     np.testing.assert_array_equal(first, again)
     assert (first != other).any()
+
+
+@pytest.mark.parametrize("psf", PSFS)
+@pytest.mark.parametrize("pose", [0, 95, 395])
+def test_blurring_only_around_the_marker_changes_nothing(pentagon, psf, pose):
+    # With a background of its grey level everything is drawn and blurred: the plate too, which then cannot be seen.
+    part, whole = (
+        render_view(
+            pentagon, PAPER_CAMERA, POSES.rotation[pose], POSES.translation[pose], fine_grey(psf), None, scenery
+        )
+        for scenery in (None, Scenery(255.0))
+    )
+    # Single precision.
+    np.testing.assert_allclose(part.astype(float), whole, rtol=0, atol=1)
+
+
+def test_marker_is_rendered_as_its_patches(pentagon):
+    pose = POSES.rotation[66], POSES.translation[66]
+    view = render_view(pentagon, PAPER_CAMERA, *pose, fine_grey("gaussian"), None)
+    image = render_patches(marker_patches(pentagon), PAPER_CAMERA, *pose, fine_grey("gaussian"), None)
+    # Circles have other numbers of vertices: 2e-4 px of an outline, of 65535 levels.
+    np.testing.assert_allclose(view.astype(float), image, rtol=0, atol=15)
+
+
+def test_later_patches_cover_earlier_ones():
+    squares = [np.array([[-s, -s, 0], [s, -s, 0], [s, s, 0], [-s, s, 0]]) for s in (0.1, 0.05, 0.02)]
+    patches = [Patch((square,), value) for square, value in zip(squares, (0.5, 0.0, 1.0), strict=True)]
+    image = render_patches(patches, PAPER_CAMERA, FACING, np.array([0, 0, 1.0]), Optics(0, 0, 20, 220), None)
+    # f = 800 px at 1 m: the squares' half sides are 80, 40 and 16 px, to 319.5.
+    np.testing.assert_array_equal(image[240, [230, 250, 270, 290, 320, 350, 370, 390, 410]].astype(int),
+                                  [220, 120, 120, 20, 220, 20, 120, 120, 220])  # fmt: skip
+
+
+def test_dot_ellipses_leave_out_what_is_not_seen():
+    marker = one_dot(0.05, 0.02)
+    diameters = np.array([0.036])
+    center, semi, _ = dot_ellipses(marker, PAPER_CAMERA, FACING, np.array([0, 0, 0.6]), diameters)
+    # 50 mm and 20 mm at f = 800 px and 0.6 m; a frontal circle stays one.
+    np.testing.assert_allclose(center, [[320 + 200 / 3, 240 - 80 / 3]], rtol=1e-9)
+    np.testing.assert_allclose(semi, [[24, 24]], rtol=1e-9)
+    for rotation, distance in ((np.eye(3), 0.6), (FACING, -0.6)):
+        assert np.isnan(dot_ellipses(marker, PAPER_CAMERA, rotation, np.array([0, 0, distance]), diameters)[1]).all()

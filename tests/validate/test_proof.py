@@ -7,15 +7,18 @@ from markergen.errors import InputError
 from markergen.model.boundary import Circle
 from markergen.model.marker import Marker
 from markergen.objectives import OBJECTIVES
-from markergen.validate import tables
+from markergen.validate import tables, view_tables
 from markergen.validate.proof import prove, setting_of, to_json
+from markergen.validate.views import Shoot
 
 
 @pytest.fixture(scope="module")
 def results(pentagon):
     calls = []
-    found = prove(pentagon, setting_of(pentagon), runs=5, views=3, progress=lambda *call: calls.append(call))
-    assert {stage for stage, _, _ in calls} == {"trials", "views"}
+    setting = setting_of(pentagon)
+    shoot = Shoot(pentagon, setting.camera, setting.poses, count=5)
+    found = prove(pentagon, setting, runs=5, shoot=shoot, stressed=True, progress=lambda *call: calls.append(call))
+    assert {stage for stage, _, _ in calls} == {"trials", "views", "stress"}
     return found
 
 
@@ -40,6 +43,10 @@ def test_tables_show_the_numbers_of_the_results(results):
         tables.polar_angle_table(results, "translation_pct"),
         tables.homography_table(results),
         tables.comparison_table(results),
+        view_tables.budget_table(results),
+        view_tables.group_table(results["views"]),
+        view_tables.estimator_table(results["views"]),
+        view_tables.stress_table(results["views"]),
     ]
     for _, header, rows, _ in shown:
         assert {len(row) for row in rows} == {len(header)}
@@ -50,7 +57,8 @@ def test_tables_show_the_numbers_of_the_results(results):
             assert float(named["LM from IPPE"][statistic]) == pytest.approx(expected, rel=5e-3)
         assert float(named["bound (CRLB)"]["rms"]) == pytest.approx(results["bound"][key], rel=5e-3)
     assert "400 poses (paper) x 5 runs, noise 0.2 px" in tables.heading(results)
-    assert any("3 of 3 detected" in line for line in tables.sentences(results))
+    assert any("5 of 5 detected" in line for line in view_tables.sentences(results))
+    assert any("print limits" in line for line in view_tables.sentences(results))
 
 
 def test_the_setting_is_what_the_marker_was_designed_for(pentagon):

@@ -1,0 +1,98 @@
+"""Grey levels of a blurred ellipse and how they change with it: what a dot is fitted with."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
+_WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
+
+_SHARP = 0.1
+"""Curvature of the tips, in units of 1/blur, from which the expansion in it is not good enough."""
+
+_TINY = 1e-12
+
+
+def blurred_ellipse(
+    x: Array, y: Array, shape: tuple[Array, Array, Array], blur: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Share of ink of an ellipse seen through a Gaussian blur, and its derivatives.
+
+    With M the symmetric matrix that takes the ellipse to the unit circle, rho = |M x| and F the normal distribution,
+    the share is F(-e/s - k s/2): e is the distance from the outline to first order, (rho - 1)/|grad rho|, k the
+    outline's curvature det(M)^2/|grad rho|^3, by which a blur s moves a convex edge inward. Where the tips are sharp,
+    a s > b^2/10 for semi-axes a > b, the blur is integrated instead: along the edge's normal in closed form, over the
+    ellipse's chord, and along its tangent by Gauss-Hermite quadrature. Both are within 0.001 of the contrast (RMS) for
+    b > 4 s; at b = 2 s the quadrature is off by 0.01, where the expansion would be off by 0.03.
+
+    Parameters
+    ----------
+    x, y : arrays (N,), px
+        Pixels, from the ellipse's center.
+    shape : m11, m12, m22, each (N,), 1/px
+    blur : array (N,), px
+        Standard deviation of the point spread function with the pixel's own area in it.
+
+    Returns
+    -------
+    ink : array (N,), 0 to 1
+    by_rho, by_blur : arrays (N,)
+        d ink/d rho, and d ink/d blur in 1/px.
+    direction : array (2, N)
+        M x / rho: d rho/dx = M direction, d rho/dM = direction x'.
+    """
+    from scipy.special import ndtr
+
+    m11, m12, m22 = shape
+    u = m11 * x + m12 * y
+    v = m12 * x + m22 * y
+    rho = np.maximum(np.hypot(u, v), _TINY)
+    u, v = u / rho, v / rho
+    gradient_x, gradient_y = m11 * u + m12 * v, m12 * u + m22 * v
+    determinant = m11 * m22 - m12 * m12
+    # At the center itself rho has no direction; |grad rho| is nowhere below the least eigenvalue >= det/trace.
+    steepness = np.maximum(np.hypot(gradient_x, gradient_y), determinant / (m11 + m22))
+    # A curvature above 1/s at the tips of thin ellipses is beyond the expansion.
+    inward = np.minimum(determinant**2 / steepness**3 * blur / 2, 0.5)
+    depth = (1 - rho) / (steepness * blur) - inward
+    density = np.exp(-0.5 * depth**2) / np.sqrt(2 * np.pi)
+    # |grad rho| and the curvature are held fixed in the derivatives: their own change is of second order at the
+    # outline, and only the path to the solution depends on it.
+    by_rho = -density / (steepness * blur)
+    by_blur = -density * (depth + 2 * inward) / blur
+    ink = ndtr(depth)
+    steepest = (m11 + m22) / 2 + np.sqrt(np.maximum((m11 - m22) ** 2 / 4 + m12 * m12, 0))
+    # a/b^2 by M's eigenvalues 1/a and 1/b, of which the second is the steepest.
+    sharp = np.flatnonzero(blur * steepest**3 > _SHARP * determinant)
+    if len(sharp):
+        ink[sharp] = _chords(
+            (u * rho)[sharp],
+            (v * rho)[sharp],
+            (gradient_x / steepness)[sharp],
+            (gradient_y / steepness)[sharp],
+            (m11[sharp], m12[sharp], m22[sharp]),
+            blur[sharp],
+        )
+    return ink, by_rho, by_blur, np.stack([u, v])
+
+
+def _chords(u: Array, v: Array, nx: Array, ny: Array, shape: tuple[Array, Array, Array], blur: Array) -> Array:
+    """Share of ink: the blur's weight on chords along the normal (nx, ny), through points beside (u, v) = M x."""
+    from scipy.special import ndtr
+
+    m11, m12, m22 = shape
+    along_u, along_v = (m11 * nx + m12 * ny) * blur, (m12 * nx + m22 * ny) * blur
+    beside_u, beside_v = (m12 * nx - m11 * ny) * blur, (m22 * nx - m12 * ny) * blur
+    square = np.maximum(along_u * along_u + along_v * along_v, _TINY)
+    # |p + t along| = 1 with p = (u, v) + node * beside: t in units of the blur.
+    slope0, slope1 = u * along_u + v * along_v, beside_u * along_u + beside_v * along_v
+    level0, level1, level2 = u * u + v * v - 1, 2 * (u * beside_u + v * beside_v), beside_u**2 + beside_v**2
+    ink = np.zeros_like(u)
+    for node, weight in zip(_NODES, _WEIGHTS, strict=True):
+        slope = slope0 + node * slope1
+        root = slope * slope - square * (level0 + node * (level1 + node * level2))
+        # A line that misses the ellipse has a chord of no length.
+        root = np.sqrt(np.maximum(root, 0))
+        ink += weight * (ndtr((root - slope) / square) - ndtr((-root - slope) / square))
+    return ink

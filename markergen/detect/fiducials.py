@@ -1,0 +1,285 @@
+"""Square tags and ChArUco boards by cv2.aruco, with the settings that decide their accuracy."""
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.model.board import Board
+from markergen.model.camera import Camera
+from markergen.model.tag import FAMILIES, Tag
+
+Array = NDArray[np.float64]
+Fiducial = Tag | Board
+
+REFINEMENTS = ("none", "subpix", "contour", "apriltag")
+
+PIXEL_OFFSET = {"none": 0.0, "subpix": 0.0, "contour": 0.0, "apriltag": 0.5}
+"""What to subtract from the corners of each refinement, in px of the image that is searched, on both axes.
+
+The AprilTag code counts from the corner of the top left pixel, the rest of cv2.aruco from its middle: see
+`detect_fiducial` for what was measured.
+"""
+
+_QUIET = 20
+"""Smallest step from black to white that the AprilTag code goes into, grey levels. Its default of 5 is within 2.5 sigma
+of a noise of 2 grey levels, and takes thirty times as long for the same corners."""
+_ITERATIONS, _ACCURACY_PX = 200, 1e-3
+"""When cornerSubPix ends. The defaults, 30 and 0.1 px, stop as far from the minimum as the error that is asked for."""
+
+
+@dataclass(frozen=True)
+class FiducialSettings:
+    """How cv2.aruco looks for a tag or a board.
+
+    Attributes
+    ----------
+    refinement : str
+        Of the tags' corners: ``none``, ``subpix`` (cornerSubPix), ``contour`` (lines through the contour's pixels) or
+        ``apriltag`` (lines through the gradient's edge, and quads found as AprilTag 2 does).
+    enlarge : int
+        Times that the image is enlarged before the search, by cubic interpolation.
+    window : int
+        Half the window of ``subpix``, px of the image as taken, but at most half a cell of the tag.
+    quad_sigma : float
+        Blur before ``apriltag`` looks for quads, px of the enlarged image.
+    threshold_window : int
+        Of the adaptive threshold, px; 0 tries OpenCV's three, 3, 13 and 23.
+    calibrated : bool
+        For a board: predict its inner corners, and tags that were missed, from the pose of the tags rather than from
+        local homographies.
+    min_tags : int
+        For a board: tags beside an inner corner that must be seen.
+
+    Raises
+    ------
+    InputError
+        If the refinement is unknown or a number out of range.
+    """
+
+    refinement: str = "subpix"
+    enlarge: int = 1
+    window: int = 5
+    quad_sigma: float = 0.0
+    threshold_window: int = 0
+    calibrated: bool = False
+    min_tags: int = 2
+
+    def __post_init__(self) -> None:
+        if self.refinement not in REFINEMENTS:
+            raise InputError("a known corner refinement", repr(self.refinement), f"known: {', '.join(REFINEMENTS)}")
+        if min(self.enlarge, self.window) < 1 or self.threshold_window in (1, 2) or self.min_tags not in (1, 2):
+            raise InputError("settings that cv2.aruco can do with", str(self), "use the defaults")
+
+    def describe(self, fiducial: Fiducial) -> str:
+        """Say in a few words what differs from a plain call, for that kind of fiducial."""
+        words = [self.refinement.upper()]
+        if self.refinement == "subpix" and isinstance(fiducial, Tag):
+            words.append(f"window {self.window} px")
+        if self.refinement == "apriltag" and self.quad_sigma:
+            words.append(f"quad sigma {self.quad_sigma:g}")
+        if self.threshold_window:
+            words.append(f"threshold window {self.threshold_window} px")
+        if isinstance(fiducial, Board):
+            words.append("calibrated" if self.calibrated else "uncalibrated")
+            words += ["min. 1 tag"] if self.min_tags == 1 else []
+        return ", ".join([*words, *([f"image x{self.enlarge}"] if self.enlarge > 1 else [])])
+
+
+def tag_settings() -> tuple[FiducialSettings, ...]:
+    """Settings to choose from for a tag; measured over the paper's poses, none beside them did better."""
+    return (
+        FiducialSettings("none"),
+        *(FiducialSettings("contour", k, threshold_window=w) for k in (1, 2) for w in (0, 53)),
+        *(FiducialSettings("subpix", k, window=w) for k in (1, 2) for w in (3, 5, 8)),
+        *(FiducialSettings("apriltag", k, quad_sigma=sigma) for k in (1, 2, 3) for sigma in (0.0, 0.8)),
+    )
+
+
+def board_settings() -> tuple[FiducialSettings, ...]:
+    """Settings to choose from for a board."""
+    return (
+        *(FiducialSettings(r, calibrated=c) for c in (False, True) for r in ("none", "subpix", "contour")),
+        FiducialSettings("subpix", calibrated=True, min_tags=1),
+        FiducialSettings("subpix", 2),
+        *(FiducialSettings(r, 2, calibrated=True) for r in REFINEMENTS),
+        FiducialSettings("subpix", 3, calibrated=True),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class FiducialDetection:
+    """Corners of one tag or board in one image.
+
+    Attributes
+    ----------
+    ids : array (m,) of int
+        Rows of the fiducial's `corners` that were found; empty when it was not found.
+    pixels : array (m, 2), px
+        In the image as taken, pixel centers at integer coordinates.
+    reason : str
+        Why it was not found; empty otherwise.
+    """
+
+    ids: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    pixels: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    reason: str = ""
+
+    @property
+    def found(self) -> bool:
+        """Four corners or more."""
+        return len(self.ids) > 0
+
+
+def detect_fiducial(
+    image: NDArray[np.uint8], fiducial: Fiducial, settings: FiducialSettings, camera: Camera | None = None
+) -> FiducialDetection:
+    """Find one tag or board in a grey image with cv2.aruco.
+
+    The corners come in our pixel convention. Measured in noise-free views (blur 0.7 px, 100 of the paper's poses, two
+    kinds of tag), the mean offset of all corners in x and y, in px of the image searched, each +-0.02 or better:
+
+        NONE -0.02, 0.00    SUBPIX 0.00, 0.00    CONTOUR 0.02, 0.00    APRILTAG 0.48, 0.46; enlarged 0.50, 0.49
+
+    So APRILTAG counts from the image's corner, and half a pixel is taken off; of a board's tags before its inner
+    corners are predicted from them, and those are then off by 0.00, 0.00 for every refinement. What is left is no
+    matter of convention: NONE, SUBPIX and CONTOUR see a tag's blurred corners too far inside, by 0.5, 0.2 and 0.7 px.
+
+    Parameters
+    ----------
+    image : array (h, w) of uint8
+    camera : Camera or None
+        That took the image; needed for a board with `settings.calibrated`. The fisheye model is none that
+        cv2.aruco knows: such boards are looked for without.
+
+    Returns
+    -------
+    FiducialDetection
+        A board counts as found with four inner corners or more that are not all on one line.
+
+    Raises
+    ------
+    InputError
+        If the image is not a grey image of uint8, or the camera is missing.
+    """
+    if image.ndim != 2 or image.dtype != np.uint8:
+        raise InputError("a grey image (h, w) of uint8", f"{image.shape} of {image.dtype}", "convert the image to grey")
+    k = settings.enlarge
+    searched = _enlarged(image, k)
+    if isinstance(fiducial, Tag):
+        found = _find_tag(searched, fiducial, settings)
+    else:
+        found = _find_board(searched, fiducial, settings, camera)
+    # The corner of the top left pixel, (-0.5, -0.5), stays where it is when an image is enlarged.
+    return FiducialDetection(found.ids, (found.pixels + 0.5) / k - 0.5, found.reason)
+
+
+def _find_tag(image: NDArray[np.uint8], tag: Tag, settings: FiducialSettings) -> FiducialDetection:
+    corners, ids, _ = _tag_detector(tag.family, settings).detectMarkers(image)
+    seen = [] if ids is None else [int(i) for i in np.ravel(ids)]
+    if tag.id not in seen:
+        return FiducialDetection(reason=f"no tag with id {tag.id}" + (f", but {seen}" if seen else ""))
+    # Of several with the same id the largest.
+    own = [np.reshape(c, (4, 2)).astype(float) for c, i in zip(corners, seen, strict=True) if i == tag.id]
+    largest = max(own, key=lambda quad: float(np.sum((quad[2] - quad[0]) ** 2)))
+    return FiducialDetection(np.arange(4), largest - PIXEL_OFFSET[settings.refinement])
+
+
+def _find_board(
+    image: NDArray[np.uint8], board: Board, settings: FiducialSettings, camera: Camera | None
+) -> FiducialDetection:
+    if settings.calibrated and camera is None:
+        raise InputError("a camera for the calibrated search", "none", "give the camera, or settings without it")
+    detector = _board_detector(board, settings, camera if settings.calibrated else None)
+    offset = np.float32(PIXEL_OFFSET[settings.refinement])
+    if offset:
+        # The inner corners are predicted from those of the tags, so these must be in our convention before that.
+        pixels, ids, _, tags = detector.detectBoard(
+            image, None, None, *_board_tags(image, board, settings, detector, offset)
+        )
+    else:
+        pixels, ids, _, tags = detector.detectBoard(image)
+    if ids is None or len(ids) < 4:
+        seen = 0 if tags is None else len(tags)
+        return FiducialDetection(reason=f"{0 if ids is None else len(ids)} inner corners beside {seen} tags")
+    found = np.ravel(ids).astype(np.intp)
+    spread = board.corners[found] - board.corners[found].mean(axis=0)
+    if np.linalg.matrix_rank(spread, tol=1e-6 * board.square) < 2:
+        return FiducialDetection(reason="inner corners on one line only")
+    return FiducialDetection(found, np.reshape(pixels, (-1, 2)).astype(float))
+
+
+def _board_tags(
+    image: NDArray[np.uint8], board: Board, settings: FiducialSettings, detector: Any, offset: np.float32
+) -> tuple[Any, Any]:
+    """Corners and ids of a board's tags, as detectBoard finds them itself, moved by the offset."""
+    finder = _tag_detector(board.family, settings)
+    corners, ids, rejected = finder.detectMarkers(image)
+    corners, rejected = ([quad - offset for quad in quads] for quads in (corners, rejected))
+    if settings.calibrated and ids is not None:
+        known = detector.getCharucoParameters()
+        corners, ids, _, _ = finder.refineDetectedMarkers(
+            image, detector.getBoard(), corners, ids, rejected, known.cameraMatrix, known.distCoeffs
+        )
+    return (corners, ids) if ids is not None and len(ids) else (None, None)
+
+
+def _enlarged(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
+    if factor == 1:
+        return image
+    import cv2
+
+    height, width = image.shape
+    return np.asarray(cv2.resize(image, (width * factor, height * factor), interpolation=cv2.INTER_CUBIC))
+
+
+def _parameters(settings: FiducialSettings) -> Any:
+    import cv2
+
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = getattr(cv2.aruco, f"CORNER_REFINE_{settings.refinement.upper()}")
+    parameters.cornerRefinementWinSize = settings.window * settings.enlarge
+    parameters.relativeCornerRefinmentWinSize = 0.5
+    parameters.cornerRefinementMaxIterations = _ITERATIONS
+    parameters.cornerRefinementMinAccuracy = _ACCURACY_PX
+    if settings.threshold_window:
+        parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = settings.threshold_window
+    parameters.aprilTagQuadSigma = settings.quad_sigma
+    parameters.aprilTagMinWhiteBlackDiff = _QUIET
+    return parameters
+
+
+@lru_cache(maxsize=64)
+def _tag_detector(family: str, settings: FiducialSettings) -> Any:
+    import cv2
+
+    return cv2.aruco.ArucoDetector(_dictionary(family), _parameters(settings))
+
+
+@lru_cache(maxsize=64)
+def _board_detector(board: Board, settings: FiducialSettings, camera: Camera | None) -> Any:
+    import cv2
+
+    parameters = cv2.aruco.CharucoParameters()
+    parameters.minMarkers = settings.min_tags
+    parameters.tryRefineMarkers = settings.calibrated
+    if camera is not None and camera.distortion.model != "equidistant":
+        k = settings.enlarge
+        matrix = camera.matrix
+        matrix[:2] *= k
+        matrix[:2, 2] += (k - 1) / 2
+        parameters.cameraMatrix = matrix
+        parameters.distCoeffs = np.array(camera.distortion.coefficients or (0.0,) * 4)
+    layout = cv2.aruco.CharucoBoard(
+        (board.columns, board.rows), board.square, board.tag_side, _dictionary(board.family)
+    )
+    return cv2.aruco.CharucoDetector(layout, parameters, _parameters(settings))
+
+
+def _dictionary(family: str) -> Any:
+    import cv2
+
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, FAMILIES[family]))

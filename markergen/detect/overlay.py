@@ -1,0 +1,103 @@
+"""Images with what was found drawn in: dots with their ids, the outline of the marker, and its axes."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.detect.detection import Detection
+from markergen.maths.projection import apply_homography, to_camera
+from markergen.model.camera import Camera
+from markergen.model.marker import Marker
+
+Array = NDArray[np.float64]
+
+_FOUND, _GUESSED = (0, 110, 255), (255, 200, 0)
+"""Orange and cyan as cv2 orders them (blue, green, red): dots that were found, and where the others must be."""
+_AXES = {"x": (60, 60, 230), "y": (60, 160, 40), "z": (220, 110, 30)}
+
+_BITS = 4
+"""Binary places of a coordinate that cv2 draws with."""
+_OUTLINE = 2 * np.pi * np.arange(64) / 64
+
+
+def overlay(
+    image: NDArray[np.uint8] | NDArray[np.uint16],
+    markers: Marker | Sequence[Marker],
+    camera: Camera | None,
+    detections: Sequence[Detection],
+) -> bytes:
+    """Image as PNG bytes with every detection drawn in; the same input gives the same bytes.
+
+    Crosses are the measured control points, outlines are where pose or homography put the dots, and boxed numbers their
+    ids; a dot that was not found has its outline alone. With a pose the axes of the marker frame stand at its origin,
+    half the marker's radius long.
+    """
+    import cv2
+
+    levels = np.asarray(image if image.dtype == np.uint8 else image >> 8, dtype=np.uint8)
+    canvas = cv2.cvtColor(levels, cv2.COLOR_GRAY2BGR)
+    given = [markers] if isinstance(markers, Marker) else list(markers)
+    for detection in detections:
+        _draw(canvas, given[detection.marker], camera, detection)
+    return bytes(cv2.imencode(".png", canvas)[1])
+
+
+def _draw(canvas: NDArray[np.uint8], marker: Marker, camera: Camera | None, detection: Detection) -> None:
+    pixels = {int(i): pixel for i, pixel in zip(detection.ids, detection.pixels, strict=True)}
+    _polyline(canvas, _seen(marker.boundary.rim(256), camera, detection), _FOUND, closed=True)
+    for point in marker.control_points:
+        color = _FOUND if point.id in pixels else _GUESSED
+        for diameter in (point.feature.diameter, point.feature.inner_diameter):
+            circle = np.stack([np.cos(_OUTLINE), np.sin(_OUTLINE), 0 * _OUTLINE], axis=-1) * diameter / 2
+            if diameter:
+                _polyline(canvas, _seen(circle + [point.x, point.y, point.z], camera, detection), color, closed=True)
+    if detection.pose is not None:
+        for axis, (name, color) in enumerate(_AXES.items()):
+            ends = np.zeros((2, 3))
+            ends[1, axis] = marker.boundary.radius / 2
+            pixel = _seen(ends, camera, detection)
+            _polyline(canvas, pixel, color, width=2)
+            _label(canvas, pixel[1], name, color)
+    for identity, pixel in pixels.items():
+        for arm in ((4, 0), (0, 4)):
+            _polyline(canvas, pixel + np.array([arm, arm]) * [[-1], [1]], _FOUND)
+        _label(canvas, pixel, str(identity), _FOUND)
+
+
+def _seen(points: Array, camera: Camera | None, detection: Detection) -> Array:
+    """Pixels (m, 2) of marker points (m, 2 or 3), as pose or homography put them; nan where they tell nothing."""
+    nowhere = np.full((len(points), 2), np.nan)
+    if detection.pose is not None and camera is not None:
+        rotation, translation = detection.pose.rotation[None], detection.pose.translation[None]
+        depth = to_camera(points, rotation, translation)[0, :, 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pixels = camera.project(points, rotation, translation)[0]
+        return np.where(depth[:, None] > 0, pixels, np.nan)
+    if detection.homography is None:
+        return nowhere
+    with np.errstate(divide="ignore", invalid="ignore"):
+        pixels = apply_homography(detection.homography, points[:, :2])
+    return pixels if camera is None else camera.to_pixels(camera.ideal.from_pixels(pixels))
+
+
+def _polyline(
+    canvas: NDArray[np.uint8], pixels: Array, color: tuple[int, int, int], closed: bool = False, width: int = 1
+) -> None:
+    import cv2
+
+    # What lies far outside would overflow cv2's fixed point, and is not seen anyway.
+    if np.isfinite(pixels).all() and np.abs(pixels).max() < 2**20:
+        corners = np.rint(pixels * 2**_BITS).astype(np.int32)
+        cv2.polylines(canvas, [corners], closed, color, width, cv2.LINE_AA, _BITS)
+
+
+def _label(canvas: NDArray[np.uint8], pixel: Array, text: str, color: tuple[int, int, int]) -> None:
+    import cv2
+
+    if not (np.isfinite(pixel).all() and np.abs(pixel).max() < 2**15):
+        return
+    (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)
+    x, y = int(pixel[0]) + 7, int(pixel[1]) - 7
+    cv2.rectangle(canvas, (x - 2, y - height - 3), (x + width + 2, y + 3), color, cv2.FILLED)
+    cv2.putText(canvas, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA)

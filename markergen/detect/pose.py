@@ -1,0 +1,229 @@
+"""The pose that labeled points stand for, with its error budget and the other pose that may be meant."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.detect.fit import outlines, pose_rows, refine_poses
+from markergen.errors import InputError
+from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
+from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget
+from markergen.maths.information import mirrored_rotation
+from markergen.maths.rotation import angle_between
+from markergen.model.camera import Camera
+
+Array = NDArray[np.float64]
+
+CONTENDER = 1e-3
+"""Least likelihood, relative to the best pose, of a second one that is told."""
+
+TOLERANCE, COARSE = 1e-8, 1e-3
+"""Where refinements stop, see `refine_poses`: the best pose; the second one, until it is known to be a contender."""
+
+SEARCHED = 20.0
+"""Difference of half chi2 up to which the second pose is worth a refinement to the end."""
+
+DISTINCT_SIGMA = 3.0
+"""Poses whose rotations differ by fewer sigma are one."""
+
+DEFAULT_ERRORS = ErrorSources()
+"""A tenth of a millimeter in the print, an exact calibration."""
+
+OUTLIER_SIGMA, OUTLIER_PX = 5.0, 0.05
+LEAST_TO_DROP = 6
+"""Points from which on one may be dropped: of fewer, the rest would hardly tell which."""
+
+_LEAST_PX = 1e-5
+"""Standard deviation of a point that nothing is said to be wrong with, so that its weight stays finite."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseEstimate:
+    """A pose T_camera_marker and how far it can be trusted.
+
+    Attributes
+    ----------
+    rotation, translation : arrays (3, 3) and (3,), m
+    budget : PoseBudget
+        Covariances (6, 6) of (w, dt): from the image, the print, the camera's calibration, and their sum.
+    chi2 : float
+        Residuals weighted by the inverse of their covariance from image and print.
+    degrees_of_freedom : int
+        Expected value of chi2, if the covariances are right: twice the number of points, less 6.
+    alternative : (rotation, translation) or None
+        The other pose from which a flat marker looks much the same, if it is a contender.
+    likelihood_ratio : float
+        Of the alternative to this pose: exp(-(chi2 of the alternative - chi2)/2); 0 when there is none.
+    """
+
+    rotation: Array
+    translation: Array
+    budget: PoseBudget
+    chi2: float
+    degrees_of_freedom: int
+    alternative: tuple[Array, Array] | None = None
+    likelihood_ratio: float = 0.0
+
+
+def estimate_pose(
+    points: Array,
+    pixels: Array,
+    covariance: Array,
+    camera: Camera,
+    errors: ErrorSources = DEFAULT_ERRORS,
+) -> PoseEstimate | None:
+    """Most likely pose of labeled points: each weighs by the inverse of its covariance from image and print.
+
+    Levenberg-Marquardt from both of IPPE's poses, or from SQPnP's where the points are in space.
+
+    Parameters
+    ----------
+    points : array (m, 3), m, m >= 4
+        In the marker frame.
+    pixels : array (m, 2), px
+        Their images as the camera takes them, lens distortion and all.
+    covariance : array (m, 2, 2), px^2
+        Of `pixels`, from the image's noise.
+
+    Returns
+    -------
+    PoseEstimate or None
+        None where the points do not determine a pose that sees them from the front.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than four points.
+    """
+    normalized = camera.from_pixels(pixels)
+    return fit_pose(points, np.zeros(len(points)), normalized, covariance, camera, errors)
+
+
+def fit_pose(
+    points: Array,
+    radii: Array,
+    seen: Array,
+    covariance: Array,
+    camera: Camera,
+    errors: ErrorSources,
+    start: tuple[Array, Array] | None = None,
+) -> PoseEstimate | None:
+    """`estimate_pose` from the centers of image ellipses of disks, of radii (m,) in m.
+
+    Parameters
+    ----------
+    seen : array (m, 2)
+        Centers of the ellipses in normalized coordinates.
+    covariance : array (m, 2, 2), px^2
+        Of the centers in the image as the camera takes it.
+    start : tuple of arrays (3, 3) and (3,), or None
+        A pose that is near.
+    """
+    if len(points) < 4:
+        raise InputError("four points or more", f"{len(points)}", "a pose of fewer is not unique")
+    if not np.isfinite(seen).all():
+        return None
+    rotation, translation = _starts(points, seen, camera) if start is None else (start[0][None], start[1][None])
+    if not len(rotation):
+        return None
+    image = _normalized_covariance(seen, covariance, camera)
+
+    def refined(rotation: Array, translation: Array, tolerance: float = TOLERANCE) -> tuple[Array, Array, Array]:
+        # The print's share of the weights depends on the pose, smoothly: from a start that is right to a percent they
+        # are right to a percent, and the estimate then to second order.
+        weight = np.linalg.inv(image + _print_covariance(points, rotation, translation, errors))
+        measured = np.broadcast_to(seen, (len(rotation), *seen.shape))
+        return refine_poses(points, radii, measured, weight, rotation, translation, tolerance=tolerance)
+
+    rotation, translation, chi2 = refined(rotation, translation)
+    best = int(np.argmin(chi2))
+    if not np.isfinite(chi2[best]):
+        return None
+    solutions = [(rotation[best], translation[best], float(chi2[best]))]
+    if not np.ptp(points[:, 2]):
+        rotation, translation, chi2 = refined(*_mirrored(points, *solutions[0][:2]), COARSE)
+        if float(chi2[0]) - solutions[0][2] < 2 * SEARCHED:
+            rotation, translation, chi2 = refined(rotation, translation)
+        solutions.append((rotation[0], translation[0], float(chi2[0])))
+    (rotation, translation, least), *others = sorted(solutions, key=lambda solution: solution[2])
+    budget = pose_budget(points, rotation[None], translation[None], camera, covariance, errors)
+    budget = PoseBudget(budget.image[0], budget.print[0], budget.camera[0], budget.total[0])
+    alternative, ratio = None, 0.0
+    for other, place, more in others:
+        likelihood = float(np.exp((least - more) / 2))
+        sigma = np.sqrt(np.trace(budget.total[:3, :3]))
+        if likelihood > CONTENDER and angle_between(other, rotation) > DISTINCT_SIGMA * sigma:
+            alternative, ratio = (other, place), likelihood
+    return PoseEstimate(rotation, translation, budget, least, 2 * len(points) - 6, alternative, ratio)
+
+
+def outlier(
+    points: Array,
+    radii: Array,
+    seen: Array,
+    covariance: Array,
+    camera: Camera,
+    errors: ErrorSources,
+    pose: PoseEstimate,
+) -> int | None:
+    """Index of the point that lies farther from where the others put it than `OUTLIER_SIGMA` sigma; None without any.
+
+    Leaving out point i lessens chi2 by r_i' (S_i - J_i C J_i')^-1 r_i, with S_i the covariance from image and print, and
+    of a twentieth of a pixel, and C the pose's. That counts in units of what the others' chi2 exceeds its expectation
+    by: in a print that is worse than said all points are off, and none is a stranger. Of fewer than six points, none is
+    told from the rest.
+    """
+    if len(points) < LEAST_TO_DROP:
+        return None
+    rotation, translation = pose.rotation[None], pose.translation[None]
+    spread = _normalized_covariance(seen, covariance + OUTLIER_PX**2 * np.eye(2), camera)
+    spread = spread + _print_covariance(points, rotation, translation, errors)[0]
+    rows = pose_rows(points, rotation, translation)[0]
+    weighted = np.linalg.inv(spread) @ rows
+    normal = np.linalg.inv(np.einsum("mia,mib->ab", weighted, rows))
+    residual = seen - outlines(points, radii, rotation, translation).center[0]
+    # The pose has other weights: a step brings it to where these want it.
+    residual = residual - rows @ normal @ np.einsum("mia,mi->a", weighted, residual)
+    total = np.einsum("mi,mij,mj->", residual, np.linalg.inv(spread), residual)
+    left = spread - rows @ normal @ rows.swapaxes(-1, -2)
+    gain = np.einsum("mi,mij,mj->m", residual, np.linalg.inv(left), residual)
+    others = (total - gain) / (2 * len(points) - 8)
+    excess = gain / np.maximum(1.0, others)
+    worst = int(np.argmax(excess))
+    return worst if excess[worst] > OUTLIER_SIGMA**2 else None
+
+
+def _starts(points: Array, seen: Array, camera: Camera) -> tuple[Array, Array]:
+    """Finite poses (k, 3, 3), (k, 3) to start from."""
+    height = points[0, 2]
+    flat = not np.ptp(points[:, 2])
+    # A flat marker is solved in the plane z = 0, wherever its plane is.
+    moved = points - [0, 0, height] if flat else points
+    solver = ESTIMATORS["ippe" if flat else "sqpnp"]
+    assert isinstance(solver, PoseEstimator)
+    found = Correspondences(moved, camera.ideal.to_pixels(seen)[None], camera.ideal).once(solver)
+    usable = np.isfinite(found.translation[0]).all(axis=-1)
+    rotation, translation = found.rotation[0, usable], found.translation[0, usable]
+    return rotation, translation - (height * rotation[:, :, 2] if flat else 0.0)
+
+
+def _print_covariance(points: Array, rotation: Array, translation: Array, errors: ErrorSources) -> Array:
+    """Covariance (k, m, 2, 2) of normalized image points from the print, along its plane; with relief along z, too."""
+    axes = 3 if points[:, 2].any() else 2
+    displaced = errors.print_sigma * pose_rows(points, rotation, translation)[..., 3:] @ rotation[:, None, :, :axes]
+    return displaced @ displaced.swapaxes(-1, -2)
+
+
+def _normalized_covariance(seen: Array, covariance: Array, camera: Camera) -> Array:
+    """Covariance (m, 2, 2) of normalized coordinates from that of px."""
+    lens = np.linalg.inv(camera.pixel_jacobian(seen))
+    return lens @ (covariance + _LEAST_PX**2 * np.eye(2)) @ lens.swapaxes(-1, -2)
+
+
+def _mirrored(points: Array, rotation: Array, translation: Array) -> tuple[Array, Array]:
+    """The mirrored pose (1, 3, 3), (1, 3) of a flat marker, about the middle of its points."""
+    middle = points.mean(axis=0)
+    place = rotation @ middle + translation
+    mirrored = mirrored_rotation(rotation[None], place[None])
+    return mirrored, place - mirrored @ middle

@@ -1,0 +1,65 @@
+"""A detection as plain JSON values."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from markergen.detect.detection import Detection
+from markergen.detect.pose import PoseEstimate
+from markergen.maths.rotation import logarithm
+from markergen.model.marker import Marker
+
+
+def as_dict(detection: Detection, markers: Sequence[Marker], names: Sequence[str]) -> dict[str, Any]:
+    """Return what was found of one marker in the form that docs/detect.md describes.
+
+    Parameters
+    ----------
+    markers, names
+        The markers that were looked for, and what to call each.
+    """
+    marker = markers[detection.marker]
+    known = [point.id for point in marker.control_points]
+    return {
+        "marker": names[detection.marker],
+        "found": detection.found,
+        "reason": detection.reason,
+        "ids": detection.ids.tolist(),
+        "missing": sorted(set(known) - set(detection.ids.tolist())) if detection.found else known,
+        "pixels": detection.pixels.tolist(),
+        "covariance_px2": detection.covariance.tolist(),
+        "ellipse_centers": detection.ellipse_centers.tolist(),
+        "homography": None if detection.homography is None else detection.homography.tolist(),
+        "pose": None if detection.pose is None else _pose(detection.pose),
+    }
+
+
+def _pose(pose: PoseEstimate) -> dict[str, Any]:
+    budget = pose.budget
+    alternative = None
+    if pose.alternative is not None:
+        alternative = {**_transform(*pose.alternative), "likelihood_ratio": pose.likelihood_ratio}
+    return {
+        **_transform(pose.rotation, pose.translation),
+        "covariance": budget.total.tolist(),
+        "sigma": {
+            "rotation_deg": {name: float(part) for name, part in budget.rotation_deg.items()},
+            "translation": {name: float(part) for name, part in budget.translation.items()},
+        },
+        "chi2": pose.chi2,
+        "degrees_of_freedom": pose.degrees_of_freedom,
+        "alternative": alternative,
+    }
+
+
+def _transform(rotation: Any, translation: Any) -> dict[str, Any]:
+    from scipy.spatial.transform import Rotation
+
+    quaternion = Rotation.from_matrix(rotation).as_quat(canonical=True)
+    return {
+        "rotation": rotation.tolist(),
+        "translation": translation.tolist(),
+        "rotation_vector": logarithm(np.asarray(rotation)).tolist(),
+        "quaternion_xyzw": quaternion.tolist(),
+    }

@@ -1,0 +1,176 @@
+"""Error budget: what of a pose's error comes from the image, from the print, and from the camera's calibration.
+
+To first order the estimate that weighs image points by W errs by G e, G = (J'WJ)^-1 J'W, with J the pose Jacobian of
+the image points and e their errors. The three errors are independent, so their covariances add up:
+
+    C = G (S_image + S_print + S_camera) G'
+
+W is the inverse of S_image + S_print, block by block. Errors of the calibration move all points together; no weight of
+single points undoes that, so they go through G as they are.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.maths.information import covariance, pose_jacobian, rotation_bound, translation_bound
+from markergen.maths.projection import perspective, to_camera
+from markergen.model.camera import Camera
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorSources:
+    """Errors besides the image's.
+
+    Attributes
+    ----------
+    print_sigma : float
+        Standard deviation in m of a control point's place along each axis of the marker plane; with relief of its
+        height, too.
+    camera_covariance : array (k, k) or None
+        Of the camera's parameters (fx, fy, cx, cy, then the distortion's), px^2 and so on; None takes the calibration
+        as exact.
+
+    Raises
+    ------
+    InputError
+        If print_sigma is negative or not finite, or the matrix is no covariance.
+    """
+
+    print_sigma: float = 1e-4
+    camera_covariance: Array | None = None
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.print_sigma) and self.print_sigma >= 0):
+            raise InputError(
+                "a print error of 0 or more", f"print_sigma={self.print_sigma} m", "give a length such as 0.1mm"
+            )
+        if self.camera_covariance is not None:
+            matrix = np.asarray(self.camera_covariance, dtype=float)
+            if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix).all():
+                raise _no_covariance(f"shape {matrix.shape}" if np.isfinite(matrix).all() else "numbers not finite")
+            # Parameters differ in unit by orders of magnitude, so the check is made on the correlations.
+            scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+            correlation = matrix / scale / scale[:, None]
+            if not np.allclose(correlation, correlation.T, atol=1e-6):
+                raise _no_covariance("a matrix that is not symmetric")
+            if np.linalg.eigvalsh(correlation)[0] < -1e-6 or np.diag(matrix).min() < 0:
+                raise _no_covariance("a negative variance along some direction")
+
+
+def _no_covariance(found: str) -> InputError:
+    return InputError(
+        "a covariance of the camera's parameters", found, "give the symmetric matrix that the calibration reports"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class PoseBudget:
+    """Covariances (..., 6, 6) of a pose (w, dt), see `maths.information`, in rad and m: by source, and their sum."""
+
+    image: Array
+    print: Array
+    camera: Array
+    total: Array
+
+    @property
+    def rotation_deg(self) -> dict[str, Array]:
+        """RMS rotation error (...) in degrees by source."""
+        return self._each(lambda part: np.rad2deg(rotation_bound(part)))
+
+    @property
+    def translation(self) -> dict[str, Array]:
+        """RMS translation error (...) in m by source."""
+        return self._each(lambda part: np.sqrt(np.trace(part[..., 3:, 3:], axis1=-2, axis2=-1)))
+
+    def translation_pct(self, translation: Array) -> dict[str, Array]:
+        """RMS translation error (...) in percent of the distance, by source, for true translations (..., 3) in m."""
+        return self._each(lambda part: 100 * translation_bound(part, translation))
+
+    def _each(self, measure: Callable[[Array], Array]) -> dict[str, Array]:
+        return {field.name: measure(getattr(self, field.name)) for field in fields(self)}
+
+
+def pose_budget(
+    points: Array,
+    rotation: Array,
+    translation: Array,
+    camera: Camera,
+    image_covariance: Array,
+    sources: ErrorSources,
+) -> PoseBudget:
+    """Budget of the pose estimate that weighs each image point by the inverse of its image and print covariance.
+
+    Parameters
+    ----------
+    points : array (n, 2 or 3), m, marker frame
+        In one plane, z = 0, the print errs in the plane alone; else along z as well.
+    rotation, translation : arrays (P, 3, 3) and (P, 3), m
+    image_covariance : array (P, n, 2, 2) or what broadcasts to it, px^2
+        Of the points in the image as the camera takes it, lens distortion and all.
+    sources : ErrorSources
+
+    Returns
+    -------
+    PoseBudget
+        Covariances (P, 6, 6); not finite where the points do not determine the pose.
+
+    Raises
+    ------
+    InputError
+        If the camera's covariance is not that of its parameters.
+    """
+    normalized = perspective(to_camera(points, rotation, translation))
+    count, n = normalized.shape[:2]
+    lens = camera.pixel_jacobian(normalized)
+    jacobian = lens @ pose_jacobian(points, rotation, translation, np.ones(2)).reshape(count, n, 2, 6)
+    # A control point out of place moves in the camera frame as the whole marker would by R times as much.
+    axes = 3 if points.shape[1] == 3 and points[:, 2].any() else 2
+    displaced = sources.print_sigma * (jacobian[..., 3:] @ rotation[:, None, :, :axes])
+    print_covariance = displaced @ displaced.swapaxes(-1, -2)
+    image_covariance = np.broadcast_to(image_covariance, (count, n, 2, 2))
+    spread = image_covariance + print_covariance
+    # Where nothing errs all points weigh the same, as they do in the limit of small isotropic noise.
+    weight = np.linalg.inv(spread) if spread.any() else np.broadcast_to(np.eye(2), spread.shape)
+    weighted = weight @ jacobian
+    normal = _stack(weighted).swapaxes(-1, -2) @ _stack(jacobian)
+    gain = _stack(weighted @ covariance(normal)[:, None])
+    image, printed = (
+        gain.swapaxes(-1, -2) @ _stack(part @ gain.reshape(count, n, 2, 6))
+        for part in (image_covariance, print_covariance)
+    )
+    calibration = np.zeros_like(image)
+    if sources.camera_covariance is not None:
+        moved = _stack(camera.parameter_jacobian(normalized))
+        if moved.shape[-1] != len(sources.camera_covariance):
+            raise InputError(
+                f"a covariance of the camera's {moved.shape[-1]} parameters",
+                f"{len(sources.camera_covariance)} rows",
+                "give the covariance of fx, fy, cx, cy and of the camera's distortion coefficients, in this order",
+            )
+        through = gain.swapaxes(-1, -2) @ moved
+        calibration = through @ sources.camera_covariance @ through.swapaxes(-1, -2)
+    return PoseBudget(image, printed, calibration, image + printed + calibration)
+
+
+def point_budget(
+    points: Array,
+    rotation: Array,
+    translation: Array,
+    camera: Camera,
+    noise_px: float,
+    sources: ErrorSources,
+) -> PoseBudget:
+    """`pose_budget` for image noise of the same standard deviation, `noise_px`, on every image coordinate."""
+    return pose_budget(points, rotation, translation, camera, noise_px**2 * np.eye(2), sources)
+
+
+def _stack(blocks: Array) -> Array:
+    """Blocks (P, n, 2, k) of the points as one matrix (P, 2n, k)."""
+    return blocks.reshape(blocks.shape[0], -1, blocks.shape[-1])

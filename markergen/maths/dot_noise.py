@@ -1,0 +1,165 @@
+"""How well an image tells where a dot's center is: Fisher information of its grey levels.
+
+A dark ellipse {c + A u, |u| <= 1} on a light ground is seen through a Gaussian point spread of sigma s (lens and pixel
+together), with white noise of sigma grey levels. Moving the center changes the image by the gradient of the blurred
+ellipse, so the information about the center is its square, summed over the pixels:
+
+    I = (contrast/sigma)^2 integral of g g', g = grad(ellipse * PSF)
+
+Ellipse and image are symmetric about the center, g is odd there, and what blur, grey levels, size or shape do is even:
+not knowing them costs nothing. In the frequency domain the integral over the radius is Weber's second exponential
+integral, and what remains is one over the direction k of the frequency, |k| = 1:
+
+    I = (contrast/sigma)^2 det(Q)/(4 s^4) integral k k' f(z) dk,  Q = A A',  z = k'Qk / (2 s^2),  f(z) = exp(-z) I1(z)/z
+
+sqrt(k'Qk) is the ellipse's half-width along k. For edges far apart, z >> 1, this is the line integral over the outline
+(contrast/sigma)^2 / (2 sqrt(pi) s) closed integral n n' dl that is known for straight edges. A dot of 10 px radius, 195
+grey levels of contrast, 2 of noise and 0.7 px of blur: 0.003 px along each axis.
+
+Of a ring the outer edge is taken alone: a fit that lets the hole have a center of its own, as under perspective it
+must, learns nothing from the inner one.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+DIRECTIONS = 8
+"""Directions over half a turn: the integral is then good to 3e-4 for axes of 1:3 (seen at 70 deg) and to 4e-3 for
+1:5."""
+
+
+@dataclass(frozen=True, eq=False)
+class Directions:
+    """Nodes of the integral over the direction k.
+
+    Attributes
+    ----------
+    squares : array (..., 3, N)
+        (kx^2, 2 kx ky, ky^2): with Q as (Qxx, Qxy, Qyy) the product is k'Qk.
+    weights : array (..., N)
+    """
+
+    squares: Array
+    weights: Array
+
+
+def directions(affine: Array, count: int = DIRECTIONS) -> Directions:
+    """Nodes that suit ellipses of about the shape of affine images A (..., 2, 2) of the unit circle.
+
+    Even steps of k crowd on a long ellipse's sides and even steps along its outline at its ends. Halfway between, k is
+    proportional to Q^(-1/4) v with v in even steps, and half as many steps do.
+    """
+    shape = _root(_root(affine @ affine.swapaxes(-1, -2)))
+    angle = np.pi * (np.arange(count) + 0.5) / count
+    cosine, sine = np.cos(angle), np.sin(angle)
+    # The inverse but for its determinant: k is made a unit vector anyway.
+    x = shape[..., 1, 1, None] * cosine - shape[..., 0, 1, None] * sine
+    y = shape[..., 0, 0, None] * sine - shape[..., 0, 1, None] * cosine
+    square = x**2 + y**2
+    determinant = shape[..., 0, 0] * shape[..., 1, 1] - shape[..., 0, 1] ** 2
+    squares = np.stack([x**2, 2 * x * y, y**2], axis=-2) / square[..., None, :]
+    return Directions(squares, determinant[..., None] / square * (2 * np.pi / count))
+
+
+def center_information(affine: Array, edge_px: float, contrast_to_noise: float) -> Array:
+    """Fisher information (..., 2, 2) in px^-2 of the center of dots.
+
+    Parameters
+    ----------
+    affine : array (..., 2, 2), px
+        A, the affine image of the unit circle: its singular values are the semi-axes of the dot's image.
+    edge_px : float
+        Sigma s of the point spread, px; with the area of the pixel, s^2 = blur^2 + 1/12.
+    contrast_to_noise : float
+        Grey levels between dot and ground over those of the noise, rounding (1/12 of variance) included.
+    """
+    return linearize(affine[..., None, :, :], edge_px, contrast_to_noise, directions(affine))[0][..., 0, :, :]
+
+
+def center_covariance(affine: Array, edge_px: float, contrast_to_noise: float) -> Array:
+    """Least covariance (..., 2, 2) in px^2 of the center of dots, see `center_information`; nan or inf seen edge-on."""
+    a, b, _, d = np.moveaxis(
+        center_information(affine, edge_px, contrast_to_noise).reshape(*affine.shape[:-2], 4), -1, 0
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.stack([d, -b, -b, a], axis=-1).reshape(affine.shape) / (a * d - b * b)[..., None, None]
+
+
+def dot_covariance(semi: Array, angle: Array, edge_px: float, contrast: float, noise_grey: float) -> Array:
+    """Least covariance (..., 2, 2) in px^2 of the center of dots, given their image ellipses.
+
+    Parameters
+    ----------
+    semi : array (..., 2), px, longest first
+    angle : array (...), rad
+        Of the longest axis from x.
+    edge_px, contrast, noise_grey : float
+        See `center_information`; contrast and noise in grey levels.
+
+    Returns
+    -------
+    array (..., 2, 2)
+        nan for ellipses that are nan (dots that are not seen).
+    """
+    cosine, sine = np.cos(angle), np.sin(angle)
+    turn = np.stack([cosine, -sine, sine, cosine], axis=-1).reshape(*np.shape(angle), 2, 2)
+    return center_covariance(turn * semi[..., None, :], edge_px, contrast / noise_grey)
+
+
+def linearize(
+    affine: Array, edge_px: float, contrast_to_noise: float, nodes: Directions
+) -> tuple[Array, Callable[[Array], Array]]:
+    """`center_information` (..., m, 2, 2) of m dots that share their nodes (...), and its pullback.
+
+    The pullback takes symmetric cotangents (..., m, 2, 2) to the gradient (..., m, 2, 2) by A of
+    sum(cotangent * information), for these nodes held fixed: it is exact for what the sum over the nodes gives.
+    """
+    a, b, c, d = (affine[..., i, j] for i in (0, 1) for j in (0, 1))
+    shape = np.stack([a * a + b * b, a * c + b * d, c * c + d * d], axis=-1)
+    determinant = a * d - b * c
+    z = shape @ nodes.squares / (2 * edge_px**2)
+    level, slope = _radial(z)
+    # det(Q) is the square of det(A).
+    scale = (contrast_to_noise * determinant / (2 * edge_px**2)) ** 2
+    transposed = nodes.squares.swapaxes(-1, -2)
+    weights = nodes.weights[..., None, :]
+    packed = (level * weights) @ transposed * [1.0, 0.5, 1.0] * scale[..., None]
+    information = packed[..., [0, 1, 1, 2]].reshape(affine.shape)
+
+    def pullback(cotangent: Array) -> Array:
+        along = np.stack(
+            [cotangent[..., 0, 0], 0.5 * (cotangent[..., 0, 1] + cotangent[..., 1, 0]), cotangent[..., 1, 1]], axis=-1
+        )
+        # By Q through z, and by det(A)^2 in front.
+        by_z = slope * weights * (along @ nodes.squares)
+        xx, xy, yy = np.moveaxis(by_z @ transposed * [1.0, 0.5, 1.0] * (scale / edge_px**2)[..., None], -1, 0)
+        share = 2 * np.sum(along * packed * [1.0, 2.0, 1.0], axis=-1) / determinant
+        gradient = [xx * a + xy * c + share * d, xx * b + xy * d - share * c]
+        gradient += [xy * a + yy * c - share * b, xy * b + yy * d + share * a]
+        return np.stack(gradient, axis=-1).reshape(affine.shape)
+
+    return information, pullback
+
+
+def _radial(z: Array) -> tuple[Array, Array]:
+    """exp(-z) I1(z)/z and its derivative, to 1.6 % (to 0.6 % for half-widths above 2 s, to 0.05 % above 4 s).
+
+    f = (z^4 + z^3 + z^2 + c z + d)^(-3/8) / sqrt(2 pi). The first three terms are those of the asymptotic series, c and
+    d minimize the largest error over z > 0. The Bessel function itself takes twenty times as long as all else here.
+    """
+    quartic = (((z + 1) * z + 1) * z + 1.9317) * z + 0.5250
+    root = np.sqrt(np.sqrt(np.sqrt(quartic)))
+    level = 1 / (np.sqrt(2 * np.pi) * root**3)
+    return level, -0.375 * level * (((4 * z + 3) * z + 2) * z + 1.9317) / quartic
+
+
+def _root(matrix: Array) -> Array:
+    """Square root of symmetric positive 2x2 matrices (..., 2, 2): (M + sqrt(det M)) / sqrt(tr M + 2 sqrt(det M))."""
+    a, b, d = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 1]
+    determinant = np.sqrt(np.maximum(a * d - b * b, 0.0))
+    return (matrix + determinant[..., None, None] * np.eye(2)) / np.sqrt(a + d + 2 * determinant)[..., None, None]

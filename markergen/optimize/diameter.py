@@ -1,0 +1,138 @@
+"""`--dot auto`: the diameter with the least predicted error.
+
+Larger dots are measured better, their error falling with the root of the diameter; but they must stay farther inside
+the boundary and apart from each other, which shortens the lever that the pose is measured by.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.model.poses import PoseDistribution
+from markergen.model.spec import Spec
+from markergen.objectives import OBJECTIVES, Setting
+from markergen.objectives.weights import DotNoise
+from markergen.optimize.dots import (
+    FEWEST_PIXELS,
+    FEWEST_PIXELS_LONG,
+    PERCENTILE,
+    ROOM,
+    DotSize,
+    clearance_of,
+    largest_that_leaves_room,
+    smallest_detectable,
+)
+from markergen.optimize.multistart import Progress, search
+from markergen.optimize.packing import pack
+from markergen.optimize.polish import polish
+from markergen.optimize.region import Region
+from markergen.units import format_length
+
+Array = NDArray[np.float64]
+
+SCANNED = 8
+"""Diameters tried before the best of them is refined: where dots begin to crowd each other the error can have a dip."""
+
+RESTARTS, STEPS = 4, 15
+"""Random starts for the first diameter, and steps of the polish from one diameter's layout to the next one's."""
+
+EXPECTED = SCANNED + 10
+"""About as many diameters are tried in all."""
+
+
+def best_dots(spec: Spec, poses: PoseDistribution, progress: Progress | None = None) -> DotSize:
+    """Diameter, a whole tenth of a mm, at which the spec's objective is least for the image noise of the dots.
+
+    Every diameter is given the layout that is best for it, by a polish from that of the nearest one before.
+
+    Raises
+    ------
+    InputError
+        If there is no room for n dots.
+    """
+    room = largest_that_leaves_room(spec)
+    detectable = smallest_detectable(spec.camera, poses)
+    least = min(detectable, room)
+    predicted = _Prediction(spec, Setting(spec.boundary, spec.camera, poses), progress)
+    candidates = [least, room]
+    if least < room:
+        scan = np.geomspace(least, room, SCANNED)
+        best = int(np.argmin([predicted(float(diameter)) for diameter in scan]))
+        found = _minimum(predicted, scan[max(best - 1, 0)], scan[min(best + 1, SCANNED - 1)])
+        candidates.append(float(np.clip(round(found, 4), least, room)))
+    # The search never reaches the ends of its interval, so they are asked by themselves.
+    diameter = min(candidates, key=predicted)
+    value = predicted(diameter)
+    predicted.done()
+    return DotSize(diameter, clearance_of(spec, diameter), _reason(spec, diameter, value, detectable, room))
+
+
+class _Prediction:
+    """The objective by the diameter, at the best layout found; what was found is kept as a start for the next."""
+
+    def __init__(self, spec: Spec, setting: Setting, progress: Progress | None) -> None:
+        self._spec, self._setting, self._progress = spec, setting, progress
+        self._found: dict[float, tuple[Array, float]] = {}
+
+    def __call__(self, diameter: float) -> float:
+        if diameter in self._found:
+            return self._found[diameter][1]
+        if self._progress:
+            self._progress("dot size", min(len(self._found), EXPECTED - 1), EXPECTED)
+        spec = self._spec
+        setting = replace(self._setting, noise=DotNoise(diameter, spec.image_noise))
+        objective = OBJECTIVES[spec.objective](setting, spec.aggregate, spec.coordinates)
+        region = Region(spec.boundary, diameter, clearance_of(spec, diameter))
+        if self._found:
+            points, value = polish(objective, region, self._start(region), STEPS)
+        else:
+            found = search(objective, region, spec.n, np.random.default_rng(spec.seed), RESTARTS)
+            points, value = found.points, found.value
+        self._found[diameter] = points, value
+        return value
+
+    def _start(self, region: Region) -> Array:
+        """Layout (n, 2) of the nearest diameter before, grown or shrunk with the room that the dots leave it."""
+        nearest = min(self._found, key=lambda known: abs(known - region.diameter))
+        before = Region(region.boundary, nearest, clearance_of(self._spec, nearest))
+        scale = (region.boundary.radius - region.inset) / (region.boundary.radius - before.inset)
+        start = region.project((self._found[nearest][0] * scale)[None])
+        if region.holds(start)[0]:
+            return start[0]
+        # Jammed: the layout of the densest packing holds whatever fits.
+        return pack(region.boundary, self._spec.n, self._spec.clearance)[0]
+
+    def done(self) -> None:
+        if self._progress:
+            self._progress("dot size", EXPECTED, EXPECTED)
+
+
+def _minimum(predicted: Callable[[float], float], low: float, high: float) -> float:
+    from scipy.optimize import minimize_scalar
+
+    # The minimum is flat: 1 % beside it nothing is lost, so 0.1 % is fine enough.
+    found = minimize_scalar(
+        lambda log_diameter: np.log(predicted(float(np.exp(log_diameter)))),
+        bounds=(np.log(low), np.log(high)),
+        method="bounded",
+        options={"xatol": 1e-3},
+    )
+    return float(np.exp(found.x))
+
+
+def _reason(spec: Spec, diameter: float, value: float, detectable: float, room: float) -> str:
+    unit = OBJECTIVES[spec.objective].unit
+    error = format_length(float(f"{value:.3g}")) if unit == "m" else f"{value:.3g} {unit}"
+    size = format_length(diameter)
+    if diameter >= room:
+        short = f"; {format_length(detectable)} would be detected well" if detectable > room else ""
+        most = f"{100 * ROOM:g} % of the largest at which {spec.n} dots fit"
+        return f"{size}, {most}, with a predicted error of {error}{short}"
+    if diameter <= detectable:
+        return (
+            f"{size}, the smallest whose image is {FEWEST_PIXELS:g} px wide and {FEWEST_PIXELS_LONG:g} px long in "
+            f"{PERCENTILE:g} % of the poses; the predicted error, {error}, would be less with smaller ones"
+        )
+    return f"{size}, with the least predicted error, {error}: larger ones are measured better, but sit closer together"

@@ -1,0 +1,64 @@
+"""Cameras from calibration files: a table of formats, told apart by what is in the file, not by its name."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from markergen.errors import InputError
+from markergen.model.camera import Camera
+from markergen.read.cameras.covariance import read_camera_covariance
+from markergen.read.cameras.document import Document, read_bytes
+from markergen.registry import Registry
+
+__all__ = ["CAMERA_FORMATS", "CameraFormat", "read_camera", "read_camera_covariance"]
+
+
+@dataclass(frozen=True)
+class CameraFormat:
+    """One kind of calibration file.
+
+    Attributes
+    ----------
+    signs : str
+        What a file of this kind holds, for the message that no format fits.
+    fits : callable
+        Tell whether a document is of this kind; exactly one format says so of a usable file.
+    read : callable
+        Make the camera of a document; the second argument names one of several cameras, or is None.
+    """
+
+    signs: str
+    fits: Callable[[Document], bool]
+    read: Callable[[Document, str | None], Camera]
+
+
+CAMERA_FORMATS: Registry[CameraFormat] = Registry("camera format", __name__)
+"""Formats by name."""
+
+
+def read_camera(path: Path | str) -> Camera:
+    """Read the camera of a calibration file: OpenCV, ROS, Kalibr, COLMAP or a table of plain numbers.
+
+    ``path#NAME`` takes one of several cameras of a file, such as ``camchain.yaml#cam1`` or ``cameras.txt#2``. The
+    principal point is put into the convention of `Camera`, pixel centers at integers, where the format has another.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is in no known format, or lacks or contradicts something; the message names file
+        and key.
+    """
+    path, choice = _split(Path(path))
+    document = Document(str(path), read_bytes(path, "camera file"))
+    for name in CAMERA_FORMATS:
+        if CAMERA_FORMATS[name].fits(document):
+            return CAMERA_FORMATS[name].read(document, choice)
+    known = "; ".join(f"{name}: {CAMERA_FORMATS[name].signs}" for name in CAMERA_FORMATS)
+    raise InputError(f"a camera in {path}", "no format that is known", f"known formats: {known}")
+
+
+def _split(path: Path) -> tuple[Path, str | None]:
+    stem, mark, choice = path.name.rpartition("#")
+    if not mark or not stem or path.exists():
+        return path, None
+    return path.with_name(stem), choice

@@ -1,0 +1,89 @@
+"""COLMAP's cameras.txt: one camera a line, CAMERA_ID MODEL WIDTH HEIGHT PARAMS.
+
+COLMAP counts pixels from the corner of the image, so that the middle of the first is at (0.5, 0.5).
+"""
+
+import re
+from collections.abc import Sequence
+
+from markergen.errors import InputError
+from markergen.model.camera import Camera, Distortion
+from markergen.model.findings import brief
+from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
+from markergen.read.cameras.document import Document, Table
+from markergen.read.cameras.models import located, make_camera
+
+CORNER = 0.5
+"""Position of a pixel's middle in px, counted from its corner."""
+
+MODELS: dict[str, tuple[int, str, tuple[int, ...]]] = {
+    "SIMPLE_PINHOLE": (1, "none", ()),
+    "PINHOLE": (2, "none", ()),
+    "SIMPLE_RADIAL": (1, "radtan", (0,)),
+    "RADIAL": (1, "radtan", (0, 1)),
+    "OPENCV": (2, "radtan", (0, 1, 2, 3)),
+    "FULL_OPENCV": (2, "rational", tuple(range(8))),
+    "SIMPLE_FISHEYE": (1, "equidistant", ()),
+    "FISHEYE": (2, "equidistant", ()),
+    "SIMPLE_RADIAL_FISHEYE": (1, "equidistant", (0,)),
+    "RADIAL_FISHEYE": (1, "equidistant", (0, 1)),
+    "OPENCV_FISHEYE": (2, "equidistant", (0, 1, 2, 3)),
+}
+"""Number of focal lengths, distortion model, and places of the parameters among its coefficients; the others are 0."""
+
+_LENGTHS = {"none": 0, "radtan": 4, "rational": 8, "equidistant": 4}
+_CAMERA = re.compile(r"\d+\s+[A-Z][A-Z0-9_]*\s")
+
+
+def _fits(document: Document) -> bool:
+    return bool(document.lines) and _CAMERA.match(document.lines[0]) is not None
+
+
+def _read(document: Document, choice: str | None) -> Camera:
+    rows = {line.split(maxsplit=1)[0]: line for line in document.lines}
+    if choice is None and len(rows) > 1:
+        some = ", ".join(brief(key) for key in list(rows)[:10])
+        raise InputError(
+            f"the camera's number after the path, such as {document.name}#{next(iter(rows))[:20]}",
+            f"{len(rows)} cameras: {some}",
+            "choose one",
+        )
+    number = next(iter(rows)) if choice is None else choice
+    if number not in rows:
+        raise InputError(f"the camera {brief(number)} in {document.name}", f"{len(rows)} others", "check the number")
+    return _camera(rows[number].split(), document.name, number)
+
+
+def _camera(words: Sequence[str], file: str, number: str) -> Camera:
+    place = f"camera {number[:20]}"
+    if len(words) < 4:
+        raise InputError(
+            f"CAMERA_ID MODEL WIDTH HEIGHT PARAMS at {place} in {file}", brief(" ".join(words)), "correct it"
+        )
+    _, model, width, height, *parameters = words
+    if model not in MODELS:
+        raise InputError(f"a known camera model at {place} in {file}", brief(model), f"known: {', '.join(MODELS)}")
+    table = Table(file, {"WIDTH": width, "HEIGHT": height, "PARAMS": parameters}, place)
+    focals, name, places = MODELS[model]
+    values = table.numbers("PARAMS")
+    count = focals + 2 + len(places)
+    if len(values) != count:
+        raise InputError(f"{count} parameters of {model} at {table.place('PARAMS')}", str(len(values)), "correct it")
+    (fx, *rest), (cx, cy) = values[:focals], values[focals : focals + 2]
+    fy = rest[0] if rest else fx
+    coefficients = [0.0] * _LENGTHS[name]
+    for index, value in zip(places, values[focals + 2 :], strict=True):
+        coefficients[index] = value
+    with located(table.place("PARAMS")):
+        distortion = Distortion(name, tuple(coefficients))
+    return make_camera(
+        table.whole("WIDTH"),
+        table.whole("HEIGHT"),
+        (fx, fy, cx - CORNER, cy - CORNER),
+        distortion,
+        table.place("PARAMS"),
+        table.place("WIDTH HEIGHT"),
+    )
+
+
+CAMERA_FORMATS.register("colmap")(CameraFormat("lines of CAMERA_ID MODEL WIDTH HEIGHT PARAMS", _fits, _read))

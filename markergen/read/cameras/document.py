@@ -1,0 +1,265 @@
+"""Text of a calibration file as plain values, whatever its syntax: YAML, JSON, XML or TOML.
+
+Files come from anywhere, so nothing here can be made to run for long, to grow, or to build more than text, lists and
+mappings. Numbers stay text until somebody asks for them: the formats do not agree on how they are written.
+"""
+
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from markergen.errors import InputError
+from markergen.model.findings import brief
+
+LARGEST_FILE, LARGEST_TOML = 1_000_000, 10_000
+"""Bytes; a calibration with all its images' residuals has some 100 kB, a spec in TOML some 2 kB.
+
+Python's parser takes a minute and 9 GB for 100 kB of one dotted key."""
+DEEPEST = 20
+"""Most levels of lists and mappings; calibration files have four."""
+
+_LONGEST_KEY = 40
+_TOML = re.compile(r"\[+[\w.\"-]+\]|[\w.\"-]+\s*=")
+_OPENCV_HEADER = re.compile(r"\A\s*%YAML:1\.\d[^\n]*")  # Not YAML: OpenCV before 5 writes the directive with a colon.
+
+
+def read_bytes(path: Path, kind: str) -> bytes:
+    """Bytes of a small file; raises InputError if it cannot be read, is empty, or is beyond `LARGEST_FILE`."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(LARGEST_FILE + 1)
+    except (OSError, ValueError) as error:  # ValueError: a path with a null character.
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise InputError(f"a readable {kind} at {brief(str(path))}", str(reason), "check the path") from None
+    if len(data) > LARGEST_FILE:
+        raise InputError(f"a {kind} of at most {LARGEST_FILE // 10**6} MB at {path}", "a larger file", "check the path")
+    if not data.strip():
+        raise InputError(f"a {kind} at {path}", "an empty file", "check the path")
+    return data
+
+
+@dataclass(frozen=True)
+class Document:
+    """A file by name and bytes; raises InputError where it is asked for text or values that it does not hold."""
+
+    name: str
+    data: bytes
+
+    @cached_property
+    def text(self) -> str:
+        """The whole text."""
+        try:
+            text = self.data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = "\0"
+        if "\0" in text:
+            raise InputError(f"text in {self.name}", "bytes that are not UTF-8 text", "check the path")
+        return text
+
+    @cached_property
+    def lines(self) -> list[str]:
+        """Lines that are neither empty nor a comment."""
+        stripped = (line.strip() for line in self.text.splitlines())
+        return [line for line in stripped if line and not line.startswith("#")]
+
+    @cached_property
+    def table(self) -> "Table":
+        """Values by key; empty if the file is not made of keys and values."""
+        if self.text.lstrip().startswith("<"):
+            values = _xml(self.text, self.name)
+        elif self.lines and _TOML.match(self.lines[0]):
+            values = _toml(self.text, self.name)
+        else:
+            values = _yaml(self.text, self.name)
+        return Table(self.name, values if isinstance(values, dict) else {})
+
+
+@dataclass(frozen=True)
+class Table:
+    """A mapping at a place of a file; whoever asks for a value gets it, or an InputError that names file and key.
+
+    A key is found under any of the names given, in any case, with or without underscores and hyphens.
+    """
+
+    file: str
+    values: Mapping[str, Any]
+    path: str = ""
+
+    def place(self, key: str = "") -> str:
+        """Key and file, for messages."""
+        where = ".".join(part for part in (self.path, key) if part)
+        return f"{where} in {self.file}" if where else self.file
+
+    def find(self, *names: str) -> str | None:
+        """Return the key, as it is written in the file, that has the first of these names that is there."""
+        return next((self._keys[_plain(name)] for name in names if _plain(name) in self._keys), None)
+
+    def key(self, *names: str) -> str:
+        """Return the key as `find` does; it has to be there."""
+        key = self.find(*names)
+        if key is None:
+            raise InputError(f"the key {' or '.join(names)} in {self.place()}", "none", "add it, or check the path")
+        return key
+
+    def number(self, *names: str) -> float:
+        """Return a finite number."""
+        key = self.key(*names)
+        return self._number(key, self.values[key])
+
+    def whole(self, *names: str) -> int:
+        """Return a whole number."""
+        key, value = self.key(*names), self.number(*names)
+        if not value.is_integer():
+            raise InputError(f"a whole number at {self.place(key)}", brief(value), "correct the file")
+        return int(value)
+
+    def numbers(self, *names: str) -> list[float]:
+        """Return a list of finite numbers, of a list, a list of rows, or text with blanks between them."""
+        key = self.key(*names)
+        items = self.values[key]
+        if isinstance(items, str):
+            items = items.replace(",", " ").split()
+        if isinstance(items, list) and items and all(isinstance(row, list) for row in items):
+            items = [item for row in items for item in row]
+        if not isinstance(items, list):
+            raise InputError(f"a list of numbers at {self.place(key)}", brief(items), "correct the file")
+        return [self._number(key, item) for item in items]
+
+    def table(self, *names: str) -> "Table":
+        """Return the mapping under a key."""
+        key = self.key(*names)
+        value = self.values[key]
+        if not isinstance(value, dict):
+            raise InputError(f"keys and values at {self.place(key)}", brief(value), "correct the file")
+        return Table(self.file, value, f"{self.path}.{key}" if self.path else key)
+
+    def text(self, *names: str) -> str:
+        """Return one piece of text."""
+        key = self.key(*names)
+        value = self.values[key]
+        if not isinstance(value, str):
+            raise InputError(f"text at {self.place(key)}", brief(value), "correct the file")
+        return value.strip().strip('"')
+
+    def only(self, *known: str) -> None:
+        """Refuse keys other than these."""
+        unknown = [key for key in self.values if key not in known]
+        if unknown:
+            raise InputError(f"only {', '.join(known)} in {self.place()}", brief(unknown[0]), "correct the key")
+
+    @cached_property
+    def _keys(self) -> dict[str, str]:
+        return {_plain(key): key for key in reversed(list(self.values)) if len(key) <= _LONGEST_KEY}
+
+    def _number(self, key: str, value: object) -> float:
+        try:
+            number = float(value) if isinstance(value, (str, int, float)) and not isinstance(value, bool) else None
+        except (ValueError, OverflowError):
+            number = None
+        # YAML writes .nan and .inf, which Python does not read.
+        if number is None or not isfinite(number):
+            raise InputError(f"a finite number at {self.place(key)}", brief(value), "correct the file")
+        return number
+
+
+def _plain(key: str) -> str:
+    return key.lower().replace("_", "").replace("-", "")
+
+
+def _damaged(syntax: str, name: str, found: str) -> InputError:
+    return InputError(f"complete {syntax} in {name}", found, "the file is cut off or damaged: write it again")
+
+
+def _yaml(text: str, name: str) -> Any:
+    """First document of YAML, or JSON, whose syntax is part of YAML's; scalars are text, tags are ignored."""
+    import yaml
+
+    # Built from the events: no recursion, no constructors, and aliases and merges that are not expanded.
+    loader = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
+    stack: list[tuple[Any, list[str]]] = [([], [])]
+    anchors: dict[str, Any] = {}
+    try:
+        for event in yaml.parse(_OPENCV_HEADER.sub("", text, count=1), Loader=loader):
+            if isinstance(event, yaml.ScalarEvent):
+                value: Any = event.value
+            elif isinstance(event, yaml.SequenceStartEvent):
+                value = []
+            elif isinstance(event, yaml.MappingStartEvent):
+                value = {}
+            elif isinstance(event, yaml.AliasEvent):
+                if event.anchor not in anchors:
+                    raise _damaged("YAML or JSON", name, f"line {event.start_mark.line + 1}: an alias of nothing")
+                value = anchors[event.anchor]
+            elif isinstance(event, (yaml.SequenceEndEvent, yaml.MappingEndEvent)):
+                stack.pop()
+                continue
+            elif isinstance(event, yaml.DocumentEndEvent):
+                break
+            else:
+                continue
+            problem: str | None = _put(value, *stack[-1])
+            if not isinstance(event, yaml.AliasEvent):
+                if event.anchor:
+                    anchors[event.anchor] = value
+                if not isinstance(event, yaml.ScalarEvent):
+                    stack.append((value, []))
+            if len(stack) > DEEPEST:
+                problem = "endless nesting"
+            if problem:
+                raise _damaged("YAML or JSON", name, f"line {event.start_mark.line + 1}: {problem}")
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"line {mark.line + 1}: " if mark else ""
+        problem = getattr(error, "problem", None) or "characters that are not text"
+        raise _damaged("YAML or JSON", name, where + problem) from None
+    return stack[0][0][0] if stack[0][0] else None
+
+
+def _put(value: Any, container: Any, key: list[str]) -> str:
+    """Add a value to a list or, key first, to a mapping; return what is wrong with it."""
+    if isinstance(container, list):
+        container.append(value)
+    elif key:
+        container[key.pop()] = value
+    elif not isinstance(value, str):
+        return "a key that is not text"
+    elif value in container:
+        return f"the key {brief(value)} twice"
+    else:
+        key.append(value)
+    return ""
+
+
+def _xml(text: str, name: str) -> dict[str, Any]:
+    """Text of the elements under the root, or of their children; OpenCV's files have no more levels that matter."""
+    from xml.etree import ElementTree
+
+    # Entities are declared in a document type; no calibration has any, and nested ones grow without end.
+    if re.search("<!(?!--)", text):
+        raise InputError(f"plain XML in {name}", "a document type or CDATA", "take it out")
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise _damaged("XML", name, brief(str(error))) from None
+    values: dict[str, Any] = {}
+    for element in root:
+        if element.tag in values:
+            raise _damaged("XML", name, f"the key {brief(element.tag)} twice")
+        values[element.tag] = {child.tag: child.text or "" for child in element} or (element.text or "").strip()
+    return values
+
+
+def _toml(text: str, name: str) -> dict[str, Any]:
+    if len(text) > LARGEST_TOML:
+        raise InputError(f"at most {LARGEST_TOML // 1000} kB of TOML in {name}", "a larger file", "check the path")
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _damaged("TOML", name, str(error)) from None
+    except (ValueError, RecursionError):
+        raise _damaged("TOML", name, "an endless number or endless nesting") from None

@@ -1,0 +1,54 @@
+"""Kalibr's camchain: one table for each camera, cam0, cam1, ..."""
+
+import re
+
+from markergen.errors import InputError
+from markergen.model.camera import Camera
+from markergen.model.findings import brief
+from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
+from markergen.read.cameras.document import Document
+from markergen.read.cameras.models import make_camera, make_distortion
+
+_NAME = re.compile(r"cam\d{1,3}")
+
+
+def _names(document: Document) -> list[str]:
+    return [key for key, value in document.table.values.items() if _NAME.fullmatch(key) and isinstance(value, dict)]
+
+
+def _fits(document: Document) -> bool:
+    return bool(_names(document))
+
+
+def _read(document: Document, choice: str | None) -> Camera:
+    names = _names(document)
+    name = "cam0" if choice is None else choice
+    if name not in names:
+        raise InputError(
+            f"the camera {brief(name)} in {document.name}", ", ".join(names[:20]), f"add #{names[0]} to the path"
+        )
+    table = document.table.table(name)
+    model = table.text("camera_model")
+    if model != "pinhole":
+        raise InputError(
+            f"the camera model pinhole at {table.place('camera_model')}", repr(model), "calibrate with pinhole-radtan "
+            "or pinhole-equi"
+        )  # fmt: skip
+    intrinsics, size = table.numbers("intrinsics"), table.numbers("resolution")
+    if len(intrinsics) != 4:
+        raise InputError(f"fu, fv, pu, pv at {table.place('intrinsics')}", brief(intrinsics), "correct the file")
+    if len(size) != 2 or not all(side.is_integer() for side in size):
+        raise InputError(f"width and height at {table.place('resolution')}", brief(size), "correct the file")
+    model = table.text("distortion_model")
+    coefficients = [] if model == "none" else table.numbers("distortion_coeffs")
+    distortion = make_distortion(
+        model or "none", coefficients, table.place("distortion_model"), table.place("distortion_coeffs")
+    )
+    fu, fv, pu, pv = intrinsics
+    width, height = (int(side) for side in size)
+    return make_camera(
+        width, height, (fu, fv, pu, pv), distortion, table.place("intrinsics"), table.place("resolution")
+    )
+
+
+CAMERA_FORMATS.register("kalibr")(CameraFormat("cam0 with camera_model, intrinsics, resolution", _fits, _read))

@@ -1,0 +1,115 @@
+"""What the formats share: their names of distortion models, and the checks that file and camera agree."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from markergen.errors import InputError
+from markergen.model.camera import Camera, Distortion
+from markergen.model.findings import brief
+
+MODELS = {
+    "none": "none",
+    "plumb_bob": "radtan",
+    "radtan": "radtan",
+    "rational_polynomial": "rational",
+    "rational": "rational",
+    "equidistant": "equidistant",
+    "equi": "equidistant",
+    "fisheye": "equidistant",
+    "kannala_brandt": "equidistant",
+}
+"""Models of `Distortion` by the names that ROS, Kalibr and OpenCV's users give them."""
+
+
+@contextmanager
+def located(place: str) -> Iterator[None]:
+    """Add the place in the file to what is wrong with a value."""
+    try:
+        yield
+    except InputError as error:
+        expected, found, remedy = error.args
+        raise InputError(f"{expected} at {place}", found, remedy) from None
+
+
+def make_distortion(name: str, coefficients: Sequence[float], model_place: str, place: str) -> Distortion:
+    """Distortion of a model by any of its names; without a name OpenCV's, which their number decides.
+
+    `model_place` and `place` tell where the name and the coefficients stand.
+    """
+    model = _opencv(coefficients) if name == "" else MODELS.get(name.lower())
+    if model is None:
+        raise InputError(f"a known distortion model at {model_place}", brief(name), f"known: {', '.join(MODELS)}")
+    if not coefficients:
+        return Distortion()
+    # OpenCV pads with zeros: 12 coefficients have thin prisms, 14 a tilted sensor, too.
+    most = {"none": 0, "radtan": 5, "rational": 8, "equidistant": 4}[model]
+    cut = coefficients if any(coefficients[most:]) else coefficients[:most]
+    with located(place):
+        if len(cut) in (12, 14) and model == "rational":
+            raise InputError(
+                "no thin prism and no tilted sensor, coefficients 9 to 14",
+                f"{len(cut)} coefficients that are not 0",
+                "calibrate without these terms",
+            )
+        return Distortion(model, tuple(cut))
+
+
+def _opencv(coefficients: Sequence[float]) -> str:
+    return "radtan" if len(coefficients) < 8 else "rational"
+
+
+def make_camera(
+    width: int,
+    height: int,
+    matrix: tuple[float, float, float, float],
+    distortion: Distortion,
+    place: str,
+    size_place: str,
+) -> Camera:
+    """Camera of an image size and (fx, fy, cx, cy); `place` and `size_place` tell where these stand.
+
+    Raises
+    ------
+    InputError
+        As `Camera` does, or if the principal point is not in the image: then size and matrix are of two cameras, of
+        two resolutions of one, or width and height are exchanged.
+    """
+    fx, fy, cx, cy = matrix
+    with located(size_place):
+        Camera(width, height, 1.0, 1.0, 0.0, 0.0)
+    with located(place):
+        camera = Camera(width, height, fx, fy, cx, cy, distortion)
+        if not (-0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5):
+            raise InputError(
+                f"a principal point inside the image of {width}x{height} px",
+                f"cx={cx}, cy={cy}",
+                "give the calibration of this image size",
+            )
+    return camera
+
+
+def pinhole_of(matrix: Sequence[float], place: str) -> tuple[float, float, float, float]:
+    """(fx, fy, cx, cy) of the nine entries of a camera matrix, row by row.
+
+    Raises
+    ------
+    InputError
+        If it is not of the form [fx 0 cx; 0 fy cy; 0 0 1]: skew is not modeled, and Matlab's is the transpose.
+    """
+    if len(matrix) != 9:
+        raise InputError(f"a 3x3 camera matrix at {place}", f"{len(matrix)} numbers", "correct the file")
+    fx, skew, cx, a, fy, cy, b, c, one = matrix
+    # Rounding may leave traces, far below what a pixel could tell.
+    if not (abs(skew) <= 1e-9 * abs(fx) and a == b == c == 0 and one == 1) and any(matrix):
+        raise InputError(
+            f"a camera matrix [fx 0 cx; 0 fy cy; 0 0 1] at {place}",
+            f"[{fx} {skew} {cx}; {a} {fy} {cy}; {b} {c} {one}]",
+            "transpose it if it is Matlab's, or calibrate without skew",
+        )
+    return fx, fy, cx, cy
+
+
+def no_choice(file: str, choice: str | None) -> None:
+    """Refuse the name of a camera in a file that holds one."""
+    if choice is not None:
+        raise InputError(f"no camera's name after {file}", brief(choice), "leave it out: the file holds one camera")

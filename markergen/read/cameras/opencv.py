@@ -1,0 +1,25 @@
+"""OpenCV's FileStorage in YAML, XML or JSON, as its calibration sample and many programs write it."""
+
+from markergen.model.camera import Camera
+from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
+from markergen.read.cameras.document import Document
+from markergen.read.cameras.matrices import MATRIX, MODEL, camera_of
+from markergen.read.cameras.models import no_choice
+
+FISHEYE = ("fisheye_model", "fisheye")
+
+
+def _fits(document: Document) -> bool:
+    return document.table.find(*MATRIX) is not None and document.table.find(*MODEL) is None
+
+
+def _read(document: Document, choice: str | None) -> Camera:
+    no_choice(document.name, choice)
+    table = document.table
+    key = table.find(*FISHEYE)
+    # A flag of FileStorage is a number, that of a hand-written file a word.
+    fisheye = key is not None and str(table.values[key]).strip().lower() not in ("0", "false", "no", "")
+    return camera_of(table, "fisheye" if fisheye else "")
+
+
+CAMERA_FORMATS.register("opencv")(CameraFormat("camera_matrix, distortion_coefficients, image_width", _fits, _read))

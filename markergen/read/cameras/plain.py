@@ -1,0 +1,36 @@
+"""The camera table of a design spec, alone or as [camera], in TOML, JSON or YAML."""
+
+from markergen.model.camera import Camera, Distortion
+from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
+from markergen.read.cameras.document import Document, Table
+from markergen.read.cameras.models import located, make_camera, no_choice
+
+
+def _table(document: Document) -> Table:
+    table = document.table
+    return table.table("camera") if isinstance(table.values.get("camera"), dict) else table
+
+
+def _fits(document: Document) -> bool:
+    return "fx" in _table(document).values
+
+
+def _read(document: Document, choice: str | None) -> Camera:
+    no_choice(document.name, choice)
+    table = _table(document)
+    # A misspelled distortion must not become a camera without one.
+    table.only("width", "height", "fx", "fy", "cx", "cy", "distortion")
+    distortion = Distortion()
+    if "distortion" in table.values:
+        lens = table.table("distortion")
+        lens.only("model", "coefficients")
+        with located(lens.place()):
+            distortion = Distortion(lens.text("model"), tuple(lens.numbers("coefficients")))
+    fx, fy, cx, cy = (table.number(key) for key in ("fx", "fy", "cx", "cy"))
+    width, height = table.whole("width"), table.whole("height")
+    return make_camera(
+        width, height, (fx, fy, cx, cy), distortion, table.place("fx fy cx cy"), table.place("width height")
+    )
+
+
+CAMERA_FORMATS.register("markergen")(CameraFormat("width, height, fx, fy, cx, cy, distortion", _fits, _read))

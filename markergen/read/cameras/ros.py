@@ -1,0 +1,49 @@
+"""ROS camera_info, as camera_calibration saves it or as the message is printed.
+
+K goes with the image as it was taken; P, which belongs to the rectified one, is not read.
+"""
+
+from markergen.errors import InputError
+from markergen.model.camera import Camera
+from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
+from markergen.read.cameras.document import Document, Table
+from markergen.read.cameras.matrices import HEIGHT, MATRIX, MODEL, WIDTH, camera_of
+from markergen.read.cameras.models import no_choice
+
+
+def _table(document: Document) -> Table:
+    """Return the message, which some tools wrap into a key of its own."""
+    wrapper = document.table.find("camera_info")
+    if wrapper is not None and isinstance(document.table.values[wrapper], dict):
+        return document.table.table(wrapper)
+    return document.table
+
+
+def _fits(document: Document) -> bool:
+    table = _table(document)
+    return table.find(*MATRIX) is not None and table.find(*MODEL) is not None
+
+
+def _read(document: Document, choice: str | None) -> Camera:
+    no_choice(document.name, choice)
+    table = _table(document)
+    for axis in ("binning_x", "binning_y"):
+        if table.find(axis) is not None and table.whole(axis) > 1:
+            raise InputError(
+                f"a full image, not a binned one, at {table.place(axis)}", str(table.whole(axis)), "calibrate the image"
+            )
+    if table.find("roi") is not None:
+        _refuse_part(table, table.table("roi"))
+    return camera_of(table, table.text(*MODEL))
+
+
+def _refuse_part(table: Table, roi: Table) -> None:
+    """K counts from the corner of the full image; that of a part of it would be shifted."""
+    for side, full in (("width", WIDTH), ("height", HEIGHT)):
+        if roi.find(side) is not None and roi.whole(side) not in (0, table.whole(*full)):
+            raise InputError(
+                f"the full image at {roi.place(side)}", f"{roi.whole(side)} px of it", "calibrate the image as it is"
+            )
+
+
+CAMERA_FORMATS.register("ros")(CameraFormat("camera_matrix or K, and distortion_model", _fits, _read))

@@ -1,0 +1,268 @@
+"""Pictures from files: grey levels as the sensor has them, or one line that says why not."""
+
+import glob
+import io
+import os
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+
+Grey = NDArray[np.uint8] | NDArray[np.uint16]
+
+SUFFIXES = (".bmp", ".jpeg", ".jpg", ".pbm", ".pgm", ".png", ".pnm", ".ppm", ".tif", ".tiff", ".webp")
+"""By these a folder's files are taken for images."""
+
+LARGEST_PIXELS = 100_000_000
+"""Pixels of the largest image that is read: above most sensors, and still fit for memory in 16 bits and color."""
+
+LEAST_SIDE = 16
+"""Least width and height in px: four dots that can be measured do not fit into less."""
+
+_LARGEST_FILE = 1 << 30
+_FORMATS = ("BMP", "JPEG", "PNG", "PPM", "TIFF", "WEBP")
+_KNOWN = "PNG, JPEG, TIFF, BMP, WebP or PGM"
+_ORIENTATION = 0x0112
+
+_UNDO: dict[int, Callable[[NDArray[Any]], NDArray[Any]]] = {
+    1: lambda image: image,
+    2: lambda image: image[:, ::-1],
+    3: lambda image: image[::-1, ::-1],
+    4: lambda image: image[::-1],
+    5: lambda image: image.swapaxes(0, 1),
+    6: lambda image: np.rot90(image),
+    7: lambda image: image[::-1, ::-1].swapaxes(0, 1),
+    8: lambda image: np.rot90(image, -1),
+}
+"""By orientation, what takes back how decoders turn the images of TIFF files; those of others they do not turn."""
+
+ORIENTATION_NOTE = "the EXIF orientation is ignored: the camera's calibration is for the sensor as it is"
+TRANSPARENCY_NOTE = "transparent pixels are taken as white"
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """A picture.
+
+    Attributes
+    ----------
+    grey : array (h, w) of uint8 or uint16
+        Colors are turned into luminance.
+    notes : tuple of str
+        What was done to it, or left undone, that its owner may not expect.
+    """
+
+    grey: Grey
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Header:
+    """What a file says of its image."""
+
+    width: int
+    height: int
+    format: str
+    orientation: int
+
+
+def read_image(path: Path) -> Image:
+    """Read an image of 8 or 16 bits, grey or color; its rows and columns are the sensor's, whatever EXIF says.
+
+    A second decoder, Pillow, reads the header first and then goes through the file to its end, since OpenCV fills up
+    what a truncated file lacks and says nothing.
+
+    Raises
+    ------
+    InputError
+        If it is missing, not readable, no image of a known format, damaged, of another depth, of less than 16 px to a
+        side or more than 100 million pixels.
+    """
+    data = _content(path)
+    try:
+        with _quiet():
+            header = _examine(path, data)
+            pixels = _decode(data)
+    except InputError:
+        raise
+    except MemoryError:
+        raise InputError(f"memory enough for {path}", "too little", "scale the image down") from None
+    except Exception as error:  # Decoders raise whatever comes up in a broken file.
+        raise InputError(f"a whole {_KNOWN} image in {path}", _brief(error), "export the image again") from None
+    if pixels.dtype not in (np.uint8, np.uint16):
+        raise InputError(
+            f"8 or 16 bits per channel in {path}", f"{pixels.dtype}", "convert the image to 8 or 16 bit grey"
+        )
+    if pixels.shape[1::-1] != (header.width, header.height):
+        raise InputError(
+            f"{header.width}x{header.height} px in {path}, as its header says",
+            f"{pixels.shape[1]}x{pixels.shape[0]} px",
+            "export the image again",
+        )
+    if header.format == "TIFF":
+        pixels = _UNDO.get(header.orientation, _UNDO[1])(pixels)
+    transparent = _transparent(pixels)
+    if transparent and header.format == "TIFF":
+        # Decoders do not agree whether its colors are already multiplied by their opacity.
+        raise InputError(f"an opaque image in {path}", "a transparent TIFF", "remove the transparency, or use PNG")
+    notes = [ORIENTATION_NOTE] * (header.orientation != 1) + [TRANSPARENCY_NOTE] * transparent
+    return Image(_grey(pixels), tuple(notes))
+
+
+def find_images(patterns: Sequence[str | Path]) -> list[Path]:
+    """Paths of the images that files, folders and globs stand for, in this order and each once.
+
+    A folder stands for all image files that lie in it, a glob for all image files that match, both sorted by name;
+    hidden ones are left out. The name of a file is taken as it is: whether there is one, reading it will tell.
+
+    Raises
+    ------
+    InputError
+        If a folder or a glob has no image, or a folder cannot be read, or nothing was asked for.
+    """
+    if not patterns:
+        raise InputError("one image or more", "none", "name image files or a folder")
+    found: dict[str, Path] = {}
+    for pattern in map(str, patterns):
+        for path in _matches(pattern):
+            found.setdefault(os.path.abspath(path), path)  # noqa: PTH100 - links with other names are other images
+    return list(found.values())
+
+
+def _matches(pattern: str) -> list[Path]:
+    path = Path(pattern)
+    try:
+        if path.is_dir():
+            candidates = list(path.iterdir())
+        elif glob.has_magic(pattern) and not path.exists():
+            candidates = [Path(name) for name in glob.glob(pattern, recursive=True)]  # noqa: PTH207
+        else:
+            return [path]
+        images = sorted(
+            each
+            for each in candidates
+            if each.suffix.lower() in SUFFIXES and not each.name.startswith(".") and not each.is_dir()
+        )
+    except (OSError, ValueError) as error:
+        raise InputError(f"a readable folder at {pattern}", _reason(error), "check the path") from None
+    if not images:
+        raise InputError(f"images at {pattern}", "none", f"name {_KNOWN} files, or a folder that has some")
+    return images
+
+
+def _content(path: Path) -> bytes:
+    reason = "a readable image at"
+    try:
+        if path.is_dir():
+            raise InputError(f"{reason} {path}", "a folder", "name its files, or give it where folders are taken")
+        if path.exists() and not path.is_file():
+            raise InputError(f"{reason} {path}", "no regular file", "save the image to a file first")
+        length = path.stat().st_size
+        if length > _LARGEST_FILE:
+            raise InputError(f"{reason} {path}", f"{length} bytes", "files of more than 1 GiB are not read")
+        data = path.read_bytes()
+    except (OSError, ValueError) as error:
+        raise InputError(f"{reason} {path}", _reason(error), "check the path") from None
+    if not data:
+        raise InputError(f"{reason} {path}", "an empty file", "export the image again")
+    return data
+
+
+def _examine(path: Path, data: bytes) -> _Header:
+    """Header of an image that has been read to its end; raises if it is damaged or of an unfit size."""
+    from PIL import Image as Pillow
+    from PIL import UnidentifiedImageError
+
+    # Pillow's own limit would raise before the size is known.
+    limit, Pillow.MAX_IMAGE_PIXELS = Pillow.MAX_IMAGE_PIXELS, None
+    try:
+        with Pillow.open(io.BytesIO(data), formats=_FORMATS) as image:
+            width, height = image.size
+            if width * height > LARGEST_PIXELS:
+                raise InputError(
+                    f"at most {LARGEST_PIXELS // 1_000_000} megapixels in {path}",
+                    f"{width}x{height} px",
+                    "crop the image, or scale it and its calibration down",
+                )
+            if min(width, height) < LEAST_SIDE:
+                raise InputError(
+                    f"at least {LEAST_SIDE}x{LEAST_SIDE} px in {path}", f"{width}x{height} px", "give a larger image"
+                )
+            try:
+                orientation = image.getexif().get(_ORIENTATION, 1)
+            except Exception:  # EXIF is broken in many an image that is otherwise fine.
+                orientation = 1
+            header = _Header(width, height, str(image.format), orientation if orientation in _UNDO else 1)
+            image.load()
+    except UnidentifiedImageError:
+        raise InputError(
+            f"a {_KNOWN} image of 8 or 16 bits in {path}", "another format or depth", "convert the image to PNG"
+        ) from None
+    finally:
+        Pillow.MAX_IMAGE_PIXELS = limit
+    return header
+
+
+def _decode(data: bytes) -> NDArray[Any]:
+    import cv2
+
+    pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    if pixels is None:
+        raise ValueError("damaged data")
+    return np.asarray(pixels)
+
+
+def _transparent(pixels: NDArray[Any]) -> bool:
+    return pixels.ndim == 3 and pixels.shape[2] in (2, 4) and bool((pixels[..., -1] < np.iinfo(pixels.dtype).max).any())
+
+
+def _grey(pixels: NDArray[Any]) -> Grey:
+    """Luminance (h, w) of grey (h, w), (h, w, 1 or 2) or BGR (h, w, 3 or 4), the last of 2 or 4 being opacity."""
+    import cv2
+
+    colors = pixels if pixels.ndim == 3 else pixels[..., None]
+    if colors.shape[2] in (2, 4):
+        if _transparent(pixels):
+            most = float(np.iinfo(pixels.dtype).max)
+            white = most + colors[..., -1:] / most * (colors - most)
+            colors = np.rint(white).astype(pixels.dtype)
+        colors = colors[..., :-1]
+    colors = np.ascontiguousarray(colors)
+    grey: Grey = colors[..., 0] if colors.shape[2] == 1 else cv2.cvtColor(colors, cv2.COLOR_BGR2GRAY)
+    return grey
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep warnings back, also those that the decoders' libraries write to standard error past Python."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            kept = os.dup(2)
+        except OSError:  # There is no standard error to write to.
+            yield
+            return
+        try:
+            with open(os.devnull, "wb") as nowhere:  # noqa: PTH123 - a device
+                os.dup2(nowhere.fileno(), 2)
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+
+
+def _reason(error: OSError | ValueError) -> str:
+    return (isinstance(error, OSError) and error.strerror) or "an impossible name"
+
+
+def _brief(error: Exception) -> str:
+    """One line of at most 80 characters."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    return text if len(text) <= 80 else text[:77] + "..."

@@ -1,0 +1,72 @@
+"""The marker, to scale."""
+
+from typing import TYPE_CHECKING
+
+from markergen.model.marker import ControlPoint, Marker
+from markergen.units import format_length
+from markergen.validate.report.page import INK, MUTED
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_DARK, _PAPER = "#111111", "#ffffff"
+
+
+def draw_marker(marker: Marker, ax: "Axes") -> "Axes":
+    """Draw boundary, dots with their ids, frame axes, and a dimension; all in mm of the marker plane."""
+    from matplotlib.patches import Circle, Polygon
+
+    radius = 1e3 * marker.boundary.radius
+    rim = 1e3 * marker.boundary.rim(256)
+    ax.add_patch(Polygon(rim, closed=True, facecolor=_PAPER, edgecolor=INK, linewidth=1.0))
+    for point in marker.control_points:
+        center = (1e3 * point.x, 1e3 * point.y)
+        outer, inner = (5e2 * size for size in (point.feature.diameter, point.feature.inner_diameter))
+        if outer:
+            ax.add_patch(Circle(center, outer, facecolor=_DARK, edgecolor="none"))
+        else:
+            ax.plot(*center, marker="+", color=_DARK, markersize=7)
+        if inner:
+            ax.add_patch(Circle(center, inner, facecolor=_PAPER, edgecolor="none"))
+        _name(point, radius, ax)
+    _axes(radius, ax)
+    low, high = float(rim[:, 0].min()), float(rim[:, 0].max())
+    _dimension(low, high, float(rim[:, 1].min()) - 0.13 * radius, format_length((high - low) / 1e3), radius, ax)
+    ax.set_xlim(low - 0.12 * radius, high + 0.12 * radius)
+    ax.set_ylim(float(rim[:, 1].min()) - 0.32 * radius, float(rim[:, 1].max()) + 0.08 * radius)
+    ax.set_aspect("equal")
+    ax.axis("off")
+    return ax
+
+
+def _name(point: ControlPoint, radius: float, ax: "Axes") -> None:
+    """Write the id where it can be read: in the dot's middle if there is room, else beside it."""
+    room = 1e3 * (point.feature.inner_diameter or point.feature.diameter)
+    x, y, text = 1e3 * point.x, 1e3 * point.y, str(point.id)
+    if room > 0.09 * radius * max(len(text), 1):
+        color = INK if point.feature.inner_diameter else _PAPER
+        ax.text(x, y, text, color=color, ha="center", va="center_baseline", fontsize=9, fontweight="bold")
+    else:
+        offset = 5e2 * point.feature.diameter + 0.03 * radius
+        ax.text(x + offset, y, text, color=INK, ha="left", va="center_baseline", fontsize=9)
+    if point.z:
+        below = y - 5e2 * point.feature.diameter - 0.03 * radius
+        ax.text(x, below, f"z {1e3 * point.z:.4g}", color=MUTED, ha="center", va="top", fontsize=8)
+
+
+def _axes(radius: float, ax: "Axes") -> None:
+    length = 0.3 * radius
+    for end, name in (((length, 0), "x"), ((0, length), "y")):
+        ax.annotate("", end, (0, 0), arrowprops={"arrowstyle": "-|>", "color": INK, "shrinkA": 0, "shrinkB": 0})
+        ax.text(1.16 * end[0], 1.16 * end[1], name, ha="center", va="center", style="italic")
+    # The head of an arrow that comes toward the reader.
+    ax.plot(0, 0, marker="o", markersize=8, markerfacecolor=_PAPER, markeredgecolor=INK)
+    ax.plot(0, 0, marker="o", markersize=2.5, color=INK)
+    ax.text(-0.08 * radius, -0.08 * radius, "z", ha="right", va="top", style="italic")
+
+
+def _dimension(low: float, high: float, y: float, text: str, radius: float, ax: "Axes") -> None:
+    ax.annotate("", (low, y), (high, y), arrowprops={"arrowstyle": "<|-|>", "color": INK, "shrinkA": 0, "shrinkB": 0})
+    for x in (low, high):
+        ax.plot([x, x], [y - 0.05 * radius, y + 0.13 * radius], color=MUTED, linewidth=0.7)
+    ax.text((low + high) / 2, y - 0.04 * radius, text, ha="center", va="top")

@@ -1,0 +1,50 @@
+import json
+
+import pytest
+
+from markergen.cli import main
+from markergen.model.marker_json import to_json
+from markergen.validate import compare
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch, pentagon):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(compare, "TUNING_VIEWS", 2)
+    (tmp_path / "marker.json").write_bytes(to_json(pentagon))
+    return tmp_path
+
+
+def test_tables_json_and_picture(here, capsys):
+    arguments = ["compare", "marker.json", "square", "aruco:DICT_4X4_50:7", "--views", "3", "--workers", "1"]
+    assert main([*arguments, "--json", "c.json", "--plot", "c.svg"]) == 0
+    said = capsys.readouterr().out
+    for words in ("marker.json", "square", "aruco:DICT_4X4_50:7", "ratio", "wrote c.json", "wrote c.svg"):
+        assert words in said
+    assert json.loads((here / "c.json").read_text())["views"]["count"] == 3
+    assert "<svg" in (here / "c.svg").read_text()
+    assert main([*arguments, "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["contestants"][2]["name"] == "aruco:DICT_4X4_50:7"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["marker.json", "hexagon"], "known: MARKER.json, ngon:N"),
+        (["marker.json", "apriltag:36h11:587"], "an id of 0 to 586"),
+        (["marker.json", "nowhere.json"], "nowhere.json"),
+        (["marker.json", "--plot", "c.gif"], ".svg or .png"),
+        (["marker.json", "--plot", "no/c.svg"], "No such file or directory"),
+        (["marker.json", "--views", "0"], "one view or more"),
+        (["marker.json", "--print-sigma", "5 parsecs"], "a length"),
+        ([], "compare --help"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(arguments, said, here, capsys):
+    assert main(["compare", *arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert len(captured.err.splitlines()) == 1
+    assert captured.err.startswith("markergen: error: ")
+    assert said in captured.err
+    assert {path.name for path in here.iterdir()} == {"marker.json"}

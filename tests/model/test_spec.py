@@ -1,0 +1,35 @@
+import pytest
+
+from markergen.errors import InputError
+from markergen.model.image_noise import ImageNoise
+from markergen.model.spec import Spec
+
+
+def test_the_noise_model_is_settled_so_that_equal_wishes_are_equal():
+    assert Spec().noise_model == "point"
+    assert Spec(dot="auto").noise_model == "image"
+    assert Spec(dot="auto", noise_model="image") == Spec(dot="auto")
+    assert Spec(noise_model="point").hash == Spec().hash
+
+
+def test_specs_from_before_there_was_a_noise_model_keep_their_hash():
+    assert Spec().hash == "2b6ca07a"
+    assert not {"noise_model", "image_noise"} & set(Spec().as_dict())
+    assert Spec(noise_model="image").as_dict()["noise_model"] == "image"
+    assert Spec(image_noise=ImageNoise(blur_px=1.0)).as_dict()["image_noise"]["blur_px"] == 1.0
+    assert len({spec.hash for spec in (Spec(), Spec(noise_model="image"), Spec(dot="auto"), Spec(dot=0.036))}) == 4
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"noise_model": "pixel"}, "known: point, image"),
+        ({"noise_model": "point", "dot": "auto"}, "the noise model image for --dot auto"),
+        ({"noise_model": "image", "dot": 0.0}, "dots with a size"),
+        ({"noise_model": "image", "objective": "condition"}, "an objective that depends on the noise"),
+        ({"dot": "auto", "objective": "condition"}, "an objective that depends on the noise"),
+    ],
+)
+def test_wishes_that_do_not_go_together_are_refused(values, words):
+    with pytest.raises(InputError, match=words):
+        Spec(**values)

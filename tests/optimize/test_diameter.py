@@ -1,0 +1,107 @@
+import re
+
+import numpy as np
+import pytest
+
+from markergen.errors import InputError
+from markergen.model.boundary import Circle
+from markergen.model.camera import PAPER_CAMERA, Camera
+from markergen.model.marker_json import from_json, to_json
+from markergen.model.poses import PoseDistribution
+from markergen.model.spec import Spec
+from markergen.objectives import OBJECTIVES, Setting
+from markergen.objectives.criteria import regular_polygon
+from markergen.objectives.weights import DotNoise
+from markergen.optimize.design import design
+from markergen.optimize.dots import choose_dots, largest_that_leaves_room, pixels_across, smallest_detectable
+
+
+@pytest.fixture(scope="module")
+def few(setting):
+    """Every seventh pose of the paper: as many distances and tilts, in a seventh of the time."""
+    return PoseDistribution("few", setting.poses.rotation[::7], setting.poses.translation[::7])
+
+
+def polygon_error(poses, diameter, name="pose"):
+    """Predicted error of the pentagon on the inset rim."""
+    noisy = Setting(Circle(0.15), PAPER_CAMERA, poses, DotNoise(diameter))
+    points = regular_polygon(5, 0.15 - 0.6 * diameter)
+    return OBJECTIVES[name](noisy)(points[None])[0]
+
+
+def test_no_diameter_of_a_scan_promises_less(few):
+    size = choose_dots(Spec(dot="auto"), few)
+    scan = [polygon_error(few, diameter) for diameter in np.arange(0.012, 0.09, 0.001)]
+    # Whole tenths of a millimeter about a flat minimum.
+    assert polygon_error(few, size.diameter) <= min(scan) * 1.0001
+    assert size.diameter == round(size.diameter, 4)
+    assert size.clearance == pytest.approx(size.diameter / 10)
+    told = re.fullmatch(r"([\d.]+) mm, with the least predicted error, ([\d.]+) mm: larger ones are .*", size.reason)
+    assert float(told[1]) == pytest.approx(1e3 * size.diameter)
+    # Three digits are told, and the pentagon is not quite the best for so few poses.
+    assert float(told[2]) == pytest.approx(1e3 * polygon_error(few, size.diameter), rel=0.01)
+    assert choose_dots(Spec(dot="auto"), few) == size
+
+
+def test_an_auto_design_is_a_marker_like_any_other():
+    found = design(Spec(dot="auto", n=4, restarts=1))
+    marker = found.marker
+    assert from_json(to_json(marker).decode()).dot_diameter == found.dots.diameter
+    assert marker.provenance["spec"]["dot"] == "auto"
+    assert marker.provenance["noise"] == found.setting.noise_words
+    assert found.setting.noise == DotNoise(found.dots.diameter)
+    assert found.setting.noise_words in found.summary
+    assert found.criteria["design"]["pose_m"] <= found.criteria["ngon"]["pose_m"] * 1.0001
+
+
+def test_the_homography_wants_smaller_dots_farther_out(few):
+    size = choose_dots(Spec(dot="auto", objective="homography"), few)
+    scan = np.arange(0.02, 0.08, 0.002)
+    homography, pose = ([polygon_error(few, diameter, name) for diameter in scan] for name in ("homography", "pose"))
+    assert scan[np.argmin(homography)] < scan[np.argmin(pose)]
+    # The regular polygon is nearly, not quite, the best layout for the homography.
+    assert polygon_error(few, size.diameter, "homography") <= min(homography) * 1.01
+    assert " px: larger ones" in size.reason
+
+
+def test_dots_are_never_too_small_to_be_detected():
+    # A coarse camera, for which the best dots of a small marker would be a few pixels.
+    coarse = Camera(320, 240, 400.0, 400.0, 160.0, 120.0)
+    spec = Spec(dot="auto", n=4, boundary=Circle(0.06), camera=coarse, restarts=1)
+    found = design(spec)
+    least = smallest_detectable(coarse, found.setting.poses)
+    assert found.dots.diameter == least
+    assert pixels_across(least, coarse, found.setting.poses) == pytest.approx(4.0, rel=0.01)
+    assert "4 px wide and 6 px long in 94 % of the poses" in found.dots.reason
+    assert not found.warnings
+
+
+def test_room_may_leave_less_than_detection_needs(few):
+    spec = Spec(dot="auto", n=6, boundary=Circle(0.012))
+    size = choose_dots(spec, few)
+    assert size.diameter == largest_that_leaves_room(spec)
+    assert "90 % of the largest at which 6 dots fit" in size.reason
+    assert f"; {smallest_detectable(PAPER_CAMERA, few) * 1e3:g} mm would be detected well" in size.reason
+
+
+def test_no_room_at_all_is_refused(setting):
+    with pytest.raises(InputError, match=r"room for dots of 0\.1 mm and more"):
+        choose_dots(Spec(dot="auto", n=20, boundary=Circle(2e-4)), setting.poses)
+
+
+def test_a_given_clearance_is_kept(few):
+    assert choose_dots(Spec(dot="auto", n=4, clearance=0.02), few).clearance == 0.02
+
+
+def test_smallest_detectable_looks_at_both_axes(setting):
+    # Tilts decide here; seen frontally alone, the long axis would.
+    assert smallest_detectable(PAPER_CAMERA, setting.poses) == pytest.approx(0.018, abs=0.001)
+    frontal = type(setting.poses)("frontal", setting.poses.rotation[:20], setting.poses.translation[:20])
+    assert smallest_detectable(PAPER_CAMERA, frontal) == pytest.approx(6 * 0.6 / 800)
+
+
+def test_progress_ends_full(few):
+    calls = []
+    choose_dots(Spec(dot="auto", n=4), few, lambda *call: calls.append(call))
+    assert calls[-1][1] == calls[-1][2]
+    assert {stage for stage, *_ in calls} == {"dot size"}
