@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from markergen.model.boundary import Circle
+from markergen.model.boundary import Boundary, Circle, Polygon, area_without, polygon_from
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.feature import Feature, key_ring
 from markergen.model.marker import ControlPoint, Marker
@@ -46,6 +47,62 @@ def build_marker(points: np.ndarray, radius: float, diameter: float) -> Marker:
 def build_ngon(n: int, radius: float, diameter: float) -> Marker:
     """Regular n-gon, as far out as dots and clearance allow."""
     return build_marker(regular_polygon(n, radius - 0.6 * diameter), radius, diameter)
+
+
+def build_in(
+    boundary: Boundary, n: int, diameter: float, keep_outs: tuple[Boundary, ...] = (), seed: int = 0
+) -> Marker:
+    """Dots spread over a boundary: each as far from the others as one of 500 random places is."""
+    places = area_without(boundary, keep_outs).sample(500, 0.6 * diameter, np.random.default_rng(seed))
+    points = places[:1]
+    while len(points) < n:
+        gaps = np.linalg.norm(places[:, None] - points, axis=-1).min(axis=1)
+        assert gaps.max() > 1.1 * diameter
+        points = np.concatenate([points, places[[np.argmax(gaps)]]])
+    return replace(build_marker(points, 1.0, diameter), boundary=boundary, keep_outs=keep_outs)
+
+
+def _ring(count: int, radius: float, x: float = 0.0, y: float = 0.0) -> np.ndarray:
+    return regular_polygon(count, radius) + [x, y]
+
+
+def _rectangle(width: float, height: float, x: float = 0.0, y: float = 0.0) -> np.ndarray:
+    return np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [width / 2, height / 2] + [x, y]
+
+
+def _star() -> np.ndarray:
+    angle = np.pi / 2 + np.pi * np.arange(10) / 5
+    radius = np.where(np.arange(10) % 2, 0.06, 0.15)
+    return radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+SHAPES = {
+    "rectangle": [_rectangle(0.2, 0.1)],
+    "L": [np.array([[0, 0], [0.2, 0], [0.2, 0.08], [0.08, 0.08], [0.08, 0.2], [0, 0.2]])],
+    # As fine as outlines from drawings are: 5 um off the circle.
+    "annulus": [_ring(272, 0.15), _ring(192, 0.075)],
+    "star": [_star()],
+    "two squares": [_rectangle(0.1, 0.1, -0.08), _rectangle(0.1, 0.1, 0.08)],
+    "plate": [_rectangle(0.2, 0.2), *(_ring(64, 0.008, x, y) for x in (-0.07, 0.07) for y in (-0.07, 0.07))],
+}
+"""Outlines in m of the shapes that everything about boundaries is tried on, in frames of their own."""
+
+
+@pytest.fixture(scope="session")
+def shapes() -> dict[str, Polygon]:
+    """Boundaries by name: a rectangle 2:1, an L, an annulus, a star, two squares, a plate with four holes."""
+    return {name: polygon_from(outlines) for name, outlines in SHAPES.items()}
+
+
+@pytest.fixture(scope="session", params=SHAPES)
+def shape(request: pytest.FixtureRequest, shapes: dict[str, Polygon]) -> Polygon:
+    """Each of the six boundaries in turn."""
+    return shapes[request.param]
+
+
+@pytest.fixture(scope="session")
+def make_in() -> Callable[..., Marker]:
+    return build_in
 
 
 @pytest.fixture(scope="session")

@@ -9,6 +9,7 @@ from markergen.detect.detection import Detection
 from markergen.maths.projection import apply_homography, to_camera
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
+from markergen.model.outlines import walked
 
 Array = NDArray[np.float64]
 
@@ -45,7 +46,10 @@ def overlay(
 
 def _draw(canvas: NDArray[np.uint8], marker: Marker, camera: Camera | None, detection: Detection) -> None:
     pixels = {int(i): pixel for i, pixel in zip(detection.ids, detection.pixels, strict=True)}
-    _polyline(canvas, _seen(marker.boundary.rim(256), camera, detection), _FOUND, closed=True)
+    for ring in marker.boundary.outlines():
+        # In short steps, since a lens bends straight edges.
+        points, _ = walked(ring, marker.boundary.radius / 40)
+        _polyline(canvas, _seen(points, camera, detection), _FOUND, closed=True)
     for point in marker.control_points:
         color = _FOUND if point.id in pixels else _GUESSED
         for diameter in (point.feature.diameter, point.feature.inner_diameter):

@@ -1,6 +1,6 @@
 """What stands around the dots on a sheet: ruler, axes, boundary, center cross and title block."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, hypot, pi, sqrt
 
@@ -12,8 +12,9 @@ from markergen.drawing.numbers import quiet_radius
 from markergen.drawing.paper import Paper
 from markergen.drawing.scene import BLACK, WHITE, Box, Disk, Line, Outline, Point, Shape, marker_name
 from markergen.drawing.text import text, text_width, wrap
-from markergen.model.boundary import Boundary
+from markergen.model.boundary import Boundary, Circle
 from markergen.model.marker import Marker
+from markergen.model.outlines import walked
 
 Array = NDArray[np.float64]
 Drawn = tuple[list[Shape], list[Shape]]
@@ -31,6 +32,13 @@ CENTROID_PULL = 2e-3
 
 SHORTEST_ARM = 0.5
 """Of the center cross, mm; a shorter one would be taken for a speck."""
+
+
+HEADINGS = {"+x": (1, 0), "+y": (0, 1), "-x": (-1, 0), "-y": (0, -1)}
+"""The axes' four directions."""
+
+AIR = 1.0
+"""Between an outline and a tick or the center cross, mm."""
 
 
 @dataclass(frozen=True)
@@ -80,39 +88,98 @@ class Frame:
         return self.margin, self.footer, self.right, self.paper.height - self.margin
 
 
-def boundary_line(boundary: Boundary, origin: Point, dots: tuple[Disk, ...]) -> list[Shape]:
-    """Hairline along the boundary, interrupted where it would cross a quiet zone."""
-    count = max(ceil(2 * pi * boundary.radius * 1e3), 360)
-    rim = boundary.rim(count) * 1e3 + origin
-    step = float(np.max(np.hypot(*(np.roll(rim, -1, axis=0) - rim).T)))
-    # A segment between two points that are half a step clear of a circle cannot cross it.
-    free = _clear(rim, dots, step / 2 + HAIRLINE)
+def boundary_lines(marker: Marker, origin: Point, dots: tuple[Disk, ...]) -> list[Shape]:
+    """Hairlines along the boundary and along the keep-outs in it, interrupted where they would cross a quiet zone."""
+    lines = _outline_lines(marker.boundary, "boundary", origin, dots)
+    for index, keep_out in enumerate(marker.keep_outs):
+        lines += _outline_lines(keep_out, f"keep-out-{index}", origin, dots, marker.boundary)
+    return lines
+
+
+def _outline_lines(
+    shape: Boundary, name: str, origin: Point, dots: tuple[Disk, ...], within: Boundary | None = None
+) -> list[Shape]:
+    rings, circles = shape.curves()
+    paths = [walked(ring * 1e3, 1.0) for ring in rings]
+    for x, y, radius, _ in circles:
+        count = max(ceil(2 * pi * radius * 1e3), 360)
+        paths.append((Circle(radius, (x, y)).rim(count) * 1e3, np.ones(count, dtype=bool)))
+    runs: list[Array] = []
+    for points, corner in paths:
+        rim = points + origin
+        step = float(np.max(np.hypot(*(np.roll(rim, -1, axis=0) - rim).T)))
+        # A segment between two points that are half a step clear of a circle cannot cross it.
+        free = _clear(rim, dots, step / 2 + HAIRLINE)
+        if within is not None:
+            free &= within.depth(points / 1e3) > 0
+        runs += _runs(rim, free, corner)
+    return [_polyline(run, f"{name}-{index}") for index, run in enumerate(runs)]
+
+
+def _runs(rim: Array, free: NDArray[np.bool_], corner: NDArray[np.bool_]) -> list[Array]:
+    """Parts of a closed line whose points are free, of each the ends and the corners between them."""
     if free.all():
-        return [_polyline(np.concatenate([rim, rim[:1]]), "boundary-0")]
+        corners = rim[corner]
+        return [np.concatenate([corners, corners[:1]])]
     start = int(np.argmin(free))
-    rim, free = np.roll(rim, -start, axis=0), np.roll(free, -start)
+    rim, free, corner = np.roll(rim, -start, axis=0), np.roll(free, -start), np.roll(corner, -start)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(int)))
-    runs = [rim[begin:end] for begin, end in edges.reshape(-1, 2) if end - begin > 1]
-    return [_polyline(run, f"boundary-{index}") for index, run in enumerate(runs)]
+    runs = []
+    for begin, end in edges.reshape(-1, 2):
+        kept = corner[begin:end].copy()
+        kept[[0, -1]] = True
+        if end - begin > 1:
+            runs.append(rim[begin:end][kept])
+    return runs
+
+
+def axis_reach(boundary: Boundary) -> dict[str, float]:
+    """How far from the origin in mm the outline reaches along each axis: where ticks may begin.
+
+    What counts is the outline within `AIR` of the axis; where there is none on that side, all of it.
+    """
+    reach = {}
+    for name, heading in HEADINGS.items():
+        along, aside = (
+            [np.asarray(ring @ np.array(axis) * 1e3) for ring in boundary.outlines()]
+            for axis in (heading, heading[::-1])
+        )
+        near = max(_farthest(a, b) for a, b in zip(along, aside, strict=True))
+        reach[name] = near if near > 0 else max(float(a.max()) for a in along)
+    return reach
+
+
+def _farthest(along: Array, aside: Array) -> float:
+    """Largest `along` of a closed polygon in the strip where `aside` is at most `AIR`; -inf if it misses the strip."""
+    start, step = aside, np.roll(aside, -1) - aside
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossings = np.sort(np.stack([(-AIR - start) / step, (AIR - start) / step]), axis=0)
+    level = step == 0
+    low = np.where(level, 0.0, np.maximum(crossings[0], 0.0))
+    high = np.where(level, 1.0, np.minimum(crossings[1], 1.0))
+    hits = (low <= high) & ~(level & (np.abs(start) > AIR))
+    ends = along + np.stack([low, high]) * (np.roll(along, -1) - along)
+    return float(np.max(ends[:, hits], initial=-np.inf))
 
 
 def axis_ticks(
-    frame: Frame, origin: Point, radius: float, dots: tuple[Disk, ...], boxes: Sequence[Box] = ()
+    frame: Frame, origin: Point, reach: Mapping[str, float], dots: tuple[Disk, ...], boxes: Sequence[Box] = ()
 ) -> list[Line]:
-    """Short lines where the axes meet the boundary, or farther out where a quiet zone or a box is in the way.
+    """Short lines where the axes leave the boundary, or farther out where a quiet zone or a box is in the way.
 
-    A tick that would leave the marker's part of the page is left out.
+    A tick that would leave the marker's part of the page, or whose axis has the whole boundary behind it, is left out.
+    `reach` is what `axis_reach` tells.
     """
     length = TICK * frame.scale
     centers = np.array([[dot.x, dot.y] for dot in dots]) - origin
     blocked = np.array([quiet_radius(dot) + FINE for dot in dots])
     ticks = []
-    for name, heading in (("+x", (1, 0)), ("+y", (0, 1)), ("-x", (-1, 0)), ("-y", (0, -1))):
+    for name, heading in HEADINGS.items():
         along, across = centers @ heading, centers @ heading[::-1]
         half = np.sqrt(np.maximum(blocked**2 - across**2, 0))
         zones = list(zip(along - half, along + half, strict=True))
         zones += [_shadow(box, origin, heading, 2 * frame.scale) for box in boxes]
-        start = radius
+        start = reach[name]
         # Sorted by where they begin, so one pass over the zones jumps over all that the tick would touch.
         for near, far in sorted(zones):
             if near < far and near < start + length and far > start:
@@ -121,7 +188,7 @@ def axis_ticks(
             (origin[0] + reach * heading[0], origin[1] + reach * heading[1]) for reach in (start, start + length)
         )
         left, bottom, right, top = frame.region
-        if left <= tip[0] <= right and bottom <= tip[1] <= top:
+        if start > 0 and left <= tip[0] <= right and bottom <= tip[1] <= top:
             ticks.append(Line((foot, tip), FINE, f"axis{name}"))
     return ticks
 
@@ -136,14 +203,14 @@ def _shadow(box: Box, origin: Point, heading: tuple[int, int], air: float) -> tu
     return ends[0], ends[1]
 
 
-def center_cross(frame: Frame, origin: Point, dots: tuple[Disk, ...]) -> list[Shape]:
+def center_cross(frame: Frame, origin: Point, dots: tuple[Disk, ...], room: float) -> list[Shape]:
     """Fine cross at the origin: black on paper, white on a dot, none where it would disturb a dot.
 
     A cross on a dot but e mm off its middle moves the dot's center of gravity by area(cross) e / area(dot); there its
     arms are shortened until that is below `CENTROID_PULL`. Too short to see, or beside a dot in its quiet zone, it is
-    left out: the axis ticks still give the center.
+    left out: the axis ticks still give the center. So it is where an outline is near, which is `room` mm away.
     """
-    arm, width, color = 3.0 * frame.scale, HAIRLINE, BLACK
+    arm, width, color = min(3.0 * frame.scale, room - AIR), HAIRLINE, BLACK
     for dot in dots:
         offset = hypot(dot.x - origin[0], dot.y - origin[1])
         if offset >= quiet_radius(dot) + arm:
@@ -151,10 +218,10 @@ def center_cross(frame: Frame, origin: Point, dots: tuple[Disk, ...]) -> list[Sh
         width, in_hole = 0.1, offset < dot.inner_radius
         color = BLACK if in_hole else WHITE
         if in_hole:
-            room = dot.inner_radius - offset
+            inside = dot.inner_radius - offset
         else:
-            room = min(dot.radius - offset, offset - dot.inner_radius if dot.inner_radius else dot.radius)
-        arm = min(arm, room / 2)
+            inside = min(dot.radius - offset, offset - dot.inner_radius if dot.inner_radius else dot.radius)
+        arm = min(arm, inside / 2)
         if offset:
             ink = pi * (dot.radius**2 - dot.inner_radius**2)
             arm = min(arm, CENTROID_PULL * ink / (4 * width * offset))
@@ -224,15 +291,29 @@ def axes(frame: Frame) -> Drawn:
     return marks, texts
 
 
+def size_words(boundary: Boundary) -> str:
+    """``300 mm across`` for a disk, else width and height as in ``200 x 100 mm``."""
+    width, height = box_mm(boundary)[2:] - box_mm(boundary)[:2]
+    across = 2e3 * boundary.radius
+    if max(abs(width - across), abs(height - across)) < 1e-6 * across:
+        return f"{across:.6g} mm across"
+    return f"{width:.6g} x {height:.6g} mm"
+
+
+def box_mm(boundary: Boundary) -> Array:
+    """Left, lower, right and upper end (4,) of the outline in mm, marker frame."""
+    points = np.concatenate(boundary.outlines()) * 1e3
+    return np.concatenate([points.min(axis=0), points.max(axis=0)])
+
+
 def title_block(frame: Frame, marker: Marker) -> Drawn:
     """Caption along the foot of the sheet: small gray headings over their values, from margin to margin."""
     scale, left = frame.scale, frame.margin
-    across = f"{marker.boundary.radius * 2e3:.6g} mm across"
     columns = [
         ("spec", marker_name(marker).removeprefix("markergen-"), "bold"),
         ("dots", str(len(marker)), "regular"),
         ("dot diameter", f"{marker.dot_diameter * 1e3:.6g} mm", "regular"),
-        ("size", across, "regular"),
+        ("size", size_words(marker.boundary), "regular"),
         ("scale", "1 : 1, print at 100 %", "regular"),
         ("made with", f"markergen {markergen.__version__}", "regular"),
     ]

@@ -14,12 +14,16 @@
 from dataclasses import dataclass
 from math import ceil, hypot
 
+import numpy as np
+
 from markergen.drawing import furniture
+from markergen.drawing.furniture import size_words
 from markergen.drawing.numbers import place_numbers, quiet_radius
 from markergen.drawing.paper import ISO, PAPERS, Paper, find_paper
 from markergen.drawing.scene import Disk, Layer, Line, Point, Scene, Shape, bounds, marker_dots, marker_name, moved
 from markergen.drawing.text import text
 from markergen.errors import InputError
+from markergen.model.boundary import Boundary
 from markergen.model.marker import Marker
 
 NUMBER_HEIGHT = 2.6
@@ -71,62 +75,71 @@ def sheet_for(marker: Marker, paper: str | None = None) -> Sheet:
         If a control point has no dot or lies off the plane, the paper is unknown, or the marker does not fit on it.
     """
     dots = marker_dots(marker)
-    radius = marker.boundary.radius * 1e3
-    chosen = _smallest(dots, radius) if paper is None else find_paper(paper)
-    origin = _origin(chosen, dots, radius) if chosen else None
+    reach = _extent(marker.boundary, dots)
+    chosen = _smallest(reach) if paper is None else find_paper(paper)
+    origin = _origin(chosen, reach) if chosen else None
     if chosen is None or origin is None:
-        raise _too_small(dots, radius, chosen)
+        raise _too_small(reach, size_words(marker.boundary), chosen)
     return _compose(marker, chosen, origin, dots, smallest=paper is None)
 
 
-def _extent(dots: tuple[Disk, ...]) -> tuple[float, float, float, float]:
-    """How far the quiet zones reach from the origin: left, down, right, up; mm."""
-    return (
+@dataclass(frozen=True)
+class _Reach:
+    """How far the outline and the quiet zones reach from the origin: left, down, right, up; mm."""
+
+    outline: tuple[float, float, float, float]
+    quiet: tuple[float, float, float, float]
+
+
+def _extent(boundary: Boundary, dots: tuple[Disk, ...]) -> _Reach:
+    left, down, right, up = map(float, furniture.box_mm(boundary))
+    quiet = (
         max(quiet_radius(dot) - dot.x for dot in dots),
         max(quiet_radius(dot) - dot.y for dot in dots),
         max(quiet_radius(dot) + dot.x for dot in dots),
         max(quiet_radius(dot) + dot.y for dot in dots),
     )
+    return _Reach((-left, -down, right, up), quiet)
 
 
-def _needs(frame: furniture.Frame, dots: tuple[Disk, ...], radius: float) -> tuple[float, float, float, float]:
+def _needs(frame: furniture.Frame, reach: _Reach) -> tuple[float, float, float, float]:
     """Distances in mm that the origin must keep from the paper's left, lower, right and upper edge.
 
     Marks keep to the printable margin; quiet zones are blank and may fill it, but not leave the paper.
     """
-    marks = radius + furniture.TICK * frame.scale
-    left, down, right, up = _extent(dots)
+    left, down, right, up = (side + furniture.TICK * frame.scale for side in reach.outline)
     return (
-        max(frame.margin + marks, left),
-        frame.footer + max(marks, down),
-        max(frame.margin + marks, right),
-        max(frame.margin + marks, up),
+        max(frame.margin + left, reach.quiet[0]),
+        frame.footer + max(down, reach.quiet[1]),
+        max(frame.margin + right, reach.quiet[2]),
+        max(frame.margin + up, reach.quiet[3]),
     )
 
 
-def _origin(paper: Paper, dots: tuple[Disk, ...], radius: float) -> Point | None:
+def _origin(paper: Paper, reach: _Reach) -> Point | None:
     """Where the origin goes: centered across the paper if it can, in the middle of the room above the footer."""
-    left, down, right, up = _needs(furniture.Frame(paper), dots, radius)
+    left, down, right, up = _needs(furniture.Frame(paper), reach)
     if left + right > paper.width or down + up > paper.height:
         return None
-    x = min(max(paper.width / 2, left), paper.width - right)
+    aside = (reach.outline[2] - reach.outline[0]) / 2
+    x = min(max(paper.width / 2 - aside, left), paper.width - right)
     return x, (down + paper.height - up) / 2
 
 
-def _smallest(dots: tuple[Disk, ...], radius: float) -> Paper | None:
-    return next((paper for paper in ISO if _origin(paper, dots, radius)), None)
+def _smallest(reach: _Reach) -> Paper | None:
+    return next((paper for size in ISO for paper in (size, size.landscape) if _origin(paper, reach)), None)
 
 
-def _too_small(dots: tuple[Disk, ...], radius: float, paper: Paper | None) -> InputError:
-    left, down, right, up = _needs(furniture.Frame(paper or ISO[-1]), dots, radius)
+def _too_small(reach: _Reach, size: str, paper: Paper | None) -> InputError:
+    left, down, right, up = _needs(furniture.Frame(paper or ISO[-1]), reach)
     room = f"{ceil(left + right)} x {ceil(down + up)} mm"
-    fit = _smallest(dots, radius) or next((p for p in PAPERS.values() if _origin(p, dots, radius)), None)
+    fit = _smallest(reach) or next((p for p in PAPERS.values() if _origin(p, reach)), None)
     if paper is None:
-        found = f"a marker {2 * radius:.6g} mm across that needs {room}"
+        found = f"a marker {size} that needs {room}"
         remedy = f"use --paper {fit.name}" if fit else "design a smaller one, or export it as .step"
         return InputError("a marker that A0 paper holds", found, remedy)
     return InputError(
-        f"paper of at least {room} for a marker {2 * radius:.6g} mm across",
+        f"paper of at least {room} for a marker {size}",
         str(paper),
         f"use --paper {fit.name}" if fit else "no known paper holds it: design a smaller one, or export it as .step",
     )
@@ -135,14 +148,18 @@ def _too_small(dots: tuple[Disk, ...], radius: float, paper: Paper | None) -> In
 def _compose(marker: Marker, paper: Paper, origin: Point, dots: tuple[Disk, ...], smallest: bool) -> Sheet:
     frame = furniture.Frame(paper)
     placed = tuple(moved(dot, *origin) for dot in dots)
-    radius = marker.boundary.radius * 1e3
+    reach = furniture.axis_reach(marker.boundary)
+    center = np.zeros(2)
+    room = 1e3 * min(abs(float(shape.depth(center))) for shape in (marker.boundary, *marker.keep_outs))
     marks = [
-        *furniture.boundary_line(marker.boundary, origin, placed),
-        *furniture.center_cross(frame, origin, placed),
+        *furniture.boundary_lines(marker, origin, placed),
+        *furniture.center_cross(frame, origin, placed, room),
     ]
     # Ticks that stand on the boundary come before the numbers; those that a quiet zone pushes out come after them.
     on_boundary = [
-        tick for tick in furniture.axis_ticks(frame, origin, radius, placed) if _starts(tick, origin, radius)
+        tick
+        for tick in furniture.axis_ticks(frame, origin, reach, placed)
+        if _starts(tick, origin, reach[tick.name.removeprefix("axis")])
     ]
     names = [str(point.id) for point in marker.control_points]
     height = NUMBER_HEIGHT * frame.scale
@@ -154,7 +171,7 @@ def _compose(marker: Marker, paper: Paper, origin: Point, dots: tuple[Disk, ...]
         if place is not None
         for x, y in [place]
     ]
-    ticks = furniture.axis_ticks(frame, origin, radius, placed, [bounds(number) for number in numbers])
+    ticks = furniture.axis_ticks(frame, origin, reach, placed, [bounds(number) for number in numbers])
     ruler_mm = furniture.ruler_length(frame)
     ruler_marks, ruler_text = furniture.ruler(frame, ruler_mm)
     axes_marks, axes_text = furniture.axes(frame)
@@ -167,26 +184,26 @@ def _compose(marker: Marker, paper: Paper, origin: Point, dots: tuple[Disk, ...]
         )
     )
     nameless = [name for name, place in zip(names, places, strict=True) if place is None]
-    across = f"{marker.boundary.radius * 2e3:.6g} mm across"
+    size = size_words(marker.boundary)
     return Sheet(
         paper,
         scene,
         origin,
         ruler_mm,
         marker_name(marker),
-        f"Fiducial marker with {len(marker)} dots, {across}, at true size on {paper}. Print at 100 %.",
-        _notes(f"{'needs' if smallest else 'stands on'} {paper}", across, ruler_mm, nameless),
+        f"Fiducial marker with {len(marker)} dots, {size}, at true size on {paper}. Print at 100 %.",
+        _notes(f"{'needs' if smallest else 'stands on'} {paper}", size, ruler_mm, nameless),
     )
 
 
-def _starts(tick: Line, origin: Point, radius: float) -> bool:
+def _starts(tick: Line, origin: Point, reach: float) -> bool:
     foot = tick.points[0]
-    return abs(hypot(foot[0] - origin[0], foot[1] - origin[1]) - radius) < 1e-6
+    return abs(hypot(foot[0] - origin[0], foot[1] - origin[1]) - reach) < 1e-6
 
 
-def _notes(where: str, across: str, ruler_mm: float, nameless: list[str]) -> tuple[str, ...]:
+def _notes(where: str, size: str, ruler_mm: float, nameless: list[str]) -> tuple[str, ...]:
     notes = [
-        f"The marker {where}: its disk is {across}.",
+        f"The marker {where}: {'its disk' if size.endswith('across') else 'its outline'} is {size}.",
         f"Print at 100 %, then check that the ruler on the sheet measures {ruler_mm:g} mm.",
     ]
     if nameless:

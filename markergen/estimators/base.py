@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
-from markergen.maths.projection import perspective, to_camera, to_pixels
-from markergen.model.camera import Camera
+from markergen.maths.projection import from_pixels, perspective, to_camera, to_pixels
+from markergen.model.camera import NO_DISTORTION, Camera
 
 Array = NDArray[np.float64]
 E = TypeVar("E")
@@ -45,7 +45,8 @@ class Correspondences:
     Attributes
     ----------
     object_points : array (n, 2 or 3), m, marker frame; n is 4 or more
-    image_points : array (T, n, 2), px
+    image_points : array (T, n, 2), ideal px
+        Where `camera.ideal`, the camera without its lens' distortion, sees them; `as_taken` makes them of an image's.
     camera : Camera
 
     Raises
@@ -67,6 +68,16 @@ class Correspondences:
                 f"{self.object_points.shape} and {self.image_points.shape}",
                 "give four or more correspondences",
             )
+
+    @classmethod
+    def as_taken(cls, object_points: Array, pixels: Array, camera: Camera) -> "Correspondences":
+        """Correspondences of image points (T, n, 2) in px as the camera takes them, lens distortion and all.
+
+        Pixels that no ray comes to make the trial unsolvable.
+        """
+        if camera.distortion != NO_DISTORTION:
+            pixels = camera.ideal.to_pixels(camera.from_pixels(pixels))
+        return cls(object_points, pixels, camera)
 
     def once(self, estimator: "Estimator[E]") -> E:
         """Solve with `estimator`, or hand out what it found before, so that LM and IPPE share one solution of IPPE.
@@ -99,6 +110,14 @@ class Correspondences:
         return np.pad(np.asarray(self.object_points, dtype=float), ((0, 0), (0, missing)))
 
     @cached_property
+    def lens(self) -> Array | None:
+        """Derivative (T, n, 2, 2) of the image points as taken by the ideal ones; None without distortion."""
+        if self.camera.distortion == NO_DISTORTION:
+            return None
+        normalized = from_pixels(self.image_points, self.camera.matrix)
+        return self.camera.pixel_jacobian(normalized) / self.camera.focal
+
+    @cached_property
     def solvable(self) -> NDArray[np.bool_]:
         """Mask (T,) of the trials with finite points that are neither coincident nor collinear, here or there."""
         finite = np.asarray(np.isfinite(self.image_points).all(axis=(-2, -1)))
@@ -106,7 +125,7 @@ class Correspondences:
         return finite & _spread(images) & _spread(self.xyz)
 
     def reprojection_error(self, rotation: Array, translation: Array) -> Array:
-        """Mean squared distance (T,) in px^2 between image points and reprojected object points.
+        """Mean squared distance (T,) in ideal px^2 between image points and reprojected object points.
 
         inf for a pose (T, 3, 3), (T, 3) that is not finite or puts a point behind the camera.
         """

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt on the reprojection error: the maximum-likelihood pose under Gaussian noise."""
+"""Levenberg-Marquardt on the reprojection error: the maximum-likelihood pose under Gaussian noise of the image."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,8 @@ def refine(batch: Correspondences, rotation: Array, translation: Array) -> tuple
     """Minimize the squared reprojection error of every trial over its pose.
 
     Solves (J'J + lambda diag J'J) s = J'r and applies s = (w, dt) as R <- exp([w]x) R, t <- t + dt, J being
-    `maths.information.pose_jacobian` and r the residuals in px, with Marquardt's rule for lambda.
+    `maths.information.pose_jacobian` and r the residuals in px, with Marquardt's rule for lambda. The noise is that of
+    the image as taken: with a lens, J and r are multiplied by its derivative at the measured points.
 
     All trials take their steps together and leave when they have converged. cv2.solvePnPRefineLM finds the same poses
     (a test says so) but takes three times as long, one call per trial, and stops after 20 iterations, which is too
@@ -59,7 +60,7 @@ def refine(batch: Correspondences, rotation: Array, translation: Array) -> tuple
         if not len(trials):
             break
         R, t = rotation[trials], translation[trials]
-        jacobian = pose_jacobian(points, R, t, focal)
+        jacobian = _taken(batch, trials, pose_jacobian(points, R, t, focal))
         step = _damped_step(jacobian, residual, damping)
         R, t = exponential(step[:, :3]) @ R, t + step[:, 3:]
         new_residual = _residual(batch, trials, R, t)
@@ -77,13 +78,21 @@ def refine(batch: Correspondences, rotation: Array, translation: Array) -> tuple
 
 
 def _residual(batch: Correspondences, trials: NDArray[np.intp], rotation: Array, translation: Array) -> Array:
-    """Image minus projection (trials, 2n) in px; inf where a point is behind the camera."""
+    """Image minus projection (trials, 2n) in px as taken; inf where a point is behind the camera."""
     seen = to_camera(batch.xyz, rotation, translation)
     behind = np.any(seen[..., 2] <= 0, axis=-1)
     seen[behind] = 1.0
     residual = batch.image_points[trials] - to_pixels(perspective(seen), batch.camera.matrix)
+    residual = _taken(batch, trials, residual.reshape(len(trials), 2 * len(batch.xyz), 1))[..., 0]
     residual[behind] = np.inf
-    return residual.reshape(len(trials), 2 * len(batch.xyz))
+    return residual
+
+
+def _taken(batch: Correspondences, trials: NDArray[np.intp], rows: Array) -> Array:
+    """Rows (trials, 2n, k) in px as taken, of those in ideal px."""
+    if batch.lens is None:
+        return rows
+    return (batch.lens[trials] @ rows.reshape(len(trials), -1, 2, rows.shape[-1])).reshape(rows.shape)
 
 
 def _damped_step(jacobian: Array, residual: Array, damping: Array) -> Array:

@@ -73,6 +73,26 @@ def distortion_jacobian(model: str, normalized: Array, coefficients: Coefficient
     return np.stack([xx, xy, xy, yy], axis=-1).reshape(*x.shape, 2, 2)
 
 
+def distortion_hessian(model: str, normalized: Array, coefficients: Coefficients) -> Array:
+    """Second derivative (..., 2, 2, 2) of `distort`; nan outside the domain.
+
+    [..., i, j, k] is that of x'_i by x_j and x_k. The Jacobian is itself the second derivative of a potential, so the
+    order of all three does not matter.
+    """
+    x, y = normalized[..., 0], normalized[..., 1]
+    if model == "none":
+        return np.zeros((*x.shape, 2, 2, 2))
+    p1, p2 = _tangential(model, coefficients)
+    with np.errstate(over="ignore", invalid="ignore"):
+        square = _square(model, x, y, coefficients)
+        _, slope = _radial(model, square, coefficients)
+        twice, bend = 2 * slope, 4 * _radial_bend(model, square, coefficients)
+        across = twice + bend * x * x, twice + bend * y * y
+        xxx, yyy = (across[0] + 2 * twice) * x + 6 * p2, (across[1] + 2 * twice) * y + 6 * p1
+        xxy, xyy = across[0] * y + 2 * p1, across[1] * x + 2 * p2
+    return np.stack([xxx, xxy, xxy, xyy, xxy, xyy, xyy, yyy], axis=-1).reshape(*x.shape, 2, 2, 2)
+
+
 def coefficient_jacobian(model: str, normalized: Array, coefficients: Coefficients) -> Array:
     """Derivative (..., 2, k) of `distort` by the k coefficients; nan outside the domain."""
     result = np.zeros((*normalized.shape[:-1], 2, len(coefficients)))
@@ -183,6 +203,28 @@ def _radial(model: str, square: Array, c: Coefficients, slope: bool = True) -> t
         if slope:
             derivative = (derivative - scale * _polynomial(square, below_slope)) * inverse
     return scale, derivative
+
+
+def _radial_bend(model: str, square: Array, c: Coefficients) -> Array:
+    """Second derivative of the radial scale by r^2."""
+    scale, slope = _radial(model, square, c)
+    if model == "equidistant":
+        angle = np.arctan(np.sqrt(square))
+        angle2 = angle * angle
+        center = square < 1e-12
+        # With S = (s r)' = s + 2 r^2 s', s'' = (S' - 3 s') / (2 r^2); at the center from the series of both.
+        grown = (1.0, 3 * c[0], 5 * c[1], 7 * c[2], 9 * c[3])
+        unit = np.where(center, 1.0, angle / np.sqrt(np.where(center, 1.0, square)))
+        change = (_polynomial(angle2, _derivative(grown)) * unit - _polynomial(angle2, grown)) / (1 + square) ** 2
+        return np.where(center, 2 * (c[1] - c[0] + 0.2), (change - 3 * slope) / np.where(center, 1.0, 2 * square))
+    _, below, above_slope, below_slope = _ratio(c)
+    bend = _polynomial(square, _derivative(above_slope))
+    if len(below) > 1:
+        bend = (
+            bend - 2 * slope * _polynomial(square, below_slope) - scale * _polynomial(square, _derivative(below_slope))
+        )
+        bend = bend / _polynomial(square, below)
+    return bend
 
 
 def _equidistant(square: Array, c: Coefficients, slope: bool) -> tuple[Array, Array]:

@@ -90,7 +90,9 @@ def center_covariance(affine: Array, edge_px: float, contrast_to_noise: float) -
         return np.stack([d, -b, -b, a], axis=-1).reshape(affine.shape) / (a * d - b * b)[..., None, None]
 
 
-def dot_covariance(semi: Array, angle: Array, edge_px: float, contrast: float, noise_grey: float) -> Array:
+def dot_covariance(
+    semi: Array, angle: Array, edge_px: float, contrast: float, noise_grey: float, lens: Array | None = None
+) -> Array:
     """Least covariance (..., 2, 2) in px^2 of the center of dots, given their image ellipses.
 
     Parameters
@@ -100,6 +102,8 @@ def dot_covariance(semi: Array, angle: Array, edge_px: float, contrast: float, n
         Of the longest axis from x.
     edge_px, contrast, noise_grey : float
         See `center_information`; contrast and noise in grey levels.
+    lens : array (..., 2, 2) or None
+        Derivative of the image as taken, whose pixels and blur count, by the one that the ellipses are in.
 
     Returns
     -------
@@ -108,7 +112,8 @@ def dot_covariance(semi: Array, angle: Array, edge_px: float, contrast: float, n
     """
     cosine, sine = np.cos(angle), np.sin(angle)
     turn = np.stack([cosine, -sine, sine, cosine], axis=-1).reshape(*np.shape(angle), 2, 2)
-    return center_covariance(turn * semi[..., None, :], edge_px, contrast / noise_grey)
+    affine = turn * semi[..., None, :]
+    return center_covariance(affine if lens is None else lens @ affine, edge_px, contrast / noise_grey)
 
 
 def linearize(

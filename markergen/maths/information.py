@@ -51,7 +51,9 @@ def covariance(matrix: Array) -> Array:
     try:
         return np.asarray(np.linalg.inv(matrix), dtype=float)
     except np.linalg.LinAlgError:
-        singular = np.linalg.matrix_rank(matrix, hermitian=True) < matrix.shape[-1]
+        # A pose from which the lens does not see a point has no numbers at all.
+        singular = np.asarray(~np.isfinite(matrix).all(axis=(-2, -1)))
+        singular[~singular] = np.linalg.matrix_rank(matrix[~singular], hermitian=True) < matrix.shape[-1]
         inverse = np.full_like(matrix, np.inf)
         inverse[~singular] = np.linalg.inv(matrix[~singular])
         return inverse

@@ -1,7 +1,9 @@
 """The region that the dots must lie in whole. A new shape is a new subclass; nothing else asks what it is."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import isfinite, pi
 from typing import Any
 
@@ -9,18 +11,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
+from markergen.model.interior import inset_of, scatter, shape_of
+from markergen.model.outlines import Ring, canonical, enclosing_circle, signed_area
+from markergen.model.segments import Index, Mask, Segments
 from markergen.units import format_length
 
 Array = NDArray[np.float64]
 
+CIRCLE_CORNERS = 720
+"""Corners of the polygon that stands for a circle where it is drawn; it is 1.4 um off at a radius of 0.15 m."""
+
 
 class Boundary(ABC):
-    """A closed region of the marker plane; the marker frame's origin is the center of its smallest enclosing circle."""
+    """A closed region of the marker plane.
+
+    The marker frame's origin is the center of its smallest enclosing circle, unless an imported outline keeps its own.
+    """
 
     @property
     @abstractmethod
     def radius(self) -> float:
-        """Radius r of the smallest enclosing circle in m: the marker's size."""
+        """Radius r of the smallest enclosing circle in m: the marker's size, wherever the origin is."""
+
+    @property
+    @abstractmethod
+    def center(self) -> tuple[float, float]:
+        """Center (x, y) of the smallest enclosing circle in m: the origin, but for keep-outs and kept origins."""
 
     @property
     @abstractmethod
@@ -37,15 +53,29 @@ class Boundary(ABC):
 
     @abstractmethod
     def project(self, points: Array, inset: float) -> Array:
-        """Nearest points (..., 2) at least `inset` m inside the outline; points that are so already stay."""
+        """Nearest points (..., 2) at least `inset` m inside the outline; points that are so already stay.
+
+        Where nothing is so deep, the deepest point.
+        """
 
     @abstractmethod
     def sample(self, count: int, inset: float, rng: np.random.Generator) -> Array:
-        """Draw (count, 2) points uniformly from the region inset by `inset` m."""
+        """Draw (count, 2) points uniformly from the region inset by `inset` m; the deepest where nothing is so deep."""
 
     @abstractmethod
     def rim(self, count: int) -> Array:
-        """Points (count, 2) spread evenly along the outline."""
+        """Points (count, 2) spread evenly along the outline, its holes left out."""
+
+    @abstractmethod
+    def outlines(self) -> tuple[Array, ...]:
+        """Closed polygons (m, 2) in m, outer ones counterclockwise and holes clockwise; a circle's is a fine one."""
+
+    @abstractmethod
+    def curves(self) -> tuple[tuple[Array, ...], Array]:
+        """What the outline consists of exactly: closed polygons as in `outlines`, and circles (c, 4).
+
+        Of a circle the center x, y and the radius in m, and 1 with the region inside it or -1 with the region outside.
+        """
 
     @abstractmethod
     def as_dict(self) -> dict[str, Any]:
@@ -54,21 +84,24 @@ class Boundary(ABC):
 
 @dataclass(frozen=True)
 class Circle(Boundary):
-    """A disk around the origin.
+    """A disk, around the origin unless it is a keep-out.
 
     Raises
     ------
     InputError
-        If the radius is not a finite number above 0.
+        If the radius is not a finite number above 0, or the center is not finite.
     """
 
     size: float
+    center: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         if not (isfinite(self.size) and self.size > 0):
             raise InputError(
                 "a radius above 0", f"radius={self.size} m", "give a positive length such as 0.15 or 150mm"
             )
+        if not all(map(isfinite, self.center)):
+            raise InputError("a finite center", f"center={self.center} m", "give two lengths")
 
     @property
     def radius(self) -> float:
@@ -82,34 +115,353 @@ class Circle(Boundary):
 
     def depth(self, points: Array) -> Array:
         """See `Boundary.depth`."""
-        return self.size - np.hypot(points[..., 0], points[..., 1])
+        return self.size - np.hypot(points[..., 0] - self.center[0], points[..., 1] - self.center[1])
 
     def depth_gradient(self, points: Array) -> Array:
         """See `Boundary.depth_gradient`."""
-        distance = np.hypot(points[..., 0], points[..., 1])[..., None]
-        return -points / np.maximum(distance, np.finfo(float).tiny)
+        offset = points - self.center
+        distance = np.hypot(offset[..., 0], offset[..., 1])[..., None]
+        return -offset / np.maximum(distance, np.finfo(float).tiny)
 
     def project(self, points: Array, inset: float) -> Array:
-        """See `Boundary.project`; an inset beyond the radius leaves the center alone."""
+        """See `Boundary.project`."""
         limit = max(self.size - inset, 0.0)
-        distance = np.hypot(points[..., 0], points[..., 1])[..., None]
-        return np.where(distance > limit, points * (limit / np.maximum(distance, np.finfo(float).tiny)), points)
+        offset = points - self.center
+        distance = np.hypot(offset[..., 0], offset[..., 1])[..., None]
+        inner = offset * (limit / np.maximum(distance, np.finfo(float).tiny))
+        if self.center != (0.0, 0.0):
+            inner = inner + self.center
+        return np.where(distance > limit, inner, points)
 
     def sample(self, count: int, inset: float, rng: np.random.Generator) -> Array:
         """See `Boundary.sample`."""
         distance = max(self.size - inset, 0.0) * np.sqrt(rng.random(count))
-        return distance[:, None] * _directions(2 * pi * rng.random(count))
+        return distance[:, None] * _directions(2 * pi * rng.random(count)) + self.center
 
     def rim(self, count: int) -> Array:
         """See `Boundary.rim`."""
-        return self.size * _directions(2 * pi * np.arange(count) / count)
+        return self.size * _directions(2 * pi * np.arange(count) / count) + self.center
+
+    def outlines(self) -> tuple[Array, ...]:
+        """See `Boundary.outlines`."""
+        return (self.rim(CIRCLE_CORNERS),)
+
+    def curves(self) -> tuple[tuple[Array, ...], Array]:
+        """See `Boundary.curves`."""
+        return (), np.array([[*self.center, self.size, 1.0]])
 
     def as_dict(self) -> dict[str, Any]:
-        """See `Boundary.as_dict`."""
-        return {"kind": "circle", "radius": self.size}
+        """See `Boundary.as_dict`; the center is left out where it is the origin."""
+        center = {} if self.center == (0.0, 0.0) else {"center": list(self.center)}
+        return {"kind": "circle", "radius": self.size, **center}
 
     def __str__(self) -> str:
         return f"disk of radius {format_length(self.size)}"
+
+
+class _Drawn(Boundary):
+    """A region whose inset follows from its curves."""
+
+    def project(self, points: Array, inset: float) -> Array:
+        """See `Boundary.project`."""
+        flat = np.ascontiguousarray(points, dtype=float).reshape(-1, 2)
+        shallow = self.depth(flat) < inset
+        if not shallow.any():
+            return points
+        flat = flat.copy()
+        flat[shallow] = inset_of(self, inset).nearest(flat[shallow])
+        return flat.reshape(points.shape)
+
+    def sample(self, count: int, inset: float, rng: np.random.Generator) -> Array:
+        """See `Boundary.sample`."""
+        return scatter(self, count, inset, rng)
+
+
+@dataclass(frozen=True)
+class Polygon(_Drawn):
+    """One or more regions with straight edges, each with or without holes.
+
+    Attributes
+    ----------
+    rings : tuple of tuple of (x, y)
+        Closed outlines in m, marker frame, without the first corner again at the end. An outline within another is a
+        hole in it, one within the hole a region again; which way they are drawn does not matter, and is made to be
+        counterclockwise for outer ones and clockwise for holes.
+
+    Raises
+    ------
+    InputError
+        See `canonical`.
+    """
+
+    rings: tuple[Ring, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rings", canonical(self.rings))
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __getstate__(self) -> dict[str, Any]:
+        # What follows from the corners is not sent to other processes.
+        return {"rings": self.rings}
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash(self.rings)
+
+    @cached_property
+    def _arrays(self) -> tuple[Array, ...]:
+        arrays = tuple(np.array(ring) for ring in self.rings)
+        for array in arrays:
+            array.setflags(write=False)
+        return arrays
+
+    @cached_property
+    def _edges(self) -> Segments:
+        return Segments(np.concatenate(self._arrays), np.concatenate([np.roll(r, -1, axis=0) for r in self._arrays]))
+
+    @cached_property
+    def _circle(self) -> tuple[Array, float]:
+        return enclosing_circle(self._arrays)
+
+    @property
+    def radius(self) -> float:
+        """See `Boundary.radius`."""
+        return self._circle[1]
+
+    @property
+    def center(self) -> tuple[float, float]:
+        """See `Boundary.center`."""
+        return float(self._circle[0][0]), float(self._circle[0][1])
+
+    @cached_property
+    def area(self) -> float:
+        """See `Boundary.area`."""
+        return sum(map(signed_area, self._arrays))
+
+    def depth(self, points: Array) -> Array:
+        """See `Boundary.depth`."""
+        flat = points.reshape(-1, 2)
+        sign, offset, _, _ = self._seen_from(flat)
+        return (sign * np.hypot(*offset.T)).reshape(points.shape[:-1])
+
+    def depth_gradient(self, points: Array) -> Array:
+        """See `Boundary.depth_gradient`; where several edges are nearest, one of them decides."""
+        flat = points.reshape(-1, 2)
+        sign, offset, index, at_corner = self._seen_from(flat)
+        distance = np.hypot(*offset.T)
+        apart = distance > 1e-12 * self.radius
+        # Beside an edge this is its normal, which has no rounding even on the outline; in a corner the mean of two.
+        gradient = self._edges.normal[index]
+        within = at_corner & ~apart
+        gradient[within] = self._bisectors[self._corner(flat[within], index[within])]
+        around = at_corner & apart
+        gradient[around] = offset[around] * (sign[around] / distance[around])[:, None]
+        return gradient.reshape(points.shape)
+
+    def _seen_from(self, points: Array) -> tuple[Array, Array, Index, Mask]:
+        """Sign (P,), 1 inside and -1 outside, offset (P, 2) from the nearest point, its edge, and whether at a corner.
+
+        The side of the nearest edge tells inside from outside; at a corner the sides of both its edges do, unless
+        outlines touch there: then all edges have a say.
+        """
+        edges, (before, _, sharp, touching) = self._edges, self._corners
+        index = edges.nearest(points)
+        place = edges.place(points, index)
+        left = self._left_of(points, index)
+        at_corner = (place <= 0) | (place >= 1)
+        if at_corner.any():
+            where = np.flatnonzero(at_corner)
+            corner = self._corner(points[where], index[where])
+            one, other = (self._left_of(points[where], edge) for edge in (corner, before[corner]))
+            left[where] = np.where(sharp[corner], one & other, one | other)
+            where = where[touching[corner]]
+            left[where] = edges.surround(points[where])
+        return np.where(left, 1.0, -1.0), points - edges.at(index, place), index, at_corner
+
+    def _corner(self, points: Array, index: Index) -> Index:
+        """Corners (P,), those ends of edges that are nearer."""
+        return np.where(self._edges.place(points, index) > 0.5, self._corners[1][index], index)
+
+    @cached_property
+    def _bisectors(self) -> Array:
+        normal = self._edges.normal
+        both = normal + normal[self._corners[0]]
+        return both / np.maximum(np.linalg.norm(both, axis=-1, keepdims=True), np.finfo(float).tiny)
+
+    def _left_of(self, points: Array, index: Index) -> Mask:
+        step, offset = self._edges.step[index], points - self._edges.start[index]
+        return step[:, 0] * offset[:, 1] >= step[:, 1] * offset[:, 0]
+
+    @cached_property
+    def _corners(self) -> tuple[Index, Index, Mask, Mask]:
+        """Of every corner: the one before it, the one after it, whether it turns left, and whether outlines touch."""
+        import shapely
+
+        sizes = [len(ring) for ring in self._arrays]
+        first = np.cumsum([0, *sizes[:-1]])
+        numbers = [start + np.arange(size) for start, size in zip(first, sizes, strict=True)]
+        before, after = (np.concatenate([np.roll(ring, turn) for ring in numbers]) for turn in (1, -1))
+        edges = self._edges
+        sharp = edges.step[before, 0] * edges.step[:, 1] > edges.step[before, 1] * edges.step[:, 0]
+        tree = shapely.STRtree(shapely.linestrings(np.stack([edges.start, edges.end], axis=1)))
+        near, _ = tree.query(shapely.points(edges.start), predicate="dwithin", distance=1e-9 * self.radius)
+        return before, after, sharp, np.bincount(near, minlength=len(edges)) > 2
+
+    def rim(self, count: int) -> Array:
+        """See `Boundary.rim`; even by length over all outer outlines, from half a step behind the first corner on."""
+        outer = [np.concatenate([ring, ring[:1]]) for ring in self._arrays if signed_area(ring) > 0]
+        lengths = [np.linalg.norm(np.diff(ring, axis=0), axis=-1) for ring in outer]
+        ends = np.cumsum(np.concatenate(lengths))
+        start, step = np.concatenate([ring[:-1] for ring in outer]), np.concatenate([np.diff(r, axis=0) for r in outer])
+        along = ends[-1] * (np.arange(count) + 0.5) / count
+        edge = np.minimum(np.searchsorted(ends, along, side="right"), len(ends) - 1)
+        left = (ends[edge] - along) / np.concatenate(lengths)[edge]
+        return start[edge] + (1 - left)[:, None] * step[edge]
+
+    def outlines(self) -> tuple[Array, ...]:
+        """See `Boundary.outlines`."""
+        return self._arrays
+
+    def curves(self) -> tuple[tuple[Array, ...], Array]:
+        """See `Boundary.curves`."""
+        return self._arrays, np.zeros((0, 4))
+
+    def as_dict(self) -> dict[str, Any]:
+        """See `Boundary.as_dict`."""
+        return {"kind": "polygon", "outlines": [[list(corner) for corner in ring] for ring in self.rings]}
+
+    def __str__(self) -> str:
+        points = np.concatenate(self._arrays)
+        width, height = (format_length(float(size)) for size in np.round(np.ptp(points, axis=0), 9))
+        regions = sum(signed_area(ring) > 0 for ring in self._arrays)
+        holes = len(self._arrays) - regions
+        parts = [f"{regions} regions"] * (regions > 1) + [f"{holes} hole{'s' * (holes > 1)}"] * (holes > 0)
+        return f"polygon of {width} x {height}" + (f" with {' and '.join(parts)}" if parts else "")
+
+
+@dataclass(frozen=True)
+class Without(_Drawn):
+    """A boundary without its keep-outs: where dots may be. Size, rim and origin are the boundary's.
+
+    `depth` is the smallest of the distances to the boundary and to each keep-out: exact inside, a lower bound of
+    the distance back outside.
+    """
+
+    boundary: Boundary
+    keep_outs: tuple[Boundary, ...]
+
+    @property
+    def radius(self) -> float:
+        """See `Boundary.radius`; of the boundary."""
+        return self.boundary.radius
+
+    @property
+    def center(self) -> tuple[float, float]:
+        """See `Boundary.center`; of the boundary."""
+        return self.boundary.center
+
+    @cached_property
+    def area(self) -> float:
+        """See `Boundary.area`; circles are taken for fine polygons."""
+        return sum(map(signed_area, self.outlines()))
+
+    def depth(self, points: Array) -> Array:
+        """See `Boundary.depth`."""
+        depth = self.boundary.depth(points)
+        for keep_out in self.keep_outs:
+            depth = np.minimum(depth, -keep_out.depth(points))
+        return depth
+
+    def depth_gradient(self, points: Array) -> Array:
+        """See `Boundary.depth_gradient`."""
+        depth, gradient = self.boundary.depth(points), self.boundary.depth_gradient(points)
+        for keep_out in self.keep_outs:
+            other = -keep_out.depth(points)
+            gradient = np.where((other < depth)[..., None], -keep_out.depth_gradient(points), gradient)
+            depth = np.minimum(depth, other)
+        return gradient
+
+    def rim(self, count: int) -> Array:
+        """See `Boundary.rim`; the boundary's."""
+        return self.boundary.rim(count)
+
+    def outlines(self) -> tuple[Array, ...]:
+        """See `Boundary.outlines`."""
+        return self._outlines
+
+    @cached_property
+    def _outlines(self) -> tuple[Array, ...]:
+        import shapely
+
+        taken = shapely.union_all([shape_of(keep_out.outlines()) for keep_out in self.keep_outs])
+        left = shapely.difference(shape_of(self.boundary.outlines()), taken)
+        rings = shapely.get_rings(shapely.get_parts(shapely.orient_polygons(left)))
+        return tuple(shapely.get_coordinates(ring)[:-1] for ring in rings)
+
+    def curves(self) -> tuple[tuple[Array, ...], Array]:
+        """See `Boundary.curves`; parts that lie outside of the region are among them."""
+        rings, circles = self.boundary.curves()
+        for keep_out in self.keep_outs:
+            more, round_ = keep_out.curves()
+            rings += tuple(ring[::-1] for ring in more)
+            circles = np.concatenate([circles, round_ * [1, 1, 1, -1]])
+        return rings, circles
+
+    def as_dict(self) -> dict[str, Any]:
+        """See `Boundary.as_dict`."""
+        return {
+            "kind": "without",
+            "boundary": self.boundary.as_dict(),
+            "keep_outs": [keep_out.as_dict() for keep_out in self.keep_outs],
+        }
+
+    def __str__(self) -> str:
+        count = len(self.keep_outs)
+        return f"{self.boundary} with {count} keep-out{'s' * (count > 1)}"
+
+
+def polygon_from(outlines: Sequence[Array], origin: str = "center") -> Polygon:
+    """Polygon of outlines (m, 2) in m, with the origin moved to the center of the smallest enclosing circle.
+
+    Coordinates are rounded to whole picometers, so that a shift leaves no rounding dust.
+
+    Parameters
+    ----------
+    outlines : sequence of array (m, 2)
+    origin : {"center", "file"}
+        ``file`` leaves the origin where it is.
+
+    Raises
+    ------
+    InputError
+        See `Polygon`.
+    """
+    if origin not in ("center", "file"):
+        raise InputError("an origin of center or file", repr(origin), "use --origin center or --origin file")
+    rings = canonical(outlines)
+    shift = enclosing_circle([np.array(ring) for ring in rings])[0] if origin == "center" else np.zeros(2)
+    # Adding 0 makes -0 a plain 0.
+    return Polygon(tuple(tuple(map(tuple, np.round(np.array(ring) - shift, 12) + 0.0)) for ring in rings))
+
+
+def area_without(boundary: Boundary, keep_outs: Sequence[Boundary]) -> Boundary:
+    """Region that dots may use: the boundary, or what keep-outs leave of it.
+
+    Raises
+    ------
+    InputError
+        If they leave nothing.
+    """
+    if not keep_outs:
+        return boundary
+    left = Without(boundary, tuple(keep_outs))
+    if not left.area > 1e-9 * boundary.area:
+        raise InputError(
+            "keep-outs that leave room in the boundary", f"{left} and nothing left", "use fewer or smaller keep-outs"
+        )
+    return left
 
 
 def _directions(angles: Array) -> Array:

@@ -8,6 +8,9 @@ from pydantic import ValidationError
 SHOWN = 20
 """How many findings a message lists; it then says how many more there are."""
 
+UNNAMED = "="
+"""Begins those steps of a path that the reader of a file does not see there."""
+
 _WORDS = {"missing": "missing", "extra_forbidden": "unknown key"}
 
 
@@ -29,7 +32,8 @@ def listed(findings: Sequence[str]) -> str:
 
 def path_of(location: Sequence[int | str]) -> str:
     """Path of a place in a file: ``("control_points", 2, "x")`` is ``control_points[2].x``, the whole is ``file``."""
-    return "".join(_step(part) for part in location).removeprefix(".") or "file"
+    seen = (part for part in location if not str(part).startswith(UNNAMED))
+    return "".join(_step(part) for part in seen).removeprefix(".") or "file"
 
 
 def _step(part: int | str) -> str:

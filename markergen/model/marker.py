@@ -35,11 +35,13 @@ class Marker:
         The first is the key dot.
     boundary : Boundary
     clearance : float
-        Smallest gap in m between dots, and between a dot's edge and the boundary.
+        Smallest gap in m between dots, and between a dot's edge and the boundary or a keep-out.
     thickness : float
         Of the substrate when it is made as a solid, m.
     provenance : mapping
         Spec, seed, versions, camera, poses and criteria, as plain JSON values.
+    keep_outs : tuple of Boundary
+        Where no dot may be, such as mounting holes.
     """
 
     control_points: tuple[ControlPoint, ...]
@@ -47,6 +49,7 @@ class Marker:
     clearance: float
     thickness: float = 0.003
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    keep_outs: tuple[Boundary, ...] = ()
 
     def __len__(self) -> int:
         return len(self.control_points)

@@ -6,7 +6,7 @@ published schema (docs/marker-v1.schema.json).
 
 import json
 from collections import Counter
-from math import isfinite
+from math import hypot, isfinite
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -14,7 +14,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from markergen.errors import InputError
-from markergen.model.boundary import Circle
+from markergen.model.boundary import Boundary
+from markergen.model.boundary_file import BoundaryFile, Finite, built
 from markergen.model.feature import Feature
 from markergen.model.findings import brief, findings_of, listed
 from markergen.model.marker import ControlPoint, Marker
@@ -26,8 +27,6 @@ TOLERANCE = 1e-9
 """How far in m a dot may stand over the boundary, into another or into its clearance: rounding, far below printers."""
 
 Value = TypeVar("Value")
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
@@ -42,14 +41,9 @@ class _Frame(_Strict):
     x: Literal["right"] = "right"
     y: Literal["up"] = "up"
     z: Literal["out of the printed face, toward the viewer"] = "out of the printed face, toward the viewer"
-    origin: Literal["center of the boundary's smallest enclosing circle"] = (
+    origin: Literal["center of the boundary's smallest enclosing circle", "that of the boundary's drawing"] = (
         "center of the boundary's smallest enclosing circle"
     )
-
-
-class _Circle(_Strict):
-    kind: Literal["circle"]
-    radius: Positive
 
 
 class _Feature(_Strict):
@@ -76,7 +70,8 @@ class MarkerFile(_Strict):
     format: Literal["markergen-marker"]
     version: Literal[1]
     frame: _Frame
-    boundary: _Circle
+    boundary: BoundaryFile
+    keep_outs: list[BoundaryFile] = []
     clearance: NonNegative
     control_points: Annotated[list[_ControlPoint], Field(min_length=4, max_length=MOST_CONTROL_POINTS)]
     tag: None = None
@@ -92,11 +87,15 @@ def json_schema() -> dict[str, Any]:
 
 def to_json(marker: Marker) -> bytes:
     """Marker as canonical JSON text: the same marker gives the same bytes, and reading gives equal numbers back."""
+    # A hair is forgiven: drawings have their corners rounded.
+    centered = hypot(*marker.boundary.center) <= TOLERANCE
+    frame = _Frame() if centered else _Frame(origin="that of the boundary's drawing")
     content = {
         "format": FORMAT,
         "version": VERSION,
-        "frame": _Frame().model_dump(),
+        "frame": frame.model_dump(),
         "boundary": marker.boundary.as_dict(),
+        **({"keep_outs": [keep_out.as_dict() for keep_out in marker.keep_outs]} if marker.keep_outs else {}),
         "clearance": marker.clearance,
         "control_points": [
             {
@@ -206,7 +205,7 @@ def _structure(content: dict[str, Any]) -> list[str]:
 
 
 POINT: TypeAdapter[_ControlPoint] = TypeAdapter(_ControlPoint)
-CIRCLE: TypeAdapter[_Circle] = TypeAdapter(_Circle)
+BOUNDARY: TypeAdapter[Any] = TypeAdapter(BoundaryFile)
 GAP: TypeAdapter[float] = TypeAdapter(Annotated[NonNegative, Field(strict=True)])
 
 
@@ -227,11 +226,24 @@ def _geometry(content: dict[str, Any]) -> list[str]:
         for index, item in enumerate(items)
         if (point := _valid(POINT, item)) is not None
     }
-    boundary = _valid(CIRCLE, content.get("boundary"))
     findings = _features(points)
-    if points and boundary is not None:
-        findings += _room(points, Circle(boundary.radius), _valid(GAP, content.get("clearance")) or 0.0)
+    if points:
+        clearance = _valid(GAP, content.get("clearance")) or 0.0
+        findings += _room(points, _borders(content), clearance) + _gaps(points, clearance)
     return findings
+
+
+def _borders(content: dict[str, Any]) -> dict[str, tuple[Boundary, int]]:
+    """What dots must stay clear of, by name: the boundary (1) from inside and the keep-outs (-1) from outside."""
+    borders = {}
+    boundary = _valid(BOUNDARY, content.get("boundary"))
+    if boundary is not None:
+        borders["the boundary"] = (boundary.build(), 1)
+    keep_outs = content.get("keep_outs")
+    for index, item in enumerate(keep_outs if isinstance(keep_outs, list) else []):
+        if (keep_out := _valid(BOUNDARY, item)) is not None:
+            borders[f"keep_outs[{index}]"] = (keep_out.build(), -1)
+    return borders
 
 
 def _features(points: dict[str, _ControlPoint]) -> list[str]:
@@ -255,21 +267,32 @@ def _features(points: dict[str, _ControlPoint]) -> list[str]:
     return findings
 
 
-def _room(points: dict[str, _ControlPoint], boundary: Circle, clearance: float) -> list[str]:
-    """Findings about dots that are over or near the boundary, and that overlap or are near each other."""
+def _room(points: dict[str, _ControlPoint], borders: dict[str, tuple[Boundary, int]], clearance: float) -> list[str]:
+    """Findings about dots that are over or near the boundary or a keep-out."""
+    paths = list(points)
+    # Squares of larger coordinates would not be finite.
+    xy = np.clip([[point.x, point.y] for point in points.values()], -1e100, 1e100)
+    radii = np.array([point.feature.diameter / 2 for point in points.values()])
+    findings = []
+    for name, (border, side) in borders.items():
+        inside = side * border.depth(xy) - radii
+        for i in np.flatnonzero(inside < clearance - TOLERANCE):
+            if inside[i] < -TOLERANCE:
+                findings.append(f"{paths[i]}: stands {_mm(-inside[i])} over {name}")
+            else:
+                findings.append(f"{paths[i]}: {_mm(clearance - inside[i])} nearer to {name} than the clearance")
+    return findings
+
+
+def _gaps(points: dict[str, _ControlPoint], clearance: float) -> list[str]:
+    """Findings about dots that overlap or are near each other."""
     paths = list(points)
     xy = np.array([[point.x, point.y] for point in points.values()], dtype=float)
     radii = np.array([point.feature.diameter / 2 for point in points.values()])
-    # Coordinates may be so large that their squares are not finite; such points are outside.
+    # Points so far out that this is not finite are far from each other, too, or the same.
     with np.errstate(over="ignore"):
-        inside = boundary.depth(xy) - radii
         gaps = np.linalg.norm(xy[:, None] - xy[None], axis=-1) - radii[:, None] - radii[None]
     findings = []
-    for i in np.flatnonzero(inside < clearance - TOLERANCE):
-        if inside[i] < -TOLERANCE:
-            findings.append(f"{paths[i]}: stands {_mm(-inside[i])} over the boundary")
-        else:
-            findings.append(f"{paths[i]}: {_mm(clearance - inside[i])} nearer to the boundary than the clearance")
     for i, j in np.argwhere(np.triu(gaps < clearance - TOLERANCE, 1)):
         if gaps[i, j] < -TOLERANCE:
             findings.append(f"{paths[j]}: overlaps {paths[i]} by {_mm(-gaps[i, j])}")
@@ -288,8 +311,9 @@ def _build(file: MarkerFile) -> Marker:
             ControlPoint(p.id, p.x, p.y, p.z, Feature(p.feature.diameter, p.feature.inner_diameter))
             for p in file.control_points
         ),
-        boundary=Circle(file.boundary.radius),
+        boundary=file.boundary.build(),
         clearance=file.clearance,
         thickness=file.substrate.thickness,
         provenance=file.provenance,
+        keep_outs=built(file.keep_outs),
     )

@@ -1,22 +1,25 @@
 """Pose distributions: from where the camera looks at the marker."""
 
+from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
-from markergen.maths.projection import project, to_camera
 from markergen.maths.rotation import turn_z
 from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
+from markergen.model.cone import FORM, Cone
+from markergen.model.findings import brief
+from markergen.model.visibility import REASONS, RIM_POINTS, SEEN, silhouette, visibility
 from markergen.registry import Registry
 
-Array = NDArray[np.float64]
+__all__ = ["PRESETS", "RIM_POINTS", "PoseDistribution", "is_named", "named_poses", "paper", "paper_roll"]
 
-RIM_POINTS = 64
-"""Points of the outline that stand for it in visibility checks and in the pose objective."""
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +34,15 @@ class PoseDistribution:
     translation : array (P, 3), m
     dropped : int
         Poses that were left out because the boundary was not in view.
+    doubt : str
+        A sentence for the user if the poses look as if they were meant otherwise; mostly empty.
     """
 
     name: str
     rotation: Array
     translation: Array
     dropped: int = 0
+    doubt: str = ""
 
     def __len__(self) -> int:
         return len(self.rotation)
@@ -69,28 +75,41 @@ class PoseDistribution:
         power = 10 ** np.floor(np.log10(width)) if width > 0 else 1.0
         return _groups(distance, next(float(step * power) for step in (1, 2, 5, 10) if step * power >= width))
 
-    def seen_whole(self, boundary: Boundary, camera: Camera) -> "PoseDistribution":
-        """Keep the poses from which the whole boundary is in front of the camera and on the sensor.
+    def seen_whole(self, boundary: Boundary, camera: Camera) -> Self:
+        """Keep the poses from which the whole boundary is seen from its front, in front of the camera, on the sensor.
+
+        Lens distortion is part of it.
 
         Raises
         ------
         InputError
-            If none is left.
+            If none is left; the message counts why.
         """
-        rim = boundary.rim(RIM_POINTS)
-        in_front = np.all(to_camera(rim, self.rotation, self.translation)[..., 2] > 0, axis=-1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            pixels = project(rim, self.rotation, self.translation, camera.matrix)
-        kept = in_front & np.all(camera.sees(pixels), axis=-1) & (self.cos_tilt > 0)
-        if not kept.any():
+        points = silhouette(boundary)
+        codes = visibility(points, self.rotation, self.translation, camera)
+        kept = np.flatnonzero(codes == SEEN)
+        if not kept.size:
+            counts = Counter(codes.tolist())
+            reasons = ", ".join(f"{counts[code]} {words}" for code, words in REASONS.items() if counts[code])
             raise InputError(
                 "a pose that sees the whole marker",
-                f"none of {len(self)} ({self.name}) for {boundary}",
-                "use a smaller marker, poses farther away, or a camera with a wider view",
+                f"none of {len(self)} ({self.name}) for {boundary}: {reasons}",
+                self._doubts(points, camera, 0.0)
+                or "use a smaller marker, poses farther away, or a camera with a wider view",
             )
-        return PoseDistribution(
-            self.name, self.rotation[kept], self.translation[kept], self.dropped + int(np.sum(~kept))
-        )
+        share = kept.size / len(self)
+        doubt = self._doubts(points, camera, share) if share < 1 / 2 else self.doubt
+        return replace(self.taken(kept, self.dropped + len(self) - kept.size), doubt=doubt)
+
+    def taken(self, indices: NDArray[np.intp], dropped: int) -> Self:
+        """Keep the poses with these indices; `dropped` is the count of the result."""
+        rotation, translation = self.rotation[indices], self.translation[indices]
+        return replace(self, rotation=rotation, translation=translation, dropped=dropped)
+
+    def _doubts(self, points: Array, camera: Camera, share: float) -> str:
+        """What may be wrong with poses of which only that share sees the points (m, 2) whole; empty if nothing."""
+        del points, camera, share
+        return ""
 
 
 PRESETS: Registry[Callable[[], PoseDistribution]] = Registry("pose distribution", __name__)
@@ -129,6 +148,33 @@ def paper_roll() -> PoseDistribution:
     plain = paper()
     roll = turn_z(np.random.default_rng(0).uniform(0, 2 * np.pi, len(plain)))
     return PoseDistribution("paper-roll", roll @ plain.rotation, plain.translation)
+
+
+def named_poses(text: str) -> PoseDistribution:
+    """Poses of a preset, or of a cone as `Cone.parse` reads it.
+
+    Raises
+    ------
+    InputError
+        If the text is neither.
+    """
+    if _is_cone(text):
+        cone = Cone.parse(text)
+        return PoseDistribution(str(cone), *cone.sample())
+    try:
+        return PRESETS[text.strip()]()
+    except InputError as error:
+        expected, _, known = error.args
+        raise InputError(expected, brief(text), f"{known}, {FORM}") from None
+
+
+def is_named(text: str) -> bool:
+    """Tell whether a text is meant for `named_poses`: a preset's name, or what begins as a cone does."""
+    return text.strip() in PRESETS or _is_cone(text)
+
+
+def _is_cone(text: str) -> bool:
+    return text.partition(":")[0].strip() == "cone"
 
 
 def _groups(values: Array, width: float) -> dict[str, NDArray[np.bool_]]:

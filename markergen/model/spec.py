@@ -2,19 +2,24 @@
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
-from math import isfinite
+from dataclasses import asdict, dataclass, replace
+from math import comb, isfinite
 from typing import Any, Literal
 
 from markergen.errors import InputError
-from markergen.model.boundary import Boundary, Circle
+from markergen.model.boundary import Boundary, Circle, area_without
 from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.image_noise import ImageNoise
+from markergen.model.poses import named_poses
+from markergen.model.recorded_poses import RecordedPoses
 
 NOISE_MODELS = ("point", "image")
 
-MOST_POINTS = 60
-"""The polish has a constraint for every pair of points, and takes half a minute for this many."""
+MOST_LOST, MOST_LOSSES = 3, 2000
+"""Dots that a layout may have to survive the loss of, and sets of so many dots."""
+
+MOST_POINTS = 200
+"""A design takes minutes for this many."""
 
 
 @dataclass(frozen=True)
@@ -24,11 +29,11 @@ class Spec:
     Attributes
     ----------
     n : int
-        Number of control points, 4 to 60.
+        Number of control points, 4 to 200.
     boundary : Boundary
     camera : Camera
-    poses : str
-        Name of a pose distribution.
+    poses : str or RecordedPoses
+        A preset or a cone as text, which is settled (see `Cone`), or what was read from a file.
     objective, aggregate, coordinates : str
         What is minimized; an empty aggregate is the objective's own default. Coordinates matter to ``condition`` alone.
     dot : float, "auto" or None
@@ -43,12 +48,16 @@ class Spec:
         pose. Empty is ``image`` for ``dot="auto"`` and ``point`` otherwise.
     image_noise : ImageNoise
         The image that ``image`` is about.
+    survive : int
+        Minimize the objective after the worst loss of this many dots, 0 to 3.
+    keep_outs : tuple of Boundary
+        Where no dot may be, such as mounting holes, in the marker frame.
     """
 
     n: int = 5
     boundary: Boundary = Circle(0.15)  # noqa: RUF009  (frozen, so it can be shared)
     camera: Camera = PAPER_CAMERA
-    poses: str = "paper"
+    poses: str | RecordedPoses = "paper"
     objective: str = "pose"
     aggregate: str = ""
     coordinates: str = "unit"
@@ -58,6 +67,8 @@ class Spec:
     restarts: int = 0
     noise_model: str = ""
     image_noise: ImageNoise = ImageNoise()  # noqa: RUF009
+    survive: int = 0
+    keep_outs: tuple[Boundary, ...] = ()
 
     def __post_init__(self) -> None:
         if self.n < 4:
@@ -74,6 +85,11 @@ class Spec:
             raise InputError("restarts of 1 or more", f"restarts={self.restarts}", "give a positive number of restarts")
         if self.seed < 0:
             raise InputError("a seed of 0 or more", f"seed={self.seed}", "give a non-negative whole number")
+        check_losses(self.n, self.survive)
+        # Says what is wrong where they leave nothing.
+        area_without(self.boundary, self.keep_outs)
+        if isinstance(self.poses, str):
+            object.__setattr__(self, "poses", named_poses(self.poses).name)
         self._settle_noise_model()
 
     def _settle_noise_model(self) -> None:
@@ -95,12 +111,14 @@ class Spec:
         if self.noise_model == "image" and self.objective == "condition":
             raise InputError(
                 "an objective that depends on the noise", "objective='condition' with the noise model image",
-                "use --objective pose or homography",
+                "use --objective pose, rotation, translation or homography",
             )  # fmt: skip
 
     def as_dict(self) -> dict[str, Any]:
         """Return the spec as plain JSON values, lengths in m; of the noise, only what is not the default."""
-        values = asdict(self)
+        # Copied deeply, which the poses of a file are too many for.
+        values = asdict(replace(self, poses="paper"))
+        values["poses"] = self.poses if isinstance(self.poses, str) else self.poses.as_dict()
         values["boundary"] = self.boundary.as_dict()
         values["camera"] = self.camera.as_dict()
         # Specs from before there was a noise model keep their hash.
@@ -108,10 +126,34 @@ class Spec:
             del values["noise_model"]
         if self.image_noise == ImageNoise():
             del values["image_noise"]
+        if not self.survive:
+            del values["survive"]
+        values["keep_outs"] = [keep_out.as_dict() for keep_out in self.keep_outs]
+        if not self.keep_outs:
+            del values["keep_outs"]
         return values
 
     @property
     def hash(self) -> str:
         """Eight hexadecimal digits of the SHA-256 of the canonical JSON of the spec."""
-        text = json.dumps(self.as_dict(), sort_keys=True, separators=(",", ":"))
+        values = replace(self, poses="paper").as_dict()
+        # What a file is called is no part of what was asked for.
+        values["poses"] = self.poses if isinstance(self.poses, str) else self.poses.sha256
+        text = json.dumps(values, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:8]
+
+
+def check_losses(n: int, lost: int) -> None:
+    """Refuse to lose `lost` of n dots where that cannot be told: too few are left, or there are too many sets."""
+    if not 0 <= lost <= MOST_LOST:
+        raise InputError(f"0 to {MOST_LOST} lost dots", f"survive={lost}", "give --survive 1, 2 or 3")
+    if lost and n - lost < 4:
+        raise InputError(
+            "four dots or more that are left", f"n={n}, survive={lost}", f"use --n {4 + lost} or more, or lose fewer"
+        )
+    if comb(n, lost) > MOST_LOSSES:
+        raise InputError(
+            f"at most {MOST_LOSSES} sets of lost dots",
+            f"{comb(n, lost)} for n={n}, survive={lost}",
+            "use a smaller --survive or fewer dots",
+        )

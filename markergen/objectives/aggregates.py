@@ -1,19 +1,56 @@
 """Aggregates: one number from the values of an objective over the poses, and its derivative.
 
-Each takes values (B, P), all positive, and a softness; it returns the aggregate (B,) and its derivative (B, P).
+Each takes values (..., P), all positive, and a softness; it returns the aggregate (...) and its derivative (..., P).
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.errors import InputError
 from markergen.registry import Registry
 
 Array = NDArray[np.float64]
 Aggregate = Callable[[Array, float], tuple[Array, Array]]
 
 AGGREGATES: Registry[Aggregate] = Registry("aggregate", __name__)
+"""Aggregates by name."""
+
+KINKED = ("max", "cvar")
+"""Those whose derivative jumps where poses change places; with a softness above 0 it does not."""
+
+DEFAULT_LEVEL = 0.9
+"""Level of ``cvar`` where none is given."""
+
+_HALVINGS = 60
+"""Of the interval in which the softened quantile is looked for: to the last digit."""
+
+
+def aggregate_of(text: str) -> Aggregate:
+    """Aggregate by its name; ``cvar:0.95`` carries its level.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name, or the level is not a number from 0 to below 1.
+    """
+    name, colon, argument = text.partition(":")
+    aggregate = AGGREGATES[name]
+    if not colon:
+        return aggregate
+    if name != "cvar":
+        raise InputError(f"no number behind {name!r}", repr(text), f"write {name}; only cvar has a level: cvar:0.9")
+    try:
+        level = float(argument)
+    except ValueError:
+        level = np.nan
+    if not 0 <= level < 1:
+        raise InputError(
+            "a level of cvar from 0 to below 1", repr(text), "write cvar:0.9 for the mean of the worst tenth of poses"
+        )
+    return partial(mean_of_worst, level=level)
 
 
 @AGGREGATES.register("rms")
@@ -47,6 +84,50 @@ def maximum(values: Array, softness: float = 0.0) -> tuple[Array, Array]:
         derivative = np.zeros_like(values)
         np.put_along_axis(derivative, np.argmax(values, axis=-1)[..., None], 1.0, axis=-1)
         return worst, derivative
-    shares = (values / worst[..., None]) ** (1 / softness)
+    with np.errstate(invalid="ignore"):
+        shares = (values / worst[..., None]) ** (1 / softness)
     total = shares.sum(axis=-1, keepdims=True)
-    return worst * total[..., 0] ** softness, total ** (softness - 1) * shares * worst[..., None] / values
+    value = np.where(np.isfinite(worst), worst * total[..., 0] ** softness, np.inf)
+    return value, total ** (softness - 1) * shares * worst[..., None] / values
+
+
+@AGGREGATES.register("cvar")
+def cvar(values: Array, softness: float = 0.0) -> tuple[Array, Array]:
+    """Mean of the worst tenth of the poses, see `mean_of_worst`."""
+    return mean_of_worst(values, softness, DEFAULT_LEVEL)
+
+
+def mean_of_worst(values: Array, softness: float, level: float) -> tuple[Array, Array]:
+    """Mean of the worst k = (1 - level) P poses, the last one of them counted in part; of the worst one if k < 1.
+
+    It is the least over t of t + sum (v - t)+ / k (Rockafellar & Uryasev 2000). With softness s > 0, (v - t)+ is
+    (v^(1/s) + t^(1/s))^s - t, which is smooth and above it by at most a factor of 2^s in v or t. At level 0 it is the
+    mean.
+    """
+    count = values.shape[-1]
+    worst = max((1 - level) * count, 1.0)
+    if not softness or worst >= count:
+        ranks = np.argsort(np.argsort(-values, axis=-1, kind="stable"), axis=-1, kind="stable")
+        derivative = np.clip(worst - ranks, 0.0, 1.0) / worst
+        # What does not count must not make nan of an infinite value.
+        return np.sum(np.where(derivative > 0, values, 0.0) * derivative, axis=-1), derivative
+    top = values.max(axis=-1, keepdims=True)
+    finite = np.isfinite(top)
+    scaled = np.where(finite, values / np.where(finite, top, 1.0), 1.0)
+    # There all the shares together are less than one pose short of their number.
+    low, high = np.zeros_like(top), np.full_like(top, 2 * count**softness)
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        # The derivative by t grows with t; at the least value it is 0.
+        rising = np.sum(_soft_share(middle, scaled, softness), axis=-1, keepdims=True) > count - worst
+        low, high = np.where(rising, low, middle), np.where(rising, middle, high)
+    larger, smaller = np.maximum(scaled, high), np.minimum(scaled, high)
+    excess = larger * (1 + (smaller / larger) ** (1 / softness)) ** softness
+    value = high[..., 0] + np.sum(excess - high, axis=-1) / worst
+    return np.where(finite, top, np.inf)[..., 0] * value, _soft_share(scaled, high, softness) / worst
+
+
+def _soft_share(one: Array, other: Array, softness: float) -> Array:
+    """Derivative by `one` of (one^(1/s) + other^(1/s))^s: 1 where it is much the larger, 0 where much the smaller."""
+    with np.errstate(over="ignore"):
+        return (1 + (other / one) ** (1 / softness)) ** (softness - 1)

@@ -46,12 +46,15 @@ class ConditionObjective(Objective):
     (x - x_center) z_center / r with x = K^-1 px, so that a frontal boundary is the unit disk on both sides and no unit
     of length matters. ``metric``: m and K^-1 px, as in the paper. ``pixel``: m and px. ``hartley``: each set of points
     normalized by itself; c then forgets the size and the markers shrink to nothing, so it is for study only.
+
+    A homography knows no lens distortion, so the DLT is written with undistorted points; px are ideal px.
     """
 
     unit = ""
     default_aggregate = "logmean"
     coordinates = ("unit", "metric", "pixel", "hartley")
     has_kinks = True
+    planar_only = True
     default_restarts = 24
 
     def __init__(self, setting: Setting, aggregate: str = "", coordinates: str = "unit") -> None:

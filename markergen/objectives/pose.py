@@ -1,4 +1,4 @@
-"""The pose objective: how far the marker's rim is displaced in space by the error of the estimated pose."""
+"""Objectives of the pose's covariance; the default: how far the estimate's error displaces the marker's rim."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,19 +10,10 @@ from markergen.objectives.base import OBJECTIVES, TraceObjective
 Array = NDArray[np.float64]
 
 
-@OBJECTIVES.register("pose")
-class PoseObjective(TraceObjective):
-    """Expected RMS displacement in m of the boundary's rim in the camera frame, for the noise of the setting.
+class PoseCovarianceObjective(TraceObjective):
+    """Root of trace(W C), C the CRLB of the pose (w, dt), see `markergen.maths.information`; knows points in space."""
 
-    trace(W C) with C the CRLB of the pose and W the mean over rim points b of J_b'J_b, J_b = d(R b + t). One unit, so
-    no weight between rotation and translation has to be chosen.
-    """
-
-    unit = "m"
     default_restarts = 8
-
-    def _weight(self) -> Array:
-        return displacement_weight(self.setting.boundary.rim(RIM_POINTS), self.setting.poses.rotation)
 
     def _jacobian(self, points: Array) -> Array:
         poses = self.setting.poses
@@ -36,3 +27,17 @@ class PoseObjective(TraceObjective):
     def _jacobian_pullback(self, cotangent: Array, points: Array) -> Array:
         poses = self.setting.poses
         return pose_jacobian_pullback(cotangent, points, poses.rotation, poses.translation, self.setting.camera.focal)
+
+
+@OBJECTIVES.register("pose")
+class PoseObjective(PoseCovarianceObjective):
+    """Expected RMS displacement in m of the boundary's rim in the camera frame, for the noise of the setting.
+
+    W is the mean over rim points b of J_b'J_b, J_b = d(R b + t). One unit, so no weight between rotation and
+    translation has to be chosen.
+    """
+
+    unit = "m"
+
+    def _weight(self) -> Array:
+        return displacement_weight(self.setting.boundary.rim(RIM_POINTS), self.setting.poses.rotation)

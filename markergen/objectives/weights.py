@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from markergen.maths.dot_noise import directions, linearize
 from markergen.model.image_noise import ImageNoise
+from markergen.objectives.blocks import row_products, times_rows
 from markergen.units import format_length
 
 Array = NDArray[np.float64]
@@ -53,24 +54,8 @@ class DotWeights:
         weight, weight_pullback = linearize(blocks, image.edge_px, image.contrast_to_noise, self._nodes)
 
         def pullback(turned: Array) -> Array:
-            by_weight = 0.5 * _block_products(turned, jacobian)
+            by_weight = 0.5 * row_products(turned, jacobian)
             by_affine = weight_pullback(by_weight).reshape(affine.shape)
-            return _weighed(weight, turned) + by_affine @ self._affine.swapaxes(-1, -2)
+            return times_rows(weight, turned) + by_affine @ self._affine.swapaxes(-1, -2)
 
-        return _weighed(weight, jacobian), pullback
-
-
-def _weighed(weight: Array, rows: Array) -> Array:
-    """Rows (..., 2n, k) multiplied by blocks (..., n, 2, 2); sums of products take a third of the time of matmul."""
-    pairs = rows.reshape(*weight.shape[:-1], rows.shape[-1])
-    product = np.empty_like(pairs)
-    for i in (0, 1):
-        np.multiply(weight[..., i, :1], pairs[..., 0, :], out=product[..., i, :])
-        product[..., i, :] += weight[..., i, 1:] * pairs[..., 1, :]
-    return product.reshape(rows.shape)
-
-
-def _block_products(left: Array, right: Array) -> Array:
-    """Blocks (..., n, 2, 2) on the diagonal of left right', for rows (..., 2n, k)."""
-    first, second = (rows.reshape(*rows.shape[:-2], -1, 2, rows.shape[-1]) for rows in (left, right))
-    return np.einsum("...ik,...jk->...ij", first, second)
+        return times_rows(weight, jacobian), pullback

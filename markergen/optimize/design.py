@@ -1,6 +1,7 @@
 """From a spec to a marker: the main job."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,15 +9,20 @@ from numpy.typing import NDArray
 from markergen import __version__
 from markergen.model.feature import Feature, key_ring
 from markergen.model.marker import ControlPoint, Marker
-from markergen.model.poses import PRESETS
+from markergen.model.poses import PoseDistribution
+from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Objective, Setting
 from markergen.objectives.criteria import Criteria, criteria, median_criteria
 from markergen.objectives.weights import DotNoise
+from markergen.optimize.check import check
 from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.dots import FEWEST_PIXELS, DotSize, choose_dots, pixels_across
+from markergen.optimize.goal import objective_of, room_of, rough_of
 from markergen.optimize.multistart import Progress, search
 from markergen.optimize.region import Region
+from markergen.optimize.trace import Recorder, Step, trace_of
+from markergen.read.poses import poses_from
 
 Array = NDArray[np.float64]
 
@@ -36,12 +42,18 @@ class Design:
     criteria : dict
         Criteria of the design (``design``) and of the layouts beside it (``ngon``, ``square``, ``random``), for the
         noise that ``setting.noise_words`` tells.
+    seconds : float
+        How long it took.
+    trace : tuple of Step
+        The way from the best start to the layout, if it was asked for.
     """
 
     marker: Marker
     setting: Setting
     dots: DotSize
     criteria: dict[str, Criteria]
+    seconds: float = field(default=0.0, compare=False)
+    trace: tuple[Step, ...] = ()
 
     @property
     def summary(self) -> str:
@@ -69,38 +81,45 @@ class Design:
             found.append("bare points (--dot 0) are for studies and cannot be printed or made")
         elif across < FEWEST_PIXELS:
             found.append(f"dots of {across:.1f} px are hardly detected: use fewer, more room, or a better camera")
+        if self.setting.poses.doubt:
+            found.append(f"most poses do not see the whole marker; {self.setting.poses.doubt}")
         return tuple(found)
 
 
-def design(spec: Spec, progress: Progress | None = None) -> Design:
+def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -> Design:
     """Find the layout that minimizes the spec's objective, and dress it as a marker.
 
-    Equal specs give equal markers. `progress(stage, done, total)` is called along the way.
+    Equal specs give equal markers, traced or not. `progress(stage, done, total)` is called along the way.
 
     Raises
     ------
     InputError
         If no pose sees the marker, the dots do not fit, or a name in the spec is unknown.
     """
-    kind = OBJECTIVES[spec.objective]
-    setting = Setting(spec.boundary, spec.camera, PRESETS[spec.poses]().seen_whole(spec.boundary, spec.camera))
+    begin, kind = perf_counter(), OBJECTIVES[spec.objective]
+    setting = Setting(spec.boundary, spec.camera, poses_from(spec.poses).seen_whole(spec.boundary, spec.camera))
     kind(setting, spec.aggregate, spec.coordinates)  # a wrong name is told before any search
     dots = choose_dots(spec, setting.poses, progress)
     if spec.noise_model == "image":
         setting = replace(setting, noise=DotNoise(dots.diameter, spec.image_noise))
-    objective = kind(setting, spec.aggregate, spec.coordinates)
-    region = Region(spec.boundary, dots.diameter, dots.clearance)
+    objective = objective_of(spec, setting)
+    region = Region(room_of(spec), dots.diameter, dots.clearance)
     rng = np.random.default_rng(spec.seed)
-    optimum = search(objective, region, spec.n, rng, spec.restarts, progress)
+    recorder = Recorder() if traced else None
+    optimum = search(objective, region, spec.n, rng, spec.restarts, progress, rough_of(spec, setting), recorder)
     points = number(upright(optimum.points, objective, region))
     table = compare(points, region, setting, spec.seed)
-    return Design(dress(points, dots, spec, setting, table), setting, dots, table)
+    marker = dress(points, dots, spec, setting, table)
+    check(marker.xyz, spec.boundary, spec.keep_outs, dots.diameter, dots.clearance)
+    way = [*recorder.way(optimum.points), ("upright", points)] if recorder else []
+    trace = tuple(trace_of(way, objective)) if way else ()
+    return Design(marker, setting, dots, table, perf_counter() - begin, trace)
 
 
 def compare(points: Array, region: Region, setting: Setting, seed: int = 0) -> dict[str, Criteria]:
     """Criteria of a layout (n, 2) and of the n-gon, the square and the median random layout of the same region."""
     table: dict[str, Criteria] = {"design": criteria(points[None], setting)[0]}
-    for name, layouts in comparison_layouts(region, len(points), seed).items():
+    for name, layouts in comparison_layouts(region, len(points), seed, setting).items():
         table[name] = median_criteria(criteria(layouts, setting))
     return table
 
@@ -131,7 +150,7 @@ def dress(points: Array, dots: DotSize, spec: Spec, setting: Setting, table: dic
     """Make a marker of a layout (n, 2): dot 0 is the key ring, the others are disks; provenance says from what."""
     import scipy
 
-    feature = Feature(dots.diameter)
+    feature, stored = Feature(dots.diameter), _stored(spec, setting.poses).as_dict()
     # A tenth of a nanometer: nothing that anybody could make, and the file stays readable.
     rounded = np.round(points, 10) + 0.0
     return Marker(
@@ -140,13 +159,14 @@ def dress(points: Array, dots: DotSize, spec: Spec, setting: Setting, table: dic
             for i, (x, y) in enumerate(rounded)
         ),
         boundary=spec.boundary,
+        keep_outs=spec.keep_outs,
         clearance=dots.clearance,
         provenance={
-            "spec": spec.as_dict(),
+            "spec": stored,
             "spec_hash": spec.hash,
             "seed": spec.seed,
             "versions": {"markergen": __version__, "numpy": np.__version__, "scipy": scipy.__version__},
-            "camera": spec.as_dict()["camera"],
+            "camera": stored["camera"],
             "poses": {"name": setting.poses.name, "count": len(setting.poses), "dropped": setting.poses.dropped},
             "dots": dots.reason,
             "criteria": {
@@ -156,3 +176,9 @@ def dress(points: Array, dots: DotSize, spec: Spec, setting: Setting, table: dic
             **({"noise": setting.noise_words} if setting.noise else {}),
         },
     )
+
+
+def _stored(spec: Spec, seen: PoseDistribution) -> Spec:
+    """Spec as a marker.json has it: of a file with too many poses only those that the marker was designed for."""
+    too_many = isinstance(spec.poses, RecordedPoses) and len(spec.poses) > MOST_KEPT
+    return replace(spec, poses=seen) if too_many and isinstance(seen, RecordedPoses) else spec

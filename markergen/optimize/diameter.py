@@ -24,6 +24,7 @@ from markergen.optimize.dots import (
     largest_that_leaves_room,
     smallest_detectable,
 )
+from markergen.optimize.goal import objective_of, room_of, rough_of
 from markergen.optimize.multistart import Progress, search
 from markergen.optimize.packing import pack
 from markergen.optimize.polish import polish
@@ -83,12 +84,13 @@ class _Prediction:
             self._progress("dot size", min(len(self._found), EXPECTED - 1), EXPECTED)
         spec = self._spec
         setting = replace(self._setting, noise=DotNoise(diameter, spec.image_noise))
-        objective = OBJECTIVES[spec.objective](setting, spec.aggregate, spec.coordinates)
-        region = Region(spec.boundary, diameter, clearance_of(spec, diameter))
+        objective = objective_of(spec, setting)
+        region = Region(room_of(spec), diameter, clearance_of(spec, diameter))
         if self._found:
             points, value = polish(objective, region, self._start(region), STEPS)
         else:
-            found = search(objective, region, spec.n, np.random.default_rng(spec.seed), RESTARTS)
+            rng, rough = np.random.default_rng(spec.seed), rough_of(spec, setting)
+            found = search(objective, region, spec.n, rng, RESTARTS, rough=rough)
             points, value = found.points, found.value
         self._found[diameter] = points, value
         return value

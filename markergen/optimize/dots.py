@@ -8,6 +8,7 @@ from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
+from markergen.optimize.goal import room_of
 from markergen.optimize.multistart import Progress
 from markergen.optimize.packing import count_that_fit, largest_diameter
 from markergen.units import format_length
@@ -83,14 +84,14 @@ def largest_that_leaves_room(spec: Spec) -> float:
     InputError
         If it is below 0.1 mm.
     """
-    fits = ROOM * largest_diameter(spec.boundary, spec.n, spec.clearance)
+    fits = ROOM * largest_diameter(room_of(spec), spec.n, spec.clearance)
     # Whole tenths of a millimeter: a size that can be measured on the sheet.
     diameter = float(np.floor(fits * 1e4) / 1e4)
     if not diameter:
         raise InputError(
             "room for dots of 0.1 mm and more",
-            f"{spec.n} dots in a {spec.boundary}",
-            "use a larger --radius or a smaller --n",
+            f"{spec.n} dots in a {room_of(spec)}",
+            "use a larger marker or a smaller --n",
         )
     return diameter
 
@@ -127,14 +128,14 @@ def _pixels(diameter: float, spec: Spec, poses: PoseDistribution) -> str:
 
 def _refuse_what_does_not_fit(spec: Spec, size: DotSize) -> None:
     # The search for the largest diameter is good to nine digits; the rest is not the user's fault.
-    if size.diameter > 0 and largest_diameter(spec.boundary, spec.n, size.clearance) >= size.diameter * (1 - 1e-6):
+    if size.diameter > 0 and largest_diameter(room_of(spec), spec.n, size.clearance) >= size.diameter * (1 - 1e-6):
         return
-    fit = count_that_fit(spec.boundary, size.diameter, size.clearance, spec.n)
+    fit = count_that_fit(room_of(spec), size.diameter, size.clearance, spec.n)
     if fit >= spec.n:
         return
     raise InputError(
-        f"{spec.n} dots that fit in a {spec.boundary}",
+        f"{spec.n} dots that fit in a {room_of(spec)}",
         f"dots of {format_length(size.diameter)} with {format_length(size.clearance)} clearance, of which {fit} fit",
-        f"use --dot {np.floor(ROOM * largest_diameter(spec.boundary, spec.n) * 1e4) / 10:g}mm or less, "
-        "a larger --radius, or a smaller --n",
+        f"use --dot {np.floor(ROOM * largest_diameter(room_of(spec), spec.n) * 1e4) / 10:g}mm or less, "
+        "a larger marker, or a smaller --n",
     )

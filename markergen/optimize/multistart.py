@@ -1,4 +1,4 @@
-"""Global search: a batch of descents from random starts, then a polish of the best distinct few."""
+"""Global search: in a disk a batch of descents from random starts, then a polish of the best distinct few."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,9 +8,11 @@ from numpy.typing import NDArray
 
 from markergen.objectives import Objective
 from markergen.optimize.packing import pack
-from markergen.optimize.polish import polish
+from markergen.optimize.placement import place
+from markergen.optimize.polish import ALL_PAIRS_UP_TO, polish
 from markergen.optimize.region import Region
 from markergen.optimize.supersab import descend
+from markergen.optimize.trace import Record
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -42,23 +44,33 @@ def search(
     rng: np.random.Generator,
     restarts: int = 0,
     progress: Progress | None = None,
+    rough: Objective | None = None,
+    record: Record | None = None,
 ) -> Optimum:
     """Find the layout of n control points in the region that minimizes the objective.
+
+    In a disk by descents from random layouts; where corners, holes or many dots would trap them, by exchange
+    (`markergen.optimize.placement`).
 
     Parameters
     ----------
     restarts : int
         Random starts; 0 takes the objective's own default.
+    rough : Objective or None
+        The same criterion for fewer poses, which saves time in the exchange.
+    record : callable or None
+        Called with what each step makes of layouts (see `markergen.optimize.trace`).
     """
+    if len(region.walls) > 1 or n > ALL_PAIRS_UP_TO:
+        return Optimum(*place(objective, rough or objective, region, n, rng, restarts, progress, record))
     if progress:
         progress("descent", 0, 1)
     starts = region.sample(restarts or objective.default_restarts, n, rng)
     if not region.holds(starts).all():
         # Random points jam when the dots nearly fill the room; the packing itself is then the start.
         starts = np.concatenate([starts, pack(region.boundary, n, region.clearance)[0][None]])
-    descent = descend(
-        objective, region, starts, progress=(lambda done, total: progress("descent", done, total)) if progress else None
-    )
+    told = (lambda done, total: progress("descent", done, total)) if progress else None
+    descent = descend(objective, region, starts, progress=told, record=record)
     order = np.argsort(descent.values, kind="stable")[: np.isfinite(descent.values).sum()]
     chosen: list[int] = []
     for index in order:
@@ -69,7 +81,10 @@ def search(
     best, best_value = descent.points[order[0]], float(descent.values[order[0]])
     shakes = rng.normal(scale=JITTER * region.boundary.radius, size=(len(chosen), n, 2))
     for done, (index, shake) in enumerate(zip(chosen, shakes, strict=True), start=1):
-        points, value = polish(objective, region, region.project((descent.points[index] + shake)[None])[0])
+        shaken = region.project((descent.points[index] + shake)[None])
+        if record:
+            record("polish", descent.points[[index]], shaken)
+        points, value = polish(objective, region, shaken[0], record=record)
         if value < best_value and region.holds(points[None])[0]:
             best, best_value = points, value
         if progress:

@@ -3,7 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.maths.rotation import turn_z
 from markergen.model.boundary import Boundary
+from markergen.optimize.contacts import contacts
 from markergen.optimize.region import Region
 
 Array = NDArray[np.float64]
@@ -13,6 +15,20 @@ EXACT_UP_TO = 24
 
 DENSEST = np.pi / np.sqrt(12)
 """Share of the plane that the densest packing of equal disks covers."""
+
+
+TURNS = np.deg2rad([0.0, 15.0, 30.0, 45.0])
+"""Turns of the lattice that are tried; by 60 degrees it looks the same."""
+
+SAMPLES = 8
+"""Random starts; with corners or several regions as many again that spread from place to place."""
+
+SPREAD = 500
+"""Random places that such a start chooses from."""
+
+REACH, ROUNDS = 0.3, 12
+"""Where there is more than a disk's outline no dot moves farther than this share of its size in one of so many rounds.
+It then sees only what is near."""
 
 
 def largest_diameter(boundary: Boundary, n: int, clearance: float | None = None) -> float:
@@ -28,73 +44,119 @@ def pack(boundary: Boundary, n: int, clearance: float | None = None) -> tuple[Ar
     """
     if n > EXACT_UP_TO:
         return _pack_on_lattice(boundary, n, clearance)
-    guess = 0.6 * np.sqrt(4 * boundary.area / (np.pi * n))
-    starts = Region(boundary, guess).sample(8, n, np.random.default_rng(0))
-    points, diameter = max((_grow(boundary, start, clearance) for start in starts), key=lambda packed: packed[1])
+    full = np.sqrt(4 * boundary.area / (np.pi * n))
+    region, rng = Region(boundary, 0.6 * full), np.random.default_rng(0)
+    starts = list(region.sample(SAMPLES, n, rng))
+    if len(region.walls) > 1:
+        starts += [_spread(boundary, n, rng) for _ in range(SAMPLES)]
+    points, diameter = max((_grow(region, start, full, clearance) for start in starts), key=lambda packed: packed[1])
     return points, max(0.0, diameter)
 
 
 def count_that_fit(boundary: Boundary, diameter: float, clearance: float, at_most: int) -> int:
     """How many dots of that diameter fit, with that clearance in m; the search stops at `at_most`."""
-    fit = min(at_most, len(_lattice(boundary, diameter, clearance)))
+    fit = min(at_most, len(lattice(boundary, diameter, clearance)))
     area_limit = int(boundary.area * 4 / (np.pi * diameter**2)) if diameter else at_most
     while fit < min(at_most, EXACT_UP_TO, area_limit) and largest_diameter(boundary, fit + 1, clearance) >= diameter:
         fit += 1
     return fit
 
 
-def _grow(boundary: Boundary, start: Array, clearance: float | None) -> tuple[Array, float]:
-    from scipy.optimize import minimize
-
-    n, scale = len(start), boundary.radius
-    first, second = np.triu_indices(n, 1)
+def _grow(region: Region, start: Array, most: float, clearance: float | None) -> tuple[Array, float]:
+    """Dots that grow from nothing at points (n, 2) to at most `most` m, pushing each other; see `pack`."""
+    n, scale = len(start), region.boundary.radius
     # Edge and gap as linear functions of the diameter: offset + slope * d.
     offset, tenth = (0.0, 0.1) if clearance is None else (clearance / scale, 0.0)
-    pairs = np.arange(len(first))
+    x = np.append(start.ravel() / scale, 0.0)
+    everything = len(region.walls) == 1
+    reach = np.inf if everything else REACH * most
+    for _ in range(1 if everything else ROUNDS):
+        before = x
+        x = _slsqp(region, x, most / scale, offset, tenth, reach / scale)
+        if everything or np.abs(x - before).max() < 1e-6:
+            break
+    points = x[:-1].reshape(n, 2) * scale
+    first, second = np.triu_indices(n, 1)
+    d, gap = x[-1] * scale, (offset + tenth * x[-1]) * scale
+    room = region.boundary.depth(points) - d / 2 - gap
+    distance = np.linalg.norm(points[first] - points[second], axis=-1) - d - gap
+    # What is left of the constraints' violation is paid for with the diameter, so the answer really fits.
+    return points, float(d - 2 * max(0.0, -room.min(), -distance.min(initial=0.0)))
+
+
+def _slsqp(region: Region, x: Array, most: float, offset: float, tenth: float, reach: float) -> Array:
+    """One round of `_grow`, in units of the radius; no coordinate changes by more than `reach`."""
+    from scipy.optimize import minimize
+
+    n, scale = (len(x) - 1) // 2, region.boundary.radius
+    points, d, diagonal = x[:-1].reshape(n, 2) * scale, x[-1], np.sqrt(2) * reach
+    gap, most_gap = offset + tenth * d, offset + tenth * most
+    near = contacts(
+        region.walls,
+        points,
+        min((d / 2 + gap) * scale, float(region.boundary.depth(points).min())),
+        (most / 2 + most_gap + diagonal) * scale,
+        (most + most_gap + 2 * diagonal) * scale,
+    )
 
     def slack(x: Array) -> Array:
         points, d = x[:-1].reshape(n, 2), x[-1]
         gap = offset + tenth * d
-        distance = np.linalg.norm(points[first] - points[second], axis=-1)
-        return np.concatenate([boundary.depth(points * scale) / scale - d / 2 - gap, distance - d - gap])
+        distance = np.linalg.norm(near.apart(points), axis=-1)
+        return np.concatenate([near.room(points * scale) / scale - d / 2 - gap, distance - d - gap])
 
-    def slack_gradient(x: Array) -> Array:
+    def slack_jacobian(x: Array) -> Array:
         points = x[:-1].reshape(n, 2)
-        gradient = np.zeros((n + len(first), n, 2))
-        gradient[np.arange(n), np.arange(n)] = boundary.depth_gradient(points * scale)
-        difference = points[first] - points[second]
-        unit = difference / np.maximum(np.linalg.norm(difference, axis=-1, keepdims=True), 1e-12)
-        gradient[n + pairs, first], gradient[n + pairs, second] = unit, -unit
-        by_diameter = np.concatenate([np.full(n, -0.5 - tenth), np.full(len(first), -1.0 - tenth)])
-        return np.concatenate([gradient.reshape(n + len(first), -1), by_diameter[:, None]], axis=1)
+        apart = near.apart(points)
+        unit = apart / np.maximum(np.linalg.norm(apart, axis=-1, keepdims=True), 1e-12)
+        by_points = np.concatenate([near.room_jacobian(points * scale), near.apart_jacobian(points, unit)])
+        walls, pairs = len(near.dot), len(near.first)
+        by_diameter = np.concatenate([np.full(walls, -0.5 - tenth), np.full(pairs, -1.0 - tenth)])
+        return np.concatenate([by_points.reshape(walls + pairs, -1), by_diameter[:, None]], axis=1)
 
     direction = np.zeros(2 * n + 1)
     direction[-1] = -1.0
-    x = np.append(start.ravel() / scale, 0.0)
+    bounds = None
+    if np.isfinite(reach):
+        bounds = np.stack([x - reach, x + reach], axis=-1)
+        bounds[-1] = 0.0, most
     result = minimize(
         lambda x: -x[-1],
         x,
         jac=lambda _: direction,
         method="SLSQP",
-        constraints=[{"type": "ineq", "fun": slack, "jac": slack_gradient}],
+        bounds=bounds,
+        constraints=[{"type": "ineq", "fun": slack, "jac": slack_jacobian}],
         options={"maxiter": 200, "ftol": 1e-9},
     )
-    # What is left of the constraints' violation is paid for with the diameter, so the answer really fits.
-    diameter = (result.x[-1] - 2 * max(0.0, -slack(result.x).min())) * scale
-    return result.x[:-1].reshape(n, 2) * scale, float(diameter)
+    return np.asarray(result.x)
 
 
-def _lattice(boundary: Boundary, diameter: float, clearance: float) -> Array:
-    """Points (k, 2) of the best shift of a hexagonal lattice on which dots of that diameter fit."""
+def _spread(boundary: Boundary, n: int, rng: np.random.Generator) -> Array:
+    """Layout (n, 2) in m of which every point is as far as can be from those before and from the outline."""
+    places = boundary.sample(SPREAD, 0.0, rng)
+    room = 2 * boundary.depth(places)
+    chosen = np.empty((n, 2))
+    for i in range(n):
+        chosen[i] = places[int(np.argmax(room)) if i else int(rng.integers(SPREAD))]
+        room = np.minimum(room, np.linalg.norm(places - chosen[i], axis=-1))
+    return chosen
+
+
+def lattice(boundary: Boundary, diameter: float, clearance: float) -> Array:
+    """Points (k, 2) of the best shift and turn of a hexagonal lattice on which dots of that diameter fit."""
     pitch = diameter + clearance
     reach = int(np.ceil(2 * boundary.radius / pitch)) + 1
     i, j = np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1))
-    lattice = np.stack([i + j / 2, j * np.sqrt(0.75)], axis=-1).reshape(-1, 2) * pitch
+    sites = np.stack([i + j / 2, j * np.sqrt(0.75)], axis=-1).reshape(-1, 2) * pitch
     shifts = np.stack(np.meshgrid(np.arange(4) / 4, np.arange(4) / 4), axis=-1).reshape(-1, 1, 2) * pitch
+    # A disk looks the same from every side.
+    turns = [turn_z(angle)[:2, :2].T for angle in (TURNS if boundary.curves()[0] else TURNS[:1])]
+    placed = np.concatenate([(sites + shifts) @ turn for turn in turns])
     # A billionth of the pitch is what a dot that touches the outline may be short of by rounding.
-    inside = boundary.depth(lattice + shifts) >= diameter / 2 + clearance - 1e-9 * pitch
+    inside = boundary.depth(placed) >= diameter / 2 + clearance - 1e-9 * pitch
     best = int(np.argmax(inside.sum(axis=1)))
-    return (lattice + shifts[best])[inside[best]]
+    return np.asarray(placed[best][inside[best]])
 
 
 def _pack_on_lattice(boundary: Boundary, n: int, clearance: float | None) -> tuple[Array, float]:
@@ -103,7 +165,7 @@ def _pack_on_lattice(boundary: Boundary, n: int, clearance: float | None) -> tup
     points = np.zeros((n, 2))
     for _ in range(30):
         middle = (low + high) / 2
-        found = _lattice(boundary, middle, middle / 10 if clearance is None else clearance)
+        found = lattice(boundary, middle, middle / 10 if clearance is None else clearance)
         if len(found) >= n:
             low, points = middle, found[:n]
         else:

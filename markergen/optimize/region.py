@@ -1,11 +1,13 @@
 """Where control points may go: the boundary inset by dot and clearance, and a smallest spacing between them."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.model.boundary import Boundary
+from markergen.optimize.walls import Walls, walls_of
 
 Array = NDArray[np.float64]
 
@@ -37,6 +39,11 @@ class Region:
     def spacing(self) -> float:
         """Smallest distance in m between control points: dot diameter plus clearance."""
         return self.diameter + self.clearance
+
+    @cached_property
+    def walls(self) -> Walls:
+        """The outline in smooth pieces."""
+        return walls_of(self.boundary)
 
     def sample(self, count: int, n: int, rng: np.random.Generator) -> Array:
         """Random layouts (count, n, 2): uniform points, pushed apart until they are feasible."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from markergen.objectives import Objective
 from markergen.optimize.region import Region
+from markergen.optimize.trace import Record
 
 Array = NDArray[np.float64]
 
@@ -44,13 +45,17 @@ def descend(
     patience: int = 10,
     tolerance: float = 1e-3,
     progress: Callable[[int, int], None] | None = None,
+    record: Record | None = None,
 ) -> Descent:
     """Run SuperSAB from every start (B, n, 2) at once; what no longer improves is retired from the batch.
 
     A restart is retired when its best value has fallen by less than `tolerance`, relatively, over `patience` steps.
+    `record` is called with what each step made of the layouts.
     """
     scale = region.boundary.radius
     points = region.project(starts.copy())
+    if record:
+        record("descent", starts, points)
     value, gradient = _log_gradient(objective, points)
     best = points.copy()
     best_value = np.where(region.holds(points), value, np.inf)
@@ -67,6 +72,8 @@ def descend(
         jammed = ~region.holds(moved) & np.isfinite(best_value[alive])
         moved[jammed] = points[alive[jammed]]
         step[alive[jammed]] *= SHRINK**2
+        if record:
+            record("descent", points[alive], moved)
         points[alive] = moved
         value[alive], fresh = _log_gradient(objective, points[alive])
         agreement = np.sign(fresh) * np.sign(gradient[alive])

@@ -1,5 +1,6 @@
 """Design specs: TOML files, templates, and the spec that a marker.json carries."""
 
+import re
 import tomllib
 from collections.abc import Mapping
 from importlib.resources import files
@@ -19,10 +20,15 @@ from pydantic import (
 
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
+from markergen.model.boundary_file import BoundaryFile, built
 from markergen.model.camera import LARGEST_SIDE, Camera, Distortion
 from markergen.model.findings import brief, findings_of, listed
 from markergen.model.image_noise import ImageNoise
+from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
 from markergen.model.spec import Spec
+from markergen.read.outlines import parse_boundary
+from markergen.read.poses import settled
+from markergen.read.poses.numbers import numbers_of_rows
 from markergen.units import parse_length
 
 
@@ -43,6 +49,31 @@ def _length_or_auto(value: object) -> float | str:
         raise ValueError(f"{error}, or auto") from None
 
 
+def _shape(value: object) -> object:
+    """A boundary's table with its lengths in m; what is none is left for the check of the table to say."""
+    if isinstance(value, str):
+        if not re.match(r"\s*(circle|rect):", value):
+            raise ValueError("write rect:0.2x0.1, circle:0.15, or a table with kind and outlines")
+        try:
+            return parse_boundary(value, origin="file").as_dict()
+        except InputError as error:
+            raise ValueError(str(error)) from None
+    if isinstance(value, Mapping):
+        return {"kind": "circle", **{key: item if key == "kind" else _lengths(item) for key, item in value.items()}}
+    return value
+
+
+def _lengths(value: object, levels: int = 3) -> object:
+    # Outlines, corners, coordinates; deeper ones are for the check of the table.
+    if isinstance(value, list) and levels:
+        return [_lengths(item, levels - 1) for item in value]
+    try:
+        return _length(value) if isinstance(value, str) else value
+    except ValueError:
+        return value
+
+
+Shape = Annotated[BoundaryFile, BeforeValidator(_shape)]
 Length = Annotated[float, BeforeValidator(_length)]
 DotLength = Annotated[float | Literal["auto"], BeforeValidator(_length_or_auto)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -55,11 +86,6 @@ ABSENT: Any = None
 
 class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
-
-
-class _Boundary(_Table):
-    kind: Literal["circle"] = "circle"
-    radius: Length
 
 
 class _Distortion(_Table):
@@ -91,13 +117,41 @@ class _ImageNoise(_Table):
     contrast: Finite = ABSENT
 
 
+class _Poses(_Table):
+    """Poses of a file, as a marker.json carries them."""
+
+    file: Annotated[str, Field(min_length=1, max_length=255)]
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    dropped: Annotated[int, Field(ge=0, lt=2**63)]
+    sampled_from: Annotated[int, Field(ge=0, lt=2**63)]
+    columns: Literal["tx ty tz qx qy qz qw"]
+    rows: Annotated[list[str], Field(min_length=1, max_length=MOST_KEPT)]
+
+
+def _poses(value: object) -> str | RecordedPoses:
+    if isinstance(value, str):
+        return value
+    if not isinstance(value, Mapping):
+        raise ValueError("Input should be a valid string")
+    try:
+        table = _Poses.model_validate(dict(value))
+        numbers = numbers_of_rows(table.rows)
+    except ValidationError as error:
+        raise ValueError(listed(findings_of(error))) from None
+    except InputError as error:
+        raise ValueError(str(error)) from None
+    file = table.file if table.file.isprintable() else brief(table.file)
+    return RecordedPoses.of(numbers, file, table.sha256, table.dropped, table.sampled_from)
+
+
 class _SpecFile(_Table):
     title: str = ABSENT
     n: Whole = ABSENT
     radius: Length = ABSENT
-    boundary: _Boundary = ABSENT
+    boundary: Shape = ABSENT
+    keep_outs: list[Shape] = ABSENT
     camera: _Camera = ABSENT
-    poses: str = ABSENT
+    poses: Annotated[Any, BeforeValidator(_poses)] = ABSENT
     objective: str = ABSENT
     aggregate: str = ABSENT
     coordinates: str = ABSENT
@@ -107,19 +161,20 @@ class _SpecFile(_Table):
     restarts: Whole = ABSENT
     noise_model: str = ABSENT
     image_noise: _ImageNoise = ABSENT
+    survive: Whole = ABSENT
 
     @field_validator("boundary")
     @classmethod
-    def _only_one(cls, boundary: _Boundary, info: ValidationInfo) -> _Boundary:
+    def _only_one(cls, boundary: Any, info: ValidationInfo) -> Any:
         if info.data.get("radius") is not None:
             raise ValueError("give either radius or [boundary], not both")
         return boundary
 
 
-def spec_from_mapping(values: object, name: str = "spec") -> Spec:
+def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) -> Spec:
     """Make a spec of a mapping of plain values; lengths may be text with a unit, what is not given is as in `Spec`.
 
-    `name` is what messages call the source.
+    `name` is what messages call the source. What a marker.json has `stored` names no other files: they are not read.
 
     Raises
     ------
@@ -132,15 +187,19 @@ def spec_from_mapping(values: object, name: str = "spec") -> Spec:
         table = _SpecFile.model_validate(dict(values))
     except ValidationError as error:
         raise InputError(f"a valid spec in {name}", listed(findings_of(error)), "correct these places") from None
-    given = table.model_dump(exclude_unset=True, exclude={"title", "radius"})
+    given = table.model_dump(exclude_unset=True, exclude={"title", "radius", "poses"})
     if "camera" in given:
         given["camera"] = _camera(table.camera)
     if "image_noise" in given:
         given["image_noise"] = ImageNoise(**given["image_noise"])
+    if table.poses is not None:
+        given["poses"] = settled(table.poses) if isinstance(table.poses, str) and not stored else table.poses
     if "boundary" in given:
-        given["boundary"] = Circle(table.boundary.radius)
+        given["boundary"] = table.boundary.build()
     elif table.radius is not None:
         given["boundary"] = Circle(table.radius)
+    if "keep_outs" in given:
+        given["keep_outs"] = built(table.keep_outs)
     return Spec(**given)
 
 

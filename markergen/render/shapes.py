@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.model.boundary import Boundary
+from markergen.model.interior import grown
 from markergen.model.marker import ControlPoint, Marker
 from markergen.render.patches import CIRCLE_VERTICES, Patch, circle
 
@@ -20,8 +22,9 @@ def marker_patches(
 ) -> list[Patch]:
     """Plate, pillars and dots of a marker, in the order to paint them in.
 
-    The plate is the boundary's region, enlarged by `margin`, at z = 0 or, if some dot lies deeper, at the deepest
-    one's height. Each dot above it stands on a cylinder of substrate, in radius a quarter of the clearance larger.
+    The plate is the boundary's region, enlarged by `margin` (which may close its holes), at z = 0 or, if some dot lies
+    deeper, at the deepest one's height. Each dot above it stands on a cylinder of substrate, in radius a quarter of the
+    clearance larger.
 
     Parameters
     ----------
@@ -35,9 +38,8 @@ def marker_patches(
     """
     margin = marker.dot_diameter if margin is None else margin
     floor = min(0.0, float(marker.xyz[:, 2].min()))
-    rim = marker.boundary.rim(_RIM_VERTICES)
-    outline = rim - margin * marker.boundary.depth_gradient(rim)
-    patches = [Patch((np.column_stack([outline, np.full(len(outline), floor)]),), SUBSTRATE)]
+    plate = tuple(np.column_stack([ring, np.full(len(ring), floor)]) for ring in _plate(marker.boundary, margin))
+    patches = [Patch(plate, SUBSTRATE)]
     for k in _farthest_first(marker, floor, eye):
         point = marker.control_points[k]
         if point.feature.diameter == 0:
@@ -47,6 +49,14 @@ def marker_patches(
         diameters = (point.feature.diameter, point.feature.inner_diameter)
         patches.append(Patch(tuple(circle(marker.xyz[k], d / 2, count) for d in diameters if d > 0), INK))
     return patches
+
+
+def _plate(boundary: Boundary, margin: float) -> tuple[Array, ...]:
+    """Closed polygons (m, 2) of the boundary's region with a margin around it."""
+    if boundary.curves()[0]:
+        return grown(boundary.outlines(), margin)
+    rim = boundary.rim(_RIM_VERTICES)
+    return (rim - margin * boundary.depth_gradient(rim),)
 
 
 def _farthest_first(marker: Marker, floor: float, eye: Array | None) -> list[int]:

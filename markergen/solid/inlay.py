@@ -4,9 +4,16 @@ from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.drawing.furniture import size_words
 from markergen.drawing.scene import Disk, marker_dots
 from markergen.errors import MissingLibraryError
+from markergen.model.interior import regions_of
 from markergen.model.marker import Marker
+
+Array = NDArray[np.float64]
 
 POCKET = 0.6
 """Depth of the pockets in mm: three layers of 0.2 mm of a printer, one pass of a small mill."""
@@ -25,7 +32,7 @@ class NamedSolid:
     Attributes
     ----------
     name : str
-        ``plate`` or ``dot-<id>``.
+        ``plate``, or ``plate-1`` and so on where the boundary has several regions, or ``dot-<id>``.
     color : (red, green, blue)
     shape : cadquery.Solid
         In mm, marker frame: the printed face is z = 0, the plate is below.
@@ -39,8 +46,9 @@ class NamedSolid:
 def marker_solids(marker: Marker) -> list[NamedSolid]:
     """Make the plate and the inlays of a marker, which touch but do not overlap.
 
-    The plate is a disk of `marker.thickness` that holds the boundary and every dot's quiet zone (a white ring half a
-    dot diameter wide). Its pockets are `POCKET` deep, or half the plate if that is less.
+    The plate of a disk is a disk of `marker.thickness` that holds the boundary and every dot's quiet zone (a white ring
+    half a dot diameter wide). Any other boundary is the plate's outline, holes and all; each of its regions is a plate.
+    Pockets are `POCKET` deep, or half the plate if that is less.
 
     Raises
     ------
@@ -54,15 +62,23 @@ def marker_solids(marker: Marker) -> list[NamedSolid]:
     depth = min(POCKET, thickness / 2)
     cadquery = import_cadquery()
     inlays = [_inlay(cadquery, dot, depth) for dot in dots]
-    plate = _cylinder(cadquery, 0.0, 0.0, plate_radius_mm(marker), thickness).cut(*inlays).Solids()[0]
+    plates = [plate.cut(*inlays).Solids()[0] for plate in _plates(cadquery, marker, thickness)]
+    names = ["plate"] if len(plates) == 1 else [f"plate-{number}" for number in range(1, len(plates) + 1)]
     return [
-        NamedSolid("plate", PLATE_COLOR, plate),
+        *(NamedSolid(name, PLATE_COLOR, plate) for name, plate in zip(names, plates, strict=True)),
         *(NamedSolid(dot.name, DOT_COLOR, inlay) for dot, inlay in zip(dots, inlays, strict=True)),
     ]
 
 
+def plate_size(marker: Marker) -> str:
+    """Size of the plate: ``304 mm across`` for a disk, else width and height as in ``200 x 100 mm``."""
+    if marker.boundary.curves()[0]:
+        return size_words(marker.boundary)
+    return f"{2 * plate_radius_mm(marker):.6g} mm across"
+
+
 def plate_radius_mm(marker: Marker) -> float:
-    """Radius of the plate in mm: the boundary and an edge, or what the quiet zones need if that is more."""
+    """Radius of a disk's plate in mm: the boundary and an edge, or what the quiet zones need if that is more."""
     reach = max((dot.x**2 + dot.y**2) ** 0.5 + 2 * dot.radius for dot in marker_dots(marker))
     return max(marker.boundary.radius * 1e3 + EDGE, reach)
 
@@ -78,6 +94,23 @@ def import_cadquery() -> ModuleType:
             "install them with: pip install cadquery && apt-get install libgl1 libx11-6"
         ) from None
     return cadquery
+
+
+def _plates(cadquery: ModuleType, marker: Marker, thickness: float) -> list[Any]:
+    rings, _ = marker.boundary.curves()
+    if not rings:
+        return [_cylinder(cadquery, 0.0, 0.0, plate_radius_mm(marker), thickness)]
+
+    def wire(ring: Array) -> Any:
+        # Rounded to a picometer as the dots are.
+        corners = [cadquery.Vector(x, y, -thickness) for x, y in np.round(ring * 1e3, 9).tolist()]
+        return cadquery.Wire.makePolygon(corners, close=True)
+
+    up = cadquery.Vector(0, 0, thickness)
+    return [
+        cadquery.Solid.extrudeLinear(wire(outer), [wire(hole) for hole in holes], up)
+        for outer, *holes in regions_of(rings)
+    ]
 
 
 def _inlay(cadquery: ModuleType, dot: Disk, depth: float) -> Any:

@@ -20,6 +20,7 @@ from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
+from markergen.objectives.lens import lens_blocks, through_lens
 from markergen.render import Optics
 from markergen.render.view import dot_ellipses
 
@@ -47,8 +48,12 @@ class PoseBounds:
 
 
 def pose_bounds(points: Array, camera: Camera, poses: PoseDistribution, noise_px: float) -> PoseBounds:
-    """Bounds of the pose for control points (n, 3) in m and Gaussian noise of `noise_px` on every image coordinate."""
-    matrix = information(pose_jacobian(points, poses.rotation, poses.translation, camera.focal))
+    """Bounds of the pose for control points (n, 3) in m and Gaussian noise of `noise_px` on every image coordinate.
+
+    The noise is that of the image as taken, through the lens.
+    """
+    ideal = pose_jacobian(points, poses.rotation, poses.translation, camera.focal)
+    matrix = information(through_lens(ideal, points, camera, poses))
     unit = covariance(matrix)
     # Without noise there is no bound to measure by: every two poses are as far apart as can be.
     separation = flip_separation(poses.rotation, poses.translation, unit) / noise_px if noise_px else np.inf
@@ -65,7 +70,7 @@ def image_covariance(
 ) -> Array:
     """Covariances (P, n, 2, 2) in px^2 of the dots' centers that the noise of the image allows, pose by pose.
 
-    Bare points have no image: theirs is `bare_px` on every coordinate.
+    Their px are those of the image as taken. Bare points have no image: theirs is `bare_px` on every coordinate.
     """
     if not marker.dot_diameter:
         return np.broadcast_to(bare_px**2 * np.eye(2), (len(poses), len(marker), 2, 2))
@@ -77,10 +82,8 @@ def image_covariance(
     _, semi, angle = (np.stack(part) for part in zip(*ellipses, strict=True))
     noise = optics.grey_noise(optics.exposure * (optics.dark + optics.light) / 2)
     contrast = optics.exposure * (optics.light - optics.dark)
-    ideal = dot_covariance(semi, angle, optics.edge_blur, contrast, float(noise))
     normalized = perspective(to_camera(marker.xyz, poses.rotation, poses.translation))
-    lens = camera.pixel_jacobian(normalized) / camera.focal
-    return lens @ ideal @ lens.swapaxes(-1, -2)
+    return dot_covariance(semi, angle, optics.edge_blur, contrast, float(noise), lens_blocks(camera, normalized))
 
 
 def error_budget(

@@ -14,13 +14,13 @@ from markergen.model.boundary import Boundary, Circle
 from markergen.model.feature import Feature, key_ring
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.marker_json import read_marker
-from markergen.model.poses import PRESETS
 from markergen.model.spec import Spec
 from markergen.model.tag import Tag, parse_tag
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.dots import CLEARANCE, ROOM, choose_dots
 from markergen.optimize.region import Region
+from markergen.read.poses import poses_from
 from markergen.units import format_length
 from markergen.validate.contestants import Contestant, DotMarker, Peer
 from markergen.validate.proof import setting_of
@@ -48,7 +48,7 @@ def line_up(texts: Sequence[str], poses: str | None = None, seed: int = 0) -> tu
     texts : sequence of str
         Of the forms in `FORMS`; a single one is joined by `DEFAULTS`.
     poses : str or None
-        Name of a pose distribution to use instead.
+        A preset, a cone, or a file of poses to use instead.
     seed : int
         Of the random layouts.
 
@@ -113,7 +113,7 @@ def _read(text: str) -> Marker:
 
 def _default_setting(poses: str | None) -> Setting:
     spec = Spec()
-    return Setting(spec.boundary, spec.camera, PRESETS[poses or spec.poses]().seen_whole(spec.boundary, spec.camera))
+    return Setting(spec.boundary, spec.camera, poses_from(poses or spec.poses).seen_whole(spec.boundary, spec.camera))
 
 
 def _layout(text: str, first: Marker | None, setting: Setting, seed: int) -> DotMarker:

@@ -11,13 +11,13 @@ from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.feature import Feature, key_ring
 from markergen.model.marker import ControlPoint, Marker
-from markergen.model.poses import PRESETS
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import Criteria, criteria
 from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.design import compare
 from markergen.optimize.region import Region
+from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_from_mapping
 from markergen.render import DEFAULT_OPTICS
 from markergen.validate.bounds import error_budget, image_covariance
@@ -35,7 +35,7 @@ DEFAULT_ERRORS = ErrorSources()
 
 
 def setting_of(marker: Marker, poses: str | None = None) -> Setting:
-    """Camera and poses that a marker was designed for, or other poses by name.
+    """Camera and poses that a marker was designed for, or other poses: a preset, a cone, or a file.
 
     A marker whose file does not say what it was designed for is judged in the paper's setting.
 
@@ -44,8 +44,9 @@ def setting_of(marker: Marker, poses: str | None = None) -> Setting:
     InputError
         If the poses are unknown, or none sees the marker whole.
     """
-    spec = spec_from_mapping(marker.provenance["spec"], "provenance.spec") if "spec" in marker.provenance else Spec()
-    distribution = PRESETS[poses or spec.poses]()
+    stored = marker.provenance.get("spec")
+    spec = Spec() if stored is None else spec_from_mapping(stored, "provenance.spec", stored=True)
+    distribution = poses_from(poses or spec.poses)
     return Setting(marker.boundary, spec.camera, distribution.seen_whole(marker.boundary, spec.camera))
 
 

@@ -53,7 +53,10 @@ class PoseErrors:
 
 @dataclass(frozen=True, eq=False)
 class HomographyErrors:
-    """Errors of one homography estimator, arrays (T,) for a pose or (P, T) for all: HE in px^2, and failures."""
+    """Errors of one homography estimator, arrays (T,) for a pose or (P, T) for all: HE in ideal px^2, and failures.
+
+    A homography knows no lens: it maps to the image of a camera without distortion.
+    """
 
     he_px2: Array
     failed: Mask
@@ -98,10 +101,13 @@ def run_trials(experiment: Experiment, indices: Iterable[int]) -> list[dict[str,
 
 
 def noisy_images(experiment: Experiment, index: int) -> Iterable[Array]:
-    """Blocks (T, n, 2) in px of the image points of a pose with noise, `runs` in total; the same for the same seed."""
+    """Blocks (T, n, 2) of the image points of a pose with noise, `runs` in total; the same for the same seed.
+
+    Their px are those of the image as taken, through the lens.
+    """
     rng = np.random.default_rng(np.random.SeedSequence(experiment.seed, spawn_key=(index,)))
     rotation, translation = experiment.poses.rotation[[index]], experiment.poses.translation[[index]]
-    exact = project(experiment.points, rotation, translation, experiment.camera.matrix)
+    exact = experiment.camera.project(experiment.points, rotation, translation)
     for start in range(0, experiment.runs, BLOCK):
         count = min(BLOCK, experiment.runs - start)
         yield exact + experiment.noise_px * rng.standard_normal((count, *exact.shape[1:]))
@@ -119,7 +125,7 @@ def join(parts: list[dict[str, Errors]], stack: bool) -> dict[str, Errors]:
 def _run_pose(experiment: Experiment, index: int) -> dict[str, Errors]:
     blocks = []
     for images in noisy_images(experiment, index):
-        batch = Correspondences(experiment.points, images, experiment.camera)
+        batch = Correspondences.as_taken(experiment.points, images, experiment.camera)
         blocks.append({name: _errors(experiment, index, batch, ESTIMATORS[name]) for name in experiment.estimators})
     return join(blocks, stack=False)
 

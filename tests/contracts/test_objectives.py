@@ -3,14 +3,16 @@
 import numpy as np
 import pytest
 
+from markergen.errors import InputError
 from markergen.objectives import OBJECTIVES
 from markergen.objectives.aggregates import AGGREGATES
 from markergen.objectives.criteria import regular_polygon
 
+AGGREGATED = [*AGGREGATES, "cvar:0.5"]
 CASES = [
     (name, aggregate, coordinates)
     for name in OBJECTIVES
-    for aggregate in AGGREGATES
+    for aggregate in AGGREGATED
     for coordinates in OBJECTIVES[name].coordinates
 ]
 
@@ -63,4 +65,23 @@ def test_every_objective_is_documented(name):
     kind = OBJECTIVES[name]
     assert kind.__doc__
     assert kind.default_restarts >= 4
-    assert kind.unit in {"m", "px", ""}
+    assert kind.unit in {"m", "px", "deg", "%", ""}
+
+
+@pytest.mark.parametrize("name", list(OBJECTIVES))
+def test_points_in_space_have_a_gradient_or_are_refused(setting, name):
+    objective = OBJECTIVES[name](setting)
+    rng = np.random.default_rng(3)
+    points = np.concatenate([rng.uniform(-0.1, 0.1, (2, 6, 2)), rng.uniform(0, 0.02, (2, 6, 1))], axis=-1)
+    if objective.planar_only:
+        with pytest.raises(InputError, match="expected control points in the marker's plane"):
+            objective(points)
+        return
+    along, step = rng.normal(size=points.shape), 1e-7
+    gradient = objective.value_and_gradient(points)[1]
+    numeric = (objective(points + step * along) - objective(points - step * along)) / (2 * step)
+    # Central differences over 1e-6 of the marker's size leave eight digits.
+    np.testing.assert_allclose(np.sum(gradient * along, axis=(1, 2)), numeric, rtol=1e-6)
+    # In the plane, the third coordinate makes no difference.
+    points[..., 2] = 0
+    np.testing.assert_allclose(objective(points), objective(points[..., :2]), rtol=1e-12)

@@ -36,6 +36,22 @@ def test_draws_on_the_dots_and_leaves_the_rest(pentagon, camera):
     assert not changed[-40:, -40:].any()
 
 
+def test_every_outline_is_drawn(shapes, make_in):
+    marker = make_in(shapes["plate"], 5, 0.02, seed=2)
+    image = view(marker, 30)
+    found = detect(image, marker, PAPER_CAMERA)
+    assert found.pose is not None
+    drawn = decoded(overlay(image, marker, PAPER_CAMERA, [found]))
+    changed = (drawn != image[..., None]).any(axis=-1)
+    for ring in shapes["plate"].outlines():
+        middles = (ring + np.roll(ring, -1, axis=0)) / 2
+        pixels = PAPER_CAMERA.project(middles, POSES.rotation[[30]], POSES.translation[[30]])[0]
+        # The pose that was found is within a pixel of the true one.
+        columns, rows = np.rint(pixels).astype(int).T
+        near = [changed[y - 1 : y + 2, x - 1 : x + 2].any() for x, y in zip(columns, rows, strict=True)]
+        assert np.mean(near) > 0.95
+
+
 def test_axes_need_a_pose(pentagon):
     image = view(pentagon, 130)
     with_pose, without = (

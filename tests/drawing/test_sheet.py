@@ -2,6 +2,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -11,6 +12,7 @@ from markergen.drawing.scene import WHITE, Disk, Line, Outline, bounds
 from markergen.drawing.sheet import Sheet, sheet_for
 from markergen.drawing.text import text, text_width
 from markergen.errors import InputError
+from markergen.model.boundary import Circle, polygon_from
 from markergen.model.marker import Marker
 
 PRINTER_MARGIN = 8.0
@@ -38,9 +40,9 @@ def box_distance(points: np.ndarray, box: tuple) -> float:
 
 
 def along(line: Line) -> np.ndarray:
-    """Points of a line, 20 per segment."""
-    t = np.linspace(0, 1, 20)[:, None, None]
-    return (1 - t) * np.array(line.points[:-1]) + t * np.array(line.points[1:])
+    """Points of a line, at most 1 mm apart."""
+    pairs = zip(line.points, line.points[1:], strict=False)
+    return np.concatenate([np.linspace(a, b, 2 + int(np.hypot(*np.subtract(a, b)) / 1.0)) for a, b in pairs])
 
 
 def check_sheet(marker: Marker, sheet: Sheet) -> None:
@@ -93,6 +95,59 @@ def test_regular_markers(make_ngon, n, radius, diameter):
     sheet = sheet_for(marker)
     check_sheet(marker, sheet)
     assert sum(shape.name.startswith("number-") for shape in sheet.scene) == n
+
+
+KEEP_OUTS = (Circle(0.02, (0.1, 0.0)), Circle(0.006, (-0.06, -0.06)))
+
+
+@pytest.mark.parametrize("keep_outs", [(), KEEP_OUTS])
+@pytest.mark.parametrize("diameter", [0.006, 0.02])
+def test_boundaries_of_any_shape(shape, make_in, diameter, keep_outs):
+    marker = make_in(shape, 6, diameter, keep_outs)
+    sheet = sheet_for(marker)
+    check_sheet(marker, sheet)
+    whole = shapely.union_all(
+        [shapely.Polygon(ring) for ring in shape.outlines() if shapely.is_ccw(shapely.linearrings(ring))]
+    )
+    edges = shapely.MultiLineString([shapely.LinearRing(ring) for ring in shape.outlines()])
+    drawn = shapely.MultiLineString([
+        (np.array(s.points) - sheet.origin_mm) / 1e3 for s in sheet.scene if s.name.startswith("boundary-")
+    ])  # fmt: skip
+    # The hairline is the outline, but for what quiet zones take and a step of 1 mm on either side.
+    assert shapely.hausdorff_distance(drawn, shapely.intersection(edges, drawn.buffer(1e-9))) < 1e-8
+    quiet = shapely.union_all([shapely.Point(p).buffer(diameter + 2e-3) for p in marker.xyz[:, :2]])
+    assert shapely.length(drawn) <= edges.length + 1e-9
+    assert shapely.difference(edges, quiet).difference(drawn.buffer(1e-6)).length < 1e-5
+    for line in (s for s in sheet.scene if s.name.startswith(("axis", "center"))):
+        mark = shapely.LineString((np.array(line.points) - sheet.origin_mm) / 1e3)
+        if line.name.startswith("axis"):
+            # A tick may stand on the outline, and points away from it.
+            mark = shapely.line_interpolate_point(mark, [1e-4, 1e-3, 1.0])
+            assert not shapely.intersects(whole, mark).any()
+        assert np.all(shapely.distance(edges, mark) > 0)
+    for line in (s for s in sheet.scene if s.name.startswith("keep-out-")):
+        assert np.min(shape.depth((along(line) - sheet.origin_mm) / 1e3)) > -1e-3
+
+
+def test_wide_markers_lie_on_their_side(shapes, make_in):
+    sheet = sheet_for(make_in(shapes["two squares"], 6, 0.015))
+    assert str(sheet.paper) == "A4-landscape (297 x 210 mm)"
+    assert sheet.notes[0] == "The marker needs A4-landscape (297 x 210 mm): its outline is 260 x 100 mm."
+    with pytest.raises(InputError, match=r"for a marker 260 x 100 mm, found A4 \(210 x 297 mm\); use --paper A4-land"):
+        sheet_for(make_in(shapes["two squares"], 6, 0.015), "A4")
+
+
+def test_a_kept_origin_has_ticks_only_where_the_marker_is(make_in):
+    # The origin is in the lower left corner: from there the axes run along the edges.
+    boundary = polygon_from([np.array([[0, 0], [0.12, 0], [0.1, 0.08], [0, 0.08]])], origin="file")
+    marker = make_in(boundary, 5, 0.01)
+    sheet = sheet_for(marker)
+    check_sheet(marker, sheet)
+    shapes = named(sheet)
+    assert {name for name in shapes if name.startswith("axis")} <= {"axis+x", "axis+y"}
+    assert not any(name.startswith("center") for name in shapes)
+    left, right = sheet.origin_mm[0], sheet.paper.width - sheet.origin_mm[0] - 120
+    assert left == pytest.approx(right, abs=ROUNDING)
 
 
 @settings(max_examples=25, deadline=None)

@@ -7,8 +7,8 @@ from markergen.estimators.lm import LM, refine
 from markergen.estimators.opencv import prepare
 from markergen.maths.information import information, pose_jacobian
 from markergen.maths.projection import perspective, project, to_camera, to_pixels
-from markergen.maths.rotation import angle_between, exponential
-from markergen.model.camera import PAPER_CAMERA
+from markergen.maths.rotation import angle_between, exponential, logarithm
+from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.poses import PoseDistribution, paper
 
 ANGLES = np.pi / 2 + 2 * np.pi * np.arange(5) / 5
@@ -82,3 +82,27 @@ def test_a_start_that_is_no_pose_stays():
     assert np.isnan(end_rotation[0]).all()
     assert np.array_equal(end_translation[1], translation[1])
     assert np.isfinite(end_rotation[2:]).all()
+
+
+def test_with_a_lens_the_residuals_are_those_of_the_image_as_taken():
+    """The step of Gauss-Newton from the truth; at 0.01 px the second order is below 2 % of it away from the front."""
+    camera = Camera(640, 480, 250.0, 250.0, 320.0, 240.0, Distortion("equidistant", (0.0035, 0.0007, -0.002, 0.0002)))
+    poses = tilted(every=8)
+    poses = PoseDistribution("beside", poses.rotation, 0.4 * poses.translation + [0.2, 0.1, 0])
+    exact = camera.project(PENTAGON, poses.rotation, poses.translation)
+    noise = 0.01 * np.random.default_rng(0).normal(size=exact.shape)
+    rotation, translation = Correspondences.as_taken(PENTAGON, exact + noise, camera).once(LM).best
+    # The Gauss-Newton step of the image as taken, with the Jacobian of the projection by differences.
+    step = 1e-6
+    ahead, behind = (
+        [
+            camera.project(PENTAGON, exponential(h * e[:3]) @ poses.rotation, poses.translation + h * e[3:])
+            for e in np.eye(6)
+        ]
+        for h in (step, -step)
+    )
+    jacobian = (np.stack(ahead, axis=-1) - np.stack(behind, axis=-1)).reshape(len(poses), -1, 6) / (2 * step)
+    expected = np.einsum("pij,pj->pi", np.linalg.pinv(jacobian), noise.reshape(len(poses), -1))
+    found = np.concatenate([logarithm(rotation @ poses.rotation.swapaxes(1, 2)), translation - poses.translation], -1)
+    size = np.linalg.norm(expected, axis=-1)
+    assert np.max(np.linalg.norm(found - expected, axis=-1) / size) < 0.02

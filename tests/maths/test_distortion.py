@@ -8,6 +8,7 @@ from markergen.maths.distortion import (
     NAMES,
     coefficient_jacobian,
     distort,
+    distortion_hessian,
     distortion_jacobian,
     domain_radius,
     undistort,
@@ -80,6 +81,20 @@ def test_derivatives_against_differences(lens):
         np.testing.assert_allclose(analytic[..., i], slope, atol=1e-8)
 
 
+def test_second_derivatives_against_differences(lens):
+    model, coefficients = lens
+    points, step = inside(lens, share=0.9), 1e-6
+    ahead, behind = (
+        [distortion_jacobian(model, points + s * e, coefficients) for e in np.eye(2)] for s in (step, -step)
+    )
+    numeric = (np.stack(ahead, axis=-1) - np.stack(behind, axis=-1)) / (2 * step)
+    # Central differences: 1e-12 of a fourth derivative of up to 1e4, and 1e-16/1e-6 of rounding.
+    hessian = distortion_hessian(model, points, coefficients)
+    np.testing.assert_allclose(hessian, numeric, atol=1e-7)
+    for order in ((0, 2, 1, 3), (0, 1, 3, 2), (0, 3, 2, 1)):
+        np.testing.assert_array_equal(hessian, hessian.transpose(order))
+
+
 def test_undistort_undoes_distort(lens):
     model, coefficients = lens
     points = inside(lens, share=0.95)
@@ -94,6 +109,15 @@ def test_at_the_center_and_far_outside():
         np.testing.assert_array_equal(distort(model, center, coefficients), center)
         np.testing.assert_allclose(distortion_jacobian(model, center, coefficients)[0], np.eye(2), atol=1e-15)
         np.testing.assert_array_equal(undistort(model, center, coefficients), center)
+        # d'' of a center-symmetric lens is odd; what is left there is the tangential terms, 6 p2 and so on.
+        p1, p2 = (0.0, 0.0) if model in ("none", "equidistant") else coefficients[2:4]
+        np.testing.assert_array_equal(
+            distortion_hessian(model, center, coefficients)[0],
+            [[[6 * p2, 2 * p1], [2 * p1, 2 * p2]], [[2 * p1, 2 * p2], [2 * p2, 6 * p1]]],
+        )
+        # Its series at the center meets its formula at 1e-6, where rounding is 1e-16/1e-6.
+        beside = distortion_hessian(model, np.array([[0.999e-6, 0], [1.001e-6, 0]]), coefficients)
+        np.testing.assert_allclose(beside[0], beside[1], atol=2e-8)
         # The fisheye's series at the center meets its formula at 1e-6; the tangential terms are 3 * 0.002 r.
         near = np.array([[0.999e-6, 0], [1.001e-6, 0], [1e-160, 0]])
         np.testing.assert_allclose(distort(model, near, coefficients), near, rtol=1e-8, atol=3e-15)
@@ -101,6 +125,7 @@ def test_at_the_center_and_far_outside():
             for far in (1e7, 1e200, np.inf, np.nan):
                 assert np.isnan(distort(model, np.array([far, 1.0]), coefficients)).all()
                 assert np.isnan(distortion_jacobian(model, np.array([far, 1.0]), coefficients)).all()
+                assert np.isnan(distortion_hessian(model, np.array([far, 1.0]), coefficients)).all()
                 assert np.isnan(coefficient_jacobian(model, np.array([far, 1.0]), coefficients)).all()
                 assert np.isnan(undistort(model, np.array([[1.0, far]]), coefficients)).all() or far == 1e7
 
@@ -188,6 +213,7 @@ def test_any_batch(lens):
     assert after.shape == points.shape
     np.testing.assert_array_equal(after[1, 2, 1], distort(model, points[1, 2, 1], coefficients))
     assert distortion_jacobian(model, points, coefficients).shape == (2, 3, 2, 2, 2)
+    assert distortion_hessian(model, points, coefficients).shape == (2, 3, 2, 2, 2, 2)
     assert coefficient_jacobian(model, points, coefficients).shape == (2, 3, 2, 2, len(coefficients))
     np.testing.assert_allclose(undistort(model, after, coefficients), points, atol=1e-10)
     for function in (distort, undistort):

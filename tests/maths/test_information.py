@@ -99,10 +99,10 @@ def test_displacement_weight_is_the_mean_square_displacement(setting):
 
 
 def test_a_layout_that_determines_nothing_has_infinite_covariance():
-    matrices = np.stack([np.eye(6), np.diag([1.0, 1, 1, 1, 1, 0])])
+    matrices = np.stack([np.eye(6), np.diag([1.0, 1, 1, 1, 1, 0]), np.full((6, 6), np.nan)])
     covariance = info.covariance(matrices)
     np.testing.assert_array_equal(covariance[0], np.eye(6))
-    assert np.all(np.isinf(covariance[1]))
+    assert np.all(np.isinf(covariance[1:]))
 
 
 def test_mirrored_pose_reflects_the_normal_about_the_line_of_sight(setting):

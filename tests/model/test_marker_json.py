@@ -2,11 +2,13 @@ import json
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from markergen.errors import InputError
+from markergen.model.boundary import Circle, polygon_from
 from markergen.model.marker_json import from_json, json_schema, read_marker, to_json
 
 SCHEMA = Path(__file__).parents[2] / "docs" / "marker-v1.schema.json"
@@ -102,6 +104,78 @@ def test_what_is_no_marker_is_refused(text):
 def test_a_cut_off_file_is_refused_wherever_it_ends(pentagon, data):
     text = to_json(pentagon).decode().rstrip()
     refusal(text[: data.draw(st.integers(0, len(text) - 1))])
+
+
+KEEP_OUTS = (Circle(0.02, (0.1, 0.0)), Circle(0.004, (-0.08, -0.08)))
+
+
+def test_any_shape_and_its_keep_outs_come_back(shape, make_in):
+    marker = make_in(shape, 6, 0.01, KEEP_OUTS)
+    data = to_json(marker)
+    again = from_json(data.decode())
+    assert (again.boundary, again.keep_outs) == (shape, KEEP_OUTS)
+    assert to_json(again) == data
+    content = json.loads(data)
+    jsonschema.validate(content, json_schema())
+    assert content["frame"]["origin"] == "center of the boundary's smallest enclosing circle"
+
+
+def test_a_kept_origin_is_told(make_in):
+    boundary = polygon_from([np.array([[0, 0], [0.1, 0], [0.1, 0.1], [0, 0.1]])], origin="file")
+    content = json.loads(to_json(make_in(boundary, 5, 0.01)))
+    assert content["frame"]["origin"] == "that of the boundary's drawing"
+    jsonschema.validate(content, json_schema())
+    assert from_json(json.dumps(content)).boundary == boundary
+
+
+@pytest.fixture
+def l_shaped(shapes, make_in):
+    return json.loads(to_json(make_in(shapes["L"], 6, 0.01, (Circle(0.01, (-0.06, -0.06)),))))
+
+
+def test_dots_off_the_boundary_and_in_keep_outs_are_told(l_shaped):
+    for point, (x, y) in zip(l_shaped["control_points"], [(0.03, 0.03), (-0.06, -0.05), (0.095, -0.05)], strict=False):
+        point["x"], point["y"] = x, y
+    message = refusal(l_shaped)
+    # The wall is at x = -0.02; dots have a radius of 5 mm and a clearance of 1 mm.
+    assert "control_points[0]: stands 55 mm over the boundary" in message
+    assert "control_points[1]: stands 5 mm over keep_outs[0]" in message
+    assert "control_points[2]: 1 mm nearer to the boundary than the clearance" in message
+
+
+def test_coordinates_beyond_all_squares_are_outside(l_shaped):
+    l_shaped["control_points"][0]["x"] = 1e300
+    assert "control_points[0]: stands 1e+103 mm over the boundary" in refusal(l_shaped)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "words"),
+    [
+        (("boundary", "kind"), "star", "boundary: Input should be a table with kind circle or polygon (got {"),
+        (("boundary", "kind"), 3, "boundary: Input should be a table with kind circle or polygon (got {"),
+        (("boundary",), [1], "boundary: Input should be a table with kind circle or polygon (got [1])"),
+        (("boundary", "radius"), 1, "boundary.radius: unknown key (got 1)"),
+        (("boundary", "outlines"), [], "boundary.outlines: List should have at least 1 item"),
+        (("boundary", "outlines", 0), [[0, 0], [1, 1]], "boundary.outlines[0]: List should have at least 3 items"),
+        (("boundary", "outlines", 0, 2), [0, 0, 0], "boundary.outlines[0][2]: List should have at most 2 items"),
+        (
+            ("boundary", "outlines", 0, 2, 1),
+            "x",
+            "boundary.outlines[0][2][1]: Input should be a valid number (got 'x')",
+        ),
+        (("boundary", "outlines", 0, 1), [-0.1, 0.2], "boundary: expected outlines that do not cross"),
+        (("keep_outs", 0, "radius"), -1, "keep_outs[0].radius: Input should be greater than 0 (got -1)"),
+        (("keep_outs", 0), {"kind": "polygon"}, "keep_outs[0].outlines: missing"),
+        (("keep_outs",), {}, "keep_outs: Input should be a valid list"),
+        (("frame", "origin"), "here", "frame.origin: Input should be"),
+    ],
+)
+def test_what_is_wrong_with_a_shape_is_told_with_its_path(l_shaped, path, value, words):
+    place = l_shaped
+    for step in path[:-1]:
+        place = place[step]
+    place[path[-1]] = value
+    assert words in refusal(l_shaped)
 
 
 JSON = st.recursive(

@@ -33,3 +33,15 @@ def test_specs_from_before_there_was_a_noise_model_keep_their_hash():
 def test_wishes_that_do_not_go_together_are_refused(values, words):
     with pytest.raises(InputError, match=words):
         Spec(**values)
+
+
+def test_surviving_nothing_is_no_wish():
+    assert "survive" not in Spec(survive=0).as_dict()
+    assert Spec(n=6, survive=1).as_dict()["survive"] == 1
+    assert Spec(n=6, survive=1).hash != Spec(n=6).hash
+
+
+@pytest.mark.parametrize(("n", "survive"), [(4, 1), (6, 3), (9, 4), (8, -1), (24, 3)])
+def test_losses_that_cannot_be_told_are_refused(n, survive):
+    with pytest.raises(InputError, match=f"survive={survive}"):
+        Spec(n=n, survive=survive)

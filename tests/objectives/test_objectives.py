@@ -9,7 +9,7 @@ from markergen.maths.projection import apply_homography, plane_homography, proje
 from markergen.model.poses import RIM_POINTS
 from markergen.objectives import OBJECTIVES
 from markergen.objectives.condition import condition_number
-from markergen.objectives.criteria import regular_polygon
+from markergen.objectives.criteria import criteria, regular_polygon
 from markergen.objectives.homography import validation_grid
 
 
@@ -123,10 +123,27 @@ def test_a_degenerate_layout_is_infinite_and_stays_put(setting):
         assert np.all(np.isfinite(gradient)) or np.isfinite(value[0])
 
 
+def test_rotation_and_translation_are_the_bounds(setting):
+    points = np.random.default_rng(6).uniform(-0.1, 0.1, (2, 5, 2))
+    row = criteria(points, setting)
+    for name, key in (("rotation", "rotation_deg"), ("translation", "translation_pct")):
+        np.testing.assert_allclose(OBJECTIVES[name](setting)(points), [each[key] for each in row], rtol=1e-12)
+
+
+def test_criteria_of_a_relief_are_those_that_it_has(setting):
+    flat = np.pad(regular_polygon(5, 0.1), ((0, 0), (0, 1)))
+    assert criteria(flat[None], setting) == criteria(flat[None, :, :2], setting)
+    raised = flat + [0, 0, 0.02] * np.arange(5)[:, None] / 4
+    row = criteria(raised[None], setting)[0]
+    assert set(row) == {"pose_m", "rotation_deg", "translation_pct"}
+    # Height tells the tilt of frontal poses, which decide the RMS.
+    assert row["rotation_deg"] < 0.9 * criteria(flat[None], setting)[0]["rotation_deg"]
+
+
 def test_unknown_names_list_the_known(setting):
-    with pytest.raises(InputError, match="condition, homography, pose"):
-        OBJECTIVES["rotation"]
-    with pytest.raises(InputError, match="logmean, max, mean, rms"):
+    with pytest.raises(InputError, match="condition, homography, pose, rotation, translation"):
+        OBJECTIVES["size"]
+    with pytest.raises(InputError, match="cvar, logmean, max, mean, rms"):
         OBJECTIVES["pose"](setting, "median")
     with pytest.raises(InputError, match="unit, metric, pixel, hartley"):
         OBJECTIVES["condition"](setting, coordinates="polar")

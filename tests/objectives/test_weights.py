@@ -13,7 +13,7 @@ from markergen.objectives.criteria import criteria, regular_polygon
 from markergen.objectives.pose import PoseObjective
 from markergen.objectives.weights import DotNoise
 
-WEIGHING = ("homography", "pose")
+WEIGHING = ("homography", "pose", "rotation", "translation")
 NOISE = DotNoise(0.036)
 
 

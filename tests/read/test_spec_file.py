@@ -3,7 +3,7 @@ import json
 import pytest
 
 from markergen.errors import InputError
-from markergen.model.boundary import Circle
+from markergen.model.boundary import Circle, Polygon
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.image_noise import ImageNoise
 from markergen.model.spec import Spec
@@ -44,6 +44,26 @@ def test_a_lens_is_part_of_the_camera(tmp_path):
     assert spec_from_mapping(json.loads(json.dumps(spec.as_dict()))) == spec
 
 
+def test_shapes_and_keep_outs_are_part_of_a_spec(shape, tmp_path):
+    spec = Spec(boundary=shape, keep_outs=(Circle(0.01, (0.1, 0.0)), Circle(0.02)))
+    assert spec_from_mapping(json.loads(json.dumps(spec.as_dict()))) == spec
+    assert spec.hash != Spec(boundary=shape).hash
+    assert "keep_outs" not in Spec(boundary=shape).as_dict()
+
+
+def test_shapes_in_a_file_have_lengths_with_units(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        'boundary = {kind = "polygon", outlines = [[["0mm", 0], ["4in", 0], [0.1016, "80mm"], [0, 0.08]]]}\n'
+        'keep_outs = ["circle:3mm@40mm,20mm", {radius = "2mm", center = ["60mm", 0.02]}, "rect:4mmx4mm@20mm,20mm"]\n'
+    )
+    spec = spec_from_mapping(read_template(str(path)))
+    assert spec.boundary == Polygon((((0, 0), (0.1016, 0), (0.1016, 0.08), (0, 0.08)),))
+    assert spec.keep_outs[:2] == (Circle(0.003, (0.04, 0.02)), Circle(0.002, (0.06, 0.02)))
+    assert spec.keep_outs[2].area == pytest.approx(16e-6, rel=1e-9)
+    assert spec_from_mapping({"boundary": "rect:0.2x0.1"}).boundary.area == pytest.approx(0.02, rel=1e-12)
+
+
 def test_lengths_may_carry_units():
     spec = spec_from_mapping({"radius": "80mm", "dot": "1in", "clearance": 0.002})
     assert (spec.boundary.radius, spec.dot, spec.clearance) == (0.08, 0.0254, 0.002)
@@ -82,8 +102,18 @@ def test_what_is_no_table_is_refused(values):
         ({"radius": True}, "radius: write a number"),
         ({"dot": "inf"}, "dot: write a number such as 0.15 or 150mm, or auto (got 'inf')"),
         ({"objective": 3}, "objective: Input should be a valid string (got 3)"),
-        ({"boundary": {"kind": "square", "radius": 1}}, "boundary.kind: Input should be 'circle' (got 'square')"),
+        (
+            {"boundary": {"kind": "square", "radius": 1}},
+            "boundary: Input should be a table with kind circle or polygon (got {'kind': 'square'",
+        ),
         ({"boundary": {"kind": "circle"}}, "boundary.radius: missing"),
+        ({"boundary": "flange.dxf"}, "boundary: write rect:0.2x0.1, circle:0.15, or a table with kind and outlines"),
+        ({"boundary": "rect:0.2"}, "boundary: expected a width and a height"),
+        ({"boundary": {"kind": "polygon", "outlines": [[["a", 0], [1, 0], [0, 1]]]}}, "boundary.outlines[0][0][0]: "),
+        ({"boundary": {"kind": "polygon", "outlines": [[[0, 0], [1, 1], [1, 0], [0, 1]]]}}, "doing so at (0.5, 0.5) m"),
+        ({"boundary": {"kind": "polygon", "outlines": json.loads("[" * 300 + "]" * 300)}}, "boundary.outlines[0]"),
+        ({"keep_outs": [{"radius": 0}]}, "keep_outs[0].radius: Input should be greater than 0 (got 0)"),
+        ({"keep_outs": ["circle:1"]}, "expected keep-outs that leave room in the boundary"),
         ({"radius": 0.1, "boundary": {"radius": 0.1}}, "boundary: give either radius or [boundary], not both"),
         ({"camera": CAMERA | {"width": 10**400}}, "camera.width: Input should be less than or equal to 20000"),
         ({"camera": CAMERA | {"height": 0}}, "camera.height: Input should be greater than or equal to 1"),

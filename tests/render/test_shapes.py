@@ -7,6 +7,7 @@ from markergen.model.boundary import Circle
 from markergen.model.camera import Camera, Distortion
 from markergen.model.feature import Feature, key_ring
 from markergen.model.marker import ControlPoint, Marker
+from markergen.model.outlines import signed_area
 from markergen.model.poses import paper
 from markergen.render.shapes import INK, SUBSTRATE, marker_patches
 
@@ -69,6 +70,21 @@ def test_plate_reaches_a_margin_beyond_the_boundary():
         (outline,) = marker_patches(RELIEF, margin)[0].outlines
         np.testing.assert_allclose(np.linalg.norm(outline[:, :2], axis=-1), radius, rtol=1e-12)
         assert not outline[:, 2].any()
+
+
+def test_plate_of_any_shape(shape, make_in):
+    marker = make_in(shape, 5, 0.01)
+    sizes = []
+    for margin in (0.0, 0.002, 0.02):
+        plate = marker_patches(marker, margin)[0]
+        # Outlines are turned so that holes count against what they are cut from.
+        sizes.append(sum(signed_area(outline[:, :2]) for outline in plate.outlines))
+        points = np.concatenate(plate.outlines)[:, :2]
+        assert np.max(shape.depth(points)) <= 1e-12 - margin
+        # A corner of an arc in 64 steps per quarter lies on the arc, an edge is up to r (pi/256)^2 / 2 inside of it.
+        assert np.min(shape.depth(points)) >= -margin * (1 + 1e-6) - 1e-12
+    assert sizes[0] == pytest.approx(shape.area, rel=1e-9)
+    assert sizes[0] < sizes[1] < sizes[2]
 
 
 def test_plate_lies_no_higher_than_the_deepest_dot():

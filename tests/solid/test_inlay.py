@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from markergen.errors import InputError
-from markergen.solid.inlay import POCKET, marker_solids, plate_radius_mm
+from markergen.solid.inlay import POCKET, marker_solids, plate_radius_mm, plate_size
 
 # Open CASCADE integrates volumes of cylinders by quadrature that is exact to about 1e-9 of the value.
 VOLUME = 1e-7
@@ -41,6 +41,38 @@ def test_plate_holds_every_quiet_zone_and_the_boundary(make_ngon):
     wide = make_ngon(5, 0.15, 0.036)
     assert plate_radius_mm(wide) == pytest.approx(128.4 + 36)
     assert plate_radius_mm(make_ngon(5, 0.15, 0.002)) == pytest.approx(152)
+
+
+def test_plates_have_the_boundarys_outline_holes_and_all(shape, make_in):
+    marker = make_in(shape, 5, 0.01)
+    solids = marker_solids(marker)
+    plates = [solid for solid in solids if solid.name.startswith("plate")]
+    assert [solid.name for solid in solids[len(plates) :]] == [f"dot-{i}" for i in range(5)]
+    pockets = sum(solid.shape.Volume() for solid in solids[len(plates) :])
+    volume = sum(plate.shape.Volume() for plate in plates)
+    assert volume == pytest.approx(1e9 * shape.area * marker.thickness - pockets, rel=VOLUME)
+    assert all(solid.shape.isValid() and solid.shape.ShapeType() == "Solid" for solid in solids)
+    boxes = [plate.shape.BoundingBox() for plate in plates]
+    corners = 1e3 * np.concatenate(shape.outlines())
+    # Bounding boxes are widened by the shapes' tolerance of 1e-7 mm.
+    found = [
+        min(b.xmin for b in boxes),
+        min(b.ymin for b in boxes),
+        max(b.xmax for b in boxes),
+        max(b.ymax for b in boxes),
+    ]
+    assert found == pytest.approx([*corners.min(axis=0), *corners.max(axis=0)], abs=1e-6)
+    assert {(round(b.zmin, 6), round(b.zmax, 6)) for b in boxes} == {(-3.0, 0.0)}
+
+
+def test_each_region_is_a_plate(shapes, make_in):
+    marker = make_in(shapes["two squares"], 5, 0.01)
+    names = [solid.name for solid in marker_solids(marker)]
+    assert names[:3] == ["plate-1", "plate-2", "dot-0"]
+    assert plate_size(marker) == "260 x 100 mm"
+    (plate, *_) = marker_solids(make_in(shapes["plate"], 5, 0.01))
+    # Through the plate and each hole: outside, and the sides of four holes of 64 edges.
+    assert len([face for face in plate.shape.Faces() if face.geomType() == "PLANE"]) >= 4 + 4 * 64 + 2
 
 
 def test_thin_plate_has_pockets_half_as_deep(make_ngon):

@@ -1,8 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from markergen.maths.projection import project
-from markergen.model.camera import PAPER_CAMERA
+from markergen.model.camera import PAPER_CAMERA, Distortion
 from markergen.model.poses import PoseDistribution, paper
 from markergen.validate import trials
 from markergen.validate.bounds import pose_bounds
@@ -81,3 +83,20 @@ def test_join(pentagon, stack, shape):
     joined = join(parts, stack=stack)
     assert joined["lm"].rotation_deg.shape == shape
     assert np.array_equal(joined["dlt"].he_px2.ravel(), np.concatenate([part["dlt"].he_px2 for part in parts]))
+
+
+def test_noise_is_that_of_the_image_as_taken_and_the_homography_ideal(pentagon):
+    lens = Distortion("radtan", (-0.3, 0.1, 1e-3, -5e-4))
+    setup = replace(experiment(pentagon, runs=4, noise_px=0.0), camera=replace(PAPER_CAMERA, distortion=lens))
+    poses = setup.poses
+    taken = setup.camera.project(pentagon.xyz, poses.rotation[:1], poses.translation[:1])[0]
+    found = np.concatenate(list(noisy_images(setup, 0)))
+    np.testing.assert_array_equal(found, np.broadcast_to(taken, found.shape))
+    assert (
+        np.abs(taken - project(pentagon.xyz, poses.rotation[:1], poses.translation[:1], PAPER_CAMERA.matrix)).max() > 1
+    )
+    for errors in run_trials(setup, range(3)):
+        # As exact as without a lens, see above.
+        assert np.sqrt(errors["dlt"].he_px2).max() < 1e-5
+        assert errors["lm"].rotation_deg.max() < 1e-5
+        assert errors["ippe"].rotation_deg.max() < 1e-5

@@ -2,23 +2,30 @@
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from markergen.model.boundary import Boundary
 from markergen.model.marker import ControlPoint, Marker
 from markergen.units import format_length
 from markergen.validate.report.page import INK, MUTED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.path import Path
 
-_DARK, _PAPER = "#111111", "#ffffff"
+_DARK, _PAPER, _TAKEN = "#111111", "#ffffff", "#d9d9d9"
 
 
 def draw_marker(marker: Marker, ax: "Axes") -> "Axes":
-    """Draw boundary, dots with their ids, frame axes, and a dimension; all in mm of the marker plane."""
-    from matplotlib.patches import Circle, Polygon
+    """Draw boundary, keep-outs, dots with their ids, frame axes, and dimensions; all in mm of the marker plane."""
+    from matplotlib.patches import Circle, PathPatch
 
     radius = 1e3 * marker.boundary.radius
-    rim = 1e3 * marker.boundary.rim(256)
-    ax.add_patch(Polygon(rim, closed=True, facecolor=_PAPER, edgecolor=INK, linewidth=1.0))
+    rim = 1e3 * np.concatenate(marker.boundary.outlines())
+    plate = ax.add_patch(PathPatch(_path(marker.boundary), facecolor=_PAPER, edgecolor=INK, linewidth=1.0))
+    for keep_out in marker.keep_outs:
+        taken = PathPatch(_path(keep_out), facecolor=_TAKEN, edgecolor=MUTED, linewidth=0.7)
+        ax.add_patch(taken).set_clip_path(plate)
     for point in marker.control_points:
         center = (1e3 * point.x, 1e3 * point.y)
         outer, inner = (5e2 * size for size in (point.feature.diameter, point.feature.inner_diameter))
@@ -31,12 +38,24 @@ def draw_marker(marker: Marker, ax: "Axes") -> "Axes":
         _name(point, radius, ax)
     _axes(radius, ax)
     low, high = float(rim[:, 0].min()), float(rim[:, 0].max())
-    _dimension(low, high, float(rim[:, 1].min()) - 0.13 * radius, format_length((high - low) / 1e3), radius, ax)
+    bottom, top = float(rim[:, 1].min()), float(rim[:, 1].max())
+    width, height = (format_length(round(size, 6) / 1e3) for size in (high - low, top - bottom))
+    text = width if width == height else f"{width} wide, {height} high"
+    _dimension(low, high, bottom - 0.13 * radius, text, radius, ax)
     ax.set_xlim(low - 0.12 * radius, high + 0.12 * radius)
-    ax.set_ylim(float(rim[:, 1].min()) - 0.32 * radius, float(rim[:, 1].max()) + 0.08 * radius)
+    ax.set_ylim(bottom - 0.32 * radius, top + 0.08 * radius)
     ax.set_aspect("equal")
     ax.axis("off")
     return ax
+
+
+def _path(boundary: Boundary) -> "Path":
+    """All outlines as one path in mm; holes run against what they are cut from, so they stay open."""
+    from matplotlib.path import Path
+
+    return Path.make_compound_path(
+        *(Path(1e3 * np.concatenate([ring, ring[:1]]), closed=True) for ring in boundary.outlines())
+    )
 
 
 def _name(point: ControlPoint, radius: float, ax: "Axes") -> None:

@@ -37,8 +37,9 @@ def pose_sphere(marker: Marker, poses: PoseDistribution, values: Array, label: s
 
     for circle in _sphere(float(poses.distance.max()), max(float(poses.polar_angle_deg.max()), 10.0)):
         ax.plot(*_seen(circle)[:, :2].T, color=FAINT, linewidth=0.7, zorder=1)
-    rim = np.pad(marker.boundary.rim(128), ((0, 0), (0, 1)))
-    ax.add_patch(Polygon(_seen(rim)[:, :2], facecolor="#ffffff", edgecolor=INK, zorder=2))
+    for ring in marker.boundary.outlines():
+        outline = _seen(np.pad(ring, ((0, 0), (0, 1))))[:, :2]
+        ax.add_patch(Polygon(outline, facecolor="#ffffff", edgecolor=INK, zorder=2))
     around = 2 * np.pi * np.arange(40) / 40
     for point in marker.control_points:
         dot = point.feature.diameter / 2 * np.stack([np.cos(around), np.sin(around), 0 * around], axis=-1)

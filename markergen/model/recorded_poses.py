@@ -1,0 +1,119 @@
+"""Poses that were read from a file: they go with the design, so that it can be repeated without the file."""
+
+from dataclasses import dataclass, replace
+from math import ceil
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.model.boundary import Boundary
+from markergen.model.camera import Camera
+from markergen.model.poses import PoseDistribution
+from markergen.model.visibility import SEEN, visibility
+
+Array = NDArray[np.float64]
+
+COLUMNS = "tx ty tz qx qy qz qw"
+MOST_KEPT = 2000
+"""Of more poses than this that see the marker a sample is taken: it stands in the marker.json."""
+
+_FLIP = np.diag([1.0, -1.0, -1.0])
+_LOOKED_AT = 5000
+"""Poses that are tried in other conventions."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RecordedPoses(PoseDistribution):
+    """Poses of a file; those of files with the same content are equal, whatever the files are called.
+
+    Attributes
+    ----------
+    numbers : array (P, 7)
+        tx, ty, tz in m and the quaternion qx, qy, qz, qw of every pose T_camera_marker; rotation and translation are
+        made of them, to the last bit.
+    file : str
+        Name of the file, without its folder.
+    sha256 : str
+        Of the file, hexadecimal.
+    sampled_from : int
+        Of how many poses that see the marker whole these are a sample; 0 if they are all.
+    """
+
+    numbers: Array
+    file: str
+    sha256: str
+    sampled_from: int = 0
+
+    @staticmethod
+    def of(numbers: Array, file: str, sha256: str, dropped: int = 0, sampled_from: int = 0) -> "RecordedPoses":
+        """Make poses of finite numbers (P, 7); quaternions are normalized."""
+        from scipy.spatial.transform import Rotation
+
+        return RecordedPoses(
+            _name(file, sampled_from),
+            Rotation.from_quat(numbers[:, 3:]).as_matrix(),
+            numbers[:, :3].copy(),
+            dropped=dropped,
+            numbers=numbers,
+            file=file,
+            sha256=sha256,
+            sampled_from=sampled_from,
+        )
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, RecordedPoses) and self.sha256 == other.sha256
+
+    def __hash__(self) -> int:
+        return hash(self.sha256)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values, one line of numbers for each pose."""
+        return {
+            "file": self.file,
+            "sha256": self.sha256,
+            "dropped": self.dropped,
+            "sampled_from": self.sampled_from,
+            "columns": COLUMNS,
+            # The shortest text that reads back as the same number.
+            "rows": [" ".join(map(repr, row)) for row in self.numbers.tolist()],
+        }
+
+    def seen_whole(self, boundary: Boundary, camera: Camera) -> Self:
+        """See `PoseDistribution.seen_whole`; of more than 2000 poses that are left, a random 2000, always the same."""
+        seen = super().seen_whole(boundary, camera)
+        if len(seen) <= MOST_KEPT:
+            return seen
+        chosen = np.sort(np.random.default_rng(0).choice(len(seen), MOST_KEPT, replace=False))
+        sample = seen.taken(chosen, seen.dropped)
+        return replace(sample, name=_name(self.file, len(seen)), sampled_from=len(seen))
+
+    def taken(self, indices: NDArray[np.intp], dropped: int) -> Self:
+        """See `PoseDistribution.taken`."""
+        return replace(super().taken(indices, dropped), numbers=self.numbers[indices])
+
+    def _doubts(self, points: Array, camera: Camera, share: float) -> str:
+        some = slice(None, None, ceil(len(self) / _LOOKED_AT))
+        # Fewer could be chance.
+        best, most = "", max(2 * share, 0.1)
+        for words, rotation, translation in _other_conventions(self.rotation[some], self.translation[some]):
+            other = float(np.mean(visibility(points, rotation, translation, camera) == SEEN))
+            if other > most:
+                best, most = words, other
+        return f"{most:.0%} would see it if the file {best}: look up which way its format goes" if best else ""
+
+
+def _name(file: str, sampled_from: int) -> str:
+    return f"{file}, a sample of {sampled_from}" if sampled_from else file
+
+
+def _other_conventions(rotation: Array, translation: Array) -> list[tuple[str, Array, Array]]:
+    """Mistakes that are often made, in words, with the poses that would be meant."""
+    back = rotation.swapaxes(-1, -2)
+    inverse = -np.einsum("pij,pj->pi", back, translation)
+    return [
+        ("held their inverses", back, inverse),
+        ("were for a camera frame with y up and z backward", _FLIP @ rotation, translation @ _FLIP),
+        ("held inverses for a camera frame with y up and z backward", _FLIP @ back, inverse @ _FLIP),
+        ("were for a marker frame with y down and z into the face", rotation @ _FLIP, translation),
+    ]

@@ -1,0 +1,133 @@
+"""Layouts that bear the loss of dots: hidden, soiled, or out of the image."""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.model.spec import check_losses
+from markergen.objectives.aggregates import AGGREGATES
+from markergen.objectives.base import OBJECTIVES, Losses, Objective, Pullback, Setting
+from markergen.objectives.criteria import NAMES, Criteria, keys_for, without_height
+
+Array = NDArray[np.float64]
+
+SMALLEST_SHARE = 1e-12
+"""Derivatives below this share of all are nothing: most losses are far from the worst."""
+
+
+class SurvivalObjective(Objective):
+    """The objective after the worst loss of `lost` dots: the largest, over all sets of so many, of what is left.
+
+    Its unit, aggregate and coordinates are the objective's; the values of the poses are those after the worst loss.
+
+    Parameters
+    ----------
+    objective : Objective
+    lost : int
+        1 to 3; 4 dots or more must be left, and there must be no more than 2000 sets.
+    """
+
+    def __init__(self, objective: Objective, lost: int) -> None:
+        self.objective, self.lost = objective, lost
+        self.setting, self.aggregate, self.aggregated = objective.setting, objective.aggregate, objective.aggregated
+        self.unit, self.default_restarts = objective.unit, objective.default_restarts
+        self.default_aggregate, self.coordinates = objective.default_aggregate, objective.coordinates
+        self.planar_only = objective.planar_only
+
+    @property
+    def kinked(self) -> bool:
+        """Whatever the objective: at the best layout several losses are equally bad."""
+        return True
+
+    def linearize(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
+        """See `Objective.linearize`: values (B, P) after the loss that is the worst over all poses."""
+        values, pullback = self.objective.linearize_without(points, self._losses(points), softness)
+        with np.errstate(invalid="ignore"):
+            worst = np.argmax(self.aggregated(values, softness)[0], axis=-1)
+        rows = np.arange(len(points))
+
+        def back(weights: Array) -> Array:
+            spread = np.zeros_like(values)
+            spread[rows, worst] = weights
+            return pullback(spread)
+
+        return values[rows, worst], back
+
+    def _value_and_gradient(self, points: Array, softness: float) -> tuple[Array, Array]:
+        if not softness:
+            return super()._value_and_gradient(points, softness)
+        values, pullback = self.objective.linearize_without(points, self._losses(points), softness)
+        with np.errstate(invalid="ignore"):
+            totals, by_value = self.aggregated(values, softness)
+            value, by_total = AGGREGATES["max"](totals, softness)
+            by_total[by_total < SMALLEST_SHARE] = 0.0
+            # A loss that leaves nothing has an infinite value, and no derivative.
+            weights = np.where(by_total[..., None] > 0, by_value * by_total[..., None], 0.0)
+            return value, pullback(weights)
+
+    def _losses(self, points: Array) -> Losses:
+        return losses(points.shape[1], self.lost)
+
+
+def losses(n: int, lost: int) -> Losses:
+    """All sets of `lost` out of n dots, (S, lost), by their indices in ascending order.
+
+    Raises
+    ------
+    InputError
+        If fewer than four dots would be left, or there are too many sets.
+    """
+    check_losses(n, lost)
+    return np.array(list(combinations(range(n), lost)), dtype=np.intp)
+
+
+@dataclass(frozen=True)
+class HiddenDots:
+    """Criteria with some dots hidden.
+
+    Attributes
+    ----------
+    hidden : int
+    worst, mean : mapping
+        Of each criterion by itself, over all sets of so many dots.
+    worst_dots : tuple of int
+        The dots whose loss is the worst for the pose.
+    """
+
+    hidden: int
+    worst: Criteria
+    mean: Criteria
+    worst_dots: tuple[int, ...]
+
+
+def hidden_dot_errors(points: Array, setting: Setting, lost: int) -> list[HiddenDots]:
+    """Criteria of a layout (n, 2 or 3) with 0, 1, .. `lost` dots hidden, see `markergen.objectives.criteria`."""
+    points = without_height(points)[None]
+    objectives = {key: OBJECTIVES[NAMES[key]](setting) for key in keys_for(points)}
+    result = []
+    for hidden in range(lost + 1):
+        sets = losses(points.shape[1], hidden)
+        columns = {key: _after(objective, points, sets) for key, objective in objectives.items()}
+        result.append(
+            HiddenDots(
+                hidden,
+                {key: float(values.max()) for key, values in columns.items()},
+                {key: float(values.mean()) for key, values in columns.items()},
+                tuple(int(i) for i in sets[_first_worst(columns["pose_m"])]),
+            )
+        )
+    return result
+
+
+def _first_worst(values: Array) -> int:
+    """Index of the first value that is the largest but for rounding: symmetric layouts have many."""
+    return int(np.argmax(values >= values.max() * (1 - 1e-9)))
+
+
+def _after(objective: Objective, points: Array, sets: Losses) -> Array:
+    """Aggregated values (S,) of one layout (1, n, .) after each of S losses."""
+    with np.errstate(invalid="ignore"):
+        values: Array = objective.aggregated(objective.linearize_without(points, sets)[0], 0.0)[0][0]
+    return values

@@ -1,0 +1,57 @@
+"""Whether a layout keeps its promises, found in other ways than those of the search."""
+
+from collections.abc import Sequence
+from itertools import combinations
+from math import dist, hypot
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.model.boundary import Boundary, Circle
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1e-9
+"""Breach in m that is put down to rounding."""
+
+
+def breach(
+    points: Array, boundary: Boundary, keep_outs: Sequence[Boundary], diameter: float, clearance: float
+) -> float:
+    """Largest breach in m of the promises that a layout (n, 2 or 3) in m makes; 0 or less if it keeps them.
+
+    Every dot lies whole in the boundary, `clearance` or more from its outline and from the keep-outs, and as far from
+    every other dot. Circles are measured by plain arithmetic, all else by GEOS from the outlines.
+    """
+    inset = diameter / 2 + clearance
+    worst = max((diameter + clearance - dist(p[:2], q[:2]) for p, q in combinations(points.tolist(), 2)), default=0.0)
+    for x, y, *_ in points.tolist():
+        worst = max(worst, inset - _depth(x, y, boundary), *(inset + _depth(x, y, keep_out) for keep_out in keep_outs))
+    return worst
+
+
+def check(points: Array, boundary: Boundary, keep_outs: Sequence[Boundary], diameter: float, clearance: float) -> None:
+    """Refuse a layout that breaks its promises (see `breach`) by more than a nanometer.
+
+    Raises
+    ------
+    RuntimeError
+        If it does: a search has gone wrong, which is no fault of the user's.
+    """
+    worst = breach(points, boundary, keep_outs, diameter, clearance)
+    if not worst <= TOLERANCE:
+        raise RuntimeError(f"the layout that was found breaks its constraints by {worst:.3g} m")
+
+
+def _depth(x: float, y: float, boundary: Boundary) -> float:
+    """Distance in m from the outline, negative outside."""
+    import shapely
+
+    if isinstance(boundary, Circle):
+        return boundary.size - hypot(x - boundary.center[0], y - boundary.center[1])
+    point = shapely.Point(x, y)
+    rings = [shapely.LinearRing(ring) for ring in boundary.outlines()]
+    # Inside is what an odd number of the outlines goes around.
+    inside = sum(shapely.Polygon(ring).contains(point) for ring in rings) % 2 == 1
+    distance = min(ring.distance(point) for ring in rings)
+    return distance if inside else -distance

@@ -1,0 +1,193 @@
+"""Exchange of control points with places of a grid: the moves that a descent cannot make.
+
+A descent goes downhill from where it is: it does not leave a corner, pass a hole, or take a dot from one plate to the
+other. Here one dot after the other is taken out of the layout and put where it serves best, wherever that is, until
+none has a better place (Fedorov 1972, with the objective itself in place of the determinant of the information).
+"""
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.model.poses import PoseDistribution
+from markergen.objectives import Objective
+from markergen.objectives.aggregates import aggregate_of
+from markergen.objectives.base import TraceObjective
+from markergen.objectives.criteria import regular_polygon
+from markergen.optimize.region import Region
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+RIM, INNER = 160, 160
+"""Places along the edge of the region and inside of it, about; for more than 60 dots there are more."""
+
+FEW_POSES = 48
+"""Poses that stand for all in an exchange: what it finds is judged by all of them afterwards."""
+
+BETTER = 1e-4
+"""Relative gain for which a dot is moved."""
+
+SWEEPS, TURNS = 8, 500
+"""Most rounds over all dots, and most turns of single dots."""
+
+
+def fewer(poses: PoseDistribution, count: int = FEW_POSES) -> PoseDistribution:
+    """Every p-th pose, about `count` in all; p is prime, so that it fits into no grid of poses."""
+    most = len(poses) // count
+    step = max((p for p in range(2, most + 1) if all(p % q for q in range(2, p))), default=1)
+    return poses.taken(np.arange(0, len(poses), step), poses.dropped)
+
+
+def edge(region: Region, count: int) -> Array:
+    """Places (C, 2) in m on the edge of the region, about `count`, its corners among them."""
+    boundary = region.boundary
+    corners = [outline for outline in boundary.outlines() if len(outline) <= count]
+    return boundary.project(np.concatenate([*corners, boundary.rim(count)]), region.inset)
+
+
+def places(region: Region, n: int) -> Array:
+    """Places (C, 2) in m for n control points: the edge of the region with its corners, and a lattice inside."""
+    boundary, more = region.boundary, max(1.0, n / 60)
+    rim = edge(region, int(RIM * more))
+    pitch = np.sqrt(boundary.area / (INNER * more * np.sqrt(0.75)))
+    reach = int(np.ceil(2 * boundary.radius / pitch)) + 1
+    i, j = np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1))
+    lattice = np.stack([i + j / 2, j * np.sqrt(0.75)], axis=-1).reshape(-1, 2) * pitch
+    lattice += (rim.min(axis=0) + rim.max(axis=0)) / 2
+    # Places nearer to the edge than half the pitch would say what those on it say.
+    found = np.concatenate([rim, lattice[boundary.depth(lattice) >= region.inset + pitch / 2]])
+    found = found[boundary.depth(found) >= region.inset - 1e-10]
+    return np.asarray(found[np.unique(np.round(found / (1e-3 * boundary.radius)), axis=0, return_index=True)[1]])
+
+
+class Table(ABC):
+    """What an objective says of layouts that have all control points but one in common.
+
+    Attributes
+    ----------
+    places : array (C, 2), m
+    apart : array (C, C), m
+        Distances between them.
+    """
+
+    def __init__(self, places: Array) -> None:
+        self.places, self.apart = places, distances(places)
+
+    @abstractmethod
+    def values(self, rest: Index, candidates: Index) -> Array:
+        """Values (c,) of the layouts of places `rest` (n - 1,) and one of `candidates` (c,) each."""
+
+
+class AnyTable(Table):
+    """The table of any objective, which is asked for each layout."""
+
+    def __init__(self, objective: Objective, places: Array) -> None:
+        super().__init__(places)
+        self._objective = objective
+
+    def values(self, rest: Index, candidates: Index) -> Array:
+        """See `Table`."""
+        kept = np.broadcast_to(self.places[rest], (len(candidates), len(rest), 2))
+        return self._objective(np.concatenate([kept, self.places[candidates][:, None]], axis=1))
+
+
+class TraceTable(Table):
+    """The table of sqrt(trace(W M^-1)), M the sum of what each control point tells: a hundred times as fast.
+
+    A point tells I = R'R with two rows R, and with A = M^-1 of the rest (M + R'R)^-1 = A - A R'(1 + R A R')^-1 R A.
+    """
+
+    def __init__(self, objective: TraceObjective, places: Array) -> None:
+        super().__init__(places)
+        self._weight, self._aggregate = objective.weight, aggregate_of(objective.aggregate)
+        # What one point tells is what it adds to four that determine the pose by themselves.
+        base = regular_polygon(4, 0.7 * objective.setting.boundary.radius)
+        layouts = np.concatenate([np.broadcast_to(base, (len(places), 4, 2)), places[:, None]], axis=1)
+        alone = np.linalg.inv(objective.covariance(base[None]))
+        told = (np.linalg.inv(objective.covariance(layouts)) - alone).swapaxes(0, 1)
+        size, vectors = np.linalg.eigh(told)
+        rows = vectors[..., -2:] * np.sqrt(np.maximum(size[..., None, -2:], 0.0))
+        a, b = rows[..., 0], rows[..., 1]
+        # R X R' for a symmetric X, as a product with the upper triangle of X.
+        self._upper = np.triu_indices(told.shape[-1])
+        i, j = self._upper
+        mixed = [left[..., i] * right[..., j] + left[..., j] * right[..., i] for left, right in ((a, a), (b, b), (a, b))]
+        self._products = np.stack(mixed, axis=2) * np.where(i == j, 0.5, 1.0)
+        self._told = told
+        # So little of what all places tell on average keeps three points or fewer from being singular.
+        self._little = 1e-7 * np.einsum("pcii->pi", told)[:, None] / len(places) * np.eye(told.shape[-1])
+
+    def values(self, rest: Index, candidates: Index) -> Array:
+        """See `Table`."""
+        inverse = np.linalg.inv(self._told[:, rest].sum(axis=1) + self._little)
+        weighed = inverse @ self._weight @ inverse
+        i, j = self._upper
+        both = np.stack([inverse[:, i, j], weighed[:, i, j]], axis=-1)[:, None]
+        products = self._products if len(candidates) == len(self.places) else self._products[:, candidates]
+        found = products @ both
+        (s, x), (t, y), (u, z) = (np.moveaxis(found[:, :, i], -1, 0) for i in range(3))
+        gain = ((1 + t) * x - 2 * u * z + (1 + s) * y) / ((1 + s) * (1 + t) - u * u)
+        trace = np.einsum("pij,pij->p", self._weight, inverse)[:, None] - gain
+        return self._aggregate(np.sqrt(np.maximum(trace, 1e-300)).T, 0.0)[0]
+
+
+def table_of(objective: Objective, places: Array) -> Table:
+    """The fastest table of places (C, 2) in m that the objective allows."""
+    return TraceTable(objective, places) if isinstance(objective, TraceObjective) else AnyTable(objective, places)
+
+
+def exchange(table: Table, spacing: float, layout: Index) -> Index:
+    """Move one control point after the other to its best place, until none has a better one.
+
+    Parameters
+    ----------
+    table : Table
+    spacing : float
+        Smallest distance in m between control points.
+    layout : array (n,)
+        Indices of the places to begin with.
+
+    Returns
+    -------
+    array (n,)
+        Indices of the places to end with.
+    """
+    layout, close = layout.copy(), too_close(table.apart, spacing)
+    # Rounds end with the last dot that found no better place, wherever they began.
+    still = turn = 0
+    while still < len(layout) and turn < min(SWEEPS * len(layout), TURNS):
+        i = turn % len(layout)
+        rest = np.delete(layout, i)
+        taken = close[rest].any(axis=0)
+        taken[layout[i]] = False
+        free = np.flatnonzero(~taken)
+        values = table.values(rest, free)
+        best = int(np.argmin(values))
+        moved = values[best] < values[np.searchsorted(free, layout[i])] * (1 - BETTER)
+        if moved:
+            layout[i] = free[best]
+        still = 0 if moved else still + 1
+        turn += 1
+    return layout
+
+
+def random_layout(apart: Array, spacing: float, n: int, rng: np.random.Generator) -> Index | None:
+    """Indices (n,) of random places, of which all distances are given, that keep the spacing; None where they jam."""
+    close, free = too_close(apart, spacing), np.ones(len(apart), dtype=bool)
+    layout: list[int] = []
+    while len(layout) < n and free.any():
+        layout.append(int(rng.choice(np.flatnonzero(free))))
+        free &= ~close[layout[-1]]
+    return np.array(layout) if len(layout) == n else None
+
+
+def distances(places: Array) -> Array:
+    """Distances (C, C) in m between places (C, 2)."""
+    return np.asarray(np.linalg.norm(places[:, None] - places, axis=-1))
+
+
+def too_close(apart: Array, spacing: float) -> NDArray[np.bool_]:
+    """Distances between places at which two control points cannot have both; bare points are not put in one place."""
+    return apart < max(spacing - 1e-10, 1e-9)

@@ -1,0 +1,155 @@
+"""Global search where corners, holes or sheer numbers trap a descent: exchange on a grid, polish, move single dots.
+
+All of it is done for few of the poses, which is enough to tell good from bad; only the best layouts are polished for
+all of them.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.objectives import Objective
+from markergen.objectives.base import TraceObjective
+from markergen.objectives.pose import PoseObjective
+from markergen.optimize.exchange import distances, edge, exchange, places, random_layout, table_of
+from markergen.optimize.packing import lattice, pack
+from markergen.optimize.polish import polish
+from markergen.optimize.region import Region
+from markergen.optimize.supersab import descend
+from markergen.optimize.trace import Record
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Progress = Callable[[str, int, int], None]
+
+STARTS = 12
+"""Exchanges from random layouts of up to so many dots; of more dots there are fewer."""
+
+KEPT = 3
+"""How many distinct layouts are followed to the end."""
+
+DISTINCT = 2e-4
+"""Layouts whose values are this close, relatively, are taken for one."""
+
+MOVES = 4
+"""Most rounds of moving single dots of a polished layout and polishing it again."""
+
+GAIN = 1e-6
+"""Relative gain for which another round is worth it."""
+
+OVERLAP = 0.9
+"""Share of the spacing that every other exchange keeps."""
+
+FINE_EDGE = 1200
+"""Points of the edge among which those are found that touch a dot."""
+
+
+def place(
+    objective: Objective,
+    rough: Objective,
+    region: Region,
+    n: int,
+    rng: np.random.Generator,
+    starts: int = 0,
+    progress: Progress | None = None,
+    record: Record | None = None,
+) -> tuple[Array, float]:
+    """Layout (n, 2) in m of the region that minimizes an objective, and its value.
+
+    Parameters
+    ----------
+    objective, rough : Objective
+        The same criterion for all poses and for few of them.
+    starts : int
+        Exchanges from random layouts; 0 takes a number that suits n.
+    progress : callable or None
+        Called with the stage, what is done of it, and its total.
+    record : callable or None
+        Called with what each step makes of layouts (see `markergen.optimize.trace`).
+    """
+    starts = starts or max(1, STARTS * STARTS // max(n, STARTS))
+    tell = progress or (lambda stage, done, total: None)
+    grid, spare = _grid(region, n, rng)
+    guide = table_of(rough if isinstance(rough, TraceObjective) else PoseObjective(rough.setting), grid)
+    layouts = []
+    for done in range(starts):
+        tell("exchange", done, starts)
+        # On a grid dots hardly ever touch; where they may overlap a little, the polish has them touch.
+        spacing = region.spacing * (1.0 if done % 2 else OVERLAP)
+        drawn = random_layout(guide.apart, spacing, n, rng)
+        begin = spare if drawn is None else drawn
+        end = exchange(guide, spacing, begin)
+        layouts.append(grid[end])
+        if record:
+            record("exchange", grid[begin][None], grid[end][None])
+    if rough.kinked:
+        layouts = list(descend(rough, region, np.array(layouts), record=record).points)
+    tell("exchange", starts, starts)
+    found = _best([polish(rough, region, layout, record=record) for layout in layouts])
+    if np.isinf(found[0][1]):
+        found = [polish(rough, region, pack(region.boundary, n, region.clearance)[0], record=record)]
+    rim = edge(region, FINE_EDGE)
+    total = 2 * len(found)
+    for done, (points, value) in enumerate(found):
+        tell("polish", done, total)
+        found[done] = _relocate(rough, region, points, value, grid, rim, record)
+    found = _best(found)
+    ends = []
+    for done, (points, _) in enumerate(found):
+        tell("polish", total - len(found) + done, total)
+        ends.append(polish(objective, region, points, record=record))
+    tell("polish", total, total)
+    return min(ends, key=lambda end: end[1])
+
+
+def _grid(region: Region, n: int, rng: np.random.Generator) -> tuple[Array, Index]:
+    """Places (C, 2) in m for an exchange, and the indices (n,) of a layout."""
+    grid = places(region, n)
+    layout = random_layout(distances(grid), region.spacing, n, rng)
+    if layout is not None:
+        return grid, layout
+    # Dots that nearly fill the room jam when they are put down one by one: they begin on a lattice, or as packed.
+    dense = lattice(region.boundary, region.diameter, region.clearance)
+    if len(dense) < n:
+        dense = pack(region.boundary, n, region.clearance)[0]
+    return np.concatenate([dense, grid]), np.arange(n)
+
+
+def _relocate(
+    rough: Objective,
+    region: Region,
+    points: Array,
+    value: float,
+    grid: Array,
+    rim: Array,
+    record: Record | None,
+) -> tuple[Array, float]:
+    """Move single dots of a polished layout to better places, such as beside another dot, and polish it again."""
+    for _ in range(MOVES):
+        table = table_of(rough, np.concatenate([points, _touching(points, rim, region.spacing), grid]))
+        layout = exchange(table, region.spacing, np.arange(len(points)))
+        start = table.places[layout]
+        if record:
+            record("exchange", points[None], start[None])
+        moved, better = polish(rough, region, start, record=record)
+        if not (better < value * (1 - GAIN) and region.holds(moved[None])[0]):
+            break
+        points, value = moved, better
+    return points, value
+
+
+def _touching(points: Array, rim: Array, spacing: float) -> Array:
+    """Places on the edge where a dot would all but touch one of those at points (n, 2)."""
+    pitch = np.linalg.norm(np.diff(rim, axis=0), axis=-1)
+    gap = np.linalg.norm(rim[:, None] - points, axis=-1) - spacing
+    return rim[np.any((gap >= 0) & (gap <= 2 * np.median(pitch)), axis=1)]
+
+
+def _best(found: list[tuple[Array, float]]) -> list[tuple[Array, float]]:
+    """The best few of layouts with their values that are distinct by value, the best first."""
+    kept: list[tuple[Array, float]] = []
+    for points, value in sorted(found, key=lambda pair: pair[1]):
+        if not kept or value > kept[-1][1] * (1 + DISTINCT):
+            kept.append((points, value))
+    return kept[:KEPT]

@@ -1,0 +1,294 @@
+"""How near another labeling of the dots comes to fitting their images, from the pose that suits it best.
+
+For a pose T and a permutation s of the dots, the rival labeling takes the image of dot s(j) for that of dot j. How
+far it is from fitting is
+
+    D(T, s) = min over T' of sqrt(sum over j of |m_T(X_s(j)) - m_T'(X_j)|^2),
+
+m_T being the projection in px and T' any pose that has all dots in front of the camera and shows their printed side,
+not edge-on; so a mirror image is no rival. Images that are displaced by less than D/2 in all, root of the sum of
+squares over the dots, are fitted better by the true labeling than by s: the true pose leaves less than D/2, and every
+pose of the rival more.
+"""
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.maths.information import pose_jacobian
+from markergen.maths.projection import perspective, to_camera
+from markergen.maths.rotation import exponential
+from markergen.model.camera import Camera
+from markergen.model.poses import PoseDistribution
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+STEPS, TOLERANCE, NOTHING = 40, 1e-9, 1e-14
+"""Steps of a fit at most; relative decrease of the sum of squares, and the sum in px^2, at which it is done."""
+
+ROUGH_STEPS, ROUGH_TOLERANCE = 10, 1e-3
+"""The same where fits are only compared."""
+
+DAMPING, LEAST_DAMPING, MOST_DAMPING, FACTOR = 1e-3, 1e-9, 1e8, 10.0
+"""Marquardt's lambda to begin with, its bounds, and what it is divided or multiplied by."""
+
+EDGE_ON, WALL_PX = float(np.cos(np.deg2rad(80.0))), 300.0
+"""Least cosine of a rival's tilt, and what it costs to have none: beyond, dots are lines and nobody takes them for
+what is seen. Of poses that are tilted more themselves, rivals may have half their least cosine."""
+
+_AT_ONCE = 40_000
+"""Projected points in one batch: its Jacobian and what is made of it stay within some 10 MB."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rivals:
+    """K wrong labelings, each at one pose of a distribution.
+
+    Attributes
+    ----------
+    labeling : array (K, n) of int
+        Dot whose image is taken for dot j.
+    pose : array (K,) of int
+        Index of the true pose T.
+    rotation, translation : arrays (K, 3, 3) and (K, 3) in m
+        The rival's pose T'.
+    distance : array (K,), px
+        D, the root of the sum over the dots; inf where no pose shows the dots.
+    """
+
+    labeling: Indices
+    pose: Indices
+    rotation: Array
+    translation: Array
+    distance: Array
+
+    def __len__(self) -> int:
+        return len(self.labeling)
+
+    @property
+    def moved(self) -> NDArray[np.bool_]:
+        """Dots (K, n) that are taken for others."""
+        return self.labeling != np.arange(self.labeling.shape[1])
+
+    @property
+    def px(self) -> Array:
+        """Safety (K,) in px: RMS displacement of the dots, D/(2 sqrt(n)), below which the true labeling fits better."""
+        return self.distance / (2 * np.sqrt(self.labeling.shape[1]))
+
+    def take(self, chosen: Indices) -> "Rivals":
+        """Return the chosen ones."""
+        return Rivals(*(getattr(self, each.name)[chosen] for each in fields(self)))
+
+    def joined(self, other: "Rivals") -> "Rivals":
+        """Return these and others."""
+        return Rivals(*(np.concatenate([getattr(self, each.name), getattr(other, each.name)]) for each in fields(self)))
+
+    def best_per_dot(self, count: int = 1) -> Indices:
+        """Indices of the nearest rivals of each dot, `count` of them where there are so many, without repeats."""
+        away = np.where(self.moved, self.distance[:, None], np.inf)
+        order = np.argsort(away, axis=0, kind="stable")[:count]
+        return np.unique(order[np.isfinite(np.take_along_axis(away, order, axis=0))])
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Dots and what the camera sees of them from each pose.
+
+    Attributes
+    ----------
+    points : array (n, 3), m
+    kinds : array (n,) of int
+        Dots of different kinds are told apart by their looks; of the same kind, by their place alone.
+    camera : Camera
+    poses : PoseDistribution
+        P poses.
+    rays : array (P, n, 2)
+        Images in normalized coordinates.
+    images : array (P, n, 2), px
+        Through the lens.
+    """
+
+    points: Array
+    kinds: Indices
+    camera: Camera
+    poses: PoseDistribution
+    rays: Array
+    images: Array
+
+    @cached_property
+    def edge_on(self) -> float:
+        """Least cosine of a rival's tilt."""
+        return float(min(EDGE_ON, 0.5 * self.poses.cos_tilt.min()))
+
+    @property
+    def truth(self) -> Indices:
+        """The true labeling (n,)."""
+        return np.arange(len(self.points))
+
+    def fit(self, labeling: Indices, pose: Indices, rough: bool = False) -> Rivals:
+        """Fit labelings (K, n) at poses (K,), from both poses that have the affine map nearest to the images."""
+        size = max(1, _AT_ONCE // (2 * len(self.points)))
+        parts = [slice(start, start + size) for start in range(0, max(1, len(labeling)), size)]
+        found = [self._fit(labeling[part], pose[part], rough) for part in parts]
+        return Rivals(*(np.concatenate([getattr(part, each.name) for part in found]) for each in fields(Rivals)))
+
+    def refit(self, rivals: Rivals) -> Rivals:
+        """Fit rivals, those of another layout perhaps, from the poses that they have."""
+        return self._fitted(rivals.labeling, rivals.pose, rivals.rotation, rivals.translation, rough=False)
+
+    def _fit(self, labeling: Indices, pose: Indices, rough: bool) -> Rivals:
+        rays = np.take_along_axis(self.rays[pose], labeling[..., None], axis=1)
+        starts, back = _starts(self.points, rays, self.edge_on)
+        best = self._fitted(labeling, pose, *starts[0], rough)
+        rows = np.arange(len(pose))
+        for index, (rotation, translation) in enumerate(starts[1:]):
+            chosen = rows if index == 0 else np.flatnonzero(back)
+            more = self._fitted(labeling[chosen], pose[chosen], rotation[chosen], translation[chosen], rough)
+            better = more.distance < best.distance[chosen]
+            source = rows.copy()
+            source[chosen[better]] = len(rows) + np.flatnonzero(better)
+            best = best.joined(more).take(source)
+        return best
+
+    def _fitted(self, labeling: Indices, pose: Indices, rotation: Array, translation: Array, rough: bool) -> Rivals:
+        images = np.take_along_axis(self.images[pose], labeling[..., None], axis=1)
+        found = fit_poses(self.points, images, self.camera, rotation, translation, self.edge_on, rough)
+        return Rivals(labeling, pose, *found)
+
+
+def scene_of(points: Array, kinds: Indices, camera: Camera, poses: PoseDistribution) -> Scene:
+    """Scene of points (n, 2) or (n, 3) in m."""
+    points = np.pad(np.asarray(points, dtype=float), ((0, 0), (0, 3 - points.shape[1])))
+    rays = perspective(to_camera(points, poses.rotation, poses.translation))
+    return Scene(points, kinds, camera, poses, rays, camera.to_pixels(rays))
+
+
+def fit_poses(
+    points: Array,
+    images: Array,
+    camera: Camera,
+    rotation: Array,
+    translation: Array,
+    edge_on: float = EDGE_ON,
+    rough: bool = False,
+) -> tuple[Array, Array, Array]:
+    """Poses (K, 3, 3), (K, 3) that bring points (n, 3) nearest to images (K, n, 2) in px, and how near: D (K,).
+
+    Levenberg-Marquardt on the sum of squares, all at once, through the lens. One more residual keeps the cosine of the
+    tilt above `edge_on`; with it D is the least of a sum, and so never above what it would be at the limit. inf where
+    the start does not have all points in front of the camera and their printed side toward it; no step leads there.
+    """
+    rotation, translation = rotation.copy(), translation.copy()
+    fit = Fit(points, camera, edge_on)
+    residual, normalized, cost = fit.residuals(images, rotation, translation)
+    damping = np.full(len(images), DAMPING)
+    alive = np.flatnonzero(np.isfinite(cost) & (cost > NOTHING))
+    tolerance = ROUGH_TOLERANCE if rough else TOLERANCE
+    for _ in range(ROUGH_STEPS if rough else STEPS):
+        if not len(alive):
+            break
+        turn, shift = rotation[alive], translation[alive]
+        jacobian = fit.jacobian(turn, shift, normalized[alive])
+        normal = jacobian.swapaxes(-1, -2) @ jacobian
+        normal[:, np.arange(6), np.arange(6)] *= 1 + damping[alive, None]
+        gradient = np.einsum("kij,ki->kj", jacobian, residual[alive])
+        step = np.linalg.solve(normal, gradient[..., None])[..., 0]
+        turn, shift = exponential(step[:, :3]) @ turn, shift + step[:, 3:]
+        after = fit.residuals(images[alive], turn, shift)
+        before = cost[alive]
+        better = after[2] <= before
+        took = alive[better]
+        rotation[took], translation[took] = turn[better], shift[better]
+        residual[took], normalized[took], cost[took] = (each[better] for each in after)
+        damping[alive] = np.where(better, np.maximum(damping[alive] / FACTOR, LEAST_DAMPING), damping[alive] * FACTOR)
+        done = (better & (after[2] >= before * (1 - tolerance))) | (damping[alive] > MOST_DAMPING)
+        alive = alive[~done & (cost[alive] > NOTHING)]
+    return rotation, translation, np.sqrt(cost)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Residuals of poses, all in px: those of n images, and last that of the tilt."""
+
+    points: Array
+    camera: Camera
+    edge_on: float
+
+    def residuals(self, images: Array, rotation: Array, translation: Array) -> tuple[Array, Array, Array]:
+        """Image minus projection (K, 2n + 1), normalized projections (K, n, 2), and the sum of squares (K,)."""
+        seen = to_camera(self.points, rotation, translation)
+        cosine = _cos_tilt(rotation, translation)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            normalized = perspective(seen)
+            offset = (images - self.camera.to_pixels(normalized)).reshape(len(images), 2 * len(self.points))
+            # Its image is the limit, its projection the tilt.
+            tilt = WALL_PX * np.maximum(1 - cosine / self.edge_on, 0.0)
+            residual = np.concatenate([offset, tilt[:, None]], axis=-1)
+            cost = np.sum(residual**2, axis=-1)
+        # Beyond what the lens model covers there is no image.
+        shown = (seen[..., 2] > 0).all(axis=-1) & (cosine > 0) & np.isfinite(cost)
+        return residual, normalized, np.where(shown, cost, np.inf)
+
+    def jacobian(self, rotation: Array, translation: Array, normalized: Array) -> Array:
+        """Derivative (K, 2n + 1, 6) of the projections by the pose (w, dt)."""
+        rows = self.image_rows(rotation, translation, normalized).reshape(len(rotation), 2 * len(self.points), 6)
+        axis, distance = rotation[:, :, 2], np.linalg.norm(translation, axis=-1)[:, None]
+        cosine = _cos_tilt(rotation, translation)[:, None]
+        toward = -translation / distance
+        by_shift = (cosine * toward - axis) / distance
+        by_pose = np.concatenate([np.cross(axis, toward), by_shift], axis=-1)
+        wall = np.where(cosine < self.edge_on, WALL_PX / self.edge_on * by_pose, 0.0)
+        return np.concatenate([rows, wall[:, None]], axis=1)
+
+    def image_rows(self, rotation: Array, translation: Array, normalized: Array) -> Array:
+        """Derivative (K, n, 2, 6) of the images in px by the pose (w, dt)."""
+        rows = pose_jacobian(self.points, rotation, translation, np.ones(2)).reshape(*normalized.shape, 6)
+        return self.camera.pixel_jacobian(normalized) @ rows
+
+
+def _cos_tilt(rotation: Array, translation: Array) -> Array:
+    return -np.sum(rotation[:, :, 2] * translation, axis=-1) / np.linalg.norm(translation, axis=-1)
+
+
+def _starts(points: Array, rays: Array, edge_on: float) -> tuple[list[tuple[Array, Array]], NDArray[np.bool_]]:
+    """Poses whose affine maps are near that which brings points (n, 3) nearest to rays (K, n, 2).
+
+    Seen along the ray of their mean, points near a plane map by A = s M, with M the upper left block of R. As the
+    columns of R are unit vectors, A'A = s^2 (I - v v') with v = (R31, R32): s is the larger singular value of A, v has
+    the direction of the lesser one, and its sign is free, which makes two poses. Where A shows the back, the mask (K,)
+    is true: then the nearest that do not are edge-on, and two more with the other axis of A may be nearer still.
+    """
+    mean = rays.mean(axis=1)
+    forward = np.concatenate([mean, np.ones((len(mean), 1))], axis=-1)
+    forward /= np.linalg.norm(forward, axis=-1, keepdims=True)
+    side = np.cross(np.array([0.0, 1.0, 0.0]), forward)
+    side /= np.linalg.norm(side, axis=-1, keepdims=True)
+    view = np.stack([side, np.cross(forward, side), forward], axis=1)
+    turned = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1) @ view.swapaxes(-1, -2)
+    flat = turned[..., :2] / turned[..., 2:]
+    middle = points.mean(axis=0)
+    affine = np.linalg.pinv(points[:, :2] - middle[:2]) @ (flat - flat.mean(axis=1, keepdims=True))
+    left, values, right = np.linalg.svd(affine.swapaxes(-1, -2))
+    # From the front the image has the other orientation than the marker: y goes down.
+    back = np.linalg.det(left) * np.linalg.det(right) > 0
+    starts = []
+    for major in (0, 1):
+        minor = 1 - major
+        scale = np.maximum(values[:, major], 1e-12)
+        shown = np.where(back, 0.0, values[:, 1] / scale)
+        cosine = np.clip(shown, edge_on, 1.0)[:, None]
+        across = left[..., minor] * np.where(back, -1.0, 1.0)[:, None]
+        block = (
+            left[..., major, None] * right[:, major, None, :] + (cosine * across)[..., None] * right[:, minor, None, :]
+        )
+        for sign in (1.0, -1.0):
+            last = sign * np.sqrt(1 - cosine**2) * right[:, minor]
+            columns = np.concatenate([block, last[:, None]], axis=1)
+            rotation = np.concatenate([columns, np.cross(columns[..., 0], columns[..., 1])[..., None]], axis=-1)
+            rotation = view.swapaxes(-1, -2) @ rotation
+            place = np.concatenate([flat.mean(axis=1), np.ones((len(flat), 1))], axis=-1) / scale[:, None]
+            starts.append((rotation, np.einsum("kji,kj->ki", view, place) - rotation @ middle))
+    return starts, back

@@ -1,0 +1,182 @@
+"""The way that a search took to its optimum: the layouts one after the other, what they are worth, and a plot."""
+
+import csv
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass, fields
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.files import check_folder
+from markergen.maths.information import rotation_bound, translation_bound
+from markergen.objectives import OBJECTIVES, Objective
+from markergen.objectives.pose import PoseObjective
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+Record = Callable[[str, Array, Array], None]
+"""Called by a search with a stage, layouts (B, n, .) in m, and the layouts (B, n, .) that it made of them."""
+
+FORMATS = (".csv", ".svg", ".png")
+"""What a trace is written as."""
+
+_LABELED = 0.08
+"""Share of the steps from which on a stage is wide enough for its name."""
+
+
+class Recorder:
+    """Remembers of every layout which one it was made of, so that the way to any of them can be told afterwards.
+
+    A search calls it wherever it turns layouts into others; it need not know which of them will be the best.
+    """
+
+    def __init__(self) -> None:
+        self._origin: dict[bytes, tuple[bytes, str]] = {}
+
+    def __call__(self, stage: str, before: Array, after: Array) -> None:
+        """Note that a step of `stage` made the layouts `after` (B, n, .) of the layouts `before` (B, n, .), in m."""
+        for old, new in zip(before, after, strict=True):
+            source, target = old.tobytes(), new.tobytes()
+            # What came back to where it was before is known by the way it first came.
+            if source != target and target not in self._origin:
+                self._origin[target] = source, stage
+
+    def way(self, layout: Array) -> list[tuple[str, Array]]:
+        """Stages and layouts (n, .) from the start, whose stage is ``start``, to `layout`."""
+        steps, place, seen = [], layout.tobytes(), set()
+        while place in self._origin and place not in seen:
+            seen.add(place)
+            source, stage = self._origin[place]
+            steps.append((stage, place))
+            place = source
+        steps.append(("start", place))
+        return [(stage, np.frombuffer(data).reshape(layout.shape)) for stage, data in reversed(steps)]
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step of the best start.
+
+    Attributes
+    ----------
+    step : int
+    stage : str
+        What made it: ``start``, ``descent``, ``polish`` and so on.
+    objective : float
+        In its unit, aggregated.
+    condition : float
+        c(A), in unit coordinates, geometric mean over the poses; nan for a relief.
+    rotation_deg, translation_pct : float
+        RMS over the poses of the predicted errors, for the noise of the setting.
+    """
+
+    step: int
+    stage: str
+    objective: float
+    condition: float
+    rotation_deg: float
+    translation_pct: float
+
+
+def trace_of(way: Sequence[tuple[str, Array]], objective: Objective) -> list[Step]:
+    """Steps of a way (see `Recorder.way`) with what each layout is worth."""
+    stages, layouts = [stage for stage, _ in way], np.stack([layout for _, layout in way])
+    setting = objective.setting
+    condition = np.full(len(layouts), np.nan)
+    if layouts.shape[-1] == 2:
+        condition = OBJECTIVES["condition"](setting)(layouts)
+    bound = PoseObjective(setting).covariance(layouts)
+    columns = (
+        objective(layouts),
+        condition,
+        np.rad2deg(_rms(rotation_bound(bound))),
+        100 * _rms(translation_bound(bound, setting.poses.translation)),
+    )
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return [Step(i, stage, *row) for i, (stage, row) in enumerate(zip(stages, rows, strict=True))]
+
+
+def check_trace_path(path: Path) -> None:
+    """Refuse a path that no trace can be written to, before any work is done.
+
+    Raises
+    ------
+    InputError
+        If the suffix is not one of `FORMATS`.
+    OutputError
+        If the folder is missing or not writable.
+    """
+    if path.suffix.lower() not in FORMATS:
+        raise InputError(f"a trace in one of {', '.join(FORMATS)}", str(path), "give --trace such a name")
+    check_folder(path)
+
+
+def trace_bytes(trace: Sequence[Step], suffix: str, objective: str = "objective") -> bytes:
+    """Contents of a file with that suffix (see `FORMATS`), always the same for the same trace.
+
+    Parameters
+    ----------
+    objective : str
+        What the plot calls the objective.
+    """
+    if suffix.lower() == ".csv":
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow([field.name for field in fields(Step)])
+        writer.writerows([[f"{v:.9g}" if isinstance(v, float) else v for v in astuple(step)] for step in trace])
+        return text.getvalue().encode()
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    # The user's own settings of matplotlib change nothing, nor does the time of day.
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams["svg.hashsalt"] = "markergen"
+        figure = Figure(figsize=(7, 4.5), layout="constrained")
+        plot(trace, figure.add_subplot(), objective)
+        data = io.BytesIO()
+        metadata = {"Date": None} if suffix.lower() == ".svg" else {"Software": None}
+        figure.savefig(data, format=suffix.lower()[1:], dpi=150, metadata=metadata)
+        return data.getvalue()
+
+
+def plot(trace: Sequence[Step], ax: "Axes", objective: str = "objective") -> "Axes":
+    """Draw objective, c(A) and predicted errors over the steps, each in units of its last value, and the stages."""
+    steps = [each.step for each in trace]
+    last = trace[-1]
+    series = (
+        (f"{objective}: {last.objective:.4g}", [each.objective for each in trace], "#1b1b1b", "-"),
+        (f"c(A): {last.condition:.4g}", [each.condition for each in trace], "#9a6a00", "--"),
+        (f"rotation: {last.rotation_deg:.4g} deg", [each.rotation_deg for each in trace], "#0b5fa5", "-"),
+        (f"translation: {last.translation_pct:.4g} %", [each.translation_pct for each in trace], "#b3361b", "-."),
+    )
+    for label, values, color, style in series:
+        relative = np.array(values) / values[-1]
+        # Layouts that determine nothing have no finite value: a gap.
+        ax.plot(steps, np.where(np.isfinite(relative), relative, np.nan), style, color=color, label=label, lw=1.5)
+    ax.set_yscale("log")
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_formatter("{x:g}")
+    for stage, group in groupby(trace[1:], key=lambda each: each.stage):
+        begin, *rest = (each.step for each in group)
+        ax.axvline(begin - 0.5, color="#cccccc", lw=0.8, zorder=0)
+        if len(rest) >= _LABELED * len(trace):
+            ax.annotate(
+                stage, (begin - 0.5, 1), (3, -3), xycoords=("data", "axes fraction"),
+                textcoords="offset points", va="top", fontsize=8, color="#666666",
+            )  # fmt: skip
+    ax.set_xlabel("step of the best start")
+    ax.set_ylabel("in units of the last value")
+    ax.legend(title="at the end", frameon=False)
+    return ax
+
+
+def _rms(values: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(values**2, axis=-1)))

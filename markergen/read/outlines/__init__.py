@@ -1,0 +1,8 @@
+"""Outlines from drawings: a table of formats, told apart by what is in the file, not by its name."""
+
+from markergen.read.outlines.boundary import parse_boundary
+from markergen.read.outlines.drawing import UNITS
+from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFormat
+from markergen.read.outlines.reader import TOLERANCE, read_outline
+
+__all__ = ["OUTLINE_FORMATS", "TOLERANCE", "UNITS", "OutlineFormat", "parse_boundary", "read_outline"]

@@ -1,0 +1,205 @@
+"""Curves of drawings, and polylines that keep within a tolerance of them."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from math import asin, ceil, pi, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+
+Array = NDArray[np.float64]
+
+MOST_POINTS = 100_000
+"""Of one polyline."""
+
+
+class Curve(ABC):
+    """A piece of curve in the plane or in space (d = 2 or 3)."""
+
+    @abstractmethod
+    def mapped(self, matrix: Array) -> "Curve":
+        """Return the image under an affine map (e, d + 1): x -> matrix[:, :d] x + matrix[:, d]."""
+
+    @abstractmethod
+    def sketch(self) -> Array:
+        """Some points (m, d) on the curve or around it, enough to tell how large it is and where."""
+
+    @abstractmethod
+    def flatten(self, tolerance: float) -> Array:
+        """Points (m, d) on the curve, from its start to its end; no chord between two is farther off than tolerance."""
+
+
+@dataclass(frozen=True)
+class Polyline(Curve):
+    """Straight lines between points (m, d)."""
+
+    points: Array
+
+    def mapped(self, matrix: Array) -> "Polyline":
+        """See `Curve.mapped`."""
+        return Polyline(_map(matrix, self.points))
+
+    def sketch(self) -> Array:
+        """See `Curve.sketch`."""
+        return self.points
+
+    def flatten(self, tolerance: float) -> Array:
+        """See `Curve.flatten`."""
+        del tolerance
+        return self.points
+
+
+@dataclass(frozen=True)
+class Bezier(Curve):
+    """A Bezier curve of any degree from its control points (degree + 1, d)."""
+
+    points: Array
+
+    def mapped(self, matrix: Array) -> "Bezier":
+        """See `Curve.mapped`."""
+        return Bezier(_map(matrix, self.points))
+
+    def sketch(self) -> Array:
+        """See `Curve.sketch`."""
+        return self.points
+
+    def flatten(self, tolerance: float) -> Array:
+        """See `Curve.flatten`; a chord over a step h is off by at most h^2 / 8 times the largest second derivative."""
+        degree = len(self.points) - 1
+        bend = float(np.linalg.norm(np.diff(self.points, 2, axis=0), axis=1).max(initial=0.0)) * degree * (degree - 1)
+        t = np.linspace(0.0, 1.0, _steps(sqrt(bend / (8 * tolerance))) + 1)[:, None, None]
+        points = np.broadcast_to(self.points, (len(t), *self.points.shape))
+        for _ in range(degree):  # de Casteljau's
+            points = (1 - t) * points[:, :-1] + t * points[:, 1:]
+        return points[:, 0]
+
+
+@dataclass(frozen=True)
+class Arc(Curve):
+    """Piece of an ellipse: center + u cos(t) + v sin(t), t from `start` over `sweep` (rad); u and v (d,) are any pair.
+
+    Any conjugate half diameters make an ellipse, so that every affine map of an arc is one, sheared or not.
+    """
+
+    center: Array
+    u: Array
+    v: Array
+    start: float = 0.0
+    sweep: float = 2 * pi
+
+    def mapped(self, matrix: Array) -> "Arc":
+        """See `Curve.mapped`."""
+        turn = matrix[:, :-1]
+        return Arc(_map(matrix, self.center), turn @ self.u, turn @ self.v, self.start, self.sweep)
+
+    def sketch(self) -> Array:
+        """See `Curve.sketch`."""
+        return self._at(33)
+
+    def flatten(self, tolerance: float) -> Array:
+        """See `Curve.flatten`; a chord over an angle h of a circle is off by r (1 - cos(h / 2)) = 2 r sin(h / 4)^2.
+
+        An ellipse is a circle of its larger half axis with one direction compressed, which brings nothing farther off.
+        """
+        radius = float(np.linalg.norm(np.stack([self.u, self.v]), ord=2))
+        if radius <= tolerance:
+            return self._at(5)
+        steps = _steps(abs(self.sweep) / (4 * asin(sqrt(tolerance / (2 * radius)))))
+        # By fours, so that a circle keeps its extent and its symmetry.
+        return self._at(4 * ceil(steps / 4) + 1)
+
+    def _at(self, count: int) -> Array:
+        t = np.linspace(self.start, self.start + self.sweep, count)[:, None]
+        return self.center + self.u * np.cos(t) + self.v * np.sin(t)
+
+
+@dataclass(frozen=True)
+class Spline(Curve):
+    """A B-spline, rational where weights differ: control points (n, d), weights (n,) above 0, knots (n + degree + 1,).
+
+    It runs over the knots from ``knots[degree]`` to ``knots[n]``.
+    """
+
+    points: Array
+    weights: Array
+    knots: Array
+    degree: int
+
+    def mapped(self, matrix: Array) -> "Spline":
+        """See `Curve.mapped`."""
+        return Spline(_map(matrix, self.points), self.weights, self.knots, self.degree)
+
+    def sketch(self) -> Array:
+        """See `Curve.sketch`."""
+        return self.points
+
+    def flatten(self, tolerance: float) -> Array:
+        """See `Curve.flatten`: steps are halved until three points between their ends are near the chord.
+
+        The first steps are finer than a polynomial of this degree can wiggle, one span between knots at a time.
+        """
+        spans = np.unique(self.knots[self.degree : len(self.points) + 1])
+        count = 2 * self.degree
+        _steps((len(spans) - 1) * count)
+        inner = np.arange(count) / count
+        t = np.append((spans[:-1, None] + np.diff(spans)[:, None] * inner).ravel(), spans[-1])
+        points = self._at(t)
+        for _ in range(40):
+            ends = np.diff(t)
+            between = [self._at(t[:-1] + share * ends) for share in (0.25, 0.5, 0.75)]
+            off = np.max([_distance(point, points[:-1], points[1:]) for point in between], axis=0)
+            # Half the tolerance: between the points that were looked at the curve may be farther off.
+            coarse = off > tolerance / 2
+            if not coarse.any():
+                break
+            _steps(len(t) + int(np.count_nonzero(coarse)))
+            at = np.flatnonzero(coarse) + 1
+            t, points = (
+                np.insert(t, at, t[at - 1] + ends[coarse] / 2),
+                np.insert(points, at, between[1][coarse], axis=0),
+            )
+        return points
+
+    def _at(self, t: Array) -> Array:
+        from scipy.interpolate import BSpline
+
+        homogeneous = np.column_stack([self.points * self.weights[:, None], self.weights])
+        values = BSpline(self.knots, homogeneous, self.degree)(t)
+        return values[:, :-1] / values[:, -1:]
+
+
+def bulge(start: Array, end: Array, amount: float) -> Curve:
+    """Arc between points (2,) whose bulge is tan(angle / 4), positive if it turns counterclockwise.
+
+    The middle of the chord is off the arc by ``amount`` half chords, which is a line for less than 1e-7.
+    """
+    chord = end - start
+    if abs(amount) < 1e-7 or not chord.any():
+        return Polyline(np.stack([start, end]))
+    left = np.array([-chord[1], chord[0]])
+    center = (start + end) / 2 + left * ((1 - amount**2) / (4 * amount))
+    u = start - center
+    return Arc(center, u, np.array([-u[1], u[0]]), 0.0, 4 * float(np.arctan(amount)))
+
+
+def _map(matrix: Array, points: Array) -> Array:
+    return points @ matrix[:, :-1].T + matrix[:, -1]
+
+
+def _steps(count: float) -> int:
+    if not count <= MOST_POINTS:
+        raise InputError(
+            f"curves that {MOST_POINTS} points can follow to the tolerance", "a larger or more winding one",
+            "simplify the outline, or give the --boundary-unit that it is in",
+        )  # fmt: skip
+    return max(ceil(count), 1)
+
+
+def _distance(points: Array, start: Array, end: Array) -> Array:
+    """Distances (m,) of points (m, d) from segments."""
+    chord = end - start
+    square = np.maximum(np.sum(chord**2, axis=1), np.finfo(float).tiny)
+    along = np.clip(np.sum((points - start) * chord, axis=1) / square, 0.0, 1.0)
+    return np.linalg.norm(points - start - along[:, None] * chord, axis=1)

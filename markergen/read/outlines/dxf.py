@@ -1,0 +1,205 @@
+"""DXF: lines, arcs, polylines with bulges, ellipses and splines of the model space, through blocks."""
+
+import io
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.model.findings import brief
+from markergen.read.outlines.curves import Curve
+from markergen.read.outlines.drawing import MOST_PIECES, Drawing, OutlineFile, Piece
+from markergen.read.outlines.dxf_entities import CURVES, frame_of
+from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFormat
+
+if TYPE_CHECKING:
+    from ezdxf.document import Drawing as Document
+
+Array = NDArray[np.float64]
+
+LARGEST_DXF = 3_000_000
+"""Bytes; ezdxf takes a second or more for each million."""
+MOST_RECORDS = 40_000
+"""Entities, blocks and entries of tables and dictionaries; ezdxf makes an object of each."""
+DEEPEST = 20
+"""Most blocks within blocks."""
+
+SCALES = {
+    1: 0.0254, 2: 0.3048, 3: 1609.344, 4: 1e-3, 5: 1e-2, 6: 1.0, 7: 1e3, 8: 2.54e-8, 9: 2.54e-5, 10: 0.9144,
+    11: 1e-10, 12: 1e-9, 13: 1e-6, 14: 0.1, 15: 10.0, 16: 100.0, 21: 1200 / 3937, 22: 100 / 3937, 23: 3600 / 3937,
+}  # fmt: skip
+"""m per unit by $INSUNITS; 0 is none, and those that are left out are units of astronomers."""
+
+_FLAT = np.eye(4)[:2]
+_BINARY, _DWG = b"AutoCAD Binary DXF", b"AC10"
+
+
+def _fits(file: OutlineFile) -> bool:
+    # The first group's code: 0 of a section, or 999 of a comment.
+    first = file.data.removeprefix(b"\xef\xbb\xbf").lstrip()[:100].replace(b"\r", b"\n").split(b"\n")[0].strip()
+    return first in (b"0", b"999") or file.data.startswith((_BINARY, _DWG))
+
+
+def _read(file: OutlineFile, layer: str | None) -> Drawing:
+    """Drawing of all that lies flat in the model space."""
+    document = _document(file)
+    known = {entry.dxf.name.casefold(): str(entry.dxf.name) for entry in document.layers}
+    reader = _Reader(file, document, layer.casefold() if layer is not None else None)
+    try:
+        reader.layout(document.modelspace(), np.eye(4)[:3], "0", ())
+    except InputError:
+        raise
+    except Exception as error:  # What ezdxf makes of damaged values is not documented.
+        raise file.damaged("a sound drawing", brief(f"{type(error).__name__}: {error}")) from None
+    known |= {name.casefold(): name for name in reader.layers if name.casefold() not in known}
+    if layer is not None and layer.casefold() not in known:
+        raise file.unknown_layer(layer, sorted(known.values()))
+    points = np.concatenate(
+        [curve.sketch() for _, curves, _ in reader.pieces for curve in curves] or [np.zeros((1, 3))]
+    )
+    # Not finite is told later, with its name.
+    if np.isfinite(points).all() and np.ptp(points[:, 2]) > 1e-6 * np.ptp(points, axis=0).max():
+        low, high = points[:, 2].min(), points[:, 2].max()
+        raise file.unreadable(
+            "a flat outline", f"heights z from {low:.6g} to {high:.6g}", "draw it in one plane, or choose its --layer"
+        )
+    pieces = [
+        Piece(name, tuple(curve.mapped(_FLAT) for curve in curves), closed) for name, curves, closed in reader.pieces
+    ]
+    # ezdxf makes up a unit where there is none.
+    unit = document.header.get("$INSUNITS", 0) if b"$INSUNITS" in file.data else 0
+    return Drawing(pieces, SCALES.get(unit), others=reader.others)
+
+
+@dataclass
+class _Reader:
+    file: OutlineFile
+    document: "Document"
+    wanted: str | None
+    pieces: list[tuple[str, list[Curve], bool]] = field(default_factory=list)
+    others: list[str] = field(default_factory=list)
+    layers: dict[str, None] = field(default_factory=dict)
+    steps: int = 0
+
+    def layout(self, entities: Any, matrix: Array, outer: str, blocks: tuple[str, ...]) -> None:
+        """Read entities of a block whose coordinates `matrix` (3, 4) maps to the model's; `outer` is its layer."""
+        for entity in entities:
+            self._step()
+            # What is on layer 0 of a block belongs to the layer that the block is on.
+            layer = str(entity.dxf.get("layer", "0"))
+            layer = outer if blocks and layer == "0" else layer
+            self.layers[layer] = None
+            kind = entity.dxftype()
+            if kind == "INSERT":
+                if self._visible(entity, layer):
+                    self._insert(entity, matrix, layer, blocks)
+            elif not self._chosen(entity, layer):
+                continue
+            elif kind in CURVES:
+                name = f"{kind} on layer {brief(layer)}"
+                frame = _times(matrix, frame_of(entity))
+                for curves, closed in CURVES[kind](entity, self.file, name):
+                    self.pieces.append((name, [curve.mapped(frame) for curve in curves], closed))
+            else:
+                self.others.append(kind)
+
+    def _insert(self, insert: Any, matrix: Array, layer: str, blocks: tuple[str, ...]) -> None:
+        block = insert.block()
+        name = str(insert.dxf.get("name", ""))
+        if block is None:
+            raise self.file.unreadable("all blocks", f"an INSERT of {brief(name)}, which is missing", "write it again")
+        if block.block is not None and block.block.is_xref:
+            raise self.file.unreadable(
+                "no references to other files", f"the block {brief(name)}", "bind it, or take it out"
+            )
+        if name in blocks or len(blocks) >= DEEPEST:
+            raise self.file.unreadable(
+                f"blocks at most {DEEPEST} deep",
+                f"the block {brief(name)} inside itself or deeper",
+                "explode the blocks",
+            )
+        for copy in self._copies(insert):
+            placed = np.array(list(copy.matrix44()), dtype=float).reshape(4, 4).T[:3]
+            self.layout(block, _times(matrix, placed), layer, (*blocks, name))
+
+    def _copies(self, insert: Any) -> Iterator[Any]:
+        rows, columns = int(insert.dxf.get("row_count", 1)), int(insert.dxf.get("column_count", 1))
+        if max(rows, 1) * max(columns, 1) > MOST_PIECES:
+            raise self.file.too_much(f"at most {MOST_PIECES} copies of a block")
+        if rows <= 1 and columns <= 1:
+            yield insert
+            return
+        # A grid has at least one of each.
+        insert = insert.copy()
+        insert.dxf.row_count, insert.dxf.column_count = max(rows, 1), max(columns, 1)
+        for copy in insert.multi_insert():
+            self._step()
+            yield copy
+
+    def _chosen(self, entity: Any, layer: str) -> bool:
+        if self.wanted is not None:
+            return layer.casefold() == self.wanted
+        return self._visible(entity, layer)
+
+    def _visible(self, entity: Any, layer: str) -> bool:
+        """Tell whether an entity is seen; an INSERT on a hidden layer may hold some of a layer that is asked for."""
+        if self.wanted is not None:
+            return True
+        if entity.dxf.get("invisible", 0) or layer not in self.document.layers:
+            return not entity.dxf.get("invisible", 0)
+        entry = self.document.layers.get(layer)
+        return not (entry.is_off() or entry.is_frozen())
+
+    def _step(self) -> None:
+        self.steps += 1
+        if self.steps > MOST_PIECES:
+            raise self.file.too_much(f"at most {MOST_PIECES} lines, arcs and copies of blocks")
+
+
+def _document(file: OutlineFile) -> "Document":
+    """Parse the file, if it is whole and text."""
+    if file.data.startswith(_BINARY):
+        raise file.unreadable("DXF as text", "binary DXF", "save it as ASCII DXF")
+    if file.data.startswith(_DWG):
+        raise file.unreadable("DXF", "DWG", "save it as ASCII DXF")
+    if len(file.data) > LARGEST_DXF:
+        raise file.too_much(f"at most {LARGEST_DXF // 10**6} MB of DXF")
+    text = _text(file)
+    last = text[-4096:].split()
+    if last[-2:] != ["0", "EOF"]:
+        raise file.damaged("DXF to its end, 0 EOF,", f"{brief(' '.join(last[-2:]))} at the end")
+    # Groups are two lines each, a number and its value; 0 starts a record.
+    if sum(line.strip() == "0" for line in text.splitlines()[::2]) > MOST_RECORDS:
+        raise file.too_much(f"at most {MOST_RECORDS} entities and other records")
+    import ezdxf
+
+    try:
+        return ezdxf.read(io.StringIO(text))  # type: ignore[attr-defined]
+    except ezdxf.DXFVersionError as error:  # type: ignore[attr-defined]
+        raise file.unreadable("DXF of R12 or later", brief(str(error)), "save it in a later version") from None
+    except Exception as error:  # ezdxf's own errors are not all that damaged files raise.
+        raise file.damaged("DXF", brief(f"{type(error).__name__}: {error}")) from None
+
+
+def _text(file: OutlineFile) -> str:
+    """Text in the code page of the file; since 2007 DXF is UTF-8."""
+    # ezdxf takes a carriage return for a part of the value.
+    data = file.data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        from ezdxf.tools.codepage import toencoding
+
+        match = re.search(rb"\$DWGCODEPAGE\s+3\s+(\w+)", data[:100_000])
+        return data.decode(toencoding(match[1].decode("ascii", "replace")) if match else "cp1252", "replace")
+
+
+def _times(a: Array, b: Array) -> Array:
+    return np.column_stack([a[:, :3] @ b[:, :3], a[:, :3] @ b[:, 3] + a[:, 3]])
+
+
+OUTLINE_FORMATS.register("dxf")(OutlineFormat("groups that start with 0 SECTION", _fits, _read))

@@ -1,0 +1,109 @@
+"""GeoJSON: polygons and collections of them."""
+
+import json
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.model.findings import brief
+from markergen.read.outlines.curves import Polyline
+from markergen.read.outlines.drawing import MOST_PIECES, Drawing, OutlineFile, Piece
+from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFormat
+
+LARGEST_JSON = 3_000_000
+"""Bytes; each takes 40 in memory."""
+
+
+def _read(file: OutlineFile, layer: str | None) -> Drawing:
+    """Drawing of all polygons, in a unit that GeoJSON does not tell."""
+    if layer is not None:
+        raise file.unknown_layer(layer, [])
+    pieces: list[Piece] = []
+    others: list[str] = []
+    todo: list[tuple[Any, str]] = [(_json(file), "file")]
+    steps = 0
+    while todo:
+        node, name = todo.pop()
+        steps += 1
+        if steps > MOST_PIECES:
+            raise file.too_much(f"at most {MOST_PIECES} polygons")
+        if not isinstance(node, dict):
+            raise file.unreadable("a GeoJSON object", f"{name}: {brief(node)}", "correct the file")
+        kind = node.get("type")
+        if kind == "FeatureCollection":
+            todo += _each(file, node, "features", name)
+        elif kind == "GeometryCollection":
+            todo += _each(file, node, "geometries", name)
+        elif kind == "Feature":
+            if node.get("geometry") is not None:  # It may be null: a feature without a place.
+                todo.append((node["geometry"], f"{name}.geometry"))
+        elif kind in ("Polygon", "MultiPolygon"):
+            place = f"{name}.coordinates"
+            parts = node.get("coordinates")
+            polygons = [(parts, place)] if kind == "Polygon" else _items(file, parts, place)
+            rings = [ring for polygon in polygons for ring in _items(file, *polygon)]
+            pieces += [_piece(file, *ring) for ring in rings if ring[0] != []]
+        elif kind in ("Point", "MultiPoint", "LineString", "MultiLineString"):
+            others.append(kind)
+        else:
+            raise file.unreadable("a GeoJSON type", f"{name}.type {brief(kind)}", "correct the file")
+    return Drawing(pieces, None, others=others)
+
+
+def _piece(file: OutlineFile, ring: Any, name: str) -> Piece:
+    points = _points(ring)
+    if points is None:
+        raise file.unreadable("pairs of numbers [x, y]", f"others at {name}", "correct the file")
+    # Rings repeat their first position; one that does not is open, and the gap is told like that of any other.
+    return Piece(name, (Polyline(points),), False)
+
+
+def _points(ring: Any) -> NDArray[np.float64] | None:
+    if not isinstance(ring, list):
+        return None
+    for position in ring:
+        # A third number is a height; true and false are numbers to Python alone.
+        if not (isinstance(position, list) and len(position) >= 2 and all(type(x) in (int, float) for x in position)):
+            return None
+    try:
+        return np.array([position[:2] for position in ring], dtype=float).reshape(-1, 2)
+    except OverflowError:
+        return None
+
+
+def _each(file: OutlineFile, node: dict[str, Any], key: str, name: str) -> list[tuple[Any, str]]:
+    # Whatever is put last is looked at first.
+    return _items(file, node.get(key), f"{name}.{key}")[::-1]
+
+
+def _items(file: OutlineFile, value: Any, name: str) -> list[tuple[Any, str]]:
+    if not isinstance(value, list):
+        raise file.unreadable("a list", f"{name}: {brief(value)}", "correct the file")
+    if len(value) > MOST_PIECES:
+        raise file.too_much(f"at most {MOST_PIECES} polygons")
+    return [(item, f"{name}[{i}]") for i, item in enumerate(value)]
+
+
+def _json(file: OutlineFile) -> Any:
+    if len(file.data) > LARGEST_JSON:
+        raise file.too_much(f"at most {LARGEST_JSON // 10**6} MB of GeoJSON")
+
+    def refuse(constant: str) -> NoReturn:
+        raise file.unreadable("finite coordinates", constant, "correct the file")
+
+    try:
+        return json.loads(file.text, parse_constant=refuse)
+    except json.JSONDecodeError as error:
+        raise file.damaged("complete JSON", f"line {error.lineno}: {error.msg}") from None
+    except (ValueError, RecursionError):
+        raise file.damaged("JSON", "an endless number or endless nesting") from None
+
+
+OUTLINE_FORMATS.register("geojson")(
+    OutlineFormat(
+        "JSON with a type such as Polygon or FeatureCollection",
+        lambda file: file.data.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] in (b"{", b"["),
+        _read,
+    )
+)

@@ -1,0 +1,291 @@
+"""SVG: every closed shape that is seen, through groups, uses and nested drawings."""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import count
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.model.findings import brief
+from markergen.read.outlines.drawing import MOST_PIECES, Drawing, OutlineFile, Piece
+from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFormat
+from markergen.read.outlines.svg_shapes import PX, Shapes
+from markergen.read.outlines.svg_style import INITIAL, Sheet, Style, seen, sheet_of, style_of
+from markergen.read.outlines.svg_tree import DEEPEST, INKSCAPE, XLINK, parse
+
+Array = NDArray[np.float64]
+Viewport = tuple[float, float]
+
+SHAPES = ("path", "rect", "circle", "ellipse", "line", "polygon", "polyline")
+GROUPS = ("g", "a", "switch")
+MOST_CLIPS = 16
+OTHERS = {"text": "text", "image": "images", "foreignObject": "foreign objects"}
+
+_PHYSICAL = re.compile(r"\s*([-+.\deE]+?)\s*(mm|cm|in|pt|pc|q)\s*", re.IGNORECASE)
+_OLD_INKSCAPE = re.compile(r"0\.(?:[0-8]\d|91|9\b)")
+_URL = re.compile(r"url\(\s*['\"]?#([^'\")]*)['\"]?\s*\)")
+
+
+def _read(file: OutlineFile, layer: str | None) -> Drawing:
+    """Drawing in the user units of the root."""
+    root = parse(file)
+    _refuse_references(root, file)
+    scale, stretch, viewport = _frame(root, file)
+    reader = _Reader(file, sheet_of(root), _by_id(root), _layer_elements(root, layer, file))
+    reader.children(root, _Place(stretch, INITIAL, viewport, reader.layers is None, 0))
+    return Drawing(reader.pieces, scale, y_down=True, others=reader.others)
+
+
+@dataclass(frozen=True)
+class _Place:
+    """What an element inherits: the map to the root's units, style, viewport, whether its layer is wanted, depth."""
+
+    matrix: Array
+    style: Style
+    viewport: Viewport
+    wanted: bool
+    depth: int
+
+
+@dataclass
+class _Reader:
+    file: OutlineFile
+    sheet: Sheet
+    by_id: dict[str, Element]
+    layers: list[Element] | None
+    pieces: list[Piece] = field(default_factory=list)
+    others: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._shapes = Shapes(self.file)
+        self._numbers = count(1)
+
+    def children(self, element: Element, place: _Place) -> None:
+        """Read all that is inside an element."""
+        for child in element:
+            self._element(child, place)
+
+    def _element(self, element: Element, place: _Place) -> None:
+        kind = str(element.tag)
+        if kind in OTHERS:
+            self.others.append(OTHERS[kind])
+        if kind not in (*SHAPES, *GROUPS, "svg", "use"):
+            return
+        number = next(self._numbers)
+        if number > MOST_PIECES:
+            raise self.file.too_much(f"at most {MOST_PIECES} elements")
+        if place.depth > DEEPEST:
+            raise self.file.too_much(f"at most {DEEPEST} levels of groups and uses")
+        style = style_of(element, place.style, self.sheet)
+        chosen = self.layers is not None and any(element is layer for layer in self.layers)
+        if style["display"] == "none" and place.wanted and not chosen:
+            return
+        name = f"{kind} {brief(element.get('id'))}" if element.get("id") else f"{kind} number {number}"
+        matrix = _times(place.matrix, self._shapes.matrix(element, name))
+        here = _Place(matrix, style, place.viewport, place.wanted or chosen, place.depth + 1)
+        before = len(self.pieces)
+        if kind in GROUPS:
+            self.children(element, here)
+        elif kind == "svg":
+            self._framed(element, element, here, name)
+        elif kind == "use":
+            self._use(element, here, name)
+        elif here.wanted and seen(style):
+            self._shape(element, here, name)
+        self._refuse_cuts(style, self.pieces[before:], here, name)
+
+    def _shape(self, element: Element, place: _Place, name: str) -> None:
+        for piece in self._shapes.pieces(element, name, place.viewport):
+            curves = tuple(curve.mapped(place.matrix) for curve in piece.curves)
+            self.pieces.append(Piece(name, curves, piece.closed))
+
+    def _use(self, element: Element, place: _Place, name: str) -> None:
+        target = self.by_id.get(_reference(element).removeprefix("#"))
+        if target is None:
+            raise self.file.unreadable("a shape that is used", f"none for {name}", "save it as plain SVG")
+        if target.tag in ("symbol", "svg"):
+            self._framed(target, element, place, name)
+        else:
+            self._element(target, _moved(place, self._lengths(element, place, name)[:2]))
+
+    def _framed(self, element: Element, outer: Element, place: _Place, name: str) -> None:
+        """Read what is inside a symbol or a nested svg; `outer` has the place and size."""
+        x, y, width, height = self._lengths(outer, place, name)
+        if outer is not element:  # A use moves what it uses, and what it does not say itself the svg does.
+            place = _moved(place, (x, y))
+            inner = self._lengths(element, place, name)
+            x, y = inner[:2] if element.tag == "svg" else (0.0, 0.0)
+            width = width if "width" in outer.attrib else inner[2]
+            height = height if "height" in outer.attrib else inner[3]
+        place = _moved(place, (x, y))
+        viewport = (width, height)
+        box = _view_box(element, self._shapes, name)
+        if box is not None and width > 0 and height > 0:
+            fit = _fit(box, viewport, element.get("preserveAspectRatio", ""))
+            place = _Place(_times(place.matrix, fit), place.style, box[2:], place.wanted, place.depth)
+        else:
+            place = _Place(place.matrix, place.style, viewport, place.wanted, place.depth)
+        if width > 0 and height > 0:
+            self.children(element, place)
+
+    def _lengths(self, element: Element, place: _Place, name: str) -> tuple[float, float, float, float]:
+        whole = (0.0, 0.0, *place.viewport)
+        x, y, width, height = (
+            self._shapes.length(element.get(key), f"{key} of {name}", place.viewport, key, default)
+            for key, default in zip(("x", "y", "width", "height"), whole, strict=True)
+        )
+        return x, y, width, height
+
+    def _refuse_cuts(self, style: Style, pieces: list[Piece], place: _Place, name: str) -> None:
+        """Refuse outlines that are not seen as they are drawn, for a mask or a clip cuts them."""
+        cuts = style["clip-path"] != "none" or style["mask"] != "none"
+        if cuts and pieces and not (style["mask"] == "none" and self._holds(style["clip-path"], pieces, place)):
+            raise self.file.unreadable(
+                "outlines drawn as they are", f"{name} cut by a clip or mask", "cut the shape itself, or release it"
+            )
+
+    def _holds(self, url: str, pieces: list[Piece], place: _Place) -> bool:
+        """Tell whether a clip leaves pieces whole; many editors clip everything to the page."""
+        import shapely
+
+        match = _URL.fullmatch(url)
+        clip = self.by_id.get(match[1]) if match else None
+        if clip is None or clip.tag != "clipPath" or clip.get("clipPathUnits") == "objectBoundingBox":
+            return False
+        points = np.concatenate([curve.sketch() for piece in pieces for curve in piece.curves])
+        size = float(np.hypot(*np.ptp(points, axis=0)))
+        if not (np.isfinite(size) and size > 0):
+            return False
+        near = 1e-5 * size
+        drawn = shapely.points(np.concatenate([curve.flatten(near) for piece in pieces for curve in piece.curves]))
+        inside = np.zeros(len(drawn), dtype=bool)
+        for shape in self._clip(clip, place, near):
+            # Not inside alone: a clip to the page may be the very outline.
+            inside |= shapely.dwithin(shape, drawn, 2 * near)
+        return bool(inside.all())
+
+    def _clip(self, clip: Element, place: _Place, tolerance: float) -> list[Any]:
+        """Polygons of what a clip leaves, or none if they are many."""
+        import shapely
+
+        reader = _Reader(self.file, {}, {}, None)
+        reader._numbers, reader._shapes = self._numbers, self._shapes
+        matrix = _times(place.matrix, self._shapes.matrix(clip, "a clip"))
+        reader.children(clip, _Place(matrix, INITIAL, place.viewport, True, place.depth))
+        if len(reader.pieces) > MOST_CLIPS:
+            return []
+        rings = [np.concatenate([curve.flatten(tolerance) for curve in piece.curves]) for piece in reader.pieces]
+        polygons = [shapely.Polygon(ring) for ring in rings if len(ring) >= 3 and np.isfinite(ring).all()]
+        shapely.prepare(polygons)
+        return polygons
+
+
+def _frame(root: Element, file: OutlineFile) -> tuple[float | None, Array, Viewport]:
+    """Scale in m per user unit or None, map (2, 3) that undoes a stretch, size that percentages are of."""
+    shapes = Shapes(file)
+    box = _view_box(root, shapes, "svg")
+    width, height = (_physical(root.get(key)) for key in ("width", "height"))
+    identity = np.eye(3)[:2]
+    if box is None:
+        sizes = [root.get(key, "100%") for key in ("width", "height")]
+        viewport = (shapes.length(sizes[0], "width", (0, 0), "x"), shapes.length(sizes[1], "height", (0, 0), "y"))
+        # Without a viewBox user units are CSS pixels, but were 90 an inch in Inkscape before 0.92.
+        old = _OLD_INKSCAPE.match(root.get(f"{INKSCAPE} version", ""))
+        known = (width is not None or height is not None) and not old
+        return (0.0254 / PX["in"] if known else None), identity, viewport
+    scales = [size / side for size, side in zip((width, height), box[2:], strict=True) if size is not None]
+    aspect = root.get("preserveAspectRatio", "")
+    if len(scales) == 2 and "none" in aspect:
+        return scales[0], np.array([[1.0, 0.0, 0.0], [0.0, scales[1] / scales[0], 0.0]]), box[2:]
+    choose: Callable[[list[float]], float] = max if "slice" in aspect else min
+    return (choose(scales) if scales else None), identity, box[2:]
+
+
+def _physical(text: str | None) -> float | None:
+    """Length in m, if it has a unit of length; a pixel is none, for no two programs agree on it."""
+    match = _PHYSICAL.fullmatch(text or "")
+    try:
+        value = float(match[1]) * PX[match[2].lower()] * 0.0254 / 96 if match else 0.0
+    except ValueError:
+        return None
+    return value if 0 < value < np.inf else None
+
+
+def _view_box(element: Element, shapes: Shapes, name: str) -> tuple[float, float, float, float] | None:
+    text = element.get("viewBox")
+    if text is None:
+        return None
+    numbers = shapes.numbers(text, f"viewBox of {name}")
+    if len(numbers) != 4 or not (numbers[2] > 0 and numbers[3] > 0 and np.isfinite(numbers).all()):
+        raise shapes.file.unreadable("a viewBox of x y width height", brief(text), "correct the file")
+    return numbers[0], numbers[1], numbers[2], numbers[3]
+
+
+def _fit(box: tuple[float, float, float, float], viewport: Viewport, aspect: str) -> Array:
+    """Map (2, 3) of a viewBox into a viewport, as preserveAspectRatio says."""
+    scale = np.array(viewport) / box[2:]
+    if "none" not in aspect:
+        scale[:] = scale.max() if "slice" in aspect else scale.min()
+    shares = [0.0 if f"{axis}Min" in aspect else 1.0 if f"{axis}Max" in aspect else 0.5 for axis in "xY"]
+    offset = shares * (np.array(viewport) - scale * box[2:]) - scale * box[:2]
+    return np.column_stack([np.diag(scale), offset])
+
+
+def _moved(place: _Place, offset: tuple[float, ...]) -> _Place:
+    matrix = _times(place.matrix, np.array([[1.0, 0.0, offset[0]], [0.0, 1.0, offset[1]]]))
+    return _Place(matrix, place.style, place.viewport, place.wanted, place.depth)
+
+
+def _times(a: Array, b: Array) -> Array:
+    return np.column_stack([a[:, :2] @ b[:, :2], a[:, :2] @ b[:, 2] + a[:, 2]])
+
+
+def _reference(element: Element) -> str:
+    return element.get("href", element.get(f"{XLINK} href", "")).strip()
+
+
+def _refuse_references(root: Element, file: OutlineFile) -> None:
+    """Refuse links to other files, but to pages that a reader may click on."""
+    for element in root.iter():
+        link = _reference(element)
+        if link and not link.startswith(("#", "data:")) and element.tag != "a":
+            raise file.unreadable(
+                "no references to other files", f"{brief(link)} in {brief(element.tag)}", "embed it, or take it out"
+            )
+
+
+def _by_id(root: Element) -> dict[str, Element]:
+    return {element.get("id", ""): element for element in reversed(list(root.iter()))}
+
+
+def _layer_elements(root: Element, layer: str | None, file: OutlineFile) -> list[Element] | None:
+    """Groups of that name; a layer is what Inkscape calls one, or any group with a name in other editors' files."""
+    if layer is None:
+        return None
+    groups = list(root.iter("g"))
+    found = [group for group in groups if layer in _names(group)]
+    if not found:
+        labeled = [group for group in groups if group.get(f"{INKSCAPE} groupmode") == "layer"]
+        known = [names[0] for group in labeled or groups if (names := _names(group))]
+        raise file.unknown_layer(layer, list(dict.fromkeys(known)))
+    return found
+
+
+def _names(group: Element) -> list[str]:
+    keys = (f"{INKSCAPE} label", "data-name", "id")
+    return [group.attrib[key] for key in keys if group.get(key)]
+
+
+OUTLINE_FORMATS.register("svg")(
+    OutlineFormat(
+        "XML with an svg element",
+        lambda file: (
+            file.data.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] == b"<" or file.data[:2] in (b"\xff\xfe", b"\xfe\xff")
+        ),
+        _read,
+    )
+)

@@ -1,0 +1,225 @@
+"""Curves of SVG's basic shapes, and the numbers, lengths and transforms that they are written in."""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import pi, remainder, sqrt
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.model.findings import brief
+from markergen.read.outlines.curves import Arc, Bezier, Curve, Polyline
+from markergen.read.outlines.drawing import MOST_PIECES, OutlineFile, Piece
+from markergen.read.outlines.svg_style import moved_by_style
+
+Array = NDArray[np.float64]
+
+LARGEST_PATH = 300_000
+"""Characters of all path data together; more than enough for all the corners that an outline may have."""
+
+MOST_CLOSES = 20
+
+PX = {"": 1.0, "px": 1.0, "in": 96.0, "cm": 96 / 2.54, "mm": 96 / 25.4, "q": 96 / 101.6, "pt": 96 / 72, "pc": 16.0}
+"""Units of CSS in user units."""
+
+# Nothing here tries a second way to read what it has read, or a long text would take forever.
+_NUMBER = r"(?>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
+_LENGTH = re.compile(rf"\s*+({_NUMBER})\s*+([a-zA-Z]*+|%)\s*+")
+_NO_NUMBERS = re.compile(r"[^\s,]")
+_NO_PATH = re.compile(r"[^\s,MmZzLlHhVvCcSsQqTtAa]")
+_TRANSFORMS = re.compile(r"[\s,]*+(?:(?:matrix|translate|scale|rotate|skewX|skewY)\s*+\([^()]*+\)[\s,]*+)*+")
+_TRANSFORM = re.compile(r"(\w+)\s*\(([^)]*)\)")
+
+
+@dataclass
+class Shapes:
+    """Makes pieces of the shapes of one file; counts how much there is of them."""
+
+    file: OutlineFile
+    path_data: int = 0
+    segments: int = 0
+
+    def pieces(self, element: Element, name: str, viewport: tuple[float, float]) -> list[Piece]:
+        """Pieces of a basic shape in its own coordinates; `viewport` is what percentages are of."""
+        kind = str(element.tag)
+        if kind == "path":
+            return self._path(element.get("d", ""), name)
+        if kind in ("polygon", "polyline"):
+            points = self.numbers(element.get("points", ""), f"points of {name}")
+            if len(points) % 2:
+                raise self.file.unreadable("pairs of numbers", f"an odd number in points of {name}", "correct it")
+            line = Polyline(np.array(points).reshape(-1, 2))
+            return [Piece(name, (line,), kind == "polygon")] if points else []
+
+        def length(key: str, default: float = 0.0) -> float:
+            return self.length(element.get(key), f"{key} of {name}", viewport, key, default)
+
+        if kind == "line":
+            return [Piece(name, (Polyline(np.array([[length(f"x{i}"), length(f"y{i}")] for i in (1, 2)])),), False)]
+        if kind == "rect":
+            x, y, width, height = (length(key) for key in ("x", "y", "width", "height"))
+            rx, ry = (length(key, -1.0) for key in ("rx", "ry"))
+            if width <= 0 or height <= 0:
+                return []
+            return [Piece(name, _rectangle(x, y, width, height, rx if rx >= 0 else ry, ry if ry >= 0 else rx), True)]
+        center = np.array([length("cx"), length("cy")])
+        if kind == "circle":
+            rx = ry = length("r")
+        else:
+            rx, ry = length("rx", -1.0), length("ry", -1.0)
+            rx, ry = rx if rx >= 0 else ry, ry if ry >= 0 else rx
+        if rx <= 0 or ry <= 0:
+            return []
+        return [Piece(name, (Arc(center, np.array([rx, 0.0]), np.array([0.0, ry])),), True)]
+
+    def length(
+        self,
+        text: str | None,
+        name: str,
+        viewport: tuple[float, float],
+        key: str,
+        default: float = 0.0,
+    ) -> float:
+        """Length in user units; percentages are of the viewport's width, height or, for the rest, diagonal."""
+        if text is None or text.strip() in ("", "auto"):
+            return default
+        match = _LENGTH.fullmatch(text)
+        if match and match[2] == "%":
+            width, height = viewport
+            whole = width if "x" in key or key == "width" else height
+            return float(match[1]) / 100 * (whole if key != "r" else float(np.hypot(width, height)) / 2**0.5)
+        if match is None or match[2].lower() not in PX:
+            raise self.file.unreadable("a length", f"{brief(text)} as {name}", f"known units: {', '.join(PX)[2:]}")
+        return float(match[1]) * PX[match[2].lower()]
+
+    def numbers(self, text: str, name: str) -> list[float]:
+        """Numbers with blanks or commas between them."""
+        self._count(text)
+        odd = _NO_NUMBERS.search(re.sub(_NUMBER, "", text))
+        if odd:
+            raise self.file.unreadable("numbers", f"{odd[0]!r} in {name}", "correct the file")
+        return [float(number) for number in re.findall(_NUMBER, text)]
+
+    def matrix(self, element: Element, name: str) -> Array:
+        """Affine map (2, 3) of the attribute transform."""
+        text = element.get("transform", "")
+        if moved_by_style(element):
+            raise self.file.unreadable("transforms as attributes", f"one as style at {name}", "save it as plain SVG")
+        if not _TRANSFORMS.fullmatch(text):
+            raise self.file.unreadable("a transform", f"{brief(text)} at {name}", "correct the file")
+        matrix = np.eye(3)
+        for kind, values in _TRANSFORM.findall(text):
+            numbers = self.numbers(values, f"transform of {name}")
+            if len(numbers) not in _COUNTS[kind]:
+                raise self.file.unreadable("a transform", f"{kind} of {len(numbers)} numbers at {name}", "correct it")
+            matrix = matrix @ np.vstack([_MATRICES[kind](*numbers), [0.0, 0.0, 1.0]])
+        return matrix[:2]
+
+    def _count(self, data: str) -> None:
+        self.path_data += len(data)
+        if self.path_data > LARGEST_PATH:
+            raise self.file.too_much(f"at most {LARGEST_PATH // 1000} kB of path data")
+
+    def _path(self, data: str, name: str) -> list[Piece]:
+        """Pieces of path data, one a subpath."""
+        from svgelements import Close, Move, Path
+
+        self._count(data)
+        if not data.strip() or data.strip() == "none":
+            return []
+        # svgelements takes nan, ignores what it does not know, and stops at the first surprise.
+        odd = _NO_PATH.search(re.sub(_NUMBER, "", data))
+        if odd or data.lstrip()[0] not in "Mm":
+            found = repr(odd[0]) if odd else "no move to start from"
+            raise self.file.unreadable("path data", f"{found} in {name}", "correct the path")
+        # svgelements walks back to the last move at each close.
+        if any(part.lower().count("z") > MOST_CLOSES for part in re.split("[Mm]", data)):
+            raise self.file.unreadable(
+                f"path data with at most {MOST_CLOSES} closes after a move", f"more in {name}", "correct the path"
+            )
+        try:
+            segments = list(Path(data))
+        except Exception:  # Whatever its parser trips over.
+            raise self.file.unreadable("path data", f"{brief(data)} of {name}", "correct the path") from None
+        self.segments += len(segments)
+        if self.segments > MOST_PIECES:
+            raise self.file.too_much(f"at most {MOST_PIECES} lines and curves")
+        pieces: list[Piece] = []
+        curves: list[Curve] = []
+        for segment in segments:
+            if isinstance(segment, Move | Close):
+                # What follows a close without a move starts where the closed piece did.
+                if curves:
+                    pieces.append(Piece(name, tuple(curves), isinstance(segment, Close)))
+                curves = []
+            else:
+                curves.append(_curve(segment))
+        if curves:
+            pieces.append(Piece(name, tuple(curves), False))
+        return pieces
+
+
+def _curve(segment: Any) -> Curve:
+    from svgelements import Arc as SvgArc
+    from svgelements import CubicBezier, QuadraticBezier
+
+    start, end = _point(segment.start), _point(segment.end)
+    if isinstance(segment, QuadraticBezier):
+        return Bezier(np.array([start, _point(segment.control), end]))
+    if isinstance(segment, CubicBezier):
+        return Bezier(np.array([start, _point(segment.control1), _point(segment.control2), end]))
+    if isinstance(segment, SvgArc) and segment.sweep and segment.rx and segment.ry:
+        center = _point(segment.center)
+        axes = np.column_stack([_point(segment.prx) - center, _point(segment.pry) - center])
+        return _arc(start, end, center, axes, float(segment.sweep))
+    return Polyline(np.stack([start, end]))
+
+
+def _arc(start: Array, end: Array, center: Array, axes: Array, sweep: float) -> Curve:
+    """Arc about nearly this center that ends where it should: svgelements' own is off by some 1e-7 of its size."""
+    # In coordinates along the half axes, where the ellipse is the unit circle.
+    a, b = np.linalg.solve(axes, np.stack([start - center, end - center]).T).T
+    half = (b - a) / 2
+    reach = float(np.hypot(*half))
+    if reach > 1 or not np.isfinite(reach):
+        a, b, half, axes, reach = a / reach, b / reach, half / reach, axes * reach, 1.0
+    across = np.array([-half[1], half[0]]) * (sqrt(1 - reach**2) / max(reach, np.finfo(float).tiny))
+    middle = (a + b) / 2
+    shift = min(middle + across, middle - across, key=lambda point: float(np.hypot(*point)))
+    first, last = (float(np.arctan2(*(point - shift)[::-1])) for point in (a, b))
+    exact = sweep + remainder(last - first - sweep, 2 * pi)
+    return Arc(center + axes @ shift, axes[:, 0], axes[:, 1], first, exact)
+
+
+def _point(value: Any) -> Array:
+    return np.array([float(value.x), float(value.y)])
+
+
+def _rectangle(x: float, y: float, width: float, height: float, rx: float, ry: float) -> tuple[Curve, ...]:
+    """Outline of a rectangle, with quarter ellipses for corners if both radii are above 0."""
+    corners = np.array([[x, y], [x + width, y], [x + width, y + height], [x, y + height]])
+    if rx <= 0 or ry <= 0:
+        return (Polyline(corners),)
+    u, v = np.array([min(rx, width / 2), 0.0]), np.array([0.0, min(ry, height / 2)])
+    centers = corners + [u + v, v - u, -u - v, u - v]
+    arcs = [Arc(center, u, v, np.pi + i * np.pi / 2, np.pi / 2) for i, center in enumerate(centers)]
+    return tuple(arcs)
+
+
+def _rotate(degrees: float, x: float = 0.0, y: float = 0.0) -> Array:
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.array([[c, -s, x - c * x + s * y], [s, c, y - s * x - c * y]])
+
+
+_COUNTS = {"matrix": (6,), "translate": (1, 2), "scale": (1, 2), "rotate": (1, 3), "skewX": (1,), "skewY": (1,)}
+_MATRICES: dict[str, Callable[..., Array]] = {
+    "matrix": lambda a, b, c, d, e, f: np.array([[a, c, e], [b, d, f]]),
+    "translate": lambda x, y=0.0: np.array([[1.0, 0.0, x], [0.0, 1.0, y]]),
+    "scale": lambda x, y=None: np.array([[x, 0.0, 0.0], [0.0, x if y is None else y, 0.0]]),
+    "rotate": _rotate,
+    "skewX": lambda a: np.array([[1.0, np.tan(np.radians(a)), 0.0], [0.0, 1.0, 0.0]]),
+    "skewY": lambda a: np.array([[1.0, 0.0, 0.0], [np.tan(np.radians(a)), 1.0, 0.0]]),
+}

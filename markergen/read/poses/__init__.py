@@ -1,0 +1,102 @@
+"""Pose distributions: a preset, a cone, or a file in one of a table of formats, told apart by what is in the file."""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.model.cone import FORM
+from markergen.model.findings import brief
+from markergen.model.poses import PRESETS, PoseDistribution, is_named, named_poses
+from markergen.model.recorded_poses import RecordedPoses
+from markergen.read.poses.lines import PoseFile, read_bytes
+from markergen.registry import Registry
+
+__all__ = ["POSE_FORMATS", "PoseFormat", "poses_from", "read_poses", "settled"]
+
+
+@dataclass(frozen=True)
+class PoseFormat:
+    """One kind of file of poses.
+
+    Attributes
+    ----------
+    signs : str
+        What a file of this kind holds, for the message that no format fits.
+    which_way : str
+        A sentence: from which frame to which its poses go, and in which unit.
+    fits : callable
+        Tell whether a file is of this kind; at most one format says so.
+    read : callable
+        Numbers (P, 7) of the poses T_camera_marker, as `RecordedPoses` has them.
+    """
+
+    signs: str
+    which_way: str
+    fits: Callable[[PoseFile], bool]
+    read: Callable[[PoseFile], NDArray[np.float64]]
+
+
+POSE_FORMATS: Registry[PoseFormat] = Registry("pose format", __name__)
+"""Formats by name."""
+
+
+def poses_from(wish: str | PoseDistribution) -> PoseDistribution:
+    """Poses of a preset (``paper``), of a cone (``cone:tilt=40..70``, see `Cone`), or of a file (see `read_poses`).
+
+    A distribution comes back as it is. A file that is called as a preset is written with its folder, ``./paper``.
+
+    Raises
+    ------
+    InputError
+        If the text is neither of these, or as the readers say.
+    """
+    if isinstance(wish, PoseDistribution):
+        return wish
+    found = settled(wish)
+    return named_poses(found) if isinstance(found, str) else found
+
+
+def settled(wish: str) -> str | RecordedPoses:
+    """What a spec holds for a text that `poses_from` takes: a file is read, and equal cones get equal texts."""
+    if is_named(wish):
+        return named_poses(wish).name
+    path = Path(wish)
+    if not path.name or not (path.suffix or len(path.parts) > 1 or _exists(path)):
+        raise InputError(
+            "a known pose distribution", brief(wish), f"known: {', '.join(PRESETS)}, {FORM}, and files of poses"
+        )
+    return read_poses(path)
+
+
+def read_poses(path: Path | str) -> RecordedPoses:
+    """Read the poses of a file: a table of T_camera_marker as CSV or JSON, a TUM trajectory, or COLMAP's images.txt.
+
+    Which way the poses of each go is the `which_way` of its format.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, has more than a million poses or 50 MB, is in no known format, or a pose is not
+        one; the message names file and line.
+    """
+    path = Path(path)
+    data = read_bytes(path)
+    file = PoseFile(path.name if path.name.isprintable() else brief(path.name), data.removeprefix(b"\xef\xbb\xbf"))
+    for name in POSE_FORMATS:
+        if POSE_FORMATS[name].fits(file):
+            numbers = POSE_FORMATS[name].read(file)
+            return RecordedPoses.of(numbers, file.name, hashlib.sha256(data).hexdigest())
+    known = "; ".join(f"{name}: {POSE_FORMATS[name].signs}" for name in POSE_FORMATS)
+    raise InputError(f"poses in {file.name}", "no format that is known", f"known formats: {known}")
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except (OSError, ValueError):  # A name that is too long, or with a null character.
+        return False

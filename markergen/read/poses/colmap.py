@@ -1,0 +1,57 @@
+"""COLMAP's images.txt: IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of its points, for every image."""
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.model.findings import brief
+from markergen.read.poses import POSE_FORMATS, PoseFormat
+from markergen.read.poses.lines import PoseFile, Rows
+from markergen.read.poses.numbers import numbers_of
+
+WHICH_WAY = (
+    "each image is T_camera_world, X_camera = R X_world + t, as COLMAP writes it, scaled to m; the world is the marker"
+    " frame (x right, y up, z out of the printed face)"
+)
+FORM = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
+
+_IMAGE = re.compile(rb"\d+(\s+[-+.0-9a-zA-Z]+){7}\s+\d+\s+[^\s]")
+
+
+def _fits(file: PoseFile) -> bool:
+    return _IMAGE.match(file.first) is not None
+
+
+def _read(file: PoseFile) -> NDArray[np.float64]:
+    rows = Rows(file, 7)
+    points = False
+    for line, content in file.lines(blank=True):
+        image = _IMAGE.match(content) is not None
+        if points:
+            # Who takes the empty lines out makes poses of points.
+            if image and not _only_numbers(content):
+                raise InputError(
+                    f"the points of an image, or an empty line, at {file.place(line)}",
+                    "another image",
+                    "leave the empty lines in",
+                )
+        elif not content:
+            continue
+        elif not image:
+            raise InputError(
+                f"{FORM} at {file.place(line)}", brief(content[:100].decode("utf-8", "replace")), "correct it"
+            )
+        else:
+            rows.add(line, content[:1000].decode("utf-8", "replace").split(maxsplit=8)[1:8])
+        points = not points
+    values = rows.values()
+    return numbers_of(values[:, 4:], values[:, [1, 2, 3, 0]], rows.place)
+
+
+def _only_numbers(content: bytes) -> bool:
+    return re.match(rb"[-+.0-9eE\s]*\Z", content) is not None
+
+
+POSE_FORMATS.register("colmap")(PoseFormat(f"lines of {FORM}, each with one of points", WHICH_WAY, _fits, _read))

@@ -1,0 +1,130 @@
+"""How safely dots are told apart: known layouts, the poses, and what noise really does."""
+
+from dataclasses import replace
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+from markergen.model.boundary import Circle
+from markergen.model.camera import PAPER_CAMERA
+from markergen.model.feature import Feature
+from markergen.model.poses import named_poses
+from markergen.objectives import Setting
+from markergen.optimize.label_safety import label_safety, safety_of
+from markergen.optimize.rival_fits import fit_poses, scene_of
+
+CIRCLE = Circle(0.15)
+FEW = Setting(CIRCLE, PAPER_CAMERA, named_poses("cone:distance=0.6..1.5,tilt=0..65,count=12,seed=0"))
+
+
+def without_ring(marker):
+    points = tuple(replace(point, feature=Feature(point.feature.diameter)) for point in marker.control_points)
+    return replace(marker, control_points=points)
+
+
+def test_a_pentagon_of_equal_dots_is_ambiguous(pentagon):
+    report = label_safety(without_ring(pentagon), FEW)
+    np.testing.assert_allclose(report.px, 0, atol=1e-4)
+    assert "ambiguous" in report.sentences[0]
+    assert "(0 1 2 3 4)" in report.sentences[0]
+
+
+def test_its_key_ring_makes_it_safe(pentagon, setting):
+    report = label_safety(pentagon, setting)
+    # 7.5 px where the far one is seen at 70 degrees, some 160 px long and 55 px wide.
+    assert report.least > 5
+    assert np.isinf(report.px[0])
+    np.testing.assert_array_equal(report.labels[0], np.arange(5))
+    assert report.poses.polar_angle_deg[report.pose[report.worst]] == pytest.approx(70)
+    assert "tilt 70 deg" in report.sentences[0]
+    assert report.as_dict()["dots"][0] == {"id": 0, "px": None}
+    assert report.as_dict()["least_px"] == report.least
+
+
+def test_a_raised_dot_can_be_told_apart(pentagon):
+    flat = without_ring(pentagon)
+    raised = replace(flat.control_points[2], z=0.05)
+    marker = replace(flat, control_points=(*flat.control_points[:2], raised, *flat.control_points[3:]))
+    oblique = replace(FEW, poses=named_poses("cone:distance=0.8,tilt=40..60,count=8,seed=0"))
+    assert label_safety(marker, oblique).least > 1
+
+
+def test_safety_in_pixels_grows_with_the_focal_length(make_marker):
+    points = np.array([[0.12, 0.0], [0.02, 0.11], [-0.1, 0.06], [-0.08, -0.09], [0.03, -0.05]])
+    marker = without_ring(make_marker(points, 0.15, 0.02))
+    once = label_safety(marker, FEW)
+    twice = label_safety(marker, replace(FEW, camera=replace(PAPER_CAMERA, fx=1600.0, fy=1600.0)))
+    # Of the least safe dot: the others' rivals may be at the limit of the tilt, whose price is in px.
+    assert twice.least == pytest.approx(2 * once.least, rel=1e-6)
+    assert 0.5 < once.least < 10
+
+
+def test_two_close_dots_are_the_least_safe_and_named_by_their_ids(make_marker):
+    points = np.array([[0.12, 0.0], [0.02, 0.11], [-0.1, 0.06], [-0.08, -0.09], [-0.055, -0.09], [0.1, -0.06]])
+    marker = without_ring(make_marker(points, 0.15, 0.02))
+    renamed = tuple(replace(point, id=point.id + 10) for point in marker.control_points)
+    report = label_safety(replace(marker, control_points=renamed), FEW)
+    assert report.worst == 3
+    assert report.rival(3) == "(13 14)"
+    # An exchange moves two of six images by the distance between them: at most sqrt(2/6)/2 of it, less by the fit.
+    seen = PAPER_CAMERA.project(points[3:5], FEW.poses.rotation, FEW.poses.translation)
+    least = np.linalg.norm(seen[:, 0] - seen[:, 1], axis=-1).min()
+    assert 0.2 * np.sqrt(2 / 6) / 2 * least < report.least < np.sqrt(2 / 6) / 2 * least * 1.001
+
+
+def test_noise_confuses_labels_as_often_as_is_told():
+    points = np.array([[0.1, 0.0], [0.01, 0.1], [-0.1, 0.01], [0.0, -0.09]])
+    scene = scene_of(points, np.zeros(4, dtype=np.intp), PAPER_CAMERA, FEW.poses)
+    report = safety_of(scene)
+    pose = int(report.pose[report.worst])
+    labelings = np.array(list(permutations(range(4))))
+    exact = scene.fit(labelings, np.full(len(labelings), pose))
+    rng = np.random.default_rng(0)
+
+    def confused(sigma, trials):
+        noisy = scene.images[pose] + rng.normal(scale=sigma, size=(trials, 4, 2))
+        misfit = np.stack(
+            [
+                fit_poses(
+                    scene.points,
+                    noisy[:, labeling],
+                    PAPER_CAMERA,
+                    np.repeat(exact.rotation[[k]], trials, axis=0),
+                    np.repeat(exact.translation[[k]], trials, axis=0),
+                )[2]
+                for k, labeling in enumerate(labelings)
+            ]
+        )
+        return np.mean(misfit.argmin(axis=0) != 0)
+
+    safe = 2 * report.least / 5.5
+    assert report.confusion(safe) < 1e-7
+    assert confused(safe, 200) == 0
+    near = 2 * report.least
+    told = report.confusion(near)
+    assert told == pytest.approx(0.1587, abs=1e-3)
+    # One rival alone, to first order; 400 trials have a standard error of 0.02, and other rivals add theirs.
+    assert 0.6 * told < confused(near, 400) < 4 * told
+
+
+def test_dots_that_all_differ_are_safe():
+    points = np.array([[0.1, 0.0], [0.01, 0.1], [-0.1, 0.01], [0.0, -0.09]])
+    report = safety_of(scene_of(points, np.arange(4), PAPER_CAMERA, FEW.poses))
+    assert np.isinf(report.px).all()
+    assert report.sentences == ("labels are safe: no two dots are alike",)
+    assert report.as_dict()["least_px"] is None
+
+
+def test_twenty_dots(make_marker):
+    points = Circle(0.15).sample(20, 0.02, np.random.default_rng(3))
+    report = label_safety(make_marker(points, 0.15, 0.01), FEW)
+    assert np.isfinite(report.px[1:]).all()
+    # No exchange of two equal dots is nearer than the nearest that was found.
+    scene = scene_of(points, np.array([1] + [0] * 19), PAPER_CAMERA, FEW.poses)
+    pose = int(report.pose[report.worst])
+    first, second = np.triu_indices(19, 1)
+    labelings = np.tile(np.arange(20), (len(first), 1))
+    rows = np.arange(len(first))
+    labelings[rows, first + 1], labelings[rows, second + 1] = second + 1, first + 1
+    assert report.least <= scene.fit(labelings, np.full(len(first), pose)).px.min() * (1 + 1e-6)

@@ -1,0 +1,384 @@
+"""Files of poses: every format means what its sentence says, and what is wrong is told with its place."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from markergen.errors import InputError
+from markergen.model.boundary import Circle
+from markergen.model.camera import PAPER_CAMERA
+from markergen.model.cone import Cone
+from markergen.model.marker_json import from_json, to_json
+from markergen.model.poses import PRESETS, paper
+from markergen.model.recorded_poses import RecordedPoses
+from markergen.optimize.design import design
+from markergen.read.poses import POSE_FORMATS, poses_from, read_poses
+from markergen.read.poses.numbers import numbers_of_rows
+from markergen.read.spec_file import spec_from_mapping
+from markergen.validate.proof import setting_of
+
+QUATERNION = "tx,ty,tz,qx,qy,qz,qw"
+GOOD = "0,0,1,1,0,0,0"
+
+
+def numbers(row, mark=","):
+    return mark.join(f"{value:.17g}" for value in row)
+
+
+def table(header, rows, mark=","):
+    return mark.join(header) + "\n" + "".join(numbers(row, mark) + "\n" for row in rows)
+
+
+def as_csv(rotation, translation, mark=","):
+    rows = np.concatenate([Rotation.from_matrix(rotation).as_quat(), translation], axis=-1)
+    return table(["qx", "qy", "qz", "qw", "tx", "ty", "tz"], rows, mark)
+
+
+def as_vectors(rotation, translation):
+    rows = np.concatenate([translation, Rotation.from_matrix(rotation).as_rotvec()], axis=-1)
+    return table(["tx", "ty", "tz", "rx", "ry", "rz"], rows, ";")
+
+
+def as_matrices(rotation, translation):
+    names = [f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)]
+    return table([*names, "tx", "ty", "tz"], np.concatenate([rotation.reshape(-1, 9), translation], axis=-1), "  ")
+
+
+def as_json(rotation, translation):
+    rows = np.concatenate([translation, Rotation.from_matrix(rotation).as_quat()], axis=-1)
+    return json.dumps([dict(zip(QUATERNION.split(","), row, strict=True)) for row in rows.tolist()])
+
+
+def as_tum(rotation, translation):
+    # The camera in the world: its center, and the turn from camera to world axes.
+    center = -np.einsum("pji,pj->pi", rotation, translation)
+    rows = np.concatenate([center, Rotation.from_matrix(rotation.swapaxes(1, 2)).as_quat()], axis=-1)
+    head = "# ground truth trajectory\n# timestamp tx ty tz qx qy qz qw\n"
+    return head + "".join(f"{1305031098.6659 + i:.4f} {numbers(row, ' ')}\n" for i, row in enumerate(rows))
+
+
+def as_colmap(rotation, translation):
+    rows = np.concatenate([np.roll(Rotation.from_matrix(rotation).as_quat(), 1, axis=-1), translation], axis=-1)
+    points = ["", "362.5 201.25 -1 10.5 20.5 63390 1 2 3"]
+    return "# Image list with two lines of data per image:\n#   POINTS2D[] as (X, Y, POINT3D_ID)\n" + "".join(
+        f"{i + 1} {numbers(row, ' ')} 1 frame {i:04d}.png\n{points[i % 2]}\n" for i, row in enumerate(rows)
+    )
+
+
+WRITERS = {
+    "csv": as_csv, "semicolons": lambda r, t: as_csv(r, t, ";"), "tabs": lambda r, t: as_csv(r, t, "\t"),
+    "blanks": lambda r, t: as_csv(r, t, " "), "vectors": as_vectors, "matrices": as_matrices, "json": as_json,
+    "tum": as_tum, "colmap": as_colmap,
+}  # fmt: skip
+
+
+@pytest.fixture
+def write(tmp_path):
+    def writer(text, name="poses.txt"):
+        path = tmp_path / name
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return path
+
+    return writer
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 5))
+def test_every_format_gives_back_the_poses_that_were_written(write, kind, seed, count):
+    rng = np.random.default_rng(seed)
+    rotation = Rotation.random(count, rng=rng).as_matrix()
+    translation = rng.normal(size=(count, 3))
+    poses = read_poses(write(WRITERS[kind](rotation, translation)))
+    # Numbers are kept to 12 decimals; a trajectory's are turned by a rotation rounded so.
+    np.testing.assert_allclose(poses.rotation, rotation, atol=1e-11)
+    np.testing.assert_allclose(poses.translation, translation, atol=1e-11)
+    # R of the kept quaternion by the textbook's formula.
+    x, y, z, w = poses.numbers[:, 3:].T
+    np.testing.assert_allclose(poses.rotation[:, 0, 1], 2 * (x * y - z * w), atol=1e-11)
+    np.testing.assert_allclose(poses.rotation[:, 2, 2], 1 - 2 * (x * x + y * y), atol=1e-11)
+    assert poses.dropped == 0
+    # Written and read again, not a bit changes.
+    again = numbers_of_rows(json.loads(json.dumps(poses.as_dict()))["rows"])
+    np.testing.assert_array_equal(again, poses.numbers)
+    np.testing.assert_array_equal(RecordedPoses.of(again, "", "").rotation, poses.rotation)
+
+
+def test_which_way_each_goes_by_hand(write):
+    # The camera stands 2 m in front of the marker and 1 m to its right, upright, looking straight ahead: the marker is
+    # 1 m to the left of its axis. Camera y points down, so that the turn is half a turn about x.
+    expected = [-1, 0, 2]
+    for text in (
+        f"{QUATERNION}\n-1,0,2,1,0,0,0\n",
+        f"tx ty tz rx ry rz\n-1 0 2 {math.pi} 0 0\n",
+        "tx ty tz r11 r12 r13 r21 r22 r23 r31 r32 r33\n-1 0 2 1 0 0 0 -1 0 0 0 -1\n",
+        '[{"tx": -1, "ty": 0, "tz": 2, "qx": 1, "qy": 0, "qz": 0, "qw": 0}]',
+        '{"poses": [{"tx": -1, "ty": 0, "tz": 2, "qx": 1, "qy": 0, "qz": 0, "qw": 0}]}',
+        "0.0 1 0 2 1 0 0 0\n",
+        "1 0 1 0 0 -1 0 2 1 a.png\n\n",
+    ):
+        poses = read_poses(write(text))
+        np.testing.assert_allclose(poses.translation[0], expected, atol=1e-12)
+        np.testing.assert_allclose(poses.rotation[0], np.diag([1, -1, -1]), atol=1e-12)
+        # A point at the marker's right edge and up: right and up in the image, too.
+        pixel = PAPER_CAMERA.project(np.array([[1.1, 0.1]]), poses.rotation, poses.translation)[0, 0]
+        np.testing.assert_allclose(pixel, [320 + 800 * 0.1 / 2, 240 - 800 * 0.1 / 2], atol=1e-6)
+
+
+def test_each_format_says_which_way_it_goes():
+    assert list(POSE_FORMATS) == ["colmap", "csv", "json", "tum"]
+    for name in POSE_FORMATS:
+        words = POSE_FORMATS[name].which_way
+        assert "T_camera" in words or "T_world_camera" in words
+        assert "marker" in words
+        assert " m" in words
+
+
+def test_one_format_at_most_fits(write):
+    rotation, translation = Cone(count=3).sample()
+    from markergen.read.poses.lines import PoseFile
+
+    for kind, writer in WRITERS.items():
+        file = PoseFile("x", writer(rotation, translation).encode())
+        assert sum(POSE_FORMATS[name].fits(file) for name in POSE_FORMATS) == 1, kind
+
+
+def test_tables_as_programs_write_them(write):
+    for text in (
+        f"\ufeff{QUATERNION}\r\n{GOOD}\r\n",
+        f"# made by hand\n\n{QUATERNION}\n# one\n{GOOD}\n\n",
+        '"tx","ty","tz","qx","qy","qz","qw"\n"0","0","1","1","0","0","0"\n',
+        'image;tx;ty;tz;qx;qy;qz;qw\n"a_1;b.png";0;0;1;1;0;0;0\n',
+        " TX , Ty ,tz, qx,qy,qz,qw , Frame \n 0 , 0 , 1e0 ,+1,-0,0.,.0,a_b\n",
+        f"{QUATERNION}\n0,0,1,-1,0,0,0\n",
+        f"{QUATERNION}\n0,0,1,1.0009,0,0,0\n",
+        GOOD.replace(",", " ").join(["1.5 ", "\n"]),
+        f"12.5,{GOOD.replace('1,1', '1,1')}\n",
+    ):
+        poses = read_poses(write(text))
+        np.testing.assert_allclose(abs(poses.rotation[0]), np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "an empty file"),
+        (" \n\t\n", "an empty file"),
+        ("# nothing\n", "poses in poses.txt, found no format that is known; known formats: colmap: lines of IMAGE_ID"),
+        (b"\x89PNG\r\n\x1a\n\0\0", "bytes that are not text"),
+        (b"\xff\xfet\0x\0", "bytes that are not text"),
+        (b"tx,ty,tz,qx,qy,qz,qw\n\xff,0,1,1,0,0,0\n", "text at line 2 of poses.txt, found bytes that are not UTF-8"),
+        ("<svg/>", "no format that is known"),
+        (QUATERNION, "at least one pose in poses.txt, found none"),
+        ("tx,ty,tz,qx,qy,qz\n", "the columns tx ty tz qx qy qz qw at line 1 of poses.txt, found no qw"),
+        ("tx,ty,qx,qy,qz,qw\n", "found no tz"),
+        ("x,y,z,qx,qy,qz,qw\n", "found 'x'"),
+        ("tx,ty,tz\n", "one kind of rotation at line 1 of poses.txt, found no rotation"),
+        ("tx,ty,tz,rx,ry,rz,qx,qy,qz,qw\n", "one kind of rotation at line 1 of poses.txt, found qx and rx"),
+        (f"{QUATERNION},tx\n", "every column once at line 1 of poses.txt, found 'tx' twice"),
+        (f"{QUATERNION},name,Name\n", "found 'name' twice"),
+        (f"{QUATERNION},scale\n", "found 'scale'; correct the header"),
+        (f"timestamp,{QUATERNION}\n", "poses over time are read from a TUM trajectory, which has no header"),
+        (f"{QUATERNION}\n{GOOD}\n0,0,1,1,0,0\n", "7 values at line 3 of poses.txt, found 6"),
+        (f"{QUATERNION}\n{GOOD},\n", "7 values at line 2 of poses.txt, found 8"),
+        (f"{QUATERNION}\n# c\n\n0,0,one,1,0,0,0\n", "numbers at line 4 of poses.txt, found 'one'"),
+        (f"{QUATERNION}\n0,0,,1,0,0,0\n", "numbers at line 2 of poses.txt, found ''"),
+        (f"{QUATERNION}\n0,0,1_0,1,0,0,0\n", "take out the _"),
+        ("tx;ty;tz;rx;ry;rz\n0;0;1,5;3;0;0\n", "numbers at line 2 of poses.txt, found '1,5'"),
+        (f"{QUATERNION}\n{GOOD}\n0,0,nan,1,0,0,0\n", "finite numbers at line 3 of poses.txt, found 0 0 nan"),
+        (f"{QUATERNION}\n0,0,1,1,0,0,inf\n", "finite numbers at line 2 of poses.txt, found 1 0 0 inf"),
+        (f"{QUATERNION}\n0,0,1e999,1,0,0,0\n", "finite numbers at line 2"),
+        (f"{QUATERNION}\n0,0,2e6,1,0,0,0\n", "a translation in m at line 2 of poses.txt, found 0 0 2e+06"),
+        (f"{QUATERNION}\n{GOOD}\n0,0,1,0,0,0,0\n", "length 1 at line 3 of poses.txt, found 0 0 0 0"),
+        (f"{QUATERNION}\n0,0,1,1.002,0,0,0\n", "a quaternion qx qy qz qw of length 1 at line 2"),
+        (f"{QUATERNION}\n0,0,1,1e300,1e300,0,0\n", "a quaternion qx qy qz qw of length 1 at line 2"),
+        (f"{QUATERNION}\n0,0,1,1e-300,0,0,0\n", "a quaternion qx qy qz qw of length 1 at line 2"),
+        ("tx,ty,tz,rx,ry,rz\n0,0,1,180,0,0\n", "a rotation vector rx ry rz in rad, at most a whole turn at line 2"),
+        ("tx,ty,tz,rx,ry,rz\n0,0,1,5,5,0\n", "a rotation vector rx ry rz in rad"),
+        ("tx,ty,tz,rx,ry,rz\n0,0,1,-1e300,0,0\n", "a rotation vector rx ry rz in rad"),
+        ("tx ty tz r11 r12 r13 r21 r22 r23 r31 r32 r33\n0 0 1 1 0 0 0 1 0 0 0 -1\n", "not a reflection at line 2"),
+        ("tx ty tz r11 r12 r13 r21 r22 r23 r31 r32 r33\n0 0 1 0 0 0 0 0 0 0 0 0\n", "with R'R = I at line 2"),
+        ("tx ty tz r11 r12 r13 r21 r22 r23 r31 r32 r33\n0 0 1 2 0 0 0 2 0 0 0 2\n", "with R'R = I at line 2"),
+        ("tx ty tz r11 r12 r13 r21 r22 r23 r31 r32 r33\n0 0 1 1 0 0 1 0 0 0 0 1\n", "with R'R = I at line 2"),
+        ("tx ty tz r11 r12 r13 r21 r22 r23 r31 r32 r33\n0 0 1 1e300 0 0 0 1 0 0 0 1\n", "with R'R = I at line 2"),
+        ("0 0 0 1 1 0 0\n", "8 numbers timestamp tx ty tz qx qy qz qw at line 1 of poses.txt, found 7"),
+        ("0 0 0 1 1 0 0 0\n0 0 0 1 1 0 0 0 5\n", "at line 2 of poses.txt, found 9; for T_camera_marker write a header"),
+        ("# t\n0 0 0 1 2 0 0 0\n", "a quaternion qx qy qz qw of length 1 at line 2 of poses.txt, found 2 0 0 0"),
+        ("1 1 0 0 0 0 0 1 1 a\n\n2 1 0 0 0 0 0 1 1\n\n", "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME at line 3"),
+        ("1 1 0 0 0 0 0 1 1 a\n2 1 0 0 0 0 0 1 1 b.jpg\n", "or an empty line, at line 2 of poses.txt, found another"),
+        ("1 1 0 0 0 0 0 x 1 a\n\n", "numbers at line 1 of poses.txt, found 'x'"),
+        ("1 0 0 0 0 0 0 1 1 a\n\n", "a quaternion qx qy qz qw of length 1 at line 1 of poses.txt, found 0 0 0 0"),
+        ("[]", "an array of poses in poses.txt, found []"),
+        ("{}", "an array of poses in poses.txt, found {}"),
+        ("[1]", "an array of poses in poses.txt, found [1]"),
+        ("[{}]", "one kind of rotation at pose 0 of poses.txt"),
+        ('[{"tx": 0', "complete JSON in poses.txt"),
+        ('[{"tx": 0, "tx": 0}]', "a key twice in one object"),
+        ("[" * 100_000, "endless nesting"),
+        ('[{"tx":0,"ty":0,"tz":1,"rx":3,"ry":0,"rz":"0"}]', "a number for rz of pose 0 of poses.txt, found '0'"),
+        ('[{"tx":0,"ty":0,"tz":1,"rx":3,"ry":0,"rz":true}]', "a number for rz of pose 0 of poses.txt, found True"),
+        ('[{"tx":0,"ty":0,"tz":NaN,"rx":3,"ry":0,"rz":0}]', "finite numbers at pose 0 of poses.txt"),
+        (f'[{{"tx":0,"ty":0,"tz":1{"0" * 400},"rx":3,"ry":0,"rz":0}}]', "a number for tz of pose 0"),
+        (f'[{{"tx":0,"ty":0,"tz":{"9" * 5000},"rx":3,"ry":0,"rz":0}}]', "complete JSON in poses.txt"),
+        (
+            '[{"tx":0,"ty":0,"tz":1,"rx":3,"ry":0,"rz":0},{"tx":0,"ty":0,"tz":1,"rx":3,"ry":0}]',
+            "the keys of pose 0 at pose 1 of poses.txt, found 'rz' differs",
+        ),
+        (b'[{"tx":"\xff"}]', "bytes that are not UTF-8 text"),
+        ("tx," * 5000, "at most 10000 characters at line 1"),
+        (f"{QUATERNION}\n" + "1," * 5001, "at most 10000 characters at line 2 of poses.txt, found 10002"),
+    ],
+)
+def test_each_defect_is_one_line_with_its_place(write, text, words):
+    with pytest.raises(InputError) as caught:
+        read_poses(write(text))
+    message = str(caught.value)
+    assert words in message
+    assert len(message.splitlines()) == 1
+    assert len(message) < 500
+
+
+def test_files_that_are_too_large_or_not_there(write, tmp_path, monkeypatch):
+    monkeypatch.setattr("markergen.read.poses.lines.LARGEST_FILE", 1_000_000)
+    with pytest.raises(InputError, match=r"at most 1 MB at .*, found a larger one; take every tenth pose"):
+        read_poses(write("0" * 1_000_001))
+    monkeypatch.setattr("markergen.read.poses.lines.MOST_ROWS", 3)
+    assert len(read_poses(write(f"{QUATERNION}\n" + f"{GOOD}\n" * 3))) == 3
+    with pytest.raises(InputError, match=r"at most 3 poses in poses.txt, found more"):
+        read_poses(write(f"{QUATERNION}\n" + f"{GOOD}\n" * 4))
+    monkeypatch.setattr("markergen.read.poses.lines.MOST_LINES", 10)
+    with pytest.raises(InputError, match="more than 10 lines"):
+        read_poses(write("#\n" * 11))
+    monkeypatch.setattr("markergen.read.poses.json.LARGEST_JSON", 10)
+    with pytest.raises(InputError, match="write so many poses as CSV"):
+        read_poses(write("[" * 11))
+    with pytest.raises(InputError, match="No such file or directory; check the path"):
+        read_poses(tmp_path / "none.csv")
+    with pytest.raises(InputError, match="Is a directory"):
+        read_poses(tmp_path)
+    with pytest.raises(InputError, match="a readable file of poses"):
+        read_poses("a\0b.csv")
+
+
+def test_a_name_with_a_line_break_stays_in_its_line(write):
+    poses = read_poses(write(f"{QUATERNION}\n{GOOD}\n", "a\nb.csv"))
+    assert poses.name == "'a\\nb.csv'"
+    with pytest.raises(InputError) as caught:
+        read_poses(write("tx", "a\nb.csv"))
+    assert "\n" not in str(caught.value)
+
+
+def test_poses_from_any_wish(write, tmp_path, monkeypatch):
+    for name in PRESETS:
+        assert poses_from(name).name == name
+    np.testing.assert_array_equal(poses_from("paper").rotation, paper().rotation)
+    assert len(poses_from("cone:count=7")) == 7
+    given = paper()
+    assert poses_from(given) is given
+    path = write(f"{QUATERNION}\n{GOOD}\n", "mine")
+    assert poses_from(str(path)).name == "mine"
+    monkeypatch.chdir(tmp_path)
+    assert poses_from("mine").name == "mine"
+    for wish in ("nothing", "", "x" * 5000, "a\0b"):
+        with pytest.raises(
+            InputError, match=r"known: paper, paper-roll, cone:distance=A\.\.B.* and files of poses"
+        ) as caught:
+            poses_from(wish)
+        assert len(str(caught.value)) < 500
+    with pytest.raises(InputError, match=r"a readable file of poses at 'no/such.csv'"):
+        poses_from("no/such.csv")
+
+
+def test_a_design_is_repeated_from_its_marker_without_the_file(write):
+    rotation, translation = Cone((0.5, 1.2), (30, 60), (-40, 40), count=60).sample()
+    # The last ten are too near to see the marker whole.
+    translation[-10:, 2] = 0.15
+    path = write(as_csv(rotation, translation), "arm.csv")
+    spec = spec_from_mapping({"n": 4, "radius": 0.1, "restarts": 2, "poses": str(path)})
+    found = design(spec)
+    assert (len(found.setting.poses), found.setting.poses.dropped) == (50, 10)
+    path.unlink()
+    data = to_json(found.marker)
+    marker = from_json(data.decode())
+    assert marker.provenance["poses"] == {"name": "arm.csv", "count": 50, "dropped": 10}
+    assert str(path.parent) not in data.decode()
+    setting = setting_of(marker)
+    np.testing.assert_array_equal(setting.poses.rotation, found.setting.poses.rotation)
+    np.testing.assert_array_equal(setting.poses.translation, found.setting.poses.translation)
+    assert (setting.poses.name, setting.poses.dropped) == ("arm.csv", 10)
+    again = spec_from_mapping(marker.provenance["spec"], stored=True)
+    assert again == spec
+    assert again.hash == spec.hash == marker.spec_hash
+    assert to_json(design(again).marker) == data
+
+
+def test_of_a_long_file_the_marker_keeps_the_poses_that_it_was_designed_for(write):
+    rotation, translation = Cone((0.5, 1.5), (30, 60), count=2500).sample()
+    spec = spec_from_mapping({"n": 4, "restarts": 1, "poses": str(write(as_tum(rotation, translation), "way.txt"))})
+    found = design(spec)
+    seen = found.setting.poses
+    assert len(seen) == 2000
+    stored = found.marker.provenance["spec"]["poses"]
+    assert (stored["file"], len(stored["rows"]), stored["sampled_from"]) == ("way.txt", 2000, seen.sampled_from)
+    assert stored["dropped"] == 2500 - seen.sampled_from == seen.dropped > 0
+    assert found.marker.provenance["poses"]["name"] == f"way.txt, a sample of {seen.sampled_from}"
+    assert found.marker.provenance["spec_hash"] == spec.hash
+    again = setting_of(from_json(to_json(found.marker).decode())).poses
+    np.testing.assert_array_equal(again.rotation, seen.rotation)
+    assert (again.name, again.dropped) == (seen.name, seen.dropped)
+    assert len(to_json(found.marker)) < 500_000
+
+
+def test_a_marker_names_no_files(write):
+    path = write(f"{QUATERNION}\n{GOOD}\n")
+    with pytest.raises(InputError, match="a known pose distribution"):
+        spec_from_mapping({"poses": str(path)}, "provenance.spec", stored=True)
+
+
+STORED = {
+    "file": "a.csv", "sha256": "0" * 64, "dropped": 0, "sampled_from": 0, "columns": "tx ty tz qx qy qz qw",
+    "rows": ["0.0 0.0 1.0 1.0 0.0 0.0 0.0"],
+}  # fmt: skip
+
+
+def test_what_a_marker_carries_is_read():
+    spec = spec_from_mapping({"poses": STORED}, stored=True)
+    assert spec.as_dict()["poses"] == STORED
+    assert len(spec.poses.seen_whole(Circle(0.1), PAPER_CAMERA)) == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"rows": []}, "rows: List should have at least 1 item"),
+        ({"rows": ["0 0 1 1 0 0 0"] * 2001}, "rows: List should have at most 2000 items"),
+        ({"rows": ["0 0 1 1 0 0"]}, "7 numbers tx ty tz qx qy qz qw at row 0, found '0 0 1 1 0 0'"),
+        ({"rows": ["0 0 1 1 0 0 0", "0 0 1 1 0 0 x"]}, "at row 1"),
+        ({"rows": ["0 0 1 0 0 0 0"]}, "a quaternion qx qy qz qw of length 1 at row 0"),
+        ({"rows": ["0 0 nan 1 0 0 0"]}, "finite numbers at row 0"),
+        ({"rows": [7]}, "rows[0]: Input should be a valid string"),
+        ({"sha256": "xyz"}, "sha256: String should match pattern"),
+        ({"dropped": -1}, "dropped: Input should be greater than or equal to 0"),
+        ({"dropped": True}, "dropped: Input should be a valid integer"),
+        ({"columns": "x y z"}, "columns: Input should be"),
+        ({"file": ""}, "file: String should have at least 1 character"),
+        ({"more": 1}, "more: unknown key"),
+    ],
+)
+def test_what_a_marker_carries_is_checked(change, words):
+    with pytest.raises(InputError) as caught:
+        spec_from_mapping({"n": 5, "poses": STORED | change}, "provenance.spec", stored=True)
+    assert words in str(caught.value)
+    assert "poses: " in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("value", [3, None, ["paper"]])
+def test_poses_are_text_or_a_table(value):
+    with pytest.raises(InputError, match="poses: Input should be a valid string"):
+        spec_from_mapping({"poses": value})
