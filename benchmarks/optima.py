@@ -28,7 +28,7 @@ from markergen.optimize.check import breach
 from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.dots import choose_dots
 from markergen.optimize.goal import objective_of, room_of, rough_of
-from markergen.optimize.multistart import search
+from markergen.optimize.multistart import Optimum, search
 from markergen.optimize.region import Region
 
 
@@ -61,9 +61,10 @@ def row(name: str, spec: Spec, seeds: int, starts: int) -> None:
     room: Boundary = room_of(spec)
     region = Region(room, dots.diameter, dots.clearance)
     objective, rough = objective_of(spec, setting), rough_of(spec, setting)
-    run = lambda seed, restarts=0: search(  # noqa: E731
-        objective, region, spec.n, np.random.default_rng(seed), restarts, rough=rough
-    )
+
+    def run(seed: int, restarts: int = 0) -> Optimum:
+        return search(objective, region, spec.n, np.random.default_rng(seed), restarts, rough=rough)
+
     mark = run(10_000, starts).value
     start = time.process_time()
     found = [run(seed) for seed in range(seeds)]

@@ -29,8 +29,8 @@ def comparison_layouts(region: Region, n: int, seed: int = 0, setting: Setting |
     Parameters
     ----------
     setting : Setting or None
-        Where the regular ones are turned to their best side, by the pose objective; None takes the largest ones, with a corner straight up if
-        that is as good.
+        Where the regular ones are turned to their best side, by the pose objective; None takes the largest ones, with
+        a corner straight up if that is as good.
     """
     polygons = {"ngon": _polygon(region, n, setting), "square": _polygon(region, 4, setting)}
     layouts = {**polygons, "random": region.sample(RANDOM_LAYOUTS, n, np.random.default_rng(seed))}

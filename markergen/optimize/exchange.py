@@ -6,6 +6,8 @@ none has a better place (Fedorov 1972, with the objective itself in place of the
 """
 
 from abc import ABC, abstractmethod
+from copy import copy
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +81,13 @@ class Table(ABC):
     def values(self, rest: Index, candidates: Index) -> Array:
         """Values (c,) of the layouts of places `rest` (n - 1,) and one of `candidates` (c,) each."""
 
+    def joined(self, more: Array) -> Self:
+        """Table of further places (D, 2), which come first, and of these."""
+        table = copy(self)
+        table.places = np.concatenate([more, self.places])
+        table.apart = distances(table.places)
+        return table
+
 
 class AnyTable(Table):
     """The table of any objective, which is asked for each layout."""
@@ -101,36 +110,54 @@ class TraceTable(Table):
 
     def __init__(self, objective: TraceObjective, places: Array) -> None:
         super().__init__(places)
-        self._weight, self._aggregate = objective.weight, aggregate_of(objective.aggregate)
-        # What one point tells is what it adds to four that determine the pose by themselves.
-        base = regular_polygon(4, 0.7 * objective.setting.boundary.radius)
-        layouts = np.concatenate([np.broadcast_to(base, (len(places), 4, 2)), places[:, None]], axis=1)
-        alone = np.linalg.inv(objective.covariance(base[None]))
-        told = (np.linalg.inv(objective.covariance(layouts)) - alone).swapaxes(0, 1)
-        size, vectors = np.linalg.eigh(told)
-        rows = vectors[..., -2:] * np.sqrt(np.maximum(size[..., None, -2:], 0.0))
-        a, b = rows[..., 0], rows[..., 1]
-        # R X R' for a symmetric X, as a product with the upper triangle of X.
-        self._upper = np.triu_indices(told.shape[-1])
-        i, j = self._upper
-        mixed = [left[..., i] * right[..., j] + left[..., j] * right[..., i] for left, right in ((a, a), (b, b), (a, b))]
-        self._products = np.stack(mixed, axis=2) * np.where(i == j, 0.5, 1.0)
-        self._told = told
+        self._objective, self._aggregate = objective, aggregate_of(objective.aggregate)
+        self._told = self._tell(places)
+        self._products = _products(self._told)
         # So little of what all places tell on average keeps three points or fewer from being singular.
-        self._little = 1e-7 * np.einsum("pcii->pi", told)[:, None] / len(places) * np.eye(told.shape[-1])
+        size = self._told.shape[-1]
+        self._little = 1e-7 * np.einsum("pcii->pi", self._told)[:, None] / len(places) * np.eye(size)
+        self._upper = np.triu_indices(size)
+
+    def joined(self, more: Array) -> Self:
+        """See `Table`."""
+        table, told = super().joined(more), self._tell(more)
+        table._told = np.concatenate([told, self._told], axis=1)
+        table._products = np.concatenate([_products(told), self._products], axis=1)
+        return table
+
+    def _tell(self, places: Array) -> Array:
+        """I (P, C, k, k): what a point adds to four others that determine the pose by themselves."""
+        base = regular_polygon(4, 0.7 * self._objective.setting.boundary.radius)
+        layouts = np.concatenate([np.broadcast_to(base, (len(places), 4, 2)), places[:, None]], axis=1)
+        alone = np.linalg.inv(self._objective.covariance(base[None]))
+        return np.asarray((np.linalg.inv(self._objective.covariance(layouts)) - alone).swapaxes(0, 1))
 
     def values(self, rest: Index, candidates: Index) -> Array:
         """See `Table`."""
         inverse = np.linalg.inv(self._told[:, rest].sum(axis=1) + self._little)
-        weighed = inverse @ self._weight @ inverse
+        weighed = inverse @ self._objective.weight @ inverse
         i, j = self._upper
         both = np.stack([inverse[:, i, j], weighed[:, i, j]], axis=-1)[:, None]
         products = self._products if len(candidates) == len(self.places) else self._products[:, candidates]
         found = products @ both
         (s, x), (t, y), (u, z) = (np.moveaxis(found[:, :, i], -1, 0) for i in range(3))
         gain = ((1 + t) * x - 2 * u * z + (1 + s) * y) / ((1 + s) * (1 + t) - u * u)
-        trace = np.einsum("pij,pij->p", self._weight, inverse)[:, None] - gain
+        trace = np.einsum("pij,pij->p", self._objective.weight, inverse)[:, None] - gain
         return self._aggregate(np.sqrt(np.maximum(trace, 1e-300)).T, 0.0)[0]
+
+
+def _products(told: Array) -> Array:
+    """Rows (P, C, 3, k (k+1)/2) whose products with the upper triangle of a symmetric X are the entries of R X R'.
+
+    R, with R'R = I, are two eigenvectors of I (P, C, k, k), of which the other eigenvalues are zero.
+    """
+    size, vectors = np.linalg.eigh(told)
+    rows = vectors[..., -2:] * np.sqrt(np.maximum(size[..., None, -2:], 0.0))
+    a, b = rows[..., 0], rows[..., 1]
+    i, j = np.triu_indices(told.shape[-1])
+    pairs = ((a, a), (b, b), (a, b))
+    mixed = [one[..., i] * other[..., j] + one[..., j] * other[..., i] for one, other in pairs]
+    return np.asarray(np.stack(mixed, axis=2) * np.where(i == j, 0.5, 1.0))
 
 
 def table_of(objective: Objective, places: Array) -> Table:
@@ -160,9 +187,7 @@ def exchange(table: Table, spacing: float, layout: Index) -> Index:
     while still < len(layout) and turn < min(SWEEPS * len(layout), TURNS):
         i = turn % len(layout)
         rest = np.delete(layout, i)
-        taken = close[rest].any(axis=0)
-        taken[layout[i]] = False
-        free = np.flatnonzero(~taken)
+        free = np.flatnonzero(~close[rest].any(axis=0) | (np.arange(len(close)) == layout[i]))
         values = table.values(rest, free)
         best = int(np.argmin(values))
         moved = values[best] < values[np.searchsorted(free, layout[i])] * (1 - BETTER)

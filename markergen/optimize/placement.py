@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from markergen.objectives import Objective
 from markergen.objectives.base import TraceObjective
 from markergen.objectives.pose import PoseObjective
-from markergen.optimize.exchange import distances, edge, exchange, places, random_layout, table_of
+from markergen.optimize.exchange import Table, distances, edge, exchange, places, random_layout, table_of
 from markergen.optimize.packing import lattice, pack
 from markergen.optimize.polish import polish
 from markergen.optimize.region import Region
@@ -31,6 +31,9 @@ KEPT = 3
 
 DISTINCT = 2e-4
 """Layouts whose values are this close, relatively, are taken for one."""
+
+QUICK = 25
+"""Iterations of the polishes that only tell good from bad."""
 
 MOVES = 4
 """Most rounds of moving single dots of a polished layout and polishing it again."""
@@ -69,7 +72,7 @@ def place(
         Called with what each step makes of layouts (see `markergen.optimize.trace`).
     """
     starts = starts or max(1, STARTS * STARTS // max(n, STARTS))
-    tell = progress or (lambda stage, done, total: None)
+    tell = progress or _silent
     grid, spare = _grid(region, n, rng)
     guide = table_of(rough if isinstance(rough, TraceObjective) else PoseObjective(rough.setting), grid)
     layouts = []
@@ -86,14 +89,15 @@ def place(
     if rough.kinked:
         layouts = list(descend(rough, region, np.array(layouts), record=record).points)
     tell("exchange", starts, starts)
-    found = _best([polish(rough, region, layout, record=record) for layout in layouts])
+    found = _best([polish(rough, region, layout, QUICK, record) for layout in layouts])
     if np.isinf(found[0][1]):
         found = [polish(rough, region, pack(region.boundary, n, region.clearance)[0], record=record)]
+    judge = guide if isinstance(rough, TraceObjective) else table_of(rough, grid)
     rim = edge(region, FINE_EDGE)
     total = 2 * len(found)
     for done, (points, value) in enumerate(found):
         tell("polish", done, total)
-        found[done] = _relocate(rough, region, points, value, grid, rim, record)
+        found[done] = _relocate(rough, region, points, value, judge, rim, record)
     found = _best(found)
     ends = []
     for done, (points, _) in enumerate(found):
@@ -101,6 +105,10 @@ def place(
         ends.append(polish(objective, region, points, record=record))
     tell("polish", total, total)
     return min(ends, key=lambda end: end[1])
+
+
+def _silent(stage: str, done: int, total: int) -> None:
+    del stage, done, total
 
 
 def _grid(region: Region, n: int, rng: np.random.Generator) -> tuple[Array, Index]:
@@ -121,18 +129,18 @@ def _relocate(
     region: Region,
     points: Array,
     value: float,
-    grid: Array,
+    judge: Table,
     rim: Array,
     record: Record | None,
 ) -> tuple[Array, float]:
     """Move single dots of a polished layout to better places, such as beside another dot, and polish it again."""
     for _ in range(MOVES):
-        table = table_of(rough, np.concatenate([points, _touching(points, rim, region.spacing), grid]))
+        table = judge.joined(np.concatenate([points, _touching(points, rim, region.spacing)]))
         layout = exchange(table, region.spacing, np.arange(len(points)))
         start = table.places[layout]
         if record:
             record("exchange", points[None], start[None])
-        moved, better = polish(rough, region, start, record=record)
+        moved, better = polish(rough, region, start, QUICK, record)
         if not (better < value * (1 - GAIN) and region.holds(moved[None])[0]):
             break
         points, value = moved, better

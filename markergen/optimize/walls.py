@@ -14,6 +14,7 @@ from markergen.model.boundary import Boundary
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 CORNER, BEND = np.deg2rad(10.0), np.deg2rad(45.0)
 """A wall ends at a corner that turns by more than the first, and where it has turned by the second in all."""
@@ -38,24 +39,25 @@ class Walls:
     start: Array
     step: Array
     count: Index
-    open_start: NDArray[np.bool_]
-    open_end: NDArray[np.bool_]
+    open_start: Mask
+    open_end: Mask
     circles: Array
 
     def __len__(self) -> int:
         return len(self.start) + len(self.circles)
 
-    def distance(self, points: Array, walls: Index, signed: NDArray[np.bool_] | bool = False) -> tuple[Array, Array]:
+    def distance(self, points: Array, walls: Index, signed: Mask | bool = False) -> tuple[Array, Array]:
         """Distances (m,) in m from points (m, 2) to a wall each, and their gradients (m, 2).
 
         Where `signed` is true they are negative on the side away from the region, and an end at a corner that points
         outward is taken for a straight line without an end, so that the sign is right beyond it.
         """
         distance, gradient = np.empty(len(points)), np.empty((len(points), 2))
-        signed = np.broadcast_to(signed, walls.shape)
+        signed = np.broadcast_to(np.asarray(signed), walls.shape)
         straight = walls < len(self.start)
         if straight.any():
-            distance[straight], gradient[straight] = self._to_chains(points[straight], walls[straight], signed[straight])
+            found = self._to_chains(points[straight], walls[straight], signed[straight])
+            distance[straight], gradient[straight] = found
         if not straight.all():
             x, y, radius, side = self.circles[walls[~straight] - len(self.start)].T
             offset = points[~straight] - np.stack([x, y], axis=-1)
@@ -64,7 +66,7 @@ class Walls:
             gradient[~straight] = -side[:, None] * offset / np.maximum(away, np.finfo(float).tiny)[:, None]
         return distance, gradient
 
-    def _to_chains(self, points: Array, walls: Index, signed: NDArray[np.bool_]) -> tuple[Array, Array]:
+    def _to_chains(self, points: Array, walls: Index, signed: Mask) -> tuple[Array, Array]:
         start, step = self.start[walls], self.step[walls]
         length = np.linalg.norm(step, axis=-1)
         unit = step / length[..., None]
@@ -76,7 +78,7 @@ class Walls:
         nearest = np.argmin(np.sum(away**2, axis=-1), axis=1)
         rows = np.arange(len(points))
         away, unit = away[rows, nearest], unit[rows, nearest]
-        beside = ((along >= low) & (along <= high))[rows, nearest]
+        beside: Mask = ((along >= low) & (along <= high))[rows, nearest]
         normal = np.stack([-unit[:, 1], unit[:, 0]], axis=-1)
         left, distance = np.sum(away * normal, axis=-1), np.hypot(*away.T)
         # Around the end of a chain the region is on either side of its line.
@@ -113,7 +115,7 @@ def _chains(ring: Array) -> list[tuple[Array, bool, bool]]:
     sharp = np.abs(turn) > CORNER
     # The first piece begins at a corner, if there is one.
     shift = int(np.argmax(sharp))
-    ring, turn, sharp = (np.roll(values, -shift, axis=0) for values in (ring, turn, sharp))
+    ring, turn, sharp = np.roll(ring, -shift, axis=0), np.roll(turn, -shift), np.roll(sharp, -shift)
     ends, bent = [0], 0.0
     for i in range(1, len(ring)):
         bent += abs(turn[i])

@@ -9,10 +9,10 @@ from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES
 from markergen.objectives.aggregates import aggregate_of
-from markergen.objectives.build import objective_of
 from markergen.objectives.criteria import criteria, regular_polygon
 from markergen.objectives.survive import SurvivalObjective, hidden_dot_errors, losses
 from markergen.objectives.weights import DotNoise
+from markergen.optimize.goal import objective_of
 from markergen.optimize.multistart import search
 from markergen.optimize.region import Region
 

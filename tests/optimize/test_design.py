@@ -107,3 +107,46 @@ def test_studies_may_use_bare_points_and_are_warned():
         "Hartley" in warning
         for warning in design(Spec(objective="condition", coordinates="hartley", restarts=1)).warnings
     )
+
+
+def test_a_design_with_keep_outs_keeps_out(shapes):
+    hole = Circle(0.012, (0.09, 0.04))
+    found = design(Spec(n=5, boundary=shapes["rectangle"], keep_outs=(hole,), dot=0.02, restarts=2))
+    assert found.marker.keep_outs == (hole,)
+    xy = found.marker.xyz[:, :2]
+    assert np.hypot(*(xy - hole.center).T).min() >= 0.012 + 0.01 + 0.002 - 1e-9
+    assert np.abs(xy[:, 0]).max() <= 0.1 - 0.012 + 1e-9
+    assert np.abs(xy[:, 1]).max() <= 0.05 - 0.012 + 1e-9
+    # The hole takes the corner away from the dot that would be there.
+    free = design(Spec(n=5, boundary=shapes["rectangle"], dot=0.02, restarts=2))
+    assert found.criteria["design"]["pose_m"] > free.criteria["design"]["pose_m"] * 1.001
+    assert found.seconds > 0
+
+
+def test_what_does_not_fit_beside_keep_outs_is_refused(shapes):
+    holes = tuple(Circle(0.04, (x, 0.0)) for x in (-0.05, 0.05))
+    with pytest.raises(InputError, match=r"of which [0-3] fit"):
+        design(Spec(n=9, boundary=shapes["rectangle"], keep_outs=holes, dot=0.03))
+
+
+def test_a_broken_layout_is_an_internal_error(monkeypatch):
+    from markergen.optimize import design as module
+
+    monkeypatch.setattr(module, "upright", lambda points, *_: points * 1.01)
+    with pytest.raises(RuntimeError, match="breaks its constraints"):
+        design(Spec(n=4, restarts=1))
+
+
+def test_a_traced_design_tells_its_way_and_is_the_same():
+    plain, traced = (design(Spec(n=4, restarts=2), traced=traced) for traced in (False, True))
+    assert to_json(plain.marker) == to_json(traced.marker)
+    assert plain.trace == ()
+    assert [step.stage for step in traced.trace[:2]] == ["start", "descent"]
+    assert traced.trace[-1].objective == pytest.approx(traced.criteria["design"]["pose_m"])
+
+
+def test_one_sided_poses_are_worth_an_own_layout(setting):
+    poses = "cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,count=60"
+    for n in (4, 6, 8):
+        found = design(Spec(n=n, poses=poses, restarts=4))
+        assert found.criteria["design"]["pose_m"] <= 0.95 * found.criteria["ngon"]["pose_m"]

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from markergen.model.boundary import Circle
-from markergen.optimize.packing import count_that_fit, largest_diameter, pack
+from markergen.optimize.packing import count_that_fit, largest_diameter, lattice, pack
 from markergen.optimize.region import Region
 
 # Densest packings of n equal disks in a unit disk (Graham et al. 1998; proved for these n but 12): radius of a disk.
@@ -49,3 +49,27 @@ def test_lattice_counts_are_sane():
         diameter = largest_diameter(Circle(0.15), n, 0.0)
         assert 0.5 < n * (diameter / 0.3) ** 2 < 0.907
         assert np.isfinite(diameter)
+
+
+@pytest.mark.parametrize("n", [1, 5, 12, 40])
+def test_packed_dots_fit_in_every_shape(shape, n):
+    points, diameter = pack(shape, n)
+    assert diameter > 0
+    assert Region(shape, diameter, diameter / 10).violation(points[None])[0] <= 1e-9
+
+
+def test_known_packings_in_squares(shapes):
+    # Densest packings of 2, 4 and 5 disks in the unit square (diameters, Graham and Lubachevsky 1996), two squares of
+    # 100 mm having twice as many.
+    for n, best in ((4, 0.585786), (8, 0.5), (10, 0.414214)):
+        found = largest_diameter(shapes["two squares"], n, 0.0) / 0.1
+        assert 0.99 * best <= found <= best + 1e-6
+    assert count_that_fit(shapes["two squares"], 0.049, 0.0, 12) == 8
+    assert count_that_fit(shapes["two squares"], 0.051, 0.0, 12) == 4
+
+
+def test_a_lattice_is_turned_to_fit(shapes):
+    # Rows along the sides of the rectangle hold more than rows across.
+    flat = len(lattice(shapes["rectangle"], 0.01, 0.001))
+    assert flat >= len(lattice(shapes["plate"], 0.01, 0.001)) / 2.5
+    assert Region(shapes["L"], 0.01, 0.001).holds(lattice(shapes["L"], 0.01, 0.001)[None])[0]

@@ -1,0 +1,60 @@
+import numpy as np
+import pytest
+
+from markergen.model.boundary import Circle, polygon_from
+from markergen.objectives.criteria import regular_polygon
+from markergen.optimize.check import breach, check
+from markergen.optimize.region import Region
+
+SQUARE = polygon_from([np.array([[0, 0], [0.1, 0], [0.1, 0.1], [0, 0.1]])])
+
+
+def test_a_layout_that_touches_everything_breaks_nothing():
+    points = np.array([[0.038, 0.038], [-0.038, 0.038], [-0.038, -0.038], [0.038, -0.038], [0.016, 0.038]])
+    # Dots of 20 mm, 2 mm from the edge, the last one 2 mm from the first.
+    assert breach(points, SQUARE, (), 0.02, 0.002) == pytest.approx(0, abs=1e-15)
+    check(points, SQUARE, (), 0.02, 0.002)
+
+
+@pytest.mark.parametrize(
+    ("point", "keep_outs", "expected"),
+    [
+        ([0.039, 0.0], (), 1e-3),
+        ([0.06, 0.0], (), 22e-3),
+        ([0.0, 0.0], (Circle(0.003, (0.01, 0.0)),), 5e-3),
+        ([0.0, 0.0], (polygon_from([np.array([[0, 0], [0.03, 0], [0.03, 0.01], [0, 0.01]])]),), 17e-3),
+        ([-0.03, 0.038], (), 14e-3),
+    ],
+    ids=["outline", "outside", "round keep-out", "within a keep-out", "another dot"],
+)
+def test_every_kind_of_breach_is_measured(point, keep_outs, expected):
+    points = np.array([point, [-0.038, 0.038], [-0.038, -0.038]])
+    assert breach(points, SQUARE, keep_outs, 0.02, 0.002) == pytest.approx(expected, abs=1e-12)
+    with pytest.raises(RuntimeError, match="breaks its constraints"):
+        check(points, SQUARE, keep_outs, 0.02, 0.002)
+
+
+def test_a_hole_is_no_part_of_the_region(shapes):
+    assert breach(np.zeros((1, 2)), shapes["annulus"], (), 0.01, 0.0) > 0.07
+    assert breach(np.array([[0.11, 0.0]]), shapes["annulus"], (), 0.01, 0.0) <= 0
+    assert breach(np.zeros((1, 2)), shapes["two squares"], (), 0.01, 0.0) > 0.03
+
+
+def test_a_disk_is_measured_by_itself():
+    points = regular_polygon(6, 0.128)
+    assert breach(points, Circle(0.15), (), 0.04, 0.002) == pytest.approx(0, abs=1e-15)
+    assert breach(points * 1.01, Circle(0.15), (), 0.04, 0.002) == pytest.approx(0.00128, abs=1e-15)
+    with pytest.raises(RuntimeError):
+        check(points * np.nan, Circle(0.15), (), 0.04, 0.002)
+
+
+def test_it_agrees_with_the_region_of_the_search(rooms):
+    for name, room in rooms.items():
+        points = room.sample(40, 0.0, np.random.default_rng(5)).reshape(8, 5, 2)
+        region = Region(room, 0.03, 0.003)
+        boundary, keep_outs = (room.boundary, room.keep_outs) if name in ("ring", "drilled") else (room, ())
+        for layout in points:
+            expected = region.violation(layout[None])[0]
+            assert breach(layout, boundary, keep_outs, 0.03, 0.003) == pytest.approx(max(expected, 0), abs=1e-9) or (
+                expected < 0
+            )

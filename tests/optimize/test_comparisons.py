@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+
+from markergen.model.boundary import Circle
+from markergen.model.poses import PoseDistribution, named_poses
+from markergen.objectives import OBJECTIVES, Setting
+from markergen.objectives.criteria import regular_polygon
+from markergen.optimize.comparisons import comparison_layouts
+from markergen.optimize.region import Region
+
+DISK = Region(Circle(0.15), 0.02, 0.002)
+
+
+def test_in_a_disk_polygons_reach_the_inset_rim_upright(setting):
+    for given in (None, setting):
+        layouts = comparison_layouts(DISK, 5, setting=given)
+        assert list(layouts) == ["ngon", "square", "random"]
+        np.testing.assert_array_equal(layouts["ngon"][0], regular_polygon(5, 0.15 - 0.012))
+        np.testing.assert_array_equal(layouts["square"][0], regular_polygon(4, 0.15 - 0.012))
+        assert DISK.holds(layouts["random"]).all()
+
+
+def test_a_polygon_is_turned_where_that_matters(setting):
+    poses = named_poses("cone:distance=0.8..1.2,tilt=40..70,azimuth=-15..15,count=40")
+    sided = Setting(Circle(0.15), setting.camera, poses.seen_whole(Circle(0.15), setting.camera))
+    objective = OBJECTIVES["pose"](sided)
+    found = comparison_layouts(DISK, 4, setting=sided)["ngon"]
+    angles = np.deg2rad(np.arange(0, 90, 2))
+    turns = np.stack([np.cos(angles), -np.sin(angles), np.sin(angles), np.cos(angles)], axis=-1).reshape(-1, 2, 2)
+    every = objective(regular_polygon(4, 0.138) @ turns)
+    assert np.ptp(every) > 0.02 * every.min()
+    # Turns are tried in steps of 90/24 degrees, about a minimum.
+    assert objective(found)[0] <= every.min() * 1.002
+
+
+@pytest.mark.parametrize("n", [4, 5])
+def test_polygons_are_regular_and_as_large_as_can_be(rooms, n):
+    for room in rooms.values():
+        region = Region(room, 0.02, 0.002)
+        layouts = comparison_layouts(region, n)
+        for points in [layouts[name][0] for name in ("ngon", "square") if name in layouts]:
+            center = points.mean(axis=0)
+            sides = np.linalg.norm(points - np.roll(points, 1, axis=0), axis=-1)
+            np.testing.assert_allclose(sides, sides[0], rtol=1e-9)
+            assert region.holds(points[None])[0]
+            larger = center + (points - center) * 1.001
+            assert not region.holds(larger[None])[0]
+
+
+def test_a_ring_has_its_polygon_around_the_hole(rooms):
+    points = comparison_layouts(Region(rooms["ring"], 0.02, 0.002), 6)["ngon"][0]
+    np.testing.assert_allclose(np.hypot(*points.T), 0.138, atol=1e-6)
+
+
+def test_what_does_not_fit_is_left_out(rooms, setting):
+    region = Region(rooms["two squares"], 0.03, 0.003)
+    layouts = comparison_layouts(region, 9, setting=Setting(rooms["two squares"], setting.camera, few(setting)))
+    assert "ngon" not in layouts
+    assert region.holds(layouts["square"]).all()
+
+
+def few(setting):
+    return PoseDistribution("few", setting.poses.rotation[::20], setting.poses.translation[::20])

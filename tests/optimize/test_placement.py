@@ -1,0 +1,164 @@
+"""The search where corners, holes, several regions and large numbers trap a descent."""
+
+import numpy as np
+import pytest
+
+from markergen.model.boundary import Circle, polygon_from
+from markergen.model.spec import Spec
+from markergen.objectives import OBJECTIVES, Setting
+from markergen.optimize.check import breach
+from markergen.optimize.dots import choose_dots
+from markergen.optimize.exchange import fewer
+from markergen.optimize.goal import objective_of, rough_of
+from markergen.optimize.multistart import search
+from markergen.optimize.placement import place
+from markergen.optimize.polish import polish
+from markergen.optimize.region import Region
+
+
+def found(objective, room, n, seed=0, dot=0.02, **options):
+    return search(objective, Region(room, dot, dot / 10), n, np.random.default_rng(seed), **options)
+
+
+def test_constraints_hold_in_every_shape(rooms, criterion):
+    for name, room in rooms.items():
+        objective = criterion(room)
+        for n, dot in ((4, 0.036), (8, 0.015)):
+            points = found(objective, room, n, dot=dot, restarts=2).points
+            boundary, keep_outs = (room.boundary, room.keep_outs) if name in ("ring", "drilled") else (room, ())
+            # A tenth of a nanometer is what a layout may be off before it counts as infeasible.
+            assert breach(points, boundary, keep_outs, dot, dot / 10) <= 1.1e-10
+
+
+def test_seeds_agree_in_every_shape(rooms, criterion):
+    for room in rooms.values():
+        objective = criterion(room)
+        values = [found(objective, room, 6, seed, restarts=3).value for seed in range(2)]
+        assert max(values) <= 1.005 * min(values)
+
+
+def test_a_rectangle_is_no_worse_than_its_four_corners(setting):
+    boundary = polygon_from([np.array([[0, 0], [0.2, 0], [0.2, 0.1], [0, 0.1]])])
+    poses = setting.poses.seen_whole(boundary, setting.camera)
+    for dot in (0.036, 0.01):
+        region = Region(boundary, dot, dot / 10)
+        objective = OBJECTIVES["pose"](Setting(boundary, setting.camera, poses))
+        rough = OBJECTIVES["pose"](Setting(boundary, setting.camera, fewer(poses)))
+        x, y = 0.1 - region.inset, 0.05 - region.inset
+        corners = np.array([[x, y], [-x, y], [-x, -y], [x, -y]])
+        for seed in range(2):
+            optimum = search(objective, region, 4, np.random.default_rng(seed), rough=rough)
+            assert optimum.value <= objective(corners[None])[0] * (1 + 1e-9)
+
+
+def test_it_finds_what_descents_find_in_a_disk(criterion):
+    disk = Circle(0.15)
+    objective, region = criterion(disk), Region(disk, 0.02, 0.002)
+    for n in (5, 8):
+        points, value = place(objective, objective, region, n, np.random.default_rng(0), 3)
+        assert region.holds(points[None])[0]
+        assert value <= search(objective, region, n, np.random.default_rng(0)).value * 1.001
+
+
+@pytest.mark.parametrize("name", ["condition", "homography"])
+def test_other_objectives_are_searched_as_well(rooms, criterion, name):
+    room = rooms["L"]
+    objective = criterion(room, name)
+    optimum = found(objective, room, 5, restarts=2)
+    region = Region(room, 0.02, 0.002)
+    assert region.holds(optimum.points[None])[0]
+    sampled = objective(region.sample(200, 5, np.random.default_rng(1)))
+    assert optimum.value < 0.7 * sampled.min()
+
+
+def test_the_worst_pose_and_lost_dots_are_searched_as_well(rooms, setting):
+    room = rooms["rectangle"]
+    poses = fewer(setting.poses.seen_whole(room, setting.camera))
+    for spec in (Spec(n=6, aggregate="max"), Spec(n=6, survive=1)):
+        objective = objective_of(spec, Setting(room, setting.camera, poses))
+        optimum = found(objective, room, 6, restarts=2)
+        sampled = objective(Region(room, 0.02, 0.002).sample(100, 6, np.random.default_rng(1)))
+        assert optimum.value < 0.8 * sampled.min()
+
+
+def test_rough_poses_only_guide(rooms, setting):
+    room = rooms["star"]
+    spec = Spec(n=5, boundary=room)
+    judged = Setting(room, setting.camera, setting.poses.seen_whole(room, setting.camera))
+    objective, rough = objective_of(spec, judged), rough_of(spec, judged)
+    assert len(rough.setting.poses) < 0.25 * len(judged.poses)
+    optimum = found(objective, room, 5, rough=rough)
+    assert optimum.value == pytest.approx(objective(optimum.points[None])[0], rel=1e-12)
+    # Five tips for five dots.
+    np.testing.assert_allclose(np.ptp(np.hypot(*optimum.points.T)), 0, atol=1e-6)
+
+
+def test_dots_that_nearly_fill_the_room_still_get_a_layout(rooms, setting, criterion):
+    for name in ("two squares", "L", "drilled"):
+        room = rooms[name]
+        dots = choose_dots(Spec(n=12, boundary=room, dot=None), setting.poses)
+        region = Region(room, dots.diameter, dots.clearance)
+        assert region.holds(found(criterion(room), room, 12, dot=dots.diameter, restarts=2).points[None])[0]
+
+
+def test_many_dots(rooms, criterion):
+    room = rooms["plate"]
+    objective = criterion(room)
+    region = Region(room, 0.012, 0.0012)
+    optimum = search(objective, region, 60, np.random.default_rng(0))
+    assert region.holds(optimum.points[None])[0]
+    assert optimum.value < 0.9 * objective(region.sample(8, 60, np.random.default_rng(1))).min()
+
+
+def test_the_same_seed_gives_the_same_layout(rooms, criterion):
+    first, second = (found(criterion(rooms["star"]), rooms["star"], 6, restarts=2) for _ in range(2))
+    np.testing.assert_array_equal(first.points, second.points)
+
+
+def test_a_polish_goes_straight_into_a_corner(rooms, criterion):
+    room = rooms["L"]
+    region = Region(room, 0.02, 0.002)
+    corners = np.concatenate(room.outlines())[[0, 1, 2, 4, 5]]
+    into = room.project(corners, region.inset)
+    shaken = room.project(into + np.random.default_rng(0).normal(scale=0.004, size=into.shape), region.inset)
+    points, _ = polish(criterion(room), region, shaken)
+    # The five outer corners of the L are the best places for five dots; a polish that saw one edge at a time stopped
+    # millimeters before them.
+    np.testing.assert_allclose(points, into, atol=1e-7)
+
+
+def test_progress_is_told(rooms, criterion):
+    calls = []
+    found(criterion(rooms["L"]), rooms["L"], 5, restarts=2, progress=lambda *call: calls.append(call))
+    last = {stage: (done, total) for stage, done, total in calls}
+    assert set(last) == {"exchange", "polish"}
+    assert all(done == total for done, total in last.values())
+    for stage in last:
+        steps = [done for name, done, _ in calls if name == stage]
+        assert steps == sorted(steps)
+
+
+def test_every_step_is_recorded(rooms, criterion):
+    from markergen.optimize.trace import Recorder
+
+    recorder, objective = Recorder(), criterion(rooms["L"])
+    optimum = found(objective, rooms["L"], 6, restarts=2, record=recorder)
+    way = recorder.way(optimum.points)
+    stages = [stage for stage, _ in way]
+    assert stages[0] == "start"
+    assert "exchange" in stages
+    np.testing.assert_array_equal(way[-1][1], optimum.points)
+    assert objective(way[0][1][None])[0] > objective(way[-1][1][None])[0]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("n", range(4, 13))
+def test_nine_of_ten_seeds_find_the_best(shape, setting, n):
+    spec = Spec(n=n, boundary=shape)
+    judged = Setting(shape, setting.camera, setting.poses.seen_whole(shape, setting.camera))
+    dots = choose_dots(spec, judged.poses)
+    objective, rough = objective_of(spec, judged), rough_of(spec, judged)
+    options = {"dot": dots.diameter, "rough": rough}
+    values = np.array([found(objective, shape, n, seed, **options).value for seed in range(10)])
+    best = min(values.min(), found(objective, shape, n, 10_000, restarts=60, **options).value)
+    assert np.sum(values <= 1.005 * best) >= 9
