@@ -16,12 +16,15 @@ _EDGE = 3.5
 """Half-width of an edge, in standard deviations of its blur: that much of the ink is looked at, and as far from other
 dots a pixel has to be."""
 
-_GROUND_PX = 2.5
-"""Width of the ground beyond an edge that is looked at: it tells how the light changes across the dot, which otherwise
-would be mistaken for a shift."""
+_GROUND_PX, _INK_PX = 2.5, 1.0
+"""Width of what is looked at beyond an edge. Both tell the noise; the ground also tells how the light changes across
+the dot, which otherwise would be mistaken for a shift."""
 
 _BENT = 0.15
 """Share of a dot's half-width by which its image may differ from an ellipse."""
+
+_LEAST_HOLE = 0.1
+"""Share of a hole that is left however far the ink has spread."""
 
 _TINY = 1e-12
 
@@ -161,10 +164,10 @@ def _candidates(image: Grey, dot: Dot, center: Array, derivative: Array, edge: f
 
 
 def _near(dot: Dot, edge: float, place: Array, jacobian: Array) -> NDArray[np.bool_]:
-    """Tell which places (2, N) are in the band around the dot's outline, `edge` px inward, and not near other dots."""
+    """Tell which places (2, N) are near this outline alone, whose edges are `edge` px wide to either side."""
     with np.errstate(invalid="ignore"):
         rho, steepness = _radial(place - dot.start[:, None], jacobian)
-        near = (rho - 1 > -edge * steepness) & (rho - 1 < (edge + _GROUND_PX) * steepness)
+        near = (rho - 1 > -(edge + _INK_PX) * steepness) & (rho - 1 < (edge + _GROUND_PX) * steepness)
         if dot.hole:
             near |= np.abs(rho - dot.hole) < edge * steepness
         for x, y, radius in dot.neighbors[np.hypot(*dot.neighbors[:, :2].T) < 2 * (1 + dot.neighbors[:, 2])]:
@@ -234,7 +237,8 @@ def grey_levels(state: Array, pixels: Surroundings) -> tuple[Array, Array, Array
     ink, edge = np.zeros_like(rho), np.zeros_like(rho)
     by_distance, by_spread, by_blur = np.zeros_like(rho), np.zeros_like(rho), np.zeros_like(rho)
     for sign, where in ((1.0, slice(None)), (-1.0, np.flatnonzero(pixels.hole))):
-        radius = 1 + spread[where] if sign > 0 else pixels.hole[where] - spread[where]
+        hole = pixels.hole[where]
+        radius = 1 + spread[where] if sign > 0 else np.maximum(hole - spread[where], _LEAST_HOLE * hole)
         distance = (rho[where] - radius) / steepness[where]
         distance -= fade[where] * distance**2
         # Where the curve is no wider than the blur the law of small retreats exaggerates.

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen import __version__
-from markergen.model.feature import Feature, key_ring
-from markergen.model.marker import ControlPoint, Marker
+from markergen.model.marker import Marker, dressed
 from markergen.model.poses import PRESETS
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Objective, Setting
@@ -131,16 +130,10 @@ def dress(points: Array, dots: DotSize, spec: Spec, setting: Setting, table: dic
     """Make a marker of a layout (n, 2): dot 0 is the key ring, the others are disks; provenance says from what."""
     import scipy
 
-    feature = Feature(dots.diameter)
     # A tenth of a nanometer: nothing that anybody could make, and the file stays readable.
     rounded = np.round(points, 10) + 0.0
-    return Marker(
-        control_points=tuple(
-            ControlPoint(i, float(x), float(y), 0.0, key_ring(dots.diameter) if i == 0 else feature)
-            for i, (x, y) in enumerate(rounded)
-        ),
-        boundary=spec.boundary,
-        clearance=dots.clearance,
+    return replace(
+        dressed(rounded, spec.boundary, dots.diameter, dots.clearance),
         provenance={
             "spec": spec.as_dict(),
             "spec_hash": spec.hash,

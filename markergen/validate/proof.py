@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
-from markergen.model.feature import Feature, key_ring
-from markergen.model.marker import ControlPoint, Marker
+from markergen.model.marker import Marker, dressed
 from markergen.model.poses import PRESETS
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
@@ -118,7 +117,7 @@ def prove(
         for name, layouts in comparison_layouts(region, len(points), seed).items():
             # Of several layouts the median one runs; their number is odd.
             middle = layouts[np.argsort(objective(layouts))[len(layouts) // 2]]
-            found = trials(_dressed(middle, marker), name).as_dict()
+            found = trials(dressed(middle, marker.boundary, marker.dot_diameter, marker.clearance), name).as_dict()
             beside[name] = {key: found[key] for key in ("bound", "estimators", "homography")}
             beside[name]["criteria"] = criteria(middle[None], setting)[0]
     views = summarize(shoot, take_records(shoot, workers, told("views"))) if shoot else None
@@ -133,18 +132,6 @@ def prove(
 def _beside(row: Criteria, noise_px: float) -> dict[str, Any]:
     # Criteria are for 1 px, and bounds are proportional to the noise.
     return {"criteria": dict(row), "bound": {key: noise_px * row[key] for key in ("rotation_deg", "translation_pct")}}
-
-
-def _dressed(points: Array, like: Marker) -> Marker:
-    features = [key_ring(like.dot_diameter), *[Feature(like.dot_diameter)] * (len(points) - 1)]
-    return Marker(
-        tuple(
-            ControlPoint(i, float(x), float(y), 0.0, feature)
-            for i, ((x, y), feature) in enumerate(zip(points, features, strict=True))
-        ),
-        like.boundary,
-        like.clearance,
-    )
 
 
 def to_json(results: dict[str, Any]) -> bytes:

@@ -30,7 +30,9 @@ def group_table(views: Mapping[str, Any]) -> Table:
     rows = [_row("all", views)]
     rows += [_row(f"{angle}°", group) for angle, group in views["by_polar_angle"].items()]
     rows += [_row(f"{distance} m", group) for distance, group in views["by_distance"].items()]
-    caption = "RMS, of the detection's own pose, by tilt and distance; bound: what the image's noise allows a dot's center."
+    caption = (
+        "RMS, of the detection's own pose, by tilt and distance; bound: what the image's noise allows a dot's center."
+    )
     return f"Synthetic views{_conditions(views)}", _HEADER, rows, caption
 
 
