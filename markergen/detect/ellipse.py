@@ -105,8 +105,8 @@ def fit_dots(image: Image, outlines: Outlines, noise: float) -> Dots:
     what it tells, so the center's error is near the least that the image's noise allows.
 
     Parts of the outline that show no edge, or one elsewhere (an occluder, a touching neighbor), are found sector by
-    sector and left out. A third of the outline may be missing; with more the dot is dropped, for a center from little
-    more than half an outline would be worse than none.
+    sector and left out. A fifth of the outline may be missing; with more the dot is dropped, for half an ellipse is
+    much of another ellipse, with another center, too.
 
     Parameters
     ----------
@@ -176,8 +176,7 @@ def _shrink_slope(normal: Array, variance: Array, slope: Array) -> tuple[Array, 
 
     A slope that is free costs a third of the center's information, one that is left out displaces the center where the
     light is uneven. So it has a normal prior about zero whose variance is what all slopes of the image show beyond
-    their own errors, plus that estimate's standard error (DerSimonian and Laird's, of 2 B slopes): little in even
-    light, unless the dots are few, and as much as need be in other.
+    their own errors (DerSimonian and Laird's estimate): none in even light, as much as need be in other.
     """
     if not len(slope):
         return np.zeros((0, normal.shape[-1])), normal
@@ -185,9 +184,7 @@ def _shrink_slope(normal: Array, variance: Array, slope: Array) -> tuple[Array, 
     own = np.einsum("bii->b", free[:, SLOPE, SLOPE]) / 2
     weight = np.maximum(own, 1e-15) ** -2
     between = np.sum(weight * (np.sum(slope**2, axis=-1) / 2 - own)) / np.sum(weight)
-    # Squares of normal errors have the variance 2 own^2, and each dot has two.
-    error = 1 / np.sqrt(np.sum(weight))
-    prior = variance / (max(float(between), 0.0) + error)
+    prior = variance / max(float(between), 1e-12)
     stiff = normal.copy()
     stiff[:, [8, 9], [8, 9]] += prior[:, None]
     inverse = np.linalg.pinv(stiff, hermitian=True)

@@ -72,8 +72,8 @@ class Search:
 
     @property
     def rank(self) -> tuple[int, float]:
-        """The less, the better: most dots first, then the least misfit."""
-        return -int(self.candidates.count[0]), float(self.candidates.misfit[0])
+        """The less, the better: most dots first, then the least misfit, to which dots that should be seen add."""
+        return -int(self.candidates.count[0]), float(self.candidates.misfit[0] + MISSING_PX * self.missing[0])
 
     @property
     def blobs(self) -> Indices:
@@ -86,7 +86,7 @@ def search(ellipses: Ellipses, layout: Layout, camera: Camera, calibrated: bool 
 
     Guessed poses (see `seeds`) take blobs near the dots they predict; labelings of four dots or more are fitted, and
     verified by how far centers and outlines are from those of the fitted pose, which leaves 5 m - 6 numbers of m dots
-    to check. A labeling that is accepted may still not be the only one: see `contenders`.
+    to check. A labeling that is accepted may still not be the only one: see `ambiguity`.
 
     Parameters
     ----------
@@ -170,8 +170,9 @@ def contender(chosen: Search, others: Search, same_marker: bool) -> int | None:
 
 
 def _bound(candidates: Candidates, missing: Indices, ellipses: Ellipses, px: float) -> Array:
-    """Accepted misfit (A,) in px: less where dots are missing, by the share of dots beyond those that fix the pose;
-    less than half of the dots that should be seen are never enough.
+    """Accepted misfit (A,) in px: less where dots are missing, by the share of dots beyond those that fix the pose.
+
+    Less than half of the dots that should be seen are never enough.
     """
     used = (candidates.blobs >= 0)[..., None]
     center = ellipses.center[candidates.blobs]

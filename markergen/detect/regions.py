@@ -40,7 +40,7 @@ semi-axis, for edges that light and neighbors displace. Squares are at 0.12."""
 _ANGLES = 24
 _OFFSETS = np.array([-6.0, -4, -3, -2, -1, 0, 1, 2, 3, 4, 6])
 _MIN_SUPPORT = 0.75
-"""Share of the outline that must have an edge: the fit can do without a quarter."""
+"""Share of the outline that must have an edge: the fit can do without a fifth."""
 _MIN_EDGE = 0.35
 _MAX_UNEVEN = 0.6
 """Largest standard deviation of the step over the outline, as a share of its median, but for the odd quarter. That of

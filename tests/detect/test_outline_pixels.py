@@ -21,9 +21,7 @@ def distance(x, y, center, semi, angle):
 
 
 def collect(center, semi, angle, band=2.5, filled=False, image=IMAGE):
-    return outline_pixels(
-        image, np.array([center]), spread(semi, angle)[None], np.array([band]), np.array([filled])
-    )
+    return outline_pixels(image, np.array([center]), spread(semi, angle)[None], np.array([band]), np.array([filled]))
 
 
 def test_the_band_is_whole():

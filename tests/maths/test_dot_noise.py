@@ -1,12 +1,12 @@
 import cv2
 import numpy as np
 import pytest
+from ellipse_coverage import ellipse_coverage
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import i1e
 
 from markergen.maths.dot_noise import center_covariance, center_information, directions, dot_covariance, linearize
-from markergen.render.coverage import ellipse_coverage
 
 BLUR, CONTRAST, NOISE = 0.7, 195.0, 2.0
 EDGE, RATIO = np.hypot(BLUR, 12**-0.5), CONTRAST / NOISE
