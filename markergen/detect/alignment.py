@@ -126,7 +126,7 @@ def align_dots(image: Grey, camera: Camera, dots: Sequence[Dot]) -> Alignment:
     good &= _credible(state, residual, edge, kept, pixels.parts)
     variance = _noise(state, residual, edge, kept & good[pixels.dot], pixels)
     centers, covariance = np.full((len(dots), 2), np.nan), np.full((len(dots), 2, 2), np.nan)
-    for i in np.flatnonzero(good):
+    for i in np.flatnonzero(good).tolist():
         centers[i], derivative = dots[i].image(camera, state[i, PLACE])
         normal = _normal(jacobian, kept, pixels.parts[i])
         # Never quite singular, whatever the pixels.

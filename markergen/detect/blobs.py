@@ -49,8 +49,8 @@ class Blobs:
 def detect_dots(image: Image) -> Blobs:
     """Find dark elliptic dots on a lighter ground.
 
-    Regions that are darker than what is around them (`find_regions`) start a fit of ellipse, grey levels and blur to the
-    image's grey levels (`fit_dots`).
+    Regions that are darker than what is around them (`find_regions`) start a fit of ellipse, grey levels and blur to
+    the image's grey levels (`fit_dots`).
 
     Parameters
     ----------

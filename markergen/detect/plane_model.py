@@ -157,7 +157,7 @@ def _candidates(image: Grey, dot: Dot, center: Array, derivative: Array, edge: f
     high = np.clip(np.ceil(center + half + margin) + 1, 0, size).astype(int)
     x, y = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
     pixels = np.stack([x.ravel(), y.ravel()])
-    back = np.linalg.inv(derivative)
+    back = np.asarray(np.linalg.inv(derivative), dtype=float)
     rho, steepness = _radial(back @ (pixels - center[:, None]), back[:, :, None])
     near = (rho - 1 < margin * steepness) & (rho - (dot.hole or 1) > -margin * steepness)
     return pixels[:, near].T
