@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.detect.edge_model import BOXED, pixel_edge
 from markergen.model.camera import Camera
 
 Array = NDArray[np.float64]
@@ -229,11 +230,12 @@ def grey_levels(state: Array, pixels: Surroundings) -> tuple[Array, Array, Array
     blur = np.sqrt(blur_square)
     fade = pixels.fade[0] * u + pixels.fade[1] * v
     # The pixel's square has a fourth cumulant along the normal, -(u^4 + v^4)/120 = -(1 - 2 u^2 v^2)/120, and a Gaussian
-    # none; Edgeworth's series has it over 24. Only sharp images show it.
+    # none; Edgeworth's series has it over 24. That is enough unless the pixel is most of the blur.
     peak = (1 - 2 * (u * v) ** 2) / (2880 * np.sqrt(2 * np.pi) * blur_square**2)
     # Curvature of the image of the circle through the pixel, times its rho.
     bend = (j11 * j22 - j12 * j21) ** 2 / (steepness**2 * steepness)
 
+    boxed = blur < BOXED
     ink, edge = np.zeros_like(rho), np.zeros_like(rho)
     by_distance, by_spread, by_blur = np.zeros_like(rho), np.zeros_like(rho), np.zeros_like(rho)
     for sign, where in ((1.0, slice(None)), (-1.0, np.flatnonzero(pixels.hole))):
@@ -247,11 +249,18 @@ def grey_levels(state: Array, pixels: Surroundings) -> tuple[Array, Array, Array
         depth = -distance / blur[where]
         profile = np.exp(-0.5 * depth**2)
         density = sign * profile / (np.sqrt(2 * np.pi) * blur[where])
-        ink[where] += sign * (ndtr(depth) + peak[where] * depth * (depth**2 - 3) * profile)
+        share = ndtr(depth) + peak[where] * depth * (depth**2 - 3) * profile
+        change = -density * depth
+        sharp = np.flatnonzero(boxed[where])
+        if len(sharp):
+            normal, own = (u[where][sharp], v[where][sharp]), blur[where][sharp]
+            share[sharp], slope, by_square = pixel_edge(-distance[sharp], normal, own)
+            density[sharp], change[sharp] = sign * slope, 2 * sign * own * by_square
+        ink[where] += sign * share
         edge[where] = np.maximum(edge[where], profile)
         by_distance[where] -= density
         by_spread[where] += sign * density / steepness[where]
-        by_blur[where] -= density * depth
+        by_blur[where] += change
     contrast = light - dark
     shade = 1 + slope_x * pixels.offset[0] + slope_y * pixels.offset[1]
     flat = light - contrast * ink

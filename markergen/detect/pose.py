@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from markergen.detect.fit import mirrored_poses, outlines, pose_rows, refine_poses
 from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
-from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget
+from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget, print_covariance
 from markergen.maths.rotation import angle_between
 from markergen.model.camera import Camera
 
@@ -131,7 +131,7 @@ def fit_pose(
     def refined(rotation: Array, translation: Array, tolerance: float = TOLERANCE) -> tuple[Array, Array, Array]:
         # The print's share of the weights depends on the pose, smoothly: from a start that is right to a percent they
         # are right to a percent, and the estimate then to second order.
-        spread = image + _print_covariance(points, rotation, translation, errors)
+        spread = image + print_covariance(pose_rows(points, rotation, translation), points, rotation, errors)
         weight = np.asarray(np.linalg.inv(spread), dtype=float)
         measured = np.broadcast_to(seen, (len(rotation), *seen.shape))
         return refine_poses(points, radii, measured, weight, rotation, translation, tolerance=tolerance)
@@ -178,8 +178,8 @@ def outlier(
         return None
     rotation, translation = pose.rotation[None], pose.translation[None]
     spread = _normalized_covariance(seen, covariance + OUTLIER_PX**2 * np.eye(2), camera)
-    spread = spread + _print_covariance(points, rotation, translation, errors)[0]
-    rows = pose_rows(points, rotation, translation)[0]
+    rows = pose_rows(points, rotation, translation)
+    spread, rows = spread + print_covariance(rows, points, rotation, errors)[0], rows[0]
     weighted = np.linalg.inv(spread) @ rows
     normal = np.linalg.inv(np.einsum("mia,mib->ab", weighted, rows))
     residual = seen - outlines(points, radii, rotation, translation).center[0]
@@ -206,13 +206,6 @@ def _starts(points: Array, seen: Array, camera: Camera) -> tuple[Array, Array]:
     usable = np.isfinite(found.translation[0]).all(axis=-1)
     rotation, translation = found.rotation[0, usable], found.translation[0, usable]
     return rotation, translation - (height * rotation[:, :, 2] if flat else 0.0)
-
-
-def _print_covariance(points: Array, rotation: Array, translation: Array, errors: ErrorSources) -> Array:
-    """Covariance (k, m, 2, 2) of normalized image points from the print, along its plane; with relief along z, too."""
-    axes = 3 if points[:, 2].any() else 2
-    displaced = errors.print_sigma * pose_rows(points, rotation, translation)[..., 3:] @ rotation[:, None, :, :axes]
-    return displaced @ displaced.swapaxes(-1, -2)
 
 
 def _normalized_covariance(seen: Array, covariance: Array, camera: Camera) -> Array:

@@ -43,6 +43,9 @@ class Spec:
         pose. Empty is ``image`` for ``dot="auto"`` and ``point`` otherwise.
     image_noise : ImageNoise
         The image that ``image`` is about.
+    print_sigma : float
+        Standard deviation in m of a printed dot's place along each axis, which ``image`` adds to what the image tells;
+        0 is a perfect print.
     """
 
     n: int = 5
@@ -58,6 +61,7 @@ class Spec:
     restarts: int = 0
     noise_model: str = ""
     image_noise: ImageNoise = ImageNoise()  # noqa: RUF009
+    print_sigma: float = 0.0
 
     def __post_init__(self) -> None:
         if self.n < 4:
@@ -74,6 +78,12 @@ class Spec:
             raise InputError("restarts of 1 or more", f"restarts={self.restarts}", "give a positive number of restarts")
         if self.seed < 0:
             raise InputError("a seed of 0 or more", f"seed={self.seed}", "give a non-negative whole number")
+        if not 0 <= self.print_sigma < self.boundary.radius:
+            raise InputError(
+                f"a print error of 0 or more, and below the radius of the {self.boundary}",
+                f"print_sigma={self.print_sigma} m",
+                "give --print-sigma a length such as 0.1mm",
+            )
         self._settle_noise_model()
 
     def _settle_noise_model(self) -> None:
@@ -87,6 +97,12 @@ class Spec:
                 "the noise model image for --dot auto",
                 "noise_model='point'",
                 "leave out --noise-model, or give a --dot",
+            )
+        if self.noise_model == "point" and self.print_sigma:
+            raise InputError(
+                "the noise model image for a print error",
+                f"print_sigma={self.print_sigma} m with noise_model='point'",
+                "use --noise-model image, or leave out --print-sigma",
             )
         if self.noise_model == "image" and self.dot == 0:
             raise InputError(
@@ -108,6 +124,8 @@ class Spec:
             del values["noise_model"]
         if self.image_noise == ImageNoise():
             del values["image_noise"]
+        if not self.print_sigma:
+            del values["print_sigma"]
         return values
 
     @property

@@ -68,6 +68,8 @@ class Design:
             found.append("bare points (--dot 0) are for studies and cannot be printed or made")
         elif across < FEWEST_PIXELS:
             found.append(f"dots of {across:.1f} px are hardly detected: use fewer, more room, or a better camera")
+        if self.dots.warning:
+            found.append(self.dots.warning)
         return tuple(found)
 
 
@@ -86,7 +88,7 @@ def design(spec: Spec, progress: Progress | None = None) -> Design:
     kind(setting, spec.aggregate, spec.coordinates)  # a wrong name is told before any search
     dots = choose_dots(spec, setting.poses, progress)
     if spec.noise_model == "image":
-        setting = replace(setting, noise=DotNoise(dots.diameter, spec.image_noise))
+        setting = replace(setting, noise=DotNoise(dots.diameter, spec.image_noise, spec.print_sigma))
     objective = kind(setting, spec.aggregate, spec.coordinates)
     region = Region(spec.boundary, dots.diameter, dots.clearance)
     rng = np.random.default_rng(spec.seed)

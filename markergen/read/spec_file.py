@@ -107,6 +107,7 @@ class _SpecFile(_Table):
     restarts: Whole = ABSENT
     noise_model: str = ABSENT
     image_noise: _ImageNoise = ABSENT
+    print_sigma: Length = ABSENT
 
     @field_validator("boundary")
     @classmethod

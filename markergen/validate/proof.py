@@ -18,8 +18,7 @@ from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.design import compare
 from markergen.optimize.region import Region
 from markergen.read.spec_file import spec_from_mapping
-from markergen.render import DEFAULT_OPTICS
-from markergen.validate.bounds import error_budget, image_covariance
+from markergen.validate.bounds import error_budget
 from markergen.validate.result import ValidationResult
 from markergen.validate.run import validate
 from markergen.validate.stress import stress
@@ -28,9 +27,6 @@ from markergen.validate.views import Shoot
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
-
-DEFAULT_ERRORS = ErrorSources()
-"""What a good printer does, and a camera whose calibration is taken as exact."""
 
 
 def setting_of(marker: Marker, poses: str | None = None) -> Setting:
@@ -58,7 +54,6 @@ def prove(
     workers: int | None = None,
     trials_for_all: bool = False,
     stressed: bool = False,
-    errors: ErrorSources = DEFAULT_ERRORS,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Validate a marker and return the results as plain JSON values.
@@ -70,13 +65,12 @@ def prove(
     runs : int
         Noisy trials for each pose; 0 gives the bounds alone.
     shoot : Shoot or None
-        Synthetic images to render and detect; None leaves them out.
+        Synthetic images to render and detect; its optics and error sources are those of the error budget. None is no
+        images, the default optics, and a print good to 0.1 mm.
     trials_for_all : bool
         Run the trials for the layouts beside the marker as well; otherwise they have criteria and bounds.
     stressed : bool
         Repeat the shoot under worse conditions.
-    errors : ErrorSources
-        For the error budget.
     progress : callable or None
         Called with the stage, what is done of it, and its total.
 
@@ -120,12 +114,11 @@ def prove(
             found = trials(dressed(middle, marker.boundary, marker.dot_diameter, marker.clearance), name).as_dict()
             beside[name] = {key: found[key] for key in ("bound", "estimators", "homography")}
             beside[name]["criteria"] = criteria(middle[None], setting)[0]
-    views = summarize(shoot, take_records(shoot, workers, told("views"))) if shoot else None
-    if shoot and stressed and views is not None:
+    shoot = shoot or Shoot(marker, setting.camera, setting.poses, 0, errors=ErrorSources())
+    views = summarize(shoot, take_records(shoot, workers, told("views"))) if shoot.count else None
+    if views is not None and stressed:
         views["stress"] = stress(shoot, workers, told("stress"))
-    optics = shoot.optics if shoot else DEFAULT_OPTICS
-    image = image_covariance(marker, setting.camera, setting.poses, optics, noise_px)
-    budget = error_budget(marker, setting.camera, setting.poses, image, errors)
+    budget = error_budget(shoot, noise_px)
     return own.as_dict(criteria=table["design"], comparisons=beside, views=views, budget=budget)
 
 

@@ -18,9 +18,10 @@ def budget_table(results: Mapping[str, Any]) -> Table:
         [name, *(number(budget[key][source]) for source in SOURCES)]
         for name, key in (("RE, deg", "rotation_deg"), ("TE, %", "translation_pct"))
     ]
+    camera = "taken as exact, unless --camera-covariance" if budget["camera_exact"] else "as --camera-covariance"
     caption = (
         f"Dot centers measured to {number(budget['image_px'])} px; dots printed to {budget['print_sigma_mm']:g} mm "
-        "per axis (--print-sigma); the camera as --camera-covariance says."
+        f"per axis (--print-sigma); the camera {camera} says."
     )
     return "Error budget: what limits the pose, rms", ["", "image", "print", "calibration", "total"], rows, caption
 

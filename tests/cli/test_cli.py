@@ -137,6 +137,8 @@ def test_version(capsys):
         ("design --radius nan", "finite"),
         ("design --radius wide", "'--radius': expected a length"),
         ("design --dot 5xx", "a number and one of m, cm, mm"),
+        ("design --print-sigma 0.1mm", "use --noise-model image"),
+        ("design --dot auto --print-sigma -1mm", "a print error of 0 or more"),
         ("design --n 61", "at most 60"),
         ("design --n 99999999999999999999", "n: "),
         ("design --restarts 0", "--restarts"),

@@ -110,3 +110,45 @@ def test_bad_input_is_one_line_and_status_2(here, capsys, arguments, said):
     assert error.startswith("markergen: error: ")
     assert len(error.strip().splitlines()) == 1
     assert said in error
+
+
+def test_inputs_are_never_overwritten(here, capsys):
+    before = (here / "good" / "130.png").read_bytes(), (here / "marker.json").read_bytes()
+    assert main(["detect", "good", *ALL, "--overlay", "good"]) == 2
+    assert main(["detect", "good", *ALL, "--json", "marker.json"]) == 2
+    assert "one of the inputs" in capsys.readouterr().err
+    assert ((here / "good" / "130.png").read_bytes(), (here / "marker.json").read_bytes()) == before
+
+
+def test_an_overlay_that_cannot_be_written_does_not_stop_the_batch(here, capsys, tmp_path, monkeypatch):
+    from markergen import files
+
+    honest = files.write_atomic
+
+    def full(path, data):
+        if path.name == "130.png":
+            raise files.OutputError("expected to write 130.png, found: No space left on device")
+        honest(path, data)
+
+    monkeypatch.setattr(files, "write_atomic", full)
+    found = tmp_path / "found.json"
+    assert main(["detect", "good", *ALL, "--json", str(found), "--overlay", str(tmp_path / "seen")]) == 2
+    assert "No space left" in capsys.readouterr().err
+    assert len(json.loads(found.read_text())) == 2
+    assert [path.name for path in (tmp_path / "seen").iterdir()] == ["250.png"]
+
+
+def test_what_was_found_before_an_interruption_is_kept(here, tmp_path, monkeypatch):
+    from markergen.detect.batch import Job
+
+    honest = Job.run
+
+    def interrupted(job, path):
+        if path.name == "250.png":
+            raise KeyboardInterrupt
+        return honest(job, path)
+
+    monkeypatch.setattr(Job, "run", interrupted)
+    found = tmp_path / "found.json"
+    assert main(["detect", "good", *ALL, "--json", str(found)]) == 130
+    assert len(json.loads(found.read_text())) == 1

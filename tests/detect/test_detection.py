@@ -7,6 +7,7 @@ import pytest
 from markergen.detect import detect, detect_all
 from markergen.detect.blobs import Blobs, detect_dots
 from markergen.detect.detection import identify, made_up_camera
+from markergen.detect.record import as_dict, reason
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.projection import apply_homography
@@ -290,7 +291,29 @@ def test_equal_markers_contend(pentagon, sight):
     blobs = sight(pentagon, 130).blobs
     found = identify(blobs, [pentagon, pentagon], PAPER_CAMERA)
     assert [(each.found, each.marker) for each in found] == [(False, 0), (False, 1)]
-    assert all("between two markers" in each.reason for each in found)
+    assert [each.rival for each in found] == [1, 0]
+    # The detection knows no names, and numbers would say nothing.
+    assert {each.reason for each in found} == {"labels are ambiguous between two markers that fit the same dots"}
+    assert reason(found[0], ["a.json", "b.json"]).endswith("fit the same dots: a.json and b.json")
+    assert as_dict(found[1], [pentagon, pentagon], ["a", "b"])["reason"].endswith("fit the same dots: b and a")
+
+
+@pytest.mark.parametrize("hidden", [(), (2,)])
+def test_a_coarse_print_is_found_if_it_is_said_to_be_coarse(pentagon, sight, hidden):
+    coarse, found, as_fine = ErrorSources(print_sigma=1e-3), 0, 0
+    for pose in range(0, 400, 8):
+        offset = 1e-3 * np.random.default_rng([1, pose]).standard_normal((5, 2))
+        points = zip(pentagon.control_points, offset.tolist(), strict=True)
+        printed = replace(pentagon, control_points=tuple(replace(p, x=p.x + x, y=p.y + y) for p, (x, y) in points))
+        view = sight(printed, pose, hidden=hidden)
+        (each,) = identify(view.blobs, [pentagon], PAPER_CAMERA, True, coarse, 1)
+        as_fine += identify(view.blobs, [pentagon], PAPER_CAMERA, True, EXACT, 1)[0].found
+        if each.found:
+            found += 1
+            assert np.linalg.norm(each.pixels - view.pixels[each.ids - 10], axis=-1).max() < 0.2
+    # The others are nearly those of another labeling; 4 sigma on four or five dots leave out next to none.
+    assert found > 44
+    assert as_fine < found
 
 
 def test_a_marker_that_is_part_of_another_is_not_found_in_it(ngon, make, sight):

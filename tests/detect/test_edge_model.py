@@ -1,8 +1,9 @@
 import cv2
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
-from markergen.detect.edge_model import blurred_ellipse
+from markergen.detect.edge_model import BOXED, blurred_ellipse, pixel_edge
 
 FINE, SIZE = 12, 41
 
@@ -34,9 +35,10 @@ def test_is_the_blurred_ellipse(semi, blur, most):
     assert np.sqrt(np.mean((model - seen.ravel())[band] ** 2)) < most
 
 
-def test_derivatives():
+@pytest.mark.parametrize("blur", [0.4, 0.9])
+def test_derivatives(blur):
     rng = np.random.default_rng(0)
-    shape, blur = shape_of((14, 11), 0.4), 0.9
+    shape = shape_of((14, 11), 0.4)
     angle = rng.uniform(0, 2 * np.pi, 60)
     x, y = 14 * np.cos(angle) + rng.normal(0, 1, 60), 11 * np.sin(angle) + rng.normal(0, 1, 60)
     _, by_rho, by_blur, direction = evaluate(x, y, shape, blur)
@@ -55,3 +57,34 @@ def test_the_center_itself_is_all_ink(semi):
     # Four blurs from the nearest edge.
     assert ink[0] > 0.999
     assert np.isfinite([by_rho[0], by_blur[0]]).all()
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.2, np.pi / 4, 1.3])
+@pytest.mark.parametrize("lens", [0.1, 0.3, 0.5])
+def test_square_pixels_see_an_edge(angle, lens):
+    depth = np.linspace(-2, 2, 41)
+    normal = np.full(41, np.cos(angle)), np.full(41, np.sin(angle))
+    ink, slope, by_square = pixel_edge(depth, normal, np.full(41, np.sqrt(lens**2 + 1 / 12)))
+    # The mean of the blurred edge over 200 x 200 places of a pixel.
+    places = (np.arange(200) + 0.5) / 200 - 0.5
+    across = (np.cos(angle) * places[:, None] + np.sin(angle) * places).ravel()
+    t = (depth[:, None] + across) / lens
+    bell = np.exp(-0.5 * t**2) / np.sqrt(2 * np.pi)
+    # The midpoint rule is good to 1e-4 of all; a pixel is at least 0.02 px wide along the normal.
+    np.testing.assert_allclose(ink, ndtr(t).mean(axis=1), rtol=0, atol=2e-4)
+    np.testing.assert_allclose(slope, bell.mean(axis=1) / lens, rtol=0, atol=2e-3)
+    np.testing.assert_allclose(by_square, (-0.5 * t * bell).mean(axis=1) / lens**2, rtol=0, atol=1e-2)
+
+
+def test_without_a_lens_an_edge_is_the_area_of_squares():
+    depth = np.linspace(-1, 1, 21)
+    ink, _, _ = pixel_edge(depth, (np.ones(21), np.zeros(21)), np.full(21, 0.28))
+    # The least lens, 0.05 px, rounds the ramp's corners by 0.4 of it.
+    np.testing.assert_allclose(ink, np.clip(0.5 + depth, 0, 1), rtol=0, atol=0.021)
+
+
+def test_the_models_meet_where_the_square_no_longer_shows():
+    x = np.linspace(8, 12, 41)
+    y = np.linspace(-3, 3, 41)
+    below, above = (evaluate(x, y, shape_of((10, 9), 0.4), BOXED + step) for step in (-1e-9, 1e-9))
+    np.testing.assert_allclose(below[0], above[0], rtol=0, atol=1.3e-3)

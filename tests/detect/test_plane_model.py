@@ -26,12 +26,14 @@ def blank():
 
 @pytest.mark.parametrize("i", [0, 1])
 @pytest.mark.parametrize("pose", [30, 230])
-def test_derivatives(pentagon, blank, i, pose):
+@pytest.mark.parametrize("sharper", [0.0, 0.35])
+def test_derivatives(pentagon, blank, i, pose, sharper):
+    state = STATE - sharper * np.isin(np.arange(UNKNOWNS), [3, 5])
     pixels = surroundings(blank, PAPER_CAMERA, [dot_of(pentagon, i, pose)], np.array([0.8]))
-    _, jacobian, _ = grey_levels(STATE[None], pixels)
+    _, jacobian, _ = grey_levels(state[None], pixels)
     for k in range(UNKNOWNS):
-        h = 1e-5 * max(abs(STATE[k]), 0.1) * np.eye(UNKNOWNS)[k]
-        high, low = (grey_levels((STATE + sign * h)[None], pixels)[0] for sign in (1, -1))
+        h = 1e-5 * max(abs(state[k]), 0.1) * np.eye(UNKNOWNS)[k]
+        high, low = (grey_levels((state + sign * h)[None], pixels)[0] for sign in (1, -1))
         numeric = (high - low) / (2 * h[k])
         # How gradient, perspective and retreat change with place and blur is left out on purpose: a few percent.
         share = 0.15 if k in range(*BLUR.indices(UNKNOWNS)) else 0.02

@@ -143,3 +143,11 @@ def test_dots_may_be_left_to_the_image():
         spec_from_mapping({"dot": "automatic"})
     with pytest.raises(InputError, match=r"image_noise\.blur: unknown key"):
         spec_from_mapping({"image_noise": {"blur": 1.0}})
+
+
+def test_a_print_error_is_a_length():
+    spec = spec_from_mapping({"dot": "auto", "print_sigma": "0.1mm"})
+    assert spec == Spec(dot="auto", print_sigma=1e-4)
+    assert spec_from_mapping(json.loads(json.dumps(spec.as_dict()))) == spec
+    with pytest.raises(InputError, match="print_sigma: write a number and one of m"):
+        spec_from_mapping({"dot": "auto", "print_sigma": "little"})

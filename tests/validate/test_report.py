@@ -31,6 +31,7 @@ from markergen.validate.report.errors_plot import distribution, draw_errors, err
 from markergen.validate.report.expected import bound, cells, interval, rms
 from markergen.validate.report.poses_plot import camera_centers, fan, pose_sphere
 from markergen.validate.report.subject import Subject
+from markergen.validate.views import Shoot
 
 HOSTILE = '</pre><script>alert("x")</script><img src=x onerror=alert(1)> $\\frac{ \ud800'
 
@@ -54,7 +55,8 @@ def budget(pentagon, few):
 @pytest.fixture(scope="module")
 def results(pentagon, few, budget):
     """Real trials and bounds; views drawn from the covariances, as if the detector were perfect."""
-    found = prove(pentagon, few, runs=3, workers=1, errors=ErrorSources(1e-4, np.diag([0.5] * 4) ** 2))
+    shoot = Shoot(pentagon, few.camera, few.poses, 0, errors=ErrorSources(1e-4, np.diag([0.5] * 4) ** 2))
+    found = prove(pentagon, few, runs=3, shoot=shoot, workers=1)
     found["views"] = synthetic_views(pentagon, few, budget)
     return json.loads(to_json(found))
 
