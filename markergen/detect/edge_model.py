@@ -28,8 +28,9 @@ def pixel_edge(depth: Array, normal: tuple[Array, Array], blur: Array) -> tuple[
 
     Along the normal n the square is two boxes, of widths |n_x| and |n_y|. Averaging over a box is the difference of an
     integral at its ends, so the share is the second difference of H over |n_x n_y|, where H'' = F(z/s) is the edge
-    behind a lens of blur s: H = [(z^2 + s^2) F + z s f]/2, H' = z F + s f, f = F'. A Gaussian of the same variance is
-    off by 0.02 of the contrast where there is no lens, and by other amounts along other directions.
+    behind a lens of blur s: H = [(z^2 + s^2) F + z s f]/2, H' = z F + s f, f = F'. Where there is no
+    lens, a Gaussian of the same variance is off by 0.06 of the contrast along rows and columns, and by 0.02 along
+    diagonals.
 
     Parameters
     ----------

@@ -108,6 +108,8 @@ def claims(marker, chosen, optics):
         image, truth = look(marker, pose, optics)
         exact = ErrorSources(print_sigma=0)
         found = detect(image, marker, PAPER_CAMERA, exact)
+        if found.pose is None:
+            continue
         for k, each in enumerate((found, refine(image, marker, PAPER_CAMERA, found, exact))):
             error = each.pixels - truth_of(marker, each, truth)
             squares[k].extend(np.einsum("mi,mij,mj->m", error, np.linalg.inv(each.covariance), error))
@@ -115,6 +117,8 @@ def claims(marker, chosen, optics):
             off = np.concatenate([turn, each.pose.translation - POSES.translation[pose]])
             # The 95 % quantile of chi^2 with 6 degrees of freedom.
             inside[k].append(off @ np.linalg.solve(each.pose.budget.total, off) < 12.592)
+    # Of strong blur and far, tilted views the thinnest dots are refused: 2 of 240 views at 2 px.
+    assert len(inside[0]) >= 0.98 * len(chosen)
     return np.mean(squares, axis=1), np.mean(inside, axis=1)
 
 
