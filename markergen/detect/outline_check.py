@@ -31,9 +31,15 @@ def white_noise(pixels: OutlinePixels, residual: Array) -> Array:
     neighbors = (np.diff(pixels.x) == 1) & (np.diff(pixels.owner) == 0)
     size = np.abs(np.diff(residual))
     spans = zip(pixels.start[:-1], pixels.start[1:] - 1, strict=True)
-    median = np.array([np.median(size[a:b][neighbors[a:b]]) if neighbors[a:b].any() else 0.0 for a, b in spans])
+    median = np.array([_middle(size[a:b][neighbors[a:b]]) for a, b in spans])
     # The median of |N(0, 1)| is 0.6745, and a difference has twice the variance.
     return np.maximum(median / (0.6745 * np.sqrt(2)), np.sqrt(QUANTIZATION))
+
+
+def _middle(values: Array) -> float:
+    """Upper median, 0 of none; np.median takes several times as long for so few values."""
+    half = len(values) // 2
+    return float(np.partition(values, half)[half]) if len(values) else 0.0
 
 
 def sector_of(pixels: OutlinePixels, direction: Array) -> NDArray[np.intp]:

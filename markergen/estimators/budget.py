@@ -11,7 +11,6 @@ single points undoes that, so they go through G as they are.
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,16 +39,16 @@ class ErrorSources:
     Raises
     ------
     InputError
-        If print_sigma is negative or not finite, or the matrix is no covariance.
+        If print_sigma is not 0 to 1 m, or the matrix is no covariance.
     """
 
     print_sigma: float = 1e-4
     camera_covariance: Array | None = None
 
     def __post_init__(self) -> None:
-        if not (isfinite(self.print_sigma) and self.print_sigma >= 0):
+        if not 0 <= self.print_sigma <= 1:
             raise InputError(
-                "a print error of 0 or more", f"print_sigma={self.print_sigma} m", "give a length such as 0.1mm"
+                "a print error of 0 to 1 m", f"print_sigma={self.print_sigma} m", "give a length such as 0.1mm"
             )
         if self.camera_covariance is not None:
             matrix = np.asarray(self.camera_covariance, dtype=float)
