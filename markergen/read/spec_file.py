@@ -25,6 +25,9 @@ from markergen.model.image_noise import ImageNoise
 from markergen.model.spec import Spec
 from markergen.units import parse_length
 
+LARGEST_SPEC = 10_000
+"""Characters; one dotted key of ten times as many keeps a TOML reader busy for a minute."""
+
 
 def _length(value: object) -> float:
     try:
@@ -175,10 +178,14 @@ def template_text(name: str) -> str:
     if path.suffix != ".toml" and name not in known:
         raise InputError("a known template or a .toml file", repr(name), f"known: {', '.join(known)}")
     try:
-        return known.get(name, path).read_text(encoding="utf-8")
+        with known.get(name, path).open(encoding="utf-8") as file:
+            text = file.read(LARGEST_SPEC + 1)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "bytes that are not UTF-8 text"
         raise InputError(f"a readable spec at {path}", str(reason), "check the path") from None
+    if len(text) > LARGEST_SPEC:
+        raise InputError(f"a spec of at most {LARGEST_SPEC // 1000} kB at {path}", "a larger file", "check the path")
+    return text
 
 
 def templates() -> dict[str, Path]:
