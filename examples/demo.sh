@@ -1,6 +1,7 @@
 #!/bin/sh
-# The main job from start to end: design, print, prove, make. `make demo` calls this with the folder to write to.
+# The main job from start to end: design, print, prove, make, find. `make demo` calls this with the folder to write to.
 set -eu
+examples=$(cd "$(dirname "$0")" && pwd)
 folder=${1:-out}
 mkdir -p "$folder"
 cd "$folder"
@@ -9,16 +10,22 @@ say() { printf '\n\033[1m%s\033[0m\n' "$*"; }
 say "1. Design a marker with 5 control points in a disk of 0.15 m, and draw it at true size"
 markergen design --n 5 --radius 0.15 -o marker.pdf
 
-say "2. Prove it: 400 poses x 1000 noisy runs x 5 estimators, about a minute"
-markergen validate marker.json --views 20 --json validation.json
+say "2. Prove it: 400 poses x 1000 noisy runs x 5 estimators, and 100 synthetic views, about a minute"
+markergen validate marker.json --report report.html --json validation.json
 
 say "3. Make it as solids"
 markergen export marker.json -o marker.step
+
+say "4. Take photos of it in clutter, through a wide lens, and find it in them"
+python "$examples/take_photos.py" marker.json photos
+markergen detect photos --marker marker.json --camera photos/camera.yaml --json found.json --overlay seen
 
 say "What you have now, in $(pwd)"
 cat <<'END'
   marker.pdf       the marker at true size: print at 100 % on A2 and check the ruler
   marker.json      the marker itself: every point, what it was designed for, and how good it is
-  validation.json  what each estimator makes of it, with the bounds beside
+  report.html      what to expect of it and what limits it: open it in a browser
+  validation.json  the same for programs: what each estimator makes of it, with the bounds beside
   marker.step      a plate and five inlays as named, colored solids, in mm
+  seen/            the photos with what was found drawn in; found.json has the poses with their covariance
 END

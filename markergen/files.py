@@ -2,7 +2,7 @@
 
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from markergen.errors import OutputError
@@ -40,9 +40,7 @@ def write_all(files: Mapping[Path, bytes]) -> None:
         for done, before in replaced.items():
             _restore(done.resolve(), before)
         reason = error.strerror or str(error)
-        raise OutputError(
-            f"expected to write {target}, found: {reason}; nothing was changed, choose another path"
-        ) from error
+        raise _cannot_write(target, reason) from error
     finally:
         for temporary in staged.values():
             temporary.unlink(missing_ok=True)
@@ -56,10 +54,47 @@ def check_folder(path: Path) -> None:
         reason = "No such file or directory" if not folder.exists() else "Not a directory"
     elif path.is_dir():
         reason = "Is a directory"
-    elif not os.access(folder, os.W_OK):
-        reason = "Permission denied"
+    elif not _is_special(path):
+        try:
+            # What the permissions say is not what some file systems do.
+            tempfile.TemporaryFile(dir=folder).close()
+        except OSError as error:
+            reason = error.strerror or str(error)
     if reason and not _is_special(path):
-        raise OutputError(f"expected to write {path}, found: {reason}; nothing was changed, choose another path")
+        raise _cannot_write(path, reason)
+
+
+def check_outputs(outputs: Sequence[Path], inputs: Sequence[Path] = ()) -> None:
+    """Refuse outputs that cannot be written, of which two are the same file, or of which one is also an input.
+
+    Raises
+    ------
+    OutputError
+    """
+    read = {path.resolve() for path in inputs}
+    written = set[Path]()
+    for path in outputs:
+        check_folder(path)
+        if _is_special(path):
+            continue
+        if path.resolve() in read:
+            raise _cannot_write(path, "It is one of the inputs")
+        if path.resolve() in written:
+            raise _cannot_write(path, "It was asked for twice")
+        written.add(path.resolve())
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder for outputs, and those that it lies in, unless it is there; raises as `check_folder` does."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _cannot_write(path, "Not a directory" if path.exists() else error.strerror or str(error)) from error
+    check_folder(path / "any")
+
+
+def _cannot_write(path: Path, reason: str) -> OutputError:
+    return OutputError(f"expected to write {path}, found: {reason}; nothing was changed, choose another path")
 
 
 def _is_special(path: Path) -> bool:

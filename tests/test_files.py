@@ -6,7 +6,7 @@ import pytest
 
 from markergen import files
 from markergen.errors import OutputError
-from markergen.files import write_all, write_atomic
+from markergen.files import check_outputs, make_folder, write_all, write_atomic
 
 
 def test_new_and_old_files_end_up_complete(tmp_path):
@@ -90,3 +90,24 @@ def test_folders_are_checked_before_the_work(tmp_path, path, words):
     with pytest.raises(OutputError, match=words):
         files.check_folder(tmp_path / path)
     files.check_folder(tmp_path / "fine.json")
+
+
+def test_outputs_must_differ_from_inputs_and_from_each_other(tmp_path):
+    first, second = tmp_path / "a.json", tmp_path / "b.json"
+    check_outputs([first, second], [tmp_path / "c.json"])
+    with pytest.raises(OutputError, match="one of the inputs"):
+        check_outputs([first, second], [tmp_path / "." / "b.json"])
+    (tmp_path / "x").mkdir()
+    with pytest.raises(OutputError, match="asked for twice"):
+        check_outputs([first, tmp_path / "x" / ".." / "a.json"])
+    assert not first.exists()
+
+
+def test_folders_are_made_or_refused_in_one_line(tmp_path):
+    make_folder(tmp_path / "new" / "deep")
+    assert (tmp_path / "new" / "deep").is_dir()
+    make_folder(tmp_path / "new")
+    (tmp_path / "file").write_bytes(b"")
+    for path in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(OutputError, match="expected to write"):
+            make_folder(path)

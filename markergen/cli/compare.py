@@ -28,7 +28,7 @@ def compare(
     json: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the results as JSON; - is standard output.")
     ] = None,
-    plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the errors: .svg, .png or .pdf.")] = None,
+    plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the errors: .svg or .png.")] = None,
     seed: Annotated[int, typer.Option(help="Of noise and poses; the same seed gives the same results.")] = 0,
     workers: Annotated[int | None, typer.Option(help="Processes. [default: one for each processor]")] = None,
 ) -> None:
@@ -40,7 +40,7 @@ def compare(
       markergen compare marker.json aruco:DICT_4X4_50:7 charuco:4x4 --views 400 --plot compare.svg
     """
     from markergen.cli.console import print_table, progress_bar
-    from markergen.files import check_folder, write_atomic
+    from markergen.files import check_outputs, write_atomic
     from markergen.validate import compare_report
     from markergen.validate.compare import compare as run
     from markergen.validate.compare import to_json
@@ -48,9 +48,8 @@ def compare(
     to_stdout = str(json) == "-"
     if plot:
         compare_report.check_plot(plot)
-    for path in (plot, None if to_stdout else json):
-        if path:
-            check_folder(path)
+    read = [Path(text) for text in contestants if Path(text).is_file()]
+    check_outputs([path for path in (plot, None if to_stdout else json) if path], read)
     with progress_bar() as progress:
         results = run(contestants, views, seed, poses, print_sigma, workers=workers, progress=progress)
     if to_stdout:

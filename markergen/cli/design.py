@@ -35,7 +35,8 @@ def design(
         str | None,
         typer.Option(
             metavar="LENGTH|auto",
-            help="Dot diameter; auto: the one with the least predicted error. [default: what the camera needs]",
+            help="Dot diameter; auto: the one with the least predicted error, see --print-sigma. "
+            "[default: what the camera needs]",
         ),
     ] = None,
     clearance: Annotated[
@@ -47,6 +48,15 @@ def design(
         typer.Option(
             metavar="NAME",
             help="point: 1 px everywhere; image: what each dot's image tells in each pose. [default: point]",
+        ),
+    ] = None,
+    print_sigma: Annotated[
+        float | None,
+        typer.Option(
+            parser=length,
+            metavar="LENGTH",
+            help="Error of a printed dot's place along each axis, for --noise-model image and --dot auto. "
+            "[default: 0mm]",
         ),
     ] = None,
     seed: Annotated[
@@ -78,8 +88,8 @@ def design(
     values = read_template(template) if template else {}
     options = {
         "n": n, "radius": radius, "objective": objective, "aggregate": aggregate, "coordinates": coordinates,
-        "poses": poses, "dot": dot, "clearance": clearance, "noise_model": noise_model, "seed": seed,
-        "restarts": restarts,
+        "poses": poses, "dot": dot, "clearance": clearance, "noise_model": noise_model, "print_sigma": print_sigma,
+        "seed": seed, "restarts": restarts,
     }  # fmt: skip
     if radius is not None:
         values.pop("boundary", None)

@@ -69,41 +69,40 @@ def validate(
     """
     from markergen.cli import FAILED
     from markergen.cli.console import busy, print_results, progress_bar
-    from markergen.estimators.budget import ErrorSources, pose_budget
-    from markergen.files import check_folder, write_atomic
+    from markergen.errors import InputError
+    from markergen.estimators.budget import ErrorSources
+    from markergen.files import check_outputs, make_folder, write_atomic
     from markergen.model.marker_json import read_marker
     from markergen.read.cameras import read_camera_covariance
-    from markergen.render import DEFAULT_OPTICS, optics_from_text
-    from markergen.validate.bounds import image_covariance
+    from markergen.render import optics_from_text
+    from markergen.validate.bounds import budget_of
     from markergen.validate.fail_if import check, parse
     from markergen.validate.pictures import pictures as taken
+    from markergen.validate.pictures import remove_earlier
     from markergen.validate.proof import prove, setting_of, to_json
-    from markergen.validate.report import html_report
+    from markergen.validate.report import check_report, html_report
     from markergen.validate.views import Shoot
 
     for expression in fail_if or []:
         parse(expression)
     to_stdout = str(json) == "-"
-    for path in (None if to_stdout else json, report):
-        if path:
-            check_folder(path)
+    if report:
+        check_report(report)
+    check_outputs([path for path in (None if to_stdout else json, report) if path], [marker])
     judged = read_marker(marker)
     setting = setting_of(judged, poses)
     covariance = read_camera_covariance(camera_covariance, setting.camera) if camera_covariance else None
     errors = ErrorSources(print_sigma, covariance)
-    shoot = None
     if views is None:
         views = 100 if judged.dot_diameter else 0
-    if views:
-        lens = optics_from_text(optics)
-        shoot = Shoot(judged, setting.camera, setting.poses, views, seed, lens, background, hide, errors, refine)
+    lens = optics_from_text(optics)
+    shoot = Shoot(judged, setting.camera, setting.poses, views, seed, lens, background, hide, errors, refine)
+    if not views and (stress or pictures):
+        raise InputError("views to take", "--views 0", "leave out --stress and --pictures, or ask for views")
+    if pictures:
+        make_folder(pictures)
     with progress_bar() as progress:
-        results = prove(judged, setting, noise, runs, shoot, seed, workers, trials_for_all, stress, errors, progress)
-    verdicts = [check(expression, results) for expression in fail_if or []]
-    shown = []
-    if shoot and (pictures or report):
-        with busy("taking pictures"):
-            shown = list(taken(shoot, results["views"]))
+        results = prove(judged, setting, noise, runs, shoot, seed, workers, trials_for_all, stress, progress)
     if to_stdout:
         typer.echo(to_json(results).decode(), nl=False)
     else:
@@ -111,19 +110,20 @@ def validate(
     written = {}
     if json and not to_stdout:
         written[json] = to_json(results)
+    shown = []
+    if views and (pictures or report):
+        with busy("taking pictures"):
+            shown = list(taken(shoot, results["views"]))
     if report:
         with busy("writing the report"):
-            lens = shoot.optics if shoot else DEFAULT_OPTICS
-            image = image_covariance(judged, setting.camera, setting.poses, lens, noise)
-            poses_seen = setting.poses
-            parts = pose_budget(judged.xyz, poses_seen.rotation, poses_seen.translation, setting.camera, image, errors)
-            written[report] = html_report(results, judged, setting, shown, parts)
+            written[report] = html_report(results, judged, setting, shown, budget_of(shoot, noise))
     if pictures:
-        pictures.mkdir(parents=True, exist_ok=True)
+        remove_earlier(pictures)
         written |= {pictures / f"{picture.name}.png": picture.png for picture in shown}
     for path, content in written.items():
         write_atomic(path, content)
         typer.echo(f"wrote {path}", err=to_stdout)
+    verdicts = [check(expression, results) for expression in fail_if or []]
     for passed, found in verdicts:
         typer.echo(f"{'passed' if passed else 'FAILED'}: {found}", err=True)
     if not all(passed for passed, _ in verdicts):

@@ -36,11 +36,11 @@ _DAMPING = 1e-3
 """Marquardt's lambda: blur, size and contrast of a dot of a few pixels are hardly told apart."""
 
 _LOOSE_OUTLIER = 0.5
+"""Share of the contrast by which pixels may be off at the beginning."""
 _OUTLIER_FLAT, _OUTLIER_EDGE, _OUTLIER_NOISE, _OUTLIER_BLUR = 0.05, 0.3, 6.0, 3.0
-"""Pixels belong to something else if they are off by more than the first share of the contrast where the model is flat,
-by more than the second on an edge, where the point spread may not be Gaussian, and by more than so many times the
-noise; and so do all within so many times the blur of them. A dot's own pixels must not be among them, or the dot is
-pulled to one side."""
+"""Pixels belong to something else if they are off by more than the first share of the contrast, and so many times the
+noise, where the model is flat; by more than the second share on an edge, where the point spread need not be Gaussian
+and a lower limit would cut a dot's own pixels on one side; or if they are within so many times the blur of such."""
 
 _LEAST_SHARE = 0.9
 """A dot is no good if outliers have taken more of its information than the rest."""
@@ -53,8 +53,10 @@ _MAX_MOVE_PX = 1.0
 
 _USUAL_BLUR, _BLUR_MARGIN = 0.75, 1.3
 """Blur in px that the pixels are first gathered for, and by how much it may be more."""
+
 _LEAST_BLUR, _MOST_BLUR = 0.25, 6.0
 _MOST_SPREAD, _MOST_SLOPE = 0.3, 0.2
+"""Bounds of the unknowns: px, radii, and the light's change over a dot's half-width."""
 
 _NARROW = 1.7
 """A disk or hole whose least half-width is less than so many times the blur has no edges that the model describes."""
@@ -124,9 +126,11 @@ def align_dots(image: Grey, camera: Camera, dots: Sequence[Dot]) -> Alignment:
     good &= _credible(state, residual, edge, kept, pixels.parts)
     variance = _noise(state, residual, edge, kept & good[pixels.dot], pixels)
     centers, covariance = np.full((len(dots), 2), np.nan), np.full((len(dots), 2, 2), np.nan)
-    for i in np.flatnonzero(good):
+    for i in np.flatnonzero(good).tolist():
         centers[i], derivative = dots[i].image(camera, state[i, PLACE])
-        place = np.linalg.inv(_normal(jacobian, kept, pixels.parts[i]))[PLACE, PLACE]
+        normal = _normal(jacobian, kept, pixels.parts[i])
+        # Never quite singular, whatever the pixels.
+        place = np.linalg.inv(normal + 1e-9 * np.diag(np.diag(normal)))[PLACE, PLACE]
         covariance[i] = variance * derivative @ place @ derivative.T
     return Alignment(centers, covariance, good)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from markergen.detect.detection import Detection, detect_all
 from markergen.detect.overlay import overlay
-from markergen.detect.photometric import refine
+from markergen.detect.photometric import check_refinement, refine
 from markergen.detect.record import as_dict
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
@@ -17,8 +17,6 @@ from markergen.model.marker import Marker
 from markergen.model.marker_json import read_marker
 from markergen.read.cameras import read_camera, read_camera_covariance
 from markergen.read.images import Image, read_image
-
-REFINEMENTS = ("none", "photometric")
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +123,7 @@ def job_from_files(
     camera: Path | None = None,
     camera_covariance: Path | None = None,
     print_sigma: float = 1e-4,
-    refine: str = "none",
+    refinement: str = "none",
 ) -> Job:
     """Read markers and calibration.
 
@@ -134,8 +132,7 @@ def job_from_files(
     InputError
         If a file cannot be used, the refinement is unknown, or a covariance comes without its camera.
     """
-    if refine not in REFINEMENTS:
-        raise InputError(f"a refinement: {' or '.join(REFINEMENTS)}", repr(refine), "choose one of these")
+    check_refinement(refinement)
     calibration = None if camera is None else read_camera(camera)
     covariance = None
     if camera_covariance is not None:
@@ -149,7 +146,7 @@ def job_from_files(
         tuple(str(path) for path in markers),
         calibration,
         ErrorSources(print_sigma, covariance),
-        refine == "photometric",
+        refinement == "photometric",
     )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect.correction import correct_centers
-from markergen.detect.fit import Outlines, outlines, plane_outlines, refine_poses
+from markergen.detect.fit import Outlines, mirrored_poses, outlines, plane_outlines, refine_poses
 from markergen.detect.ideal import Ellipses
 from markergen.detect.layout import Layout
 from markergen.detect.seeds import guess_poses
@@ -21,8 +21,8 @@ LEAST_DOTS = 4
 MAX_CANDIDATES = 600
 """Labelings that are fitted, times the marker's dots; those with the most dots first."""
 
-ROUNDS, TRIM_PX, MAX_TRIMMED = 3, 1.0, 40
-"""Rounds of second looks; misfit from which on the worst dot is left out in one; labelings to which that is done."""
+ROUNDS, TRIM_PX, MAX_TRIMMED = 3, 1.0, 60
+"""Rounds of second looks; misfit from which on dots are left out in one; labelings that this may make."""
 
 SPREAD = 0.2
 """Logarithm of the largest common factor of all outlines that is let pass."""
@@ -86,6 +86,9 @@ class Model(Protocol):
     def joined(self, other: "Model") -> "Model":
         """Return these and others of the same kind."""
 
+    def mirrored(self, layout: Layout) -> "Model | None":
+        """Return what makes the marker look much the same, and ends in another minimum; None if nothing does."""
+
     def fitted(self, blobs: Indices, ellipses: Ellipses, layout: Layout, px: float) -> "Model":
         """Least-squares fit to labelings (K, n)."""
 
@@ -104,6 +107,10 @@ class Poses:
     def take(self, chosen: Indices) -> "Poses":
         """Return the chosen ones."""
         return Poses(self.rotation[chosen], self.translation[chosen])
+
+    def mirrored(self, layout: Layout) -> "Poses | None":
+        """Return the mirrored poses of a flat marker."""
+        return Poses(*mirrored_poses(layout.points, self.rotation, self.translation)) if layout.flat else None
 
     def joined(self, other: Model) -> "Poses":
         """Return these and others of the same kind."""
@@ -141,6 +148,9 @@ class Planes:
     def take(self, chosen: Indices) -> "Planes":
         """Return the chosen ones."""
         return Planes(self.homography[chosen])
+
+    def mirrored(self, layout: Layout) -> None:
+        """Return nothing: there is one homography."""
 
     def joined(self, other: Model) -> "Planes":
         """Return these and others of the same kind."""
@@ -190,8 +200,8 @@ def find_candidates(
     return candidates.take(_distinct(candidates.blobs, candidates.misfit))
 
 
-def misfits(predicted: Outlines, ellipses: Ellipses, blobs: Indices, px: float) -> tuple[Array, Array]:
-    """How far centers and outlines of labeled blobs (A, n) are from the predicted ones: RMS (A,), and of each dot, px.
+def misfits(predicted: Outlines, ellipses: Ellipses, blobs: Indices, px: float) -> Array:
+    """RMS (A,) in px by which centers and outlines of labeled blobs (A, n) miss the predicted ones.
 
     sqrt(sum |dc|^2/(m - 3) + sum |dS|^2/m) over the m dots that have a blob, with c the centers, whose fit takes up six
     of 2m numbers, and S the symmetric square roots of the shapes. A common factor of all outlines, up to a fifth, is
@@ -206,16 +216,22 @@ def misfits(predicted: Outlines, ellipses: Ellipses, blobs: Indices, px: float) 
         factor = np.exp(np.clip(ratio.sum(axis=-1) / count, -SPREAD, SPREAD))
         outline = np.where(used[..., None, None], seen - factor[:, None, None, None] * drawn, 0.0)
         by_center, by_outline = np.sum(offset**2, axis=-1), np.sum(outline**2, axis=(-2, -1))
-        each = px * np.sqrt(by_center + by_outline)
         error = px * np.sqrt(by_center.sum(axis=-1) / np.maximum(count - 3, 1) + by_outline.sum(axis=-1) / count)
     visible = (predicted.seen | ~used).all(axis=-1)
-    return np.where(visible & np.isfinite(error), error, np.inf), each
+    return np.where(visible & np.isfinite(error), error, np.inf)
 
 
 def _fitted(blobs: Indices, start: Model, ellipses: Ellipses, layout: Layout, px: float) -> Candidates:
+    """Labelings (K, n) fitted from where they were guessed and from the mirrored pose, whichever fits better."""
+    count, mirrored = len(blobs), start.mirrored(layout)
+    if mirrored is not None:
+        blobs, start = np.concatenate([blobs, blobs]), start.joined(mirrored)
     model = start.fitted(blobs, ellipses, layout, px)
     drawn = model.outlines(layout)
-    return Candidates(blobs, misfits(drawn, ellipses, blobs, px)[0], model, drawn)
+    candidates = Candidates(blobs, misfits(drawn, ellipses, blobs, px), model, drawn)
+    if mirrored is None:
+        return candidates
+    return candidates.take(np.arange(count) + count * (candidates.misfit[count:] < candidates.misfit[:count]))
 
 
 def _next(
@@ -224,22 +240,23 @@ def _next(
     """Labelings (k, n) that fitted ones suggest and that were not fitted yet, and which of them each comes from.
 
     A second look from the fitted pose: dots that the guess missed come in, strangers go. And where nothing better fits,
-    the worst dot is left out, which a stranger near its place may have been.
+    each dot in turn is left out, for which a stranger near its place may have been taken.
     """
     old = candidates.blobs
     near, _ = assign(candidates.predicted, ellipses, layout, NEAR_REACH, NEAR_PX / px, rings_tell)
     count = candidates.count
     good = count[candidates.misfit < TRIM_PX].max(initial=LEAST_DOTS - 1)
     poor = np.flatnonzero((candidates.misfit >= TRIM_PX) & (count - 1 > good))
-    poor = poor[np.argsort(candidates.misfit[poor], kind="stable")[:MAX_TRIMMED]]
-    trimmed = old[poor].copy()
-    _, each = misfits(candidates.predicted.take(poor), ellipses, trimmed, px)
-    trimmed[np.arange(len(poor)), np.nan_to_num(each, nan=np.inf).argmax(axis=-1)] = -1
+    poor = poor[np.lexsort((candidates.misfit[poor], -count[poor]))][: max(1, MAX_TRIMMED // len(layout))]
+    row, dot = np.nonzero(old[poor] >= 0)
+    row = poor[row]
+    trimmed = old[row]
+    trimmed[np.arange(len(row)), dot] = -1
     labelings = np.concatenate([old, near, trimmed])
     # Those that are fitted already come first among equals, and are not fitted again.
     fresh = _distinct(labelings, (np.arange(len(labelings)) >= len(old)).astype(float))
     fresh = fresh[(fresh >= len(old)) & (np.sum(labelings[fresh] >= 0, axis=-1) >= LEAST_DOTS)]
-    start = np.concatenate([np.arange(len(old)), np.arange(len(old)), poor])
+    start = np.concatenate([np.arange(len(old)), np.arange(len(old)), row])
     return labelings[fresh], start[fresh]
 
 

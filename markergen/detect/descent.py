@@ -29,11 +29,12 @@ _LONGEST_STEP_PX, _LONGEST_SCALE_STEP = 2.0, 0.1
 _MIN_BLUR, _MAX_BLUR = 0.28, 6.0
 """In px, with the pixel's own area, which alone is 0.29."""
 
-_OUTLIER_SHARE, _OUTLIER_SIGMA = 0.12, 5.0
-"""Pixels off by more than this share of the contrast, and by so many times the noise, show something else."""
+_OUTLIER_SHARE, _OUTLIER_SIGMA, _OUTLIER_SPREAD = 0.12, 5.0, 4.0
+"""Pixels off by more than this share of the contrast, so many times the noise, and so many times the standard deviation
+of the residual, show something else."""
 
-_MAX_LEFT_OUT = 6
-"""Of the sectors: a center from little more than half an outline is worse than none."""
+_MAX_LEFT_OUT = 5
+"""Of the sectors, with the neighbors of those that are strange: half an ellipse is much of another ellipse too."""
 _MAX_TRIMMED = 0.15
 
 NOISE_SLACK, _MOST_NOISE = 1.5, 2.0
@@ -253,6 +254,8 @@ class Descent:
         self.left_out = self.left_out | bad | np.roll(bad, 1, axis=-1) | np.roll(bad, -1, axis=-1)
         self.keep(self.left_out.sum(axis=-1) <= _MAX_LEFT_OUT)
         limit = np.maximum(_OUTLIER_SHARE * self.contrast, _OUTLIER_SIGMA * self.noise())
+        # Where the blur is another than the model's, much is off by some, and means no harm.
+        limit = np.maximum(limit, _OUTLIER_SPREAD * np.sqrt(self.variance()))
         kept = (np.abs(self.residual) < limit[self.pixels.owner]) & ~self.left_out.ravel()[self._sector()]
         changed = np.bincount(self.pixels.owner, kept != self.weight, len(self.index)) > 0
         self.weight = kept.astype(float)

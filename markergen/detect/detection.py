@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 MAX_COPIES = 32
 """Copies of one marker that are looked for in one image."""
 
+CLAIMED = "labels are ambiguous between two markers that fit the same dots"
+
 
 def _empty(*shape: int) -> Array:
     return np.zeros((0, *shape))
@@ -55,6 +57,8 @@ class Detection:
         Why nothing was found; empty otherwise.
     marker : int
         Which of the markers that were looked for.
+    rival : int or None
+        Which other marker fits the same dots, where that is the reason.
     dropped : array (k,) of int
         Control points that were labeled, but lie farther from where the others put them than any error explains.
     """
@@ -68,6 +72,7 @@ class Detection:
     pose: PoseEstimate | None = None
     reason: str = ""
     marker: int = 0
+    rival: int | None = None
     dropped: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
 
@@ -150,8 +155,9 @@ def identify(
         raise InputError("a camera for a marker with relief", "none", "give the camera's calibration")
     ellipses = undo_lens(blobs, camera)
     left, reasons, found = dict.fromkeys(range(len(markers)), copies), dict[int, str](), list[Detection]()
+    rivals = dict[int, int]()
     while left:
-        searches = {k: search(ellipses, layouts[k], camera, calibrated) for k in left}
+        searches = {k: search(ellipses, layouts[k], camera, calibrated, errors.print_sigma) for k in left}
         for k, each in searches.items():
             if each.reason:
                 reasons.setdefault(k, each.reason)
@@ -162,10 +168,13 @@ def identify(
         best = min(open_searches, key=lambda k: open_searches[k].rank)
         chosen = open_searches[best]
         doubt = ambiguity(chosen)
-        doubts = {best: doubt} if doubt else _claims(best, open_searches)
-        if doubts:
-            for k, reason in doubts.items():
-                reasons.setdefault(k, reason)
+        claims = {} if doubt else _claims(best, open_searches)
+        if doubt:
+            reasons.setdefault(best, doubt)
+        elif claims:
+            for k, rival in claims.items():
+                if k not in reasons:
+                    reasons[k], rivals[k] = CLAIMED, rival
         else:
             found.append(
                 replace(_finish(chosen, blobs, ellipses, markers[best], camera, calibrated, errors), marker=best)
@@ -176,7 +185,9 @@ def identify(
         # Also what is in doubt is something, and nothing else.
         ellipses = ellipses.take(~np.isin(np.arange(len(ellipses)), chosen.blobs))
     seen = {each.marker for each in found}
-    return found + [Detection(False, reason=reasons[k], marker=k) for k in range(len(markers)) if k not in seen]
+    return found + [
+        Detection(False, reason=reasons[k], marker=k, rival=rivals.get(k)) for k in range(len(markers)) if k not in seen
+    ]
 
 
 def made_up_camera(width: int, height: int) -> Camera:
@@ -185,16 +196,14 @@ def made_up_camera(width: int, height: int) -> Camera:
     return Camera(max(width, 1), max(height, 1), focal, focal, (width - 1) / 2, (height - 1) / 2)
 
 
-def _claims(best: int, searches: dict[int, Search]) -> dict[int, str]:
-    """Markers that claim the same blobs with labelings nearly as good as the best one's, and what to say of each."""
+def _claims(best: int, searches: dict[int, Search]) -> dict[int, int]:
+    """Markers that claim the same blobs with labelings nearly as good as the best one's, and the rival of each."""
     rivals = [
         k
         for k, each in searches.items()
         if k != best and contender(searches[best], each, same_marker=False) is not None
     ]
-    said = "labels are ambiguous between two markers that fit the same dots: {} and {}"
-    reasons = {k: said.format(*sorted((k, best))) for k in rivals}
-    return {best: reasons[rivals[0]], **reasons} if rivals else {}
+    return {best: rivals[0], **dict.fromkeys(rivals, best)} if rivals else {}
 
 
 def _finish(

@@ -11,7 +11,58 @@ _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 _SHARP = 0.1
 """Curvature of the tips, in units of 1/blur, from which the expansion in it is not good enough."""
 
+BOXED = 0.65
+"""Blur, in px with the pixel's own area, below which that area's square shows; above it differs from a Gaussian by
+at most 0.0013 of the contrast."""
+
+_PIXEL_VARIANCE = 1 / 12
+_LEAST_SIDE, _LEAST_LENS = 0.02, 0.05
+"""A pixel's width along the edge's normal, and a lens's blur, in px, are no less: what is thinner changes nothing, and
+would be a quotient of zeros."""
+
 _TINY = 1e-12
+
+
+def pixel_edge(depth: Array, normal: tuple[Array, Array], blur: Array) -> tuple[Array, Array, Array]:
+    """Share of ink that square pixels see of a straight edge through a Gaussian blur, and its derivatives; exact.
+
+    Along the normal n the square is two boxes, of widths |n_x| and |n_y|. Averaging over a box is the difference of an
+    integral at its ends, so the share is the second difference of H over |n_x n_y|, where H'' = F(z/s) is the edge
+    behind a lens of blur s: H = [(z^2 + s^2) F + z s f]/2, H' = z F + s f, f = F'. Where there is no
+    lens, a Gaussian of the same variance is off by 0.06 of the contrast along rows and columns, and by 0.02 along
+    diagonals.
+
+    Parameters
+    ----------
+    depth : array (N,), px
+        How far inside the edge the pixels are.
+    normal : two arrays (N,)
+        Of length 1.
+    blur : array (N,), px
+        Standard deviation with the pixel's own area in it, as for `blurred_ellipse`.
+
+    Returns
+    -------
+    ink : array (N,), 0 to 1
+    slope : array (N,), 1/px
+        d ink/d depth.
+    by_square : array (N,), 1/px^2
+        d ink/d blur^2: half of the second derivative by the depth, as heat spreads.
+    """
+    from scipy.special import ndtr
+
+    lens = np.sqrt(np.maximum(blur * blur - _PIXEL_VARIANCE, _LEAST_LENS**2))
+    width, height = (np.maximum(np.abs(each), _LEAST_SIDE) for each in normal)
+    far, near = (width + height) / 2, (width - height) / 2
+    z = depth + np.stack([far, -far, near, -near])
+    t = z / lens
+    step, bell = ndtr(t), np.exp(-0.5 * t * t) * (lens / np.sqrt(2 * np.pi))
+    first = z * step + bell
+    area = width * height
+    ink, slope, bend = (
+        (each[0] + each[1] - each[2] - each[3]) / area for each in (0.5 * (z * first + lens * lens * step), first, step)
+    )
+    return ink, slope, 0.5 * bend
 
 
 def blurred_ellipse(
@@ -24,7 +75,8 @@ def blurred_ellipse(
     outline's curvature det(M)^2/|grad rho|^3, by which a blur s moves a convex edge inward. Where the tips are sharp,
     a s > b^2/10 for semi-axes a > b, the blur is integrated instead: along the edge's normal in closed form, over the
     ellipse's chord, and along its tangent by Gauss-Hermite quadrature. Both are within 0.001 of the contrast (RMS) for
-    b > 4 s; at b = 2 s the quadrature is off by 0.01, where the expansion would be off by 0.03.
+    b > 4 s; at b = 2 s the quadrature is off by 0.01, where the expansion would be off by 0.03. Where the pixel is most
+    of the blur, what its square makes of a straight edge beside a Gaussian is added (`pixel_edge`).
 
     Parameters
     ----------
@@ -74,6 +126,14 @@ def blurred_ellipse(
             (m11[sharp], m12[sharp], m22[sharp]),
             blur[sharp],
         )
+    boxed = np.flatnonzero(blur < BOXED)
+    if len(boxed):
+        own, inside, thin = blur[boxed], depth[boxed], 2 * inward[boxed]
+        normal = (gradient_x / steepness)[boxed], (gradient_y / steepness)[boxed]
+        share, slope, by_square = pixel_edge(inside * own, normal, own)
+        ink[boxed] += share - ndtr(inside)
+        by_rho[boxed] = -slope / steepness[boxed]
+        by_blur[boxed] = 2 * own * by_square - thin * slope
     return ink, by_rho, by_blur, np.stack([u, v])
 
 

@@ -105,8 +105,8 @@ def fit_dots(image: Image, outlines: Outlines, noise: float) -> Dots:
     what it tells, so the center's error is near the least that the image's noise allows.
 
     Parts of the outline that show no edge, or one elsewhere (an occluder, a touching neighbor), are found sector by
-    sector and left out. A third of the outline may be missing; with more the dot is dropped, for a center from little
-    more than half an outline would be worse than none.
+    sector and left out. A fifth of the outline may be missing; with more the dot is dropped, for half an ellipse is
+    much of another ellipse, with another center, too.
 
     Parameters
     ----------

@@ -8,6 +8,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.maths.information import mirrored_rotation
+
 Array = NDArray[np.float64]
 
 DAMPING, LEAST_DAMPING, FACTOR = 1e-4, 1e-12, 10.0
@@ -144,7 +146,7 @@ def refine_poses(
     rotation (k, 3, 3), translation (k, 3), chi2 (k,)
         chi2 is inf for a pose that does not see all weighted dots from the front.
     """
-    used = weight.any(axis=(-2, -1))
+    used = np.asarray(weight.any(axis=(-2, -1)))
     residual, chi2 = _residual(points, radii, seen, weight, used, rotation, translation)
     k = len(rotation)
     damping = np.full(k, DAMPING)
@@ -157,7 +159,7 @@ def refine_poses(
         size = normal[:, diagonal, diagonal]
         # Dots on a line leave a direction free; what is tiny beside the rest holds it.
         normal[:, diagonal, diagonal] += size * damping[:, None] + 1e-14 * size.max(axis=-1)[:, None] + 1e-300
-        step = np.linalg.solve(normal, gradient)[..., 0]
+        step = np.asarray(np.linalg.solve(normal, gradient)[..., 0], dtype=float)
         new_rotation, new_translation = _turn(step[:, :3]) @ rotation, translation + step[:, 3:]
         new_residual, new_chi2 = _residual(points, radii, seen, weight, used, new_rotation, new_translation)
         better = new_chi2 <= chi2 * (1 + 1e-12)
@@ -173,6 +175,14 @@ def refine_poses(
         if not going.any():
             break
     return rotation, translation, chi2
+
+
+def mirrored_poses(points: Array, rotation: Array, translation: Array) -> tuple[Array, Array]:
+    """Poses (k, 3, 3), (k, 3) from which a flat marker looks much the same: mirrored about the middle of its points."""
+    middle = points.mean(axis=0)
+    place = rotation @ middle + translation
+    mirrored = mirrored_rotation(rotation, place)
+    return mirrored, place - mirrored @ middle
 
 
 _GENERATORS = np.array(

@@ -11,8 +11,10 @@ from markergen.detect.candidates import (
     NEAR_REACH,
     Candidates,
     Planes,
+    Poses,
     assign,
     find_candidates,
+    misfits,
 )
 from markergen.detect.ideal import Ellipses
 from markergen.detect.layout import Layout
@@ -27,6 +29,14 @@ MAX_BLOBS = 256
 ACCEPT_PX, ACCEPT_SHARE = 0.6, 0.005
 """Largest misfit of a labeling without missing dots: px, plus a share of the marker's extent in the image for an
 imperfect calibration. With dots missing it is less, in the ratio of what is left to check (see `Search.bound`)."""
+
+PRINT_SIGMAS = 4.0
+"""Of the print, added in quadrature. The misfit of four dots in sigma is chi with two degrees of freedom: 1 in 3000 has
+more than four."""
+
+OUTLINE_PX, OUTLINE_SHARE = 0.1, 0.02
+"""Largest misfit of the outlines alone of four dots without a camera: px, plus a share of a dot's radius in the image.
+A mirrored marker that is nearly symmetric misses by as little as 0.027 of the radius, a tenth of a pixel is noise."""
 
 UNIQUE_RATIO, UNIQUE_PX = 2.0, 0.5
 """Any other labeling of the same blobs must be worse by this factor, and by so many px for the marker and each dot that
@@ -72,8 +82,8 @@ class Search:
 
     @property
     def rank(self) -> tuple[int, float]:
-        """The less, the better: most dots first, then the least misfit."""
-        return -int(self.candidates.count[0]), float(self.candidates.misfit[0])
+        """The less, the better: most dots first, then the least misfit, to which dots that should be seen add."""
+        return -int(self.candidates.count[0]), float(self.candidates.misfit[0] + MISSING_PX * self.missing[0])
 
     @property
     def blobs(self) -> Indices:
@@ -81,17 +91,21 @@ class Search:
         return self.candidates.blobs[0]
 
 
-def search(ellipses: Ellipses, layout: Layout, camera: Camera, calibrated: bool = True) -> Search:
+def search(
+    ellipses: Ellipses, layout: Layout, camera: Camera, calibrated: bool = True, print_sigma: float = 0.0
+) -> Search:
     """Find the labelings of blobs that the camera could have seen, the best one first.
 
     Guessed poses (see `seeds`) take blobs near the dots they predict; labelings of four dots or more are fitted, and
     verified by how far centers and outlines are from those of the fitted pose, which leaves 5 m - 6 numbers of m dots
-    to check. A labeling that is accepted may still not be the only one: see `contenders`.
+    to check. A labeling that is accepted may still not be the only one: see `ambiguity`.
 
     Parameters
     ----------
     camera : Camera
         For pixels; its calibration counts only if `calibrated`.
+    print_sigma : float, m
+        Of a dot's place in the print along each axis; counts with a calibration alone.
     """
     px = float(np.sqrt(camera.fx * camera.fy))
     if len(ellipses) < LEAST_DOTS:
@@ -103,11 +117,14 @@ def search(ellipses: Ellipses, layout: Layout, camera: Camera, calibrated: bool 
     candidates = find_candidates(ellipses, layout, px, calibrated)
     if not len(candidates) or candidates.count[0] < LEAST_DOTS:
         return _failed(layout, _how_far(ellipses, layout, candidates, camera))
-    found = _ranked(candidates, ellipses, layout, camera, px)
+    found = _ranked(candidates, ellipses, layout, camera, px, print_sigma)
     misfit, said = found.candidates.misfit[0], f"found {len(ellipses)} dots, but not in the marker's layout"
     if found.candidates.count[0] < found.missing[0]:
         seen, expected = found.candidates.count[0], found.candidates.count[0] + found.missing[0]
         return _failed(layout, f"{said}: only {seen} of {expected} dots that should be seen are where they should be")
+    if found.bound[0] < 0:
+        seen = f"{found.candidates.count[0]} of {len(layout)} dots"
+        return _failed(layout, f"{said}: without a camera, {seen} fit too loosely to tell their labels")
     if not misfit <= found.bound[0]:
         fits = f"{found.candidates.count[0]} of {len(layout)} dots to {misfit:.2g} px, {found.bound[0]:.2g} px allowed"
         return _failed(layout, f"{said}: the best labeling fits {fits}")
@@ -119,15 +136,19 @@ def search(ellipses: Ellipses, layout: Layout, camera: Camera, calibrated: bool 
     if ringed and len(own) == len(ellipses):
         return found
     alone = find_candidates(own, layout, px, calibrated, rings_tell=ringed)
-    return replace(found, alone=_ranked(alone, own, layout, camera, px))
+    return replace(found, alone=_ranked(alone, own, layout, camera, px, print_sigma))
 
 
-def _ranked(candidates: Candidates, ellipses: Ellipses, layout: Layout, camera: Camera, px: float) -> Search:
+def _ranked(
+    candidates: Candidates, ellipses: Ellipses, layout: Layout, camera: Camera, px: float, print_sigma: float
+) -> Search:
     """Candidates with what speaks against them, best first by misfit and lack of dots; those out of bounds last."""
     absent = candidates.blobs < 0
     missing = np.sum(_expected(candidates, camera) & absent, axis=-1)
-    bound = _bound(candidates, missing, ellipses, px)
-    lack = MISSING_PX * (len(layout) - candidates.count)
+    printing = _printing(candidates, px, print_sigma)
+    bound = _bound(candidates, missing, ellipses, px, printing)
+    # Of a coarse print any dot may be left out for a better fit: all of them, if accepted, are the one to take.
+    lack = np.hypot(MISSING_PX, printing) * (len(layout) - candidates.count)
     order = np.lexsort((candidates.misfit + lack, candidates.misfit > bound))
     there, _ = assign(candidates.predicted, ellipses, layout, NEAR_REACH, NEAR_PX / px, rings_tell=False)
     strange = absent & (there >= 0) & (ellipses.ring[there] != layout.rings)
@@ -169,9 +190,18 @@ def contender(chosen: Search, others: Search, same_marker: bool) -> int | None:
     return int(rivals[np.argmin(excess[rivals])]) if len(rivals) else None
 
 
-def _bound(candidates: Candidates, missing: Indices, ellipses: Ellipses, px: float) -> Array:
-    """Accepted misfit (A,) in px: less where dots are missing, by the share of dots beyond those that fix the pose;
-    less than half of the dots that should be seen are never enough.
+def _printing(candidates: Candidates, px: float, print_sigma: float) -> Array:
+    """Error (A,) of the print in px, at `PRINT_SIGMAS`, at the distance of each pose; 0 without a camera."""
+    if not isinstance(candidates.model, Poses):
+        return np.zeros(len(candidates))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.nan_to_num(PRINT_SIGMAS * print_sigma * px / np.abs(candidates.model.translation[:, 2]), posinf=0.0)
+
+
+def _bound(candidates: Candidates, missing: Indices, ellipses: Ellipses, px: float, printing: Array) -> Array:
+    """Accepted misfit (A,) in px: less where dots are missing, by the share of dots beyond those that fix the pose.
+
+    Less than half of the dots that should be seen are never enough. Negative for what is not accepted at any misfit.
     """
     used = (candidates.blobs >= 0)[..., None]
     center = ellipses.center[candidates.blobs]
@@ -179,8 +209,25 @@ def _bound(candidates: Candidates, missing: Indices, ellipses: Ellipses, px: flo
     extent = px * np.max(high.max(axis=1) - low.min(axis=1), axis=-1)
     count = candidates.count
     bound = (ACCEPT_PX + ACCEPT_SHARE * extent) * (count - 3) / (count + missing - 3)
-    # Four corners of a square are a third of a regular 12-gon, wherever equal dots are on a grid.
-    return np.where(count >= missing, bound, -1.0)
+    if isinstance(candidates.model, Poses):
+        bound = np.hypot(bound, printing)
+        # Four corners of a square are a third of a regular 12-gon, wherever equal dots are on a grid.
+        return np.where(count >= missing, bound, -1.0)
+    return np.where(_plane_is_told(candidates, missing, ellipses, px), bound, -1.0)
+
+
+def _plane_is_told(candidates: Candidates, missing: Indices, ellipses: Ellipses, px: float) -> NDArray[np.bool_]:
+    """Whether (A,) homographies are backed by more than the four centers that any homography fits.
+
+    Their outlines must be right, the more so the fewer dots there are and the more are missing; and four dots of more,
+    or half of those that should be seen, are not enough.
+    """
+    used, count = candidates.blobs >= 0, candidates.count
+    in_place = replace(candidates.predicted, center=ellipses.center[candidates.blobs])
+    radius = px * np.linalg.det(ellipses.shape)[candidates.blobs] ** 0.25
+    allowed = OUTLINE_PX + OUTLINE_SHARE * np.sum(radius * used, axis=-1) / np.maximum(count, 1)
+    enough = (count == used.shape[1]) | ((count > LEAST_DOTS) & (count > missing))
+    return enough & (misfits(in_place, ellipses, candidates.blobs, px) <= allowed * (count - 3) / (1 + missing))
 
 
 def _expected(candidates: Candidates, camera: Camera) -> NDArray[np.bool_]:

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-_MAX_ROWS = 256
-"""Image rows that are looked at per ellipse; of taller ones every second, third ... row, which is more than enough."""
+_ENOUGH = 20_000
+"""Pixels per ellipse. Of larger ones every second, third ... row is taken, but no fewer than 64 rows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,9 @@ def outline_pixels(
     reach = np.sqrt(outer[:, 1, 1])
     top = np.clip(np.ceil(center[:, 1] - reach), 0, height).astype(int)
     bottom = np.clip(np.floor(center[:, 1] + reach), -1, height - 1).astype(int)
-    stride = (bottom - top) // _MAX_ROWS + 1
+    area = np.pi * (semi + band[:, None]).prod(axis=-1)
+    area -= np.where(hollow, np.pi * (semi - band[:, None]).prod(axis=-1), 0)
+    stride = np.clip(np.minimum(area / _ENOUGH, (bottom - top) / 64).astype(int), 1, None)
     rows = np.maximum((bottom - top) // stride + 1, 0)
     owner = np.repeat(np.arange(len(center)), rows)
     y = top[owner] + stride[owner] * _count_up(rows)

@@ -28,6 +28,16 @@ from markergen.model.marker import Marker
 Array = NDArray[np.float64]
 
 
+REFINEMENTS = ("none", "photometric")
+"""What may follow a detection."""
+
+
+def check_refinement(name: str) -> None:
+    """Refuse the name of a refinement that there is not."""
+    if name not in REFINEMENTS:
+        raise InputError(f"a refinement: {' or '.join(REFINEMENTS)}", repr(name), "choose one of these")
+
+
 def refine(
     image: Image,
     marker: Marker,

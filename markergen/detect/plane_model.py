@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.detect.edge_model import BOXED, pixel_edge
 from markergen.model.camera import Camera
 
 Array = NDArray[np.float64]
@@ -16,12 +17,15 @@ _EDGE = 3.5
 """Half-width of an edge, in standard deviations of its blur: that much of the ink is looked at, and as far from other
 dots a pixel has to be."""
 
-_GROUND_PX = 2.5
-"""Width of the ground beyond an edge that is looked at: it tells how the light changes across the dot, which otherwise
-would be mistaken for a shift."""
+_GROUND_PX, _INK_PX = 2.5, 1.0
+"""Width of what is looked at beyond an edge. Both tell the noise; the ground also tells how the light changes across
+the dot, which otherwise would be mistaken for a shift."""
 
 _BENT = 0.15
 """Share of a dot's half-width by which its image may differ from an ellipse."""
+
+_LEAST_HOLE = 0.1
+"""Share of a hole that is left however far the ink has spread."""
 
 _TINY = 1e-12
 
@@ -154,17 +158,17 @@ def _candidates(image: Grey, dot: Dot, center: Array, derivative: Array, edge: f
     high = np.clip(np.ceil(center + half + margin) + 1, 0, size).astype(int)
     x, y = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
     pixels = np.stack([x.ravel(), y.ravel()])
-    back = np.linalg.inv(derivative)
+    back = np.asarray(np.linalg.inv(derivative), dtype=float)
     rho, steepness = _radial(back @ (pixels - center[:, None]), back[:, :, None])
     near = (rho - 1 < margin * steepness) & (rho - (dot.hole or 1) > -margin * steepness)
     return pixels[:, near].T
 
 
 def _near(dot: Dot, edge: float, place: Array, jacobian: Array) -> NDArray[np.bool_]:
-    """Tell which places (2, N) are in the band around the dot's outline, `edge` px inward, and not near other dots."""
+    """Tell which places (2, N) are near this outline alone, whose edges are `edge` px wide to either side."""
     with np.errstate(invalid="ignore"):
         rho, steepness = _radial(place - dot.start[:, None], jacobian)
-        near = (rho - 1 > -edge * steepness) & (rho - 1 < (edge + _GROUND_PX) * steepness)
+        near = (rho - 1 > -(edge + _INK_PX) * steepness) & (rho - 1 < (edge + _GROUND_PX) * steepness)
         if dot.hole:
             near |= np.abs(rho - dot.hole) < edge * steepness
         for x, y, radius in dot.neighbors[np.hypot(*dot.neighbors[:, :2].T) < 2 * (1 + dot.neighbors[:, 2])]:
@@ -226,15 +230,17 @@ def grey_levels(state: Array, pixels: Surroundings) -> tuple[Array, Array, Array
     blur = np.sqrt(blur_square)
     fade = pixels.fade[0] * u + pixels.fade[1] * v
     # The pixel's square has a fourth cumulant along the normal, -(u^4 + v^4)/120 = -(1 - 2 u^2 v^2)/120, and a Gaussian
-    # none; Edgeworth's series has it over 24. Only sharp images show it.
+    # none; Edgeworth's series has it over 24. That is enough unless the pixel is most of the blur.
     peak = (1 - 2 * (u * v) ** 2) / (2880 * np.sqrt(2 * np.pi) * blur_square**2)
     # Curvature of the image of the circle through the pixel, times its rho.
     bend = (j11 * j22 - j12 * j21) ** 2 / (steepness**2 * steepness)
 
+    boxed = blur < BOXED
     ink, edge = np.zeros_like(rho), np.zeros_like(rho)
     by_distance, by_spread, by_blur = np.zeros_like(rho), np.zeros_like(rho), np.zeros_like(rho)
     for sign, where in ((1.0, slice(None)), (-1.0, np.flatnonzero(pixels.hole))):
-        radius = 1 + spread[where] if sign > 0 else pixels.hole[where] - spread[where]
+        hole = pixels.hole[where]
+        radius = 1 + spread[where] if sign > 0 else np.maximum(hole - spread[where], _LEAST_HOLE * hole)
         distance = (rho[where] - radius) / steepness[where]
         distance -= fade[where] * distance**2
         # Where the curve is no wider than the blur the law of small retreats exaggerates.
@@ -243,11 +249,18 @@ def grey_levels(state: Array, pixels: Surroundings) -> tuple[Array, Array, Array
         depth = -distance / blur[where]
         profile = np.exp(-0.5 * depth**2)
         density = sign * profile / (np.sqrt(2 * np.pi) * blur[where])
-        ink[where] += sign * (ndtr(depth) + peak[where] * depth * (depth**2 - 3) * profile)
+        share = ndtr(depth) + peak[where] * depth * (depth**2 - 3) * profile
+        change = -density * depth
+        sharp = np.flatnonzero(boxed[where])
+        if len(sharp):
+            normal, own = (u[where][sharp], v[where][sharp]), blur[where][sharp]
+            share[sharp], slope, by_square = pixel_edge(-distance[sharp], normal, own)
+            density[sharp], change[sharp] = sign * slope, 2 * sign * own * by_square
+        ink[where] += sign * share
         edge[where] = np.maximum(edge[where], profile)
         by_distance[where] -= density
         by_spread[where] += sign * density / steepness[where]
-        by_blur[where] -= density * depth
+        by_blur[where] += change
     contrast = light - dark
     shade = 1 + slope_x * pixels.offset[0] + slope_y * pixels.offset[1]
     flat = light - contrast * ink

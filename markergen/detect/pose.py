@@ -5,11 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.fit import outlines, pose_rows, refine_poses
+from markergen.detect.fit import mirrored_poses, outlines, pose_rows, refine_poses
 from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
-from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget
-from markergen.maths.information import mirrored_rotation
+from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget, print_covariance
 from markergen.maths.rotation import angle_between
 from markergen.model.camera import Camera
 
@@ -132,7 +131,8 @@ def fit_pose(
     def refined(rotation: Array, translation: Array, tolerance: float = TOLERANCE) -> tuple[Array, Array, Array]:
         # The print's share of the weights depends on the pose, smoothly: from a start that is right to a percent they
         # are right to a percent, and the estimate then to second order.
-        weight = np.linalg.inv(image + _print_covariance(points, rotation, translation, errors))
+        spread = image + print_covariance(pose_rows(points, rotation, translation), points, rotation, errors)
+        weight = np.asarray(np.linalg.inv(spread), dtype=float)
         measured = np.broadcast_to(seen, (len(rotation), *seen.shape))
         return refine_poses(points, radii, measured, weight, rotation, translation, tolerance=tolerance)
 
@@ -142,7 +142,7 @@ def fit_pose(
         return None
     solutions = [(rotation[best], translation[best], float(chi2[best]))]
     if not np.ptp(points[:, 2]):
-        rotation, translation, chi2 = refined(*_mirrored(points, *solutions[0][:2]), COARSE)
+        rotation, translation, chi2 = refined(*mirrored_poses(points, rotation[[best]], translation[[best]]), COARSE)
         if float(chi2[0]) - solutions[0][2] < 2 * SEARCHED:
             rotation, translation, chi2 = refined(rotation, translation)
         solutions.append((rotation[0], translation[0], float(chi2[0])))
@@ -169,17 +169,17 @@ def outlier(
 ) -> int | None:
     """Index of the point that lies farther from where the others put it than `OUTLIER_SIGMA` sigma; None without any.
 
-    Leaving out point i lessens chi2 by r_i' (S_i - J_i C J_i')^-1 r_i, with S_i the covariance from image and print, and
-    of a twentieth of a pixel, and C the pose's. That counts in units of what the others' chi2 exceeds its expectation
-    by: in a print that is worse than said all points are off, and none is a stranger. Of fewer than six points, none is
-    told from the rest.
+    Leaving out point i lessens chi2 by r_i' (S_i - J_i C J_i')^-1 r_i, with S_i the covariance from image, print and a
+    twentieth of a pixel, and C the pose's. That counts in units of the share by which the others' chi2 exceeds its
+    expectation: in a print that is worse than said all points are off, and none is a stranger. Of fewer than six points
+    none is told from the rest.
     """
     if len(points) < LEAST_TO_DROP:
         return None
     rotation, translation = pose.rotation[None], pose.translation[None]
     spread = _normalized_covariance(seen, covariance + OUTLIER_PX**2 * np.eye(2), camera)
-    spread = spread + _print_covariance(points, rotation, translation, errors)[0]
-    rows = pose_rows(points, rotation, translation)[0]
+    rows = pose_rows(points, rotation, translation)
+    spread, rows = spread + print_covariance(rows, points, rotation, errors)[0], rows[0]
     weighted = np.linalg.inv(spread) @ rows
     normal = np.linalg.inv(np.einsum("mia,mib->ab", weighted, rows))
     residual = seen - outlines(points, radii, rotation, translation).center[0]
@@ -208,22 +208,7 @@ def _starts(points: Array, seen: Array, camera: Camera) -> tuple[Array, Array]:
     return rotation, translation - (height * rotation[:, :, 2] if flat else 0.0)
 
 
-def _print_covariance(points: Array, rotation: Array, translation: Array, errors: ErrorSources) -> Array:
-    """Covariance (k, m, 2, 2) of normalized image points from the print, along its plane; with relief along z, too."""
-    axes = 3 if points[:, 2].any() else 2
-    displaced = errors.print_sigma * pose_rows(points, rotation, translation)[..., 3:] @ rotation[:, None, :, :axes]
-    return displaced @ displaced.swapaxes(-1, -2)
-
-
 def _normalized_covariance(seen: Array, covariance: Array, camera: Camera) -> Array:
     """Covariance (m, 2, 2) of normalized coordinates from that of px."""
     lens = np.linalg.inv(camera.pixel_jacobian(seen))
     return lens @ (covariance + _LEAST_PX**2 * np.eye(2)) @ lens.swapaxes(-1, -2)
-
-
-def _mirrored(points: Array, rotation: Array, translation: Array) -> tuple[Array, Array]:
-    """The mirrored pose (1, 3, 3), (1, 3) of a flat marker, about the middle of its points."""
-    middle = points.mean(axis=0)
-    place = rotation @ middle + translation
-    mirrored = mirrored_rotation(rotation[None], place[None])
-    return mirrored, place - mirrored @ middle

@@ -24,7 +24,7 @@ def as_dict(detection: Detection, markers: Sequence[Marker], names: Sequence[str
     return {
         "marker": names[detection.marker],
         "found": detection.found,
-        "reason": detection.reason,
+        "reason": reason(detection, names),
         "ids": detection.ids.tolist(),
         "missing": sorted(set(known) - set(detection.ids.tolist())) if detection.found else known,
         "pixels": detection.pixels.tolist(),
@@ -33,6 +33,13 @@ def as_dict(detection: Detection, markers: Sequence[Marker], names: Sequence[str
         "homography": None if detection.homography is None else detection.homography.tolist(),
         "pose": None if detection.pose is None else _pose(detection.pose),
     }
+
+
+def reason(detection: Detection, names: Sequence[str]) -> str:
+    """Why a marker was not found, with the name of the other marker where two of them fit the same dots."""
+    if detection.rival is None:
+        return detection.reason
+    return f"{detection.reason}: {names[detection.marker]} and {names[detection.rival]}"
 
 
 def _pose(pose: PoseEstimate) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from markergen.detect.noise import grey_noise
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Eight = NDArray[np.uint8]
+Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 MAX_REGIONS = 128
 """Regions that are kept, those with the most even edges first: more are clutter, and each costs time."""
@@ -19,6 +20,9 @@ surroundings. The inside of a larger dot is not told from its mean, but a closed
 
 _MIN_SIDE = 48
 """The shorter side of the smallest image of the pyramid is longer than this, px."""
+
+_MAX_PIXELS = 40_000_000
+"""Of the largest image of the pyramid: texture all over it has a million contours."""
 
 _MIN_STEP, _STEP_SIGMA = 6.0, 3.5
 """Dark is what lies below the local mean by so many grey levels, and by so many times the noise."""
@@ -36,7 +40,7 @@ semi-axis, for edges that light and neighbors displace. Squares are at 0.12."""
 _ANGLES = 24
 _OFFSETS = np.array([-6.0, -4, -3, -2, -1, 0, 1, 2, 3, 4, 6])
 _MIN_SUPPORT = 0.75
-"""Share of the outline that must have an edge: the fit can do without a quarter."""
+"""Share of the outline that must have an edge: the fit can do without a fifth."""
 _MIN_EDGE = 0.35
 _MAX_UNEVEN = 0.6
 """Largest standard deviation of the step over the outline, as a share of its median, but for the odd quarter. That of
@@ -44,7 +48,7 @@ dots is under 0.25, with a noise of a tenth of the contrast."""
 _MIN_CONTRAST = 12.0
 
 
-def find_regions(image: NDArray[np.uint8] | NDArray[np.uint16]) -> Outlines:
+def find_regions(image: Image) -> Outlines:
     """Outlines of dark regions that could be dots, the most even edges first.
 
     Pixels below the mean of a small window are dark; in an image pyramid such windows are small or large, and the
@@ -56,36 +60,53 @@ def find_regions(image: NDArray[np.uint8] | NDArray[np.uint16]) -> Outlines:
     ----------
     image : array (h, w)
     """
-    eight = _eight_bits(image)
-    center, spread = _ellipses(_borders(eight))
-    centers, spreads = [center], [spread]
-    scale, level = 1, eight
-    while min(level.shape) >= 2 * _MIN_SIDE:
-        scale, level = scale * 2, _halved(level)
+    dark, range_ = _range(image)
+    # Beyond this size only dots of more px are looked for, so that time and memory stay bounded.
+    scale = 1
+    while image.size > _MAX_PIXELS * scale**2:
+        scale *= 2
+    level = _eight_bits(_shrunk(image, scale), dark, range_)
+    centers, spreads = [np.zeros((0, 2))], [np.zeros((0, 2, 2))]
+    while True:
         center, spread = _ellipses(_borders(level))
         centers.append(center * scale + (scale - 1) / 2)
         spreads.append(spread * scale**2)
-    outlines, uneven = _with_edges(eight, np.concatenate(centers), np.concatenate(spreads))
+        if min(level.shape) < 2 * _MIN_SIDE:
+            break
+        scale, level = scale * 2, _eight_bits(_shrunk(level, 2), dark, range_)
+    outlines, uneven = _with_edges(image, range_ / 255, np.concatenate(centers), np.concatenate(spreads))
     outlines = outlines.take(np.argsort(uneven, kind="stable"))
     return outlines.take(_distinct(outlines))
 
 
-def _eight_bits(image: NDArray[np.uint8] | NDArray[np.uint16]) -> Eight:
-    """The image itself, or with its range, but for a thousandth at either end, spread over 8 bits."""
+def _range(image: Image) -> tuple[float, float]:
+    """Least grey level, and the range of levels, that become 8 bits; of 16 bits all but a thousandth at either end."""
     if image.dtype == np.uint8 or not image.size:
-        return image.astype(np.uint8, copy=False)
+        return 0.0, 255.0
     step = max(1, int(np.sqrt(image.size / 1e6)))
     low, high = np.percentile(image[::step, ::step], [0.1, 99.9])
-    factor = 255 / max(high - low, 255)
-    return np.clip((image - np.float32(low)) * np.float32(factor), 0, 255).astype(np.uint8)
+    return float(low), float(max(high - low, 255))
 
 
-def _halved(image: Eight) -> Eight:
+def _eight_bits(image: Image, low: float, range_: float) -> Eight:
+    if image.dtype == np.uint8:
+        return image.astype(np.uint8, copy=False)
+    scaled = image.astype(np.float32)
+    scaled -= np.float32(low)
+    scaled *= np.float32(255 / range_)
+    return np.clip(scaled, 0, 255, out=scaled).astype(np.uint8)
+
+
+def _shrunk(image: Image, factor: int) -> Image:
+    """The image with squares of factor pixels' side averaged; what is left over at its end is left out."""
     import cv2
 
-    height, width = (side // 2 for side in image.shape)
-    half = cv2.resize(image[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA)
-    return np.asarray(half, dtype=np.uint8)
+    if factor == 1:
+        return image
+    height, width = (side // factor for side in image.shape)
+    cut = image[: factor * height, : factor * width]
+    shrunk: Image = cv2.resize(cut, (width, height), interpolation=cv2.INTER_AREA)
+    return shrunk
 
 
 def _borders(image: Eight) -> list[NDArray[np.int32]]:
@@ -160,11 +181,12 @@ def _ellipses(contours: list[NDArray[np.int32]]) -> tuple[Array, Array]:
     return center[shaped[good]], np.einsum("bik,bk,bjk->bij", vectors[good], grown, vectors[good])
 
 
-def _with_edges(image: Eight, center: Array, spread: Array) -> tuple[Outlines, Array]:
+def _with_edges(image: Image, unit: float, center: Array, spread: Array) -> tuple[Outlines, Array]:
     """Outlines with an edge from dark to light all around, and for each how uneven the edge is, 0 for not at all.
 
     Pixels are sampled on the normals of the outline. The share of the outline with a step near the median must be
-    large; the median profile across the outline gives levels and blur.
+    large; the median profile across the outline gives levels and blur. The unit is the least step that counts as one
+    of 255 levels.
     """
     height, width = image.shape
     angle = 2 * np.pi * np.arange(_ANGLES) / _ANGLES
@@ -186,18 +208,18 @@ def _with_edges(image: Eight, center: Array, spread: Array) -> tuple[Outlines, A
 
     step = grey[:, :, zero + 2] - grey[:, :, zero - 2]
     contrast = np.median(step, axis=-1)
-    even = step / np.maximum(contrast, 1)[:, None]
+    even = step / np.maximum(contrast, unit)[:, None]
     support = np.mean((even > _MIN_EDGE) & (even < 1 / _MIN_EDGE), axis=-1)
     odd = _ANGLES // 8
     uneven = np.std(np.sort(even, axis=-1)[:, odd:-odd], axis=-1)
-    good = whole & (contrast > _MIN_CONTRAST) & (support >= _MIN_SUPPORT) & (uneven < _MAX_UNEVEN)
+    good = whole & (contrast > _MIN_CONTRAST * unit) & (support >= _MIN_SUPPORT) & (uneven < _MAX_UNEVEN)
 
     profile = np.median(grey[good], axis=1)
     # Past the lightest outside and the darkest inside other things begin.
     profile[:, zero:] = np.maximum.accumulate(profile[:, zero:], axis=1)
     profile[:, zero::-1] = np.minimum.accumulate(profile[:, zero::-1], axis=1)
     light, dark = profile[:, -1], profile[:, 0]
-    share = (profile - dark[:, None]) / np.maximum(light - dark, 1)[:, None]
+    share = (profile - dark[:, None]) / np.maximum(light - dark, unit)[:, None]
     # The integral of F (1 - F) over a normal distribution F is its standard deviation over the root of pi.
     blur = np.sqrt(np.pi) * np.trapezoid(share * (1 - share), _OFFSETS, axis=1)
     # Where the profile is halfway, by its area: thresholds below the mean make small and blurred regions too large.
@@ -208,7 +230,7 @@ def _with_edges(image: Eight, center: Array, spread: Array) -> tuple[Outlines, A
     around = center[good, None] + np.concatenate([np.zeros((len(light), 1, 2)), 0.15 * along[good, ::3]], axis=1)
     around = np.rint(around).astype(int)
     middle = image[around[..., 1], around[..., 0]].mean(axis=1)
-    middle = (middle - dark) / np.maximum(light - dark, 1)
+    middle = (middle - dark) / np.maximum(light - dark, unit)
     return Outlines(center[good], spread, light, dark, blur, middle), uneven[good]
 
 

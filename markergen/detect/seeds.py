@@ -137,7 +137,8 @@ def _neighbors(ellipses: Ellipses, layout: Layout) -> tuple[NDArray[np.intp], ND
     inverse = np.linalg.inv(ellipses.shape)
     distance = np.einsum("ijk,ikl,ijl->ij", offset, inverse, offset)
     np.fill_diagonal(distance, np.inf)
-    return np.nonzero(distance < most**2)
+    first, second = np.nonzero(distance < most**2)
+    return first, second
 
 
 def _elongation(shape: Array, center: Array, normal: Array) -> Array:

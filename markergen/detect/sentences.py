@@ -6,6 +6,7 @@ import numpy as np
 
 from markergen.detect.batch import Job, Outcome
 from markergen.detect.detection import Detection
+from markergen.detect.record import reason
 
 
 def image_lines(job: Job, outcome: Outcome) -> list[str]:
@@ -26,7 +27,7 @@ def summary(outcomes: Sequence[Outcome]) -> str:
 def _marker(job: Job, detection: Detection) -> str:
     name, total = job.names[detection.marker], len(job.markers[detection.marker])
     if not detection.found:
-        return f"{name} not found: {detection.reason}"
+        return f"{name} not found: {reason(detection, job.names)}"
     line = f"{name}, {len(detection.ids)} of {total} dots"
     if detection.pose is None:
         return f"{line}, homography only"

@@ -11,7 +11,6 @@ single points undoes that, so they go through G as they are.
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,16 +39,16 @@ class ErrorSources:
     Raises
     ------
     InputError
-        If print_sigma is negative or not finite, or the matrix is no covariance.
+        If print_sigma is not 0 to 1 m, or the matrix is no covariance.
     """
 
     print_sigma: float = 1e-4
     camera_covariance: Array | None = None
 
     def __post_init__(self) -> None:
-        if not (isfinite(self.print_sigma) and self.print_sigma >= 0):
+        if not 0 <= self.print_sigma <= 1:
             raise InputError(
-                "a print error of 0 or more", f"print_sigma={self.print_sigma} m", "give a length such as 0.1mm"
+                "a print error of 0 to 1 m", f"print_sigma={self.print_sigma} m", "give a length such as 0.1mm"
             )
         if self.camera_covariance is not None:
             matrix = np.asarray(self.camera_covariance, dtype=float)
@@ -130,20 +129,16 @@ def pose_budget(
     count, n = normalized.shape[:2]
     lens = camera.pixel_jacobian(normalized)
     jacobian = lens @ pose_jacobian(points, rotation, translation, np.ones(2)).reshape(count, n, 2, 6)
-    # A control point out of place moves in the camera frame as the whole marker would by R times as much.
-    axes = 3 if points.shape[1] == 3 and points[:, 2].any() else 2
-    displaced = sources.print_sigma * (jacobian[..., 3:] @ rotation[:, None, :, :axes])
-    print_covariance = displaced @ displaced.swapaxes(-1, -2)
+    printing = print_covariance(jacobian, points, rotation, sources)
     image_covariance = np.broadcast_to(image_covariance, (count, n, 2, 2))
-    spread = image_covariance + print_covariance
+    spread = image_covariance + printing
     # Where nothing errs all points weigh the same, as they do in the limit of small isotropic noise.
     weight = np.linalg.inv(spread) if spread.any() else np.broadcast_to(np.eye(2), spread.shape)
     weighted = weight @ jacobian
     normal = _stack(weighted).swapaxes(-1, -2) @ _stack(jacobian)
     gain = _stack(weighted @ covariance(normal)[:, None])
     image, printed = (
-        gain.swapaxes(-1, -2) @ _stack(part @ gain.reshape(count, n, 2, 6))
-        for part in (image_covariance, print_covariance)
+        gain.swapaxes(-1, -2) @ _stack(part @ gain.reshape(count, n, 2, 6)) for part in (image_covariance, printing)
     )
     calibration = np.zeros_like(image)
     if sources.camera_covariance is not None:
@@ -157,6 +152,28 @@ def pose_budget(
         through = gain.swapaxes(-1, -2) @ moved
         calibration = through @ sources.camera_covariance @ through.swapaxes(-1, -2)
     return PoseBudget(image, printed, calibration, image + printed + calibration)
+
+
+def print_covariance(jacobian: Array, points: Array, rotation: Array, sources: ErrorSources) -> Array:
+    """Covariance of image points from the print: J R S R' J' with S = print_sigma^2 on the axes along which it errs.
+
+    Parameters
+    ----------
+    jacobian : array (P, n, 2, 6)
+        Of the image points by the pose (w, dt), in px or normalized.
+    points : array (n, 2 or 3), m, marker frame
+        In one plane, z = 0, the print errs in the plane alone; else along z as well.
+    rotation : array (P, 3, 3)
+    sources : ErrorSources
+
+    Returns
+    -------
+    array (P, n, 2, 2), px^2 or normalized
+    """
+    # A control point out of place moves in the camera frame as the whole marker would by R times as much.
+    axes = 3 if points.shape[1] == 3 and points[:, 2].any() else 2
+    displaced = sources.print_sigma * (jacobian[..., 3:] @ rotation[:, None, :, :axes])
+    return displaced @ displaced.swapaxes(-1, -2)
 
 
 def point_budget(

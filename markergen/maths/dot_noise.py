@@ -151,6 +151,56 @@ def linearize(
     return information, pullback
 
 
+def displaced(information: Array, displacement: Array) -> tuple[Array, Callable[[Array], tuple[Array, Array]]]:
+    """Information W (..., 2, 2) of dots that are themselves out of place, W = (F^-1 + B B')^-1, and its pullback.
+
+    Adjugates, written adj, do it without F^-1: W = (F + det(F) adj(P)) / det(1 + F P), P = B B'.
+
+    Parameters
+    ----------
+    information : array (..., 2, 2), px^-2
+        F, of the images of the dots.
+    displacement : array (..., 2, 2), px
+        B, what a displacement by one standard deviation along each axis of the plane is in the image.
+
+    Returns
+    -------
+    array, function
+        The pullback takes symmetric cotangents (..., 2, 2) of W to those of F and of B.
+    """
+    spread = product(displacement, displacement.swapaxes(-1, -2))
+    share = product(information, spread)
+    whole = 1 + share[..., 0, 0] + share[..., 1, 1] + _determinant(information) * _determinant(spread)
+    weight = (information + _determinant(information)[..., None, None] * _adjugate(spread)) / whole[..., None, None]
+
+    def pullback(cotangent: Array) -> tuple[Array, Array]:
+        # dW = U dF U' - W dP W with U = W F^-1 = (1 + F P)^-1.
+        turn = (np.eye(2) + _adjugate(share)) / whole[..., None, None]
+        by_information = product(product(turn.swapaxes(-1, -2), cotangent), turn)
+        return by_information, -2 * product(product(product(weight, cotangent), weight), displacement)
+
+    return weight, pullback
+
+
+def product(left: Array, right: Array) -> Array:
+    """Product (..., 2, k) of many blocks (..., 2, 2) and (..., 2, k): as sums it takes a third of matmul's time."""
+    out = np.empty(np.broadcast_shapes(left.shape[:-2], right.shape[:-2]) + (2, right.shape[-1]))
+    for i in (0, 1):
+        np.multiply(left[..., i, :1], right[..., 0, :], out=out[..., i, :])
+        out[..., i, :] += left[..., i, 1:] * right[..., 1, :]
+    return out
+
+
+def _determinant(matrix: Array) -> Array:
+    return matrix[..., 0, 0] * matrix[..., 1, 1] - matrix[..., 0, 1] * matrix[..., 1, 0]
+
+
+def _adjugate(matrix: Array) -> Array:
+    """The inverse (..., 2, 2) times the determinant."""
+    a, b, c, d = (matrix[..., i, j] for i in (0, 1) for j in (0, 1))
+    return np.stack([d, -b, -c, a], axis=-1).reshape(matrix.shape)
+
+
 def _radial(z: Array) -> tuple[Array, Array]:
     """exp(-z) I1(z)/z and its derivative, to 1.6 % (to 0.6 % for half-widths above 2 s, to 0.05 % above 4 s).
 

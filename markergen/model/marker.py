@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.model.boundary import Boundary
-from markergen.model.feature import Feature
+from markergen.model.feature import Feature, key_ring
 
 Array = NDArray[np.float64]
 
@@ -68,3 +68,16 @@ class Marker:
     def spec_hash(self) -> str:
         """Eight hexadecimal digits that name the spec it was designed from, or ``unknown``."""
         return str(self.provenance.get("spec_hash", "unknown"))
+
+
+def dressed(points: Array, boundary: Boundary, diameter: float, clearance: float) -> Marker:
+    """Marker with a dot at each of the points (n, 2) in m: the first is the key ring, the others are disks.
+
+    A diameter of 0 gives bare points.
+    """
+    features = [key_ring(diameter), *[Feature(diameter)] * (len(points) - 1)]
+    control_points = tuple(
+        ControlPoint(i, float(x), float(y), 0.0, feature)
+        for i, ((x, y), feature) in enumerate(zip(points, features, strict=True))
+    )
+    return Marker(control_points, boundary, clearance)

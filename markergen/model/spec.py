@@ -52,6 +52,9 @@ class Spec:
         Minimize the objective after the worst loss of this many dots, 0 to 3.
     keep_outs : tuple of Boundary
         Where no dot may be, such as mounting holes, in the marker frame.
+    print_sigma : float
+        Standard deviation in m of a printed dot's place along each axis, which ``image`` adds to what the image tells;
+        0 is a perfect print.
     """
 
     n: int = 5
@@ -69,6 +72,7 @@ class Spec:
     image_noise: ImageNoise = ImageNoise()  # noqa: RUF009
     survive: int = 0
     keep_outs: tuple[Boundary, ...] = ()
+    print_sigma: float = 0.0
 
     def __post_init__(self) -> None:
         if self.n < 4:
@@ -90,6 +94,12 @@ class Spec:
         area_without(self.boundary, self.keep_outs)
         if isinstance(self.poses, str):
             object.__setattr__(self, "poses", named_poses(self.poses).name)
+        if not 0 <= self.print_sigma < self.boundary.radius:
+            raise InputError(
+                f"a print error of 0 or more, and below the radius of the {self.boundary}",
+                f"print_sigma={self.print_sigma} m",
+                "give --print-sigma a length such as 0.1mm",
+            )
         self._settle_noise_model()
 
     def _settle_noise_model(self) -> None:
@@ -103,6 +113,12 @@ class Spec:
                 "the noise model image for --dot auto",
                 "noise_model='point'",
                 "leave out --noise-model, or give a --dot",
+            )
+        if self.noise_model == "point" and self.print_sigma:
+            raise InputError(
+                "the noise model image for a print error",
+                f"print_sigma={self.print_sigma} m with noise_model='point'",
+                "use --noise-model image, or leave out --print-sigma",
             )
         if self.noise_model == "image" and self.dot == 0:
             raise InputError(
@@ -131,6 +147,8 @@ class Spec:
         values["keep_outs"] = [keep_out.as_dict() for keep_out in self.keep_outs]
         if not self.keep_outs:
             del values["keep_outs"]
+        if not self.print_sigma:
+            del values["print_sigma"]
         return values
 
     @property

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen import __version__
-from markergen.model.feature import Feature, key_ring
-from markergen.model.marker import ControlPoint, Marker
+from markergen.model.marker import Marker, dressed
 from markergen.model.poses import PoseDistribution
 from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
 from markergen.model.spec import Spec
@@ -83,6 +82,8 @@ class Design:
             found.append(f"dots of {across:.1f} px are hardly detected: use fewer, more room, or a better camera")
         if self.setting.poses.doubt:
             found.append(f"most poses do not see the whole marker; {self.setting.poses.doubt}")
+        if self.dots.warning:
+            found.append(self.dots.warning)
         return tuple(found)
 
 
@@ -101,7 +102,7 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
     kind(setting, spec.aggregate, spec.coordinates)  # a wrong name is told before any search
     dots = choose_dots(spec, setting.poses, progress)
     if spec.noise_model == "image":
-        setting = replace(setting, noise=DotNoise(dots.diameter, spec.image_noise))
+        setting = replace(setting, noise=DotNoise(dots.diameter, spec.image_noise, spec.print_sigma))
     objective = objective_of(spec, setting)
     region = Region(room_of(spec), dots.diameter, dots.clearance)
     rng = np.random.default_rng(spec.seed)
@@ -150,17 +151,12 @@ def dress(points: Array, dots: DotSize, spec: Spec, setting: Setting, table: dic
     """Make a marker of a layout (n, 2): dot 0 is the key ring, the others are disks; provenance says from what."""
     import scipy
 
-    feature, stored = Feature(dots.diameter), _stored(spec, setting.poses).as_dict()
+    stored = _stored(spec, setting.poses).as_dict()
     # A tenth of a nanometer: nothing that anybody could make, and the file stays readable.
     rounded = np.round(points, 10) + 0.0
-    return Marker(
-        control_points=tuple(
-            ControlPoint(i, float(x), float(y), 0.0, key_ring(dots.diameter) if i == 0 else feature)
-            for i, (x, y) in enumerate(rounded)
-        ),
-        boundary=spec.boundary,
+    return replace(
+        dressed(rounded, spec.boundary, dots.diameter, dots.clearance),
         keep_outs=spec.keep_outs,
-        clearance=dots.clearance,
         provenance={
             "spec": stored,
             "spec_hash": spec.hash,

@@ -1,7 +1,8 @@
 """`--dot auto`: the diameter with the least predicted error.
 
 Larger dots are measured better, their error falling with the root of the diameter; but they must stay farther inside
-the boundary and apart from each other, which shortens the lever that the pose is measured by.
+the boundary and apart from each other, which shortens the lever that the pose is measured by. A print error is the same
+for dots of every size, and of it only the lever remains: the larger it is, the smaller are the best dots.
 """
 
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.estimators.budget import ErrorSources
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
@@ -44,7 +46,7 @@ EXPECTED = SCANNED + 10
 
 
 def best_dots(spec: Spec, poses: PoseDistribution, progress: Progress | None = None) -> DotSize:
-    """Diameter, a whole tenth of a mm, at which the spec's objective is least for the image noise of the dots.
+    """Diameter, a whole tenth of a mm, at which the spec's objective is least for image noise and print error.
 
     Every diameter is given the layout that is best for it, by a polish from that of the nearest one before.
 
@@ -67,7 +69,8 @@ def best_dots(spec: Spec, poses: PoseDistribution, progress: Progress | None = N
     diameter = min(candidates, key=predicted)
     value = predicted(diameter)
     predicted.done()
-    return DotSize(diameter, clearance_of(spec, diameter), _reason(spec, diameter, value, detectable, room))
+    reason, warning = _reason(spec, diameter, value, detectable, room), _warning(spec, predicted, diameter)
+    return DotSize(diameter, clearance_of(spec, diameter), reason, warning)
 
 
 class _Prediction:
@@ -83,7 +86,7 @@ class _Prediction:
         if self._progress:
             self._progress("dot size", min(len(self._found), EXPECTED - 1), EXPECTED)
         spec = self._spec
-        setting = replace(self._setting, noise=DotNoise(diameter, spec.image_noise))
+        setting = self._with(diameter, spec.print_sigma)
         objective = objective_of(spec, setting)
         region = Region(room_of(spec), diameter, clearance_of(spec, diameter))
         if self._found:
@@ -94,6 +97,16 @@ class _Prediction:
             points, value = found.points, found.value
         self._found[diameter] = points, value
         return value
+
+    def by_diameter(self, print_sigma: float) -> dict[float, float]:
+        """Values of the layouts found, by their diameters, were they printed with an error of print_sigma m."""
+        return {
+            diameter: float(objective_of(self._spec, self._with(diameter, print_sigma))(points[None])[0])
+            for diameter, (points, _) in self._found.items()
+        }
+
+    def _with(self, diameter: float, print_sigma: float) -> Setting:
+        return replace(self._setting, noise=DotNoise(diameter, self._spec.image_noise, print_sigma))
 
     def _start(self, region: Region) -> Array:
         """Layout (n, 2) of the nearest diameter before, grown or shrunk with the room that the dots leave it."""
@@ -125,9 +138,9 @@ def _minimum(predicted: Callable[[float], float], low: float, high: float) -> fl
 
 
 def _reason(spec: Spec, diameter: float, value: float, detectable: float, room: float) -> str:
-    unit = OBJECTIVES[spec.objective].unit
-    error = format_length(float(f"{value:.3g}")) if unit == "m" else f"{value:.3g} {unit}"
-    size = format_length(diameter)
+    error, size = _error(spec, value), format_length(diameter)
+    sources = f"image noise and a print error of {format_length(spec.print_sigma)}"
+    error += f" for {sources if spec.print_sigma else 'image noise alone'}"
     if diameter >= room:
         short = f"; {format_length(detectable)} would be detected well" if detectable > room else ""
         most = f"{100 * ROOM:g} % of the largest at which {spec.n} dots fit"
@@ -135,6 +148,29 @@ def _reason(spec: Spec, diameter: float, value: float, detectable: float, room: 
     if diameter <= detectable:
         return (
             f"{size}, the smallest whose image is {FEWEST_PIXELS:g} px wide and {FEWEST_PIXELS_LONG:g} px long in "
-            f"{PERCENTILE:g} % of the poses; the predicted error, {error}, would be less with smaller ones"
+            f"{PERCENTILE:g} % of the poses; the predicted error of {error} would be less with smaller ones"
         )
-    return f"{size}, with the least predicted error, {error}: larger ones are measured better, but sit closer together"
+    return (
+        f"{size}, with the least predicted error of {error}: larger ones are measured better, but sit closer together"
+    )
+
+
+def _warning(spec: Spec, predicted: _Prediction, diameter: float) -> str:
+    """What to say of a size that gains less by the image than it loses by the usual print error, which was left out."""
+    if spec.print_sigma:
+        return ""
+    usual = ErrorSources.print_sigma
+    image, total = predicted.by_diameter(0.0), predicted.by_diameter(usual)
+    better = min(total, key=lambda known: total[known])
+    if total[diameter] - total[better] <= image[better] - image[diameter]:
+        return ""
+    return (
+        f"a print error of {format_length(usual)} would outweigh what dots of this size gain "
+        f"({_error(spec, total[diameter])} instead of {_error(spec, total[better])} for {format_length(better)}): "
+        f"use --print-sigma {format_length(usual).replace(' ', '')}"
+    )
+
+
+def _error(spec: Spec, value: float) -> str:
+    unit = OBJECTIVES[spec.objective].unit
+    return format_length(float(f"{value:.3g}")) if unit == "m" else f"{value:.3g} {unit}"

@@ -31,11 +31,12 @@ CLEARANCE = 0.1
 
 @dataclass(frozen=True)
 class DotSize:
-    """Diameter and clearance in m, and one line that explains the choice."""
+    """Diameter and clearance in m, one line that explains the choice, and one that warns of it, if there is cause."""
 
     diameter: float
     clearance: float
     reason: str
+    warning: str = ""
 
 
 def clearance_of(spec: Spec, diameter: float) -> float:

@@ -195,6 +195,9 @@ def _examine(path: Path, data: bytes) -> _Header:
                 raise InputError(
                     f"at least {LEAST_SIDE}x{LEAST_SIDE} px in {path}", f"{width}x{height} px", "give a larger image"
                 )
+            if image.format == "PNG":
+                # Its EXIF may stand behind the pixels: looking for it reads them, and an error would be lost there.
+                image.load()
             try:
                 orientation = image.getexif().get(_ORIENTATION, 1)
             except Exception:  # EXIF is broken in many an image that is otherwise fine.
@@ -207,7 +210,19 @@ def _examine(path: Path, data: bytes) -> _Header:
         ) from None
     finally:
         Pillow.MAX_IMAGE_PIXELS = limit
+    if header.format == "PNG":
+        _check_chunks(data)
     return header
+
+
+def _check_chunks(data: bytes) -> None:
+    """Raise if a chunk of a PNG claims to go on after the file's end: OpenCV would ask for that much memory."""
+    at, kind = 8, b""
+    while kind != b"IEND":
+        length, kind = int.from_bytes(data[at : at + 4]), data[at + 4 : at + 8]
+        at += 12 + length
+        if at > len(data):
+            raise ValueError("a chunk that does not end")
 
 
 def _decode(data: bytes) -> NDArray[Any]:

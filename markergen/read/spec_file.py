@@ -31,6 +31,9 @@ from markergen.read.poses import settled
 from markergen.read.poses.numbers import numbers_of_rows
 from markergen.units import parse_length
 
+LARGEST_SPEC = 10_000
+"""Characters; one dotted key of ten times as many keeps a TOML reader busy for a minute."""
+
 
 def _length(value: object) -> float:
     try:
@@ -162,6 +165,7 @@ class _SpecFile(_Table):
     noise_model: str = ABSENT
     image_noise: _ImageNoise = ABSENT
     survive: Whole = ABSENT
+    print_sigma: Length = ABSENT
 
     @field_validator("boundary")
     @classmethod
@@ -233,10 +237,14 @@ def template_text(name: str) -> str:
     if path.suffix != ".toml" and name not in known:
         raise InputError("a known template or a .toml file", repr(name), f"known: {', '.join(known)}")
     try:
-        return known.get(name, path).read_text(encoding="utf-8")
+        with known.get(name, path).open(encoding="utf-8") as file:
+            text = file.read(LARGEST_SPEC + 1)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "bytes that are not UTF-8 text"
         raise InputError(f"a readable spec at {path}", str(reason), "check the path") from None
+    if len(text) > LARGEST_SPEC:
+        raise InputError(f"a spec of at most {LARGEST_SPEC // 1000} kB at {path}", "a larger file", "check the path")
+    return text
 
 
 def templates() -> dict[str, Path]:

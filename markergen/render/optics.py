@@ -72,16 +72,14 @@ class Optics:
     def __post_init__(self) -> None:
         for name in ("blur_px", "defocus_px", "motion_px"):
             self._require(name, 0 <= getattr(self, name) <= LARGEST_PSF_PX, f"of 0 to {LARGEST_PSF_PX:g}", "0.7")
-        self._require("noise_grey", isfinite(self.noise_grey) and self.noise_grey >= 0, "of 0 or more", "2")
-        self._require("exposure", isfinite(self.exposure) and self.exposure > 0, "above 0", "1")
+        self._require("noise_grey", 0 <= self.noise_grey <= FULL_SCALE, f"of 0 to {FULL_SCALE:g}", "2")
+        self._require("exposure", 0 < self.exposure <= 1000, "above 0, to 1000", "1")
         self._require("vignetting", 0 <= self.vignetting < 1, "of 0 to below 1", "0.3")
         self._require("gradient", 0 <= self.gradient < 2, "of 0 to below 2", "0.5")
         for name in ("motion_deg", "gradient_deg"):
             self._require(name, isfinite(getattr(self, name)), "in degrees", "45")
         if self.full_well is not None:
-            self._require(
-                "full_well", isfinite(self.full_well) and self.full_well >= 1, "of 1 electron or more", "10000"
-            )
+            self._require("full_well", 1 <= self.full_well <= 1e9, "of 1 to 1e9 electrons", "10000")
         self._require("bits", self.bits in range(8, 17), "of 8 to 16", "8")
         if not 0 <= self.dark < self.light <= FULL_SCALE:
             raise InputError(
@@ -90,7 +88,7 @@ class Optics:
 
     def _require(self, name: str, fits: bool, what: str, example: str) -> None:
         if not fits:
-            raise InputError(f"a {name} {what}", f"{name}={getattr(self, name)}", f"give a number such as {example}")
+            raise InputError(f"{name} {what}", f"{name}={getattr(self, name)}", f"give a number such as {example}")
 
     @property
     def edge_blur(self) -> float:
@@ -209,15 +207,21 @@ def illumination(optics: Optics, width: int, height: int) -> Grey | None:
     """Factor (h, w) on the grey levels by exposure, vignetting and gradient; None where all of it is 1."""
     if optics.exposure == 1 and optics.vignetting == 0 and optics.gradient == 0:
         return None
-    # From the image's middle, in units of its sides: -1/2 to 1/2 between its edges.
-    x = (np.arange(width) - (width - 1) / 2)[None, :]
-    y = (np.arange(height) - (height - 1) / 2)[:, None]
+    pixels = np.stack(np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float)), axis=-1)
+    return light_at(optics, pixels, width, height).astype(np.float32)
+
+
+def light_at(optics: Optics, pixels: Array, width: int, height: int) -> Array:
+    """Factor (...) on the grey levels at pixels (..., 2) of an image by exposure, vignetting and gradient."""
+    # From the image's middle.
+    x = pixels[..., 0] - (width - 1) / 2
+    y = pixels[..., 1] - (height - 1) / 2
     corner_tangent_square = 1 / np.sqrt(1 - optics.vignetting) - 1
     square = (x**2 + y**2) / ((width**2 + height**2) / 4)
     angle = np.deg2rad(optics.gradient_deg)
     extent = width * abs(np.cos(angle)) + height * abs(np.sin(angle))
     slope = 1 + optics.gradient * (x * np.cos(angle) + y * np.sin(angle)) / extent
-    return (optics.exposure * slope / (1 + corner_tangent_square * square) ** 2).astype(np.float32)
+    return np.asarray(optics.exposure * slope / (1 + corner_tangent_square * square) ** 2)
 
 
 def quantize(grey: Grey, bits: int = 8) -> NDArray[np.uint8] | NDArray[np.uint16]:

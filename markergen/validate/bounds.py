@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.estimators.budget import ErrorSources, pose_budget
+from markergen.estimators.budget import PoseBudget, pose_budget
 from markergen.maths.dot_noise import dot_covariance
 from markergen.maths.information import (
     covariance,
@@ -22,7 +22,9 @@ from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.objectives.lens import lens_blocks, through_lens
 from markergen.render import Optics
+from markergen.render.optics import FULL_SCALE, light_at
 from markergen.render.view import dot_ellipses
+from markergen.validate.views import Shoot
 
 Array = NDArray[np.float64]
 
@@ -70,7 +72,8 @@ def image_covariance(
 ) -> Array:
     """Covariances (P, n, 2, 2) in px^2 of the dots' centers that the noise of the image allows, pose by pose.
 
-    Their px are those of the image as taken. Bare points have no image: theirs is `bare_px` on every coordinate.
+    Contrast and noise are those at each dot's place in the image; motion counts as a blur alike in all directions.
+    Bare points have no image: theirs is `bare_px` on every coordinate.
     """
     if not marker.dot_diameter:
         return np.broadcast_to(bare_px**2 * np.eye(2), (len(poses), len(marker), 2, 2))
@@ -80,28 +83,32 @@ def image_covariance(
         for pose in zip(poses.rotation, poses.translation, strict=True)
     ]
     _, semi, angle = (np.stack(part) for part in zip(*ellipses, strict=True))
-    noise = optics.grey_noise(optics.exposure * (optics.dark + optics.light) / 2)
-    contrast = optics.exposure * (optics.light - optics.dark)
     normalized = perspective(to_camera(marker.xyz, poses.rotation, poses.translation))
-    return dot_covariance(semi, angle, optics.edge_blur, contrast, float(noise), lens_blocks(camera, normalized))
+    factor = light_at(optics, camera.to_pixels(normalized), camera.width, camera.height)
+    dark, light = (np.minimum(factor * level, FULL_SCALE) for level in (optics.dark, optics.light))
+    # Information goes with the square of contrast over noise, which is another at every dot.
+    quality = (light - dark) / optics.grey_noise((dark + light) / 2)
+    ideal = dot_covariance(semi, angle, optics.edge_blur, 1.0, 1.0, lens_blocks(camera, normalized))
+    return ideal / np.maximum(quality, 1e-9)[..., None, None] ** 2
 
 
-def error_budget(
-    marker: Marker, camera: Camera, poses: PoseDistribution, image: Array, sources: ErrorSources
-) -> dict[str, Any]:
-    """What limits the pose, RMS over the poses: image, print, calibration, and the total, in degrees and percent.
+def budget_of(shoot: Shoot, bare_px: float = 0.0) -> PoseBudget:
+    """Error budget (P, 6, 6) of every pose of a shoot, with its optics, print and calibration."""
+    poses = shoot.poses
+    image = image_covariance(shoot.marker, shoot.camera, poses, shoot.optics, bare_px)
+    return pose_budget(shoot.marker.xyz, poses.rotation, poses.translation, shoot.camera, image, shoot.errors)
 
-    Parameters
-    ----------
-    image : array (P, n, 2, 2), px^2
-        Covariances of the dots' centers from the image's noise, see `image_covariance`.
-    """
-    budget = pose_budget(marker.xyz, poses.rotation, poses.translation, camera, image, sources)
+
+def error_budget(shoot: Shoot, bare_px: float = 0.0) -> dict[str, Any]:
+    """What limits the pose, RMS over the poses: image, print, calibration, and the total, in degrees and percent."""
+    budget = budget_of(shoot, bare_px)
+    image = image_covariance(shoot.marker, shoot.camera, shoot.poses, shoot.optics, bare_px)
     return {
-        "print_sigma_mm": 1e3 * sources.print_sigma,
+        "print_sigma_mm": 1e3 * shoot.errors.print_sigma,
+        "camera_exact": shoot.errors.camera_covariance is None,
         "image_px": float(np.sqrt(np.mean(np.trace(image, axis1=-2, axis2=-1)))),
         "rotation_deg": {name: _rms(part) for name, part in budget.rotation_deg.items()},
-        "translation_pct": {name: _rms(part) for name, part in budget.translation_pct(poses.translation).items()},
+        "translation_pct": {name: _rms(part) for name, part in budget.translation_pct(shoot.poses.translation).items()},
     }
 
 

@@ -28,7 +28,7 @@ from markergen.validate.metrics import (
     statistics,
     translation_error_pct,
 )
-from markergen.validate.pool import map_chunks, processor_count
+from markergen.validate.pool import map_chunks, workers_for
 from markergen.validate.views import WRONG_PX
 
 Array = NDArray[np.float64]
@@ -201,8 +201,7 @@ def compare(
     InputError
         If a contestant is unknown or a number out of range.
     """
-    if workers is not None and workers < 1:
-        raise InputError("1 worker or more", f"workers={workers}", "give a positive whole number")
+    workers_for(workers, 1)
     contestants, setting = line_up(texts, poses, seed)
     if len(contestants) < 2:
         raise InputError("two contestants or more", f"only {contestants[0].name}", "name another to compare it with")
@@ -258,8 +257,7 @@ def _observe(
         if progress:
             progress(stage, done, total)
 
-    if workers is None:
-        workers = min(processor_count(), 1 + total // WORTH_A_WORKER)
+    workers = workers_for(workers, 1 + total // WORTH_A_WORKER)
     parts = map_chunks(partial(_observe_chunk, series), tasks, max(1, min(workers, len(tasks))), finished)
     found: dict[int, list[list[Observation]]] = {who: [] for who in choices}
     for (who, _, _), part in zip(tasks, parts, strict=True):

@@ -202,9 +202,8 @@ class Peer(Contestant):
         found = detect_fiducial(grey.astype(np.uint8, copy=False), self.fiducial, setting or self.settings[0], camera)
         if not found.found:
             return Sighting(reason=found.reason)
-        ideal = camera.ideal
-        pixels = found.pixels if ideal is camera else ideal.to_pixels(camera.from_pixels(found.pixels))
-        rotation, translation = Correspondences(self.points[found.ids], pixels[None], ideal).once(LM).best
+        batch = Correspondences.as_taken(self.points[found.ids], found.pixels[None], camera)
+        rotation, translation = batch.once(LM).best
         if not np.isfinite(translation).all():
             return Sighting(reason="corners that determine no pose")
         return Sighting(found.ids, found.pixels, rotation[0], translation[0])

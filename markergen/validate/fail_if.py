@@ -39,7 +39,7 @@ def check(expression: str, results: Mapping[str, Any]) -> tuple[bool, str]:
     Returns
     -------
     passed : bool
-        False if the comparison holds.
+        False if the comparison holds, or if there is no value because nothing was found that it could be of.
     message : str
         What was found, one line.
 
@@ -55,12 +55,14 @@ def check(expression: str, results: Mapping[str, Any]) -> tuple[bool, str]:
     """
     path, sign, limit = parse(expression)
     value = _number(path, results)
+    if value is None:
+        return False, f"{path} has no value in this run, so it cannot be said to be within {limit}"
     holds = OPERATORS[sign](value, float(limit))
     relation = sign if holds else {">": "<=", ">=": "<", "<": ">=", "<=": ">"}[sign]
     return not holds, f"{path} = {value:.6g} {relation} {limit}"
 
 
-def _number(path: str, results: Mapping[str, Any]) -> float:
+def _number(path: str, results: Mapping[str, Any]) -> float | None:
     found, reached, rest = _follow(results, path)
     where = f"under {reached!r}" if reached else "in the results"
     children = _children(found)
@@ -71,12 +73,10 @@ def _number(path: str, results: Mapping[str, Any]) -> float:
         raise InputError(f"results under {reached!r}", "none in this run", "ask for them with --runs or --views")
     if rest:
         raise InputError(f"a group {where}", f"no {rest!r} in it: {found!r} is a value", f"end the path at {reached!r}")
+    if found is None and "." not in path:
+        raise InputError(f"results under {path!r}", "none in this run", "ask for them with --runs or --views")
     if found is None or (isinstance(found, float) and not math.isfinite(found)):
-        raise InputError(
-            f"a number at {path!r}",
-            "that it has no value here",
-            "choose another path, or poses and runs that give it a value",
-        )
+        return None
     if isinstance(found, bool) or not isinstance(found, int | float):
         raise InputError(f"a number at {path!r}", repr(found), "choose a path that leads to a number")
     return found

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.model.board import Board
-from markergen.model.boundary import Boundary, Circle
-from markergen.model.feature import Feature, key_ring
-from markergen.model.marker import ControlPoint, Marker
+from markergen.model.boundary import Circle
+from markergen.model.marker import Marker, dressed
 from markergen.model.marker_json import read_marker
 from markergen.model.spec import Spec
 from markergen.model.tag import Tag, parse_tag
@@ -86,19 +85,6 @@ def line_up(texts: Sequence[str], poses: str | None = None, seed: int = 0) -> tu
             entry = Peer(text, _fiducial(text, radius), radius)
         found.setdefault(entry.name, entry)
     return list(found.values()), setting
-
-
-def dressed(points: Array, boundary: Boundary, diameter: float, clearance: float) -> Marker:
-    """Marker with dots of one diameter at points (n, 2) in m, the first the key ring, in a boundary."""
-    features = [key_ring(diameter), *[Feature(diameter)] * (len(points) - 1)]
-    return Marker(
-        tuple(
-            ControlPoint(i, float(x), float(y), 0.0, feature)
-            for i, ((x, y), feature) in enumerate(zip(points, features, strict=True))
-        ),
-        boundary,
-        clearance,
-    )
 
 
 def _read(text: str) -> Marker:

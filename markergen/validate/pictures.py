@@ -1,7 +1,9 @@
 """Views worth looking at, as pictures: what failed, the worst, and what it usually looks like."""
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from markergen.detect.overlay import overlay
@@ -45,6 +47,13 @@ def pictures(shoot: Shoot, views: Mapping[str, Any]) -> Iterator[Picture]:
         yield _picture(shoot, each, "worst", _errors(each))
     for each in _spread(ranked[WORST:], TYPICAL):
         yield _picture(shoot, each, "typical", _errors(each))
+
+
+def remove_earlier(folder: Path) -> None:
+    """Remove pictures that an earlier run left in a folder, known by their names; other files stay."""
+    for path in folder.iterdir():
+        if re.fullmatch(r"(failure|worst|typical)-\d{4,}\.png", path.name):
+            path.unlink()
 
 
 def _spread(items: list[Any], count: int) -> list[Any]:

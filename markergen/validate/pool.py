@@ -10,7 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import TypeVar
 
-from markergen.errors import MarkergenError
+from markergen.errors import InputError, MarkergenError
 
 C = TypeVar("C")
 R = TypeVar("R")
@@ -18,9 +18,27 @@ R = TypeVar("R")
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
+MOST_WORKERS = 256
+
+
 def processor_count() -> int:
     """Processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def workers_for(wanted: int | None, worth: int) -> int:
+    """Processes to start: those wanted, or as many as there are processors and as the work is worth.
+
+    Raises
+    ------
+    InputError
+        If the number that is wanted is below 1, or so large that the machine would choke.
+    """
+    if wanted is None:
+        return min(processor_count(), worth)
+    if not 1 <= wanted <= MOST_WORKERS:
+        raise InputError(f"1 to {MOST_WORKERS} workers", f"workers={wanted}", "give the number of processors, or less")
+    return wanted
 
 
 def map_chunks(

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
-from markergen.model.feature import Feature, key_ring
-from markergen.model.marker import ControlPoint, Marker
+from markergen.model.marker import Marker, dressed
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import Criteria, criteria
@@ -19,8 +18,7 @@ from markergen.optimize.design import compare
 from markergen.optimize.region import Region
 from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_from_mapping
-from markergen.render import DEFAULT_OPTICS
-from markergen.validate.bounds import error_budget, image_covariance
+from markergen.validate.bounds import error_budget
 from markergen.validate.result import ValidationResult
 from markergen.validate.run import validate
 from markergen.validate.stress import stress
@@ -29,9 +27,6 @@ from markergen.validate.views import Shoot
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
-
-DEFAULT_ERRORS = ErrorSources()
-"""What a good printer does, and a camera whose calibration is taken as exact."""
 
 
 def setting_of(marker: Marker, poses: str | None = None) -> Setting:
@@ -60,7 +55,6 @@ def prove(
     workers: int | None = None,
     trials_for_all: bool = False,
     stressed: bool = False,
-    errors: ErrorSources = DEFAULT_ERRORS,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Validate a marker and return the results as plain JSON values.
@@ -72,13 +66,12 @@ def prove(
     runs : int
         Noisy trials for each pose; 0 gives the bounds alone.
     shoot : Shoot or None
-        Synthetic images to render and detect; None leaves them out.
+        Synthetic images to render and detect; its optics and error sources are those of the error budget. None is no
+        images, the default optics, and a print good to 0.1 mm.
     trials_for_all : bool
         Run the trials for the layouts beside the marker as well; otherwise they have criteria and bounds.
     stressed : bool
         Repeat the shoot under worse conditions.
-    errors : ErrorSources
-        For the error budget.
     progress : callable or None
         Called with the stage, what is done of it, and its total.
 
@@ -119,33 +112,20 @@ def prove(
         for name, layouts in comparison_layouts(region, len(points), seed).items():
             # Of several layouts the median one runs; their number is odd.
             middle = layouts[np.argsort(objective(layouts))[len(layouts) // 2]]
-            found = trials(_dressed(middle, marker), name).as_dict()
+            found = trials(dressed(middle, marker.boundary, marker.dot_diameter, marker.clearance), name).as_dict()
             beside[name] = {key: found[key] for key in ("bound", "estimators", "homography")}
             beside[name]["criteria"] = criteria(middle[None], setting)[0]
-    views = summarize(shoot, take_records(shoot, workers, told("views"))) if shoot else None
-    if shoot and stressed and views is not None:
+    shoot = shoot or Shoot(marker, setting.camera, setting.poses, 0, errors=ErrorSources())
+    views = summarize(shoot, take_records(shoot, workers, told("views"))) if shoot.count else None
+    if views is not None and stressed:
         views["stress"] = stress(shoot, workers, told("stress"))
-    optics = shoot.optics if shoot else DEFAULT_OPTICS
-    image = image_covariance(marker, setting.camera, setting.poses, optics, noise_px)
-    budget = error_budget(marker, setting.camera, setting.poses, image, errors)
+    budget = error_budget(shoot, noise_px)
     return own.as_dict(criteria=table["design"], comparisons=beside, views=views, budget=budget)
 
 
 def _beside(row: Criteria, noise_px: float) -> dict[str, Any]:
     # Criteria are for 1 px, and bounds are proportional to the noise.
     return {"criteria": dict(row), "bound": {key: noise_px * row[key] for key in ("rotation_deg", "translation_pct")}}
-
-
-def _dressed(points: Array, like: Marker) -> Marker:
-    features = [key_ring(like.dot_diameter), *[Feature(like.dot_diameter)] * (len(points) - 1)]
-    return Marker(
-        tuple(
-            ControlPoint(i, float(x), float(y), 0.0, feature)
-            for i, ((x, y), feature) in enumerate(zip(points, features, strict=True))
-        ),
-        like.boundary,
-        like.clearance,
-    )
 
 
 def to_json(results: dict[str, Any]) -> bytes:

@@ -12,12 +12,13 @@ from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.validate.bounds import pose_bounds
-from markergen.validate.pool import map_chunks, processor_count
+from markergen.validate.pool import map_chunks, workers_for
 from markergen.validate.result import ValidationResult
 from markergen.validate.trials import Experiment, join, run_trials
 
 Array = NDArray[np.float64]
 
+MOST_RUNS = 1_000_000
 POSES_AT_ONCE = 4
 """Poses in one chunk of work: about a second of computing at 1000 runs."""
 MOST_NOISE_PX = 1000.0
@@ -65,7 +66,7 @@ def validate(
     InputError
         If a number is out of range, an estimator unknown or not fit for a relief, or no pose sees the marker whole.
     """
-    _check(noise_px, runs, seed, workers)
+    _check(noise_px, runs, seed)
     poses = poses.seen_whole(marker.boundary, camera)
     points = marker.xyz
     experiment = Experiment(
@@ -95,7 +96,7 @@ def validate(
         if progress is not None:
             progress(done, len(poses))
 
-    workers = min(processor_count(), worth) if workers is None else workers
+    workers = workers_for(workers, worth)
     results = map_chunks(partial(run_trials, experiment), chunks, min(workers, len(chunks)), finished)
     errors = join([errors for chunk in results for errors in chunk], stack=True)
     return ValidationResult(marker, experiment, errors, condition)
@@ -113,13 +114,11 @@ def _fitting(points: Array, names: Sequence[str] | None) -> tuple[str, ...]:
     return tuple(ESTIMATORS[name].name for name in dict.fromkeys(names))
 
 
-def _check(noise_px: float, runs: int, seed: int, workers: int | None) -> None:
+def _check(noise_px: float, runs: int, seed: int) -> None:
     if not 0 <= noise_px <= MOST_NOISE_PX:
         expected = f"a noise from 0 to {MOST_NOISE_PX:g} px"
         raise InputError(expected, f"noise={noise_px}", "give --noise a number such as 0.2")
-    if runs < 0:
-        raise InputError("0 runs or more", f"runs={runs}", "give --runs a whole number such as 1000")
+    if not 0 <= runs <= MOST_RUNS:
+        raise InputError(f"0 to {MOST_RUNS} runs", f"runs={runs}", "give --runs a whole number such as 1000")
     if seed < 0:
         raise InputError("a seed of 0 or more", f"seed={seed}", "give a non-negative whole number")
-    if workers is not None and workers < 1:
-        raise InputError("1 worker or more", f"workers={workers}", "give a positive whole number")

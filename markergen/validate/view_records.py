@@ -1,6 +1,6 @@
 """What a series of synthetic views says of a marker: how often it is found, how accurately, and whether it knows."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.maths.rotation import logarithm
+from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.objectives.homography import validation_grid
 from markergen.validate.bounds import image_covariance
@@ -23,7 +24,7 @@ from markergen.validate.metrics import (
     statistics,
     translation_error_pct,
 )
-from markergen.validate.pool import map_chunks, processor_count
+from markergen.validate.pool import map_chunks, workers_for
 from markergen.validate.views import Shoot, View, take_view
 
 Array = NDArray[np.float64]
@@ -104,8 +105,7 @@ def take_records(
 ) -> list[Record]:
     """Take all views of a shoot, spread over processes; the same records for any number of them."""
     chunks = [range(start, min(start + AT_ONCE, shoot.count)) for start in range(0, shoot.count, AT_ONCE)]
-    if workers is None:
-        workers = min(processor_count(), 1 + shoot.count // WORTH_A_WORKER)
+    workers = workers_for(workers, 1 + shoot.count // WORTH_A_WORKER)
     done = 0
     if progress:
         progress(0, shoot.count)
@@ -127,16 +127,17 @@ def _chunk(shoot: Shoot, indices: Iterable[int]) -> list[Record]:
 def summarize(shoot: Shoot, records: list[Record]) -> dict[str, Any]:
     """Plain values of the series in the form that docs/validate.md describes; nan where a number does not exist."""
     poses = shoot.poses
+    names = [DETECTOR, *_estimators(shoot.marker)]
     pose = np.array([each.pose for each in records])
     return {
-        **_summary(records),
+        **_summary(records, names),
         "optics": {**vars(shoot.optics)},
         "background": shoot.background,
         "hidden": shoot.hidden,
         "refine": shoot.refine,
         "print_sigma_mm": 1e3 * shoot.errors.print_sigma,
-        "by_polar_angle": _by_group(records, pose, poses.by_polar_angle()),
-        "by_distance": _by_group(records, pose, poses.by_distance()),
+        "by_polar_angle": _by_group(records, names, pose, poses.by_polar_angle()),
+        "by_distance": _by_group(records, names, pose, poses.by_distance()),
         "samples": [_sample(each, poses) for each in records if each.detected],
         "failures": [
             {"view": each.index, **_where(each, poses), "reason": each.failure} for each in records if not each.detected
@@ -144,17 +145,28 @@ def summarize(shoot: Shoot, records: list[Record]) -> dict[str, Any]:
     }
 
 
-def _by_group(records: list[Record], pose: Array, groups: Mapping[str, NDArray[np.bool_]]) -> dict[str, Any]:
+def _estimators(marker: Marker) -> dict[str, PoseEstimator]:
+    """Pose estimators that can do with the marker, by name."""
+    relief = bool(marker.xyz[:, 2].any())
     return {
-        name: _summary([each for each, inside in zip(records, mask[pose], strict=True) if inside])
+        name: estimator
+        for name in ESTIMATORS
+        if isinstance(estimator := ESTIMATORS[name], PoseEstimator) and not (relief and estimator.planar_only)
+    }
+
+
+def _by_group(
+    records: list[Record], names: Sequence[str], pose: Array, groups: Mapping[str, NDArray[np.bool_]]
+) -> dict[str, Any]:
+    return {
+        name: _summary([each for each, inside in zip(records, mask[pose], strict=True) if inside], names)
         for name, mask in groups.items()
         if mask[pose].any()
     }
 
 
-def _summary(records: list[Record]) -> dict[str, Any]:
+def _summary(records: list[Record], names: Sequence[str]) -> dict[str, Any]:
     kept = [each for each in records if each.detected]
-    names = dict.fromkeys(name for each in kept for name in each.poses)
     bound = _joined(each.bound_px2 for each in kept)
     return {
         "count": len(records),
@@ -230,17 +242,13 @@ def _own_error(view: View, rotation: Array, translation: Array) -> tuple[Array, 
 
 def _pose_errors(shoot: Shoot, view: View, rotation: Array, translation: Array) -> dict[str, tuple[float, float]]:
     camera, points = shoot.camera, shoot.marker.xyz[view.found]
-    # What estimators are given is the image of a camera without distortion.
-    pixels = camera.ideal.to_pixels(camera.from_pixels(view.detection.pixels))
-    batch = Correspondences(points, pixels[None], camera.ideal)
+    batch = Correspondences.as_taken(points, view.detection.pixels[None], camera)
     found: dict[str, tuple[Array, Array]] = {}
     own = view.detection.pose
     if own is not None:
         found[DETECTOR] = (own.rotation[None], own.translation[None])
-    for name in ESTIMATORS:
-        estimator = ESTIMATORS[name]
-        if isinstance(estimator, PoseEstimator) and (batch.planar or not estimator.planar_only):
-            found[name] = batch.once(estimator).best
+    for name, estimator in _estimators(shoot.marker).items():
+        found[name] = batch.once(estimator).best
     errors = {}
     for name, estimate in found.items():
         te_pct = translation_error_pct(estimate[1], translation)

@@ -18,9 +18,10 @@ def budget_table(results: Mapping[str, Any]) -> Table:
         [name, *(number(budget[key][source]) for source in SOURCES)]
         for name, key in (("RE, deg", "rotation_deg"), ("TE, %", "translation_pct"))
     ]
+    camera = "taken as exact, unless --camera-covariance" if budget["camera_exact"] else "as --camera-covariance"
     caption = (
         f"Dot centers measured to {number(budget['image_px'])} px; dots printed to {budget['print_sigma_mm']:g} mm "
-        "per axis (--print-sigma); the camera as --camera-covariance says."
+        f"per axis (--print-sigma); the camera {camera} says."
     )
     return "Error budget: what limits the pose, rms", ["", "image", "print", "calibration", "total"], rows, caption
 
@@ -30,7 +31,9 @@ def group_table(views: Mapping[str, Any]) -> Table:
     rows = [_row("all", views)]
     rows += [_row(f"{angle}°", group) for angle, group in views["by_polar_angle"].items()]
     rows += [_row(f"{distance} m", group) for distance, group in views["by_distance"].items()]
-    caption = "RMS, of the detection's own pose, by tilt and distance; bound: what the image's noise allows a dot's center."
+    caption = (
+        "RMS, of the detection's own pose, by tilt and distance; bound: what the image's noise allows a dot's center."
+    )
     return f"Synthetic views{_conditions(views)}", _HEADER, rows, caption
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect import Detection, detect
+from markergen.detect.photometric import check_refinement, refine
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
@@ -19,7 +20,7 @@ Array = NDArray[np.float64]
 WRONG_PX = 5.0
 """A detection with any dot farther than this from its true place carries a wrong label."""
 
-REFINEMENTS = ("none", "photometric")
+MOST_VIEWS = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +34,7 @@ class Shoot:
     poses : PoseDistribution
     count : int
         Views; one pose is drawn from each of `count` equal stretches of the distribution, so poses come again, with
-        other noise, where it has fewer.
+        other noise, where it has fewer. 0 takes none.
     seed : int
     optics : Optics
     background : str
@@ -63,22 +64,21 @@ class Shoot:
     refine: str = "none"
 
     def __post_init__(self) -> None:
-        if self.count < 1:
-            raise InputError("one view or more", f"views={self.count}", "ask for a positive number of views")
+        if not 0 <= self.count <= MOST_VIEWS:
+            raise InputError(f"0 to {MOST_VIEWS} views", f"views={self.count}", "give --views a number such as 100")
         if self.seed < 0:
             raise InputError("a seed of 0 or more", f"seed={self.seed}", "give a non-negative whole number")
-        if min(point.feature.diameter for point in self.marker.control_points) == 0:
+        if self.count and min(point.feature.diameter for point in self.marker.control_points) == 0:
             raise InputError("dots that can be seen", "a dot of diameter 0", "design the marker with --dot above 0")
         if not 0 <= self.hidden <= len(self.marker):
             raise InputError(f"0 to {len(self.marker)} hidden dots", f"hidden={self.hidden}", "hide fewer dots")
         if self.background != "plain":
             _ = BACKGROUNDS[self.background]
-        if self.refine not in REFINEMENTS:
-            raise InputError(f"a refinement: {' or '.join(REFINEMENTS)}", repr(self.refine), "choose one of these")
+        check_refinement(self.refine)
 
     def pose_of(self, k: int) -> int:
         """Index into the pose distribution of view k."""
-        jitter = np.random.default_rng([self.seed, self.count]).random(self.count)[k]
+        jitter = np.random.default_rng([self.seed, self.count, k, 3]).random()
         return int((k + jitter) * len(self.poses) / self.count)
 
 
@@ -161,8 +161,6 @@ def take_view(shoot: Shoot, k: int) -> View:
     image = render_view(printed, camera, rotation, translation, shoot.optics, noise, scenery)
     found = detect(image, marker, camera, shoot.errors)
     if shoot.refine == "photometric" and found.found:
-        from markergen.detect.photometric import refine
-
         found = refine(image, marker, camera, found, shoot.errors)
     truth = camera.project(printed.xyz, rotation[None], translation[None])[0]
     ids = np.array([point.id for point in marker.control_points], dtype=np.intp)

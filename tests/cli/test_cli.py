@@ -62,7 +62,7 @@ def test_the_main_job(here, capsys):
     results = json.loads((here / "results.json").read_text())
     assert set(results) == {
         "marker", "criteria", "comparisons", "nees", "camera", "poses", "noise_px", "runs", "seed", "condition",
-        "homography", "estimators", "bound", "views",
+        "homography", "estimators", "bound", "budget", "views",
     }  # fmt: skip
     assert set(results["comparisons"]) == {"ngon", "square", "random"}
     assert set(results["estimators"]) == {"epnp", "ippe", "lm", "sqpnp"}
@@ -137,6 +137,8 @@ def test_version(capsys):
         ("design --radius nan", "finite"),
         ("design --radius wide", "'--radius': expected a length"),
         ("design --dot 5xx", "a number and one of m, cm, mm"),
+        ("design --print-sigma 0.1mm", "use --noise-model image"),
+        ("design --dot auto --print-sigma -1mm", "a print error of 0 or more"),
         ("design --n 61", "at most 60"),
         ("design --n 99999999999999999999", "n: "),
         ("design --restarts 0", "--restarts"),

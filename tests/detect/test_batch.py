@@ -96,10 +96,10 @@ def test_photometric_refinement_is_applied(pentagon, photo):
 def test_job_from_files(tmp_path, pentagon):
     path = tmp_path / "marker.json"
     path.write_bytes(marker_to_json(pentagon))
-    job = job_from_files([path], print_sigma=0.0, refine="photometric")
+    job = job_from_files([path], print_sigma=0.0, refinement="photometric")
     assert (len(job.markers), job.camera, job.photometric) == (1, None, True)
     with pytest.raises(InputError, match="none or photometric"):
-        job_from_files([path], refine="magic")
+        job_from_files([path], refinement="magic")
     with pytest.raises(InputError, match="--camera"):
         job_from_files([path], camera_covariance=tmp_path / "c.txt")
 

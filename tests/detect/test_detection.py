@@ -1,4 +1,5 @@
 from dataclasses import fields, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -6,10 +7,11 @@ import pytest
 from markergen.detect import detect, detect_all
 from markergen.detect.blobs import Blobs, detect_dots
 from markergen.detect.detection import identify, made_up_camera
+from markergen.detect.record import as_dict, reason
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
-from markergen.maths.projection import apply_homography, project
-from markergen.maths.rotation import angle_between, logarithm, turn_z
+from markergen.maths.projection import apply_homography
+from markergen.maths.rotation import angle_between, logarithm
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution, paper, paper_roll
@@ -23,10 +25,19 @@ LENSES = {
     "radtan": replace(PAPER_CAMERA, distortion=Distortion("radtan", (-0.3, 0.1, 0.001, -0.0005))),
     "fisheye": replace(PAPER_CAMERA, fx=500.0, fy=500.0, distortion=Distortion("equidistant", (-0.02, 0.005, 0, 0))),
 }
-PICTURES = (
-    "astronaut brick camera chelsea clock coffee coins grass gravel hubble_deep_field immunohistochemistry moon page "
-    "retina rocket text"
-).split()
+PICTURES = [
+    "astronaut",
+    "brick",
+    "camera",
+    "chelsea",
+    "clock",
+    "coffee",
+    "coins",
+    "grass",
+    "gravel",
+    "hubble_deep_field",
+]
+PICTURES += ["immunohistochemistry", "moon", "page", "retina", "rocket", "text"]
 
 
 def look(marker, poses, pose, optics=None, seed=0, camera=PAPER_CAMERA):
@@ -123,10 +134,11 @@ def test_without_noise_only_the_model_is_left(pentagon):
 @pytest.mark.parametrize("lens", LENSES)
 def test_lens_distortion_leaves_no_bias(pentagon, lens):
     camera = LENSES[lens]
-    # In the corners of the image, where the outline of a dot is bent most.
-    chosen = range(3, 400, 29)
-    places = np.array([[x, y, 1.0] for x, y in [(-0.2, -0.12), (0.2, 0.12), (-0.2, 0.12), (0.2, -0.12)]])
+    # Toward the corners of the image, where the outline of a dot is bent most.
+    places = np.array([[x, y, 1.0] for x, y in [(-0.16, -0.09), (0.16, 0.09), (-0.16, 0.09), (0.16, -0.09)]])
     poses = replace(ROLLED, translation=places[np.arange(400) % 4] * ROLLED.translation[:, 2:] * camera.fx / 800)
+    # Beyond 70 deg, dots are 2 px thin, and errors of that kind are the same without a lens.
+    chosen = [k for k in range(3, 400, 13) if ROLLED.translation[k, 2] > 0.8 and poses.polar_angle_deg[k] < 70]
     corrected, plain, reasons = errors(pentagon, poses, chosen, Optics(noise_grey=0), camera)
     assert reasons == []
     # 8 bits of rounding, and what of a bent outline no ellipse has: 0.001 px RMS here; 0.005 is what is asked for.
@@ -145,7 +157,7 @@ def test_other_optics(pentagon, optics):
 
 def test_pose_homography_and_covariance(pentagon):
     nees = []
-    for pose in SUBSET:
+    for pose in range(0, 400, 11):
         found = detect(look(pentagon, ROLLED, pose), pentagon, PAPER_CAMERA, EXACT)
         turn = logarithm(ROLLED.rotation[pose] @ found.pose.rotation.T)
         error = np.concatenate([turn, ROLLED.translation[pose] - found.pose.translation])
@@ -155,7 +167,7 @@ def test_pose_homography_and_covariance(pentagon):
         assert np.abs(mapped - truth(pentagon, ROLLED, pose)).max() < 0.05
         assert found.covariance.shape == (5, 2, 2)
         assert np.linalg.eigvalsh(found.covariance).min() > 0
-    # Mean of 58 of chi2 with 6 degrees of freedom: 0.45 of scatter, times four; the fit's own covariance is good to 10 %.
+    # Mean of 37 of chi2 with 6 degrees of freedom: 0.57 of scatter, four times that.
     assert abs(np.mean(nees) - 6) < 2.5
 
 
@@ -230,7 +242,7 @@ def test_never_a_wrong_label(ngon):
     """Markers with one dot moved elsewhere: found or not, no dot is reported far from where it should be."""
     rng = np.random.default_rng(3)
     partly = refused = 0
-    for trial in range(100):
+    for trial in range(60):
         marker = ngon(int(rng.choice([4, 5, 6])))
         points = list(marker.control_points)
         moved = int(rng.integers(len(points)))
@@ -244,15 +256,13 @@ def test_never_a_wrong_label(ngon):
         if found.found:
             assert np.linalg.norm(found.pixels - truth(marker, ROLLED, pose, found), axis=-1).max() < 5
     # Of four dots none may be missing, nor the ring; else the others are found without the one that is elsewhere.
-    assert refused > 30
-    assert partly > 20
+    assert refused > 18
+    assert partly > 12
 
 
 def test_several_markers_in_one_image(pentagon, irregular, sight):
-    blobs = merged(sight(pentagon, 385), sight(irregular, 392))
-    shift = np.array([[-160.0, 0]] * 5 + [[160.0, 0]] * 6)
-    # Moved in the image, tilts no longer agree exactly with where the dots are.
-    blobs = replace(blobs, center=blobs.center + shift)
+    left, right = (replace(ROLLED, translation=ROLLED.translation + [x, 0, 0]) for x in (-0.3, 0.3))
+    blobs = merged(sight(pentagon, 385, poses=left), sight(irregular, 392, poses=right))
     found = identify(blobs, [irregular, pentagon], PAPER_CAMERA)
     assert [each.found for each in found] == [True, True], [each.reason for each in found]
     assert {each.marker: len(each.ids) for each in found} == {0: 6, 1: 5}
@@ -281,7 +291,29 @@ def test_equal_markers_contend(pentagon, sight):
     blobs = sight(pentagon, 130).blobs
     found = identify(blobs, [pentagon, pentagon], PAPER_CAMERA)
     assert [(each.found, each.marker) for each in found] == [(False, 0), (False, 1)]
-    assert all("between two markers" in each.reason for each in found)
+    assert [each.rival for each in found] == [1, 0]
+    # The detection knows no names, and numbers would say nothing.
+    assert {each.reason for each in found} == {"labels are ambiguous between two markers that fit the same dots"}
+    assert reason(found[0], ["a.json", "b.json"]).endswith("fit the same dots: a.json and b.json")
+    assert as_dict(found[1], [pentagon, pentagon], ["a", "b"])["reason"].endswith("fit the same dots: b and a")
+
+
+@pytest.mark.parametrize("hidden", [(), (2,)])
+def test_a_coarse_print_is_found_if_it_is_said_to_be_coarse(pentagon, sight, hidden):
+    coarse, found, as_fine = ErrorSources(print_sigma=1e-3), 0, 0
+    for pose in range(0, 400, 8):
+        offset = 1e-3 * np.random.default_rng([1, pose]).standard_normal((5, 2))
+        points = zip(pentagon.control_points, offset.tolist(), strict=True)
+        printed = replace(pentagon, control_points=tuple(replace(p, x=p.x + x, y=p.y + y) for p, (x, y) in points))
+        view = sight(printed, pose, hidden=hidden)
+        (each,) = identify(view.blobs, [pentagon], PAPER_CAMERA, True, coarse, 1)
+        as_fine += identify(view.blobs, [pentagon], PAPER_CAMERA, True, EXACT, 1)[0].found
+        if each.found:
+            found += 1
+            assert np.linalg.norm(each.pixels - view.pixels[each.ids - 10], axis=-1).max() < 0.2
+    # The others are nearly those of another labeling; 4 sigma on four or five dots leave out next to none.
+    assert found > 44
+    assert as_fine < found
 
 
 def test_a_marker_that_is_part_of_another_is_not_found_in_it(ngon, make, sight):
@@ -348,14 +380,20 @@ def test_ids_are_those_of_the_marker(pentagon):
     assert found.marker == 0
 
 
+@cache
+def picture(name):
+    from skimage import color, data
+
+    colors = getattr(data, name)()
+    return colors if colors.ndim == 2 else np.rint(255 * color.rgb2gray(colors)).astype(np.uint8)
+
+
 def wild(rng, with_ellipses):
     """A crop (480, 640) of a picture with a contrast of 64 grey levels or more, half of them with ellipses drawn in."""
     import cv2
-    from skimage import color, data
 
     while True:
-        picture = getattr(data, str(rng.choice(PICTURES)))()
-        grey = picture if picture.ndim == 2 else np.rint(255 * color.rgb2gray(picture)).astype(np.uint8)
+        grey = picture(str(rng.choice(PICTURES)))
         height, width = (int(side * rng.uniform(0.3, 1)) for side in grey.shape)
         top, left = (int(rng.integers(side - part + 1)) for side, part in zip(grey.shape, (height, width), strict=True))
         crop = grey[top : top + height, left : left + width]

@@ -133,6 +133,32 @@ def test_mirrored_dots_are_refused(irregular, sight):
     assert labels(mirrored, irregular)[0] is None
 
 
+@pytest.mark.parametrize("n", [4, 5, 6, 8])
+def test_mirrored_dots_without_a_camera_are_refused_however_symmetric(ngon, make, sight, n):
+    """Any four dots have a homography, and a layout that is nearly symmetric looks nearly the same in a mirror."""
+    found = 0
+    for trial in range(24):
+        rng = np.random.default_rng(trial)
+        pose, regular = int(rng.integers(400)), ngon(n, diameter=0.024)
+        marker = make(regular.xyz[:, :2] + 0.012 * rng.standard_normal((n, 2)), diameter=0.024)
+        blobs = sight(marker, pose, semi_noise=0.02, seed=trial).blobs
+        found += labels(blobs, marker, calibrated=False)[0] is not None
+        mirrored = Blobs(blobs.center * [-1, 1] + [639, 0], blobs.semi, -blobs.angle, blobs.ring, blobs.covariance)
+        assert labels(mirrored, marker, calibrated=False)[0] is None, trial
+    # Some of the layouts are symmetric within what is told apart.
+    assert found > 18
+
+
+def test_without_a_camera_four_dots_are_enough_only_if_there_are_no_more(ngon, sight):
+    for pose in range(0, 400, 61):
+        four = sight(ngon(6), pose, hidden=[2, 5], semi_noise=0.02).blobs
+        assert labels(four, ngon(6))[0] is not None
+        found, reason = labels(four, ngon(6), calibrated=False)
+        assert found is None
+        assert reason
+        check(sight(ngon(8), pose, hidden=[2, 5], semi_noise=0.02), ngon(8), [2, 5], calibrated=False)
+
+
 def test_misplaced_dot_is_left_out_or_refused(ngon, sight):
     for n, rest in ((5, 4), (6, 5)):
         for pose in range(3, 400, 61):

@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 
 from markergen.detect.detection import identify
+from markergen.detect.fit import pose_rows
 from markergen.detect.pose import LEAST_TO_DROP, estimate_pose, outlier
 from markergen.errors import InputError
-from markergen.estimators.budget import ErrorSources, pose_budget
+from markergen.estimators.budget import ErrorSources, pose_budget, print_covariance
 from markergen.maths.information import mirrored_rotation
 from markergen.maths.rotation import angle_between, exponential, logarithm
 from markergen.model.camera import PAPER_CAMERA
@@ -72,6 +73,19 @@ def test_print_errors_are_in_weights_and_covariance(ngon):
     # As above, with 6 degrees of freedom both. At 0.3 mm some far frontal poses leave the range of first order.
     assert abs(np.mean(nees) - 6) < 0.8
     assert abs(np.mean(chi2) - 6) < 0.7
+
+
+@pytest.mark.parametrize("heights", [None, [0, 0.02, 0.01, 0.02, 0]])
+def test_print_covariance_is_that_of_displaced_points(ngon, heights):
+    points, rotation, translation = ngon(5, heights=heights).xyz, POSES.rotation[[130]], POSES.translation[[130]]
+    found = print_covariance(pose_rows(points, rotation, translation), points, rotation, ErrorSources(2e-4))
+    step, expected = 1e-6, np.zeros((5, 2, 2))
+    for axis in range(3 if heights else 2):
+        ends = (PAPER_CAMERA.project(points + s * np.eye(3)[axis], rotation, translation)[0] for s in (step, -step))
+        moved = np.subtract(*ends) / PAPER_CAMERA.focal / (2 * step)
+        expected += 2e-4**2 * moved[:, :, None] * moved[:, None]
+    # Central differences of 1 um on 0.5 m.
+    np.testing.assert_allclose(found[0], expected, rtol=1e-6, atol=1e-14)
 
 
 def test_budget_is_that_of_the_pose(pentagon):

@@ -135,8 +135,8 @@ def test_flat_points_may_come_without_height(setting, pentagon):
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"print_sigma": -1e-4}, "a print error of 0 or more"),
-        ({"print_sigma": float("nan")}, "a print error of 0 or more"),
+        ({"print_sigma": -1e-4}, "a print error of 0 to 1 m"),
+        ({"print_sigma": float("nan")}, "a print error of 0 to 1 m"),
         ({"camera_covariance": np.ones(4)}, "shape"),
         ({"camera_covariance": np.full((4, 4), np.inf)}, "not finite"),
         ({"camera_covariance": np.array([[1.0, 0.5], [0.1, 1.0]])}, "not symmetric"),

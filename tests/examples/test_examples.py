@@ -6,6 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from markergen.cli import main
+from markergen.model.marker_json import to_json
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
@@ -39,3 +42,10 @@ def test_see_a_view(monkeypatch, capsys, tmp_path):
     assert (tmp_path / "view.png").read_bytes().startswith(b"\x89PNG")
     # Noise alone gives about 0.005 px at these sizes; a wrong label would give tens of pixels.
     assert float(capsys.readouterr().out.split()[-2]) < 0.05
+
+
+def test_take_photos_that_are_found(monkeypatch, tmp_path, make_ngon):
+    marker, folder = tmp_path / "marker.json", tmp_path / "photos"
+    marker.write_bytes(to_json(make_ngon(5, 0.1284, 0.036)))
+    run("take_photos.py", marker, folder, monkeypatch=monkeypatch)
+    assert main(["detect", str(folder), "--marker", str(marker), "--camera", str(folder / "camera.yaml")]) == 0

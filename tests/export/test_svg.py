@@ -32,7 +32,7 @@ def test_page_is_in_mm(case):
     assert "true size" in root.findtext("s:desc", namespaces=NS)
 
 
-def test_dots_are_exact_circles_within_a_micrometre_of_the_marker(case):
+def test_dots_are_exact_circles_within_a_micrometer_of_the_marker(case):
     marker, sheet, root = case
     dots = {element.get("id"): element for element in root.find("s:g[@id='dots']", NS)}
     assert list(dots) == [f"dot-{point.id}" for point in marker.control_points]
@@ -56,7 +56,7 @@ def test_dots_are_exact_circles_within_a_micrometre_of_the_marker(case):
             assert abs(x0 - x1) == pytest.approx(2 * rx, abs=3 * WRITTEN)
 
 
-def test_ruler_is_true_to_ten_micrometres(case):
+def test_ruler_is_true_to_ten_micrometers(case):
     _, sheet, root = case
     xs = {}
     for mm in range(0, int(sheet.ruler_mm) + 1, 10):

@@ -1,12 +1,19 @@
 import cv2
 import numpy as np
 import pytest
+from ellipse_coverage import ellipse_coverage
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import i1e
 
-from markergen.maths.dot_noise import center_covariance, center_information, directions, dot_covariance, linearize
-from markergen.render.coverage import ellipse_coverage
+from markergen.maths.dot_noise import (
+    center_covariance,
+    center_information,
+    directions,
+    displaced,
+    dot_covariance,
+    linearize,
+)
 
 BLUR, CONTRAST, NOISE = 0.7, 195.0, 2.0
 EDGE, RATIO = np.hypot(BLUR, 12**-0.5), CONTRAST / NOISE
@@ -128,3 +135,46 @@ def test_an_ellipse_may_be_given_by_its_axes():
     np.testing.assert_allclose(found[0], center_covariance(affine((6, 2), 0.4), EDGE, RATIO), rtol=1e-3)
     assert np.isnan(found[2]).all()
     assert found.shape == (3, 2, 2)
+
+
+def dots_out_of_place(count=6):
+    """Information of images from round to 1:20, displacements B that turn and stretch, and symmetric cotangents."""
+    rng = np.random.default_rng(4)
+    shapes = np.stack([affine((8.0, 8.0 / ratio), angle) for angle, ratio in enumerate(np.linspace(1, 20, count))])
+    cotangent = rng.normal(size=shapes.shape)
+    displacement = 1e-2 * rng.normal(size=shapes.shape)
+    return center_information(shapes, EDGE, RATIO), displacement, cotangent + cotangent.swapaxes(-1, -2)
+
+
+def test_covariances_of_image_and_displacement_add_up():
+    information, displacement, _ = dots_out_of_place()
+    expected = np.linalg.inv(np.linalg.inv(information) + displacement @ displacement.swapaxes(-1, -2))
+    # Both are rounded; the inverses lose up to three digits on the longest images.
+    np.testing.assert_allclose(displaced(information, displacement)[0], expected, rtol=1e-10)
+    np.testing.assert_array_equal(displaced(information, 0 * displacement)[0], information)
+
+
+def test_a_dot_seen_edge_on_tells_nothing_across():
+    # F is singular, and so is what remains of it: along x the variances 1/4 and 0.01 add up.
+    found = displaced(np.diag([4.0, 0.0]), np.diag([0.1, 0.3]))[0]
+    np.testing.assert_allclose(found, np.diag([1 / 0.26, 0.0]), rtol=1e-15)
+
+
+def test_displacement_is_pulled_back_as_differences_say():
+    information, displacement, cotangent = dots_out_of_place()
+    by_information, by_displacement = displaced(information, displacement)[1](cotangent)
+    rng = np.random.default_rng(5)
+    turn = rng.normal(size=information.shape)
+    # Relative steps of 1e-5: the square of it, and rounding, leave eight digits.
+    for step, gradient, moved in (
+        (1e-5 * information @ (turn + turn.swapaxes(-1, -2)) @ information / 1e4, by_information, "information"),
+        (1e-5 * displacement * turn, by_displacement, "displacement"),
+    ):
+        ahead, behind = (
+            displaced(information + sign * step, displacement)[0]
+            if moved == "information"
+            else displaced(information, displacement + sign * step)[0]
+            for sign in (1, -1)
+        )
+        numeric = np.sum(cotangent * (ahead - behind), axis=(-2, -1)) / 2
+        np.testing.assert_allclose(np.sum(gradient * step, axis=(-2, -1)), numeric, rtol=1e-6)

@@ -20,6 +20,20 @@ def test_specs_from_before_there_was_a_noise_model_keep_their_hash():
     assert len({spec.hash for spec in (Spec(), Spec(noise_model="image"), Spec(dot="auto"), Spec(dot=0.036))}) == 4
 
 
+def test_a_perfect_print_is_not_mentioned():
+    assert Spec(dot="auto", print_sigma=0.0).hash == Spec(dot="auto").hash
+    assert "print_sigma" not in Spec(dot="auto").as_dict()
+    assert Spec(dot="auto", print_sigma=1e-4).as_dict()["print_sigma"] == 1e-4
+    assert Spec(dot="auto", print_sigma=1e-4).hash != Spec(dot="auto").hash
+
+
+@pytest.mark.parametrize("print_sigma", [-1e-4, float("nan"), float("inf"), 0.15])
+def test_print_errors_that_cannot_be_are_refused(print_sigma):
+    with pytest.raises(InputError, match="a print error of 0 or more, and below the radius") as caught:
+        Spec(dot="auto", print_sigma=print_sigma)
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("values", "words"),
     [
@@ -27,6 +41,8 @@ def test_specs_from_before_there_was_a_noise_model_keep_their_hash():
         ({"noise_model": "point", "dot": "auto"}, "the noise model image for --dot auto"),
         ({"noise_model": "image", "dot": 0.0}, "dots with a size"),
         ({"noise_model": "image", "objective": "condition"}, "an objective that depends on the noise"),
+        ({"print_sigma": 1e-4}, "use --noise-model image"),
+        ({"print_sigma": 1e-4, "noise_model": "point", "dot": 0.036}, "use --noise-model image"),
         ({"dot": "auto", "objective": "condition"}, "an objective that depends on the noise"),
     ],
 )

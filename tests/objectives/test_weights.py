@@ -3,7 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from markergen.maths.dot_noise import center_covariance
+from markergen.estimators.budget import ErrorSources, pose_budget
+from markergen.maths.dot_noise import center_covariance, directions, linearize
 from markergen.maths.information import covariance, pose_jacobian, rotation_bound
 from markergen.maths.projection import project
 from markergen.model.image_noise import ImageNoise
@@ -24,8 +25,10 @@ def image(setting):
 
 @pytest.mark.parametrize("name", WEIGHING)
 @pytest.mark.parametrize("aggregate", list(AGGREGATES))
-def test_gradient_agrees_with_differences(image, name, aggregate):
-    objective = OBJECTIVES[name](image, aggregate)
+@pytest.mark.parametrize("print_sigma", [0.0, 4e-6, 1e-4])
+def test_gradient_agrees_with_differences(image, name, aggregate, print_sigma):
+    # Image and print in turn have the larger share; with 4 um they are about equal.
+    objective = OBJECTIVES[name](replace(image, noise=replace(NOISE, print_sigma=print_sigma)), aggregate)
     rng = np.random.default_rng(0)
     points = regular_polygon(6, 0.11) + rng.normal(scale=0.015, size=(3, 6, 2))
     along, step = rng.normal(size=points.shape), 1e-7
@@ -55,6 +58,39 @@ def test_pose_covariance_is_that_of_dots_weighed_one_by_one(image):
         assert ratio == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.parametrize("print_sigma", [1e-6, 1e-5, 1e-4, 1e-2])
+def test_pose_covariance_is_the_budgets_total(image, print_sigma):
+    points, poses, radius = regular_polygon(5, 0.12), image.poses, NOISE.diameter / 2
+    found = PoseObjective(replace(image, noise=replace(NOISE, print_sigma=print_sigma))).covariance(points[None])[0]
+
+    def shapes(of):
+        jacobian = pose_jacobian(of, poses.rotation, poses.translation, image.camera.focal)
+        return radius * (jacobian.reshape(len(poses), -1, 2, 6)[..., 3:] @ poses.rotation[:, None, :, :2])
+
+    # The same nodes of the integral, so that nothing but rounding is left.
+    nodes = directions(shapes(np.zeros((1, 2)))[:, 0])
+    spread = np.linalg.inv(linearize(shapes(points), NOISE.image.edge_px, NOISE.image.contrast_to_noise, nodes)[0])
+    budget = pose_budget(
+        points, poses.rotation, poses.translation, image.camera, spread, ErrorSources(print_sigma=print_sigma)
+    )
+    scale = np.sqrt(np.einsum("pii->pi", budget.total))
+    difference = (found - budget.total) / (scale[:, :, None] * scale[:, None, :])
+    assert np.abs(difference).max() < 1e-9
+    np.testing.assert_allclose(rotation_bound(found), rotation_bound(budget.total), rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", WEIGHING)
+def test_a_print_error_of_nothing_changes_nothing_and_a_large_one_is_a_factor(image, name):
+    points = regular_polygon(5, 0.11)[None]
+
+    def value(print_sigma):
+        return OBJECTIVES[name](replace(image, noise=replace(NOISE, print_sigma=print_sigma)))(points)[0]
+
+    # 1e-12 of 0.01 px^2, far below rounding; next to 1 mm the image's share of the variance is some 1e-5.
+    assert value(1e-12) == pytest.approx(OBJECTIVES[name](image)(points)[0], rel=1e-9)
+    assert value(2e-3) == pytest.approx(2 * value(1e-3), rel=1e-4)
+
+
 @pytest.mark.parametrize("name", WEIGHING)
 def test_noise_is_a_factor_and_size_matters_with_its_root(image, name):
     points = regular_polygon(5, 0.11)[None]
@@ -77,6 +113,8 @@ def test_criteria_are_for_the_settings_noise(setting, image):
         assert 0.002 < weighed[key] / plain[key] < 0.006
     assert setting.noise_words == "image noise of 1 px"
     assert image.noise_words == ("the image noise of 36 mm dots (blur 0.7 px, noise 2 and contrast 195 grey levels)")
+    printed = replace(image, noise=replace(NOISE, print_sigma=1e-4))
+    assert printed.noise_words == f"{image.noise_words} and a print error of 0.1 mm"
 
 
 def test_a_dot_that_is_measured_worse_weighs_less(setting):

@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 
 from markergen.errors import InputError
+from markergen.estimators.budget import ErrorSources, pose_budget
+from markergen.maths.dot_noise import center_covariance
+from markergen.maths.information import pose_jacobian
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA, Camera
+from markergen.model.image_noise import ImageNoise
 from markergen.model.marker_json import from_json, to_json
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
@@ -22,9 +26,9 @@ def few(setting):
     return PoseDistribution("few", setting.poses.rotation[::7], setting.poses.translation[::7])
 
 
-def polygon_error(poses, diameter, name="pose"):
+def polygon_error(poses, diameter, name="pose", print_sigma=0.0):
     """Predicted error of the pentagon on the inset rim."""
-    noisy = Setting(Circle(0.15), PAPER_CAMERA, poses, DotNoise(diameter))
+    noisy = Setting(Circle(0.15), PAPER_CAMERA, poses, DotNoise(diameter, print_sigma=print_sigma))
     points = regular_polygon(5, 0.15 - 0.6 * diameter)
     return OBJECTIVES[name](noisy)(points[None])[0]
 
@@ -36,11 +40,54 @@ def test_no_diameter_of_a_scan_promises_less(few):
     assert polygon_error(few, size.diameter) <= min(scan) * 1.0001
     assert size.diameter == round(size.diameter, 4)
     assert size.clearance == pytest.approx(size.diameter / 10)
-    told = re.fullmatch(r"([\d.]+) mm, with the least predicted error, ([\d.]+) mm: larger ones are .*", size.reason)
+    told = re.fullmatch(
+        r"([\d.]+) mm, with the least predicted error of ([\d.]+) mm for image noise alone: larger ones are .*",
+        size.reason,
+    )
     assert float(told[1]) == pytest.approx(1e3 * size.diameter)
     # Three digits are told, and the pentagon is not quite the best for so few poses.
     assert float(told[2]) == pytest.approx(1e3 * polygon_error(few, size.diameter), rel=0.01)
     assert choose_dots(Spec(dot="auto"), few) == size
+
+
+def test_a_print_error_asks_for_smaller_dots(few):
+    # 3 um err as much as the image does: the best size is inside the range.
+    size = choose_dots(Spec(dot="auto", print_sigma=3e-6), few)
+    scan = [polygon_error(few, diameter, print_sigma=3e-6) for diameter in np.arange(0.018, 0.09, 0.001)]
+    # The layout is polished in 15 steps, and judged here by the pentagon that it nearly is.
+    assert polygon_error(few, size.diameter, print_sigma=3e-6) <= min(scan) * 1.0005
+    assert smallest_detectable(PAPER_CAMERA, few) < size.diameter < choose_dots(Spec(dot="auto"), few).diameter
+    assert " for image noise and a print error of 0.003 mm: larger" in size.reason
+    assert not size.warning
+
+
+def test_the_total_of_image_and_print_is_least(few):
+    # By the budget, which knows nothing of objectives and designs.
+    sizes = {sigma: choose_dots(Spec(dot="auto", print_sigma=sigma), few) for sigma in (0.0, 1e-4)}
+    total = {sigma: budget_of(few, size.diameter) for sigma, size in sizes.items()}
+    assert total[1e-4] <= budget_of(few, 0.036)
+    assert total[0.0] > 1.3 * budget_of(few, 0.036)
+    told = re.fullmatch(
+        r"a print error of 0\.1 mm would outweigh what dots of this size gain \(([\d.]+) mm instead of ([\d.]+) mm for "
+        r"([\d.]+) mm\): use --print-sigma 0\.1mm",
+        sizes[0.0].warning,
+    )
+    # Three digits are told; the layout is the pentagon but for 1 %.
+    assert float(told[1]) == pytest.approx(1e3 * polygon_error(few, sizes[0.0].diameter, print_sigma=1e-4), rel=0.015)
+    assert float(told[2]) == pytest.approx(1e3 * polygon_error(few, float(told[3]) / 1e3, print_sigma=1e-4), rel=0.015)
+    assert not sizes[1e-4].warning
+
+
+def budget_of(poses, diameter):
+    """RMS rotation error in degrees of the pentagon on the inset rim, with a print error of 0.1 mm."""
+    points, (R, t) = regular_polygon(5, 0.15 - 0.6 * diameter), (poses.rotation, poses.translation)
+    jacobian = pose_jacobian(points, R, t, PAPER_CAMERA.focal).reshape(-1, 5, 2, 6)
+    image = ImageNoise()
+    spread = center_covariance(
+        jacobian[..., 3:] @ R[:, None, :, :2] * diameter / 2, image.edge_px, image.contrast_to_noise
+    )
+    total = pose_budget(points, R, t, PAPER_CAMERA, spread, ErrorSources(print_sigma=1e-4)).rotation_deg["total"]
+    return np.sqrt(np.mean(total**2))
 
 
 def test_an_auto_design_is_a_marker_like_any_other():
@@ -51,7 +98,17 @@ def test_an_auto_design_is_a_marker_like_any_other():
     assert marker.provenance["noise"] == found.setting.noise_words
     assert found.setting.noise == DotNoise(found.dots.diameter)
     assert found.setting.noise_words in found.summary
+    assert found.warnings == (found.dots.warning,)
+    assert "use --print-sigma" in found.dots.warning
     assert found.criteria["design"]["pose_m"] <= found.criteria["ngon"]["pose_m"] * 1.0001
+
+
+def test_a_design_is_for_the_print_error_it_was_asked_for():
+    found = design(Spec(n=4, noise_model="image", print_sigma=1e-4, restarts=1))
+    assert found.setting.noise == DotNoise(found.dots.diameter, print_sigma=1e-4)
+    assert found.marker.provenance["spec"]["print_sigma"] == 1e-4
+    assert found.marker.provenance["noise"].endswith(" and a print error of 0.1 mm")
+    assert not found.warnings
 
 
 def test_the_homography_wants_smaller_dots_farther_out(few):
@@ -61,7 +118,7 @@ def test_the_homography_wants_smaller_dots_farther_out(few):
     assert scan[np.argmin(homography)] < scan[np.argmin(pose)]
     # The regular polygon is nearly, not quite, the best layout for the homography.
     assert polygon_error(few, size.diameter, "homography") <= min(homography) * 1.01
-    assert " px: larger ones" in size.reason
+    assert " px for image noise alone: larger ones" in size.reason
 
 
 def test_dots_are_never_too_small_to_be_detected():

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import PIL.Image as Pillow
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -30,19 +29,23 @@ def encoded(suffix: str, pixels: np.ndarray, *options: int) -> bytes:
     return bytes(data)
 
 
-def by_pillow(image, format: str, **options) -> bytes:
-    buffer = io.BytesIO()
-    image.save(buffer, format, **options)
+def by_pillow(pixels: np.ndarray, format: str, mode: str | None = None, **options) -> bytes:
+    from PIL import Image as Pillow
+
+    image, buffer = Pillow.fromarray(pixels), io.BytesIO()
+    (image.convert(mode) if mode else image).save(buffer, format, **options)
     return buffer.getvalue()
 
 
 def turned(format: str, orientation: int, pixels: np.ndarray = GREY) -> bytes:
+    from PIL import Image as Pillow
+
     exif = Pillow.Exif()
     exif[0x0112] = orientation
     options = {"tiffinfo": {0x0112: orientation}} if format == "TIFF" else {"exif": exif}
     if format in ("JPEG", "WEBP"):
         options["quality"] = 95
-    return by_pillow(Pillow.fromarray(pixels), format, **options)
+    return by_pillow(pixels, format, **options)
 
 
 @pytest.fixture
@@ -100,7 +103,7 @@ def test_lossy_formats(read, suffix):
 
 @pytest.mark.parametrize(("mode", "tolerance"), [("P", 0), ("LA", 0), ("RGBA", 0), ("CMYK", 6)])
 def test_other_color_modes(read, mode, tolerance):
-    data = by_pillow(Pillow.fromarray(GREY).convert(mode), "JPEG" if mode == "CMYK" else "PNG")
+    data = by_pillow(GREY, "JPEG" if mode == "CMYK" else "PNG", mode)
     image = read(data)
     assert image.notes == ()  # opaque
     assert np.abs(image.grey.astype(int) - GREY).max() <= tolerance
@@ -109,7 +112,7 @@ def test_other_color_modes(read, mode, tolerance):
 def test_black_and_white(read):
     mask = GREY > 100
     for format in ("PNG", "TIFF"):
-        np.testing.assert_array_equal(read(by_pillow(Pillow.fromarray(mask), format)).grey, np.where(mask, 255, 0))
+        np.testing.assert_array_equal(read(by_pillow(mask, format)).grey, np.where(mask, 255, 0))
 
 
 @pytest.mark.parametrize("depth", [np.uint8, np.uint16])
@@ -129,7 +132,7 @@ def test_what_is_transparent_is_white(read, depth):
 
 
 def test_transparent_tiff_is_refused(read):
-    data = by_pillow(Pillow.fromarray(np.dstack([COLOR, GREY])), "TIFF")
+    data = by_pillow(np.dstack([COLOR, GREY]), "TIFF")
     assert "transparen" in refused(read, data)
 
 
@@ -148,7 +151,7 @@ def test_deep_tiff_with_orientation(read):
 
 
 def test_broken_exif_is_no_matter(read):
-    data = by_pillow(Pillow.fromarray(GREY), "JPEG", exif=b"Exif\0\0MM\0*\0\0\0\x08\0\xffgarbage", quality=95)
+    data = by_pillow(GREY, "JPEG", exif=b"Exif\0\0MM\0*\0\0\0\x08\0\xffgarbage", quality=95)
     assert np.abs(read(data).grey.astype(int) - GREY).max() < 12
 
 
@@ -167,7 +170,7 @@ def test_other_depths_are_refused(read, dtype):
         (b"%PDF-1.7\n%\xe2\xe3\xcf\xd3\n", "another format"),
         (encoded(".png", GREY[:1, :1]), "1x1"),
         (encoded(".png", GREY[:1]), "40x1"),
-        (by_pillow(Pillow.fromarray(GREY), "GIF"), "another format"),
+        (by_pillow(GREY, "GIF"), "another format"),
     ],
 )
 def test_unfit_files(read, data, words):
@@ -192,6 +195,13 @@ def test_huge_images_are_refused_from_their_header(read, size):
     assert f"{size[0]}x{size[1]}" in refused(read, png_header(*size))
     # KiB; the pixels would take 100 MB at least.
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000
+
+
+def test_a_chunk_without_end(read):
+    """It would make OpenCV ask for 4 GB."""
+    whole = FORMATS[".png"]
+    at = whole.index(b"IEND") - 4
+    refused(read, whole[:at] + b"\xff\xff\xff\xf0tEXt" + whole[at:])
 
 
 FORMATS = {
@@ -275,6 +285,8 @@ def test_no_permission(tmp_path, monkeypatch):
 
 
 def test_limit_of_pillow_is_left_as_it_was(read):
+    from PIL import Image as Pillow
+
     before = Pillow.MAX_IMAGE_PIXELS
     read(FORMATS[".png"])
     refused(read, b"nothing")

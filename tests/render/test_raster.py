@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
+from ellipse_coverage import ellipse_coverage
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from markergen.render.coverage import ellipse_coverage
 from markergen.render.raster import paint, polygon_coverage
 
 WIDTH, HEIGHT = 12, 9

@@ -81,7 +81,7 @@ def test_parts_are_valid_solids_with_the_volumes_that_were_written(written, part
         assert only.Volume() * 1e-9 == pytest.approx(solid.shape.Volume() * 1e-9, rel=1e-9)
 
 
-def test_dot_centers_are_within_a_micrometre_in_the_marker_frame(written, parts):
+def test_dot_centers_are_within_a_micrometer_in_the_marker_frame(written, parts):
     marker, _, _ = written
     for point in marker.control_points:
         shape = parts[f"dot-{point.id}"][0]

@@ -214,7 +214,7 @@ def test_pictures(results, tmp_path):
     [
         ({"views": 0}, "one view or more"),
         ({"seed": -1}, "seed of 0 or more"),
-        ({"workers": 0}, "1 worker or more"),
+        ({"workers": 0}, "1 to 256 workers"),
         ({"print_sigma": -1e-3}, "print error of 0 or more"),
         ({"print_sigma": float("nan")}, "print error of 0 or more"),
     ],

@@ -7,8 +7,8 @@ from markergen.validate.views import Shoot
 
 
 def test_failures_come_first_then_the_worst_then_others(ngon):
-    # 14 mm dots are 2.5 px across at 70 deg and 1.5 m: some views fail, others do not.
-    shoot = Shoot(ngon(diameter=0.014), PAPER_CAMERA, paper(), count=20, optics=Optics(noise_grey=6))
+    # 10 mm dots are 1.8 px across at 70 deg and 1.5 m: some views fail, others do not.
+    shoot = Shoot(ngon(diameter=0.010), PAPER_CAMERA, paper(), count=20, optics=Optics(noise_grey=6))
     views = summarize(shoot, take_records(shoot, workers=1))
     assert 0 < views["detected"] < 20
     shown = list(pictures(shoot, views))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from markergen.errors import InputError
+from markergen.estimators.budget import ErrorSources
 from markergen.model.boundary import Circle
 from markergen.model.marker import Marker
 from markergen.objectives import OBJECTIVES
@@ -16,7 +17,7 @@ from markergen.validate.views import Shoot
 def results(pentagon):
     calls = []
     setting = setting_of(pentagon)
-    shoot = Shoot(pentagon, setting.camera, setting.poses, count=5)
+    shoot = Shoot(pentagon, setting.camera, setting.poses, count=5, errors=ErrorSources())
     found = prove(pentagon, setting, runs=5, shoot=shoot, stressed=True, progress=lambda *call: calls.append(call))
     assert {stage for stage, _, _ in calls} == {"trials", "views", "stress"}
     return found

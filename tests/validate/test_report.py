@@ -11,14 +11,14 @@ import cv2
 import numpy as np
 import pytest
 
-from markergen.estimators.budget import ErrorSources
+from markergen.estimators.budget import ErrorSources, pose_budget
 from markergen.maths.information import rotation_bound
 from markergen.model.feature import Feature
 from markergen.model.marker import ControlPoint
 from markergen.model.poses import PoseDistribution, paper
 from markergen.objectives import Setting
 from markergen.render import DEFAULT_OPTICS
-from markergen.validate.bounds import budget_of, error_budget, image_covariance, pose_bounds
+from markergen.validate.bounds import image_covariance, pose_bounds
 from markergen.validate.metrics import statistics
 from markergen.validate.pictures import Picture
 from markergen.validate.proof import prove, to_json
@@ -31,6 +31,7 @@ from markergen.validate.report.errors_plot import distribution, draw_errors, err
 from markergen.validate.report.expected import bound, cells, interval, rms
 from markergen.validate.report.poses_plot import camera_centers, fan, pose_sphere
 from markergen.validate.report.subject import Subject
+from markergen.validate.views import Shoot
 
 HOSTILE = '</pre><script>alert("x")</script><img src=x onerror=alert(1)> $\\frac{ \ud800'
 
@@ -47,16 +48,15 @@ def few(setting):
 @pytest.fixture(scope="module")
 def budget(pentagon, few):
     errors = ErrorSources(1e-4, np.diag([0.5, 0.5, 0.5, 0.5]) ** 2)
-    return budget_of(pentagon, few.camera, few.poses, DEFAULT_OPTICS, 0.2, errors)
+    image = image_covariance(pentagon, few.camera, few.poses, DEFAULT_OPTICS)
+    return pose_budget(pentagon.xyz, few.poses.rotation, few.poses.translation, few.camera, image, errors)
 
 
 @pytest.fixture(scope="module")
 def results(pentagon, few, budget):
     """Real trials and bounds; views drawn from the covariances, as if the detector were perfect."""
-    found = prove(pentagon, few, runs=3, workers=1, errors=ErrorSources(1e-4, np.diag([0.5] * 4) ** 2))
-    found["budget"] = error_budget(
-        pentagon, few.camera, few.poses, DEFAULT_OPTICS, 0.2, ErrorSources(1e-4, np.diag([0.5] * 4) ** 2)
-    )
+    shoot = Shoot(pentagon, few.camera, few.poses, 0, errors=ErrorSources(1e-4, np.diag([0.5] * 4) ** 2))
+    found = prove(pentagon, few, runs=3, shoot=shoot, workers=1)
     found["views"] = synthetic_views(pentagon, few, budget)
     return json.loads(to_json(found))
 

@@ -9,7 +9,7 @@ from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import paper
 from markergen.render import Optics
 from markergen.validate import view_records, views
-from markergen.validate.bounds import error_budget, image_covariance
+from markergen.validate.bounds import error_budget
 from markergen.validate.result import plain
 from markergen.validate.view_records import DETECTOR, record, summarize, take_records
 from markergen.validate.views import Shoot, take_view
@@ -110,8 +110,7 @@ def test_print_error_costs_what_the_budget_says(shoot):
     sources = ErrorSources(print_sigma=1e-3)
     printed = replace(shoot, errors=sources, count=100)
     found = summarize(printed, take_records(printed))
-    image = image_covariance(shoot.marker, PAPER_CAMERA, POSES, printed.optics)
-    budget = error_budget(shoot.marker, PAPER_CAMERA, POSES, image, sources)
+    budget = error_budget(printed)
     measured = found["estimators"][DETECTOR]["rotation_deg"]["rms"]
     # Frontal poses dominate and a fifth of 100 views are such: their RMS is known to about 15 %, twice that is allowed.
     # 1 mm is ten times a good print, and far frontal poses leave the first order by some per cent more.

@@ -96,7 +96,7 @@ def test_photometric_refinement_is_applied(shoot):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"count": 0}, "one view"),
+        ({"count": -1}, "0 to 1000000 views"),
         ({"seed": -1}, "seed"),
         ({"hidden": 6}, "0 to 5 hidden"),
         ({"background": "fog"}, "clutter"),

@@ -1,8 +1,10 @@
 """The report: one HTML file that holds all it shows, the same bytes from the same results."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from markergen.errors import InputError
 from markergen.estimators.budget import PoseBudget
 from markergen.model.marker import Marker
 from markergen.objectives import Setting
@@ -10,7 +12,7 @@ from markergen.objectives import Setting
 if TYPE_CHECKING:
     from markergen.validate.pictures import Picture
 
-__all__ = ["html_report"]
+__all__ = ["check_report", "html_report"]
 
 
 def html_report(
@@ -71,3 +73,9 @@ def html_report(
             "command": overview.command(subject),
         }
     )
+
+
+def check_report(path: Path) -> None:
+    """Refuse a path whose ending promises something else than a page."""
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise InputError("a page .html", str(path), "name the report so that a browser opens it")

@@ -1,4 +1,4 @@
-"""How much of each pixel an ellipse covers: exact areas, since every later error of a dot's center starts here."""
+"""Exact area of each pixel that an ellipse covers, in closed form: what the rasterizer of polygons is held against."""
 
 import numpy as np
 from numpy.typing import NDArray

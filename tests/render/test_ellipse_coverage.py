@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
+from ellipse_coverage import disk_polygon_area, ellipse_coverage
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from markergen.render.coverage import disk_polygon_area, ellipse_coverage
 
 WIDTH, HEIGHT = 40, 30
 

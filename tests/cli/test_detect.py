@@ -1,0 +1,154 @@
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from markergen.cli import main
+from markergen.model.camera import Camera, Distortion
+from markergen.model.marker_json import read_marker
+from markergen.model.poses import paper
+from markergen.render import Optics, render_view
+
+POSES = paper()
+CAMERA = Camera(640, 480, 800, 800, 320, 240, Distortion("radtan", (-0.28, 0.09, 0.001, -0.0005, 0.0)))
+CAMERA_INFO = """\
+image_width: 640
+image_height: 480
+camera_name: front
+camera_matrix: {rows: 3, cols: 3, data: [800, 0, 320, 0, 800, 240, 0, 0, 1]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.28, 0.09, 0.001, -0.0005, 0.0]}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Marker, camera, two photos of it, an empty one, and a broken one."""
+    folder = tmp_path_factory.mktemp("photos")
+    assert main(["design", "--n", "5", "--restarts", "2", "-o", str(folder / "marker.json")]) == 0
+    (folder / "camera.yaml").write_text(CAMERA_INFO)
+    marker = read_marker(folder / "marker.json")
+    (folder / "good").mkdir()
+    for pose in (130, 250):
+        rng = np.random.default_rng(pose)
+        image = render_view(marker, CAMERA, POSES.rotation[pose], POSES.translation[pose], Optics(), rng)
+        cv2.imwrite(str(folder / "good" / f"{pose}.png"), image)
+    cv2.imwrite(str(folder / "empty.png"), np.full((480, 640), 200, np.uint8))
+    (folder / "broken.png").write_bytes((folder / "good" / "130.png").read_bytes()[:3000])
+    return folder
+
+
+@pytest.fixture
+def here(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    return folder
+
+
+ALL = ["--marker", "marker.json", "--camera", "camera.yaml"]
+
+
+def test_a_folder_of_photos(here, capsys, tmp_path):
+    found, seen = tmp_path / "found.json", tmp_path / "seen"
+    assert main(["detect", "good", *ALL, "--json", str(found), "--overlay", str(seen)]) == 0
+    said = capsys.readouterr()
+    assert "found a marker in 2 of 2 images" in said.out
+    assert not said.err
+    entries = json.loads(found.read_text())
+    assert [entry["image"] for entry in entries] == ["good/130.png", "good/250.png"]
+    for entry, pose in zip(entries, (130, 250), strict=True):
+        translation = np.array(entry["markers"][0]["pose"]["translation"])
+        # 0.003 % RMS was measured without print error, which these photos do not have.
+        np.testing.assert_allclose(translation, POSES.translation[pose], atol=2e-4)
+    assert sorted(path.name for path in seen.iterdir()) == ["130.png", "250.png"]
+
+
+def test_standard_output_is_json_alone(here, capsys):
+    assert main(["detect", "good/*.png", *ALL, "--json", "-"]) == 0
+    assert len(json.loads(capsys.readouterr().out)) == 2
+
+
+def test_a_photo_without_the_marker_is_status_1(here, capsys):
+    assert main(["detect", "empty.png", "good/130.png", *ALL]) == 1
+    said = capsys.readouterr().out
+    assert "empty.png: marker.json not found: found 0 dots" in said
+    assert "good/130.png: marker.json, 5 of 5 dots" in said
+
+
+def test_a_broken_photo_is_status_2_and_the_others_are_done(here, capsys, tmp_path):
+    found = tmp_path / "found.json"
+    assert main(["detect", "broken.png", "good/130.png", *ALL, "--json", str(found)]) == 2
+    said = capsys.readouterr()
+    assert len(said.err.strip().splitlines()) == 1
+    assert "broken.png" in said.err
+    broken, good = json.loads(found.read_text())
+    assert broken["error"]
+    assert good["markers"][0]["found"]
+
+
+def test_without_a_camera(here, capsys):
+    assert main(["detect", "good/130.png", "--marker", "marker.json"]) == 0
+    assert "homography only" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nowhere*.png", *ALL], "nowhere"),
+        (["good", "--marker", "none.json"], "none.json"),
+        (["good", "--marker", "marker.json", "--camera", "marker.json"], "camera"),
+        (["good", *ALL, "--refine", "magic"], "photometric"),
+        (["good", *ALL, "--print-sigma", "-1mm"], "print"),
+        (["good", "--marker", "marker.json", "--camera-covariance", "x"], "--camera"),
+        (["good"], "--marker"),
+        (["good", *ALL, "--json", "no/such/folder/f.json"], "no/such/folder"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(here, capsys, arguments, said):
+    assert main(["detect", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("markergen: error: ")
+    assert len(error.strip().splitlines()) == 1
+    assert said in error
+
+
+def test_inputs_are_never_overwritten(here, capsys):
+    before = (here / "good" / "130.png").read_bytes(), (here / "marker.json").read_bytes()
+    assert main(["detect", "good", *ALL, "--overlay", "good"]) == 2
+    assert main(["detect", "good", *ALL, "--json", "marker.json"]) == 2
+    assert "one of the inputs" in capsys.readouterr().err
+    assert ((here / "good" / "130.png").read_bytes(), (here / "marker.json").read_bytes()) == before
+
+
+def test_an_overlay_that_cannot_be_written_does_not_stop_the_batch(here, capsys, tmp_path, monkeypatch):
+    from markergen import files
+
+    honest = files.write_atomic
+
+    def full(path, data):
+        if path.name == "130.png":
+            raise files.OutputError("expected to write 130.png, found: No space left on device")
+        honest(path, data)
+
+    monkeypatch.setattr(files, "write_atomic", full)
+    found = tmp_path / "found.json"
+    assert main(["detect", "good", *ALL, "--json", str(found), "--overlay", str(tmp_path / "seen")]) == 2
+    assert "No space left" in capsys.readouterr().err
+    assert len(json.loads(found.read_text())) == 2
+    assert [path.name for path in (tmp_path / "seen").iterdir()] == ["250.png"]
+
+
+def test_what_was_found_before_an_interruption_is_kept(here, tmp_path, monkeypatch):
+    from markergen.detect.batch import Job
+
+    honest = Job.run
+
+    def interrupted(job, path):
+        if path.name == "250.png":
+            raise KeyboardInterrupt
+        return honest(job, path)
+
+    monkeypatch.setattr(Job, "run", interrupted)
+    found = tmp_path / "found.json"
+    assert main(["detect", "good", *ALL, "--json", str(found)]) == 130
+    assert len(json.loads(found.read_text())) == 1
