@@ -55,6 +55,11 @@ class Spec:
     print_sigma : float
         Standard deviation in m of a printed dot's place along each axis, which ``image`` adds to what the image tells;
         0 is a perfect print.
+    asymmetric : float
+        Smallest safety in px by which every dot must be told apart from its place alone, instead of by a key ring; 0
+        is a key ring.
+    relief : float
+        How high in m control points may stand above the plane, each on a pillar; 0 is a flat marker.
     """
 
     n: int = 5
@@ -73,6 +78,8 @@ class Spec:
     survive: int = 0
     keep_outs: tuple[Boundary, ...] = ()
     print_sigma: float = 0.0
+    asymmetric: float = 0.0
+    relief: float = 0.0
 
     def __post_init__(self) -> None:
         if self.n < 4:
@@ -94,6 +101,7 @@ class Spec:
         area_without(self.boundary, self.keep_outs)
         if isinstance(self.poses, str):
             object.__setattr__(self, "poses", named_poses(self.poses).name)
+        self._check_relief_and_labels()
         if not 0 <= self.print_sigma < self.boundary.radius:
             raise InputError(
                 f"a print error of 0 or more, and below the radius of the {self.boundary}",
@@ -101,6 +109,32 @@ class Spec:
                 "give --print-sigma a length such as 0.1mm",
             )
         self._settle_noise_model()
+
+    def _check_relief_and_labels(self) -> None:
+        if not (isfinite(self.asymmetric) and self.asymmetric >= 0):
+            raise InputError(
+                "a safety of labels of 0 px or more",
+                f"asymmetric={self.asymmetric} px",
+                "use --asymmetric 3, for example",
+            )
+        if not 0 <= self.relief <= self.boundary.radius:
+            raise InputError(
+                f"a relief of 0 or more, and no higher than the radius of the {self.boundary}",
+                f"relief={self.relief} m",
+                "give --relief a length such as 20mm",
+            )
+        if self.relief and self.asymmetric:
+            raise InputError(
+                "either a relief or labels from the layout",
+                f"relief={self.relief} m and asymmetric={self.asymmetric} px",
+                "leave out --asymmetric: a marker with relief has a key ring",
+            )
+        if self.relief and self.objective in ("condition", "homography"):
+            raise InputError(
+                "an objective for points in space with a relief",
+                f"objective={self.objective!r}",
+                "use --objective pose, rotation or translation",
+            )
 
     def _settle_noise_model(self) -> None:
         # Settled here, so that what means the same is equal and has the same hash.
@@ -147,8 +181,9 @@ class Spec:
         values["keep_outs"] = [keep_out.as_dict() for keep_out in self.keep_outs]
         if not self.keep_outs:
             del values["keep_outs"]
-        if not self.print_sigma:
-            del values["print_sigma"]
+        for name in ("print_sigma", "asymmetric", "relief"):
+            if not values[name]:
+                del values[name]
         return values
 
     @property

@@ -166,6 +166,8 @@ class _SpecFile(_Table):
     image_noise: _ImageNoise = ABSENT
     survive: Whole = ABSENT
     print_sigma: Length = ABSENT
+    asymmetric: Finite = ABSENT
+    relief: Length = ABSENT
 
     @field_validator("boundary")
     @classmethod
