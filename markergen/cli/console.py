@@ -4,7 +4,10 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from markergen.objectives.survive import HiddenDots
 
 Progress = Callable[[str, int, int], None]
 
@@ -93,19 +96,52 @@ def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]
 
 def print_criteria(table: Mapping[str, Mapping[str, float]], n: int, noise: str) -> None:
     """Print the criteria of a design beside those of the layouts that it is compared with."""
-    from markergen.validate.tables import LAYOUTS, number
+    from markergen.validate.tables import LAYOUTS
 
     names = {"design": "this marker", **LAYOUTS, "ngon": f"regular {n}-gon"}
-    rows = [
-        [names[name], *(number(row[key] * factor, 4) for key, (_, factor) in CRITERIA.items())]
-        for name, row in table.items()
-    ]
     print_table(
         f"What the layout allows, for {noise}",
         ["", *(title for title, _ in CRITERIA.values())],
-        rows,
+        [[names[name], *_criteria_cells(row)] for name, row in table.items()],
         "RMS over the poses; proportional to the noise but for c(A).",
     )
+
+
+def print_hidden(table: Sequence["HiddenDots"], noise: str) -> None:
+    """Print the criteria of a marker with none, one and more of its dots hidden."""
+    rows = []
+    for row in table:
+        worst = f"dot{'s' * (row.hidden > 1)} {', '.join(map(str, row.worst_dots))}"
+        dots = f"worst: {worst} hidden" if row.hidden else "none hidden"
+        rows.append([dots, *_criteria_cells(row.worst)])
+        if row.hidden:
+            rows.append([f"mean of any {row.hidden} hidden", *_criteria_cells(row.mean)])
+    print_table(
+        f"With dots hidden, for {noise}",
+        ["", *(title for title, _ in CRITERIA.values())],
+        rows,
+        "Each criterion after the loss that is worst for it; dots named are those whose loss is worst for the pose.",
+    )
+
+
+def _criteria_cells(row: Mapping[str, float]) -> list[str]:
+    """Cells for `CRITERIA`; a relief lacks some."""
+    from markergen.validate.tables import number
+
+    return [number(row[key] * factor, 4) if key in row else "-" for key, (_, factor) in CRITERIA.items()]
+
+
+def print_effort(seconds: float) -> None:
+    """Print how long a design took and how much memory the process has used, where the system tells."""
+    words = f"found in {seconds:.1f} s"
+    try:
+        import resource
+    except ImportError:  # Windows
+        print(words)
+        return
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    # Linux counts in kB, macOS in bytes.
+    print(f"{words}, {peak / (1e6 if sys.platform == 'darwin' else 1e3):.0f} MB of memory at most")
 
 
 def print_outputs(written: Sequence[tuple[Path, Sequence[str]]]) -> None:

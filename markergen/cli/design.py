@@ -1,7 +1,7 @@
 """``markergen design``."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -9,20 +9,66 @@ from markergen.cli.console import length
 
 
 def design(
-    n: Annotated[int | None, typer.Option("--n", help="Number of control points, 4 to 60. [default: 5]")] = None,
+    n: Annotated[int | None, typer.Option("--n", help="Number of control points, 4 to 200. [default: 5]")] = None,
     radius: Annotated[
         float | None,
         typer.Option(parser=length, metavar="LENGTH", help="Of the disk that the dots must lie in. [default: 150mm]"),
     ] = None,
+    boundary: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SHAPE|FILE",
+            help="Instead of a disk: rect:200mmx100mm, or outlines with their holes from an SVG, DXF or GeoJSON file.",
+        ),
+    ] = None,
+    boundary_unit: Annotated[
+        str | None, typer.Option(metavar="UNIT", help="Of drawings that name none: mm, cm, m, in, pt, px.")
+    ] = None,
+    layer: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Layer of the drawing that the boundary is on. [default: all]")
+    ] = None,
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Of the marker frame: center, of the smallest circle around the boundary, or file, where the drawing "
+            "has it. [default: center]",
+        ),
+    ] = None,
+    keep_out: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="SHAPE|FILE[#LAYER]",
+            help="Where no dot may be: circle:3mm@40mm,-20mm, rect:40mmx40mm, or a drawing, which lies as that of "
+            "the boundary; may be repeated.",
+        ),
+    ] = None,
     template: Annotated[
         str | None, typer.Option(metavar="NAME|FILE", help="Start from a ready-made spec; see markergen templates.")
     ] = None,
+    camera: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Calibration: OpenCV, ROS camera_info, Kalibr or COLMAP. [default: the paper's camera]"
+        ),
+    ] = None,
+    poses: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|CONE|FILE",
+            help="From where it is seen: paper, paper-roll, cone:distance=0.4..1m,tilt=0..60,azimuth=-30..30, or a "
+            "CSV, JSON, TUM or COLMAP file. [default: paper]",
+        ),
+    ] = None,
     objective: Annotated[
-        str | None, typer.Option(metavar="NAME", help="pose, homography or condition. [default: pose]")
+        str | None,
+        typer.Option(metavar="NAME", help="pose, rotation, translation, homography or condition. [default: pose]"),
     ] = None,
     aggregate: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Over the poses: rms, mean, logmean or max. [default: the objective's]"),
+        typer.Option(
+            metavar="NAME", help="Over the poses: rms, mean, logmean, max or cvar:0.9. [default: the objective's]"
+        ),
     ] = None,
     coordinates: Annotated[
         str | None,
@@ -30,7 +76,10 @@ def design(
             metavar="NAME", help="That condition is written in: unit, metric, pixel, hartley. [default: unit]"
         ),
     ] = None,
-    poses: Annotated[str | None, typer.Option(metavar="NAME", help="paper or paper-roll. [default: paper]")] = None,
+    survive: Annotated[
+        int | None,
+        typer.Option(metavar="K", help="Minimize what is left after the worst loss of K dots, 1 to 3. [default: 0]"),
+    ] = None,
     dot: Annotated[
         str | None,
         typer.Option(
@@ -42,6 +91,19 @@ def design(
     clearance: Annotated[
         float | None,
         typer.Option(parser=length, metavar="LENGTH", help="Smallest gap around dots. [default: a tenth of --dot]"),
+    ] = None,
+    asymmetric: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PX",
+            help="No key ring: the layout itself tells the dots apart, until images are off by so much. [default: 0]",
+        ),
+    ] = None,
+    relief: Annotated[
+        float | None,
+        typer.Option(
+            parser=length, metavar="LENGTH", help="Dots may stand on pillars, up to so high. [default: 0mm, flat]"
+        ),
     ] = None,
     noise_model: Annotated[
         str | None,
@@ -70,7 +132,18 @@ def design(
     output: Annotated[
         list[Path] | None,
         typer.Option(
-            "-o", "--output", metavar="PATH", help="Written by suffix (.pdf .svg .step .json); may be repeated."
+            "-o",
+            "--output",
+            metavar="PATH",
+            help="Written by suffix (.pdf .svg .step .json); may be repeated. "
+            "[default: marker.pdf, with relief marker.json]",
+        ),
+    ] = None,
+    trace: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write the way of the search, step by step, as .csv, or plotted as .svg or .png; may be repeated.",
         ),
     ] = None,
 ) -> None:
@@ -79,32 +152,66 @@ def design(
     \b
     Example:
       markergen design --n 5 --radius 0.15 -o marker.pdf
+      markergen design --n 8 --boundary plate.dxf --camera camera.yaml --poses flights.csv
     """
-    from markergen.cli.console import busy, print_criteria, print_outputs, progress_bar
+    from markergen.cli import console
+    from markergen.errors import InputError
     from markergen.export import ExportOptions, check_outputs, save, with_record
+    from markergen.files import check_outputs as check_files
+    from markergen.files import write_all
+    from markergen.objectives import OBJECTIVES
+    from markergen.objectives.survive import hidden_dot_errors
     from markergen.optimize.design import design as find
+    from markergen.optimize.trace import check_trace_path, trace_bytes
+    from markergen.read.cameras import read_camera
+    from markergen.read.outlines import read_room
     from markergen.read.spec_file import read_template, spec_from_mapping
 
+    if radius is not None and boundary is not None:
+        raise InputError("a radius or a boundary", "--radius and --boundary", "leave one of them out")
+    if boundary is None and (layer is not None or origin is not None):
+        raise InputError("--layer and --origin with a drawing", "no --boundary", "give --boundary, or leave them out")
     values = read_template(template) if template else {}
-    options = {
+    options: dict[str, Any] = {
         "n": n, "radius": radius, "objective": objective, "aggregate": aggregate, "coordinates": coordinates,
-        "poses": poses, "dot": dot, "clearance": clearance, "noise_model": noise_model, "print_sigma": print_sigma,
-        "seed": seed, "restarts": restarts,
+        "poses": poses, "survive": survive, "dot": dot, "clearance": clearance, "asymmetric": asymmetric,
+        "relief": relief, "noise_model": noise_model, "print_sigma": print_sigma, "seed": seed, "restarts": restarts,
     }  # fmt: skip
+    room, keep_outs = read_room(boundary, keep_out or (), boundary_unit, layer, origin or "center")
+    if room is not None:
+        values.pop("radius", None)
+        options["boundary"] = room.as_dict()
     if radius is not None:
         values.pop("boundary", None)
+    if keep_outs:
+        options["keep_outs"] = [shape.as_dict() for shape in keep_outs]
+    if camera is not None:
+        options["camera"] = read_camera(camera).as_dict()
     values.update({key: value for key, value in options.items() if value is not None})
     spec = spec_from_mapping(values, template or "the options")
     choices = ExportOptions(paper=paper)
-    paths = with_record(output or [Path("marker.pdf")])
-    check_outputs(paths, choices)
+    paths = with_record(output or [Path("marker.json" if spec.relief else "marker.pdf")])
+    check_outputs(paths, choices, spec)
+    for path in trace or []:
+        check_trace_path(path)
+    inputs = [camera, *(Path(text) for text in (template, boundary, poses, *(keep_out or ())) if text)]
+    check_files([*paths, *(trace or ())], [path for path in inputs if path])
 
-    with progress_bar() as progress:
-        found = find(spec, progress)
-    with busy("writing"):
+    with console.progress_bar() as progress:
+        found = find(spec, progress, traced=bool(trace))
+    with console.busy("writing"):
         written = save(found.marker, paths, choices)
+        unit = OBJECTIVES[spec.objective].unit
+        label = f"{spec.objective}, {unit}" if unit else spec.objective
+        steps = {path: trace_bytes(found.trace, path.suffix, label) for path in trace or []}
+        write_all(steps)
     for warning in found.warnings:
-        typer.echo(f"markergen: warning: {warning}", err=True)
+        console.complain(f"markergen: warning: {warning}")
     print(found.summary)
-    print_criteria(found.criteria, spec.n, found.setting.noise_words)
-    print_outputs(written)
+    console.print_criteria(found.criteria, spec.n, found.setting.noise_words)
+    if spec.survive:
+        console.print_hidden(
+            hidden_dot_errors(found.marker.xyz, found.setting, spec.survive), found.setting.noise_words
+        )
+    console.print_effort(found.seconds)
+    console.print_outputs([*written, *((path, ()) for path in steps)])

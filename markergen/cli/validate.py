@@ -15,8 +15,20 @@ def validate(
     views: Annotated[
         int | None, typer.Option(help="Synthetic images to find the marker in. [default: 100; 0 for bare points]")
     ] = None,
+    camera: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Calibration: OpenCV, ROS camera_info, Kalibr or COLMAP. [default: what it was designed for]",
+        ),
+    ] = None,
     poses: Annotated[
-        str | None, typer.Option(metavar="NAME", help="paper or paper-roll. [default: what it was designed for]")
+        str | None,
+        typer.Option(
+            metavar="NAME|CONE|FILE",
+            help="paper, paper-roll, cone:tilt=0..60,distance=0.4..1m, or a CSV, JSON, TUM or COLMAP file. "
+            "[default: what it was designed for]",
+        ),
     ] = None,
     trials_for_all: Annotated[
         bool, typer.Option("--trials-for-all", help="Run trials for the n-gon, square and random layouts too.")
@@ -73,7 +85,7 @@ def validate(
     from markergen.estimators.budget import ErrorSources
     from markergen.files import check_outputs, make_folder, write_atomic
     from markergen.model.marker_json import read_marker
-    from markergen.read.cameras import read_camera_covariance
+    from markergen.read.cameras import read_camera, read_camera_covariance
     from markergen.render import optics_from_text
     from markergen.validate.bounds import budget_of
     from markergen.validate.fail_if import check, parse
@@ -88,9 +100,10 @@ def validate(
     to_stdout = str(json) == "-"
     if report:
         check_report(report)
-    check_outputs([path for path in (None if to_stdout else json, report) if path], [marker])
+    inputs = [marker, *(path for path in (camera, camera_covariance, poses and Path(poses)) if path)]
+    check_outputs([path for path in (None if to_stdout else json, report) if path], inputs)
     judged = read_marker(marker)
-    setting = setting_of(judged, poses)
+    setting = setting_of(judged, poses, read_camera(camera) if camera else None)
     covariance = read_camera_covariance(camera_covariance, setting.camera) if camera_covariance else None
     errors = ErrorSources(print_sigma, covariance)
     if views is None:

@@ -8,7 +8,9 @@ from markergen.drawing.paper import find_paper
 from markergen.errors import InputError
 from markergen.files import check_folder, write_all
 from markergen.model.marker import Marker
+from markergen.model.spec import Spec
 from markergen.registry import Registry
+from markergen.units import format_length
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,9 @@ Exporter = Callable[[Marker, ExportOptions], Output]
 
 EXPORTERS: Registry[Exporter] = Registry("output suffix", __name__)
 """Exporters by suffix with its dot."""
+
+RECORD = ".json"
+"""The one format that holds every marker: neither bare points nor a relief can be drawn."""
 
 
 def save(
@@ -68,12 +73,15 @@ def with_record(paths: Sequence[Path]) -> list[Path]:
     """Add the marker.json that always comes with a design, named after the first path, if it is not among them."""
     if not paths[0].name:
         return list(paths)
-    record = paths[0].with_suffix(".json")
+    record = paths[0].with_suffix(RECORD)
     return list(paths) if record.resolve() in {path.resolve() for path in paths} else [*paths, record]
 
 
-def check_outputs(paths: Sequence[Path], options: ExportOptions) -> None:
-    """Refuse what cannot be written before any work is done; raises as `save` does."""
+def check_outputs(paths: Sequence[Path], options: ExportOptions, spec: Spec | None = None) -> None:
+    """Refuse what cannot be written before any work is done; raises as `save` does.
+
+    With a spec, also formats that cannot hold what it asks for.
+    """
     if options.paper is not None:
         find_paper(options.paper)
     seen: set[Path] = set()
@@ -83,3 +91,6 @@ def check_outputs(paths: Sequence[Path], options: ExportOptions) -> None:
             raise InputError("each output path once", f"{path} twice", "give every -o another name")
         seen.add(path.resolve())
         check_folder(path)
+        if spec and path.suffix.lower() != RECORD and (spec.relief or spec.dot == 0):
+            what = "bare points (--dot 0)" if spec.dot == 0 else f"a relief of {format_length(spec.relief)}"
+            raise InputError("dots in one plane for a drawing or a solid", f"{what} for {path}", "use -o marker.json")

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
+from markergen.model.camera import Camera
 from markergen.model.marker import Marker, dressed
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
@@ -29,8 +30,8 @@ Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 
-def setting_of(marker: Marker, poses: str | None = None) -> Setting:
-    """Camera and poses that a marker was designed for, or other poses: a preset, a cone, or a file.
+def setting_of(marker: Marker, poses: str | None = None, camera: Camera | None = None) -> Setting:
+    """Camera and poses that a marker was designed for, or others: poses as a preset, a cone, or a file.
 
     A marker whose file does not say what it was designed for is judged in the paper's setting.
 
@@ -42,7 +43,8 @@ def setting_of(marker: Marker, poses: str | None = None) -> Setting:
     stored = marker.provenance.get("spec")
     spec = Spec() if stored is None else spec_from_mapping(stored, "provenance.spec", stored=True)
     distribution = poses_from(poses or spec.poses)
-    return Setting(marker.boundary, spec.camera, distribution.seen_whole(marker.boundary, spec.camera))
+    camera = camera or spec.camera
+    return Setting(marker.boundary, camera, distribution.seen_whole(marker.boundary, camera))
 
 
 def prove(

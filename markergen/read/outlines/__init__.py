@@ -4,5 +4,6 @@ from markergen.read.outlines.boundary import parse_boundary
 from markergen.read.outlines.drawing import UNITS
 from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFormat
 from markergen.read.outlines.reader import TOLERANCE, read_outline
+from markergen.read.outlines.room import read_room
 
-__all__ = ["OUTLINE_FORMATS", "TOLERANCE", "UNITS", "OutlineFormat", "parse_boundary", "read_outline"]
+__all__ = ["OUTLINE_FORMATS", "TOLERANCE", "UNITS", "OutlineFormat", "parse_boundary", "read_outline", "read_room"]

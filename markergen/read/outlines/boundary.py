@@ -43,8 +43,7 @@ def parse_boundary(
     if origin not in ("center", "file"):
         raise InputError("an origin of center or file", brief(origin), "use --origin center or --origin file")
     shape = _SHAPE.fullmatch(str(text).strip())
-    is_number = _NUMBER.fullmatch(str(text)) and not str(text).lower().endswith(_SUFFIXES)
-    is_file = isinstance(text, Path) or (shape is None and not is_number)
+    is_file = is_drawing(text)
     if not is_file and (unit is not None or layer is not None):
         raise InputError(
             "a --boundary-unit or --layer with an outline's file alone", brief(text), "write the unit with the number"
@@ -60,6 +59,13 @@ def parse_boundary(
     if kind == "circle":
         return Circle(parse_length(measures, "radius"), center)
     return _rectangle(measures, center)
+
+
+def is_drawing(text: str | Path) -> bool:
+    """Tell whether a boundary is given as a file rather than as a radius or a shape."""
+    words = str(text)
+    is_number = _NUMBER.fullmatch(words) and not words.lower().endswith(_SUFFIXES)
+    return isinstance(text, Path) or not (is_number or _SHAPE.fullmatch(words.strip()))
 
 
 def _rectangle(measures: str, center: tuple[float, float]) -> Boundary:

@@ -1,0 +1,63 @@
+"""The room for a marker's dots: its boundary and what to keep out of, brought into the marker frame together."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from markergen.model.boundary import Boundary, polygon_from
+from markergen.model.outlines import enclosing_circle
+from markergen.read.outlines.boundary import is_drawing, parse_boundary
+from markergen.read.outlines.reader import read_outline
+
+
+def read_room(
+    boundary: str | None,
+    keep_outs: Sequence[str] = (),
+    unit: str | None = None,
+    layer: str | None = None,
+    origin: str = "center",
+) -> tuple[Boundary | None, tuple[Boundary, ...]]:
+    """Read a boundary and its keep-outs, both in m in the marker frame.
+
+    Keep-outs from a drawing move with a boundary from a drawing: both are in the frame that it was drawn in. What is
+    written as a shape, ``circle:3mm@40mm,-20mm``, is in the marker frame already.
+
+    Parameters
+    ----------
+    boundary : str or None
+        See `parse_boundary`; None is none.
+    keep_outs : sequence of str
+        Shapes or drawings; ``plate.dxf#HOLES`` takes what is on one layer.
+    unit, layer, origin : str
+        Of `parse_boundary`; the unit is also that of keep-outs.
+
+    Raises
+    ------
+    InputError
+        See `parse_boundary`.
+    """
+    shift = np.zeros(2)
+    found: Boundary | None = None
+    if boundary is not None and is_drawing(boundary):
+        outlines = read_outline(boundary, unit, layer)
+        found = polygon_from(outlines, origin)
+        if origin == "center":
+            shift = enclosing_circle(outlines)[0]
+    elif boundary is not None:
+        found = parse_boundary(boundary, None if keep_outs else unit, layer, origin)
+    return found, tuple(_keep_out(text, unit, shift) for text in keep_outs)
+
+
+def _keep_out(text: str, unit: str | None, shift: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Boundary:
+    path, layer = _split(text)
+    if not is_drawing(path):
+        return parse_boundary(text, origin="file")
+    return polygon_from([outline - shift for outline in read_outline(path, unit, layer)], "file")
+
+
+def _split(text: str) -> tuple[str, str | None]:
+    path, mark, layer = text.rpartition("#")
+    if not mark or not path or Path(text).exists():
+        return text, None
+    return path, layer
