@@ -75,12 +75,23 @@ def sheet_for(marker: Marker, paper: str | None = None) -> Sheet:
         If a control point has no dot or lies off the plane, the paper is unknown, or the marker does not fit on it.
     """
     dots = marker_dots(marker)
-    reach = _extent(marker.boundary, dots)
+    chosen, origin = _place(marker.boundary, dots, paper)
+    return _compose(marker, chosen, origin, dots, smallest=paper is None)
+
+
+def check_paper(boundary: Boundary, paper: str | None = None) -> None:
+    """Refuse a boundary that the paper is too small for, whatever dots come to lie in it; see `sheet_for`."""
+    _place(boundary, (), paper)
+
+
+def _place(boundary: Boundary, dots: tuple[Disk, ...], paper: str | None) -> tuple[Paper, Point]:
+    """The paper, and where on it the origin goes."""
+    reach = _extent(boundary, dots)
     chosen = _smallest(reach) if paper is None else find_paper(paper)
     origin = _origin(chosen, reach) if chosen else None
     if chosen is None or origin is None:
-        raise _too_small(reach, size_words(marker.boundary), chosen)
-    return _compose(marker, chosen, origin, dots, smallest=paper is None)
+        raise _too_small(reach, size_words(boundary), chosen)
+    return chosen, origin
 
 
 @dataclass(frozen=True)
@@ -94,10 +105,10 @@ class _Reach:
 def _extent(boundary: Boundary, dots: tuple[Disk, ...]) -> _Reach:
     left, down, right, up = map(float, furniture.box_mm(boundary))
     quiet = (
-        max(quiet_radius(dot) - dot.x for dot in dots),
-        max(quiet_radius(dot) - dot.y for dot in dots),
-        max(quiet_radius(dot) + dot.x for dot in dots),
-        max(quiet_radius(dot) + dot.y for dot in dots),
+        max((quiet_radius(dot) - dot.x for dot in dots), default=0.0),
+        max((quiet_radius(dot) - dot.y for dot in dots), default=0.0),
+        max((quiet_radius(dot) + dot.x for dot in dots), default=0.0),
+        max((quiet_radius(dot) + dot.y for dot in dots), default=0.0),
     )
     return _Reach((-left, -down, right, up), quiet)
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from markergen.drawing.paper import find_paper
+from markergen.drawing.sheet import check_paper
 from markergen.errors import InputError
 from markergen.files import check_folder, write_all
 from markergen.model.marker import Marker
@@ -42,6 +43,9 @@ EXPORTERS: Registry[Exporter] = Registry("output suffix", __name__)
 
 RECORD = ".json"
 """The one format that holds every marker: neither bare points nor a relief can be drawn."""
+
+SHEETS = (".pdf", ".svg")
+"""Formats that are printed on paper."""
 
 
 def save(
@@ -92,5 +96,10 @@ def check_outputs(paths: Sequence[Path], options: ExportOptions, spec: Spec | No
         seen.add(path.resolve())
         check_folder(path)
         if spec and path.suffix.lower() != RECORD and (spec.relief or spec.dot == 0):
-            what = "bare points (--dot 0)" if spec.dot == 0 else f"a relief of {format_length(spec.relief)}"
-            raise InputError("dots in one plane for a drawing or a solid", f"{what} for {path}", "use -o marker.json")
+            what, option = (
+                (f"a relief of {format_length(spec.relief)}", "--relief") if spec.relief else ("bare points", "--dot 0")
+            )
+            remedy = f"write it to marker.json, or leave out {option}"
+            raise InputError("dots in one plane for a drawing or a solid", f"{what} for {path}", remedy)
+        if spec and path.suffix.lower() in SHEETS:
+            check_paper(spec.boundary, options.paper)

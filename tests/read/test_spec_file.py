@@ -13,7 +13,7 @@ CAMERA = {"width": 640, "height": 480, "fx": 800.0, "fy": 800.0, "cx": 320.0, "c
 
 
 def test_templates_are_ready_to_use():
-    assert set(templates()) == {"desk-a4", "paper-disk"}
+    assert set(templates()) == {"desk-a4", "drone-pad", "paper-disk", "robot-flange"}
     for name in templates():
         values = read_template(name)
         assert values["title"]
@@ -159,7 +159,7 @@ def test_templates_from_files(tmp_path):
         read_template(str(path))
     with pytest.raises(InputError, match="No such file"):
         read_template(str(tmp_path / "none.toml"))
-    with pytest.raises(InputError, match="known: desk-a4, paper-disk"):
+    with pytest.raises(InputError, match="known: desk-a4, drone-pad, paper-disk"):
         read_template("desk")
 
 

@@ -80,7 +80,7 @@ def test_the_same_named_twice_takes_part_once(marker):
         ("ngon:3", "at least 4 control points"),
         ("square:5", "expected square"),
         ("random:", "random:N, N a whole number"),
-        ("random:100", "at most 60 control points"),
+        ("random:201", "at most 200 control points"),
         ("aruco:DICT_4X4_50:50", "an id of 0 to 49"),
         ("apriltag:36h12", "did you mean 'apriltag:36h11'"),
         ("charuco:5", "charuco:COLUMNSxROWS"),

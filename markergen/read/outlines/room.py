@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from markergen.errors import InputError
 from markergen.model.boundary import Boundary, polygon_from
 from markergen.model.outlines import enclosing_circle
 from markergen.read.outlines.boundary import is_drawing, parse_boundary
@@ -37,6 +38,9 @@ def read_room(
     InputError
         See `parse_boundary`.
     """
+    drawings = [text for text in (boundary, *keep_outs) if text is not None and is_drawing(_split(text)[0])]
+    if unit is not None and not drawings:
+        raise InputError("a drawing that --boundary-unit is for", "none", "write the unit with the number: 150mm")
     shift = np.zeros(2)
     found: Boundary | None = None
     if boundary is not None and is_drawing(boundary):
@@ -45,7 +49,7 @@ def read_room(
         if origin == "center":
             shift = enclosing_circle(outlines)[0]
     elif boundary is not None:
-        found = parse_boundary(boundary, None if keep_outs else unit, layer, origin)
+        found = parse_boundary(boundary, layer=layer, origin=origin)
     return found, tuple(_keep_out(text, unit, shift) for text in keep_outs)
 
 
