@@ -49,3 +49,10 @@ def test_take_photos_that_are_found(monkeypatch, tmp_path, make_ngon):
     marker.write_bytes(to_json(make_ngon(5, 0.1284, 0.036)))
     run("take_photos.py", marker, folder, monkeypatch=monkeypatch)
     assert main(["detect", str(folder), "--marker", str(marker), "--camera", str(folder / "camera.yaml")]) == 0
+
+
+def test_one_sided_camera(monkeypatch, capsys):
+    run("one_sided_camera.py", 5, monkeypatch=monkeypatch)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 6
+    assert float(lines[-1].split()[-3]) > 5

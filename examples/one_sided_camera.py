@@ -1,0 +1,27 @@
+"""A camera that only ever comes from one side: what the layout gains over a regular polygon at its best phase.
+
+python examples/one_sided_camera.py 5
+"""
+
+import argparse
+
+from markergen.model.boundary import Circle
+from markergen.model.spec import Spec
+from markergen.optimize.design import design
+
+VOLUME = "cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,roll=0"
+
+
+def main(n: int) -> None:
+    """Design n dots in a disk of 150 mm for the volume; print the expected displacement of both layouts."""
+    found = design(Spec(n=n, boundary=Circle(0.15), poses=VOLUME, dot=0.01))
+    layout, polygon = (1e3 * found.criteria[name]["pose_m"] for name in ("design", "ngon"))
+    for x, y, _ in 1e3 * found.marker.xyz:
+        print(f"{x:8.1f} mm {y:8.1f} mm")
+    print(f"{n} dots: {layout:.2f} mm, regular polygon: {polygon:.2f} mm, {100 * (1 - layout / polygon):.1f} % less")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("n", type=int, nargs="?", default=5)
+    main(parser.parse_args().n)
