@@ -160,7 +160,8 @@ def print_results(results: Mapping[str, Any]) -> None:
         print_table(*tables.translation_table(results))
         print_table(*tables.polar_angle_table(results, "rotation_deg"))
         print_table(*tables.polar_angle_table(results, "translation_pct"))
-        print_table(*tables.homography_table(results))
+        if results["homography"]:
+            print_table(*tables.homography_table(results))
     print_table(*tables.comparison_table(results))
     print_table(*view_tables.budget_table(results))
     if results["views"]:

@@ -32,7 +32,7 @@ class Marker:
     Attributes
     ----------
     control_points : tuple of ControlPoint
-        The first is the key dot.
+        Of a designed one the first is the key ring, unless the layout tells the labels.
     boundary : Boundary
     clearance : float
         Smallest gap in m between dots, and between a dot's edge and the boundary or a keep-out.
@@ -60,6 +60,11 @@ class Marker:
         return np.array([[point.x, point.y, point.z] for point in self.control_points], dtype=float).reshape(-1, 3)
 
     @property
+    def height(self) -> float:
+        """How far in m the highest control point stands above the plane; 0 if none does."""
+        return max(0.0, float(self.xyz[:, 2].max()))
+
+    @property
     def dot_diameter(self) -> float:
         """Largest diameter of a feature in m."""
         return max(point.feature.diameter for point in self.control_points)
@@ -70,14 +75,14 @@ class Marker:
         return str(self.provenance.get("spec_hash", "unknown"))
 
 
-def dressed(points: Array, boundary: Boundary, diameter: float, clearance: float) -> Marker:
-    """Marker with a dot at each of the points (n, 2) in m: the first is the key ring, the others are disks.
+def dressed(points: Array, boundary: Boundary, diameter: float, clearance: float, keyed: bool = True) -> Marker:
+    """Marker with a dot at each of the points (n, 2 or 3) in m: the first is a ring if `keyed`, the others are disks.
 
     A diameter of 0 gives bare points.
     """
-    features = [key_ring(diameter), *[Feature(diameter)] * (len(points) - 1)]
+    features = [key_ring(diameter) if keyed else Feature(diameter), *[Feature(diameter)] * (len(points) - 1)]
     control_points = tuple(
-        ControlPoint(i, float(x), float(y), 0.0, feature)
-        for i, ((x, y), feature) in enumerate(zip(points, features, strict=True))
+        ControlPoint(i, float(x), float(y), float(z[0]) if z else 0.0, feature)
+        for i, ((x, y, *z), feature) in enumerate(zip(points, features, strict=True))
     )
     return Marker(control_points, boundary, clearance)

@@ -45,9 +45,10 @@ class Passage:
 def passage(dots: Array, dot_radius: Array, pillars: Array, wall_radius: Array, eyes: Array) -> Passage:
     """How the lines of sight from eyes to whole dots pass pillars, in closed form.
 
-    At the share s of the way from a dot (p, z, r) to an eye (q, h) the lines of sight fill a disk about p + s (q - p) of
-    radius (1 - s) r. They are lower than a pillar (a, t, R) up to s = (t - z)/(h - z). The gap is the least over these s
-    of |a - p - s (q - p)| - (1 - s) r - R, which is convex in s. What is not higher than the dot is passed at s = 0.
+    At the share s of the way from a dot (p, z, r) to an eye (q, h) the lines of sight fill a disk about p + s (q - p)
+    of radius (1 - s) r. They are lower than a pillar (a, t, R) up to s = (t - z)/(h - z). The gap is the least over
+    these s of |a - p - s (q - p)| - (1 - s) r - R, which is convex in s. What is not higher than the dot is passed at
+    s = 0.
 
     Parameters
     ----------

@@ -6,12 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
+from markergen.units import format_length
 
 Array = NDArray[np.float64]
 Ring = tuple[tuple[float, float], ...]
 
 MOST_CORNERS = 10_000
 """Of all outlines together; 5 um is kept with a few hundred for any marker on a table."""
+
+MOST_PAIRS = 50_000
+"""Of outlines that touch or lie in each other: a plate with all the holes that there may be has 3,333."""
 
 
 def canonical(outlines: Sequence[Sequence[Sequence[float]] | Array]) -> tuple[Ring, ...]:
@@ -70,6 +74,11 @@ def enclosing_circle(outlines: Sequence[Array]) -> tuple[Array, float]:
     return center, float(shapely.minimum_bounding_radius(points))
 
 
+def place(point: Array) -> str:
+    """Coordinates (2,) in m for messages."""
+    return f"({format_length(float(point[0]))}, {format_length(float(point[1]))})"
+
+
 def _corners(outline: Sequence[Sequence[float]] | Array, name: str) -> Array:
     ring = np.asarray(outline, dtype=float)
     if ring.ndim != 2 or ring.shape[1] != 2:
@@ -91,31 +100,49 @@ def _nesting(rings: list[Array]) -> list[int]:
     """In how many others each outline lies; refuses those that cross."""
     import shapely
 
-    shapes = np.array([shapely.Polygon(ring) for ring in rings])
+    # An array of objects, even of one outline alone.
+    shapes = shapely.polygons([shapely.linearrings(ring) for ring in rings])
     for i in np.flatnonzero(~shapely.is_valid(shapes)):
         # GEOS says, for example, Self-intersection[0.1 0.2].
-        x, y = map(float, shapely.is_valid_reason(shapes[i]).split("[")[1].rstrip("]").split()[:2])
+        where = np.array(shapely.is_valid_reason(shapes[i]).split("[")[1].rstrip("]").split()[:2], dtype=float)
         raise InputError(
             "outlines that do not cross or touch themselves",
-            f"outline {i + 1} doing so at ({x:.6g}, {y:.6g}) m",
+            f"outline {i + 1} doing so at {place(where)}",
             "correct it there, or draw the parts as outlines of their own",
         )
-    inside = [0] * len(rings)
-    lines = shapely.boundary(shapes)
-    first, second = shapely.STRtree(shapes).query(shapes, predicate="intersects")
-    for i, j in zip(first.tolist(), second.tolist(), strict=True):
-        if i == j:
-            continue
-        shared = shapely.intersection(lines[i], lines[j])
-        # Two that touch at a corner are fine.
-        if not shapely.is_empty(shared) and (
-            shapely.get_dimensions(shared) > 0 or shapely.overlaps(shapes[i], shapes[j])
-        ):
-            x, y = shapely.get_coordinates(shared)[0]
+    first, second = _pairs(shapes)
+    # Two that touch at a corner are fine.
+    shared = shapely.intersection(shapely.boundary(shapes[first]), shapely.boundary(shapes[second]))
+    bad = ~shapely.is_empty(shared) & (
+        (shapely.get_dimensions(shared) > 0) | shapely.overlaps(shapes[first], shapes[second])
+    )
+    for k in np.flatnonzero(bad)[:1]:
+        raise InputError(
+            "outlines that do not cross each other",
+            f"outlines {first[k] + 1} and {second[k] + 1} crossing or sharing a line at"
+            f" {place(shapely.get_coordinates(shared[k])[0])}",
+            "join them to one outline, or move them apart",
+        )
+    within = shapely.contains(shapes[first], shapes[second]), shapely.contains(shapes[second], shapes[first])
+    inner = np.concatenate([second[within[0]], first[within[1]]])
+    return np.bincount(inner, minlength=len(rings)).tolist()
+
+
+def _pairs(shapes: NDArray[np.object_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Pairs (k,) of shapes that have points in common, the smaller number first."""
+    import shapely
+
+    tree = shapely.STRtree(shapes)
+    pairs, count = [np.zeros((2, 0), dtype=np.intp)], 0
+    # By parts, because a thousand outlines in each other are half a million pairs.
+    for start in range(0, len(shapes), 50):
+        found = tree.query(shapes[start : start + 50], predicate="intersects") + np.array([[start], [0]])
+        found = found[:, found[0] < found[1]]
+        count += found.shape[1]
+        if count > MOST_PAIRS:
             raise InputError(
-                "outlines that do not cross each other",
-                f"outlines {min(i, j) + 1} and {max(i, j) + 1} crossing or sharing a line at ({x:.6g}, {y:.6g}) m",
-                "join them to one outline, or move them apart",
+                f"outlines of which at most {MOST_PAIRS} pairs touch or lie in each other", "more", "use fewer outlines"
             )
-        inside[i] += bool(shapely.contains(shapes[j], shapes[i]))
-    return inside
+        pairs.append(found)
+    first, second = np.concatenate(pairs, axis=1)
+    return first, second

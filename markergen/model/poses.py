@@ -14,7 +14,7 @@ from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
 from markergen.model.cone import FORM, Cone
 from markergen.model.findings import brief
-from markergen.model.visibility import REASONS, RIM_POINTS, SEEN, silhouette, visibility
+from markergen.model.visibility import REASONS, RIM_POINTS, SEEN, raised, silhouette, visibility
 from markergen.registry import Registry
 
 __all__ = ["PRESETS", "RIM_POINTS", "PoseDistribution", "is_named", "named_poses", "paper", "paper_roll"]
@@ -75,17 +75,18 @@ class PoseDistribution:
         power = 10 ** np.floor(np.log10(width)) if width > 0 else 1.0
         return _groups(distance, next(float(step * power) for step in (1, 2, 5, 10) if step * power >= width))
 
-    def seen_whole(self, boundary: Boundary, camera: Camera) -> Self:
+    def seen_whole(self, boundary: Boundary, camera: Camera, height: float = 0.0) -> Self:
         """Keep the poses from which the whole boundary is seen from its front, in front of the camera, on the sensor.
 
-        Lens distortion is part of it.
+        Lens distortion is part of it. With a height in m the boundary is seen whole at that height, too, from above it:
+        so is whatever stands on it.
 
         Raises
         ------
         InputError
             If none is left; the message counts why.
         """
-        points = silhouette(boundary)
+        points = raised(silhouette(boundary), height)
         codes = visibility(points, self.rotation, self.translation, camera)
         kept = np.flatnonzero(codes == SEEN)
         if not kept.size:
@@ -107,7 +108,7 @@ class PoseDistribution:
         return replace(self, rotation=rotation, translation=translation, dropped=dropped)
 
     def _doubts(self, points: Array, camera: Camera, share: float) -> str:
-        """What may be wrong with poses of which only that share sees the points (m, 2) whole; empty if nothing."""
+        """What may be wrong with poses of which only that share sees the points (m, 2 or 3) whole; empty if nothing."""
         del points, camera, share
         return ""
 

@@ -79,9 +79,9 @@ class RecordedPoses(PoseDistribution):
             "rows": [" ".join(map(repr, row)) for row in self.numbers.tolist()],
         }
 
-    def seen_whole(self, boundary: Boundary, camera: Camera) -> Self:
+    def seen_whole(self, boundary: Boundary, camera: Camera, height: float = 0.0) -> Self:
         """See `PoseDistribution.seen_whole`; of more than 2000 poses that are left, a random 2000, always the same."""
-        seen = super().seen_whole(boundary, camera)
+        seen = super().seen_whole(boundary, camera, height)
         if len(seen) <= MOST_KEPT:
             return seen
         chosen = np.sort(np.random.default_rng(0).choice(len(seen), MOST_KEPT, replace=False))

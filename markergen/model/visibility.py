@@ -21,6 +21,7 @@ REASONS = {
     2: "from the back",
     3: "beyond what the lens model covers",
     4: "outside the image",
+    5: "from below the highest dot",
 }
 """Why a pose does not see the marker whole, by code; of several reasons the first."""
 
@@ -49,10 +50,18 @@ def silhouette(boundary: Boundary) -> Array:
     return np.concatenate([boundary.rim(count), hull[np.abs(turn) > _CORNER]])
 
 
-def visibility(points: Array, rotation: Array, translation: Array, camera: Camera) -> Codes:
-    """Codes (P,) of `REASONS`, or `SEEN` where all points (m, 2) are in front of the camera and on the sensor.
+def raised(points: Array, height: float) -> Array:
+    """Points (m, 2) in the plane and again at a height in m, (2 m, 3); without a height as they are."""
+    if not height:
+        return points
+    return np.concatenate([np.column_stack([points, np.full(len(points), z)]) for z in (0.0, height)])
 
-    From the back is seen what has the camera on the side of the marker's plane to which its normal does not point.
+
+def visibility(points: Array, rotation: Array, translation: Array, camera: Camera) -> Codes:
+    """Codes (P,) of `REASONS`, or `SEEN` where all points (m, 2 or 3) are in front of the camera and on the sensor.
+
+    From the back is seen what has the camera on the side of the marker's plane to which its normal does not point, and
+    a raised dot shows its face to no camera below it.
     """
     size = max(1, _AT_ONCE // len(points))
     chunks = [slice(start, start + size) for start in range(0, len(rotation), size)]
@@ -66,9 +75,11 @@ def _visibility(points: Array, rotation: Array, translation: Array, camera: Came
     seen = to_camera(points, rotation, translation)
     behind = np.any(seen[..., 2] <= 0, axis=-1)
     # The camera's height above the marker's plane is -R3 . t.
-    back = np.sum(rotation[:, :, 2] * translation, axis=-1) >= 0
+    height = -np.sum(rotation[:, :, 2] * translation, axis=-1)
+    back = height <= 0
+    below = height <= (points[:, 2].max() if points.shape[-1] == 3 else 0.0)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         pixels = camera.to_pixels(perspective(seen))
         beyond = np.isnan(pixels).any(axis=(-2, -1))
         outside = ~np.all(camera.sees(pixels), axis=-1)
-    return np.select([behind, back, beyond, outside], [1, 2, 3, 4], SEEN).astype(np.int8)
+    return np.select([behind, back, below, beyond, outside], [1, 2, 5, 3, 4], SEEN).astype(np.int8)

@@ -1,4 +1,4 @@
-"""Layouts whose dots are told apart by their place alone, by so many pixels, without a key dot.
+"""Layouts whose dots are told apart by their place alone, by so many pixels, without a key ring.
 
 The least objective subject to a label safety of at least so many px (see `markergen.optimize.label_safety`), by cutting
 planes: of a layout the rivals that are too near are found and become constraints, each a labeling at a pose; the layout
@@ -16,15 +16,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.objectives import Objective
 from markergen.optimize.contacts import contacts
-from markergen.optimize.label_safety import LabelSafety, safety_of, worst_rivals
+from markergen.optimize.label_safety import LabelSafety, layout_safety, safety_of, worst_rivals
 from markergen.optimize.multistart import Optimum, Progress, search
 from markergen.optimize.polish import ALL_PAIRS_UP_TO, REACH
 from markergen.optimize.region import Region
 from markergen.optimize.rival_fits import Rivals, Scene, scene_of
 from markergen.optimize.rivals import find_rivals, representative
+from markergen.optimize.trace import Record
 
 Array = NDArray[np.float64]
 
@@ -55,7 +57,7 @@ FINALISTS, FINISHES = 4, 8
 """The best layouts that are looked at from all poses, and cut again up to so many times."""
 
 HOPELESS = 0.8
-"""Share of the demand below which a layout is not cut to the end."""
+"""Share of the demand below which a layout that all cuts were made of is not cut to the end."""
 
 PRICE = 20.0
 """What lacking all of the safety costs, in logarithms of the objective: more than any layout is worth."""
@@ -103,14 +105,28 @@ class AsymmetricOptimum:
     @property
     def sentence(self) -> str:
         """What was reached and what it costs."""
+        reached = f"labels are safe to {self.safety.least:.3g} px without a key ring"
         if not self.reached:
-            return (
-                f"no layout was found whose labels are safe to {self.demanded:g} px; the best has "
-                f"{self.safety.least:.2g} px: ask for less, or keep the key dot"
-            )
-        return (
-            f"labels are safe to {self.safety.least:.3g} px without a key dot, at {100 * self.cost:.1f} % more of the "
-            "objective than without that demand"
+            return f"{reached}, less than the {self.demanded:g} px demanded"
+        return f"{reached}, which costs {100 * self.cost:.1f} % of the objective"
+
+    def or_refuse(self) -> "AsymmetricOptimum":
+        """Return this one.
+
+        Raises
+        ------
+        InputError
+            If it is less safe than was demanded.
+        """
+        if self.reached:
+            return self
+        # Rounded down, so that it can be reached.
+        best = np.floor(100 * self.safety.least) / 100
+        remedy = f"use --asymmetric {best:g} or less, another --n" if best else "use another --n"
+        raise InputError(
+            f"{len(self.points)} dots whose labels are safe to {self.demanded:g} px by their places alone",
+            f"no layout safer than {best:g} px",
+            f"{remedy} or more room, or leave it out and have a key ring",
         )
 
 
@@ -122,6 +138,8 @@ def asymmetric_search(
     px: float,
     restarts: int = 0,
     progress: Progress | None = None,
+    rough: Objective | None = None,
+    record: Record | None = None,
 ) -> AsymmetricOptimum:
     """Find the layout (n, 2) of n equal dots that minimizes the objective with a label safety of `px` or more.
 
@@ -133,11 +151,16 @@ def asymmetric_search(
         Label safety, above 0.
     restarts : int
         Random starts of the search without the demand, and of that with it; 0 is the defaults.
+    rough, record
+        As `search` takes them.
     """
-    free = search(objective, region, n, rng, restarts, progress)
+    free = search(objective, region, n, rng, restarts, progress, rough, record)
     scale = region.boundary.radius
     shaken = free.points + rng.normal(size=(len(SHAKES), n, 2)) * (scale * np.array(SHAKES))[:, None, None]
-    starts = np.concatenate([region.project(shaken), region.sample(restarts or RANDOM, n, rng)])
+    shaken = region.project(shaken)
+    if record:
+        record("shaken", np.tile(free.points, (len(shaken), 1, 1)), shaken)
+    starts = np.concatenate([shaken, region.sample(restarts or RANDOM, n, rng)])
     found = [_Candidate(free.points, free.value, _safety(objective, free.points))]
     if found[0].safety.least < px:
         looked = representative(objective.setting.poses, LOOKED)
@@ -146,14 +169,14 @@ def asymmetric_search(
         for done, start in enumerate(starts):
             if progress:
                 progress("asymmetric", done, len(starts) + FINALISTS)
-            layouts.append(_cut(objective, region, start, px, _Cuts(objective, looked, followed), bar))
+            layouts.append(_cut(objective, region, start, px, _Cuts(objective, looked, followed), bar, record))
             if layouts[-1].px >= px and region.holds(layouts[-1].points[None])[0]:
                 bar = min(bar, layouts[-1].value)
         layouts = [each for each in layouts if region.holds(each.points[None])[0]]
         # What lacks little is cut to the end with the others.
         layouts.sort(key=lambda each: (max(HOPELESS * px - each.px, 0.0), each.value))
         for done, each in enumerate(layouts[:FINALISTS], start=1):
-            found += _finished(objective, region, each, px)
+            found += _finished(objective, region, each, px, record)
             if progress:
                 progress("asymmetric", len(starts) + done, len(starts) + FINALISTS)
     best = min(found, key=lambda each: each.rank(px))
@@ -264,18 +287,19 @@ def _image_rows(points: Array, camera: Camera, rotation: Array, translation: Arr
 
 
 def _safety(objective: Objective, points: Array) -> LabelSafety:
-    setting = objective.setting
-    return safety_of(scene_of(points, np.zeros(len(points), dtype=np.intp), setting.camera, setting.poses))
+    return layout_safety(points, objective.setting, keyed=False)
 
 
-def _cut(objective: Objective, region: Region, start: Array, px: float, cuts: _Cuts, bar: float) -> _Layout:
+def _cut(
+    objective: Objective, region: Region, start: Array, px: float, cuts: _Cuts, bar: float, record: Record | None
+) -> _Layout:
     """Polish a layout and cut it, in turns, until it rests, or is worse than `bar`, which more cuts never mend."""
     reach = _reach(region, len(start))
     points, px_now = start, cuts.add(start, px)
     best = _Layout(points, float(objective(points[None])[0]), px_now, cuts)
     stale = 0
     for _ in range(ROUNDS):
-        after = region.project(_polish(objective, region, points, px * (1 + SLACK), cuts, reach)[None])[0]
+        after = _polish(objective, region, points, px * (1 + SLACK), cuts, reach, record)
         moved = float(np.abs(after - points).max())
         points = after
         px_now = cuts.add(points, px)
@@ -291,18 +315,21 @@ def _cut(objective: Objective, region: Region, start: Array, px: float, cuts: _C
     return best
 
 
-def _finished(objective: Objective, region: Region, layout: _Layout, px: float) -> list["_Candidate"]:
+def _finished(
+    objective: Objective, region: Region, layout: _Layout, px: float, record: Record | None
+) -> list["_Candidate"]:
     """A layout as it is seen from all poses, and cut by what is found there."""
-    points, cuts, found = layout.points, layout.cuts, []
+    points, cuts, found = layout.points, layout.cuts, list[_Candidate]()
     reach = _reach(region, len(points))
     for finish in range(FINISHES + 1):
-        safety = _safety(objective, points)
+        rivals = worst_rivals(cuts.scene(points))
+        safety = safety_of(cuts.scene(points), rivals=rivals)
         if region.holds(points[None])[0]:
             found.append(_Candidate(points, float(objective(points[None])[0]), safety))
-        if safety.least >= px or finish == FINISHES or safety.least < HOPELESS * px:
+        if safety.least >= px or finish == FINISHES or layout.px < HOPELESS * px:
             break
-        cuts.keep(worst_rivals(cuts.scene(points)), px)
-        points = region.project(_polish(objective, region, points, px * (1 + SLACK), cuts, reach)[None])[0]
+        cuts.keep(rivals, px)
+        points = _polish(objective, region, points, px * (1 + SLACK), cuts, reach, record)
     return found
 
 
@@ -311,7 +338,9 @@ def _reach(region: Region, n: int) -> float:
     return np.inf if len(region.walls) == 1 and n <= ALL_PAIRS_UP_TO else REACH * region.boundary.radius
 
 
-def _polish(objective: Objective, region: Region, start: Array, px: float, cuts: _Cuts, reach: float) -> Array:
+def _polish(
+    objective: Objective, region: Region, start: Array, px: float, cuts: _Cuts, reach: float, record: Record | None
+) -> Array:
     """One run of SLSQP under the region's constraints and the cuts; what these lack of px has a price.
 
     With the lack as one more variable no start is infeasible, and what cannot be reached is approached.
@@ -366,7 +395,10 @@ def _polish(objective: Objective, region: Region, start: Array, px: float, cuts:
         constraints=[{"type": "ineq", "fun": slack, "jac": slack_jacobian}],
         options={"maxiter": ITERATIONS, "ftol": 1e-9},
     )
-    return np.asarray(result.x[:-1]).reshape(n, 2) * scale
+    points = region.project(np.asarray(result.x[:-1]).reshape(1, n, 2) * scale)
+    if record:
+        record("asymmetric", start[None], points)
+    return points[0]
 
 
 def _without_repeats(rivals: Rivals) -> Rivals:

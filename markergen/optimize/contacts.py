@@ -33,6 +33,13 @@ class Contacts:
     first: Index
     second: Index
 
+    def of(self, dots: Index) -> "Contacts":
+        """Those that depend on where some dots are."""
+        wall, pair = np.isin(self.dot, dots), np.isin(self.first, dots) | np.isin(self.second, dots)
+        return Contacts(
+            self.walls, self.dot[wall], self.wall[wall], self.signed[wall], self.first[pair], self.second[pair]
+        )
+
     def room(self, points: Array) -> Array:
         """Distances (a,) in m of control points (n, 2) from their walls."""
         return self.walls.distance(points[self.dot], self.wall, self.signed)[0]

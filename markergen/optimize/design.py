@@ -1,5 +1,6 @@
 """From a spec to a marker: the main job."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 
@@ -8,18 +9,23 @@ from numpy.typing import NDArray
 
 from markergen import __version__
 from markergen.model.marker import Marker, dressed
+from markergen.model.occlusion import eyes_of
 from markergen.model.poses import PoseDistribution
 from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Objective, Setting
 from markergen.objectives.criteria import Criteria, criteria, median_criteria
 from markergen.objectives.weights import DotNoise
-from markergen.optimize.check import check
+from markergen.optimize.asymmetry import AsymmetricOptimum, asymmetric_search
+from markergen.optimize.check import check, check_relief
 from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.dots import FEWEST_PIXELS, DotSize, choose_dots, pixels_across
 from markergen.optimize.goal import objective_of, room_of, rough_of
-from markergen.optimize.multistart import Progress, search
+from markergen.optimize.label_safety import LabelSafety, layout_safety
+from markergen.optimize.multistart import Optimum, Progress, search
 from markergen.optimize.region import Region
+from markergen.optimize.relief import search_relief
+from markergen.optimize.relief_room import ReliefRoom
 from markergen.optimize.trace import Recorder, Step, trace_of
 from markergen.read.poses import poses_from
 
@@ -39,8 +45,10 @@ class Design:
     setting : Setting
     dots : DotSize
     criteria : dict
-        Criteria of the design (``design``) and of the layouts beside it (``ngon``, ``square``, ``random``), for the
-        noise that ``setting.noise_words`` tells.
+        Criteria of the design (``design``) and of the layouts beside it (``ngon``, ``square``, ``random``, and with a
+        relief the best one without, ``flat``), for the noise that ``setting.noise_words`` tells.
+    labels : LabelSafety or None
+        How safely the dots can be told apart; None for bare points, unless their layout has to tell.
     seconds : float
         How long it took.
     trace : tuple of Step
@@ -51,6 +59,7 @@ class Design:
     setting: Setting
     dots: DotSize
     criteria: dict[str, Criteria]
+    labels: LabelSafety | None = field(default=None, compare=False)
     seconds: float = field(default=0.0, compare=False)
     trace: tuple[Step, ...] = ()
 
@@ -64,8 +73,19 @@ class Design:
             f"{len(self.marker)} control points in a {self.marker.boundary}, "
             f"seen from {len(poses)} poses ({poses.name}{dropped})\n"
             f"objective {spec['objective']}{against}, seed {spec['seed']}, spec {self.marker.spec_hash}\n"
-            + (f"dots of {self.dots.reason}; dot 0 is the key ring" if self.dots.diameter else "bare points")
+            + (f"dots of {self.dots.reason}" if self.dots.diameter else "bare points")
+            + self._labels
         )
+
+    @property
+    def _labels(self) -> str:
+        """What tells the labels, and how safely."""
+        if self.labels is None:
+            return ""
+        demanded = self.marker.provenance["spec"].get("asymmetric")
+        if not demanded:
+            return f"; dot 0 is the key ring\n{self.labels.sentence}"
+        return f"; labels from the layout, safety >= {demanded:g} px\n{self.labels.sentence}"
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -95,10 +115,12 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
     Raises
     ------
     InputError
-        If no pose sees the marker, the dots do not fit, or a name in the spec is unknown.
+        If no pose sees the marker, the dots do not fit, a name in the spec is unknown, or no layout was found whose
+        labels are as safe as it demands.
     """
     begin, kind = perf_counter(), OBJECTIVES[spec.objective]
-    setting = Setting(spec.boundary, spec.camera, poses_from(spec.poses).seen_whole(spec.boundary, spec.camera))
+    poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera, spec.relief)
+    setting = Setting(spec.boundary, spec.camera, poses)
     kind(setting, spec.aggregate, spec.coordinates)  # a wrong name is told before any search
     dots = choose_dots(spec, setting.poses, progress)
     if spec.noise_model == "image":
@@ -107,55 +129,95 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
     region = Region(room_of(spec), dots.diameter, dots.clearance)
     rng = np.random.default_rng(spec.seed)
     recorder = Recorder() if traced else None
-    optimum = search(objective, region, spec.n, rng, spec.restarts, progress, rough_of(spec, setting), recorder)
-    points = number(upright(optimum.points, objective, region))
-    table = compare(points, region, setting, spec.seed)
-    marker = dress(points, dots, spec, setting, table)
+    more = spec.restarts, progress, rough_of(spec, setting), recorder
+    optimum: Optimum | AsymmetricOptimum
+    allowed: Callable[[Array], bool] | None = None
+    others: dict[str, Array] = {}
+    if spec.asymmetric:
+        optimum = asymmetric_search(objective, region, spec.n, rng, spec.asymmetric, *more).or_refuse()
+        points = number(upright(optimum.points, objective, region, lambda turned: _safe(turned, spec, setting)))
+    else:
+        optimum = search(objective, region, spec.n, rng, *more)
+        if spec.relief:
+            flat, room = optimum.points, ReliefRoom(region, spec.relief, eyes_of(poses))
+            optimum, others = search_relief(objective, room, flat, rng, *more), {"flat": flat}
+            allowed = room.holds
+        points = number(upright(optimum.points, objective, region, allowed))
+    table = compare(points, region, setting, spec.seed, others)
+    labels = layout_safety(points, setting, not spec.asymmetric) if dots.diameter or spec.asymmetric else None
+    marker = dress(points, dots, spec, setting, table, labels)
     check(marker.xyz, spec.boundary, spec.keep_outs, dots.diameter, dots.clearance)
+    if spec.relief:
+        check_relief(marker.xyz, spec.relief, dots.diameter, dots.clearance, eyes_of(poses))
     way = [*recorder.way(optimum.points), ("upright", points)] if recorder else []
     trace = tuple(trace_of(way, objective)) if way else ()
-    return Design(marker, setting, dots, table, perf_counter() - begin, trace)
+    return Design(marker, setting, dots, table, labels, perf_counter() - begin, trace)
 
 
-def compare(points: Array, region: Region, setting: Setting, seed: int = 0) -> dict[str, Criteria]:
-    """Criteria of a layout (n, 2) and of the n-gon, the square and the median random layout of the same region."""
+def compare(
+    points: Array, region: Region, setting: Setting, seed: int = 0, others: Mapping[str, Array] | None = None
+) -> dict[str, Criteria]:
+    """Criteria of a layout (n, 2 or 3) and of the n-gon, the square and the median random layout of the same region.
+
+    Other layouts (n, 2 or 3) come under their names, after its own.
+    """
     table: dict[str, Criteria] = {"design": criteria(points[None], setting)[0]}
+    table |= {name: criteria(other[None], setting)[0] for name, other in (others or {}).items()}
     for name, layouts in comparison_layouts(region, len(points), seed, setting).items():
         table[name] = median_criteria(criteria(layouts, setting))
     return table
 
 
-def upright(points: Array, objective: Objective, region: Region) -> Array:
-    """Turn a layout (n, 2) so that one control point stands straight up, where that costs nothing.
+def upright(
+    points: Array, objective: Objective, region: Region, allowed: Callable[[Array], bool] | None = None
+) -> Array:
+    """Turn a layout (n, 2 or 3) so that one control point stands straight up, where that costs nothing.
 
-    Of the n turns the best is taken, if it is feasible and worse by no more than `UPRIGHT`.
+    Of the n turns the best is taken that is feasible, worse by no more than `UPRIGHT`, and allowed.
     """
     angles = np.pi / 2 - np.arctan2(points[:, 1], points[:, 0])
     cosine, sine = np.cos(angles), np.sin(angles)
     turns = np.stack([cosine, -sine, sine, cosine], axis=-1).reshape(-1, 2, 2)
-    candidates = region.boundary.project(points @ turns.swapaxes(-1, -2), region.inset)
-    values = np.where(region.holds(candidates), objective(candidates), np.inf)
-    best = int(np.argmin(values))
-    return candidates[best] if values[best] <= objective(points[None])[0] * (1 + UPRIGHT) else points
+    plane = region.boundary.project(points[:, :2] @ turns.swapaxes(-1, -2), region.inset)
+    heights = np.broadcast_to(points[:, 2:], (*plane.shape[:2], points.shape[1] - 2))
+    candidates = np.concatenate([plane, heights], axis=-1)
+    values = np.where(region.holds(plane), objective(candidates), np.inf)
+    most = float(objective(points[None])[0]) * (1 + UPRIGHT)
+    best = (candidates[i] for i in np.argsort(values, kind="stable") if values[i] <= most)
+    return next((each for each in best if allowed is None or allowed(each)), points)
+
+
+def _safe(points: Array, spec: Spec, setting: Setting) -> bool:
+    return layout_safety(points, setting, keyed=False).least >= spec.asymmetric
 
 
 def number(points: Array) -> Array:
-    """Order control points (n, 2) for labels: counterclockwise from straight up, those at the center last."""
+    """Order control points (n, 2 or 3) for labels: counterclockwise from straight up, those at the center last."""
     radius = np.hypot(points[:, 0], points[:, 1])
     central = radius < 1e-3 * radius.max()
     angle = np.mod(np.arctan2(points[:, 1], points[:, 0]) - np.pi / 2 + 1e-6, 2 * np.pi)
     return points[np.lexsort((radius, np.where(central, 7.0, angle)))]
 
 
-def dress(points: Array, dots: DotSize, spec: Spec, setting: Setting, table: dict[str, Criteria]) -> Marker:
-    """Make a marker of a layout (n, 2): dot 0 is the key ring, the others are disks; provenance says from what."""
+def dress(
+    points: Array,
+    dots: DotSize,
+    spec: Spec,
+    setting: Setting,
+    table: dict[str, Criteria],
+    labels: LabelSafety | None = None,
+) -> Marker:
+    """Make a marker of a layout (n, 2 or 3); provenance says from what.
+
+    Dot 0 is the key ring and the others are disks; all are where the layout has to tell the labels.
+    """
     import scipy
 
     stored = _stored(spec, setting.poses).as_dict()
     # A tenth of a nanometer: nothing that anybody could make, and the file stays readable.
     rounded = np.round(points, 10) + 0.0
     return replace(
-        dressed(rounded, spec.boundary, dots.diameter, dots.clearance),
+        dressed(rounded, spec.boundary, dots.diameter, dots.clearance, keyed=not spec.asymmetric),
         keep_outs=spec.keep_outs,
         provenance={
             "spec": stored,
@@ -168,6 +230,7 @@ def dress(points: Array, dots: DotSize, spec: Spec, setting: Setting, table: dic
             "criteria": {
                 name: {key: float(f"{value:.8g}") for key, value in row.items()} for name, row in table.items()
             },
+            **({"labels": labels.sentence} if labels else {}),
             # Without this word criteria are for noise of 1 px.
             **({"noise": setting.noise_words} if setting.noise else {}),
         },

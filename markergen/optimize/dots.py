@@ -10,7 +10,8 @@ from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
 from markergen.optimize.goal import room_of
 from markergen.optimize.multistart import Progress
-from markergen.optimize.packing import count_that_fit, largest_diameter
+from markergen.optimize.packing import count_that_fit, fitting, largest_diameter
+from markergen.optimize.region import Region
 from markergen.units import format_length
 
 PIXELS = 8.0
@@ -128,15 +129,14 @@ def _pixels(diameter: float, spec: Spec, poses: PoseDistribution) -> str:
 
 
 def _refuse_what_does_not_fit(spec: Spec, size: DotSize) -> None:
-    # The search for the largest diameter is good to nine digits; the rest is not the user's fault.
-    if size.diameter > 0 and largest_diameter(room_of(spec), spec.n, size.clearance) >= size.diameter * (1 - 1e-6):
+    room = room_of(spec)
+    # The search relies on what is found here: where it is stuck, it begins with it.
+    if fitting(Region(room, size.diameter, size.clearance), spec.n) is not None:
         return
-    fit = count_that_fit(room_of(spec), size.diameter, size.clearance, spec.n)
-    if fit >= spec.n:
-        return
+    fit = count_that_fit(room, size.diameter, size.clearance, spec.n - 1)
     raise InputError(
-        f"{spec.n} dots that fit in a {room_of(spec)}",
+        f"{spec.n} dots that fit in a {room}",
         f"dots of {format_length(size.diameter)} with {format_length(size.clearance)} clearance, of which {fit} fit",
-        f"use --dot {np.floor(ROOM * largest_diameter(room_of(spec), spec.n) * 1e4) / 10:g}mm or less, "
+        f"use --dot {np.floor(ROOM * largest_diameter(room, spec.n) * 1e4) / 10:g}mm or less, "
         "a larger marker, or a smaller --n",
     )

@@ -6,13 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.errors import InputError
 from markergen.objectives import Objective
-from markergen.optimize.packing import pack
+from markergen.optimize.packing import fitting
 from markergen.optimize.placement import place
 from markergen.optimize.polish import ALL_PAIRS_UP_TO, polish
 from markergen.optimize.region import Region
 from markergen.optimize.supersab import descend
 from markergen.optimize.trace import Record
+from markergen.units import format_length
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -60,25 +62,52 @@ def search(
         The same criterion for fewer poses, which saves time in the exchange.
     record : callable or None
         Called with what each step makes of layouts (see `markergen.optimize.trace`).
+
+    Raises
+    ------
+    InputError
+        If no layout is found that the region holds and that determines what the objective asks for.
     """
     if len(region.walls) > 1 or n > ALL_PAIRS_UP_TO:
-        return Optimum(*place(objective, rough or objective, region, n, rng, restarts, progress, record))
+        found = Optimum(*place(objective, rough or objective, region, n, rng, restarts, progress, record))
+    else:
+        found = _descended(objective, region, n, rng, restarts or objective.default_restarts, progress, record)
+    if not np.isfinite(found.value):
+        raise InputError(
+            f"a {region.boundary} with room for {n} control points that are not in one line",
+            f"dots of {format_length(region.diameter)} with {format_length(region.clearance)} clearance",
+            "use a larger marker, a smaller --dot or a smaller --n",
+        )
+    return found
+
+
+def _descended(
+    objective: Objective,
+    region: Region,
+    n: int,
+    rng: np.random.Generator,
+    restarts: int,
+    progress: Progress | None,
+    record: Record | None,
+) -> Optimum:
+    """The best of descents from random layouts; inf if none ends in a layout that is feasible."""
     if progress:
         progress("descent", 0, 1)
-    starts = region.sample(restarts or objective.default_restarts, n, rng)
+    starts = region.sample(restarts, n, rng)
     if not region.holds(starts).all():
-        # Random points jam when the dots nearly fill the room; the packing itself is then the start.
-        starts = np.concatenate([starts, pack(region.boundary, n, region.clearance)[0][None]])
+        # Random points jam when the dots nearly fill the room; one layout that fits is then a start as well.
+        packed = fitting(region, n)
+        starts = starts if packed is None else np.concatenate([starts, packed[None]])
     told = (lambda done, total: progress("descent", done, total)) if progress else None
     descent = descend(objective, region, starts, progress=told, record=record)
-    order = np.argsort(descent.values, kind="stable")[: np.isfinite(descent.values).sum()]
+    order = np.argsort(descent.values, kind="stable")
+    best, best_value = descent.points[order[0]], float(descent.values[order[0]])
     chosen: list[int] = []
-    for index in order:
+    for index in order[: np.isfinite(descent.values).sum()]:
         if not chosen or descent.values[index] > descent.values[chosen[-1]] * (1 + DISTINCT):
             chosen.append(int(index))
         if len(chosen) == POLISHED:
             break
-    best, best_value = descent.points[order[0]], float(descent.values[order[0]])
     shakes = rng.normal(scale=JITTER * region.boundary.radius, size=(len(chosen), n, 2))
     for done, (index, shake) in enumerate(zip(chosen, shakes, strict=True), start=1):
         shaken = region.project((descent.points[index] + shake)[None])

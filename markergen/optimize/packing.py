@@ -53,6 +53,15 @@ def pack(boundary: Boundary, n: int, clearance: float | None = None) -> tuple[Ar
     return points, max(0.0, diameter)
 
 
+def fitting(region: Region, n: int) -> Array | None:
+    """Layout (n, 2) in m that the region holds, such as a packing; None where none is found."""
+    points, _ = pack(region.boundary, n, region.clearance)
+    if region.holds(points[None])[0]:
+        return points
+    dense = lattice(region.boundary, region.diameter, region.clearance)
+    return dense[:n] if len(dense) >= n else None
+
+
 def count_that_fit(boundary: Boundary, diameter: float, clearance: float, at_most: int) -> int:
     """How many dots of that diameter fit, with that clearance in m; the search stops at `at_most`."""
     fit = min(at_most, len(lattice(boundary, diameter, clearance)))

@@ -13,7 +13,7 @@ from markergen.objectives import Objective
 from markergen.objectives.base import TraceObjective
 from markergen.objectives.pose import PoseObjective
 from markergen.optimize.exchange import Table, distances, edge, exchange, places, random_layout, table_of
-from markergen.optimize.packing import lattice, pack
+from markergen.optimize.packing import fitting, lattice, pack
 from markergen.optimize.polish import polish
 from markergen.optimize.region import Region
 from markergen.optimize.supersab import descend
@@ -90,8 +90,8 @@ def place(
         layouts = list(descend(rough, region, np.array(layouts), record=record).points)
     tell("exchange", starts, starts)
     found = _best([polish(rough, region, layout, QUICK, record) for layout in layouts])
-    if np.isinf(found[0][1]):
-        found = [polish(rough, region, pack(region.boundary, n, region.clearance)[0], record=record)]
+    if np.isinf(found[0][1]) and (packed := fitting(region, n)) is not None:
+        found = [polish(rough, region, packed, record=record)]
     judge = guide if isinstance(rough, TraceObjective) else table_of(rough, grid)
     rim = edge(region, FINE_EDGE)
     total = 2 * len(found)

@@ -92,6 +92,15 @@ class Rivals:
         order = np.argsort(away, axis=0, kind="stable")[:count]
         return np.unique(order[np.isfinite(np.take_along_axis(away, order, axis=0))])
 
+    def nearest_labelings(self, count: int, per_dot: int) -> Indices:
+        """Labelings (K, n), each by the pose where it is nearest: the nearest `count`, and `per_dot` that move each."""
+        order = np.argsort(self.distance, kind="stable")
+        order = order[np.isfinite(self.distance[order])]
+        _, first = np.unique(self.labeling[order], axis=0, return_index=True)
+        nearest = self.take(order[np.sort(first)])
+        chosen = np.union1d(np.arange(min(count, len(nearest))), nearest.best_per_dot(per_dot))
+        return nearest.labeling[chosen]
+
 
 @dataclass(frozen=True, eq=False)
 class Scene:

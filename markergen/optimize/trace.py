@@ -158,6 +158,8 @@ def plot(trace: Sequence[Step], ax: "Axes", objective: str = "objective") -> "Ax
         (f"translation: {last.translation_pct:.4g} %", [each.translation_pct for each in trace], "#b3361b", "-."),
     )
     for label, values, color, style in series:
+        if np.isnan(values[-1]):  # A relief has no c(A).
+            continue
         relative = np.array(values) / values[-1]
         # Layouts that determine nothing have no finite value: a gap.
         ax.plot(steps, np.where(np.isfinite(relative), relative, np.nan), style, color=color, label=label, lw=1.5)

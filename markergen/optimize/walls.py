@@ -20,31 +20,38 @@ CORNER, BEND = np.deg2rad(10.0), np.deg2rad(45.0)
 """A wall ends at a corner that turns by more than the first, and where it has turned by the second in all."""
 
 
+BLOCK = 2**17
+"""Pairs of point and segment that are worked on at once: their arrays stay small."""
+
+
 @dataclass(frozen=True, eq=False)
 class Walls:
-    """Smooth pieces of an outline, the region to their left: w chains of up to s segments, then c circles.
+    """Smooth pieces of an outline, the region to their left: w chains of s segments in all, then c circles.
 
     Attributes
     ----------
-    start, step : arrays (w, s, 2), m
-        Short chains have their last segment repeated.
-    count : array (w,)
-        Segments of each chain.
-    open_start, open_end : arrays (w, s) of bool
+    start, unit : arrays (s, 2)
+        Starts in m and directions of the segments, chain after chain.
+    length : array (s,), m
+    first, count : arrays (w,)
+        First segment of each chain, and how many there are.
+    open_start, open_end : arrays (s,) of bool
         Ends of chains at corners that point outward: there the edge goes on as a straight line.
     circles : array (c, 4)
         As of `Boundary.curves`.
     """
 
     start: Array
-    step: Array
+    unit: Array
+    length: Array
+    first: Index
     count: Index
     open_start: Mask
     open_end: Mask
     circles: Array
 
     def __len__(self) -> int:
-        return len(self.start) + len(self.circles)
+        return len(self.first) + len(self.circles)
 
     def distance(self, points: Array, walls: Index, signed: Mask | bool = False) -> tuple[Array, Array]:
         """Distances (m,) in m from points (m, 2) to a wall each, and their gradients (m, 2).
@@ -54,12 +61,12 @@ class Walls:
         """
         distance, gradient = np.empty(len(points)), np.empty((len(points), 2))
         signed = np.broadcast_to(np.asarray(signed), walls.shape)
-        straight = walls < len(self.start)
+        straight = walls < len(self.first)
         if straight.any():
             found = self._to_chains(points[straight], walls[straight], signed[straight])
             distance[straight], gradient[straight] = found
         if not straight.all():
-            x, y, radius, side = self.circles[walls[~straight] - len(self.start)].T
+            x, y, radius, side = self.circles[walls[~straight] - len(self.first)].T
             offset = points[~straight] - np.stack([x, y], axis=-1)
             away = np.hypot(*offset.T)
             distance[~straight] = side * (radius - away)
@@ -67,27 +74,35 @@ class Walls:
         return distance, gradient
 
     def _to_chains(self, points: Array, walls: Index, signed: Mask) -> tuple[Array, Array]:
-        start, step = self.start[walls], self.step[walls]
-        length = np.linalg.norm(step, axis=-1)
-        unit = step / length[..., None]
-        offset = points[:, None] - start
-        along = np.sum(offset * unit, axis=-1)
-        low = np.where(self.open_start[walls] & signed[:, None], -np.inf, 0.0)
-        high = np.where(self.open_end[walls] & signed[:, None], np.inf, length)
-        away = offset - np.clip(along, low, high)[..., None] * unit
-        nearest = np.argmin(np.sum(away**2, axis=-1), axis=1)
-        rows = np.arange(len(points))
-        away, unit = away[rows, nearest], unit[rows, nearest]
-        beside: Mask = ((along >= low) & (along <= high))[rows, nearest]
+        count = self.count[walls]
+        ends = np.cumsum(count)
+        if len(points) > 1 and ends[-1] > BLOCK:
+            half = len(points) // 2
+            parts = [self._to_chains(points[s], walls[s], signed[s]) for s in (slice(half), slice(half, None))]
+            return np.concatenate([parts[0][0], parts[1][0]]), np.concatenate([parts[0][1], parts[1][1]])
+        # Every pair of a point and a segment of its wall.
+        pair = np.repeat(np.arange(len(points)), count)
+        segment = np.arange(ends[-1]) + (self.first[walls] - ends + count)[pair]
+        (x, y), (ux, uy) = (points[pair] - self.start[segment]).T, self.unit[segment].T
+        along, left = x * ux + y * uy, y * ux - x * uy
+        low = np.where(self.open_start[segment] & signed[pair], -np.inf, 0.0)
+        high = np.where(self.open_end[segment] & signed[pair], np.inf, self.length[segment])
+        past = along - np.clip(along, low, high)
+        square = left**2 + past**2
+        least = np.flatnonzero(square == np.minimum.reduceat(square, ends - count)[pair])
+        # The first of several, since the last that is written stays.
+        nearest = np.zeros(len(points), dtype=np.int64)
+        nearest[pair[least[::-1]]] = least[::-1]
+        left, past, segment = left[nearest], past[nearest], segment[nearest]
+        unit, distance = self.unit[segment], np.hypot(left, past)
         normal = np.stack([-unit[:, 1], unit[:, 0]], axis=-1)
-        left, distance = np.sum(away * normal, axis=-1), np.hypot(*away.T)
+        away = left[:, None] * normal + past[:, None] * unit
         # Around the end of a chain the region is on either side of its line.
-        last = self.count[walls] - 1
-        behind, beyond = along[rows, nearest] < 0, along[rows, nearest] > length[rows, nearest]
-        ended = ~beside & (((nearest == 0) & behind) | ((nearest == last) & beyond))
+        at_first, at_last = segment == self.first[walls], segment == self.first[walls] + count - 1
+        ended = (at_first & (past < 0)) | (at_last & (past > 0))
         sign = np.where((left < 0) & signed & ~ended, -1.0, 1.0)
         # Beside an edge its normal has no rounding, even on the edge.
-        flat = (beside & signed) | (distance < 1e-12)
+        flat = ((past == 0) & signed) | (distance < 1e-12)
         gradient = sign[:, None] * away / np.maximum(distance, np.finfo(float).tiny)[:, None]
         return np.where(flat, left, sign * distance), np.where(flat[:, None], normal, gradient)
 
@@ -96,15 +111,16 @@ def walls_of(boundary: Boundary) -> Walls:
     """The outline of a boundary in smooth pieces."""
     rings, circles = boundary.curves()
     chains = [chain for ring in rings for chain in _chains(ring)]
-    longest = max((len(corners) - 1 for corners, *_ in chains), default=1)
-    start, step = np.zeros((2, len(chains), longest, 2))
-    opened, closing = np.zeros((2, len(chains), longest), dtype=bool)
-    for i, (corners, first, last) in enumerate(chains):
-        index = np.minimum(np.arange(longest), len(corners) - 2)
-        start[i], step[i] = corners[index], (corners[1:] - corners[:-1])[index]
-        opened[i, 0], closing[i, len(corners) - 2 :] = first, last
+    empty = np.zeros((0, 2))
+    start = np.concatenate([empty, *(corners[:-1] for corners, *_ in chains)])
+    step = np.concatenate([empty, *(np.diff(corners, axis=0) for corners, *_ in chains)])
     count = np.array([len(corners) - 1 for corners, *_ in chains], dtype=np.int64)
-    return Walls(start, step, count, opened, closing, circles)
+    first = np.cumsum(count) - count
+    opened, closing = np.zeros((2, len(start)), dtype=bool)
+    opened[first] = [outward for _, outward, _ in chains]
+    closing[first + count - 1] = [outward for *_, outward in chains]
+    length = np.linalg.norm(step, axis=-1)
+    return Walls(start, step / length[:, None], length, first, count, opened, closing, circles)
 
 
 def _chains(ring: Array) -> list[tuple[Array, bool, bool]]:

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from markergen.model.boundary import Boundary
 from markergen.model.interior import grown
 from markergen.model.marker import ControlPoint, Marker
+from markergen.model.occlusion import pillar_radius
 from markergen.render.patches import CIRCLE_VERTICES, Patch, circle
 
 Array = NDArray[np.float64]
@@ -13,8 +14,6 @@ Array = NDArray[np.float64]
 INK, SUBSTRATE = 0.0, 1.0
 
 _RIM_VERTICES = 720
-_PILLAR_RIM = 0.25
-"""Share of the clearance by which a pillar is larger in radius than its dot: two of them leave half the gap free."""
 
 
 def marker_patches(
@@ -75,7 +74,7 @@ def _farthest_first(marker: Marker, floor: float, eye: Array | None) -> list[int
 
 
 def _pillar_radius(marker: Marker, point: ControlPoint) -> float:
-    return point.feature.diameter / 2 + _PILLAR_RIM * marker.clearance
+    return pillar_radius(point.feature.diameter, marker.clearance)
 
 
 def _pillar(marker: Marker, point: ControlPoint, floor: float, eye: Array | None, count: int) -> Patch:

@@ -74,7 +74,8 @@ def line_up(texts: Sequence[str], poses: str | None = None, seed: int = 0) -> tu
             )
     # Whatever its outline, each is judged where its whole circle is seen, so that all are seen from the same poses.
     disk = Circle(radius)
-    setting = Setting(given.boundary, given.camera, given.poses.seen_whole(disk, given.camera))
+    height = max((marker.height for marker in markers.values()), default=0.0)
+    setting = Setting(given.boundary, given.camera, given.poses.seen_whole(disk, given.camera, height))
     found: dict[str, Contestant] = {}
     for text in wanted:
         if text in markers:

@@ -13,9 +13,10 @@ from markergen.model.camera import Camera
 from markergen.model.marker import Marker, dressed
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.objectives.criteria import Criteria, criteria
+from markergen.objectives.criteria import Criteria, criteria, without_height
 from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.design import compare
+from markergen.optimize.label_safety import label_safety
 from markergen.optimize.region import Region
 from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_from_mapping
@@ -44,7 +45,7 @@ def setting_of(marker: Marker, poses: str | None = None, camera: Camera | None =
     spec = Spec() if stored is None else spec_from_mapping(stored, "provenance.spec", stored=True)
     distribution = poses_from(poses or spec.poses)
     camera = camera or spec.camera
-    return Setting(marker.boundary, camera, distribution.seen_whole(marker.boundary, camera))
+    return Setting(marker.boundary, camera, distribution.seen_whole(marker.boundary, camera, marker.height))
 
 
 def prove(
@@ -85,24 +86,27 @@ def prove(
     Raises
     ------
     InputError
-        If the control points determine no homography, or a number is out of range.
+        If the control points determine no homography, those of a relief no pose, or a number is out of range.
     """
 
     def told(stage: str) -> Callable[[int, int], None] | None:
         return (lambda done, total: progress(stage, done, total)) if progress else None
 
     def trials(judged: Marker, stage: str) -> ValidationResult:
-        condition = OBJECTIVES["condition"](setting).per_pose(judged.xyz[None, :, :2])[0]
+        layout = without_height(judged.xyz)[None]
+        # A relief has no homography.
+        condition = OBJECTIVES["condition"](setting).per_pose(layout)[0] if layout.shape[-1] == 2 else None
         return validate(
             judged, setting.camera, setting.poses, noise_px, runs, seed,
             workers=workers, progress=told(stage), condition=condition,
         )  # fmt: skip
 
-    points = marker.xyz[:, :2]
+    points = without_height(marker.xyz)
     region = Region(marker.boundary, marker.dot_diameter, marker.clearance)
-    if not np.isfinite(OBJECTIVES["condition"](setting)(points[None])[0]):
+    judge, what = ("condition", "homography") if points.shape[-1] == 2 else ("pose", "pose")
+    if not np.isfinite(OBJECTIVES[judge](setting)(points[None])[0]):
         raise InputError(
-            "control points that determine a homography",
+            f"control points that determine a {what}",
             "too many of them on one line or in one place",
             "design the marker again, with four points in general position",
         )
@@ -122,7 +126,8 @@ def prove(
     if views is not None and stressed:
         views["stress"] = stress(shoot, workers, told("stress"))
     budget = error_budget(shoot, noise_px)
-    return own.as_dict(criteria=table["design"], comparisons=beside, views=views, budget=budget)
+    labels = label_safety(marker, setting).as_dict(noise_px) if marker.dot_diameter else None
+    return own.as_dict(criteria=table["design"], comparisons=beside, views=views, budget=budget, labels=labels)
 
 
 def _beside(row: Criteria, noise_px: float) -> dict[str, Any]:

@@ -37,13 +37,18 @@ class ValidationResult:
     condition: Array | None = None
 
     def as_dict(
-        self, criteria: Any = None, comparisons: Any = None, views: Any = None, budget: Any = None
+        self,
+        criteria: Any = None,
+        comparisons: Any = None,
+        views: Any = None,
+        budget: Any = None,
+        labels: Any = None,
     ) -> dict[str, Any]:
         """Return the results as plain JSON values, None in place of a number that does not exist.
 
         Parameters
         ----------
-        criteria, comparisons, views, budget
+        criteria, comparisons, views, budget, labels
             JSON values that others compute, put in their places.
         """
         experiment = self.experiment
@@ -81,6 +86,7 @@ class ValidationResult:
                 "by_polar_angle": {name: self._bound(mask) for name, mask in by_polar_angle.items()},
                 "by_distance": {name: self._bound(mask) for name, mask in by_distance.items()},
             },
+            "labels": labels,
             "budget": budget,
             "views": views,
         }

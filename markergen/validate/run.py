@@ -67,7 +67,7 @@ def validate(
         If a number is out of range, an estimator unknown or not fit for a relief, or no pose sees the marker whole.
     """
     _check(noise_px, runs, seed)
-    poses = poses.seen_whole(marker.boundary, camera)
+    poses = poses.seen_whole(marker.boundary, camera, marker.height)
     points = marker.xyz
     experiment = Experiment(
         points=points,

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from markergen.validate.metrics import mean_nees_interval
 
 Table = tuple[str, list[str], list[list[str]], str]
@@ -16,7 +18,14 @@ TITLES = {
     "sqpnp": "SQPnP",
     "dlt": "DLT",
 }
-LAYOUTS = {"ngon": "regular n-gon", "square": "square, 4 dots", "random": "random, median"}
+LAYOUTS = {
+    "flat": "best without relief",
+    "ngon": "regular n-gon",
+    "square": "square, 4 dots",
+    "random": "random, median",
+}
+MOST_DOTS = 40
+"""Of more dots, a table of labels has only the least safe."""
 STATISTICS = ("mean", "std", "rms", "median", "p95", "max")
 BOUND = "bound (CRLB)"
 
@@ -103,11 +112,48 @@ def comparison_table(results: Mapping[str, Any]) -> Table:
                 name,
                 *(number(row["bound"][key]) for key in ("rotation_deg", "translation_pct")),
                 *(number(measured.get(key, {}).get("rms")) for key in ("rotation_deg", "translation_pct")),
-                number(row["criteria"]["condition"]),
+                number(row["criteria"].get("condition")),
             ]
         )
     title = "Beside other layouts of the same room: deg and %, rms"
     return title, header, rows, "--trials-for-all measures them all."
+
+
+def labels_table(results: Mapping[str, Any]) -> Table:
+    """How safely each dot can be told apart, or of many the least safe ones: from where, and for what it is taken."""
+    labels = results["labels"]
+    dots = labels["dots"]
+    title = "How safely each dot is told apart"
+    if len(dots) > MOST_DOTS:
+        dots = sorted(dots, key=lambda dot: np.inf if dot["px"] is None else dot["px"])[:MOST_DOTS]
+        title += f": the {MOST_DOTS} least safe of {len(labels['dots'])}"
+    rows = [
+        [str(dot["id"]), "-", "-", "-", "-", "never: no other dot is like it"]
+        if dot["px"] is None
+        else [
+            str(dot["id"]),
+            number(dot["px"]),
+            "<1e-6" if dot["confusion"] < 1e-6 else f"{dot['confusion']:.2g}",
+            f"{dot['tilt_deg']:.3g}",
+            f"{dot['distance_m']:.3g}",
+            dot["in_words"],
+        ]
+        for dot in dots
+    ]
+    header = [
+        "dot",
+        "safe to, px",
+        f"confused at {labels['noise_px']:g} px",
+        "tilt, deg",
+        "distance, m",
+        "then fits as well",
+    ]
+    caption = (
+        "Safe to: RMS displacement of all dots in the image up to which the true labels fit best, from every pose; "
+        f"tilt and distance of the worst one. Confused: probability that noise of {labels['noise_px']:g} px in every "
+        "coordinate makes the other labels fit better there."
+    )
+    return title, header, rows, caption
 
 
 def heading(results: Mapping[str, Any]) -> str:
@@ -123,8 +169,8 @@ def heading(results: Mapping[str, Any]) -> str:
 
 
 def sentences(results: Mapping[str, Any]) -> list[str]:
-    """What needs no table: whether the covariance is calibrated."""
-    found = []
+    """What needs no table: how safe the labels are, and whether the covariance is calibrated."""
+    found = [_sentence(line) for line in (results.get("labels") or {}).get("sentences", [])]
     tilted = {
         angle: row
         for angle, row in ((results["nees"] or {}).get("by_polar_angle") or {}).items()
@@ -139,3 +185,7 @@ def sentences(results: Mapping[str, Any]) -> list[str]:
             f"{low:.3f} to {high:.3f} is what 99 % of such runs give if the bound's covariance is right."
         )
     return found
+
+
+def _sentence(words: str) -> str:
+    return f"{words[0].upper()}{words[1:]}."

@@ -239,10 +239,10 @@ def test_outlines_may_touch_at_a_corner():
     ("rings", "words"),
     [
         ((), "at least one outline, found none"),
-        ((((0, 0), (1, 1), (1, 0), (0, 1)),), "outline 1 doing so at (0.5, 0.5) m"),
-        ((SQUARE, ((0, 0), (1, 0), (1, 1), (0.5, 0), (0, 1))), "outline 2 doing so at (0.5, 0) m"),
+        ((((0, 0), (1, 1), (1, 0), (0, 1)),), "outline 1 doing so at (500 mm, 500 mm)"),
+        ((SQUARE, ((0, 0), (1, 0), (1, 1), (0.5, 0), (0, 1))), "outline 2 doing so at (500 mm, 0 mm)"),
         ((SQUARE, tuple((x + 0.1, y + 0.1) for x, y in SQUARE)), "outlines 1 and 2 crossing or sharing a line at (0"),
-        ((SQUARE, tuple((x + 0.2, y) for x, y in SQUARE)), "outlines 1 and 2 crossing or sharing a line at (0.1, "),
+        ((SQUARE, tuple((x + 0.2, y) for x, y in SQUARE)), "outlines 1 and 2 crossing or sharing a line at (100 mm, "),
         ((SQUARE, SQUARE), "outlines 1 and 2 crossing or sharing a line"),
         ((SQUARE, ((0, 0), (1, 1))), "an area in outline 2, found 2 corners on a line"),
         ((((0, 0), (1, 1), (2, 2)),), "an area in outline 1, found 3 corners on a line"),

@@ -5,6 +5,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
+from markergen.errors import InputError
 from markergen.model.boundary import Circle, Polygon
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.poses import named_poses
@@ -61,16 +62,21 @@ def test_a_safe_pentagon_costs_little():
     assert region.holds(found.points[None])[0]
     assert found.value == pytest.approx(objective(found.points[None])[0])
     assert -1e-9 < found.cost < 0.1
-    assert "without a key dot" in found.sentence
+    assert "without a key ring" in found.sentence
+    assert found.or_refuse() is found
 
 
-def test_what_cannot_be_reached_is_told():
+def test_what_cannot_be_reached_is_told(monkeypatch):
+    monkeypatch.setattr(asymmetry, "ROUNDS", 2)
     objective = OBJECTIVES["pose"](Setting(Circle(0.15), PAPER_CAMERA, POSES))
     region = Region(Circle(0.15), 0.02, 0.002)
     found = asymmetric_search(objective, region, 4, np.random.default_rng(0), 500.0, restarts=1)
     assert not found.reached
     assert found.safety.least > 1
-    assert found.sentence.startswith("no layout was found")
+    assert "less than the 500 px demanded" in found.sentence
+    with pytest.raises(InputError, match=r"no layout safer than [\d.]+ px; use --asymmetric [\d.]+ or less") as refusal:
+        found.or_refuse()
+    assert "\n" not in str(refusal.value)
 
 
 def test_a_boundary_with_corners():

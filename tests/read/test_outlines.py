@@ -316,7 +316,7 @@ def test_an_open_end_on_a_closed_chain_is_told(refused):
         ('<path d="M10 10 L90 90 z"/>', "zero area at (10 mm, 10 mm)"),
         ('<path d="M10 10 L90 90 L10 10 z"/>', "zero area"),
         ('<path d="M10 10 H90 L90 10.0001 H10 z"/>', "zero area"),
-        ('<path d="M10 10 L90 90 L90 10 L10 90 z"/>', "(0.05, 0.05) m"),
+        ('<path d="M10 10 L90 90 L90 10 L10 90 z"/>', "(50 mm, 50 mm)"),
         ('<path d="M10 10 H90 V90 H10 V10 H90 z"/>', "outline 1"),
         ('<rect width="50" height="50"/><rect x="20" y="-20" width="50" height="50"/>', "outlines 1 and 2"),
         ('<rect width="50" height="50"/><rect width="50" height="50"/>', "outlines 1 and 2"),
@@ -410,7 +410,7 @@ def test_files_too_large_to_be_outlines(refused, tmp_path):
     assert "at most 10 MB" in refused(path)
     assert "300 kB of path data" in refused(svg(f'<path d="M0 0 {"1 1 " * 80_000}z"/>'))
     assert "10000 lines and curves" in refused(svg(f'<path d="M0 0 {"1 1 " * 20_000}z"/>'))
-    assert "at most 20 closes" in refused(svg(f'<path d="M0 0 {"h1z" * 90_000}"/>'))
+    assert "at most 20 closes" in refused(svg(f'<path d="M0 0 {"h1z" * 21}"/>'))
     assert "3 MB of GeoJSON" in refused(b'{"type": "' + b"a" * 3_000_000, unit="mm")
     assert "3 MB of DXF" in refused(b"0\nSECTION\n" + b" " * 3_000_000)
     assert "40000 entities" in refused(b"0\nSECTION\n2\nENTITIES\n" + b"0\nLINE\n" * 40_001 + b"0\nENDSEC\n0\nEOF\n")
@@ -501,8 +501,8 @@ def test_geojson_has_no_unit(refused):
         ("200000", None, "300 m across"),
         ("2000000", None, "km"),
         ("0.1", None, "0.15 mm across"),
-        ("200", "m", "300 m across in m; give another --boundary-unit"),
-        ("200", "um", "0.3 mm across in um"),
+        ("200", "m", "300 m across with m for the unit; give another --boundary-unit"),
+        ("200", "um", "0.3 mm across with um for the unit"),
     ],
 )
 def test_absurd_sizes_ask(refused, size, unit, words):
@@ -893,7 +893,7 @@ def test_files_are_boundaries(write):
         ("rect:0.1x-1", {}, "sides above 0"),
         ("rect:0.1x0.2x0.3", {}, "a width and a height"),
         ("rect:nanx1", {}, "a finite width"),
-        ("missing.svg", {}, "a readable outline at 'missing.svg'"),
+        ("missing.svg", {}, "a readable outline at missing.svg"),
         ("2missing.svg", {}, "a readable outline"),
         ("0.15", {"unit": "mm"}, "with an outline's file alone"),
         ("rect:1x1", {"layer": "a"}, "with an outline's file alone"),

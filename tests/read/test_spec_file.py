@@ -110,7 +110,7 @@ def test_what_is_no_table_is_refused(values):
         ({"boundary": "flange.dxf"}, "boundary: write rect:0.2x0.1, circle:0.15, or a table with kind and outlines"),
         ({"boundary": "rect:0.2"}, "boundary: expected a width and a height"),
         ({"boundary": {"kind": "polygon", "outlines": [[["a", 0], [1, 0], [0, 1]]]}}, "boundary.outlines[0][0][0]: "),
-        ({"boundary": {"kind": "polygon", "outlines": [[[0, 0], [1, 1], [1, 0], [0, 1]]]}}, "doing so at (0.5, 0.5) m"),
+        ({"boundary": {"kind": "polygon", "outlines": [[[0, 0], [1, 1], [1, 0], [0, 1]]]}}, "so at (500 mm, 500 mm)"),
         ({"boundary": {"kind": "polygon", "outlines": json.loads("[" * 300 + "]" * 300)}}, "boundary.outlines[0]"),
         ({"keep_outs": [{"radius": 0}]}, "keep_outs[0].radius: Input should be greater than 0 (got 0)"),
         ({"keep_outs": ["circle:1"]}, "expected keep-outs that leave room in the boundary"),

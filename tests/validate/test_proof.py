@@ -8,6 +8,7 @@ from markergen.estimators.budget import ErrorSources
 from markergen.model.boundary import Circle
 from markergen.model.marker import Marker
 from markergen.objectives import OBJECTIVES
+from markergen.optimize.label_safety import label_safety
 from markergen.validate import tables, view_tables
 from markergen.validate.proof import prove, setting_of, to_json
 from markergen.validate.views import Shoot
@@ -44,6 +45,7 @@ def test_tables_show_the_numbers_of_the_results(results):
         tables.polar_angle_table(results, "translation_pct"),
         tables.homography_table(results),
         tables.comparison_table(results),
+        tables.labels_table(results),
         view_tables.budget_table(results),
         view_tables.group_table(results["views"]),
         view_tables.estimator_table(results["views"]),
@@ -101,3 +103,18 @@ def test_trials_of_the_others_belong_to_one_layout(pentagon, setting):
     for row in found["comparisons"].values():
         assert row["criteria"]["rotation_deg"] * 0.2 == pytest.approx(row["bound"]["rotation_deg"])
         assert row["estimators"]["lm"]["rotation_deg"]["count"] > 0
+
+
+def test_labels_are_told_apart_as_the_results_say(results, pentagon, setting):
+    labels = results["labels"]
+    assert labels == json.loads(json.dumps(label_safety(pentagon, setting).as_dict(0.2)))
+    assert labels["dots"][0] == {"id": 0, "px": None}
+    assert labels["confusion"] < 1e-6
+    assert tables.sentences(results)[0].startswith("Labels are safe while")
+    rows = tables.labels_table(results)[2]
+    assert rows[0][-1] == "never: no other dot is like it"
+    assert float(rows[1][1]) == pytest.approx(labels["dots"][1]["px"], rel=5e-3)
+    many = {**labels, "dots": [{**labels["dots"][1], "id": i, "px": float(i % 50)} for i in range(60)]}
+    title, _, rows, _ = tables.labels_table({"labels": many})
+    assert "the 40 least safe of 60" in title
+    assert max(float(row[1]) for row in rows) < 35

@@ -11,7 +11,7 @@ from markergen.validate.run import validate
 STATS = {"count", "mean", "std", "rms", "median", "p95", "max"}
 KEYS = {
     "marker", "criteria", "comparisons", "nees", "camera", "poses", "noise_px", "runs", "seed", "condition",
-    "homography", "estimators", "bound", "budget", "views",
+    "homography", "estimators", "bound", "budget", "labels", "views",
 }  # fmt: skip
 
 

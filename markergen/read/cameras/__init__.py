@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from markergen.errors import InputError
+from markergen.files import exists
 from markergen.model.camera import Camera
 from markergen.read.cameras.covariance import read_camera_covariance
 from markergen.read.cameras.document import Document, read_bytes
@@ -59,6 +60,6 @@ def read_camera(path: Path | str) -> Camera:
 
 def _split(path: Path) -> tuple[Path, str | None]:
     stem, mark, choice = path.name.rpartition("#")
-    if not mark or not stem or path.exists():
+    if not mark or not stem or exists(path):
         return path, None
     return path.with_name(stem), choice

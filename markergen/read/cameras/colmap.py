@@ -40,7 +40,11 @@ def _fits(document: Document) -> bool:
 
 
 def _read(document: Document, choice: str | None) -> Camera:
-    rows = {line.split(maxsplit=1)[0]: line for line in document.lines}
+    numbers = [line.split(maxsplit=1)[0] for line in document.lines]
+    rows = dict(zip(numbers, document.lines, strict=True))
+    if len(rows) < len(numbers):
+        twice = next(number for i, number in enumerate(numbers) if number in numbers[:i])
+        raise InputError(f"every camera once in {document.name}", f"{brief(twice)} twice", "take one out")
     if choice is None and len(rows) > 1:
         some = ", ".join(brief(key) for key in list(rows)[:10])
         raise InputError(
@@ -50,7 +54,8 @@ def _read(document: Document, choice: str | None) -> Camera:
         )
     number = next(iter(rows)) if choice is None else choice
     if number not in rows:
-        raise InputError(f"the camera {brief(number)} in {document.name}", f"{len(rows)} others", "check the number")
+        some = ", ".join(brief(key) for key in list(rows)[:10])
+        raise InputError(f"the camera {brief(number)} in {document.name}", f"only {some}", "check the number")
     return _camera(rows[number].split(), document.name, number)
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from markergen.errors import InputError
+from markergen.files import read_start
 from markergen.model.findings import brief
 
 LARGEST_FILE, LARGEST_TOML = 1_000_000, 10_000
@@ -31,8 +32,7 @@ _OPENCV_HEADER = re.compile(r"\A\s*%YAML:1\.\d[^\n]*")  # Not YAML: OpenCV befor
 def read_bytes(path: Path, kind: str) -> bytes:
     """Bytes of a small file; raises InputError if it cannot be read, is empty, or is beyond `LARGEST_FILE`."""
     try:
-        with path.open("rb") as file:
-            data = file.read(LARGEST_FILE + 1)
+        data = read_start(path, LARGEST_FILE + 1)
     except (OSError, ValueError) as error:  # ValueError: a path with a null character.
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(f"a readable {kind} at {brief(str(path))}", str(reason), "check the path") from None
@@ -247,6 +247,8 @@ def _xml(text: str, name: str) -> dict[str, Any]:
     except (ElementTree.ParseError, ValueError) as error:
         raise _damaged("XML", name, brief(str(error))) from None
     values: dict[str, Any] = {}
+    if root.tag != "opencv_storage":
+        return values
     for element in root:
         if element.tag in values:
             raise _damaged("XML", name, f"the key {brief(element.tag)} twice")

@@ -1,5 +1,7 @@
 """Camera matrix and distortion coefficients as OpenCV and ROS write them, which is nearly the same."""
 
+import re
+
 from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.model.findings import brief
@@ -20,8 +22,12 @@ def camera_of(table: Table, model: str) -> Camera:
     model_key = table.find(*MODEL) or coefficients_key or ""
     matrix = _entries(table, key, (3, 3))
     coefficients = [] if coefficients_key is None else _entries(table, coefficients_key, None)
-    if coefficients_key is None and model not in ("", "none"):
-        raise InputError(f"the key {COEFFICIENTS[0]} in {table.place()}", "none", "add it, or check the path")
+    if coefficients_key is None:
+        # What is misspelled must not become a camera without distortion.
+        near = [key for key in table.values if re.search("dist|coef", key, re.IGNORECASE) and key != model_key]
+        if near or model not in ("", "none"):
+            found = f"only {brief(near[0])}" if near else "none"
+            raise InputError(f"the key {COEFFICIENTS[0]} in {table.place()}", found, "add it, or check the path")
     distortion = make_distortion(model, coefficients, table.place(model_key), table.place(coefficients_key or ""))
     size_key, width, height = _size(table)
     pinhole = pinhole_of(matrix, table.place(key))

@@ -20,6 +20,9 @@ MODELS = {
 }
 """Models of `Distortion` by the names that ROS, Kalibr and OpenCV's users give them."""
 
+SHORTEST, LONGEST = 1e-3, 1e6
+"""Focal lengths in image sides: a field of view of nearly 180 degrees, and one of a fifth of an arc second."""
+
 
 @contextmanager
 def located(place: str) -> Iterator[None]:
@@ -39,7 +42,8 @@ def make_distortion(name: str, coefficients: Sequence[float], model_place: str, 
     model = _opencv(coefficients) if name == "" else MODELS.get(name.lower())
     if model is None:
         raise InputError(f"a known distortion model at {model_place}", brief(name), f"known: {', '.join(MODELS)}")
-    if not coefficients:
+    # A pinhole camera is no fisheye without distortion: that images angles.
+    if not coefficients and model != "equidistant":
         return Distortion()
     # OpenCV pads with zeros: 12 coefficients have thin prisms, 14 a tilted sensor, too.
     most = {"none": 0, "radtan": 5, "rational": 8, "equidistant": 4}[model]
@@ -71,14 +75,19 @@ def make_camera(
     Raises
     ------
     InputError
-        As `Camera` does, or if the principal point is not in the image: then size and matrix are of two cameras, of
-        two resolutions of one, or width and height are exchanged.
+        As `Camera` does, if the focal lengths are no such of a lens, or if the principal point is not in the image:
+        then size and matrix are of two cameras, of two resolutions of one, or width and height are exchanged.
     """
     fx, fy, cx, cy = matrix
     with located(size_place):
         Camera(width, height, 1.0, 1.0, 0.0, 0.0)
     with located(place):
         camera = Camera(width, height, fx, fy, cx, cy, distortion)
+        if not (SHORTEST * width <= fx <= LONGEST * width and SHORTEST * height <= fy <= LONGEST * height):
+            raise InputError(
+                f"focal lengths in px that go with an image of {width}x{height} px", f"fx={fx}, fy={fy}",
+                "check the camera matrix; are these mm?",
+            )  # fmt: skip
         if not (-0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5):
             raise InputError(
                 f"a principal point inside the image of {width}x{height} px",

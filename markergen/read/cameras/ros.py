@@ -39,6 +39,11 @@ def _read(document: Document, choice: str | None) -> Camera:
 
 def _refuse_part(table: Table, roi: Table) -> None:
     """K counts from the corner of the full image; that of a part of it would be shifted."""
+    for corner in ("x_offset", "y_offset"):
+        if roi.find(corner) is not None and roi.whole(corner) != 0:
+            raise InputError(
+                f"the full image, 0, at {roi.place(corner)}", str(roi.whole(corner)), "calibrate the image as it is"
+            )
     for side, full in (("width", WIDTH), ("height", HEIGHT)):
         if roi.find(side) is not None and roi.whole(side) not in (0, table.whole(*full)):
             raise InputError(

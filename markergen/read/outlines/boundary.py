@@ -1,15 +1,19 @@
 """Boundaries as users write them: a radius, a shape with its measures, or a file."""
 
 import re
+from math import hypot
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.model.boundary import Boundary, Circle, polygon_from
 from markergen.model.findings import brief
-from markergen.read.outlines.reader import read_outline
-from markergen.units import parse_length
+from markergen.read.outlines.reader import LARGEST, SMALLEST, read_outline
+from markergen.units import format_length, parse_length
+
+Array = NDArray[np.float64]
 
 _NUMBER = re.compile(r"\s*[-+]?\.?\d[^/\\]*")
 _SUFFIXES = (".svg", ".dxf", ".json", ".geojson")
@@ -49,34 +53,46 @@ def parse_boundary(
             "a --boundary-unit or --layer with an outline's file alone", brief(text), "write the unit with the number"
         )
     if is_file:
-        if not str(text).strip():
-            raise InputError("a boundary", "none", _FORMS)
         return polygon_from(read_outline(text, unit, layer), origin)
-    if shape is None:
-        return Circle(parse_length(str(text), "radius"))
-    kind, measures, place = shape.groups()
+    kind, measures, place = shape.groups() if shape is not None else ("circle", str(text), None)
     center = _place(place, origin)
     if kind == "circle":
-        return Circle(parse_length(measures, "radius"), center)
-    return _rectangle(measures, center)
+        radius = parse_length(measures, "radius")
+        _check_size(2 * radius, text, origin)
+        return Circle(radius, center)
+    half = _half_sides(measures)
+    _check_size(2 * hypot(*half), text, origin)
+    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * half
+    return polygon_from([corners + center], "file")
 
 
 def is_drawing(text: str | Path) -> bool:
-    """Tell whether a boundary is given as a file rather than as a radius or a shape."""
+    """Tell whether a boundary is given as a file rather than as a radius or a shape; raises InputError if as none."""
     words = str(text)
+    if not words.strip():
+        raise InputError("a boundary", "none", _FORMS)
     is_number = _NUMBER.fullmatch(words) and not words.lower().endswith(_SUFFIXES)
     return isinstance(text, Path) or not (is_number or _SHAPE.fullmatch(words.strip()))
 
 
-def _rectangle(measures: str, center: tuple[float, float]) -> Boundary:
+def _check_size(size: float, text: str | Path, origin: str) -> None:
+    """Refuse what is most likely given without its unit; holes to keep out of may be as small as they like."""
+    if size > LARGEST or (0 < size < SMALLEST and origin == "center"):
+        raise InputError(
+            f"a boundary of {format_length(SMALLEST)} to {format_length(LARGEST)}",
+            f"{format_length(size)} across for {brief(str(text))}",
+            "write the unit with each number, such as 150mm or rect:200mmx100mm",
+        )
+
+
+def _half_sides(measures: str) -> Array:
     sides = measures.split("x")
     if len(sides) != 2:
         raise InputError("a width and a height", brief(f"rect:{measures}"), "write rect:0.2x0.1 or rect:200mmx100mm")
     half = np.array([parse_length(side, name) / 2 for side, name in zip(sides, ("width", "height"), strict=True)])
     if not (half > 0).all():
         raise InputError("sides above 0", brief(f"rect:{measures}"), "write rect:0.2x0.1 or rect:200mmx100mm")
-    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * half
-    return polygon_from([corners + center], "file")
+    return half
 
 
 def _place(text: str | None, origin: str) -> tuple[float, float]:

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from markergen.errors import InputError
+from markergen.files import read_start
 from markergen.model.findings import brief
 from markergen.read.outlines.curves import Curve
 from markergen.units import METERS
@@ -50,12 +51,18 @@ class Drawing:
     y_down : bool
     others : list of str
         Kinds of things that are no outlines (text, images), for the message that there are none.
+    pixels : float
+        px per unit of the coordinates, for a file in px.
+    hint : str
+        What to consider for the choice of a unit, for the message that there is none.
     """
 
     pieces: list[Piece]
     scale: float | None
     y_down: bool = False
     others: list[str] = field(default_factory=list)
+    pixels: float = 1.0
+    hint: str = ""
 
 
 @dataclass(frozen=True)
@@ -84,6 +91,10 @@ class OutlineFile:
         """Return an error about something in the file."""
         return InputError(f"{expected} in {self.name}", found, remedy)
 
+    def external(self, what: str) -> InputError:
+        """Return the error that the file refers to others."""
+        return self.unreadable("no references to other files", what, "embed it, or take it out")
+
     def too_much(self, what: str) -> InputError:
         """Return the error that reading would take too long; `what` is a limit such as ``at most 5 layers``."""
         return self.unreadable(what, "more", _WHOLE)
@@ -98,13 +109,12 @@ class OutlineFile:
 
 def load(path: Path) -> OutlineFile:
     """Read the bytes of a file; raises InputError if it cannot be read, is empty, or is beyond `LARGEST_FILE`."""
-    name = str(path) if len(str(path)) <= 200 else brief(str(path))
+    name = str(path) if len(str(path)) <= 200 and str(path).isprintable() else brief(str(path))
     try:
-        with path.open("rb") as file:
-            data = file.read(LARGEST_FILE + 1)
+        data = read_start(path, LARGEST_FILE + 1)
     except (OSError, ValueError) as error:  # ValueError: a path with a null character.
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise InputError(f"a readable outline at {brief(name)}", str(reason), "check the path") from None
+        raise InputError(f"a readable outline at {name}", str(reason), "check the path") from None
     if len(data) > LARGEST_FILE:
         raise InputError(f"an outline of at most {LARGEST_FILE // 10**6} MB in {name}", "a larger file", _WHOLE)
     if not data.strip():

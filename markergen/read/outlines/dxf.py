@@ -1,6 +1,7 @@
 """DXF: lines, arcs, polylines with bulges, ellipses and splines of the model space, through blocks."""
 
 import io
+import logging
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -34,6 +35,9 @@ SCALES = {
 }  # fmt: skip
 """m per unit by $INSUNITS; 0 is none, and those that are left out are units of astronomers."""
 
+# ezdxf tells of what it mends; without anybody who listens Python writes that to the error output.
+logging.getLogger("ezdxf").addHandler(logging.NullHandler())
+
 _FLAT = np.eye(4)[:2]
 _BINARY, _DWG = b"AutoCAD Binary DXF", b"AC10"
 
@@ -54,7 +58,9 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
     except InputError:
         raise
     except Exception as error:  # What ezdxf makes of damaged values is not documented.
-        raise file.damaged("a sound drawing", brief(f"{type(error).__name__}: {error}")) from None
+        raise file.damaged("a sound drawing", _reason(error)) from None
+    if any(len(document.layout(name)) for name in document.layout_names() if name != "Model"):
+        reader.others.append("what is in paper space")
     known |= {name.casefold(): name for name in reader.layers if name.casefold() not in known}
     if layer is not None and layer.casefold() not in known:
         raise file.unknown_layer(layer, sorted(known.values()))
@@ -97,8 +103,10 @@ class _Reader:
             if kind == "INSERT":
                 if self._visible(entity, layer):
                     self._insert(entity, matrix, layer, blocks)
+                else:
+                    self.others.append("what is hidden")
             elif not self._chosen(entity, layer):
-                continue
+                self.others.append("what is hidden" if self.wanted is None else "what is on other layers")
             elif kind in CURVES:
                 name = f"{kind} on layer {brief(layer)}"
                 frame = _times(matrix, frame_of(entity))
@@ -182,7 +190,15 @@ def _document(file: OutlineFile) -> "Document":
     except ezdxf.DXFVersionError as error:  # type: ignore[attr-defined]
         raise file.unreadable("DXF of R12 or later", brief(str(error)), "save it in a later version") from None
     except Exception as error:  # ezdxf's own errors are not all that damaged files raise.
-        raise file.damaged("DXF", brief(f"{type(error).__name__}: {error}")) from None
+        raise file.damaged("DXF", _reason(error)) from None
+
+
+def _reason(error: Exception) -> str:
+    """What ezdxf says; other errors are of its own code, and say nothing to who has not written it."""
+    from ezdxf import DXFError  # type: ignore[attr-defined]
+
+    text = " ".join(str(error).split()) if isinstance(error, DXFError) else ""
+    return text if 3 < len(text) <= 120 and text.isprintable() else "values that make no sense"
 
 
 def _text(file: OutlineFile) -> str:

@@ -48,7 +48,8 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
             others.append(kind)
         else:
             raise file.unreadable("a GeoJSON type", f"{name}.type {brief(kind)}", "correct the file")
-    return Drawing(pieces, None, others=others)
+    hint = "; longitude and latitude are no lengths: export them in m"
+    return Drawing(pieces, None, others=others, hint=hint)
 
 
 def _piece(file: OutlineFile, ring: Any, name: str) -> Piece:

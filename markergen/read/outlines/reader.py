@@ -34,7 +34,8 @@ def read_outline(path: Path | str, unit: str | None = None, layer: str | None = 
     ----------
     path : path
     unit : str, optional
-        One of `UNITS`: the length of one unit of the coordinates, whatever the file says itself.
+        One of `UNITS`: the length of one unit of the coordinates, whatever the file says itself. Only px are those
+        in which an SVG gives its width and height.
     layer : str, optional
         Read this layer alone, visible or not; otherwise all that are visible.
 
@@ -94,17 +95,17 @@ def _size(drawing: Drawing, file: OutlineFile) -> float:
 
 def _scale(drawing: Drawing, size: float, file: OutlineFile, unit: str | None) -> float:
     """Return m per unit, from the user or else from the file, if the outcome may be a marker."""
-    scale = UNITS[unit] if unit else drawing.scale
+    scale = UNITS[unit] * (drawing.pixels if unit == "px" else 1.0) if unit else drawing.scale
     if scale is None:
         raise file.unreadable(
             "a unit of length",
             f"none: the drawing is {size:.6g} units across",
-            f"give --boundary-unit, one of {', '.join(UNITS)}",
+            f"give --boundary-unit, one of {', '.join(UNITS)}{drawing.hint}",
         )
     if not SMALLEST <= size * scale <= LARGEST:
         raise file.unreadable(
             f"a marker of {format_length(SMALLEST)} to {format_length(LARGEST)}",
-            f"one that is {format_length(size * scale)} across{f' in {unit}' if unit else ''}",
+            f"one that is {format_length(size * scale)} across{f' with {unit} for the unit' if unit else ''}",
             f"give {'another' if unit else 'the'} --boundary-unit, one of {', '.join(UNITS)}",
         )
     return scale
@@ -113,7 +114,11 @@ def _scale(drawing: Drawing, size: float, file: OutlineFile, unit: str | None) -
 def _tracks(drawing: Drawing, scale: float, tolerance: float, file: OutlineFile) -> list[Track]:
     tracks, total = [], 0
     for piece in drawing.pieces:
-        points = np.concatenate([curve.flatten(tolerance / scale) for curve in piece.curves])
+        try:
+            points = np.concatenate([curve.flatten(tolerance / scale) for curve in piece.curves])
+        except InputError as error:
+            expected, found, remedy = error.args
+            raise file.unreadable(expected, f"{found}, {piece.name}", remedy) from None
         total += len(points)
         if total > MOST_POINTS:
             raise file.too_much(f"outlines that {MOST_POINTS} points can follow to {tolerance * 1e6:.2g} um")

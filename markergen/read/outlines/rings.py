@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
+from markergen.model.outlines import place
 from markergen.units import format_length
 
 Array = NDArray[np.float64]
@@ -45,11 +46,6 @@ def close(tracks: Sequence[Track], tolerance: float, source: str) -> list[Array]
     rings += _joined(open_tracks, tolerance, source)
     rings.sort(key=lambda ring: ring[0])
     return [_checked(points, name, tolerance, source) for _, points, name in rings]
-
-
-def place(point: Array) -> str:
-    """Coordinates for messages."""
-    return f"({format_length(float(point[0]))}, {format_length(float(point[1]))})"
 
 
 def _joined(tracks: list[tuple[int, Track]], tolerance: float, source: str) -> list[tuple[int, Array, str]]:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from markergen.errors import InputError
+from markergen.files import exists
 from markergen.model.boundary import Boundary, polygon_from
 from markergen.model.outlines import enclosing_circle
 from markergen.read.outlines.boundary import is_drawing, parse_boundary
@@ -62,6 +63,6 @@ def _keep_out(text: str, unit: str | None, shift: np.ndarray[tuple[int], np.dtyp
 
 def _split(text: str) -> tuple[str, str | None]:
     path, mark, layer = text.rpartition("#")
-    if not mark or not path or Path(text).exists():
+    if not mark or not path or exists(Path(text)):
         return text, None
     return path, layer

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.model.findings import brief
+from markergen.read.outlines.curves import MOST_POINTS, Curve
 from markergen.read.outlines.drawing import MOST_PIECES, Drawing, OutlineFile, Piece
 from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFormat
 from markergen.read.outlines.svg_shapes import PX, Shapes
-from markergen.read.outlines.svg_style import INITIAL, Sheet, Style, seen, sheet_of, style_of
+from markergen.read.outlines.svg_style import INITIAL, Sheet, Style, gone, seen, sheet_of, style_of
 from markergen.read.outlines.svg_tree import DEEPEST, INKSCAPE, XLINK, parse
 
 Array = NDArray[np.float64]
@@ -26,7 +27,10 @@ MOST_CLIPS = 16
 OTHERS = {"text": "text", "image": "images", "foreignObject": "foreign objects"}
 
 _PHYSICAL = re.compile(r"\s*([-+.\deE]+?)\s*(mm|cm|in|pt|pc|q)\s*", re.IGNORECASE)
+_PIXELS = re.compile(r"\s*+((?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?)\s*+(?:px)?\s*+", re.IGNORECASE)
 _OLD_INKSCAPE = re.compile(r"0\.(?:[0-8]\d|91|9\b)")
+_OUTSIDE = re.compile(r"@import[^;]{0,100}|url\(\s*+(?:'\s*+|\"\s*+)?+(?!#|data:)[^)]{0,100}")
+_FONTS = re.compile(r"@font-face\s*+\{[^}]*+\}")
 _URL = re.compile(r"url\(\s*['\"]?#([^'\")]*)['\"]?\s*\)")
 
 
@@ -34,10 +38,15 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
     """Drawing in the user units of the root."""
     root = parse(file)
     _refuse_references(root, file)
-    scale, stretch, viewport = _frame(root, file)
-    reader = _Reader(file, sheet_of(root), _by_id(root), _layer_elements(root, layer, file))
-    reader.children(root, _Place(stretch, INITIAL, viewport, reader.layers is None, 0))
-    return Drawing(reader.pieces, scale, y_down=True, others=reader.others)
+    scale, pixels, stretch, viewport = _frame(root, file)
+    if root.get("transform", "").strip():
+        raise file.unreadable("transforms inside the drawing", "one of the svg element itself", "put it on a group")
+    sheet = sheet_of(root, file)
+    reader = _Reader(file, sheet, _by_id(root), _layer_elements(root, layer, file))
+    style = style_of(root, INITIAL, sheet)
+    if not gone(style) or layer is not None:
+        reader.children(root, _Place(stretch, style, viewport, reader.layers is None, 0))
+    return Drawing(reader.pieces, scale, y_down=True, others=reader.others, pixels=pixels)
 
 
 @dataclass(frozen=True)
@@ -56,13 +65,15 @@ class _Reader:
     file: OutlineFile
     sheet: Sheet
     by_id: dict[str, Element]
-    layers: list[Element] | None
+    layers: set[int] | None
+    """Identities of the elements."""
     pieces: list[Piece] = field(default_factory=list)
     others: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._shapes = Shapes(self.file)
         self._numbers = count(1)
+        self._clipped = self._clipped_points = 0
 
     def children(self, element: Element, place: _Place) -> None:
         """Read all that is inside an element."""
@@ -81,8 +92,9 @@ class _Reader:
         if place.depth > DEEPEST:
             raise self.file.too_much(f"at most {DEEPEST} levels of groups and uses")
         style = style_of(element, place.style, self.sheet)
-        chosen = self.layers is not None and any(element is layer for layer in self.layers)
-        if style["display"] == "none" and place.wanted and not chosen:
+        chosen = self.layers is not None and id(element) in self.layers
+        if gone(style) and place.wanted and not chosen:
+            self.others.append("what is hidden")
             return
         name = f"{kind} {brief(element.get('id'))}" if element.get("id") else f"{kind} number {number}"
         matrix = _times(place.matrix, self._shapes.matrix(element, name))
@@ -161,12 +173,21 @@ class _Reader:
         if not (np.isfinite(size) and size > 0):
             return False
         near = 1e-5 * size
-        drawn = shapely.points(np.concatenate([curve.flatten(near) for piece in pieces for curve in piece.curves]))
+        drawn = shapely.points(np.concatenate([self._clippable(curve, near) for p in pieces for curve in p.curves]))
         inside = np.zeros(len(drawn), dtype=bool)
         for shape in self._clip(clip, place, near):
             # Not inside alone: a clip to the page may be the very outline.
             inside |= shapely.dwithin(shape, drawn, 2 * near)
         return bool(inside.all())
+
+    def _clippable(self, curve: Curve, tolerance: float) -> Array:
+        """Points (m, 2) along a curve; refuses more than there may be, for clips may lie in clips without end."""
+        points = curve.flatten(tolerance)
+        self._clipped += 1
+        self._clipped_points += len(points)
+        if self._clipped > 2 * MOST_PIECES or self._clipped_points > 2 * MOST_POINTS:
+            raise self.file.too_much(f"at most {2 * MOST_PIECES} curves in clips")
+        return points
 
     def _clip(self, clip: Element, place: _Place, tolerance: float) -> list[Any]:
         """Polygons of what a clip leaves, or none if they are many."""
@@ -184,8 +205,11 @@ class _Reader:
         return polygons
 
 
-def _frame(root: Element, file: OutlineFile) -> tuple[float | None, Array, Viewport]:
-    """Scale in m per user unit or None, map (2, 3) that undoes a stretch, size that percentages are of."""
+def _frame(root: Element, file: OutlineFile) -> tuple[float | None, float, Array, Viewport]:
+    """Scale in m per user unit or None, px per user unit, map (2, 3) that undoes a stretch, size that percents are of.
+
+    Where widths in px are given they are pixels of a kind that only the user knows.
+    """
     shapes = Shapes(file)
     box = _view_box(root, shapes, "svg")
     width, height = (_physical(root.get(key)) for key in ("width", "height"))
@@ -196,13 +220,19 @@ def _frame(root: Element, file: OutlineFile) -> tuple[float | None, Array, Viewp
         # Without a viewBox user units are CSS pixels, but were 90 an inch in Inkscape before 0.92.
         old = _OLD_INKSCAPE.match(root.get(f"{INKSCAPE} version", ""))
         known = (width is not None or height is not None) and not old
-        return (0.0254 / PX["in"] if known else None), identity, viewport
+        return (0.0254 / PX["in"] if known else None), 1.0, identity, viewport
+    in_pixels = width is None and height is None
+    if in_pixels:
+        width, height = (_pixels(root.get(key)) for key in ("width", "height"))
     scales = [size / side for size, side in zip((width, height), box[2:], strict=True) if size is not None]
     aspect = root.get("preserveAspectRatio", "")
+    stretch = identity
     if len(scales) == 2 and "none" in aspect:
-        return scales[0], np.array([[1.0, 0.0, 0.0], [0.0, scales[1] / scales[0], 0.0]]), box[2:]
+        stretch = np.array([[1.0, 0.0, 0.0], [0.0, scales[1] / scales[0], 0.0]])
+        scales = scales[:1]
     choose: Callable[[list[float]], float] = max if "slice" in aspect else min
-    return (choose(scales) if scales else None), identity, box[2:]
+    scale = choose(scales) if scales else None
+    return (None, scale or 1.0, stretch, box[2:]) if in_pixels else (scale, 1.0, stretch, box[2:])
 
 
 def _physical(text: str | None) -> float | None:
@@ -212,6 +242,13 @@ def _physical(text: str | None) -> float | None:
         value = float(match[1]) * PX[match[2].lower()] * 0.0254 / 96 if match else 0.0
     except ValueError:
         return None
+    return value if 0 < value < np.inf else None
+
+
+def _pixels(text: str | None) -> float | None:
+    """Length in px, if it has that unit or none."""
+    match = _PIXELS.fullmatch(text or "")
+    value = float(match[1]) if match else 0.0
     return value if 0 < value < np.inf else None
 
 
@@ -253,17 +290,22 @@ def _refuse_references(root: Element, file: OutlineFile) -> None:
     for element in root.iter():
         link = _reference(element)
         if link and not link.startswith(("#", "data:")) and element.tag != "a":
-            raise file.unreadable(
-                "no references to other files", f"{brief(link)} in {brief(element.tag)}", "embed it, or take it out"
-            )
+            raise file.external(f"{brief(link)} in {brief(element.tag)}")
+        for text in (element.text or "" if element.tag == "style" else "", *element.attrib.values()):
+            found = _OUTSIDE.search(_FONTS.sub("", text)) if "url" in text or "@import" in text else None
+            if found:
+                raise file.external(f"{brief(found[0])} in {brief(element.tag)}")
 
 
 def _by_id(root: Element) -> dict[str, Element]:
     return {element.get("id", ""): element for element in reversed(list(root.iter()))}
 
 
-def _layer_elements(root: Element, layer: str | None, file: OutlineFile) -> list[Element] | None:
-    """Groups of that name; a layer is what Inkscape calls one, or any group with a name in other editors' files."""
+def _layer_elements(root: Element, layer: str | None, file: OutlineFile) -> set[int] | None:
+    """Identities of the groups of that name, None for no name.
+
+    A layer is what Inkscape calls one, or any group with a name in other editors' files.
+    """
     if layer is None:
         return None
     groups = list(root.iter("g"))
@@ -272,7 +314,7 @@ def _layer_elements(root: Element, layer: str | None, file: OutlineFile) -> list
         labeled = [group for group in groups if group.get(f"{INKSCAPE} groupmode") == "layer"]
         known = [names[0] for group in labeled or groups if (names := _names(group))]
         raise file.unknown_layer(layer, list(dict.fromkeys(known)))
-    return found
+    return {id(group) for group in found}
 
 
 def _names(group: Element) -> list[str]:

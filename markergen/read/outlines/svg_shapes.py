@@ -108,6 +108,7 @@ class Shapes:
         text = element.get("transform", "")
         if moved_by_style(element):
             raise self.file.unreadable("transforms as attributes", f"one as style at {name}", "save it as plain SVG")
+        self._count(text)
         if not _TRANSFORMS.fullmatch(text):
             raise self.file.unreadable("a transform", f"{brief(text)} at {name}", "correct the file")
         matrix = np.eye(3)
@@ -121,7 +122,7 @@ class Shapes:
     def _count(self, data: str) -> None:
         self.path_data += len(data)
         if self.path_data > LARGEST_PATH:
-            raise self.file.too_much(f"at most {LARGEST_PATH // 1000} kB of path data")
+            raise self.file.too_much(f"at most {LARGEST_PATH // 1000} kB of path data and other numbers")
 
     def _path(self, data: str, name: str) -> list[Piece]:
         """Pieces of path data, one a subpath."""
@@ -131,10 +132,14 @@ class Shapes:
         if not data.strip() or data.strip() == "none":
             return []
         # svgelements takes nan, ignores what it does not know, and stops at the first surprise.
-        odd = _NO_PATH.search(re.sub(_NUMBER, "", data))
+        commands, numbers = re.subn(_NUMBER, "", data)
+        odd = _NO_PATH.search(commands)
         if odd or data.lstrip()[0] not in "Mm":
             found = repr(odd[0]) if odd else "no move to start from"
             raise self.file.unreadable("path data", f"{found} in {name}", "correct the path")
+        # A command makes at least one segment, and takes at most seven numbers for each.
+        if self.segments + max(sum(map(str.isalpha, commands)), numbers / 7) > MOST_PIECES:
+            raise self.file.too_much(f"at most {MOST_PIECES} lines and curves")
         # svgelements walks back to the last move at each close.
         if any(part.lower().count("z") > MOST_CLOSES for part in re.split("[Mm]", data)):
             raise self.file.unreadable(

@@ -8,6 +8,8 @@ from markergen.model.findings import brief
 from markergen.read.outlines.drawing import OutlineFile
 
 MOST_ELEMENTS, DEEPEST = 100_000, 100
+LONGEST_CLASS = 1000
+"""Characters of an element's class names; Illustrator writes some ten."""
 SVG = "http://www.w3.org/2000/svg"
 INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
 XLINK = "http://www.w3.org/1999/xlink"
@@ -39,6 +41,10 @@ def parse(file: OutlineFile) -> Element:
         if internal or not (public or "").startswith(_W3C) or not (system or "").startswith("http://www.w3.org/"):
             refuse()
 
+    def instruct(target: str, _: str) -> None:
+        if target == "xml-stylesheet":
+            raise file.external("a style sheet")
+
     def start(name: str, attributes: dict[str, str]) -> None:
         nonlocal depth, count
         depth, count = depth + 1, count + 1
@@ -46,6 +52,8 @@ def parse(file: OutlineFile) -> Element:
             raise file.too_much(f"at most {DEEPEST} levels of groups")
         if count > MOST_ELEMENTS:
             raise file.too_much(f"at most {MOST_ELEMENTS} elements")
+        if len(attributes.get("class", "")) > LONGEST_CLASS:
+            raise file.too_much(f"at most {LONGEST_CLASS} characters of class names")
         builder.start(name.removeprefix(f"{SVG} "), attributes)
 
     def end(name: str) -> None:
@@ -57,6 +65,7 @@ def parse(file: OutlineFile) -> Element:
     parser.EntityDeclHandler = refuse
     parser.ExternalEntityRefHandler = refuse
     parser.SkippedEntityHandler = refuse
+    parser.ProcessingInstructionHandler = instruct
     parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.CharacterDataHandler = builder.data
     try:

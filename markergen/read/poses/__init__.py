@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
+from markergen.files import exists
 from markergen.model.cone import FORM
 from markergen.model.findings import brief
 from markergen.model.poses import PRESETS, PoseDistribution, is_named, named_poses
@@ -66,7 +67,7 @@ def settled(wish: str) -> str | RecordedPoses:
     if is_named(wish):
         return named_poses(wish).name
     path = Path(wish)
-    if not path.name or not (path.suffix or len(path.parts) > 1 or _exists(path)):
+    if not path.name or not (path.suffix or len(path.parts) > 1 or exists(path)):
         raise InputError(
             "a known pose distribution", brief(wish), f"known: {', '.join(PRESETS)}, {FORM}, and files of poses"
         )
@@ -81,22 +82,18 @@ def read_poses(path: Path | str) -> RecordedPoses:
     Raises
     ------
     InputError
-        If the file cannot be read, has more than a million poses or 50 MB, is in no known format, or a pose is not
+        If the file cannot be read, has more than 100,000 poses or 50 MB, is in no known format, or a pose is not
         one; the message names file and line.
     """
     path = Path(path)
     data = read_bytes(path)
-    file = PoseFile(path.name if path.name.isprintable() else brief(path.name), data.removeprefix(b"\xef\xbb\xbf"))
+    text = data.removeprefix(b"\xef\xbb\xbf")
+    if b"\n" not in text:  # As spreadsheets on a Mac write it.
+        text = text.replace(b"\r", b"\n")
+    file = PoseFile(path.name if path.name.isprintable() else brief(path.name), text)
     for name in POSE_FORMATS:
         if POSE_FORMATS[name].fits(file):
             numbers = POSE_FORMATS[name].read(file)
             return RecordedPoses.of(numbers, file.name, hashlib.sha256(data).hexdigest())
     known = "; ".join(f"{name}: {POSE_FORMATS[name].signs}" for name in POSE_FORMATS)
     raise InputError(f"poses in {file.name}", "no format that is known", f"known formats: {known}")
-
-
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except (OSError, ValueError):  # A name that is too long, or with a null character.
-        return False

@@ -15,7 +15,7 @@ from markergen.read.poses.numbers import WANTED, numbers_of
 
 Array = NDArray[np.float64]
 
-LARGEST_JSON = 10_000_000
+LARGEST_JSON = 5_000_000
 """Bytes; as Python's objects they may take forty times as much."""
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
+from markergen.files import read_start
 from markergen.model.findings import brief
 
 Array = NDArray[np.float64]
@@ -19,8 +20,8 @@ Array = NDArray[np.float64]
 LARGEST_FILE = 50_000_000
 """Bytes."""
 
-MOST_ROWS = 1_000_000
-"""Poses of one file: nine hours of video."""
+MOST_ROWS = 100_000
+"""Poses of one file: an hour of video, and two seconds to look through."""
 
 MOST_LINES = 2 * MOST_ROWS + 1000
 """Two for each pose, and comments."""
@@ -32,8 +33,7 @@ LONGEST_LINE = 10_000
 def read_bytes(path: Path) -> bytes:
     """Bytes of a file; raises InputError if it cannot be read, is no text, is empty, or is beyond `LARGEST_FILE`."""
     try:
-        with path.open("rb") as stream:
-            data = stream.read(LARGEST_FILE + 1)
+        data = read_start(path, LARGEST_FILE + 1)
     except (OSError, ValueError) as error:  # ValueError: a path with a null character.
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(f"a readable file of poses at {brief(str(path))}", str(reason), "check the path") from None

@@ -48,7 +48,9 @@ def numbers_of(translation: Array, rotation: Array, place: Place) -> Array:
     """
     for values in (translation, rotation):
         _refuse(np.any(~np.isfinite(values), axis=-1), "finite numbers", values, place)
-    _refuse(np.any(np.abs(translation) > LARGEST_DISTANCE, axis=-1), "a translation in m", translation, place)
+    _refuse(
+        np.any(np.abs(translation) > LARGEST_DISTANCE, axis=-1), "a translation of at most 1000 km", translation, place
+    )
     quaternion = {4: _unit, 3: _of_vectors, 9: _of_matrices}[rotation.shape[-1]](rotation, place)
     quaternion = quaternion * np.where(quaternion[:, 3:] < 0, -1.0, 1.0)
     # A sum with 0.0 takes the sign from a zero.

@@ -61,6 +61,7 @@ def html_report(
             "answer": overview.answer(subject),
             "limits": overview.limits(subject),
             "marker": overview.the_marker(subject),
+            "labels": overview.labels(subject),
             "origin": overview.origin(marker),
             "provenance": overview.provenance(marker),
             "pose_space": overview.pose_space(subject),

@@ -37,7 +37,7 @@ def trials(subject: Subject) -> Section:
     section = Section(
         [
             f"{results.get('runs', 0)} trials at each pose, Gaussian noise of {noise} on every image coordinate.",
-            *tables.sentences({"nees": None, **results, "views": None}),
+            *tables.sentences({"nees": None, **results, "views": None, "labels": None}),
         ]
     )
     for group, groups, axis in GROUPINGS:

@@ -105,6 +105,23 @@ def the_marker(subject: Subject) -> Section:
     return Section(plots=[drawing], tables=[table])
 
 
+def labels(subject: Subject) -> Section:
+    """How safely the dots can be told apart."""
+    found = subject.results.get("labels")
+    if not found:
+        if not subject.marker.dot_diameter:
+            return Section(missing="Bare points cannot be seen, and so not be told apart.")
+        return Section(missing="These results do not say how safely dots are told apart; markergen validate adds it.")
+    rings = [str(point.id) for point in subject.marker.control_points if point.feature.kind == "ring"]
+    if rings:
+        told = f"Rings are told from disks by their looks (here dot{'s' * (len(rings) > 1)} {', '.join(rings)})"
+    else:
+        told = "All dots look the same"
+    said = [f"{told}; dots that look the same are told apart by their places alone."]
+    said += tables.sentences({"nees": None, "labels": found})
+    return Section(said, tables=[tables.labels_table({"labels": found})])
+
+
 def origin(marker: Marker) -> list[tuple[str, str]]:
     """Where the marker came from, as terms and what its file says of them."""
     spec = marker.provenance.get("spec")

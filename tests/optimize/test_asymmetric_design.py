@@ -1,0 +1,61 @@
+"""Markers whose layout tells the labels: no key ring, and nothing that claims one."""
+
+import numpy as np
+import pytest
+
+from markergen.errors import InputError
+from markergen.model.marker_json import from_json, to_json
+from markergen.model.spec import Spec
+from markergen.optimize import asymmetry
+from markergen.optimize.design import design, upright
+from markergen.optimize.label_safety import label_safety
+
+SPEC = Spec(n=5, asymmetric=2.0, restarts=1, poses="cone:distance=0.6..1.2,tilt=0..60,count=12")
+
+
+@pytest.fixture(autouse=True)
+def few_starts(monkeypatch):
+    """Fewer starts than a user's, for time."""
+    monkeypatch.setattr(asymmetry, "SHAKES", (0.1,))
+    monkeypatch.setattr(asymmetry, "FINALISTS", 2)
+
+
+def test_the_layout_tells_the_labels():
+    found = design(SPEC, traced=True)
+    marker = from_json(to_json(found.marker).decode())
+    assert {point.feature.kind for point in marker.control_points} == {"dot"}
+    # Rounding to a tenth of a nanometer is far less than the search asks for on top.
+    assert label_safety(marker, found.setting).least >= 2.0
+    assert found.labels.least >= 2.0
+    assert "labels from the layout, safety >= 2 px" in found.summary
+    assert found.labels.sentence in found.summary
+    assert marker.provenance["labels"] == found.labels.sentence
+    assert "ring" not in found.summary + to_json(marker).decode()
+    stages = [step.stage for step in found.trace]
+    assert "asymmetric" in stages
+    assert found.trace[-1].objective == pytest.approx(found.criteria["design"]["pose_m"])
+
+
+def test_the_key_ring_is_named_where_there_is_one():
+    found = design(Spec(n=4, restarts=2))
+    assert "dot 0 is the key ring\nlabels are safe while" in found.summary
+    assert found.labels.px[0] == np.inf
+    assert design(Spec(n=4, dot=0.0, restarts=1)).labels is None
+
+
+def test_a_demand_that_cannot_be_met_is_refused_with_what_can(monkeypatch):
+    monkeypatch.setattr(asymmetry, "ROUNDS", 1)
+    with pytest.raises(InputError, match=r"safe to 300 px .* no layout safer than [1-9]"):
+        design(Spec(n=4, asymmetric=300.0, restarts=1, poses=SPEC.poses))
+
+
+def test_a_turn_that_is_not_allowed_is_not_made(criterion, rooms):
+    from markergen.model.boundary import Circle
+    from markergen.objectives.criteria import regular_polygon
+    from markergen.optimize.region import Region
+
+    disk = Circle(0.15)
+    turn = np.array([[0.9, -np.sqrt(0.19)], [np.sqrt(0.19), 0.9]])
+    points, region = regular_polygon(5, 0.15) @ turn.T, Region(disk)
+    assert upright(points, criterion(disk), region, lambda _: False) is points
+    assert upright(points, criterion(disk), region, lambda _: True) is not points
