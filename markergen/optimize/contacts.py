@@ -11,6 +11,11 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
+MOST_WALLS = 16
+"""Most walls that count for one dot, the nearest: of a toothed outline hundreds may be in reach, and time and memory of
+SLSQP grow with the square of their number. What passes one of the others is put back by `Region.project`."""
+
+
 @dataclass(frozen=True, eq=False)
 class Contacts:
     """Dots and walls, and pairs of dots, that may touch.
@@ -74,9 +79,12 @@ def contacts(walls: Walls, points: Array, inset: float, to_wall: float, to_dot: 
         Distances in m up to which a wall and another control point count; `to_dot` below 0 is for no pairs.
     """
     n, count = len(points), len(walls)
-    dot, wall = np.repeat(np.arange(n), count), np.tile(np.arange(count), n)
-    near = walls.distance(points[dot], wall)[0] <= to_wall
-    dot, wall = dot[near], wall[near]
+    each = np.repeat(points, count, axis=0), np.tile(np.arange(count), n)
+    distance = walls.distance(*each)[0].reshape(n, count)
+    near = distance <= to_wall
+    if count > MOST_WALLS:
+        near &= distance <= np.partition(distance, MOST_WALLS - 1, axis=1)[:, MOST_WALLS - 1 : MOST_WALLS]
+    dot, wall = np.nonzero(near)
     # A wall that has its back to the dot, or that as an endless line would be in its way, is no more than an obstacle.
     signed = walls.distance(points[dot], wall, True)[0] >= inset - 1e-9
     first, second = np.triu_indices(n, 1)

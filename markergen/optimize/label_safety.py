@@ -181,7 +181,7 @@ def layout_safety(points: Array, setting: Setting, keyed: bool) -> LabelSafety:
 
 
 def safety_of(scene: Scene, ids: tuple[int, ...] = (), rivals: Rivals | None = None) -> LabelSafety:
-    """Safety of the dots of a scene. Without ids they are called by their order; without rivals, these are looked for."""
+    """Safety of the dots of a scene; without ids they are called by their order, without rivals these are sought."""
     n = len(scene.points)
     rivals = worst_rivals(scene) if rivals is None else rivals
     # What a rival takes for dot j is dot s(j): the labels are its inverse. Of equals the first in order is told.

@@ -1,5 +1,6 @@
 """Files that are made to hang, to fill the memory, to say nothing or to be misunderstood: one line, and soon."""
 
+import contextlib
 import io
 import os
 import time
@@ -205,6 +206,21 @@ def test_hidden_and_paper_space_are_named(refused):
         dxf(lambda document: document.layout("Layout1").add_circle((0, 0), 9))
     )
     assert "only what is hidden" in refused(svg(f'<g style="display:none">{PLATE}</g>'))
+
+
+def test_splines_through_very_many_points(refused):
+    points = [(i * 0.1, i * i % 7, 0) for i in range(3000)]
+    assert "through at most 500 points" in refused(dxf(lambda document: document.modelspace().add_spline(points)))
+
+
+@pytest.mark.parametrize(("old", "new"), [("LAYOUT\n", "LAYOUTNAME\n"), ("Layout1", "Layout9"), ("Model\n", "Modem\n")])
+def test_damaged_layouts_are_no_surprise(tmp_path, old, new):
+    text = dxf(lambda document: document.modelspace().add_circle((0, 0), 9))
+    for count in (1, 2, 3):
+        (tmp_path / "file").write_text(text.replace(old, new, count), encoding="utf-8")
+        # Read all the same, or told in one line: ezdxf's own errors do not come through.
+        with contextlib.suppress(InputError):
+            assert len(read_outline(tmp_path / "file")) == 1
 
 
 def test_damaged_dxf_is_told_in_words_of_the_file(refused):

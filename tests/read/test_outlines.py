@@ -412,8 +412,8 @@ def test_files_too_large_to_be_outlines(refused, tmp_path):
     assert "10000 lines and curves" in refused(svg(f'<path d="M0 0 {"1 1 " * 20_000}z"/>'))
     assert "at most 20 closes" in refused(svg(f'<path d="M0 0 {"h1z" * 21}"/>'))
     assert "3 MB of GeoJSON" in refused(b'{"type": "' + b"a" * 3_000_000, unit="mm")
-    assert "3 MB of DXF" in refused(b"0\nSECTION\n" + b" " * 3_000_000)
-    assert "40000 entities" in refused(b"0\nSECTION\n2\nENTITIES\n" + b"0\nLINE\n" * 40_001 + b"0\nENDSEC\n0\nEOF\n")
+    assert "2 MB of DXF" in refused(b"0\nSECTION\n" + b" " * 3_000_000)
+    assert "20000 entities" in refused(b"0\nSECTION\n2\nENTITIES\n" + b"0\nLINE\n" * 20_001 + b"0\nENDSEC\n0\nEOF\n")
 
 
 # --- units -----------------------------------------------------------------------------------------------------------

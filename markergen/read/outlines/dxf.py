@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-LARGEST_DXF = 3_000_000
+LARGEST_DXF = 2_000_000
 """Bytes; ezdxf takes a second or more for each million."""
-MOST_RECORDS = 40_000
+MOST_RECORDS = 20_000
 """Entities, blocks and entries of tables and dictionaries; ezdxf makes an object of each."""
 DEEPEST = 20
 """Most blocks within blocks."""
@@ -55,12 +55,12 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
     reader = _Reader(file, document, layer.casefold() if layer is not None else None)
     try:
         reader.layout(document.modelspace(), np.eye(4)[:3], "0", ())
+        if any(len(layout) for layout in document.layouts if layout.is_any_paperspace):
+            reader.others.append("what is in paper space")
     except InputError:
         raise
     except Exception as error:  # What ezdxf makes of damaged values is not documented.
         raise file.damaged("a sound drawing", _reason(error)) from None
-    if any(len(document.layout(name)) for name in document.layout_names() if name != "Model"):
-        reader.others.append("what is in paper space")
     known |= {name.casefold(): name for name in reader.layers if name.casefold() not in known}
     if layer is not None and layer.casefold() not in known:
         raise file.unknown_layer(layer, sorted(known.values()))

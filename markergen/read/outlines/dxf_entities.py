@@ -13,7 +13,9 @@ Array = NDArray[np.float64]
 Parts = Iterator[tuple[list[Curve], bool]]
 """Curves one after the other, and whether the last is joined to the first."""
 
-HIGHEST_DEGREE = 25
+HIGHEST_DEGREE = 11
+MOST_FIT_POINTS = 500
+"""ezdxf solves for the curve through them with a full matrix: 10,000 take 2 GB and half a minute."""
 
 _RAISED = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 0]])
 
@@ -90,6 +92,8 @@ def _spline(entity: Any, file: OutlineFile, name: str) -> Parts:
         weights = np.array(list(entity.weights), dtype=float)
         degree = int(entity.dxf.degree)
     else:  # Points on the curve alone: the curve that AutoCAD lays through them.
+        if count > MOST_FIT_POINTS:
+            raise file.too_much(f"splines through at most {MOST_FIT_POINTS} points")
         tool = entity.construction_tool()
         points = np.array(list(tool.control_points), dtype=float).reshape(-1, 3)
         knots, weights, degree = np.array(tool.knots(), dtype=float), np.empty(0), int(tool.degree)
@@ -105,7 +109,11 @@ def _spline(entity: Any, file: OutlineFile, name: str) -> Parts:
         and bool((weights > 0).all())
     )
     if not sound:
-        raise file.unreadable("a spline that is one", f"points, knots and weights at odds in {name}", "write it again")
+        raise file.unreadable(
+            "a spline that is one",
+            f"a degree above {HIGHEST_DEGREE}, or points, knots and weights at odds in {name}",
+            "write it again",
+        )
     yield [Spline(points, weights, knots, degree)], False
 
 
