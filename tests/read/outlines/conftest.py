@@ -1,0 +1,34 @@
+"""Files to read, and the one line that reading them ends with."""
+
+from pathlib import Path
+
+import pytest
+
+from markergen.errors import InputError
+from markergen.read.outlines import read_outline
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(content, name="drawing"):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
+
+
+@pytest.fixture
+def refused(write):
+    """Words of the one line that reading ends with."""
+
+    def refused(content, **options):
+        path = content if isinstance(content, Path) else write(content)
+        with pytest.raises(InputError) as caught:
+            read_outline(path, **options)
+        message = str(caught.value)
+        assert "\n" not in message
+        assert len(message) < 700
+        return message
+
+    return refused
