@@ -97,11 +97,13 @@ def check_folder(path: Path) -> None:
 def check_outputs(outputs: Sequence[Path], inputs: Sequence[Path] = ()) -> None:
     """Refuse outputs that cannot be written, of which two are the same file, or of which one is also an input.
 
+    An input such as ``plate.dxf#HOLES`` is a part of a file, unless there is a file of just that name.
+
     Raises
     ------
     OutputError
     """
-    read = {path.resolve() for path in inputs}
+    read = {_whole(path).resolve() for path in inputs}
     written = set[Path]()
     for path in outputs:
         check_folder(path)
@@ -112,6 +114,11 @@ def check_outputs(outputs: Sequence[Path], inputs: Sequence[Path] = ()) -> None:
         if path.resolve() in written:
             raise _cannot_write(path, "It was asked for twice")
         written.add(path.resolve())
+
+
+def _whole(path: Path) -> Path:
+    before, _, _ = str(path).rpartition("#")
+    return Path(before) if before and not exists(path) else path
 
 
 def make_folder(path: Path) -> None:

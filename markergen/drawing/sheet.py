@@ -12,7 +12,7 @@
 """
 
 from dataclasses import dataclass
-from math import ceil, hypot
+from math import ceil, hypot, inf
 
 import numpy as np
 
@@ -30,6 +30,7 @@ NUMBER_HEIGHT = 2.6
 """Of the dots' numbers in mm on A4."""
 MOST_LISTED = 12
 """Of the dots that a note names."""
+_AWAY = "The marker's origin is not on the sheet; see the coordinates in marker.json."
 
 
 @dataclass(frozen=True)
@@ -105,10 +106,10 @@ class _Reach:
 def _extent(boundary: Boundary, dots: tuple[Disk, ...]) -> _Reach:
     left, down, right, up = map(float, furniture.box_mm(boundary))
     quiet = (
-        max((quiet_radius(dot) - dot.x for dot in dots), default=0.0),
-        max((quiet_radius(dot) - dot.y for dot in dots), default=0.0),
-        max((quiet_radius(dot) + dot.x for dot in dots), default=0.0),
-        max((quiet_radius(dot) + dot.y for dot in dots), default=0.0),
+        max((quiet_radius(dot) - dot.x for dot in dots), default=-inf),
+        max((quiet_radius(dot) - dot.y for dot in dots), default=-inf),
+        max((quiet_radius(dot) + dot.x for dot in dots), default=-inf),
+        max((quiet_radius(dot) + dot.y for dot in dots), default=-inf),
     )
     return _Reach((-left, -down, right, up), quiet)
 
@@ -164,7 +165,7 @@ def _compose(marker: Marker, paper: Paper, origin: Point, dots: tuple[Disk, ...]
     room = 1e3 * min(abs(float(shape.depth(center))) for shape in (marker.boundary, *marker.keep_outs))
     marks = [
         *furniture.boundary_lines(marker, origin, placed),
-        *furniture.center_cross(frame, origin, placed, room),
+        *(furniture.center_cross(frame, origin, placed, room) if _inside(frame, origin) else ()),
     ]
     # Ticks that stand on the boundary come before the numbers; those that a quiet zone pushes out come after them.
     on_boundary = [
@@ -203,8 +204,14 @@ def _compose(marker: Marker, paper: Paper, origin: Point, dots: tuple[Disk, ...]
         ruler_mm,
         marker_name(marker),
         f"Fiducial marker with {len(marker)} dots, {size}, at true size on {paper}. Print at 100 %.",
-        _notes(f"{'needs' if smallest else 'stands on'} {paper}", size, ruler_mm, nameless),
+        _notes(f"{'needs' if smallest else 'stands on'} {paper}", size, ruler_mm, nameless)
+        + (() if _inside(frame, origin) else (_AWAY,)),
     )
+
+
+def _inside(frame: furniture.Frame, origin: Point) -> bool:
+    left, bottom, right, top = frame.region
+    return left <= origin[0] <= right and bottom <= origin[1] <= top
 
 
 def _starts(tick: Line, origin: Point, reach: float) -> bool:

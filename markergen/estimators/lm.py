@@ -92,7 +92,9 @@ def _taken(batch: Correspondences, trials: NDArray[np.intp], rows: Array) -> Arr
     """Rows (trials, 2n, k) in px as taken, of those in ideal px."""
     if batch.lens is None:
         return rows
-    return (batch.lens[trials] @ rows.reshape(len(trials), -1, 2, rows.shape[-1])).reshape(rows.shape)
+    # Counted out, because of no trials at all no size can be left to numpy.
+    pairs = rows.reshape(len(trials), len(batch.xyz), 2, rows.shape[-1])
+    return (batch.lens[trials] @ pairs).reshape(rows.shape)
 
 
 def _damped_step(jacobian: Array, residual: Array, damping: Array) -> Array:

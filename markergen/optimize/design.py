@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen import __version__
+from markergen.errors import InputError
+from markergen.model.interior import shape_of
 from markergen.model.marker import Marker, dressed
 from markergen.model.occlusion import eyes_of
 from markergen.model.poses import PoseDistribution
@@ -28,6 +30,7 @@ from markergen.optimize.relief import search_relief
 from markergen.optimize.relief_room import ReliefRoom
 from markergen.optimize.trace import Recorder, Step, trace_of
 from markergen.read.poses import poses_from
+from markergen.units import format_length
 
 Array = NDArray[np.float64]
 
@@ -104,6 +107,14 @@ class Design:
             found.append(f"most poses do not see the whole marker; {self.setting.poses.doubt}")
         if self.dots.warning:
             found.append(self.dots.warning)
+        boundary = shape_of(self.marker.boundary.outlines())
+        for place, keep_out in enumerate(self.marker.keep_outs, 1):
+            if not shape_of(keep_out.outlines()).intersects(boundary):
+                x, y = map(format_length, keep_out.center)
+                found.append(
+                    f"keep-out {place}, a {keep_out} around ({x}, {y}), lies wholly outside the boundary and keeps "
+                    "nothing out: look up its place in the marker frame"
+                )
         return tuple(found)
 
 
@@ -115,8 +126,8 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
     Raises
     ------
     InputError
-        If no pose sees the marker, the dots do not fit, a name in the spec is unknown, or no layout was found whose
-        labels are as safe as it demands.
+        If no pose sees the marker, the dots do not fit, a name in the spec is unknown, the best layout has no homography,
+        or no layout was found whose labels are as safe as it demands.
     """
     begin, kind = perf_counter(), OBJECTIVES[spec.objective]
     poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera, spec.relief)
@@ -144,6 +155,7 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
             allowed = room.holds
         points = number(upright(optimum.points, objective, region, allowed))
     table = compare(points, region, setting, spec.seed, others)
+    _check_homography(table["design"], spec)
     labels = layout_safety(points, setting, not spec.asymmetric) if dots.diameter or spec.asymmetric else None
     marker = dress(points, dots, spec, setting, table, labels)
     check(marker.xyz, spec.boundary, spec.keep_outs, dots.diameter, dots.clearance)
@@ -187,6 +199,16 @@ def upright(
     return next((each for each in best if allowed is None or allowed(each)), points)
 
 
+def _check_homography(row: Criteria, spec: Spec) -> None:
+    """Refuse what has a pose but no homography: nothing that begins with one, such as detection, could use it."""
+    if np.isinf(row.get("homography_px", 0.0)):
+        raise InputError(
+            "a layout that determines a homography",
+            f"all dots but one on a line, where {spec.objective} is best",
+            f"use --objective homography, or --n {spec.n + 1} or more",
+        )
+
+
 def _safe(points: Array, spec: Spec, setting: Setting) -> bool:
     return layout_safety(points, setting, keyed=False).least >= spec.asymmetric
 
@@ -228,7 +250,9 @@ def dress(
             "poses": {"name": setting.poses.name, "count": len(setting.poses), "dropped": setting.poses.dropped},
             "dots": dots.reason,
             "criteria": {
-                name: {key: float(f"{value:.8g}") for key, value in row.items()} for name, row in table.items()
+                # JSON has no infinity, which the homography of a random layout may be off by.
+                name: {key: float(f"{value:.8g}") for key, value in row.items() if np.isfinite(value)}
+                for name, row in table.items()
             },
             **({"labels": labels.sentence} if labels else {}),
             # Without this word criteria are for noise of 1 px.

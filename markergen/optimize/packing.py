@@ -163,7 +163,10 @@ def lattice(boundary: Boundary, diameter: float, clearance: float) -> Array:
     turns = [turn_z(angle)[:2, :2].T for angle in (TURNS if boundary.curves()[0] else TURNS[:1])]
     placed = np.concatenate([(sites + shifts) @ turn for turn in turns])
     # A billionth of the pitch is what a dot that touches the outline may be short of by rounding.
-    inside = boundary.depth(placed) >= diameter / 2 + clearance - 1e-9 * pitch
+    inset = diameter / 2 + clearance - 1e-9 * pitch
+    # Most sites are outside of the circle around the boundary already.
+    inside = np.linalg.norm(placed - boundary.center, axis=-1) <= boundary.radius - inset
+    inside[inside] = boundary.depth(placed[inside]) >= inset
     best = int(np.argmax(inside.sum(axis=1)))
     return np.asarray(placed[best][inside[best]])
 

@@ -41,8 +41,18 @@ MOVES = 4
 GAIN = 1e-6
 """Relative gain for which another round is worth it."""
 
-OVERLAP = 0.9
-"""Share of the spacing that every other exchange keeps."""
+OVERLAP = 0.7
+"""Share of the spacing that every other exchange keeps: on a grid dots hardly ever touch, the polish has them touch."""
+
+DRAWS = 5
+"""Random layouts that are drawn before dots are taken to jam: they then begin with an overlap as well."""
+
+CROWDED = 0.4
+"""Share of the room, clearance included, from which on dots hold each other in many ways, and single ones cannot be
+moved elsewhere."""
+
+SHAKES, SHAKE = 2, 0.25
+"""There the best layout is shaken, so many times for every start, by this share of the spacing."""
 
 FINE_EDGE = 1200
 """Points of the edge among which those are found that touch a dot."""
@@ -78,10 +88,7 @@ def place(
     layouts = []
     for done in range(starts):
         tell("exchange", done, starts)
-        # On a grid dots hardly ever touch; where they may overlap a little, the polish has them touch.
-        spacing = region.spacing * (1.0 if done % 2 else OVERLAP)
-        drawn = random_layout(guide.apart, spacing, n, rng)
-        begin = spare if drawn is None else drawn
+        begin, spacing = _start(guide, region.spacing, n, done, spare, rng)
         end = exchange(guide, spacing, begin)
         layouts.append(grid[end])
         if record:
@@ -92,6 +99,8 @@ def place(
     found = _best([polish(rough, region, layout, QUICK, record) for layout in layouts])
     if np.isinf(found[0][1]) and (packed := fitting(region, n)) is not None:
         found = [polish(rough, region, packed, record=record)]
+    if n * np.pi / 4 * region.spacing**2 > CROWDED * region.boundary.area:
+        found = _best([*found, *_shaken(rough, region, *found[0], SHAKES * starts, rng, record)])
     judge = guide if isinstance(rough, TraceObjective) else table_of(rough, grid)
     rim = edge(region, FINE_EDGE)
     total = 2 * len(found)
@@ -105,6 +114,18 @@ def place(
         ends.append(polish(objective, region, points, record=record))
     tell("polish", total, total)
     return min(ends, key=lambda end: end[1])
+
+
+def _start(
+    table: Table, spacing: float, n: int, turn: int, spare: Index, rng: np.random.Generator
+) -> tuple[Index, float]:
+    """Layout (n,) to begin an exchange with, random unless dots jam, and the spacing in m that it keeps."""
+    for share in (1.0, OVERLAP)[turn % 2 :]:
+        for _ in range(DRAWS):
+            drawn = random_layout(table.apart, share * spacing, n, rng)
+            if drawn is not None:
+                return drawn, share * spacing
+    return spare, spacing
 
 
 def _silent(stage: str, done: int, total: int) -> None:
@@ -122,6 +143,28 @@ def _grid(region: Region, n: int, rng: np.random.Generator) -> tuple[Array, Inde
     if len(dense) < n:
         dense = pack(region.boundary, n, region.clearance)[0]
     return np.concatenate([dense, grid]), np.arange(n)
+
+
+def _shaken(
+    rough: Objective,
+    region: Region,
+    points: Array,
+    value: float,
+    times: int,
+    rng: np.random.Generator,
+    record: Record | None,
+) -> list[tuple[Array, float]]:
+    """Better layouts, each the polish of the one before it with all dots shaken."""
+    found = []
+    for _ in range(times):
+        start = region.project((points + rng.normal(scale=SHAKE * region.spacing, size=points.shape))[None])[0]
+        if record:
+            record("polish", points[None], start[None])
+        moved, better = polish(rough, region, start, QUICK, record)
+        if better < value * (1 - GAIN):
+            points, value = moved, better
+            found.append((points, value))
+    return found
 
 
 def _relocate(

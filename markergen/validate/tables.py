@@ -14,7 +14,7 @@ TITLES = {
     "detect": "detection's own",
     "epnp": "EPnP",
     "ippe": "IPPE",
-    "lm": "LM from IPPE",
+    "lm": "LM",
     "sqpnp": "SQPnP",
     "dlt": "DLT",
 }
@@ -51,7 +51,9 @@ def rotation_table(results: Mapping[str, Any]) -> Table:
         if name == "ippe":
             rows.append(["  nearer of both", *(number(row["nearest_rotation_deg"][key]) for key in STATISTICS), ""])
     rows.append([BOUND, "", "", number(results["bound"]["rotation_deg"]), "", "", "", ""])
-    caption = "Without failures, with flips. IPPE: the solution that fits better, and the truer one."
+    caption = "Without failures, with flips."
+    if "ippe" in results["estimators"]:
+        caption += " IPPE: the solution that fits better, and the truer one."
     return "Rotation error RE, deg", ["", *STATISTICS, "effic."], rows, caption
 
 
@@ -160,17 +162,21 @@ def heading(results: Mapping[str, Any]) -> str:
     """What was measured, from where, with what."""
     camera, poses = results["camera"], results["poses"]
     dropped = f", {poses['dropped']} more do not see the whole marker" if poses["dropped"] else ""
+    lens = f", {camera['distortion']['model']} lens" if "distortion" in camera else ""
     return (
         f"{poses['count']} poses ({poses['name']}{dropped}) x {results['runs']} runs, "
         f"noise {results['noise_px']:g} px\n"
         f"camera {camera['width']}x{camera['height']}, focal lengths {camera['fx']:g} and {camera['fy']:g} px, "
-        f"principal point ({camera['cx']:g}, {camera['cy']:g})"
+        f"principal point ({camera['cx']:g}, {camera['cy']:g}){lens}"
     )
 
 
 def sentences(results: Mapping[str, Any]) -> list[str]:
-    """What needs no table: how safe the labels are, and whether the covariance is calibrated."""
-    found = [_sentence(line) for line in (results.get("labels") or {}).get("sentences", [])]
+    """What needs no table: who steps aside, how safe the labels are, and whether the covariance is calibrated."""
+    found = []
+    if "condition" not in (results.get("criteria") or {"condition": None}):
+        found.append("DLT and IPPE assume a plane and step aside, for this marker has relief; LM begins from SQPnP.")
+    found += [_sentence(line) for line in (results.get("labels") or {}).get("sentences", [])]
     tilted = {
         angle: row
         for angle, row in ((results["nees"] or {}).get("by_polar_angle") or {}).items()

@@ -151,3 +151,26 @@ def test_inputs_are_not_overwritten(here, capsys):
     assert main(["design", "--boundary", "plate.svg", "-o", "plate.svg"]) == 2
     assert "one of the inputs" in capsys.readouterr().err
     assert (here / "plate.svg").read_text() == PLATE
+    assert main(["design", "--keep-out", "plate.svg#hole", "-o", "plate.svg"]) == 2
+    assert "one of the inputs" in capsys.readouterr().err
+    assert (here / "plate.svg").read_text() == PLATE
+
+
+def test_a_keep_out_that_keeps_nothing_out_is_told(here, capsys):
+    keep_outs = ["--keep-out", "circle:5mm@0.2m,10mm", "--keep-out", "circle:5mm@149mm,0"]
+    assert main(quick("--n", "4", *keep_outs)) == 0
+    (warning,) = capsys.readouterr().err.splitlines()
+    assert "keep-out 1, a disk of radius 5 mm around (200 mm, 10 mm), lies wholly outside the boundary" in warning
+
+
+def test_a_layout_without_a_homography_is_refused(here, capsys):
+    """In an L whose arms are little wider than the dots the pose is known best with three of four dots on a line."""
+    (here / "L.svg").write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg" width="1000mm" height="1000mm" viewBox="0 0 1000 1000">'
+        '<path d="M700 700h200v60h-140v140h-60z"/></svg>'
+    )
+    room = ["--n", "4", "--boundary", "L.svg", "--origin", "file", "--poses", "cone:distance=2..3m", "--dot", "45mm"]
+    assert main(["design", "--restarts", "1", *room, "-o", "m.json"]) == 2
+    assert "use --objective homography, or --n 5" in capsys.readouterr().err
+    assert not (here / "m.json").exists()
+    assert main(["design", "--restarts", "1", *room, "-o", "m.json", "--objective", "homography"]) == 0

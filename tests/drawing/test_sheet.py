@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from markergen.drawing.furniture import CENTROID_PULL, Frame
 from markergen.drawing.paper import ISO, PAPERS
 from markergen.drawing.scene import WHITE, Disk, Line, Outline, bounds
-from markergen.drawing.sheet import Sheet, sheet_for
+from markergen.drawing.sheet import Sheet, check_paper, sheet_for
 from markergen.drawing.text import text, text_width
 from markergen.errors import InputError
 from markergen.model.boundary import Circle, polygon_from
@@ -148,6 +148,18 @@ def test_a_kept_origin_has_ticks_only_where_the_marker_is(make_in):
     assert not any(name.startswith("center") for name in shapes)
     left, right = sheet.origin_mm[0], sheet.paper.width - sheet.origin_mm[0] - 120
     assert left == pytest.approx(right, abs=ROUNDING)
+
+
+def test_an_origin_far_away_needs_no_paper(make_in):
+    boundary = polygon_from([0.7 + np.array([[0, 0], [0.12, 0], [0.1, 0.08], [0, 0.08]])], origin="file")
+    check_paper(boundary)
+    sheet = sheet_for(make_in(boundary, 5, 0.01))
+    assert sheet.paper.name == "A5"
+    check_sheet(make_in(boundary, 5, 0.01), sheet)
+    assert not any(name.startswith("center") for name in named(sheet))
+    assert "origin is not on the sheet" in sheet.notes[-1]
+    at_hand = polygon_from([np.array([[0, 0], [0.12, 0], [0.1, 0.08], [0, 0.08]])], origin="file")
+    assert not any("origin" in note for note in sheet_for(make_in(at_hand, 5, 0.01)).notes)
 
 
 @settings(max_examples=25, deadline=None)

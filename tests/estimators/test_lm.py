@@ -106,3 +106,14 @@ def test_with_a_lens_the_residuals_are_those_of_the_image_as_taken():
     found = np.concatenate([logarithm(rotation @ poses.rotation.swapaxes(1, 2)), translation - poses.translation], -1)
     size = np.linalg.norm(expected, axis=-1)
     assert np.max(np.linalg.norm(found - expected, axis=-1) / size) < 0.02
+
+
+def test_no_trial_that_begins_anywhere_is_no_error():
+    """With a lens, and not one start that is finite: what came in comes out."""
+    poses = tilted(every=40)
+    camera = Camera(1280, 960, 800.0, 800.0, 640.0, 480.0, Distortion("radtan", (-0.2, 0.05, 0.0, 0.0)))
+    seen = to_camera(PENTAGON, poses.rotation, poses.translation)
+    batch = Correspondences.as_taken(PENTAGON, camera.to_pixels(perspective(seen)), camera)
+    nothing = np.full((len(seen), 3, 3), np.nan), np.full((len(seen), 3), np.nan)
+    for found in refine(batch, *nothing):
+        assert np.isnan(found).all()

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from markergen.model.boundary import Circle
-from markergen.optimize.packing import count_that_fit, largest_diameter, lattice, pack
+from markergen.optimize.packing import count_that_fit, fitting, largest_diameter, lattice, pack
 from markergen.optimize.region import Region
 
 # Densest packings of n equal disks in a unit disk (Graham et al. 1998; proved for these n but 12): radius of a disk.
@@ -33,6 +33,16 @@ def test_packed_dots_really_fit(n, clearance):
     points, diameter = pack(boundary, n, clearance)
     region = Region(boundary, diameter, diameter / 10 if clearance is None else clearance)
     assert region.violation(points[None])[0] <= 1e-9
+
+
+def test_dots_fit_or_do_not(shapes):
+    # Seven disks in a disk three times as large leave no room at all.
+    assert fitting(Region(Circle(0.15), 0.1, 0.0), 7) is not None
+    assert fitting(Region(Circle(0.15), 0.1 * (1 + 1e-7), 0.0), 7) is None
+    for n in (6, 30):
+        region = Region(shapes["L"], 0.99 * largest_diameter(shapes["L"], n, 0.001), 0.001)
+        assert region.holds(fitting(region, n)[None])[0]
+    assert fitting(Region(shapes["L"], 0.05, 0.001), 30) is None
 
 
 def test_counting_agrees_with_packing():

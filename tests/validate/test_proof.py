@@ -57,7 +57,7 @@ def test_tables_show_the_numbers_of_the_results(results):
         named = {row[0]: dict(zip(header, row, strict=True)) for row in rows}
         for statistic in ("mean", "std", "rms", "median", "p95", "max"):
             expected = results["estimators"]["lm"][key][statistic]
-            assert float(named["LM from IPPE"][statistic]) == pytest.approx(expected, rel=5e-3)
+            assert float(named["LM"][statistic]) == pytest.approx(expected, rel=5e-3)
         assert float(named["bound (CRLB)"]["rms"]) == pytest.approx(results["bound"][key], rel=5e-3)
     assert "400 poses (paper) x 5 runs, noise 0.2 px" in tables.heading(results)
     assert any("5 of 5 detected" in line for line in view_tables.sentences(results))
