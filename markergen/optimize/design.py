@@ -52,6 +52,8 @@ class Design:
         relief the best one without, ``flat``), for the noise that ``setting.noise_words`` tells.
     labels : LabelSafety or None
         How safely the dots can be told apart; None for bare points, unless their layout has to tell.
+    value : float
+        Of the spec's objective, in its unit.
     seconds : float
         How long it took.
     trace : tuple of Step
@@ -63,6 +65,7 @@ class Design:
     dots: DotSize
     criteria: dict[str, Criteria]
     labels: LabelSafety | None = field(default=None, compare=False)
+    value: float = field(default=0.0, compare=False)
     seconds: float = field(default=0.0, compare=False)
     trace: tuple[Step, ...] = ()
 
@@ -75,10 +78,23 @@ class Design:
         return (
             f"{len(self.marker)} control points in a {self.marker.boundary}, "
             f"seen from {len(poses)} poses ({poses.name}{dropped})\n"
-            f"objective {spec['objective']}{against}, seed {spec['seed']}, spec {self.marker.spec_hash}\n"
+            f"objective {spec['objective']}{self._aggregate}{against}, "
+            f"seed {spec['seed']}, spec {self.marker.spec_hash}\n"
             + (f"dots of {self.dots.reason}" if self.dots.diameter else "bare points")
             + self._labels
         )
+
+    @property
+    def _aggregate(self) -> str:
+        """What the objective came to, where the table of criteria does not tell it."""
+        spec = self.marker.provenance["spec"]
+        lost = spec.get("survive", 0)
+        if not (spec["aggregate"] or lost):
+            return ""
+        unit = OBJECTIVES[spec["objective"]].unit
+        words = f" {spec['aggregate']}" if spec["aggregate"] else ""
+        words += f" after the worst loss of {lost} dot{'s' * (lost > 1)}" if lost else ""
+        return f"{words} of {self.value:.4g}{f' {unit}' if unit else ''}"
 
     @property
     def _labels(self) -> str:
@@ -105,6 +121,8 @@ class Design:
             found.append(f"dots of {across:.1f} px are hardly detected: use fewer, more room, or a better camera")
         if self.setting.poses.doubt:
             found.append(f"most poses do not see the whole marker; {self.setting.poses.doubt}")
+        elif self.setting.poses.dropped > len(self.setting.poses):
+            found.append("most poses do not see the whole marker and are left out")
         if self.dots.warning:
             found.append(self.dots.warning)
         boundary = shape_of(self.marker.boundary.outlines())
@@ -126,8 +144,8 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
     Raises
     ------
     InputError
-        If no pose sees the marker, the dots do not fit, a name in the spec is unknown, the best layout has no homography,
-        or no layout was found whose labels are as safe as it demands.
+        If no pose sees the marker, the dots do not fit, a name in the spec is unknown, the best layout has no
+        homography, or no layout was found whose labels are as safe as it demands.
     """
     begin, kind = perf_counter(), OBJECTIVES[spec.objective]
     poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera, spec.relief)
@@ -161,9 +179,10 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
     check(marker.xyz, spec.boundary, spec.keep_outs, dots.diameter, dots.clearance)
     if spec.relief:
         check_relief(marker.xyz, spec.relief, dots.diameter, dots.clearance, eyes_of(poses))
+    value = float(objective(points[None])[0])
     way = [*recorder.way(optimum.points), ("upright", points)] if recorder else []
     trace = tuple(trace_of(way, objective)) if way else ()
-    return Design(marker, setting, dots, table, labels, perf_counter() - begin, trace)
+    return Design(marker, setting, dots, table, labels, value, perf_counter() - begin, trace)
 
 
 def compare(

@@ -174,3 +174,17 @@ def test_a_layout_without_a_homography_is_refused(here, capsys):
     assert "use --objective homography, or --n 5" in capsys.readouterr().err
     assert not (here / "m.json").exists()
     assert main(["design", "--restarts", "1", *room, "-o", "m.json", "--objective", "homography"]) == 0
+
+
+def test_what_was_minimized_is_printed(here, capsys):
+    """The table has each criterion with its own aggregate: that of the spec is told beside it."""
+    assert main(quick("--n", "6", "--aggregate", "max", "--survive", "1", "--trace", "way.csv")) == 0
+    value = float(list(csv.DictReader((here / "way.csv").read_text().splitlines()))[-1]["objective"])
+    assert f"objective pose max after the worst loss of 1 dot of {value:.4g} m, seed 0" in capsys.readouterr().out
+
+
+def test_poses_that_mostly_miss_the_marker_are_told(here, capsys):
+    assert main(quick("--n", "4", "--radius", "0.25", "--poses", "cone:distance=0.5..1m,tilt=0..30")) == 0
+    said = capsys.readouterr()
+    assert "more do not see the whole marker" in said.out
+    assert "most poses do not see the whole marker and are left out" in said.err

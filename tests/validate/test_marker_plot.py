@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from markergen.model.boundary import Circle
+from markergen.model.boundary import Circle, polygon_from
 from markergen.model.outlines import signed_area
-from markergen.validate.report.marker_plot import draw_marker
+from markergen.validate.report.marker_plot import draw_marker, shows_origin
 
 
 def drawn(marker):
@@ -42,3 +42,10 @@ def test_keep_outs_are_cut_off_at_the_boundary(shapes, make_in):
         clip, transform = patch.get_transformed_clip_path_and_affine()
         np.testing.assert_allclose(clip.vertices, plate.get_path().vertices, atol=1e-9)
         np.testing.assert_allclose(transform.get_matrix(), ax.transData.get_matrix())
+
+
+def test_axes_are_drawn_where_the_origin_is_in_the_picture(make_in):
+    for shift, shown in ((0.0, True), (-0.05, True), (0.7, False)):
+        marker = make_in(polygon_from([shift + np.array([[0, 0], [0.12, 0], [0.1, 0.08], [0, 0.08]])], "file"), 5, 0.01)
+        assert shows_origin(marker) is shown
+        assert ("x" in [text.get_text() for text in drawn(marker)[0].texts]) is shown

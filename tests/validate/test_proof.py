@@ -118,3 +118,18 @@ def test_labels_are_told_apart_as_the_results_say(results, pentagon, setting):
     title, _, rows, _ = tables.labels_table({"labels": many})
     assert "the 40 least safe of 60" in title
     assert max(float(row[1]) for row in rows) < 35
+
+
+def test_a_relief_and_a_lens_are_said(results):
+    """Estimators that assume a plane step aside with a word; what is flat and seen by a pinhole has none of this."""
+    camera = results["camera"] | {"distortion": {"model": "equidistant", "coefficients": [0.0, 0.0, 0.0, 0.0]}}
+    criteria = {key: value for key, value in results["criteria"].items() if key != "condition"}
+    estimators = {key: value for key, value in results["estimators"].items() if key != "ippe"}
+    raised = results | {"camera": camera, "criteria": criteria, "estimators": estimators}
+    assert tables.heading(raised).endswith(", equidistant lens")
+    assert not tables.heading(results).endswith("lens")
+    said = "DLT and IPPE assume a plane and step aside"
+    assert any(line.startswith(said) for line in tables.sentences(raised))
+    assert not any(line.startswith(said) for line in tables.sentences(results))
+    assert "IPPE" not in tables.rotation_table(raised)[3]
+    assert "IPPE" in tables.rotation_table(results)[3]

@@ -36,7 +36,8 @@ def draw_marker(marker: Marker, ax: "Axes") -> "Axes":
         if inner:
             ax.add_patch(Circle(center, inner, facecolor=_PAPER, edgecolor="none"))
         _name(point, radius, ax)
-    _axes(radius, ax)
+    if shows_origin(marker):
+        _axes(radius, ax)
     low, high = float(rim[:, 0].min()), float(rim[:, 0].max())
     bottom, top = float(rim[:, 1].min()), float(rim[:, 1].max())
     width, height = (format_length(round(size, 6) / 1e3) for size in (high - low, top - bottom))
@@ -47,6 +48,13 @@ def draw_marker(marker: Marker, ax: "Axes") -> "Axes":
     ax.set_aspect("equal")
     ax.axis("off")
     return ax
+
+
+def shows_origin(marker: Marker) -> bool:
+    """Tell whether the marker frame's origin lies beside the outline or within; a kept one may be far away."""
+    rim = np.concatenate(marker.boundary.outlines())
+    margin = 0.1 * marker.boundary.radius
+    return bool(np.all(rim.min(axis=0) - margin <= 0) and np.all(rim.max(axis=0) + margin >= 0))
 
 
 def _path(boundary: Boundary) -> "Path":

@@ -13,7 +13,7 @@ from markergen.validate.report import advice, words
 from markergen.validate.report.budget_plot import budget_over_tilt, variance_shares
 from markergen.validate.report.comparison_plot import compared
 from markergen.validate.report.expected import middle, noise_of
-from markergen.validate.report.marker_plot import draw_marker
+from markergen.validate.report.marker_plot import draw_marker, shows_origin
 from markergen.validate.report.page import plot
 from markergen.validate.report.poses_plot import fan, pose_sphere
 from markergen.validate.report.subject import ERRORS, Results, Section, Subject, labeled
@@ -88,8 +88,12 @@ def the_marker(subject: Subject) -> Section:
         partial(draw_marker, marker),
         "drawing",
         f"The marker: {words.title(marker)}.",
-        "The marker to scale, seen from the front, with the axes of the marker frame at its origin (z comes toward the "
-        "reader) and the ids of the dots.",
+        "The marker to scale, seen from the front, with the ids of the dots"
+        + (
+            " and the axes of the marker frame at its origin (z comes toward the reader)."
+            if shows_origin(marker)
+            else "; the origin of the marker frame is outside of the picture."
+        ),
         _SQUARE,
     )
     rows = [
