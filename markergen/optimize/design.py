@@ -111,7 +111,7 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
     points = number(upright(optimum.points, objective, region))
     table = compare(points, region, setting, spec.seed)
     marker = dress(points, dots, spec, setting, table)
-    check(marker.xyz, spec.boundary, spec.keep_outs, dots.diameter, dots.clearance)
+    check(marker.xyz, spec.boundary, spec.blocked, dots.diameter, dots.clearance)
     way = [*recorder.way(optimum.points), ("upright", points)] if recorder else []
     trace = tuple(trace_of(way, objective)) if way else ()
     return Design(marker, setting, dots, table, perf_counter() - begin, trace)
@@ -157,6 +157,7 @@ def dress(points: Array, dots: DotSize, spec: Spec, setting: Setting, table: dic
     return replace(
         dressed(rounded, spec.boundary, dots.diameter, dots.clearance),
         keep_outs=spec.keep_outs,
+        tag=spec.placed_tag,
         provenance={
             "spec": stored,
             "spec_hash": spec.hash,
