@@ -9,8 +9,10 @@ from markergen.cli.compare import compare
 from markergen.cli.design import design
 from markergen.cli.detect import detect
 from markergen.cli.export import export
+from markergen.cli.rescale import rescale
 from markergen.cli.templates import templates
 from markergen.cli.validate import validate
+from markergen.cli.verify import verify
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -41,5 +43,5 @@ def markergen(
     """
 
 
-for command in (design, validate, export, detect, compare, templates):
+for command in (design, validate, export, detect, compare, verify, rescale, templates):
     app.command()(command)

@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
+from markergen.cli import sheets
 from markergen.cli.console import length
 
 
@@ -105,6 +106,30 @@ def design(
             parser=length, metavar="LENGTH", help="Dots may stand on pillars, up to so high. [default: 0mm, flat]"
         ),
     ] = None,
+    tag: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FAMILY:ID",
+            help="A square tag in the middle that tells markers and labels apart, such as aruco:DICT_4X4_50:7 or "
+            "apriltag:36h11:3. [default: none]",
+        ),
+    ] = None,
+    tag_size: Annotated[
+        float | None,
+        typer.Option(
+            parser=length,
+            metavar="LENGTH",
+            help="Side of the tag's black square, without its white edge. [default: a third of the radius, or less]",
+        ),
+    ] = None,
+    ids: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST",
+            help="A family of markers of one layout with these ids instead of the tag's own: 0-9, or 0,3,7; on one "
+            "sheet, with <stem>-<id>.json for each.",
+        ),
+    ] = None,
     noise_model: Annotated[
         str | None,
         typer.Option(
@@ -125,17 +150,20 @@ def design(
         int | None, typer.Option(help="Of the random starts; the same seed gives the same bytes. [default: 0]")
     ] = None,
     restarts: Annotated[int | None, typer.Option(min=1, help="Random starts. [default: the objective's]")] = None,
-    paper: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="A0..A5, letter, ... [default: the smallest ISO size that holds it]"),
-    ] = None,
+    paper: sheets.Paper = None,
+    orientation: sheets.Orientation = None,
+    margin: sheets.Margin = None,
+    tile: sheets.Tile = True,
+    overlap: sheets.Overlap = None,
+    dpi: sheets.Dpi = 600,
+    colors: sheets.ColorsText = None,
     output: Annotated[
         list[Path] | None,
         typer.Option(
             "-o",
             "--output",
             metavar="PATH",
-            help="Written by suffix (.pdf .svg .step .json); may be repeated. "
+            help="Written by suffix (.pdf .svg .png .dxf .step .json, see markergen export); may be repeated. "
             "[default: marker.pdf, with relief marker.json]",
         ),
     ] = None,
@@ -156,12 +184,15 @@ def design(
     """
     from markergen.cli import console
     from markergen.errors import InputError
-    from markergen.export import ExportOptions, check_outputs, save, with_record
+    from markergen.export import check_outputs, save, with_record
+    from markergen.export.family import family_paths, save_family
     from markergen.files import check_outputs as check_files
     from markergen.files import write_all
+    from markergen.model.tag import parse_ids
     from markergen.objectives import OBJECTIVES
     from markergen.objectives.survive import hidden_dot_errors
     from markergen.optimize.design import design as find
+    from markergen.optimize.family import members
     from markergen.optimize.trace import check_trace_path, trace_bytes
     from markergen.read.cameras import read_camera
     from markergen.read.outlines import read_room
@@ -176,6 +207,7 @@ def design(
         "n": n, "radius": radius, "objective": objective, "aggregate": aggregate, "coordinates": coordinates,
         "poses": poses, "survive": survive, "dot": dot, "clearance": clearance, "asymmetric": asymmetric,
         "relief": relief, "noise_model": noise_model, "print_sigma": print_sigma, "seed": seed, "restarts": restarts,
+        "tag": tag, "tag_side": tag_size,
     }  # fmt: skip
     room, keep_outs = read_room(boundary, keep_out or (), boundary_unit, layer, origin or "center")
     if room is not None:
@@ -189,18 +221,25 @@ def design(
         options["camera"] = read_camera(camera).as_dict()
     values.update({key: value for key, value in options.items() if value is not None})
     spec = spec_from_mapping(values, template or "the options")
-    choices = ExportOptions(paper=paper)
+    if ids is not None and not spec.tag:
+        raise InputError("a tag whose ids the markers have", "--ids without --tag", "add --tag aruco:DICT_4X4_50, say")
+    numbers = parse_ids(ids, spec.tag.rpartition(":")[0]) if ids is not None else ()
+    choices = sheets.export_options(paper, orientation, margin, tile, overlap, dpi, colors, compensate=False)
     paths = with_record(output or [Path("marker.json" if spec.relief else "marker.pdf")])
     check_outputs(paths, choices, spec)
+    targets = family_paths(paths, numbers) if numbers else paths
     for path in trace or []:
         check_trace_path(path)
     inputs = [camera, *(Path(text) for text in (template, boundary, poses, *(keep_out or ())) if text)]
-    check_files([*paths, *(trace or ())], [path for path in inputs if path])
+    check_files([*targets, *(trace or ())], [path for path in inputs if path])
 
     with console.progress_bar() as progress:
         found = find(spec, progress, traced=bool(trace))
     with console.busy("writing"):
-        written = save(found.marker, paths, choices)
+        if numbers:
+            written = save_family(members(found.marker, spec, numbers), paths, choices)
+        else:
+            written = save(found.marker, paths, choices)
         unit = OBJECTIVES[spec.objective].unit
         label = f"{spec.objective}, {unit}" if unit else spec.objective
         steps = {path: trace_bytes(found.trace, path.suffix, label) for path in trace or []}

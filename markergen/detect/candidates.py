@@ -11,6 +11,7 @@ from markergen.detect.fit import Outlines, mirrored_poses, outlines, plane_outli
 from markergen.detect.ideal import Ellipses
 from markergen.detect.layout import Layout
 from markergen.detect.seeds import guess_poses
+from markergen.maths.projection import apply_homography, perspective
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -80,6 +81,9 @@ class Model(Protocol):
     def outlines(self, layout: Layout) -> Outlines:
         """Where dots are predicted."""
 
+    def project(self, points: Array) -> Array:
+        """Images (K, m, 2) in normalized coordinates of points (m, 3) in m on the marker's plane."""
+
     def take(self, chosen: Indices) -> "Model":
         """Return the chosen ones."""
 
@@ -103,6 +107,11 @@ class Poses:
     def outlines(self, layout: Layout) -> Outlines:
         """Where dots are predicted."""
         return outlines(layout.points, layout.radii, self.rotation, self.translation)
+
+    def project(self, points: Array) -> Array:
+        """Images (K, m, 2) of points (m, 3) in m; nan for those behind the camera."""
+        seen = points @ self.rotation.swapaxes(-1, -2) + self.translation[:, None]
+        return np.where(seen[..., 2:] > 0, perspective(np.where(seen[..., 2:] > 0, seen, 1.0)), np.nan)
 
     def take(self, chosen: Indices) -> "Poses":
         """Return the chosen ones."""
@@ -144,6 +153,10 @@ class Planes:
     def outlines(self, layout: Layout) -> Outlines:
         """Where dots are predicted."""
         return plane_outlines(layout.points[:, :2], layout.radii, self.homography)
+
+    def project(self, points: Array) -> Array:
+        """Images (K, m, 2) of points (m, 3) in m of the marker's plane."""
+        return apply_homography(self.homography, points[:, :2])
 
     def take(self, chosen: Indices) -> "Planes":
         """Return the chosen ones."""

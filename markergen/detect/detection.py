@@ -2,18 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect.blobs import Blobs, Image, detect_dots
-from markergen.detect.candidates import Poses
+from markergen.detect.candidates import Poses, find_candidates
 from markergen.detect.correction import correct_centers
 from markergen.detect.fit import outlines
 from markergen.detect.ideal import Ellipses, undo_lens
 from markergen.detect.labels import Search, ambiguity, contender, search
 from markergen.detect.layout import layout_of
 from markergen.detect.pose import DEFAULT_ERRORS, PoseEstimate, fit_pose, outlier
+from markergen.detect.tags import CONFIRMS, NO_TAGS, Sightings, look_for_tags
 from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, Correspondences, HomographyEstimator
 from markergen.estimators.budget import ErrorSources
@@ -27,6 +29,7 @@ MAX_COPIES = 32
 """Copies of one marker that are looked for in one image."""
 
 CLAIMED = "labels are ambiguous between two markers that fit the same dots"
+UNREAD = "the tag could not be read, and two markers fit the same dots"
 
 
 def _empty(*shape: int) -> Array:
@@ -61,6 +64,8 @@ class Detection:
         Which other marker fits the same dots, where that is the reason.
     dropped : array (k,) of int
         Control points that were labeled, but lie farther from where the others put them than any error explains.
+    tag : array (4, 2) in px, or None
+        Corners of the marker's tag in the image as taken, in the order of `Tag.corners`; None if it was not read.
     """
 
     found: bool
@@ -74,6 +79,7 @@ class Detection:
     marker: int = 0
     rival: int | None = None
     dropped: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    tag: Array | None = None
 
 
 def detect(
@@ -108,7 +114,8 @@ def detect_all(
     """Find all copies of all markers in a grey image.
 
     The best labeling of all markers is taken, its blobs are removed, and so on. A blob that two markers claim
-    with labelings that fit nearly as well goes to neither.
+    with labelings that fit nearly as well goes to neither. A tag that is read decides between markers that differ
+    by it, and between labelings; where it is not, dots and key ring do.
 
     Parameters
     ----------
@@ -130,7 +137,8 @@ def detect_all(
         return [Detection(False, reason=f"the image is {sizes}", marker=k) for k in range(len(markers))]
     blobs = detect_dots(image)
     height, width = image.shape
-    return identify(blobs, markers, camera or made_up_camera(width, height), camera is not None, errors, copies)
+    tags = look_for_tags(image, {marker.tag.family for marker in markers if marker.tag})
+    return identify(blobs, markers, camera or made_up_camera(width, height), camera is not None, errors, copies, tags)
 
 
 def identify(
@@ -140,8 +148,9 @@ def identify(
     calibrated: bool = True,
     errors: ErrorSources = DEFAULT_ERRORS,
     copies: int = MAX_COPIES,
+    tags: Sightings = NO_TAGS,
 ) -> list[Detection]:
-    """`detect_all` from the dots of an image.
+    """`detect_all` from the dots and tags of an image.
 
     Parameters
     ----------
@@ -150,14 +159,20 @@ def identify(
     """
     if not markers:
         raise InputError("one marker or more", "none", "say what to look for")
-    layouts = [layout_of(marker) for marker in markers]
+    # The markers of a family share their layout, and what is found for it.
+    layout_by_points = {marker.control_points: layout_of(marker) for marker in markers}
+    layouts = [layout_by_points[marker.control_points] for marker in markers]
     if not calibrated and not all(layout.flat for layout in layouts):
         raise InputError("a camera for a marker with relief", "none", "give the camera's calibration")
     ellipses = undo_lens(blobs, camera)
     left, reasons, found = dict.fromkeys(range(len(markers)), copies), dict[int, str](), list[Detection]()
     rivals = dict[int, int]()
     while left:
-        searches = {k: search(ellipses, layouts[k], camera, calibrated, errors.print_sigma) for k in left}
+        find = cache(find_candidates)
+        searches = {
+            k: search(ellipses, layouts[k], camera, calibrated, errors.print_sigma, markers[k].tag, tags, find)
+            for k in left
+        }
         for k, each in searches.items():
             if each.reason:
                 reasons.setdefault(k, each.reason)
@@ -174,11 +189,12 @@ def identify(
         elif claims:
             for k, rival in claims.items():
                 if k not in reasons:
-                    reasons[k], rivals[k] = CLAIMED, rival
+                    reasons[k] = UNREAD if markers[k].tag and markers[rival].tag else CLAIMED
+                    rivals[k] = rival
         else:
-            found.append(
-                replace(_finish(chosen, blobs, ellipses, markers[best], camera, calibrated, errors), marker=best)
-            )
+            corners = tags.pixels[chosen.sighting[0]] if chosen.tags[0] == CONFIRMS else None
+            detection = _finish(chosen, blobs, ellipses, markers[best], camera, calibrated, errors)
+            found.append(replace(detection, marker=best, tag=corners if detection.found else None))
             left[best] -= 1
             if not left[best]:
                 del left[best]
@@ -221,7 +237,7 @@ def _finish(
     used = np.flatnonzero(chosen.blobs >= 0)
     labeled, pose = used, None
     if calibrated:
-        used, pose = _pose(chosen, used, blobs, ellipses, camera, errors)
+        used, pose = _pose(chosen, used, blobs, ellipses, marker, camera, errors)
         if pose is None:
             return Detection(False, reason="no pose sees the dots from the front")
     own = chosen.blobs[used]
@@ -249,7 +265,13 @@ def _finish(
 
 
 def _pose(
-    chosen: Search, used: NDArray[np.intp], blobs: Blobs, ellipses: Ellipses, camera: Camera, errors: ErrorSources
+    chosen: Search,
+    used: NDArray[np.intp],
+    blobs: Blobs,
+    ellipses: Ellipses,
+    marker: Marker,
+    camera: Camera,
+    errors: ErrorSources,
 ) -> tuple[NDArray[np.intp], PoseEstimate | None]:
     """Indices of the dots that are kept, and the pose from them."""
     model = chosen.candidates.model
@@ -263,7 +285,7 @@ def _pose(
             ellipses.center[own],
             blobs.covariance[ellipses.index[own]],
             camera,
-            errors,
+            errors.of(marker, used),
         )
         pose = fit_pose(*measured, start)
         worst = None if pose is None else outlier(*measured, pose)

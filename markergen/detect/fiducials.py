@@ -177,15 +177,22 @@ def detect_fiducial(
     return FiducialDetection(found.ids, (found.pixels + 0.5) / k - 0.5, found.reason)
 
 
+def find_tags(image: NDArray[np.uint8], family: str, settings: FiducialSettings) -> list[tuple[int, Array]]:
+    """Ids and corners (4, 2) in px of all tags of a family in a grey image, which is searched as it is."""
+    corners, ids, _ = _tag_detector(family, settings).detectMarkers(image)
+    numbers = [] if ids is None else [int(i) for i in np.ravel(ids)]
+    offset = PIXEL_OFFSET[settings.refinement]
+    return [(i, np.reshape(c, (4, 2)).astype(float) - offset) for c, i in zip(corners, numbers, strict=True)]
+
+
 def _find_tag(image: NDArray[np.uint8], tag: Tag, settings: FiducialSettings) -> FiducialDetection:
-    corners, ids, _ = _tag_detector(tag.family, settings).detectMarkers(image)
-    seen = [] if ids is None else [int(i) for i in np.ravel(ids)]
-    if tag.id not in seen:
-        return FiducialDetection(reason=f"no tag with id {tag.id}" + (f", but {seen}" if seen else ""))
+    seen = find_tags(image, tag.family, settings)
+    own = [corners for number, corners in seen if number == tag.id]
+    if not own:
+        others = [number for number, _ in seen]
+        return FiducialDetection(reason=f"no tag with id {tag.id}" + (f", but {others}" if others else ""))
     # Of several with the same id the largest.
-    own = [np.reshape(c, (4, 2)).astype(float) for c, i in zip(corners, seen, strict=True) if i == tag.id]
-    largest = max(own, key=lambda quad: float(np.sum((quad[2] - quad[0]) ** 2)))
-    return FiducialDetection(np.arange(4), largest - PIXEL_OFFSET[settings.refinement])
+    return FiducialDetection(np.arange(4), max(own, key=lambda quad: float(np.sum((quad[2] - quad[0]) ** 2))))
 
 
 def _find_board(

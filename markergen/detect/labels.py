@@ -1,5 +1,6 @@
 """Which blob is which dot: the best of the labelings that fit, if it is the only one."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +19,9 @@ from markergen.detect.candidates import (
 )
 from markergen.detect.ideal import Ellipses
 from markergen.detect.layout import Layout
+from markergen.detect.tags import CONFIRMS, NO_TAGS, REFUTES, Sightings, verdicts
 from markergen.model.camera import Camera
+from markergen.model.tag import Tag
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -65,6 +68,8 @@ class Search:
         Dots that should be seen and have no blob.
     rings, disks : arrays (A,) of int
         Disks in whose place there is a ring, and rings in whose place there is a disk.
+    tags, sighting : arrays (A,) of int
+        What the tag in the image says of each labeling, and which one it is: see `tags.verdicts`.
     alone : Search or None
         The same for the blobs of the best labeling alone; if it has no ring, as though rings looked like disks.
     reason : str
@@ -77,13 +82,25 @@ class Search:
     missing: Indices
     rings: Indices
     disks: Indices
+    tags: Indices
+    sighting: Indices
     alone: "Search | None" = None
     reason: str = ""
 
     @property
-    def rank(self) -> tuple[int, float]:
-        """The less, the better: most dots first, then the least misfit, to which dots that should be seen add."""
-        return -int(self.candidates.count[0]), float(self.candidates.misfit[0] + MISSING_PX * self.missing[0])
+    def rank(self) -> tuple[int, int, float]:
+        """The less, the better: its tag seen, most dots, least misfit, to which dots that should be seen add."""
+        misfit = float(self.candidates.misfit[0] + MISSING_PX * self.missing[0])
+        return -int(self.tags[0]), -int(self.candidates.count[0]), misfit
+
+    def __len__(self) -> int:
+        return len(self.candidates)
+
+    def take(self, chosen: Indices) -> "Search":
+        """Return the chosen labelings."""
+        per_labeling = ("bound", "missing", "rings", "disks", "tags", "sighting")
+        parts = {name: getattr(self, name)[chosen] for name in per_labeling}
+        return replace(self, candidates=self.candidates.take(chosen), **parts)
 
     @property
     def blobs(self) -> Indices:
@@ -92,7 +109,14 @@ class Search:
 
 
 def search(
-    ellipses: Ellipses, layout: Layout, camera: Camera, calibrated: bool = True, print_sigma: float = 0.0
+    ellipses: Ellipses,
+    layout: Layout,
+    camera: Camera,
+    calibrated: bool = True,
+    print_sigma: float = 0.0,
+    tag: Tag | None = None,
+    sightings: Sightings = NO_TAGS,
+    find: Callable[..., Candidates] = find_candidates,
 ) -> Search:
     """Find the labelings of blobs that the camera could have seen, the best one first.
 
@@ -106,6 +130,10 @@ def search(
         For pixels; its calibration counts only if `calibrated`.
     print_sigma : float, m
         Of a dot's place in the print along each axis; counts with a calibration alone.
+    tag, sightings : Tag or None, Sightings
+        The marker's tag, and those in the image: labelings that put another tag in its place are left out.
+    find : callable
+        `find_candidates`, or what remembers its results.
     """
     px = float(np.sqrt(camera.fx * camera.fy))
     if len(ellipses) < LEAST_DOTS:
@@ -114,10 +142,21 @@ def search(
         )
     if len(ellipses) > MAX_BLOBS:
         return _failed(layout, f"found {len(ellipses)} dots: too many to tell the marker's from the others")
-    candidates = find_candidates(ellipses, layout, px, calibrated)
+    candidates = find(ellipses, layout, px, calibrated)
     if not len(candidates) or candidates.count[0] < LEAST_DOTS:
         return _failed(layout, _how_far(ellipses, layout, candidates, camera))
-    found = _ranked(candidates, ellipses, layout, camera, px, print_sigma)
+
+    def ranked(candidates: Candidates, own: Ellipses) -> Search:
+        return _ranked(candidates, own, layout, camera, px, print_sigma, tag, sightings)
+
+    everything = ranked(candidates, ellipses)
+    found = everything.take(np.flatnonzero(everything.tags != REFUTES))
+    if everything.tags[0] == REFUTES and everything.candidates.misfit[0] <= everything.bound[0]:
+        # What else there is may be another copy, or just strangers.
+        if not len(found) or not found.candidates.misfit[0] <= found.bound[0]:
+            return _failed(layout, _other_tag(everything, tag, sightings))
+    elif not len(found):
+        return _failed(layout, _how_far(ellipses, layout, candidates, camera))
     misfit, said = found.candidates.misfit[0], f"found {len(ellipses)} dots, but not in the marker's layout"
     if found.candidates.count[0] < found.missing[0]:
         seen, expected = found.candidates.count[0], found.candidates.count[0] + found.missing[0]
@@ -135,25 +174,39 @@ def search(
     own = ellipses.take(found.blobs[found.blobs >= 0])
     if ringed and len(own) == len(ellipses):
         return found
-    alone = find_candidates(own, layout, px, calibrated, rings_tell=ringed)
-    return replace(found, alone=_ranked(alone, own, layout, camera, px, print_sigma))
+    lone = ranked(find_candidates(own, layout, px, calibrated, rings_tell=ringed), own)
+    return replace(found, alone=lone.take(np.flatnonzero(lone.tags != REFUTES)))
 
 
 def _ranked(
-    candidates: Candidates, ellipses: Ellipses, layout: Layout, camera: Camera, px: float, print_sigma: float
+    candidates: Candidates,
+    ellipses: Ellipses,
+    layout: Layout,
+    camera: Camera,
+    px: float,
+    print_sigma: float,
+    tag: Tag | None,
+    seen: Sightings,
 ) -> Search:
-    """Candidates with what speaks against them, best first by misfit and lack of dots; those out of bounds last."""
+    """Candidates with what speaks against them, those with their tag first, best first by misfit and lack of dots.
+
+    Those out of bounds come last.
+    """
     absent = candidates.blobs < 0
     missing = np.sum(_expected(candidates, camera) & absent, axis=-1)
     printing = _printing(candidates, px, print_sigma)
     bound = _bound(candidates, missing, ellipses, px, printing)
     # Of a coarse print any dot may be left out for a better fit: all of them, if accepted, are the one to take.
     lack = np.hypot(MISSING_PX, printing) * (len(layout) - candidates.count)
-    order = np.lexsort((candidates.misfit + lack, candidates.misfit > bound))
+    tags, sighting = np.zeros((2, len(candidates)), dtype=np.intp)
+    # A homography is that of the dots' plane alone.
+    if tag is not None and (isinstance(candidates.model, Poses) or not layout.points[0, 2]):
+        tags, sighting = verdicts(candidates.model, tag, camera, seen)
+    order = np.lexsort((candidates.misfit + lack, tags != CONFIRMS, candidates.misfit > bound))
     there, _ = assign(candidates.predicted, ellipses, layout, NEAR_REACH, NEAR_PX / px, rings_tell=False)
     strange = absent & (there >= 0) & (ellipses.ring[there] != layout.rings)
     rings, disks = (np.sum(strange & (layout.rings == kind), axis=-1) for kind in (False, True))
-    return Search(layout, candidates.take(order), bound[order], missing[order], rings[order], disks[order])
+    return Search(layout, candidates, bound, missing, rings, disks, tags, sighting).take(order)
 
 
 def ambiguity(chosen: Search) -> str:
@@ -186,7 +239,9 @@ def contender(chosen: Search, others: Search, same_marker: bool) -> int | None:
     strange = WRONG_KIND_PX * (others.rings + others.disks - chosen.rings[0] - chosen.disks[0])
     excess = others.candidates.misfit + more + strange
     allowed = UNIQUE_RATIO * chosen.candidates.misfit[0] + UNIQUE_PX * (1 + chosen.missing[0])
-    rivals = np.flatnonzero(shared & (excess < allowed))
+    # A tag in the right place weighs more than any dot.
+    told = others.tags >= chosen.tags[0]
+    rivals = np.flatnonzero(shared & told & (excess < allowed))
     return int(rivals[np.argmin(excess[rivals])]) if len(rivals) else None
 
 
@@ -254,9 +309,17 @@ def _how_far(ellipses: Ellipses, layout: Layout, candidates: Candidates, camera:
     return f"{fit}; the others may be cut off by the image's edge" if cut_off else fit
 
 
+def _other_tag(search: Search, tag: Tag | None, seen: Sightings) -> str:
+    """Why the best labeling, which fits, is refuted by a tag."""
+    family, number = seen.names[search.sighting[0]]
+    if tag is not None and (family, number) == (tag.family, tag.id):
+        return f"found its dots and its tag {tag}, which do not lie as in the marker: the print may be a mirrored one"
+    return f"found a marker of this layout with the tag {family}:{number}, not {tag}"
+
+
 def _failed(layout: Layout, reason: str) -> Search:
     nothing = Planes(np.zeros((0, 3, 3)))
     none = np.zeros((0, len(layout)), dtype=np.intp)
     candidates = Candidates(none, np.zeros(0), nothing, nothing.outlines(layout))
     count = np.zeros(0, dtype=np.intp)
-    return Search(layout, candidates, np.zeros(0), count, count, count, reason=reason)
+    return Search(layout, candidates, np.zeros(0), count, count, count, count, count, reason=reason)

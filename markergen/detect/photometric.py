@@ -92,7 +92,7 @@ def refine(
         # Four points with three on a line have a pose, but no homography of their own.
         homography = mapped if np.isfinite(mapped).all() else homography
     if camera is not None:
-        pose = estimate_pose(points, pixels, covariance, camera, errors) or pose
+        pose = estimate_pose(points, pixels, covariance, camera, errors.of(marker, chosen)) or pose
     return replace(detection, pixels=pixels, covariance=covariance, homography=homography, pose=pose)
 
 

@@ -32,6 +32,7 @@ def as_dict(detection: Detection, markers: Sequence[Marker], names: Sequence[str
         "ellipse_centers": detection.ellipse_centers.tolist(),
         "homography": None if detection.homography is None else detection.homography.tolist(),
         "pose": None if detection.pose is None else _pose(detection.pose),
+        "tag": _tag(detection, marker),
     }
 
 
@@ -40,6 +41,12 @@ def reason(detection: Detection, names: Sequence[str]) -> str:
     if detection.rival is None:
         return detection.reason
     return f"{detection.reason}: {names[detection.marker]} and {names[detection.rival]}"
+
+
+def _tag(detection: Detection, marker: Marker) -> dict[str, Any] | None:
+    if detection.tag is None or marker.tag is None:
+        return None
+    return {"family": marker.tag.family, "id": marker.tag.id, "corners": detection.tag.tolist()}
 
 
 def _pose(pose: PoseEstimate) -> dict[str, Any]:

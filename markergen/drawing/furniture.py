@@ -1,28 +1,33 @@
-"""What stands around the dots on a sheet: ruler, axes, boundary, center cross and title block."""
+"""What stands around the dots on a sheet: axes, center cross, columns of facts, and the measures of the page."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import ceil, hypot, pi, sqrt
+from math import hypot, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 import markergen
+from markergen.drawing.colors import Colors
+from markergen.drawing.figure import is_disk, size_words
 from markergen.drawing.numbers import quiet_radius
+from markergen.drawing.outline import AIR, HAIRLINE, HEADINGS
 from markergen.drawing.paper import Paper
-from markergen.drawing.scene import BLACK, WHITE, Box, Disk, Line, Outline, Point, Shape, marker_name
+from markergen.drawing.scene import BLACK, Box, Disk, Line, Point, Shape, marker_name
 from markergen.drawing.text import text, text_width, wrap
-from markergen.model.boundary import Boundary, Circle
+from markergen.drawing.transform import polygon
+from markergen.errors import InputError
 from markergen.model.marker import Marker
-from markergen.model.outlines import walked
 
 Array = NDArray[np.float64]
 Drawn = tuple[list[Shape], list[Shape]]
 """Marks and texts."""
+Column = tuple[str, str, tuple[str, ...], str]
+"""Slug, heading, lines and face of a column of facts."""
 
 GRAY, LIGHT = "#5a5a5a", "#9a9a9a"
-HAIRLINE, FINE = 0.15, 0.25
-"""Widths in mm that a 600 dpi printer still draws whole."""
+FINE = 0.25
+"""Width in mm of the lines that are to be seen from afar."""
 
 TICK = 4.0
 """Length of an axis tick in mm on A4."""
@@ -33,19 +38,40 @@ CENTROID_PULL = 2e-3
 SHORTEST_ARM = 0.5
 """Of the center cross, mm; a shorter one would be taken for a speck."""
 
+DESCENT = 0.65
+"""How far letters reach below their line, mm on A4."""
 
-HEADINGS = {"+x": (1, 0), "+y": (0, 1), "-x": (-1, 0), "-y": (0, -1)}
-"""The axes' four directions."""
-
-AIR = 1.0
-"""Between an outline and a tick or the center cross, mm."""
+LEAST_ROOM = 70.0
+"""Between the margins, mm: below it no words fit under the marker."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Measures of the page's furniture in mm: they grow with the paper, but less than it does."""
+    """Measures of the page's furniture in mm: they grow with the paper, but less than it does.
+
+    Attributes
+    ----------
+    paper : Paper
+    edge : float or None
+        Distance from the paper's edge that all ink keeps, mm; None for about `12 * scale`, more than printers cannot
+        reach.
+
+    Raises
+    ------
+    InputError
+        If the margin is negative or leaves nothing to print on.
+    """
 
     paper: Paper
+    edge: float | None = None
+
+    def __post_init__(self) -> None:
+        if (self.edge or 0.0) < 0 or min(self.width, self.paper.height - 2 * self.margin) < LEAST_ROOM:
+            raise InputError(
+                f"a printer margin from 0 that leaves {LEAST_ROOM:g} x {LEAST_ROOM:g} mm of {self.paper}",
+                f"{self.margin if self.edge is None else self.edge:g} mm",
+                "give a smaller margin or larger paper",
+            )
 
     @property
     def scale(self) -> float:
@@ -54,13 +80,18 @@ class Frame:
 
     @property
     def margin(self) -> float:
-        """White edge that everything but quiet zones keeps; at least 10 mm, more than printers cannot reach."""
-        return 12 * self.scale
+        """Where baselines and base lines are: letters and strokes reach a little beyond, but not to the edge given."""
+        return (12 if self.edge is None else DESCENT) * self.scale + (self.edge or 0.0)
 
     @property
     def right(self) -> float:
         """Right margin's x."""
         return self.paper.width - self.margin
+
+    @property
+    def top(self) -> float:
+        """Upper margin's y."""
+        return self.paper.height - self.margin
 
     @property
     def width(self) -> float:
@@ -73,129 +104,63 @@ class Frame:
         return self.margin + 9 * self.scale
 
     @property
+    def checks_y(self) -> float:
+        """Height of the lowest line of the lengths to measure; the words on what to do are below."""
+        return self.block_top + 10.4 * self.scale
+
+    @property
     def ruler_y(self) -> float:
         """Height of the ruler's base line."""
-        return self.block_top + 11.5 * self.scale
+        return self.block_top + 21.5 * self.scale
 
     @property
     def footer(self) -> float:
         """Height above which the marker's region begins."""
-        return self.ruler_y + 15 * self.scale
+        return self.ruler_y + 13.5 * self.scale
 
     @property
     def region(self) -> Box:
         """Part of the page for the marker and what belongs to it."""
-        return self.margin, self.footer, self.right, self.paper.height - self.margin
-
-
-def boundary_lines(marker: Marker, origin: Point, dots: tuple[Disk, ...]) -> list[Shape]:
-    """Hairlines along the boundary and along the keep-outs in it, interrupted where they would cross a quiet zone."""
-    lines = _outline_lines(marker.boundary, "boundary", origin, dots)
-    for index, keep_out in enumerate(marker.keep_outs):
-        lines += _outline_lines(keep_out, f"keep-out-{index}", origin, dots, marker.boundary)
-    return lines
-
-
-def _outline_lines(
-    shape: Boundary, name: str, origin: Point, dots: tuple[Disk, ...], within: Boundary | None = None
-) -> list[Shape]:
-    rings, circles = shape.curves()
-    paths = [walked(ring * 1e3, 1.0) for ring in rings]
-    for x, y, radius, _ in circles:
-        count = max(ceil(2 * pi * radius * 1e3), 360)
-        paths.append((Circle(radius, (x, y)).rim(count) * 1e3, np.ones(count, dtype=bool)))
-    runs: list[Array] = []
-    for points, corner in paths:
-        rim = points + origin
-        step = float(np.max(np.hypot(*(np.roll(rim, -1, axis=0) - rim).T)))
-        # A segment between two points that are half a step clear of a circle cannot cross it.
-        free = _clear(rim, dots, step / 2 + HAIRLINE)
-        if within is not None:
-            free &= within.depth(points / 1e3) > 0
-        runs += _runs(rim, free, corner)
-    return [_polyline(run, f"{name}-{index}") for index, run in enumerate(runs)]
-
-
-def _runs(rim: Array, free: NDArray[np.bool_], corner: NDArray[np.bool_]) -> list[Array]:
-    """Parts of a closed line whose points are free, of each the ends and the corners between them."""
-    if free.all():
-        corners = rim[corner]
-        return [np.concatenate([corners, corners[:1]])]
-    start = int(np.argmin(free))
-    rim, free, corner = np.roll(rim, -start, axis=0), np.roll(free, -start), np.roll(corner, -start)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(int)))
-    runs = []
-    for begin, end in edges.reshape(-1, 2):
-        kept = corner[begin:end].copy()
-        kept[[0, -1]] = True
-        if end - begin > 1:
-            runs.append(rim[begin:end][kept])
-    return runs
-
-
-def axis_reach(boundary: Boundary) -> dict[str, float]:
-    """How far from the origin in mm the outline reaches along each axis: where ticks may begin.
-
-    What counts is the outline within `AIR` of the axis; where there is none on that side, all of it.
-    """
-    reach = {}
-    for name, heading in HEADINGS.items():
-        along, aside = (
-            [np.asarray(ring @ np.array(axis) * 1e3) for ring in boundary.outlines()]
-            for axis in (heading, heading[::-1])
-        )
-        near = max(_farthest(a, b) for a, b in zip(along, aside, strict=True))
-        reach[name] = near if near > 0 else max(float(a.max()) for a in along)
-    return reach
-
-
-def _farthest(along: Array, aside: Array) -> float:
-    """Largest `along` of a closed polygon in the strip where `aside` is at most `AIR`; -inf if it misses the strip."""
-    start, step = aside, np.roll(aside, -1) - aside
-    with np.errstate(divide="ignore", invalid="ignore"):
-        crossings = np.sort(np.stack([(-AIR - start) / step, (AIR - start) / step]), axis=0)
-    level = step == 0
-    low = np.where(level, 0.0, np.maximum(crossings[0], 0.0))
-    high = np.where(level, 1.0, np.minimum(crossings[1], 1.0))
-    hits = (low <= high) & ~(level & (np.abs(start) > AIR))
-    ends = along + np.stack([low, high]) * (np.roll(along, -1) - along)
-    return float(np.max(ends[:, hits], initial=-np.inf))
+        return self.margin, self.footer, self.right, self.top
 
 
 def axis_ticks(
-    frame: Frame, origin: Point, reach: Mapping[str, float], dots: tuple[Disk, ...], boxes: Sequence[Box] = ()
+    scale: float,
+    room: Box,
+    reach: Mapping[str, float],
+    dots: tuple[Disk, ...],
+    boxes: Sequence[Box] = (),
+    color: str = BLACK,
 ) -> list[Line]:
     """Short lines where the axes leave the boundary, or farther out where a quiet zone or a box is in the way.
 
-    A tick that would leave the marker's part of the page, or whose axis has the whole boundary behind it, is left out.
+    A tick that would leave the `room` (mm, marker frame), or whose axis has the whole boundary behind it, is left out.
     `reach` is what `axis_reach` tells.
     """
-    length = TICK * frame.scale
-    centers = np.array([[dot.x, dot.y] for dot in dots]) - origin
+    length = TICK * scale
+    centers = np.array([[dot.x, dot.y] for dot in dots])
     blocked = np.array([quiet_radius(dot) + FINE for dot in dots])
     ticks = []
     for name, heading in HEADINGS.items():
         along, across = centers @ heading, centers @ heading[::-1]
         half = np.sqrt(np.maximum(blocked**2 - across**2, 0))
         zones = list(zip(along - half, along + half, strict=True))
-        zones += [_shadow(box, origin, heading, 2 * frame.scale) for box in boxes]
+        zones += [_shadow(box, heading, 2 * scale) for box in boxes]
         start = reach[name]
         # Sorted by where they begin, so one pass over the zones jumps over all that the tick would touch.
         for near, far in sorted(zones):
             if near < far and near < start + length and far > start:
                 start = float(far)
-        foot, tip = (
-            (origin[0] + reach * heading[0], origin[1] + reach * heading[1]) for reach in (start, start + length)
-        )
-        left, bottom, right, top = frame.region
+        foot, tip = ((far * heading[0], far * heading[1]) for far in (start, start + length))
+        left, bottom, right, top = room
         if start > 0 and left <= tip[0] <= right and bottom <= tip[1] <= top:
-            ticks.append(Line((foot, tip), FINE, f"axis{name}"))
+            ticks.append(Line((foot, tip), FINE, f"axis{name}", color))
     return ticks
 
 
-def _shadow(box: Box, origin: Point, heading: tuple[int, int], air: float) -> tuple[float, float]:
+def _shadow(box: Box, heading: tuple[int, int], air: float) -> tuple[float, float]:
     """Where the ray from the origin enters and leaves a box with some air around it; (0, 0) if it misses."""
-    low, high = np.array(box[:2]) - origin - air, np.array(box[2:]) - origin + air
+    low, high = np.array(box[:2]) - air, np.array(box[2:]) + air
     side = 1 - int(np.argmax(np.abs(heading)))
     if not low[side] < 0 < high[side]:
         return 0.0, 0.0
@@ -203,20 +168,20 @@ def _shadow(box: Box, origin: Point, heading: tuple[int, int], air: float) -> tu
     return ends[0], ends[1]
 
 
-def center_cross(frame: Frame, origin: Point, dots: tuple[Disk, ...], room: float) -> list[Shape]:
-    """Fine cross at the origin: black on paper, white on a dot, none where it would disturb a dot.
+def center_cross(scale: float, dots: tuple[Disk, ...], room: float, colors: Colors) -> list[Line]:
+    """Fine cross at the origin: ink on paper, paper on a dot, none where it would disturb a dot.
 
     A cross on a dot but e mm off its middle moves the dot's center of gravity by area(cross) e / area(dot); there its
     arms are shortened until that is below `CENTROID_PULL`. Too short to see, or beside a dot in its quiet zone, it is
     left out: the axis ticks still give the center. So it is where an outline is near, which is `room` mm away.
     """
-    arm, width, color = min(3.0 * frame.scale, room - AIR), HAIRLINE, BLACK
+    arm, width, color = min(3.0 * scale, room - AIR), HAIRLINE, colors.ink
     for dot in dots:
-        offset = hypot(dot.x - origin[0], dot.y - origin[1])
+        offset = hypot(dot.x, dot.y)
         if offset >= quiet_radius(dot) + arm:
             continue
         width, in_hole = 0.1, offset < dot.inner_radius
-        color = BLACK if in_hole else WHITE
+        color = colors.ink if in_hole else colors.paper
         if in_hole:
             inside = dot.inner_radius - offset
         else:
@@ -227,49 +192,22 @@ def center_cross(frame: Frame, origin: Point, dots: tuple[Disk, ...], room: floa
             arm = min(arm, CENTROID_PULL * ink / (4 * width * offset))
     if arm < SHORTEST_ARM:
         return []
-    x, y = origin
     return [
-        Line(((x - arm, y), (x + arm, y)), width, "center-x", color),
-        Line(((x, y - arm), (x, y + arm)), width, "center-y", color),
+        Line(((-arm, 0.0), (arm, 0.0)), width, "center-x", color),
+        Line(((0.0, -arm), (0.0, arm)), width, "center-y", color),
     ]
 
 
-def ink_points(shapes: list[Shape]) -> Array:
+def ink_points(shapes: Sequence[Shape]) -> Array:
     """Points (m, 2) at most 1 mm apart along lines."""
-    pieces = [
-        np.linspace(start, end, ceil(hypot(end[0] - start[0], end[1] - start[1])) + 1)
-        for shape in shapes
-        if isinstance(shape, Line)
-        for start, end in zip(shape.points, shape.points[1:], strict=False)
-    ]
-    return np.concatenate(pieces) if pieces else np.zeros((0, 2))
-
-
-def ruler_length(frame: Frame) -> float:
-    """Longest multiple of 50 mm, at most 200, that leaves room for the axes beside it."""
-    return float(min(200, (frame.width - 24 * frame.scale) // 50 * 50))
-
-
-def ruler(frame: Frame, length: float) -> Drawn:
-    """Ruler with a tick every 10 mm and a number every 50, and the words to check it by."""
-    scale, left, base = frame.scale, frame.margin, frame.ruler_y
-    marks: list[Shape] = [Line(((left, base), (left + length, base)), FINE, "ruler")]
-    texts: list[Shape] = []
-    for mm in range(0, int(length) + 1, 10):
-        high = (3.2 if mm % 50 == 0 else 1.8) * scale
-        marks.append(Line(((left + mm, base), (left + mm, base + high)), FINE, f"ruler-{mm}"))
-        if mm % 50 == 0:
-            align = {0: "left", int(length): "right"}.get(mm, "center")
-            label = f"{mm} mm" if mm == length else str(mm)
-            texts.append(text(label, left + mm, base + 4.4 * scale, 1.7 * scale, align, name=f"ruler-number-{mm}"))
-    words = (
-        f"This ruler must measure {length:g} mm. If it does not, print again at 100 % (actual size), "
-        "without fitting to the page."
-    )
-    for index, line in enumerate(wrap(words, frame.width, 1.6 * scale)):
-        y = base - (3.9 + 3.1 * index) * scale
-        texts.append(text(line, left, y, 1.6 * scale, color=GRAY, name=f"ruler-words-{index}"))
-    return marks, texts
+    runs = [np.array(shape.points) for shape in shapes if isinstance(shape, Line)]
+    if not runs:
+        return np.zeros((0, 2))
+    start, way = np.concatenate([run[:-1] for run in runs]), np.concatenate([np.diff(run, axis=0) for run in runs])
+    steps = np.maximum(np.ceil(np.hypot(*way.T)), 1).astype(int)
+    of = np.repeat(np.arange(len(steps)), steps + 1)
+    number = np.arange(len(of)) - np.repeat(np.cumsum(steps + 1) - steps - 1, steps + 1)
+    return np.asarray(start[of] + (number / steps[of])[:, None] * way[of])
 
 
 def axes(frame: Frame) -> Drawn:
@@ -281,8 +219,8 @@ def axes(frame: Frame) -> Drawn:
     marks: list[Shape] = [
         Line(((x, y), (tip_x - head, y)), FINE, "axes-x"),
         Line(((x, y - FINE / 2), (x, tip_y - head)), FINE, "axes-y"),
-        _polygon("axes-x-head", (tip_x, y), (tip_x - head, y + half), (tip_x - head, y - half)),
-        _polygon("axes-y-head", (x, tip_y), (x - half, tip_y - head), (x + half, tip_y - head)),
+        polygon([(tip_x, y), (tip_x - head, y + half), (tip_x - head, y - half)], "axes-x-head", BLACK),
+        polygon([(x, tip_y), (x - half, tip_y - head), (x + half, tip_y - head)], "axes-y-head", BLACK),
     ]
     texts: list[Shape] = [
         text("x", frame.right, y - 0.8 * scale, 1.9 * scale, "right", name="axes-x-label"),
@@ -291,58 +229,83 @@ def axes(frame: Frame) -> Drawn:
     return marks, texts
 
 
-def size_words(boundary: Boundary) -> str:
-    """``300 mm across`` for a disk, else width and height as in ``200 x 100 mm``."""
-    width, height = box_mm(boundary)[2:] - box_mm(boundary)[:2]
-    across = 2e3 * boundary.radius
-    if max(abs(width - across), abs(height - across)) < 1e-6 * across:
-        return f"{across:.6g} mm across"
-    return f"{width:.6g} x {height:.6g} mm"
-
-
-def box_mm(boundary: Boundary) -> Array:
-    """Left, lower, right and upper end (4,) of the outline in mm, marker frame."""
-    points = np.concatenate(boundary.outlines()) * 1e3
-    return np.concatenate([points.min(axis=0), points.max(axis=0)])
-
-
-def title_block(frame: Frame, marker: Marker) -> Drawn:
+def title_block(frame: Frame, markers: Sequence[Marker], factor: Point = (1.0, 1.0)) -> Drawn:
     """Caption along the foot of the sheet: small gray headings over their values, from margin to margin."""
-    scale, left = frame.scale, frame.margin
-    columns = [
-        ("spec", marker_name(marker).removeprefix("markergen-"), "bold"),
-        ("dots", str(len(marker)), "regular"),
-        ("dot diameter", f"{marker.dot_diameter * 1e3:.6g} mm", "regular"),
-        ("size", size_words(marker.boundary), "regular"),
-        ("scale", "1 : 1, print at 100 %", "regular"),
-        ("made with", f"markergen {markergen.__version__}", "regular"),
+    first = markers[0]
+    same = all(other.boundary == first.boundary and other.dot_diameter == first.dot_diameter for other in markers)
+    meaning = "size: diameter of the outline" if is_disk(first.boundary) else "size: width x height of the outline"
+    name = marker_name(first).removeprefix("markergen-")
+    if any(marker_name(marker) != marker_name(first) for marker in markers):
+        name = "see captions"
+    columns: list[Column] = [
+        ("spec", "spec", (name,), "bold"),
+        ("dots", "dots", (" + ".join(dict.fromkeys(str(len(marker)) for marker in markers)),), "regular"),
     ]
-    small, large = 1.35 * scale, 1.9 * scale
-    widths = [max(text_width(head, small), text_width(value, large, face)) for head, value, face in columns]
+    if len(markers) > 1:
+        columns.insert(1, ("markers", "markers", (str(len(markers)),), "regular"))
+    if same:
+        columns += [
+            ("dot-diameter", "dot diameter", (f"{first.dot_diameter * 1e3:.6g} mm",), "regular"),
+            ("size", meaning, (size_words(first.boundary),), "regular"),
+        ]
+    columns += [
+        scale_column(factor),
+        ("made-with", "made with", (f"markergen {markergen.__version__}",), "regular"),
+    ]
+    rule = Line(((frame.margin, frame.block_top), (frame.right, frame.block_top)), HAIRLINE, "rule", LIGHT)
+    return [rule], facts(frame, columns, frame.margin, "block")
+
+
+def scale_column(factor: Point) -> Column:
+    """How large the drawing is, and for which printer if it is not for every one."""
+    if factor == (1.0, 1.0):
+        return "scale", "scale", ("1 : 1, print at 100 %",), "regular"
+    printer, drawn = (", ".join(f"{name} {value:.6g}" for name, value in zip("xy", pair, strict=True)) for pair in (
+        [1 / value for value in factor], factor
+    ))  # fmt: skip
+    return "scale", f"compensated for a printer that makes {printer} of 1", (f"drawn {drawn}; print at 100 %",), "bold"
+
+
+def facts(frame: Frame, columns: Sequence[Column], y: float, name: str) -> list[Shape]:
+    """Columns from margin to margin, a small gray heading over lines of which the last stands at height y."""
+    scale, left = frame.scale, frame.margin
+    small, large, step = 1.35 * scale, 1.9 * scale, 3.2 * scale
+    widths = [
+        max(text_width(heading, small), *(text_width(line, large, face) for line in lines))
+        for _, heading, lines, face in columns
+    ]
     # Columns that would run into each other on narrow paper shrink together.
-    shrink = min(1.0, frame.width / (sum(widths) + 3 * scale * (len(columns) - 1)))
-    gap = (frame.width - shrink * sum(widths)) / (len(columns) - 1)
-    marks: list[Shape] = [Line(((left, frame.block_top), (frame.right, frame.block_top)), HAIRLINE, "rule", LIGHT)]
+    between = max(len(columns) - 1, 1)
+    shrink = min(1.0, frame.width / (sum(widths) + 3 * scale * between))
+    gap = (frame.width - shrink * sum(widths)) / between
     texts: list[Shape] = []
-    for (head, value, face), width in zip(columns, widths, strict=True):
-        slug = head.replace(" ", "-")
-        texts.append(
-            text(head, left, frame.margin + 4.4 * scale, small * shrink, color=GRAY, name=f"block-{slug}-heading")
-        )
-        texts.append(text(value, left, frame.margin, large * shrink, face=face, name=f"block-{slug}"))
+    for (slug, heading, lines, face), width in zip(columns, widths, strict=True):
+        height = y + 4.4 * scale + step * (len(lines) - 1)
+        texts.append(text(heading, left, height, small * shrink, color=GRAY, name=f"{name}-{slug}-heading"))
+        for index, line in enumerate(reversed(lines)):
+            suffix = f"-{len(lines) - 1 - index}" if len(lines) > 1 else ""
+            texts.append(text(line, left, y + index * step, large * shrink, face=face, name=f"{name}-{slug}{suffix}"))
         left += shrink * width + gap
-    return marks, texts
+    return texts
 
 
-def _clear(points: Array, dots: tuple[Disk, ...], spare: float) -> NDArray[np.bool_]:
-    centers = np.array([[dot.x, dot.y] for dot in dots])
-    quiet = np.array([quiet_radius(dot) for dot in dots])
-    return np.all(np.linalg.norm(points[:, None] - centers, axis=-1) > quiet + spare, axis=-1)
+def paragraph(
+    words: str, left: float, top: float, width: float, height: float, lines: int, name: str, color: str = GRAY
+) -> list[Shape]:
+    """Words in at most `lines` lines below `top`, smaller than `height` (of a capital, mm) if they need it."""
+    step, rows = 1.94 * height, wrap(words, width, height)
+    while len(rows) > lines or max(text_width(row, height) for row in rows) > width:
+        height *= 0.96
+        rows = wrap(words, width, height)
+    return [
+        text(row, left, top - height - index * step, height, color=color, name=f"{name}-{index}")
+        for index, row in enumerate(rows)
+    ]
 
 
-def _polyline(points: Array, name: str) -> Line:
-    return Line(tuple((float(x), float(y)) for x, y in points), HAIRLINE, name, LIGHT)
-
-
-def _polygon(name: str, first: Point, *others: Point) -> Outline:
-    return Outline((("M", (first,)), *(("L", (point,)) for point in others), ("Z", ())), name)
+def remedy(frame: Frame, words: Sequence[str], top: float, height: float) -> list[Shape]:
+    """One line per sentence below `top`, each as small as it must be."""
+    texts: list[Shape] = []
+    for index, line in enumerate(words):
+        texts += paragraph(line, frame.margin, top - 1.94 * height * index, frame.width, height, 1, f"remedy-{index}")
+    return texts

@@ -20,7 +20,13 @@ def quiet_radius(disk: Disk) -> float:
 
 
 def place_numbers(
-    dots: Sequence[Disk], labels: Sequence[str], height: float, page: Box, center: tuple[float, float], ink: Array
+    dots: Sequence[Disk],
+    labels: Sequence[str],
+    height: float,
+    rooms: Sequence[Box],
+    center: tuple[float, float],
+    ink: Array,
+    boxes: Sequence[Box] = (),
 ) -> list[tuple[float, float] | None]:
     """Middles (x, y) in mm of the dots' numbers, or None where a dot has no free place of its own.
 
@@ -34,16 +40,18 @@ def place_numbers(
         One per dot.
     height : float
         Of the digits, mm.
-    page : box
-        That the numbers must stay in.
+    rooms : sequence of box
+        That the numbers must stay in, one per dot.
     center : (x, y)
         What "outward" means.
     ink : array (m, 2)
         Points of everything else that is drawn, close enough that no number fits between two.
+    boxes : sequence of box
+        Where no number may be.
     """
     centers = np.array([[dot.x, dot.y] for dot in dots])
     quiet = np.array([quiet_radius(dot) for dot in dots])
-    taken: list[Box] = []
+    taken: list[Box] = list(boxes)
     places: list[tuple[float, float] | None] = []
     for index, label in enumerate(labels):
         half = np.array([text_width(label, height) / 2, height / 2]) + 0.5 * height
@@ -61,7 +69,7 @@ def place_numbers(
                 (float(middle[0]), float(middle[1]))
                 for lead in (2 * height, 0.0)  # clearly the nearest if that can be, else just the nearest
                 for middle in candidates
-                if _free(middle, half, index, lead, centers, quiet, page, ink, taken)
+                if _free(middle, half, index, lead, centers, quiet, rooms[index], ink, taken)
             ),
             None,
         )

@@ -36,12 +36,20 @@ class Disk:
 
 @dataclass(frozen=True)
 class Line:
-    """A stroked run of straight segments with butt ends; points and width in mm."""
+    """A stroked run of straight segments with mitered corners; points and width in mm.
+
+    It has butt ends, or is closed if it ends where it begins.
+    """
 
     points: tuple[Point, ...]
     width: float
     name: str = ""
     color: str = BLACK
+
+    @property
+    def closed(self) -> bool:
+        """Whether it ends where it begins."""
+        return len(self.points) > 3 and self.points[0] == self.points[-1]
 
     @property
     def path_points(self) -> tuple[Point, ...]:
@@ -66,6 +74,12 @@ class Outline:
 
 Shape = Disk | Line | Outline
 Box = tuple[float, float, float, float]
+
+
+def around_origin(box: Box) -> bool:
+    """Tell whether a box holds the origin."""
+    left, bottom, right, top = box
+    return left <= 0 <= right and bottom <= 0 <= top
 
 
 def bounds(shape: Shape) -> Box:
@@ -128,6 +142,20 @@ def marker_dots(marker: Marker) -> tuple[Disk, ...]:
         )
         for point in marker.control_points
     )
+
+
+def marker_tag(marker: Marker) -> tuple[Outline, ...]:
+    """Ink of the marker's tag as one outline named ``tag``, in mm, marker frame; none without a tag.
+
+    Neighboring black cells are one region, so that no seam shows; holes run against what they are cut from.
+    """
+    if marker.tag is None:
+        return ()
+    segments: list[Segment] = []
+    for outline in marker.tag.outlines:
+        points = [(_mm(x), _mm(y)) for x, y in outline.tolist()]
+        segments += [("M", (points[0],)), *(("L", (point,)) for point in points[1:]), ("Z", ())]
+    return (Outline(tuple(segments), "tag"),)
 
 
 def moved(disk: Disk, dx: float, dy: float) -> Disk:

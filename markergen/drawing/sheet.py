@@ -1,232 +1,122 @@
-"""The sheet: a marker at true size on paper, with what a person needs to check, mount and read it.
+"""Sheets: markers at true size on paper, with what a person needs to check, mount and read them."""
 
-+--------------------------+
-|       |  ticks on axes   |   everything but the dots keeps out of their quiet zones: a ring half a dot
-|     o   o                |   diameter wide around each, which detectors need white
-|  -  o + o  -  boundary   |
-|       |                  |
-|  |_|_|_|_| ruler   axes  |
-|  ----------------------  |
-|  marker  dots  size ...  |
-+--------------------------+
-"""
+from collections.abc import Sequence
+from math import ceil, inf
 
-from dataclasses import dataclass
-from math import ceil, hypot, inf
-
-import numpy as np
-
-from markergen.drawing import furniture
-from markergen.drawing.furniture import size_words
-from markergen.drawing.numbers import place_numbers, quiet_radius
-from markergen.drawing.paper import ISO, PAPERS, Paper, find_paper
-from markergen.drawing.scene import Disk, Layer, Line, Point, Scene, Shape, bounds, marker_dots, marker_name, moved
-from markergen.drawing.text import text
+from markergen.drawing.figure import Figure, drawn_box, size_words
+from markergen.drawing.furniture import Frame
+from markergen.drawing.grid import grid_pages
+from markergen.drawing.page import Reach, Sheet, SheetOptions, needs, origin_on, reach_of, single
+from markergen.drawing.paper import ISO, PAPERS, Paper, find_paper, oriented
+from markergen.drawing.scene import Point
+from markergen.drawing.tiles import tiled
 from markergen.errors import InputError
 from markergen.model.boundary import Boundary
 from markergen.model.marker import Marker
 
-NUMBER_HEIGHT = 2.6
-"""Of the dots' numbers in mm on A4."""
-MOST_LISTED = 12
-"""Of the dots that a note names."""
-_AWAY = "The marker's origin is not on the sheet; see the coordinates in marker.json."
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """A page ready for any printable format.
-
-    Attributes
-    ----------
-    paper : Paper
-    scene : Scene
-        In mm from the page's lower left corner; layers ``dots``, ``marks`` and ``text``.
-    origin_mm : (x, y)
-        Where the marker's origin is on the page.
-    ruler_mm : float
-        Length of the printed ruler.
-    title, description : str
-        For the file's metadata.
-    notes : tuple of str
-        Sentences for the user.
-    """
-
-    paper: Paper
-    scene: Scene
-    origin_mm: Point
-    ruler_mm: float
-    title: str
-    description: str
-    notes: tuple[str, ...]
+__all__ = ["Sheet", "SheetOptions", "check_paper", "pages_for", "sheet_for"]
 
 
 def sheet_for(marker: Marker, paper: str | None = None) -> Sheet:
-    """Lay a marker out on paper, at true size.
+    """Lay a marker out on one page, at true size; see `pages_for`."""
+    return pages_for([marker], SheetOptions(paper, tile=False))[0]
+
+
+def pages_for(markers: Sequence[Marker], options: SheetOptions) -> tuple[Sheet, ...]:
+    """Lay markers out on pages, at true size, never smaller.
+
+    One marker gets one page, or, if it is larger than the paper, a plan of assembly and a page for every tile. Several
+    share pages, as many on each as fit; without a paper named, on the smallest from A4 on that holds one of them.
 
     Parameters
     ----------
-    marker : Marker
-    paper : str or None
-        Name of the paper (`find_paper`); None takes the smallest ISO size from A5 to A0 that holds everything.
+    markers : sequence of Marker
+        At least one.
+    options : SheetOptions
 
     Raises
     ------
     InputError
-        If a control point has no dot or lies off the plane, the paper is unknown, or the marker does not fit on it.
+        If a control point has no dot or lies off the plane, the paper is unknown or its margins leave nothing, or a
+        marker does not fit on it and may not be tiled.
     """
-    dots = marker_dots(marker)
-    chosen, origin = _place(marker.boundary, dots, paper)
-    return _compose(marker, chosen, origin, dots, smallest=paper is None)
+    figures = [_figure(marker, options) for marker in markers]
+    if len(figures) > 1:
+        pages = grid_pages(figures, options, _frames(options, ISO[1:]))
+        if pages:
+            return pages
+    return tuple(page for figure in figures for page in _pages(figure, options))
 
 
-def check_paper(boundary: Boundary, paper: str | None = None) -> None:
-    """Refuse a boundary that the paper is too small for, whatever dots come to lie in it; see `sheet_for`."""
-    _place(boundary, (), paper)
+def check_paper(boundary: Boundary, options: SheetOptions) -> None:
+    """Refuse a boundary that the paper is too small for, whatever dots come to lie in it; see `pages_for`."""
+    box = drawn_box(boundary)
+    reach = reach_of(box, (inf, inf, -inf, -inf), options.colors)
+    if not _whole(reach, _frames(options)) and not options.tile:
+        raise _too_small(reach, size_words(boundary), options)
 
 
-def _place(boundary: Boundary, dots: tuple[Disk, ...], paper: str | None) -> tuple[Paper, Point]:
-    """The paper, and where on it the origin goes."""
-    reach = _extent(boundary, dots)
-    chosen = _smallest(reach) if paper is None else find_paper(paper)
-    origin = _origin(chosen, reach) if chosen else None
-    if chosen is None or origin is None:
-        raise _too_small(reach, size_words(boundary), chosen)
-    return chosen, origin
+def _figure(marker: Marker, options: SheetOptions) -> Figure:
+    """What is drawn: the marker as designed, whatever was measured on a print; larger where the printer shrinks."""
+    sx, sy = marker.print_scale
+    if not options.compensate:
+        return Figure(marker.as_designed, ink=options.colors.ink)
+    if sx == sy == 1:
+        raise InputError(
+            "a marker that was measured on a print, to compensate for its printer",
+            "a print scale of 1",
+            "run markergen rescale first",
+        )
+    return Figure(marker.as_designed, (1 / sx, 1 / sy), options.colors.ink)
 
 
-@dataclass(frozen=True)
-class _Reach:
-    """How far the outline and the quiet zones reach from the origin: left, down, right, up; mm."""
-
-    outline: tuple[float, float, float, float]
-    quiet: tuple[float, float, float, float]
-
-
-def _extent(boundary: Boundary, dots: tuple[Disk, ...]) -> _Reach:
-    left, down, right, up = map(float, furniture.box_mm(boundary))
-    quiet = (
-        max((quiet_radius(dot) - dot.x for dot in dots), default=-inf),
-        max((quiet_radius(dot) - dot.y for dot in dots), default=-inf),
-        max((quiet_radius(dot) + dot.x for dot in dots), default=-inf),
-        max((quiet_radius(dot) + dot.y for dot in dots), default=-inf),
-    )
-    return _Reach((-left, -down, right, up), quiet)
+def _pages(figure: Figure, options: SheetOptions) -> tuple[Sheet, ...]:
+    reach = reach_of(figure.outline, figure.quiet, options.colors)
+    found = _whole(reach, _frames(options))
+    if found:
+        return (single(figure, options, *found),)
+    if not options.tile:
+        raise _too_small(reach, size_words(figure.marker.boundary), options)
+    return tiled(figure, options, _frames(options, ISO[-1:]))
 
 
-def _needs(frame: furniture.Frame, reach: _Reach) -> tuple[float, float, float, float]:
-    """Distances in mm that the origin must keep from the paper's left, lower, right and upper edge.
-
-    Marks keep to the printable margin; quiet zones are blank and may fill it, but not leave the paper.
-    """
-    left, down, right, up = (side + furniture.TICK * frame.scale for side in reach.outline)
-    return (
-        max(frame.margin + left, reach.quiet[0]),
-        frame.footer + max(down, reach.quiet[1]),
-        max(frame.margin + right, reach.quiet[2]),
-        max(frame.margin + up, reach.quiet[3]),
-    )
+def _frames(options: SheetOptions, sizes: Sequence[Paper] = ISO) -> list[Frame]:
+    """Pages to try in this order: the named paper, both ways round if nothing says which, else each of the sizes so."""
+    if options.paper is not None:
+        paper = find_paper(options.paper, options.orientation)
+        fixed = options.orientation or oriented(options.paper)
+        return [options.frame(each) for each in ((paper,) if fixed else (paper, paper.turned))]
+    if options.orientation:
+        return options.frames([find_paper(size.name, options.orientation) for size in sizes])
+    return options.frames(_both_ways(sizes))
 
 
-def _origin(paper: Paper, reach: _Reach) -> Point | None:
-    """Where the origin goes: centered across the paper if it can, in the middle of the room above the footer."""
-    left, down, right, up = _needs(furniture.Frame(paper), reach)
-    if left + right > paper.width or down + up > paper.height:
-        return None
-    aside = (reach.outline[2] - reach.outline[0]) / 2
-    x = min(max(paper.width / 2 - aside, left), paper.width - right)
-    return x, (down + paper.height - up) / 2
+def _whole(reach: Reach, frames: Sequence[Frame]) -> tuple[Frame, Point] | None:
+    """The first page that holds a marker, and where on it the origin goes."""
+    for frame in frames:
+        origin = origin_on(frame, reach)
+        if origin:
+            return frame, origin
+    return None
 
 
-def _smallest(reach: _Reach) -> Paper | None:
-    return next((paper for size in ISO for paper in (size, size.landscape) if _origin(paper, reach)), None)
-
-
-def _too_small(reach: _Reach, size: str, paper: Paper | None) -> InputError:
-    left, down, right, up = _needs(furniture.Frame(paper or ISO[-1]), reach)
+def _too_small(reach: Reach, size: str, options: SheetOptions) -> InputError:
+    frame = _frames(options)[0] if options.paper else options.frame(ISO[-1])
+    left, down, right, up = needs(frame, reach)
     room = f"{ceil(left + right)} x {ceil(down + up)} mm"
-    fit = _smallest(reach) or next((p for p in PAPERS.values() if _origin(p, reach)), None)
-    if paper is None:
+    fit = _whole(reach, options.frames([*_both_ways(ISO), *PAPERS.values()]))
+    tile = ", or leave out --no-tile" if fit else "leave out --no-tile, design a smaller one, or export it as .step"
+    if options.paper is None:
         found = f"a marker {size} that needs {room}"
-        remedy = f"use --paper {fit.name}" if fit else "design a smaller one, or export it as .step"
-        return InputError("a marker that A0 paper holds", found, remedy)
+        return InputError(
+            "a marker that A0 paper holds", found, f"use --paper {fit[0].paper.name}{tile}" if fit else tile
+        )
     return InputError(
         f"paper of at least {room} for a marker {size}",
-        str(paper),
-        f"use --paper {fit.name}" if fit else "no known paper holds it: design a smaller one, or export it as .step",
+        str(frame.paper),
+        f"use --paper {fit[0].paper.name}{tile}" if fit else f"no known paper holds it: {tile}",
     )
 
 
-def _compose(marker: Marker, paper: Paper, origin: Point, dots: tuple[Disk, ...], smallest: bool) -> Sheet:
-    frame = furniture.Frame(paper)
-    placed = tuple(moved(dot, *origin) for dot in dots)
-    reach = furniture.axis_reach(marker.boundary)
-    center = np.zeros(2)
-    room = 1e3 * min(abs(float(shape.depth(center))) for shape in (marker.boundary, *marker.keep_outs))
-    marks = [
-        *furniture.boundary_lines(marker, origin, placed),
-        *(furniture.center_cross(frame, origin, placed, room) if _inside(frame, origin) else ()),
-    ]
-    # Ticks that stand on the boundary come before the numbers; those that a quiet zone pushes out come after them.
-    on_boundary = [
-        tick
-        for tick in furniture.axis_ticks(frame, origin, reach, placed)
-        if _starts(tick, origin, reach[tick.name.removeprefix("axis")])
-    ]
-    names = [str(point.id) for point in marker.control_points]
-    height = NUMBER_HEIGHT * frame.scale
-    ink = furniture.ink_points([*marks, *on_boundary])
-    places = place_numbers(placed, names, height, frame.region, origin, ink)
-    numbers: list[Shape] = [
-        text(name, x, y - height / 2, height, "center", color=furniture.GRAY, name=f"number-{name}")
-        for name, place in zip(names, places, strict=True)
-        if place is not None
-        for x, y in [place]
-    ]
-    ticks = furniture.axis_ticks(frame, origin, reach, placed, [bounds(number) for number in numbers])
-    ruler_mm = furniture.ruler_length(frame)
-    ruler_marks, ruler_text = furniture.ruler(frame, ruler_mm)
-    axes_marks, axes_text = furniture.axes(frame)
-    block_marks, block_text = furniture.title_block(frame, marker)
-    scene = Scene(
-        (
-            Layer("dots", placed),
-            Layer("marks", (*marks, *ticks, *ruler_marks, *axes_marks, *block_marks)),
-            Layer("text", (*numbers, *ruler_text, *axes_text, *block_text)),
-        )
-    )
-    nameless = [name for name, place in zip(names, places, strict=True) if place is None]
-    size = size_words(marker.boundary)
-    return Sheet(
-        paper,
-        scene,
-        origin,
-        ruler_mm,
-        marker_name(marker),
-        f"Fiducial marker with {len(marker)} dots, {size}, at true size on {paper}. Print at 100 %.",
-        _notes(f"{'needs' if smallest else 'stands on'} {paper}", size, ruler_mm, nameless)
-        + (() if _inside(frame, origin) else (_AWAY,)),
-    )
-
-
-def _inside(frame: furniture.Frame, origin: Point) -> bool:
-    left, bottom, right, top = frame.region
-    return left <= origin[0] <= right and bottom <= origin[1] <= top
-
-
-def _starts(tick: Line, origin: Point, reach: float) -> bool:
-    foot = tick.points[0]
-    return abs(hypot(foot[0] - origin[0], foot[1] - origin[1]) - reach) < 1e-6
-
-
-def _notes(where: str, size: str, ruler_mm: float, nameless: list[str]) -> tuple[str, ...]:
-    notes = [
-        f"The marker {where}: {'its disk' if size.endswith('across') else 'its outline'} is {size}.",
-        f"Print at 100 %, then check that the ruler on the sheet measures {ruler_mm:g} mm.",
-    ]
-    if nameless:
-        more = len(nameless) - MOST_LISTED
-        listed = ", ".join(nameless[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
-        which = f"Dot {listed} has" if len(nameless) == 1 else f"Dots {listed} have"
-        notes.append(f"{which} no room for a number outside the quiet zones; see the coordinates in marker.json.")
-    return tuple(notes)
+def _both_ways(sizes: Sequence[Paper]) -> list[Paper]:
+    return [each for size in sizes for each in (size, size.landscape)]

@@ -10,7 +10,7 @@ single points undoes that, so they go through G as they are.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from markergen.errors import InputError
 from markergen.maths.information import covariance, pose_jacobian, rotation_bound, translation_bound
 from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
+from markergen.model.marker import Marker
 
 Array = NDArray[np.float64]
 
@@ -35,6 +36,9 @@ class ErrorSources:
     camera_covariance : array (k, k) or None
         Of the camera's parameters (fx, fy, cx, cy, then the distortion's), px^2 and so on; None takes the calibration
         as exact.
+    place_covariance : array (n, 2, 2) or None
+        Of the n points at hand along x and y, m^2, where their places were measured on the print: it takes the place
+        of print_sigma there. nan for points that were not measured. See `of`.
 
     Raises
     ------
@@ -44,6 +48,7 @@ class ErrorSources:
 
     print_sigma: float = 1e-4
     camera_covariance: Array | None = None
+    place_covariance: Array | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.print_sigma <= 1:
@@ -61,6 +66,30 @@ class ErrorSources:
                 raise _no_covariance("a matrix that is not symmetric")
             if np.linalg.eigvalsh(correlation)[0] < -1e-6 or np.diag(matrix).min() < 0:
                 raise _no_covariance("a negative variance along some direction")
+
+    def of(self, marker: Marker, chosen: NDArray[np.intp] | slice = slice(None)) -> "ErrorSources":
+        """Sources for the chosen control points of a marker, by index, with what was measured of their places."""
+        places = marker.place_covariance
+        return replace(self, place_covariance=None if places is None else places[chosen])
+
+    def place_blocks(self, n: int, axes: int) -> Array:
+        """Covariances (n, axes, axes) in m^2 of the places of n points: as measured, else from print_sigma.
+
+        Heights were not measured.
+        """
+        blocks = np.broadcast_to(self.print_sigma**2 * np.eye(axes), (n, axes, axes)).copy()
+        if self.place_covariance is not None:
+            known = np.isfinite(self.place_covariance).all(axis=(-2, -1))
+            blocks[known, :2, :2] = self.place_covariance[known]
+        return blocks
+
+    @property
+    def largest_place_sigma(self) -> float:
+        """Largest standard deviation in m of any point's place along any direction."""
+        if self.place_covariance is None:
+            return self.print_sigma
+        blocks = self.place_blocks(len(self.place_covariance), 2)
+        return float(np.sqrt(max(np.linalg.eigvalsh(blocks).max(initial=0.0), 0.0)))
 
 
 def _no_covariance(found: str) -> InputError:
@@ -155,7 +184,9 @@ def pose_budget(
 
 
 def print_covariance(jacobian: Array, points: Array, rotation: Array, sources: ErrorSources) -> Array:
-    """Covariance of image points from the print: J R S R' J' with S = print_sigma^2 on the axes along which it errs.
+    """Covariance of image points from the print: J R S R' J' with S that of places along the axes on which it errs.
+
+    S is print_sigma^2 on these axes, or what `sources.place_covariance` says of a point along x and y.
 
     Parameters
     ----------
@@ -172,8 +203,11 @@ def print_covariance(jacobian: Array, points: Array, rotation: Array, sources: E
     """
     # A control point out of place moves in the camera frame as the whole marker would by R times as much.
     axes = 3 if points.shape[1] == 3 and points[:, 2].any() else 2
-    displaced = sources.print_sigma * (jacobian[..., 3:] @ rotation[:, None, :, :axes])
-    return displaced @ displaced.swapaxes(-1, -2)
+    displaced = jacobian[..., 3:] @ rotation[:, None, :, :axes]
+    if sources.place_covariance is None:
+        displaced = sources.print_sigma * displaced
+        return displaced @ displaced.swapaxes(-1, -2)
+    return displaced @ sources.place_blocks(len(points), axes) @ displaced.swapaxes(-1, -2)
 
 
 def point_budget(

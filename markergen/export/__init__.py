@@ -1,11 +1,11 @@
 """Exporters: a table by output suffix, and the one `save` that writes any of them atomically."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from markergen.drawing.paper import find_paper
-from markergen.drawing.sheet import check_paper
+from markergen.drawing.sheet import Sheet, SheetOptions, check_paper, pages_for
 from markergen.errors import InputError
 from markergen.files import check_folder, write_all
 from markergen.model.marker import Marker
@@ -20,11 +20,14 @@ class ExportOptions:
 
     Attributes
     ----------
-    paper : str or None
-        Name of the paper for printable formats; None takes the smallest ISO size that holds the marker.
+    sheet : SheetOptions
+        Paper, margin, tiles and colors of printable formats.
+    dpi : int
+        Of pixel formats.
     """
 
-    paper: str | None = None
+    sheet: SheetOptions = field(default_factory=SheetOptions)
+    dpi: int = 600
 
 
 @dataclass(frozen=True)
@@ -35,23 +38,26 @@ class Output:
     notes: tuple[str, ...] = ()
 
 
-Exporter = Callable[[Marker, ExportOptions], Output]
-"""Makes one file's bytes, always the same ones for the same marker; refuses what its format cannot hold."""
+Exporter = Callable[[Sequence[Marker], ExportOptions], Output]
+"""Makes one file's bytes, always the same ones for the same markers; refuses what its format cannot hold."""
 
 EXPORTERS: Registry[Exporter] = Registry("output suffix", __name__)
-"""Exporters by suffix with its dot."""
+"""Exporters by suffix with its dot; a suffix may have two parts (``.opencv.yaml``)."""
 
 RECORD = ".json"
-"""The one format that holds every marker: neither bare points nor a relief can be drawn."""
+"""The one format that holds all of a marker."""
 
-SHEETS = (".pdf", ".svg")
-"""Formats that are printed on paper."""
+SHEETS = (".pdf", ".svg", ".png")
+"""Formats that are printed on paper; all but the first hold one page."""
+
+DRAWN = (*SHEETS, ".dxf", ".step", ".stp")
+"""Formats that hold shapes: neither bare points nor a relief."""
 
 
 def save(
-    marker: Marker, paths: Sequence[Path], options: ExportOptions | None = None
+    markers: Marker | Sequence[Marker], paths: Sequence[Path], options: ExportOptions | None = None
 ) -> list[tuple[Path, tuple[str, ...]]]:
-    """Write a marker to each path, in the format that its suffix names: all files or none.
+    """Write a marker or several to each path, in the format that its suffix names: all files or none.
 
     Returns
     -------
@@ -62,23 +68,78 @@ def save(
     ------
     InputError
         If a suffix is unknown (the message lists the known ones), a path is given twice, or a format refuses the
-        marker; nothing is written.
+        markers; nothing is written.
     OutputError
         If a file cannot be written; every target is as it was.
     """
     choices = options or ExportOptions()
+    every = (markers,) if isinstance(markers, Marker) else tuple(markers)
     check_outputs(paths, choices)
-    outputs = [EXPORTERS[path.suffix.lower()](marker, choices) for path in paths]
+    outputs = [EXPORTERS[suffix_of(path)](every, choices) for path in paths]
     write_all({path: output.data for path, output in zip(paths, outputs, strict=True)})
     return [(path, output.notes) for path, output in zip(paths, outputs, strict=True)]
 
 
+def suffix_of(path: Path) -> str:
+    """Longest ending of a file's name that is a known suffix, in lower case.
+
+    Raises
+    ------
+    InputError
+        If there is none; the message lists the known ones.
+    """
+    parts = path.name.lower().split(".")
+    endings = ("." + ".".join(parts[first:]) for first in range(1, len(parts)))
+    known = next((ending for ending in endings if ending in EXPORTERS), None)
+    if known is None:
+        EXPORTERS[path.suffix.lower()]  # says which ones there are
+    return str(known)
+
+
+def only(markers: Sequence[Marker], suffix: str = "this format") -> Marker:
+    """Return the one marker of a format that holds no more.
+
+    Raises
+    ------
+    InputError
+        If there is none, or more than one.
+    """
+    if len(markers) != 1:
+        raise InputError(f"one marker for {suffix}", f"{len(markers)}", "write them one at a time, or as .pdf")
+    return markers[0]
+
+
+def one_page(markers: Sequence[Marker], options: ExportOptions, suffix: str) -> Sheet:
+    """Lay markers out on the single page that a format holds.
+
+    Raises
+    ------
+    InputError
+        If they need several; also as `pages_for` does.
+    """
+    pages = pages_for(markers, options.sheet)
+    if len(pages) != 1:
+        raise InputError(
+            f"one page for {suffix}", f"{len(pages)} pages on {pages[0].paper}", "use .pdf, or a larger --paper"
+        )
+    return pages[0]
+
+
 def with_record(paths: Sequence[Path]) -> list[Path]:
     """Add the marker.json that always comes with a design, named after the first path, if it is not among them."""
-    if not paths[0].name:
+    first = paths[0]
+    if not first.name:
         return list(paths)
-    record = paths[0].with_suffix(RECORD)
+    record = first.with_name(first.name.removesuffix(_ending(first)) + RECORD)
     return list(paths) if record.resolve() in {path.resolve() for path in paths} else [*paths, record]
+
+
+def _ending(path: Path) -> str:
+    """Suffix as written, known or not."""
+    try:
+        return path.name[-len(suffix_of(path)) :]
+    except InputError:
+        return path.suffix
 
 
 def check_outputs(paths: Sequence[Path], options: ExportOptions, spec: Spec | None = None) -> None:
@@ -86,20 +147,32 @@ def check_outputs(paths: Sequence[Path], options: ExportOptions, spec: Spec | No
 
     With a spec, also formats that cannot hold what it asks for.
     """
-    if options.paper is not None:
-        find_paper(options.paper)
     seen: set[Path] = set()
     for path in paths:
-        EXPORTERS[path.suffix.lower()]
+        suffix = suffix_of(path)
         if path.resolve() in seen:
             raise InputError("each output path once", f"{path} twice", "give every -o another name")
         seen.add(path.resolve())
         check_folder(path)
-        if spec and path.suffix.lower() != RECORD and (spec.relief or spec.dot == 0):
+        if spec and suffix in DRAWN and (spec.relief or spec.dot == 0):
             what, option = (
                 (f"a relief of {format_length(spec.relief)}", "--relief") if spec.relief else ("bare points", "--dot 0")
             )
             remedy = f"write it to marker.json, or leave out {option}"
             raise InputError("dots in one plane for a drawing or a solid", f"{what} for {path}", remedy)
-        if spec and path.suffix.lower() in SHEETS:
-            check_paper(spec.boundary, options.paper)
+        if suffix in SHEETS:
+            _check_sheet(suffix, options, spec)
+
+
+def _check_sheet(suffix: str, options: ExportOptions, spec: Spec | None) -> None:
+    sheet = options.sheet
+    paper = None if sheet.paper is None else find_paper(sheet.paper, sheet.orientation)
+    if suffix == ".png":
+        from markergen.export.png import image_size, pixels_per_meter
+
+        pixels_per_meter(options.dpi)
+        if paper is not None:
+            image_size(paper, options.dpi)
+    if spec is not None:
+        # What holds one page holds no tiles either.
+        check_paper(spec.boundary, sheet if suffix == ".pdf" else replace(sheet, tile=False))

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
 
 from markergen.errors import InputError
 from markergen.model.boundary import Boundary
@@ -19,12 +19,16 @@ from markergen.model.boundary_file import BoundaryFile, Finite, built
 from markergen.model.feature import Feature
 from markergen.model.findings import brief, findings_of, listed
 from markergen.model.marker import ControlPoint, Marker
+from markergen.model.tag import FAMILIES, Tag
 
 FORMAT, VERSION = "markergen-marker", 1
 LARGEST_FILE, MOST_CONTROL_POINTS = 10_000_000, 1000
 """Bytes and control points; a marker has some kilobytes and a dozen points, a file beyond these is no marker."""
 TOLERANCE = 1e-9
 """How far in m a dot may stand over the boundary, into another or into its clearance: rounding, far below printers."""
+
+SMALLEST_SCALE, LARGEST_SCALE = 0.5, 2.0
+"""Of a print; beyond these it is another marker."""
 
 Value = TypeVar("Value")
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -58,6 +62,58 @@ class _ControlPoint(_Strict):
     y: Finite
     z: Finite
     feature: _Feature
+    covariance: Annotated[tuple[Finite, Finite, Finite], Field(strict=False)] | None = None
+    designed: Annotated[tuple[Finite, Finite], Field(strict=False)] | None = None
+
+    @field_validator("covariance")
+    @classmethod
+    def _is_one(cls, value: tuple[float, float, float] | None) -> tuple[float, float, float] | None:
+        if value and (min(value[0], value[2]) < 0 or abs(value[1]) > (1 + 1e-9) * (value[0] * value[2]) ** 0.5):
+            raise ValueError("xx, xy, yy of no covariance: a variance is negative along some direction")
+        return value
+
+
+class _PrintCorrection(_Strict):
+    """What the printer made of 1 along x and y: the control points are those of the print."""
+
+    scale_x: Annotated[float, Field(ge=SMALLEST_SCALE, le=LARGEST_SCALE)]
+    scale_y: Annotated[float, Field(ge=SMALLEST_SCALE, le=LARGEST_SCALE)]
+
+
+class _Tag(_Strict):
+    """A square tag at z = 0, upright in the marker frame; lengths in m."""
+
+    family: Literal[tuple(FAMILIES)]  # type: ignore[valid-type]  # a table, not a list of words
+    id: Annotated[int, Field(ge=0)]
+    side: Annotated[float, Field(gt=0, allow_inf_nan=False, description="Of the black square.")]
+    quiet_zone: Annotated[float, Field(gt=0, allow_inf_nan=False, description="Width of the white edge around it.")]
+    corner_order: Literal["top left, top right, bottom right, bottom left"]
+    corners: Annotated[
+        list[Annotated[list[Finite], Field(min_length=3, max_length=3)]],
+        Field(min_length=4, max_length=4, description="Of the black square, x y z in the marker frame."),
+    ]
+
+    def build(self) -> Tag:
+        center = np.mean(self.corners, axis=0)
+        # A center in the origin is not moved by rounding.
+        x, y = (round(float(value), 12) + 0.0 for value in center[:2])
+        return Tag(self.family, self.id, self.side, (x, y))
+
+    def findings(self) -> list[str]:
+        """What of it contradicts the rest."""
+        try:
+            tag = self.build()
+        except InputError as error:
+            return [f"tag.id: {error}"]
+        found = []
+        expected = np.column_stack([tag.corners, np.zeros(4)])
+        if not np.allclose(self.corners, expected, rtol=0, atol=TOLERANCE):
+            found.append(
+                f"tag.corners: not those of an upright square of side {tag.side} at z = 0, in the order stated"
+            )
+        if abs(self.quiet_zone - tag.quiet) > TOLERANCE:
+            found.append(f"tag.quiet_zone: {self.quiet_zone}, and one cell of the tag is {tag.quiet}")
+        return found
 
 
 class _Substrate(_Strict):
@@ -74,9 +130,9 @@ class MarkerFile(_Strict):
     keep_outs: list[BoundaryFile] = []
     clearance: NonNegative
     control_points: Annotated[list[_ControlPoint], Field(min_length=4, max_length=MOST_CONTROL_POINTS)]
-    tag: None = None
+    tag: _Tag | None = None
     substrate: _Substrate
-    print_correction: None = None
+    print_correction: _PrintCorrection | None = None
     provenance: dict[str, Any]
 
 
@@ -108,15 +164,34 @@ def to_json(marker: Marker) -> bytes:
                     "diameter": point.feature.diameter,
                     "inner_diameter": point.feature.inner_diameter,
                 },
+                **({"covariance": list(point.covariance)} if point.covariance else {}),
+                **({"designed": list(point.designed)} if point.designed else {}),
             }
             for point in marker.control_points
         ],
-        "tag": None,
+        "tag": _tag(marker.tag),
         "substrate": {"thickness": marker.thickness},
-        "print_correction": None,
+        "print_correction": None if marker.print_scale == (1.0, 1.0) else _correction(marker.print_scale),
         "provenance": dict(marker.provenance),
     }
     return (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
+
+
+def _correction(scale: tuple[float, float]) -> dict[str, float]:
+    return {"scale_x": scale[0], "scale_y": scale[1]}
+
+
+def _tag(tag: Tag | None) -> dict[str, Any] | None:
+    if tag is None:
+        return None
+    return {
+        "family": tag.family,
+        "id": tag.id,
+        "side": tag.side,
+        "quiet_zone": tag.quiet,
+        "corner_order": "top left, top right, bottom right, bottom left",
+        "corners": [[x, y, 0.0] for x, y in tag.corners.tolist()],
+    }
 
 
 def read_marker(path: Path) -> Marker:
@@ -205,7 +280,9 @@ def _structure(content: dict[str, Any]) -> list[str]:
 
 
 POINT: TypeAdapter[_ControlPoint] = TypeAdapter(_ControlPoint)
+CORRECTION: TypeAdapter[_PrintCorrection] = TypeAdapter(_PrintCorrection)
 BOUNDARY: TypeAdapter[Any] = TypeAdapter(BoundaryFile)
+TAG: TypeAdapter[_Tag] = TypeAdapter(_Tag)
 GAP: TypeAdapter[float] = TypeAdapter(Annotated[NonNegative, Field(strict=True)])
 
 
@@ -226,11 +303,23 @@ def _geometry(content: dict[str, Any]) -> list[str]:
         for index, item in enumerate(items)
         if (point := _valid(POINT, item)) is not None
     }
-    findings = _features(points)
+    tag = _valid(TAG, content.get("tag"))
+    findings = _features(points) + (tag.findings() if tag else [])
     if points:
+        # It is the design that keeps clear of things; a print may be larger, or its dots a little off.
+        points = {
+            path: _designed(point, _valid(CORRECTION, content.get("print_correction")))
+            for path, point in points.items()
+        }
         clearance = _valid(GAP, content.get("clearance")) or 0.0
         findings += _room(points, _borders(content), clearance) + _gaps(points, clearance)
     return findings
+
+
+def _designed(point: _ControlPoint, correction: _PrintCorrection | None) -> _ControlPoint:
+    scale = (correction.scale_x, correction.scale_y) if correction else (1.0, 1.0)
+    x, y = point.designed or (point.x / scale[0], point.y / scale[1])
+    return point.model_copy(update={"x": x, "y": y})
 
 
 def _borders(content: dict[str, Any]) -> dict[str, tuple[Boundary, int]]:
@@ -243,6 +332,9 @@ def _borders(content: dict[str, Any]) -> dict[str, tuple[Boundary, int]]:
     for index, item in enumerate(keep_outs if isinstance(keep_outs, list) else []):
         if (keep_out := _valid(BOUNDARY, item)) is not None:
             borders[f"keep_outs[{index}]"] = (keep_out.build(), -1)
+    tag = _valid(TAG, content.get("tag"))
+    if tag is not None and not tag.findings():
+        borders["the quiet zone of the tag"] = (tag.build().quiet_zone, -1)
     return borders
 
 
@@ -308,7 +400,9 @@ def _mm(meters: float) -> str:
 def _build(file: MarkerFile) -> Marker:
     return Marker(
         control_points=tuple(
-            ControlPoint(p.id, p.x, p.y, p.z, Feature(p.feature.diameter, p.feature.inner_diameter))
+            ControlPoint(
+                p.id, p.x, p.y, p.z, Feature(p.feature.diameter, p.feature.inner_diameter), p.covariance, p.designed
+            )
             for p in file.control_points
         ),
         boundary=file.boundary.build(),
@@ -316,4 +410,6 @@ def _build(file: MarkerFile) -> Marker:
         thickness=file.substrate.thickness,
         provenance=file.provenance,
         keep_outs=built(file.keep_outs),
+        tag=file.tag.build() if file.tag else None,
+        print_scale=(file.print_correction.scale_x, file.print_correction.scale_y) if file.print_correction else (1, 1),
     )

@@ -12,6 +12,7 @@ from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.image_noise import ImageNoise
 from markergen.model.poses import named_poses
 from markergen.model.recorded_poses import RecordedPoses
+from markergen.model.tag import Tag, place_tag
 
 NOISE_MODELS = ("point", "image")
 
@@ -60,6 +61,10 @@ class Spec:
         is a key ring.
     relief : float
         How high in m control points may stand above the plane, each on a pillar; 0 is a flat marker.
+    tag : str
+        Of a square tag in the middle, such as ``aruco:DICT_4X4_50:7``; empty is none.
+    tag_side : float or None
+        Of the tag's black square, m; None is a third of the radius, less where room is short (see `place_tag`).
     """
 
     n: int = 5
@@ -80,6 +85,8 @@ class Spec:
     print_sigma: float = 0.0
     asymmetric: float = 0.0
     relief: float = 0.0
+    tag: str = ""
+    tag_side: float | None = None
 
     def __post_init__(self) -> None:
         if self.n < 4:
@@ -99,6 +106,8 @@ class Spec:
         check_losses(self.n, self.survive)
         # Says what is wrong where they leave nothing.
         area_without(self.boundary, self.keep_outs)
+        self._settle_tag()
+        area_without(self.boundary, self.blocked)
         if isinstance(self.poses, str):
             object.__setattr__(self, "poses", named_poses(self.poses).name)
         self._check_relief_and_labels()
@@ -135,6 +144,27 @@ class Spec:
                 f"objective={self.objective!r}",
                 "use --objective pose, rotation or translation",
             )
+
+    def _settle_tag(self) -> None:
+        if self.tag_side is not None and not self.tag:
+            raise InputError("a tag for its size", f"tag_side={self.tag_side} m alone", "add --tag, or leave it out")
+        if self.tag:
+            tag = place_tag(self.tag, self.tag_side, self.boundary, self.keep_outs)
+            object.__setattr__(self, "tag", str(tag))
+            object.__setattr__(self, "tag_side", tag.side)
+
+    @property
+    def placed_tag(self) -> Tag | None:
+        """The tag in the middle of the boundary, if there is one."""
+        if self.tag_side is None:
+            return None
+        return place_tag(self.tag, self.tag_side, self.boundary, self.keep_outs)
+
+    @property
+    def blocked(self) -> tuple[Boundary, ...]:
+        """All places where no dot may be: the keep-outs and the tag with its quiet zone."""
+        tag = self.placed_tag
+        return (*self.keep_outs, tag.quiet_zone) if tag else self.keep_outs
 
     def _settle_noise_model(self) -> None:
         # Settled here, so that what means the same is equal and has the same hash.
@@ -181,7 +211,9 @@ class Spec:
         values["keep_outs"] = [keep_out.as_dict() for keep_out in self.keep_outs]
         if not self.keep_outs:
             del values["keep_outs"]
-        for name in ("print_sigma", "asymmetric", "relief"):
+        if not self.tag:
+            del values["tag_side"]
+        for name in ("print_sigma", "asymmetric", "relief", "tag"):
             if not values[name]:
                 del values[name]
         return values

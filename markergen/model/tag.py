@@ -1,6 +1,7 @@
 """Square tags: the bit patterns of ArUco and AprilTag as cells of ink in the marker frame."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cache
 from math import isfinite
@@ -9,6 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
+from markergen.model.boundary import Boundary, Polygon
+from markergen.model.interior import shape_of
+from markergen.units import format_length
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -31,7 +35,7 @@ _STARTS = ((0, 0), (1, 0), (1, 1), (0, 1))
 
 @dataclass(frozen=True)
 class Tag:
-    """A square tag, upright in the middle of the marker frame.
+    """A square tag, upright in the marker frame.
 
     Attributes
     ----------
@@ -40,6 +44,8 @@ class Tag:
     id : int
     side : float
         Of the black square, m; the white quiet zone, one cell wide, lies outside of it.
+    center : (x, y)
+        Of the square, m; the origin unless the marker's middle is elsewhere.
 
     Raises
     ------
@@ -50,6 +56,7 @@ class Tag:
     family: str
     id: int
     side: float
+    center: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         most = family_size(self.family)
@@ -57,6 +64,8 @@ class Tag:
             raise InputError(f"an id of 0 to {most - 1} in {self.family}", f"id={self.id}", "choose one of these")
         if not (isfinite(self.side) and self.side > 0):
             raise InputError("a tag side above 0", f"side={self.side} m", "give a length such as 50mm")
+        if not all(map(isfinite, self.center)):
+            raise InputError("a finite center", f"center={self.center} m", "give two lengths")
 
     def __str__(self) -> str:
         return f"{self.family}:{self.id}"
@@ -72,6 +81,11 @@ class Tag:
         return self.side * (self.cells + 2) / self.cells
 
     @property
+    def quiet(self) -> float:
+        """Width in m of the quiet zone, one cell."""
+        return self.side / self.cells
+
+    @property
     def ink(self) -> Mask:
         """Which cells (cells, cells) are black; row 0 is the top one, column 0 the left one."""
         return tag_ink(self.family, self.id)
@@ -79,13 +93,19 @@ class Tag:
     @property
     def corners(self) -> Array:
         """Corners (4, 2) of the black square in m: top left, top right, bottom right, bottom left."""
-        return self.side * UNITS
+        return self.side * UNITS + self.center
+
+    @property
+    def quiet_zone(self) -> Polygon:
+        """The square with its quiet zone: where no dot may be."""
+        return Polygon((tuple(map(tuple, (self.outer_side * UNITS + self.center).tolist())),))
 
     @property
     def outlines(self) -> tuple[Array, ...]:
         """Outlines (m, 2) of all ink, m, to be filled even-odd; neighboring black cells are one."""
         scale = self.side / self.cells
-        return tuple(to_plane(outline, self.cells, self.cells, scale) for outline in cell_outlines(self.ink))
+        outlines = cell_outlines(self.ink)
+        return tuple(to_plane(outline, self.cells, self.cells, scale) + self.center for outline in outlines)
 
 
 def parse_tag(text: str, side: float) -> Tag:
@@ -96,12 +116,110 @@ def parse_tag(text: str, side: float) -> Tag:
     InputError
         If the family or the id is not one there is.
     """
+    return Tag(*_split_tag(text), side)
+
+
+def _split_tag(text: str) -> tuple[str, int]:
     family, colon, number = text, "", "0"
     if text not in FAMILIES and text.count(":") > 1:
         family, colon, number = text.rpartition(":")
-    if colon and not number.isdecimal():
+    if colon and not (number.isdecimal() and len(number) < 10):
         raise InputError("a tag FAMILY:ID", repr(text), "write the id as a number, as in apriltag:36h11:7")
-    return Tag(family, int(number), side)
+    return family, int(number)
+
+
+def parse_ids(text: str, family: str) -> tuple[int, ...]:
+    """Read ids of a family, such as ``0-9`` or ``0,3,7-12``, in the order given.
+
+    Raises
+    ------
+    InputError
+        If it is no such list, the family has no such id, or one comes twice.
+    """
+    most = family_size(family)
+    ids: list[int] = []
+    for part in text.split(","):
+        first, dash, last = (piece.strip() for piece in part.partition("-"))
+        # More digits than any id has would only take time.
+        if not all(piece.isdecimal() and len(piece) < 10 for piece in ([first, last] if dash else [first])):
+            raise InputError("ids such as 0-9 or 0,3,7", repr(text[:40]), "write numbers, and ranges with a hyphen")
+        low, high = int(first), int(last if dash else first)
+        if high < low:
+            raise InputError("ranges that count upward", repr(part.strip()), f"write {high}-{low}")
+        if high >= most:
+            raise InputError(f"ids of 0 to {most - 1} in {family}", f"id={high}", "choose among these")
+        ids += range(low, high + 1)
+    twice = [number for number in ids if ids.count(number) > 1]
+    if twice:
+        raise InputError("each id once", f"id {twice[0]} twice in {text[:40]!r}", "leave one of them out")
+    return tuple(ids)
+
+
+SHARE, ROOM_SHARE = 1 / 3, 1 / 2
+"""Side of a tag whose size is not given: this share of the marker's radius, which hardly costs any accuracy since good
+dots are near the rim, and at most this share of the largest that fits."""
+
+
+FORGIVEN = 1e-9
+"""Rounding: m that a tag's corner may be over the boundary, and share of the tag's area that may be."""
+
+
+def place_tag(text: str, side: float | None, boundary: Boundary, keep_outs: Sequence[Boundary] = ()) -> Tag:
+    """Tag in the middle of a boundary: at the center of its smallest enclosing circle.
+
+    Parameters
+    ----------
+    text : str
+        See `parse_tag`.
+    side : float or None
+        Of the black square, m; None chooses (see `SHARE`).
+
+    Raises
+    ------
+    InputError
+        If there is no such tag, or the square with its quiet zone does not lie in the boundary, clear of keep-outs.
+    """
+    # Whole picometers: neither a center off the origin by rounding, nor digits that are lost in a file.
+    x, y = (round(value, 12) + 0.0 for value in boundary.center)
+    largest, tag = None, Tag(*_split_tag(text), boundary.radius if side is None else side, (x, y))
+    if side is None:
+        largest = _largest_side(tag, boundary, keep_outs)
+        chosen = min(SHARE * boundary.radius, ROOM_SHARE * largest)
+        # Three digits: a size that can be measured.
+        tag = replace(tag, side=float(f"{chosen:.3g}")) if chosen else tag
+    if _fits(tag, boundary, keep_outs):
+        return tag
+    largest = _largest_side(tag, boundary, keep_outs) if largest is None else largest
+    # Rounded down, so that it fits.
+    most = format_length(float(np.floor(largest * 1e4) / 1e4)).replace(" ", "")
+    raise InputError(
+        "a tag that lies in the boundary with its quiet zone, clear of keep-outs",
+        f"a tag of {format_length(tag.side)}, {format_length(float(f'{tag.outer_side:.4g}'))} with its quiet zone, "
+        f"in the middle of a {boundary}",
+        f"use --tag-size {most} or less" if largest >= 1e-4 else "there is no room in the middle: leave out --tag",
+    )
+
+
+def _fits(tag: Tag, boundary: Boundary, keep_outs: Sequence[Boundary]) -> bool:
+    import shapely
+
+    corners = tag.outer_side * UNITS + tag.center
+    if boundary.depth(corners).min() < -FORGIVEN:
+        return False
+    square = shapely.Polygon(corners)
+    over = shapely.difference(square, shape_of(boundary.outlines())).area
+    over += sum(shapely.intersection(square, shape_of(each.outlines())).area for each in keep_outs)
+    # Circles are taken for polygons, beyond which a corner on the rim reaches by a hair.
+    return bool(over <= FORGIVEN * square.area)
+
+
+def _largest_side(tag: Tag, boundary: Boundary, keep_outs: Sequence[Boundary]) -> float:
+    """Largest side in m of such a tag in that place that fits, short of it by a thousandth; 0 if none does."""
+    low, high = 0.0, 2 * boundary.radius
+    while high - low > 1e-3 * max(low, 1e-3 * boundary.radius):
+        middle = (low + high) / 2
+        low, high = (middle, high) if _fits(replace(tag, side=middle), boundary, keep_outs) else (low, middle)
+    return low
 
 
 def family_size(family: str) -> int:

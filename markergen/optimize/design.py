@@ -176,7 +176,7 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
     _check_homography(table["design"], spec)
     labels = layout_safety(points, setting, not spec.asymmetric) if dots.diameter or spec.asymmetric else None
     marker = dress(points, dots, spec, setting, table, labels)
-    check(marker.xyz, spec.boundary, spec.keep_outs, dots.diameter, dots.clearance)
+    check(marker.xyz, spec.boundary, spec.blocked, dots.diameter, dots.clearance)
     if spec.relief:
         check_relief(marker.xyz, spec.relief, dots.diameter, dots.clearance, eyes_of(poses))
     value = float(objective(points[None])[0])
@@ -260,6 +260,7 @@ def dress(
     return replace(
         dressed(rounded, spec.boundary, dots.diameter, dots.clearance, keyed=not spec.asymmetric),
         keep_outs=spec.keep_outs,
+        tag=spec.placed_tag,
         provenance={
             "spec": stored,
             "spec_hash": spec.hash,

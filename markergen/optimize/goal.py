@@ -10,8 +10,8 @@ from markergen.optimize.exchange import fewer
 
 
 def room_of(spec: Spec) -> Boundary:
-    """Where the spec lets dots be: the boundary without its keep-outs."""
-    return area_without(spec.boundary, spec.keep_outs)
+    """Where the spec lets dots be: the boundary without its keep-outs and the tag."""
+    return area_without(spec.boundary, spec.blocked)
 
 
 def objective_of(spec: Spec, setting: Setting) -> Objective:

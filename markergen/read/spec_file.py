@@ -168,6 +168,8 @@ class _SpecFile(_Table):
     print_sigma: Length = ABSENT
     asymmetric: Finite = ABSENT
     relief: Length = ABSENT
+    tag: str = ABSENT
+    tag_side: Length = ABSENT
 
     @field_validator("boundary")
     @classmethod

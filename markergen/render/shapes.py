@@ -1,4 +1,4 @@
-"""A marker as patches: its plate, the pillars of raised dots, and the dots, in the order in which to paint them."""
+"""A marker as patches: plate, tag, the pillars of raised dots, and the dots, in the order in which to paint them."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ _RIM_VERTICES = 720
 def marker_patches(
     marker: Marker, margin: float | None = None, eye: Array | None = None, count: int = CIRCLE_VERTICES
 ) -> list[Patch]:
-    """Plate, pillars and dots of a marker, in the order to paint them in.
+    """Plate, tag, pillars and dots of a marker, in the order to paint them in.
 
     The plate is the boundary's region, enlarged by `margin` (which may close its holes), at z = 0 or, if some dot lies
     deeper, at the deepest one's height. Each dot above it stands on a cylinder of substrate, in radius a quarter of the
@@ -39,6 +39,9 @@ def marker_patches(
     floor = min(0.0, float(marker.xyz[:, 2].min()))
     plate = tuple(np.column_stack([ring, np.full(len(ring), floor)]) for ring in _plate(marker.boundary, margin))
     patches = [Patch(plate, SUBSTRATE)]
+    if marker.tag is not None:
+        flat = (np.column_stack([outline, np.zeros(len(outline))]) for outline in marker.tag.outlines)
+        patches.append(Patch(tuple(flat), INK))
     for k in _farthest_first(marker, floor, eye):
         point = marker.control_points[k]
         if point.feature.diameter == 0:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.drawing.furniture import size_words
+from markergen.drawing.figure import size_words
 from markergen.drawing.scene import Disk, marker_dots
 from markergen.errors import MissingLibraryError
 from markergen.model.interior import regions_of

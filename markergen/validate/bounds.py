@@ -96,7 +96,8 @@ def budget_of(shoot: Shoot, bare_px: float = 0.0) -> PoseBudget:
     """Error budget (P, 6, 6) of every pose of a shoot, with its optics, print and calibration."""
     poses = shoot.poses
     image = image_covariance(shoot.marker, shoot.camera, poses, shoot.optics, bare_px)
-    return pose_budget(shoot.marker.xyz, poses.rotation, poses.translation, shoot.camera, image, shoot.errors)
+    errors = shoot.errors.of(shoot.marker)
+    return pose_budget(shoot.marker.xyz, poses.rotation, poses.translation, shoot.camera, image, errors)
 
 
 def error_budget(shoot: Shoot, bare_px: float = 0.0) -> dict[str, Any]:

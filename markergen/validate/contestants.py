@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.tag import Tag
 from markergen.render import Optics, Patch, circle, render_patches, render_view
+from markergen.validate.misprint import displaced, displacement
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
@@ -113,8 +114,8 @@ class DotMarker(Contestant):
         return f"{len(self.marker)} dots of {1e3 * self.marker.dot_diameter:g} mm"
 
     def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
-        """See `Contestant.print_error`: every dot by itself."""
-        return sigma * rng.standard_normal((len(self.marker), 2))
+        """See `Contestant.print_error`: every dot by itself, those that were measured by their covariance."""
+        return displacement(self.marker, ErrorSources(print_sigma=sigma), rng, axes=2)
 
     def render(
         self,
@@ -126,11 +127,7 @@ class DotMarker(Contestant):
         moved: Array,
     ) -> Image:
         """See `Contestant.render`."""
-        printed = tuple(
-            replace(point, x=point.x + float(dx), y=point.y + float(dy))
-            for point, (dx, dy) in zip(self.marker.control_points, moved, strict=True)
-        )
-        return render_view(replace(self.marker, control_points=printed), camera, rotation, translation, optics, rng)
+        return render_view(displaced(self.marker, moved), camera, rotation, translation, optics, rng)
 
     def sight(self, image: Image, camera: Camera, setting: FiducialSettings | None, print_sigma: float) -> Sighting:
         """See `Contestant.sight`."""

@@ -1,6 +1,6 @@
 """Synthetic views of a marker, detected as a photo would be and held against the truth they were made from."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.render import DEFAULT_OPTICS, Optics, Scenery, render_view
 from markergen.render.scenery import BACKGROUNDS, hiding
+from markergen.validate.misprint import misprinted
 
 Array = NDArray[np.float64]
 
@@ -42,7 +43,8 @@ class Shoot:
     hidden : int
         Dots that something lies on, chosen anew in every view.
     errors : ErrorSources
-        `print_sigma` displaces every dot of every view's print; both are what the detection's covariance allows for.
+        `print_sigma` displaces every dot of every view's print, and a dot that was measured by what its covariance
+        says instead; all are what the detection's covariance allows for.
     refine : str
         ``none`` or ``photometric``.
 
@@ -152,7 +154,7 @@ def take_view(shoot: Shoot, k: int) -> View:
     rotation, translation = shoot.poses.rotation[pose], shoot.poses.translation[pose]
     # Each source has its own random numbers, so that a view without print error differs by that alone.
     noise, misprint, surroundings = (np.random.default_rng([shoot.seed, shoot.count, k, part]) for part in range(3))
-    printed = _misprinted(marker, shoot.errors.print_sigma, misprint)
+    printed = misprinted(marker, shoot.errors, misprint)
     hidden = np.sort(surroundings.choice(len(marker), shoot.hidden, replace=False))
     scenery = Scenery(
         background=None if shoot.background == "plain" else BACKGROUNDS[shoot.background](camera, surroundings),
@@ -165,19 +167,3 @@ def take_view(shoot: Shoot, k: int) -> View:
     truth = camera.project(printed.xyz, rotation[None], translation[None])[0]
     ids = np.array([point.id for point in marker.control_points], dtype=np.intp)
     return View(k, pose, image, found, truth, hidden, ids)
-
-
-def _misprinted(marker: Marker, sigma: float, rng: np.random.Generator) -> Marker:
-    """Return the marker as it is printed: each dot off by a Gaussian error in the plane, and in height if raised."""
-    if not sigma:
-        return marker
-    offset = sigma * rng.standard_normal((len(marker), 3))
-    if not marker.xyz[:, 2].any():
-        offset[:, 2] = 0
-    return replace(
-        marker,
-        control_points=tuple(
-            replace(point, x=point.x + dx, y=point.y + dy, z=point.z + dz)
-            for point, (dx, dy, dz) in zip(marker.control_points, offset.tolist(), strict=True)
-        ),
-    )

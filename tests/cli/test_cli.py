@@ -160,7 +160,7 @@ def test_version(capsys):
         ("design -o marker", ".pdf"),
         ("design -o a.pdf -o a.pdf", "twice"),
         ("design -o none/marker.pdf", "No such file or directory"),
-        ("design --restarts 1 -o m.pdf --paper A3", "A2"),
+        ("design --restarts 1 -o m.pdf --paper A3 --no-tile", "A2"),
         ("design -o m.pdf --paper A99", "A0"),
         ("design --restarts 1 --dot 0 -o m.pdf", "dot"),
         ("design --seed -1", "seed"),

@@ -2,7 +2,7 @@ from itertools import pairwise
 
 import pytest
 
-from markergen.drawing.paper import AMERICAN, ISO, find_paper
+from markergen.drawing.paper import AMERICAN, ISO, find_paper, oriented
 from markergen.errors import InputError
 
 
@@ -39,3 +39,44 @@ def test_unknown_paper_lists_the_known_and_the_nearest():
         find_paper("lettre")
     with pytest.raises(InputError, match="known: A5"):
         find_paper("")
+
+
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [
+        ("300x400mm", (300, 400)),
+        ("300 x 400 mm", (300, 400)),
+        ("1067X914.4mm", (1067, 914.4)),
+        ("300mmx400mm", (300, 400)),
+    ],
+)
+def test_paper_of_any_size(name, size):
+    paper = find_paper(name)
+    assert (paper.width, paper.height) == size
+    assert paper.name == f"{size[0]:g}x{size[1]:g}mm"
+    assert str(paper) == f"{size[0]:g} x {size[1]:g} mm"
+    assert paper.turned.turned == paper
+    assert (paper.turned.width, paper.turned.height) == size[::-1]
+
+
+def test_a_paper_turned_has_its_usual_name():
+    assert find_paper("A4").turned == find_paper("A4-landscape") == find_paper("a4", "landscape")
+    assert find_paper("A4-landscape").turned == find_paper("A4") == find_paper("A4", "portrait")
+    assert find_paper("300x400mm", "landscape").name == "400x300mm"
+    assert find_paper("300x400mm-landscape").name == "400x300mm"
+    assert find_paper("300x300mm", "landscape").name == "300x300mm"
+
+
+@pytest.mark.parametrize("name", ["0x0mm", "99x400mm", "300x6000mm", "1e9x1mm", "3..0x400mm"])
+def test_sizes_beyond_all_reason(name):
+    with pytest.raises(InputError, match=r"paper of 100 to 5000 mm a side|a paper size|a known paper size"):
+        find_paper(name)
+
+
+def test_name_and_orientation_must_agree():
+    with pytest.raises(InputError, match="leave out -landscape or the orientation"):
+        find_paper("A4-landscape", "portrait")
+
+
+def test_a_name_may_say_which_way_round():
+    assert [oriented(name) for name in ("A4", "a4-Landscape", "A4-portrait", "300x400mm")] == [False, True, True, True]

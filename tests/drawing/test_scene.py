@@ -3,8 +3,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from markergen.drawing.scene import Disk, Layer, Line, Outline, Scene, bounds, marker_dots, marker_name, moved
+from markergen.drawing.scene import (
+    Disk,
+    Layer,
+    Line,
+    Outline,
+    Scene,
+    bounds,
+    marker_dots,
+    marker_name,
+    marker_tag,
+    moved,
+)
 from markergen.errors import InputError
+from markergen.model.tag import Tag
 
 
 def test_scene_of_a_marker_is_its_dots_in_mm(make_ngon):
@@ -50,3 +62,22 @@ def test_moved_keeps_the_rest():
 )
 def test_name_is_safe_in_every_format(make_ngon, found, name):
     assert marker_name(replace(make_ngon(4, 0.1, 0.01), provenance={"spec_hash": found})) == name
+
+
+def test_a_tag_is_one_outline_with_holes(make_ngon):
+    marker = replace(make_ngon(5, 0.15, 0.036), tag=Tag("aruco:DICT_4X4_50", 7, 0.06, (0.01, 0.0)))
+    (outline,) = marker_tag(marker)
+    assert outline.name == "tag"
+    # Rounded to 1e-9 mm on the way to millimeters.
+    assert bounds(outline) == pytest.approx((-20, -30, 40, 30), abs=1e-9)
+    loops, area = [], 0.0
+    for kind, points in outline.segments:
+        if kind == "M":
+            loops.append([])
+        loops[-1] += points
+    for loop in loops:
+        x, y = np.array(loop).T
+        area += (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() / 2
+    # Holes run against what they are cut from: the sum is the area of the black cells, 10 mm square each.
+    assert abs(area) == pytest.approx(100 * marker.tag.ink.sum())
+    assert marker_tag(make_ngon(5, 0.15, 0.036)) == ()

@@ -1,3 +1,5 @@
+import time
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -6,10 +8,11 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from markergen.drawing.furniture import CENTROID_PULL, Frame
+from markergen.drawing.colors import INVERTED, parse_colors
+from markergen.drawing.furniture import CENTROID_PULL, GRAY, Frame
 from markergen.drawing.paper import ISO, PAPERS
 from markergen.drawing.scene import WHITE, Disk, Line, Outline, bounds
-from markergen.drawing.sheet import Sheet, check_paper, sheet_for
+from markergen.drawing.sheet import Sheet, SheetOptions, check_paper, pages_for, sheet_for
 from markergen.drawing.text import text, text_width
 from markergen.errors import InputError
 from markergen.model.boundary import Circle, polygon_from
@@ -134,7 +137,9 @@ def test_wide_markers_lie_on_their_side(shapes, make_in):
     assert str(sheet.paper) == "A4-landscape (297 x 210 mm)"
     assert sheet.notes[0] == "The marker needs A4-landscape (297 x 210 mm): its outline is 260 x 100 mm."
     with pytest.raises(InputError, match=r"for a marker 260 x 100 mm, found A4 \(210 x 297 mm\); use --paper A4-land"):
-        sheet_for(make_in(shapes["two squares"], 6, 0.015), "A4")
+        sheet_for(make_in(shapes["two squares"], 6, 0.015), "A4-portrait")
+    # A name that does not say which way round lets the marker decide.
+    assert sheet_for(make_in(shapes["two squares"], 6, 0.015), "A4").paper.name == "A4-landscape"
 
 
 def test_a_kept_origin_has_ticks_only_where_the_marker_is(make_in):
@@ -152,7 +157,7 @@ def test_a_kept_origin_has_ticks_only_where_the_marker_is(make_in):
 
 def test_an_origin_far_away_needs_no_paper(make_in):
     boundary = polygon_from([0.7 + np.array([[0, 0], [0.12, 0], [0.1, 0.08], [0, 0.08]])], origin="file")
-    check_paper(boundary)
+    check_paper(boundary, SheetOptions())
     sheet = sheet_for(make_in(boundary, 5, 0.01))
     assert sheet.paper.name == "A5"
     check_sheet(make_in(boundary, 5, 0.01), sheet)
@@ -221,6 +226,20 @@ def test_unknown_paper_and_bare_points(make_ngon):
         sheet_for(make_ngon(5, 0.05, 0.0))
 
 
+def test_caption_says_what_size_means(make_ngon, make_in, shapes):
+    for marker, words in (
+        (make_ngon(5, 0.15, 0.036), "size: diameter of the outline"),
+        (make_in(shapes["rectangle"], 6, 0.01), "size: width x height of the outline"),
+    ):
+        sheet = sheet_for(marker)
+        heading = named(sheet)["block-size-heading"]
+        x = heading.segments[0][1][0][0] - text(words, 0, 0, 1.35 * Frame(sheet.paper).scale).segments[0][1][0][0]
+        expected = text(
+            words, x, Frame(sheet.paper).margin + 4.4 * Frame(sheet.paper).scale, 1.35 * Frame(sheet.paper).scale
+        )
+        assert np.allclose(heading.path_points, expected.path_points, atol=1e-9)
+
+
 @pytest.mark.parametrize("paper", sorted(PAPERS))
 def test_every_paper_has_a_whole_ruler_and_words_to_check_it_by(make_ngon, paper):
     sheet = sheet_for(make_ngon(4, 0.03, 0.008), paper)
@@ -234,14 +253,15 @@ def test_every_paper_has_a_whole_ruler_and_words_to_check_it_by(make_ngon, paper
     assert f"ruler-{int(length) + 10}" not in shapes
     assert all(x - ticks[0] == pytest.approx(mm, abs=1e-9) for mm, x in ticks.items())
     assert [name for name in shapes if name.startswith("ruler-number")] == [
-        f"ruler-number-{mm}" for mm in range(0, int(length) + 1, 50)
+        f"ruler-number-{mm}" for mm in range(50, int(length) + 1, 50)
     ]
     # The longest that fits: 50 mm more would run into the axes.
     assert length == 200 or ticks[0] + length + 50 > bounds(shapes["axes-y-label"])[0] - 10 * frame.scale
-    words = f"This ruler must measure {length:g} mm."
-    first = shapes["ruler-words-0"]
-    opening = text(words, frame.margin, first.segments[0][1][0][1], 1.6 * frame.scale)
-    assert len(first.segments) >= len(opening.segments)
+    for axis, measured in enumerate(sheet.rulers_mm):
+        assert measured in (100, 150, 200)
+        ends = [shapes[f"{'ruler-y' if axis else 'ruler'}-{mm}"].points[0] for mm in (0, measured)]
+        assert np.subtract(ends[1], ends[0]) == pytest.approx([measured, 0] if axis == 0 else [0, measured], abs=1e-9)
+    assert {"remedy-0-0", "remedy-1-0", "check-x-0", "check-y-0", "check-rulers-0"} <= set(shapes)
 
 
 @pytest.mark.parametrize("paper", sorted(PAPERS))
@@ -249,7 +269,8 @@ def test_nothing_around_the_marker_overlaps(make_ngon, paper):
     sheet = sheet_for(make_ngon(4, 0.03, 0.008), paper)
     furniture = [s for s in sheet.scene["text"] if not s.name.startswith("number-")]
     furniture += [s for s in sheet.scene["marks"] if s.name in {"rule", "axes-x", "axes-y", "ruler"}]
-    joined = [{"axes-x", "axes-y"}]
+    furniture += [s for s in sheet.scene["marks"] if s.name == "ruler-y"]
+    joined = [{"axes-x", "axes-y"}, {"ruler", "ruler-y"}]
     for a, b in combinations(furniture, 2):
         assert {a.name, b.name} in joined or apart(bounds(a), bounds(b)), (a.name, b.name)
 
@@ -335,3 +356,144 @@ def test_dots_that_have_no_room_for_a_number_are_named(make_marker):
     sheet = sheet_for(make_marker(np.concatenate([ring, [[0, 0]]]), 0.1, 0.02))
     assert isinstance(sheet.scene["dots"][6], Disk)
     assert sheet.notes[-1].startswith("Dot 6 has no room for a number")
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.003, 0.025])
+def test_nothing_is_nearer_to_the_edge_than_the_margin(make_ngon, check_page, margin):
+    for markers, paper in (
+        ([make_ngon(5, 0.05, 0.01)], "A4"),
+        ([make_ngon(5, 0.03, 0.006)] * 3, None),
+        ([make_ngon(5, 0.15, 0.036)], "A4"),
+    ):
+        for sheet in pages_for(markers, SheetOptions(paper, margin=margin)):
+            check_page(sheet, margin * 1e3)
+
+
+def test_margins_that_leave_nothing(make_ngon):
+    with pytest.raises(InputError, match=r"leaves 70 x 70 mm of A5 \(148 x 210 mm\), found 50 mm; give a smaller"):
+        pages_for([make_ngon(5, 0.02, 0.005)], SheetOptions("A5", margin=0.05))
+    with pytest.raises(InputError, match=r"a margin from 0, found margin=-0\.01"):
+        SheetOptions(margin=-0.01)
+    with pytest.raises(InputError, match="portrait or landscape, found 'sideways'"):
+        SheetOptions(orientation="sideways")  # type: ignore[arg-type]
+
+
+def test_narrow_margins_hold_a_larger_marker(make_ngon):
+    marker = make_ngon(5, 0.094, 0.01)
+    assert pages_for([marker], SheetOptions("A4", margin=0.004, tile=False))[0].paper.name == "A4"
+    with pytest.raises(InputError, match="found A4"):
+        pages_for([marker], SheetOptions("A4", tile=False))
+
+
+def test_paper_that_the_margin_leaves_nothing_of_is_no_choice(make_ngon):
+    sheet = pages_for([make_ngon(5, 0.02, 0.005)], SheetOptions(margin=0.05))[0]
+    assert sheet.paper.name == "A4"
+    with pytest.raises(InputError, match=r"leaves 70 x 70 mm of A0-landscape"):
+        pages_for([make_ngon(5, 0.02, 0.005)], SheetOptions(margin=0.4))
+
+
+def test_orientation_turns_named_and_chosen_paper(make_ngon):
+    marker = make_ngon(5, 0.05, 0.01)
+    for paper, orientation, name in (
+        ("letter", "landscape", "letter-landscape"),
+        ("A4", "portrait", "A4"),
+        (None, "landscape", "A4-landscape"),
+        ("200x300mm", "landscape", "300x200mm"),
+        ("300x200mm", "", "300x200mm"),
+    ):
+        sheet = pages_for([marker], SheetOptions(paper, orientation, tile=False))[0]
+        assert sheet.paper.name == name
+        check_sheet(marker, sheet)
+    with pytest.raises(InputError, match="paper portrait, as asked for, found 'A4-landscape'"):
+        pages_for([marker], SheetOptions("A4-landscape", "portrait"))
+
+
+def test_too_small_paper_is_known_before_there_are_dots():
+    check_paper(Circle(0.15), SheetOptions("A4"))
+    check_paper(Circle(0.15), SheetOptions("A2", tile=False))
+    with pytest.raises(InputError, match=r"found A4 \(210 x 297 mm\); use --paper A2, or leave out --no-tile"):
+        check_paper(Circle(0.15), SheetOptions("A4", tile=False))
+
+
+@pytest.mark.parametrize("marker", [(5, 0.07, 0.016), (5, 0.15, 0.036)], ids=["whole", "tiles"])
+def test_a_compensated_sheet_is_larger_where_the_printer_shrinks(make_ngon, marker):
+    designed = make_ngon(*marker)
+    sx, sy = 0.993, 0.9955
+    measured = replace(
+        designed,
+        control_points=tuple(replace(p, x=p.x * sx, y=p.y * sy) for p in designed.control_points),
+        print_scale=(sx, sy),
+    )
+    plain = pages_for([measured], SheetOptions("A4"))
+    assert plain == pages_for([designed], SheetOptions("A4"))
+    sheets = pages_for([measured], SheetOptions("A4", compensate=True))
+    assert "1.00705 along x and 1.00452 along y" in " ".join(sheets[0].notes)
+    count = 0
+    for sheet in (sheet for sheet in sheets if sheet.origins_mm):
+        for dot in sheet.scene["dots"]:
+            point = designed.control_points[int(dot.name.removeprefix("dot-"))]
+            count += 1
+            # From the printer the dots are where they were designed.
+            found = (dot.x - sheet.origin_mm[0]) * sx, (dot.y - sheet.origin_mm[1]) * sy
+            assert found == pytest.approx((point.x * 1e3, point.y * 1e3), abs=1e-8)
+        shapes = named(sheet)
+        for axis, (name, scale) in enumerate((("ruler", sx), ("ruler-y", sy))):
+            length = sheet.rulers_mm[axis]
+            ends = [shapes[f"{name}-{mm}"].points[0][axis] for mm in (0, length)]
+            assert (ends[1] - ends[0]) * scale == pytest.approx(length, abs=1e-9)
+        assert any("scale" in name for name in shapes)
+    assert count == len(designed)
+    with pytest.raises(InputError, match="run markergen rescale first"):
+        pages_for([designed], SheetOptions("A4", compensate=True))
+
+
+def test_inverted_markers_lie_on_a_printed_ground(make_ngon, check_page):
+    marker = make_ngon(5, 0.07, 0.016)
+    sheet = pages_for([marker], SheetOptions("A4", colors=INVERTED))[0]
+    check_page(sheet)
+    assert [layer.name for layer in sheet.scene.layers] == ["ground", "dots", "cut", "marks", "text"]
+    ground = sheet.scene["ground"][0]
+    left, bottom, right, top = bounds(ground)
+    assert ground.color == "#000000"
+    for dot in sheet.scene["dots"]:
+        assert dot.color == "#ffffff"
+        assert left < dot.x - 2 * dot.radius
+        assert right > dot.x + 2 * dot.radius
+        assert bottom < dot.y - 2 * dot.radius
+        assert top > dot.y + 2 * dot.radius
+    for shape in sheet.scene:
+        box = bounds(shape)
+        on_ground = left <= box[0] and right >= box[2] and bottom <= box[1] and top >= box[3]
+        if shape.name.startswith(("number-", "axis", "center", "boundary")):
+            assert on_ground
+            assert shape.color not in ("#000000", GRAY)
+        elif not shape.name.startswith(("dot-", "ground")):
+            assert apart(box, bounds(ground))
+
+
+def test_lines_for_a_cutter_are_closed(make_in, shapes):
+    marker = make_in(shapes["plate"], 6, 0.02, (Circle(0.012),))
+    colors = parse_colors("black,cut:CutContour")
+    lines = pages_for([marker], SheetOptions(colors=colors))[0].scene["cut"]
+    assert len(lines) == 6
+    assert all(line.closed and line.color == colors.cut for line in lines)
+    hairlines = sheet_for(marker).scene["cut"]
+    assert {line.color for line in hairlines} == {"#9a9a9a"}
+    # Around a hole of 12 mm: chords are within 0.5 um of the circle.
+    hole = np.array(next(line for line in lines if line.name.startswith("keep-out")).points)
+    middles = (hole[:-1] + hole[1:]) / 2 - pages_for([marker], SheetOptions(colors=colors))[0].origin_mm
+    assert np.min(np.hypot(*middles.T)) == pytest.approx(12, abs=1e-3)
+
+
+def test_layout_takes_less_than_0_3_s(make_ngon):
+    for markers, paper in (
+        ([make_ngon(5, 0.15, 0.036)], None),
+        ([make_ngon(5, 0.15, 0.036)], "A4"),
+        ([make_ngon(5, 0.03, 0.008)] * 4, None),
+    ):
+        times = []
+        for _ in range(3):
+            start = time.process_time()
+            pages_for(markers, SheetOptions(paper))
+            times.append(time.process_time() - start)
+        assert min(times) < 0.3

@@ -1,6 +1,7 @@
 import re
 import zlib
 from base64 import a85decode
+from dataclasses import replace
 
 import numpy as np
 import pypdfium2
@@ -8,7 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from markergen.drawing.paper import Paper
+from markergen.drawing.scene import Disk, Layer, Line, Scene
 from markergen.drawing.sheet import sheet_for
+from markergen.drawing.transform import polygon
+from markergen.errors import InputError
 from markergen.export.pdf import _circle, write_pdf
 
 DPI = 600
@@ -21,7 +26,7 @@ MM = 25.4 / DPI
 def case(make_ngon, request):
     marker = make_ngon(*request.param)
     sheet = sheet_for(marker)
-    data = write_pdf(sheet)
+    data = write_pdf([sheet])
     document = pypdfium2.PdfDocument(data)
     page = document[0].render(scale=DPI / 72, grayscale=True).to_numpy().squeeze()
     document.close()
@@ -65,14 +70,15 @@ def test_every_dot_is_within_5_um_of_the_marker(case):
 def test_ruler_is_true_to_10_um(case):
     _, sheet, _, ink = case
     factor = stretch(ink, sheet)
-    ends = {}
-    for mm in (0, int(sheet.ruler_mm)):
+    # The outermost ticks that no number stands beside.
+    first, last, ends = 10, sheet.ruler_mm - 10, {}
+    for mm in (first, last):
         line = next(shape for shape in sheet.scene if shape.name == f"ruler-{mm}")
         (x, y0), (_, y1) = line.points
-        # The middle of the tick alone, clear of the base line and of the numbers above.
+        # The middle of the tick alone, clear of the base line.
         middle = np.array([x, y0 + 0.6 * (y1 - y0)]) * factor
         ends[mm] = centroid(ink, ink.shape[0] * MM, *middle, 0.3 * (y1 - y0))[0] / factor[0]
-    assert abs(ends[int(sheet.ruler_mm)] - ends[0] - sheet.ruler_mm) < 10e-3
+    assert abs(ends[last] - ends[first] - (last - first)) < 10e-3
 
 
 def test_ring_has_a_hole_and_dots_have_none(case):
@@ -107,6 +113,92 @@ def test_metadata_and_no_font_at_all(case):
     stream = re.search(rb"stream\r?\n(.*?)endstream", data, re.DOTALL)[1]
     drawing = zlib.decompress(a85decode(b"<~" + stream.strip(), adobe=True))
     assert not re.search(rb"\b(BT|Tf|Tj|TJ)\b", drawing)
+
+
+def objects(data: bytes) -> str:
+    """Everything but the streams."""
+    return re.sub(rb"stream\r?\n.*?endstream", b"", data, flags=re.DOTALL).decode("latin-1")
+
+
+def page_streams(data: bytes) -> list[str]:
+    found = re.findall(rb"stream\r?\n(Ga.*?)endstream", data, re.DOTALL)
+    return [zlib.decompress(a85decode(b"<~" + stream.strip(), adobe=True)).decode() for stream in found]
+
+
+def test_layers_are_optional_content_in_painting_order(case):
+    _, sheet, data, _ = case
+    names = [layer.name for layer in sheet.scene.layers]
+    (drawing,) = page_streams(data)
+    assert re.findall(r"/OC /layer-(\w+) BDC", drawing) == names
+    assert drawing.count("BDC") == drawing.count("EMC") == len(names)
+    text = objects(data)
+    groups = dict(re.findall(r"(\d+) 0 obj\s*<<\s*/Name \((\w+)\) /Type /OCG", text))
+    assert list(groups.values()) == names
+    listed = " ".join(f"{number} 0 R" for number in groups)
+    assert f"/OCGs [ {listed} ]" in text
+    assert f"/ON [ {listed} ]" in text
+    for number, name in groups.items():
+        assert f"/layer-{name} {number} 0 R" in text
+    assert data.startswith(b"%PDF-1.5")
+
+
+def boxed(sheet, paper: Paper, trim, color: str = "#ff0000"):
+    square = Line(((20, 20), (60, 20), (60, 50), (20, 50), (20, 20)), 0.5, "edge", color)
+    ground = polygon(((0, 0), (80, 0), (80, 80), (0, 80)), "ground", "#ffee00")
+    scene = Scene((Layer("ground", (ground,)), Layer("dots", (Disk(40, 35, 5),)), Layer("cut", (square,))))
+    return replace(sheet, paper=paper, trim_mm=trim, scene=scene)
+
+
+def test_pages_have_sizes_and_trim_boxes_of_their_own(case):
+    _, sheet, _, _ = case
+    sheets = [
+        boxed(sheet, Paper("first", 100, 90), (5, 6, 95, 80)),
+        boxed(sheet, Paper("second", 120, 200), (0, 0, 120, 200)),
+    ]
+    document = pypdfium2.PdfDocument(write_pdf(sheets))
+    for page, expected in zip(document, sheets, strict=True):
+        # reportlab writes boxes with seven digits, pdfium holds them as 32-bit floats.
+        size = np.array(page.get_size()) / 72 * 25.4
+        np.testing.assert_allclose(size, [expected.paper.width, expected.paper.height], atol=1e-4)
+        np.testing.assert_allclose(np.array(page.get_trimbox()) / 72 * 25.4, expected.trim_mm, atol=1e-4)
+    document.close()
+
+
+def test_a_spot_color_is_a_separation_that_overprints(case):
+    _, sheet, _, _ = case
+    paper, trim = Paper("small", 80, 80), (0, 0, 80, 80)
+    data = write_pdf([boxed(sheet, paper, trim, "Thru-cut 1=#ff00ff")])
+    text = objects(data)
+    assert re.search(r"/Separation /Thru-cut#201 /DeviceCMYK \d+ 0 R", text)
+    assert "/OP true" in text
+    (drawing,) = page_streams(data)
+    assert re.search(r"/Thru-cut#201 CS 1(\.0*)? SCN", drawing)
+    plain = write_pdf([boxed(sheet, paper, trim)])
+    assert "/Separation" not in objects(plain)
+    assert "/OP true" not in objects(plain)
+    # pdfium blends nothing: the line looks magenta where it lies.
+    document = pypdfium2.PdfDocument(data)
+    image = document[0].render(scale=300 / 72).to_numpy()
+    document.close()
+    blue, green, red = image[-round(20 / 25.4 * 300), round(40 / 25.4 * 300)]
+    assert (red > 200, green < 60) == (True, True)
+    assert blue > 100
+
+
+def test_a_closed_line_has_no_notch_at_its_corner(case):
+    _, sheet, _, _ = case
+    document = pypdfium2.PdfDocument(write_pdf([boxed(sheet, Paper("small", 80, 80), (0, 0, 80, 80))]))
+    image = document[0].render(scale=600 / 72).to_numpy()
+    document.close()
+    outside = 0.15  # of the corner, on its miter: the line is 0.5 mm wide
+    blue, green, red = image[-round((20 - outside) / MM), round((20 - outside) / MM)]
+    assert (int(red), int(green), int(blue)) == (255, 0, 0)
+
+
+def test_a_page_beyond_what_readers_hold_is_refused(case):
+    _, sheet, _, _ = case
+    with pytest.raises(InputError, match="5080 mm"):
+        write_pdf([boxed(sheet, Paper("long", 100, 5090), (0, 0, 100, 5090))])
 
 
 @given(st.floats(-500, 500), st.floats(-500, 500), st.floats(0.1, 400))

@@ -4,9 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from markergen.drawing.sheet import SheetOptions
 from markergen.errors import InputError, OutputError
-from markergen.export import ExportOptions, save
+from markergen.export import ExportOptions, check_outputs, save, suffix_of, with_record
 from markergen.model.marker_json import read_marker
+from markergen.model.spec import Spec
 
 
 def test_each_path_in_the_format_of_its_suffix_with_notes(make_ngon, tmp_path):
@@ -22,13 +24,13 @@ def test_each_path_in_the_format_of_its_suffix_with_notes(make_ngon, tmp_path):
 
 
 def test_paper_is_passed_on(make_ngon, tmp_path):
-    save(make_ngon(5, 0.05, 0.01), [tmp_path / "m.svg"], ExportOptions(paper="letter"))
+    save(make_ngon(5, 0.05, 0.01), [tmp_path / "m.svg"], ExportOptions(SheetOptions(paper="letter")))
     assert b'width="215.9mm" height="279.4mm"' in (tmp_path / "m.svg").read_bytes()
 
 
-@pytest.mark.parametrize("name", ["m.pfd", "m", "pdf"])
+@pytest.mark.parametrize("name", ["m.pfd", "m", "pdf", "m.yaml", "opencv.yaml", "m.pdf.opencv"])
 def test_unknown_suffix_lists_the_known_and_writes_nothing(make_ngon, tmp_path, name):
-    with pytest.raises(InputError, match=r"known output suffix.*\.json, \.pdf, \.step, \.stp, \.svg"):
+    with pytest.raises(InputError, match=r"known output suffix.*\.dxf, .*\.opencv\.yaml, \.pdf, \.png"):
         save(make_ngon(5, 0.05, 0.01), [tmp_path / "good.svg", tmp_path / name])
     assert list(tmp_path.iterdir()) == []
 
@@ -43,7 +45,11 @@ def test_a_path_given_twice_is_refused(make_ngon, tmp_path):
 def test_a_format_that_refuses_leaves_every_target_alone(make_ngon, tmp_path):
     (tmp_path / "m.json").write_bytes(b"old")
     with pytest.raises(InputError, match="A4"):
-        save(make_ngon(5, 0.15, 0.036), [tmp_path / "m.json", tmp_path / "m.pdf"], ExportOptions(paper="A4"))
+        save(
+            make_ngon(5, 0.15, 0.036),
+            [tmp_path / "m.json", tmp_path / "m.pdf"],
+            ExportOptions(SheetOptions(paper="A4", tile=False)),
+        )
     assert (tmp_path / "m.json").read_bytes() == b"old"
     assert [path.name for path in tmp_path.iterdir()] == ["m.json"]
 
@@ -77,3 +83,57 @@ def test_a_target_that_is_a_folder_is_refused(make_ngon, tmp_path):
     target.mkdir()
     with pytest.raises(OutputError, match="Is a directory"):
         save(make_ngon(5, 0.05, 0.01), [target])
+
+
+@pytest.mark.parametrize(
+    ("name", "suffix"),
+    [("board.opencv.yaml", ".opencv.yaml"), ("a.b.PDF", ".pdf"), ("a.Ros2.YAML", ".ros2.yaml"), ("1.5mm.csv", ".csv")],
+)
+def test_the_longest_known_ending_counts(name, suffix):
+    assert suffix_of(Path(name)) == suffix
+
+
+@pytest.mark.parametrize(
+    ("paths", "record"),
+    [
+        (["m.pdf"], "m.json"),
+        (["sub/board.opencv.yaml", "m.pdf"], "sub/board.json"),
+        (["1.5mm.SVG"], "1.5mm.json"),
+        (["m.pfd"], "m.json"),
+        (["m"], "m.json"),
+    ],
+)
+def test_the_record_is_named_after_the_first(paths, record):
+    assert with_record([Path(path) for path in paths]) == [*map(Path, paths), Path(record)]
+
+
+def test_the_record_comes_once():
+    paths = [Path("m.opencv.yaml"), Path("m.json")]
+    assert with_record(paths) == paths
+
+
+def test_one_page_formats_refuse_several_pages_and_write_nothing(make_ngon, tmp_path):
+    options = ExportOptions(SheetOptions(paper="A4"))
+    for name in ("m.svg", "m.png"):
+        with pytest.raises(InputError, match=r"one page for \.(svg|png), found \d+ pages on A4.*use \.pdf"):
+            save(make_ngon(5, 0.15, 0.036), [tmp_path / "m.pdf", tmp_path / name], options)
+    assert list(tmp_path.iterdir()) == []
+    save(make_ngon(5, 0.15, 0.036), [tmp_path / "m.pdf"], options)
+
+
+@pytest.mark.parametrize(
+    ("dpi", "paper", "reason"), [(5, None, "a dpi of 10"), (1200, "A0", "below 2 GB"), (20_000, "A4", "a dpi of 10")]
+)
+def test_a_dpi_beyond_reason_is_refused_before_any_work(tmp_path, dpi, paper, reason):
+    with pytest.raises(InputError, match=reason):
+        check_outputs([tmp_path / "m.png"], ExportOptions(SheetOptions(paper=paper), dpi=dpi))
+    # Nothing else has pixels.
+    check_outputs([tmp_path / "m.pdf"], ExportOptions(SheetOptions(paper=paper), dpi=dpi))
+
+
+@pytest.mark.parametrize("name", ["m.svg", "m.png"])
+def test_a_spec_that_one_page_cannot_hold_is_refused_before_the_search(tmp_path, name):
+    options = ExportOptions(SheetOptions(paper="A5"))
+    with pytest.raises(InputError, match="A5"):
+        check_outputs([tmp_path / name], options, Spec())
+    check_outputs([tmp_path / "m.pdf"], options, Spec())

@@ -1,10 +1,11 @@
 import re
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from markergen.drawing.scene import Disk
+from markergen.drawing.scene import Disk, Layer, Line, Scene
 from markergen.drawing.sheet import sheet_for
 from markergen.export.svg import write_svg
 
@@ -81,8 +82,8 @@ def test_no_transforms_no_live_text_and_unique_ids(case):
     }
     ids = [e.get("id") for e in elements if e.get("id")]
     assert len(ids) == len(set(ids))
-    assert [g.get("id") for g in root.findall("s:g", NS)] == ["dots", "marks", "text"]
-    assert len(ids) == 1 + 3 + len(list(sheet.scene))
+    assert [g.get("id") for g in root.findall("s:g", NS)] == [layer.name for layer in sheet.scene.layers]
+    assert len(ids) == 1 + len(sheet.scene.layers) + len(list(sheet.scene))
 
 
 def test_all_numbers_are_on_the_page(case):
@@ -98,3 +99,23 @@ def test_all_numbers_are_on_the_page(case):
 def test_every_dot_is_a_disk_of_the_scene(case):
     _, sheet, _ = case
     assert all(isinstance(shape, Disk) for shape in sheet.scene["dots"])
+
+
+def test_layers_are_layers_in_inkscape(case):
+    _, sheet, root = case
+    inkscape = "{http://www.inkscape.org/namespaces/inkscape}"
+    groups = root.findall("s:g", NS)
+    assert {group.get(inkscape + "groupmode") for group in groups} == {"layer"}
+    assert [group.get(inkscape + "label") for group in groups] == [layer.name for layer in sheet.scene.layers]
+
+
+def test_a_closed_line_is_a_polygon_and_a_spot_color_its_look_with_its_name_on_the_layer(case):
+    _, sheet, _ = case
+    square = Line(((10, 10), (30, 10), (30, 30), (10, 30), (10, 10)), 0.1, "edge", "CutContour=#ff00ff")
+    scene = Scene((Layer("cut", (square,)),))
+    root = ElementTree.fromstring(write_svg(replace(sheet, scene=scene)))
+    polygon = root.find(".//s:polygon", NS)
+    assert len(polygon.get("points").split()) == 4
+    assert (polygon.get("stroke"), polygon.get("fill")) == ("#ff00ff", "none")
+    group = root.find("s:g", NS)
+    assert group.get("{http://www.inkscape.org/namespaces/inkscape}label") == "cut (CutContour)"

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from markergen.errors import InputError
 from markergen.model.boundary import Circle, polygon_from
 from markergen.model.marker_json import from_json, json_schema, read_marker, to_json
+from markergen.model.tag import Tag
 
 SCHEMA = Path(__file__).parents[2] / "docs" / "marker-v1.schema.json"
 
@@ -309,3 +311,64 @@ def test_unreadable_files_are_one_line(tmp_path):
         read_marker(tmp_path / "binary.json")
     with pytest.raises(InputError, match="directory"):
         read_marker(tmp_path)
+
+
+@pytest.fixture
+def tagged(pentagon):
+    return replace(pentagon, tag=Tag("apriltag:36h11", 3, 0.06, (0.001, -0.002)))
+
+
+def test_a_tag_is_written_with_its_corners_and_read_back(tagged):
+    content = json.loads(to_json(tagged))
+    assert content["tag"] == {
+        "family": "apriltag:36h11",
+        "id": 3,
+        "side": 0.06,
+        "quiet_zone": 0.0075,
+        "corner_order": "top left, top right, bottom right, bottom left",
+        "corners": content["tag"]["corners"],
+    }
+    # As it stands in marker.json: in m, in the marker frame, x right and y up.
+    expected = [[-0.029, 0.028, 0], [0.031, 0.028, 0], [0.031, -0.032, 0], [-0.029, -0.032, 0]]
+    np.testing.assert_allclose(content["tag"]["corners"], expected, atol=1e-15, rtol=0)
+    jsonschema.validate(content, json_schema())
+    again = from_json(to_json(tagged).decode())
+    assert again == tagged
+    assert to_json(again) == to_json(tagged)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"family": "apriltag:36h12"}, "tag.family: Input should be"),
+        ({"id": 587}, "tag.id: expected an id of 0 to 586 in apriltag:36h11, found id=587"),
+        ({"id": -1}, "tag.id: Input should be greater"),
+        ({"side": 0.05}, "tag.corners: not those of an upright square of side 0.05"),
+        ({"side": 0.0}, "tag.side: Input should be greater than 0"),
+        ({"quiet_zone": 0.01}, "tag.quiet_zone: 0.01, and one cell of the tag is 0.0075"),
+        ({"corners": [[0, 0, 0]] * 4}, "tag.corners: not those of an upright square"),
+        ({"corners": [[0.0, 0.0]] * 4}, "tag.corners[0]"),
+        ({"corner_order": "any"}, "tag.corner_order: Input should be"),
+        ({"color": "red"}, "tag.color: unknown key"),
+    ],
+)
+def test_errors_of_a_tag_are_told_with_their_paths(tagged, change, words):
+    content = json.loads(to_json(tagged))
+    content["tag"].update(change)
+    assert words in refusal(content)
+
+
+def test_corners_in_another_order_are_refused(tagged):
+    content = json.loads(to_json(tagged))
+    corners = content["tag"]["corners"]
+    content["tag"]["corners"] = corners[1:] + corners[:1]
+    assert "in the order stated" in refusal(content)
+
+
+def test_a_dot_over_the_quiet_zone_of_a_tag_is_told(tagged):
+    content = json.loads(to_json(tagged))
+    # The quiet zone ends 37.5 mm right of the tag's middle; the dot's edge is 18 mm from its own.
+    content["control_points"][4].update(x=0.001 + 0.0375 + 0.018 + 0.001, y=0.0)
+    assert "control_points[4]: 2.6 mm nearer to the quiet zone of the tag than the clearance" in refusal(content)
+    content["control_points"][4].update(x=0.001 + 0.0375 + 0.018 - 0.001, y=0.0)
+    assert "control_points[4]: stands 1 mm over the quiet zone of the tag" in refusal(content)

@@ -1,8 +1,12 @@
+from dataclasses import replace
+
 import pytest
 
 from markergen.errors import InputError
+from markergen.model.boundary import Circle
 from markergen.model.image_noise import ImageNoise
 from markergen.model.spec import Spec
+from markergen.model.tag import Tag
 
 
 def test_the_noise_model_is_settled_so_that_equal_wishes_are_equal():
@@ -61,3 +65,37 @@ def test_surviving_nothing_is_no_wish():
 def test_losses_that_cannot_be_told_are_refused(n, survive):
     with pytest.raises(InputError, match=f"survive={survive}"):
         Spec(n=n, survive=survive)
+
+
+def test_a_spec_without_a_tag_has_the_hash_it_had():
+    assert "tag" not in Spec().as_dict()
+    assert "tag_side" not in Spec().as_dict()
+    # As it was before there were tags.
+    assert Spec().hash == "2b6ca07a"
+
+
+def test_a_tag_is_settled_so_that_what_means_the_same_is_equal():
+    spec = Spec(tag="aruco:DICT_4X4_50")
+    assert spec == Spec(tag="aruco:DICT_4X4_50:0", tag_side=0.05)
+    assert (spec.as_dict()["tag"], spec.as_dict()["tag_side"]) == ("aruco:DICT_4X4_50:0", 0.05)
+    assert len({spec.hash, Spec().hash, Spec(tag="aruco:DICT_4X4_50:1").hash, replace(spec, tag_side=0.06).hash}) == 4
+    assert spec.placed_tag == Tag("aruco:DICT_4X4_50", 0, 0.05)
+    assert spec.blocked == (spec.placed_tag.quiet_zone,)
+    assert Spec().placed_tag is None
+    assert Spec(keep_outs=(Circle(0.01),)).blocked == (Circle(0.01),)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"tag": "apriltag:36h12:1"}, "did you mean 'apriltag:36h11'"),
+        ({"tag": "aruco:DICT_4X4_50:50"}, "an id of 0 to 49"),
+        ({"tag": "aruco:DICT_4X4_50:1", "tag_side": 0.2}, "use --tag-size 15"),
+        ({"tag": "aruco:DICT_4X4_50:1", "tag_side": -0.2}, "a tag side above 0"),
+        ({"tag_side": 0.05}, "a tag for its size"),
+        ({"tag": "aruco:DICT_4X4_50:1", "keep_outs": (Circle(0.01),)}, "no room in the middle"),
+    ],
+)
+def test_tags_that_do_not_go_are_refused(values, words):
+    with pytest.raises(InputError, match=words):
+        Spec(**values)

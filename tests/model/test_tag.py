@@ -5,7 +5,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from markergen.errors import InputError
-from markergen.model.tag import FAMILIES, Tag, cell_outlines, family_size, parse_tag
+from markergen.model.boundary import Circle, Polygon
+from markergen.model.tag import FAMILIES, Tag, cell_outlines, family_size, parse_ids, parse_tag, place_tag
 
 
 def area(outline):
@@ -117,3 +118,103 @@ def test_what_is_no_tag_is_refused(text, said):
 def test_sides_that_are_none_are_refused(side):
     with pytest.raises(InputError, match="tag side above 0"):
         Tag("apriltag:36h11", 0, side)
+
+
+def test_the_quiet_zone_is_one_cell_all_around():
+    tag = Tag("aruco:DICT_4X4_50", 3, 0.12, (0.1, -0.2))
+    assert tag.quiet == pytest.approx(0.02)
+    # Just outside the black square, within the quiet zone, on its edge, and outside.
+    points = np.array([[0.161, -0.2], [0.1, -0.279], [0.18, -0.2], [0.1, -0.281]])
+    assert tag.quiet_zone.depth(points) == pytest.approx([0.019, 0.001, 0.0, -0.001])
+    assert tag.corners.mean(axis=0) == pytest.approx([0.1, -0.2])
+    assert np.concatenate(tag.outlines).mean(axis=0) == pytest.approx([0.1, -0.2], abs=0.03)
+
+
+def rectangle(width, height, x=0.0, y=0.0):
+    w, h = width / 2, height / 2
+    return Polygon((((x - w, y - h), (x + w, y - h), (x + w, y + h), (x - w, y + h)),))
+
+
+@pytest.mark.parametrize(
+    ("boundary", "side"),
+    [
+        # A third of the radius; or half of the largest: 40 mm of room hold 30 mm of six cells with one on either side.
+        (Circle(0.15), 0.05),
+        (rectangle(0.2, 0.04), 0.015),
+    ],
+)
+def test_a_tag_without_a_size_leaves_most_of_the_room(boundary, side):
+    tag = place_tag("aruco:DICT_4X4_50:7", None, boundary)
+    # The largest is found to a thousandth.
+    assert tag.side == pytest.approx(side, rel=2e-3)
+    assert tag.center == (0.0, 0.0)
+
+
+def test_a_tag_stands_in_the_middle_of_a_boundary_with_an_origin_of_its_own():
+    tag = place_tag("aruco:DICT_4X4_50", 0.02, rectangle(0.1, 0.05, 0.3, 0.4))
+    assert tag.center == pytest.approx((0.3, 0.4))
+
+
+@pytest.mark.parametrize(
+    ("boundary", "side", "fits"),
+    [
+        # With its quiet zone 8/6 of the side; in the disk its half diagonal is the radius.
+        (Circle(0.15), 0.15 * 2**0.5 * 6 / 8 * 0.9999, True),
+        (Circle(0.15), 0.15 * 2**0.5 * 6 / 8 * 1.001, False),
+        (rectangle(0.2, 0.04), 0.03, True),
+        (rectangle(0.2, 0.04), 0.0301, False),
+    ],
+)
+def test_a_tag_fits_with_its_quiet_zone_or_is_refused(boundary, side, fits):
+    if fits:
+        assert place_tag("aruco:DICT_4X4_50", side, boundary).side == side
+    else:
+        with pytest.raises(InputError, match=r"in the boundary with its quiet zone.* use --tag-size"):
+            place_tag("aruco:DICT_4X4_50", side, boundary)
+
+
+def test_the_size_that_is_told_fits():
+    with pytest.raises(InputError) as error:
+        place_tag("aruco:DICT_4X4_50", 0.3, Circle(0.15))
+    told = float(str(error.value).split("--tag-size ")[1].split("mm")[0]) / 1e3
+    # Exactly 0.15 sqrt(2) 6/8 = 159.1 mm; found to a thousandth, and rounded down.
+    assert 0.1588 <= told <= 0.1591
+    assert place_tag("aruco:DICT_4X4_50", told, Circle(0.15)).side == told
+
+
+def test_a_hole_in_the_middle_leaves_no_room():
+    hole = Circle(0.01)
+    for side in (None, 0.05):
+        with pytest.raises(InputError, match="no room in the middle: leave out --tag"):
+            place_tag("aruco:DICT_4X4_50", side, Circle(0.15), [hole])
+    # One beside the tag does not matter.
+    assert place_tag("aruco:DICT_4X4_50", None, Circle(0.15), [Circle(0.01, (0.1, 0))]).side == 0.05
+
+
+@pytest.mark.parametrize(
+    ("text", "ids"),
+    [("0-9", tuple(range(10))), ("0,3,7", (0, 3, 7)), (" 4 - 5 , 1", (4, 5, 1)), ("49", (49,)), ("3-3", (3,))],
+)
+def test_lists_of_ids_are_read(text, ids):
+    assert parse_ids(text, "aruco:DICT_4X4_50") == ids
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("0-50", "ids of 0 to 49 in aruco:DICT_4X4_50, found id=50"),
+        ("0-999999999", "found id=999999999"),
+        ("0-99999999999999", "ids such as 0-9"),
+        ("9-0", "ranges that count upward, found '9-0'; write 0-9"),
+        ("1,2,1", "each id once, found id 1 twice"),
+        ("", "ids such as 0-9"),
+        ("1,,2", "ids such as 0-9"),
+        ("-3", "ids such as 0-9"),
+        ("a", "ids such as 0-9"),
+        ("1-2-3", "ids such as 0-9"),
+    ],
+)
+def test_what_is_no_list_of_ids_is_refused(text, said):
+    with pytest.raises(InputError) as error:
+        parse_ids(text, "aruco:DICT_4X4_50")
+    assert said in str(error.value)

@@ -188,3 +188,11 @@ def test_a_spec_that_is_too_large_is_refused_at_once(tmp_path):
     path.write_text(".".join(["a"] * 50_000) + " = 1")
     with pytest.raises(InputError, match="at most 10 kB"):
         read_template(str(path))
+
+
+def test_a_tag_and_its_size_with_a_unit():
+    spec = spec_from_mapping({"tag": "apriltag:36h11:3", "tag_side": "60mm"})
+    assert spec == Spec(tag="apriltag:36h11:3", tag_side=0.06)
+    assert spec_from_mapping(spec.as_dict(), stored=True) == spec
+    with pytest.raises(InputError, match="tag: Input should be a valid string"):
+        spec_from_mapping({"tag": 3})

@@ -9,6 +9,7 @@ from markergen.model.feature import Feature, key_ring
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.outlines import signed_area
 from markergen.model.poses import paper
+from markergen.model.tag import Tag
 from markergen.render.shapes import INK, SUBSTRATE, marker_patches
 
 POSES = paper()
@@ -98,3 +99,17 @@ def test_plate_lies_no_higher_than_the_deepest_dot():
 def test_bare_points_are_not_drawn():
     bare = replace(RELIEF, control_points=tuple(replace(p, feature=Feature(0)) for p in RELIEF.control_points))
     assert len(marker_patches(bare)) == 1
+
+
+def test_a_tag_is_painted_on_the_plate():
+    tag = Tag("aruco:DICT_4X4_50", 7, 0.06, (0.01, -0.02))
+    plain, tagged = (marker_patches(replace(RELIEF, tag=each)) for each in (None, tag))
+    assert len(tagged) == len(plain) + 1
+    # Before the dots, whose pillars may hide it.
+    assert tagged[1].reflectance == INK
+    corners = np.concatenate(tagged[1].outlines)
+    assert np.all(corners[:, 2] == 0)
+    assert corners[:, :2].min(axis=0) == pytest.approx([-0.02, -0.05])
+    # Ink is what the black cells, 10 mm square each, cover.
+    area = sum(signed_area(outline[:, :2]) for outline in tagged[1].outlines)
+    assert area == pytest.approx(tag.ink.sum() * 1e-4)

@@ -67,10 +67,11 @@ class Drawing:
 
 @dataclass(frozen=True)
 class OutlineFile:
-    """A file by name and bytes."""
+    """A file by name and bytes; limits on what is drawn in it are `patience` times as high."""
 
     name: str
     data: bytes
+    patience: int = 1
 
     @property
     def text(self) -> str:

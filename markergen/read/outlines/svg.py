@@ -87,8 +87,9 @@ class _Reader:
         if kind not in (*SHAPES, *GROUPS, "svg", "use"):
             return
         number = next(self._numbers)
-        if number > MOST_PIECES:
-            raise self.file.too_much(f"at most {MOST_PIECES} elements")
+        most = MOST_PIECES * self.file.patience
+        if number > most:
+            raise self.file.too_much(f"at most {most} elements")
         if place.depth > DEEPEST:
             raise self.file.too_much(f"at most {DEEPEST} levels of groups and uses")
         style = style_of(element, place.style, self.sheet)

@@ -121,8 +121,9 @@ class Shapes:
 
     def _count(self, data: str) -> None:
         self.path_data += len(data)
-        if self.path_data > LARGEST_PATH:
-            raise self.file.too_much(f"at most {LARGEST_PATH // 1000} kB of path data and other numbers")
+        most = LARGEST_PATH * self.file.patience
+        if self.path_data > most:
+            raise self.file.too_much(f"at most {most // 1000} kB of path data and other numbers")
 
     def _path(self, data: str, name: str) -> list[Piece]:
         """Pieces of path data, one a subpath."""
@@ -150,8 +151,9 @@ class Shapes:
         except Exception:  # Whatever its parser trips over.
             raise self.file.unreadable("path data", f"{brief(data)} of {name}", "correct the path") from None
         self.segments += len(segments)
-        if self.segments > MOST_PIECES:
-            raise self.file.too_much(f"at most {MOST_PIECES} lines and curves")
+        most = MOST_PIECES * self.file.patience
+        if self.segments > most:
+            raise self.file.too_much(f"at most {most} lines and curves")
         pieces: list[Piece] = []
         curves: list[Curve] = []
         for segment in segments:

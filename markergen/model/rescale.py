@@ -1,0 +1,226 @@
+"""A print that came out at another size: the marker with its control points where they are in the print."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import degrees, isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.maths.rigid import rigid_motion
+from markergen.model.marker import ControlPoint, Marker
+from markergen.units import format_length
+
+Array = NDArray[np.float64]
+
+MOST_OFF = 0.05
+"""Share of a length from which on it is more likely that something else was measured."""
+
+WIDEST = 0.5
+"""Scales from this to its inverse can be kept in marker.json."""
+
+NOMINAL = 0.2
+"""Length in m of the rulers on a sheet, where they fit."""
+
+
+@dataclass(frozen=True)
+class MeasuredDot:
+    """Center of a dot as measured on a print, in m, in any frame; covariance (xx, xy, yy) in m^2 or None."""
+
+    id: int
+    x: float
+    y: float
+    covariance: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Rulers:
+    """Lengths in m that the rulers of a print measure, and what they are on an exact one; None was not measured."""
+
+    x: float | None
+    y: float | None
+    nominal_x: float = NOMINAL
+    nominal_y: float = NOMINAL
+
+    @property
+    def scale(self) -> tuple[float, float]:
+        """What the printer made of 1 along x and y; the one ruler that was measured stands for both."""
+        x = None if self.x is None else self.x / self.nominal_x
+        y = None if self.y is None else self.y / self.nominal_y
+        both = [x if x is not None else y, y if y is not None else x]
+        if both[0] is None or both[1] is None:
+            raise InputError("a measured length", "none", "give --measured-x, --measured-y or --measured-points")
+        return both[0], both[1]
+
+
+def rescale(marker: Marker, rulers: Rulers, force: bool = False) -> tuple[Marker, tuple[str, ...]]:
+    """Marker of a print whose rulers measure other than they should, with sentences about it.
+
+    Every control point goes to (x sx, y sy), for the scales of `Rulers.scale`. They are always those of the design: a
+    second rescaling takes the place of the first.
+
+    Raises
+    ------
+    InputError
+        If a length is not above 0, differs from its nominal by `MOST_OFF` or more without `force`, or by a factor of
+        2; if nothing was measured; or if dots have been measured one by one.
+    """
+    if any(point.designed for point in marker.control_points):
+        raise InputError(
+            "a marker whose dots were not measured one by one",
+            "one with measured dots",
+            "rescale the marker.json that was designed",
+        )
+    for name in ("x", "y"):
+        _check_length(name, getattr(rulers, name), getattr(rulers, f"nominal_{name}"), force)
+    scale = rulers.scale
+    nominal = marker.as_designed
+    points = tuple(replace(p, x=p.x * scale[0], y=p.y * scale[1]) for p in nominal.control_points)
+    record = {
+        "measured_x": rulers.x, "measured_y": rulers.y,
+        "nominal_x": rulers.nominal_x, "nominal_y": rulers.nominal_y,
+    }  # fmt: skip
+    said = [f"The print is {100 * scale[0]:.6g} % of the design along x and {100 * scale[1]:.6g} % along y."]
+    if rulers.x is None or rulers.y is None:
+        given, other = ("x", "y") if rulers.y is None else ("y", "x")
+        said.append(f"Only {given} was measured and stands for {other}, too; printers often differ between the two.")
+    if marker.print_scale != (1.0, 1.0):
+        x, y = (100 * value for value in marker.print_scale)
+        said.append(f"It takes the place of the earlier {x:.6g} % and {y:.6g} %: both are of the design.")
+    moved = float(np.linalg.norm(np.array(scale) - 1))
+    reach = float(np.linalg.norm(nominal.xyz[:, :2] * (np.array(scale) - 1), axis=-1).max())
+    if moved:
+        said.append(f"Dots are up to {_short(reach)} from where they were designed.")
+    changed = replace(nominal, control_points=points, print_scale=scale)
+    return _recorded(changed, "rulers", record), tuple(said)
+
+
+def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False) -> tuple[Marker, tuple[str, ...]]:
+    """Marker with the dots of a print where they were measured, with sentences about it.
+
+    The measured places come in any frame: the rigid motion that brings them nearest to the design, all dots alike,
+    takes them to the marker's, and their covariances are turned with it. What was measured before and is not now
+    keeps its place.
+
+    Raises
+    ------
+    InputError
+        If fewer than two dots were measured, one is unknown or comes twice, all are at one place, they are mirrored,
+        or one lies farther off than `MOST_OFF` of the layout's size or a dot's radius without `force`.
+    """
+    here = {point.id: point for point in marker.control_points}
+    unknown = [dot.id for dot in dots if dot.id not in here]
+    if unknown:
+        listed = ", ".join(map(str, here)) if len(here) <= 20 else f"{min(here)} to {max(here)}"
+        raise InputError("ids of the marker's dots", f"id {unknown[0]}", f"the marker has {listed}")
+    if len({dot.id for dot in dots}) < len(dots):
+        raise InputError("every dot once", "an id twice", "give the mean of several measurements")
+    if len(dots) < 2:
+        raise InputError("two measured dots or more", f"{len(dots)}", "one alone does not tell how the frame is turned")
+    measured = np.array([[dot.x, dot.y] for dot in dots])
+    # What is known of the print without measuring dots: rulers, if they were read.
+    expected = np.array([_expected(here[dot.id], marker) for dot in dots])
+    size = float(np.linalg.norm(np.ptp(expected, axis=0)))
+    if not np.isfinite(measured).all() or not 0 < float(np.linalg.norm(np.ptp(measured, axis=0))) < 1e3:
+        raise InputError("measured places apart from each other", "all at one place, or km apart", "check the unit")
+    rotation, shift = rigid_motion(measured, expected)
+    moved = measured @ rotation.T + shift
+    off = np.linalg.norm(moved - expected, axis=-1)
+    worst = int(np.argmax(off))
+    allowed = min(MOST_OFF * size, here[dots[worst].id].feature.diameter / 2 or np.inf)
+    if off[worst] >= allowed and not force:
+        turned, there = rigid_motion(measured, expected, mirror=True)
+        mirrored = np.linalg.norm(measured @ turned.T + there - expected, axis=-1).max()
+        remedy = (
+            "they are mirrored: x is right and y is up on the print"
+            if mirrored < allowed
+            else "check ids and unit, or add --force"
+        )
+        found = f"dot {dots[worst].id} {_short(float(off[worst]))} from its place"
+        raise InputError(f"measured dots within {_short(float(allowed))} of the design", found, remedy)
+    places = {dot.id: (place, _turned(dot, rotation)) for dot, place in zip(dots, moved.tolist(), strict=True)}
+    points = tuple(
+        _placed(point, marker, *places[point.id]) if point.id in places else point for point in here.values()
+    )
+    said = [*_told(dots, rotation, expected.mean(axis=0) - measured.mean(axis=0), off)]
+    missing = [point.id for point in marker.control_points if point.id not in places]
+    if missing:
+        verb = (
+            "was not measured and keeps its place" if len(missing) == 1 else "were not measured and keep their places"
+        )
+        said.append(f"{'Dot' if len(missing) == 1 else 'Dots'} {', '.join(map(str, missing))} {verb}.")
+    record = {
+        "ids": [dot.id for dot in dots],
+        "frame_turned": float(np.arctan2(rotation[1, 0], rotation[0, 0])),
+        "frame_moved": [float(value) for value in shift],
+    }
+    return _recorded(replace(marker, control_points=points), "points", record), tuple(said)
+
+
+def _check_length(name: str, measured: float | None, nominal: float, force: bool) -> None:
+    if not (isfinite(nominal) and nominal > 0):
+        raise InputError(
+            f"a ruler along {name} above 0", f"nominal_{name}={nominal} m", "give the length it is marked with"
+        )
+    if measured is None:
+        return
+    if not (isfinite(measured) and measured > 0):
+        raise InputError(f"a measured length along {name} above 0", f"{measured} m", "give a length such as 198.6mm")
+    scale = measured / nominal
+    found = f"{format_length(measured)}, which is {100 * (scale - 1):+.2f} %"
+    expected = f"about {format_length(nominal)} along {name}, as long as the ruler on the sheet is"
+    if not WIDEST <= scale <= 1 / WIDEST:
+        raise InputError(expected, found, f"check the unit, or give --nominal-{name} if the ruler is another")
+    # Rounding in a length such as 190mm is not to decide.
+    if abs(scale - 1) > MOST_OFF - 1e-9 and not force:
+        raise InputError(expected, found, f"give --nominal-{name} if the ruler is another, or add --force")
+
+
+def _expected(point: ControlPoint, marker: Marker) -> tuple[float, float]:
+    if point.designed is None:
+        return point.x, point.y
+    return point.designed[0] * marker.print_scale[0], point.designed[1] * marker.print_scale[1]
+
+
+def _placed(
+    point: ControlPoint, marker: Marker, place: list[float], covariance: tuple[float, float, float] | None
+) -> ControlPoint:
+    x, y = _expected(point, marker)
+    designed = point.designed or (round(x / marker.print_scale[0], 12), round(y / marker.print_scale[1], 12))
+    return replace(point, x=round(place[0], 12), y=round(place[1], 12), covariance=covariance, designed=designed)
+
+
+def _turned(dot: MeasuredDot, rotation: Array) -> tuple[float, float, float] | None:
+    if dot.covariance is None:
+        return None
+    xx, xy, yy = dot.covariance
+    turned = rotation @ np.array([[xx, xy], [xy, yy]]) @ rotation.T
+    return float(turned[0, 0]), float(turned[0, 1]), float(turned[1, 1])
+
+
+def _told(dots: tuple[MeasuredDot, ...], rotation: Array, moved: Array, off: Array) -> list[str]:
+    angle = degrees(float(np.arctan2(rotation[1, 0], rotation[0, 0])))
+    worst = int(np.argmax(off))
+    said = [
+        f"The measured frame was turned by {angle:.6g} deg, and the middle of the dots moved by "
+        f"x {_short(float(moved[0]))}, y {_short(float(moved[1]))}, to fit the design.",
+        f"{len(dots)} dots were measured; they are {_short(float(np.sqrt(np.mean(off**2))))} RMS from the "
+        f"design, at most {_short(float(off[worst]))} (dot {dots[worst].id}).",
+    ]
+    bare = [dot.id for dot in dots if dot.covariance is None]
+    if bare:
+        which = "No dot has a" if len(bare) == len(dots) else f"Dots {', '.join(map(str, bare))} have no"
+        said.append(f"{which} sigma: --print-sigma of detect and validate stands for it.")
+    return said
+
+
+def _recorded(marker: Marker, kind: str, record: Mapping[str, Any]) -> Marker:
+    before = marker.provenance.get("print")
+    kept = dict(before) if isinstance(before, Mapping) and kind == "points" else {}
+    return replace(marker, provenance={**marker.provenance, "print": {**kept, kind: dict(record)}})
+
+
+def _short(meters: float) -> str:
+    return format_length(float(f"{meters:.4g}"))

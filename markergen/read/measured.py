@@ -1,0 +1,106 @@
+"""Centers of dots as measured on a print: a table with the columns id, x, y and what is known of their errors."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from markergen.errors import InputError
+from markergen.model.findings import brief
+from markergen.model.rescale import MeasuredDot
+from markergen.units import METERS
+
+LARGEST_FILE, MOST_ROWS = 1_000_000, 10_000
+"""Bytes and rows; a marker has a dozen dots."""
+
+WANTED = "id, x, y and, if known, sigma or sx, sy, rho"
+UNITS = {unit: float(size) for unit, size in METERS.items() if unit}
+
+_COLUMN = re.compile(r"([a-z]+)(?:[\s_]*[\[(/]?\s*(um|mm|cm|m|in|ft)\s*[\])]?)?", re.IGNORECASE)
+_FORMS = (
+    {"id", "x", "y"},
+    {"id", "x", "y", "sigma"},
+    {"id", "x", "y", "sx", "sy"},
+    {"id", "x", "y", "sx", "sy", "rho"},
+)
+
+
+def read_measured(path: Path) -> tuple[MeasuredDot, ...]:
+    """Read measured dots from a table with a line of column names, separated by commas, semicolons, tabs or blanks.
+
+    A unit may stand behind each name, as in ``x_mm``, ``sigma [um]`` or ``y (in)``; without one it is meters. `sigma`
+    is the standard deviation along each axis; `sx`, `sy` and their correlation `rho` say it in full. Lines that begin
+    with # are comments.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, a column is missing or unknown, a row is not numbers, or a sigma is negative.
+    """
+    name = brief(str(path))
+    rows = _rows(path, name)
+    if not rows:
+        raise InputError(f"the columns {WANTED} in {name}", "an empty file", "check the path")
+    (line, first), *body = rows
+    columns = _columns(first, f"line {line} of {name}")
+    if not body:
+        raise InputError(f"measured dots in {name}", "only the names of columns", "add a row for each dot")
+    return tuple(_dot(words, columns, f"line {line} of {name}") for line, words in body)
+
+
+def _rows(path: Path, name: str) -> list[tuple[int, list[str]]]:
+    try:
+        with path.open("rb") as file:
+            data = file.read(LARGEST_FILE + 1)
+        text = data.decode("utf-8-sig")
+    except (OSError, ValueError) as error:  # Of decoding, and of a path with a null character.
+        reason = error.strerror if isinstance(error, OSError) else "bytes that are not UTF-8 text, or no path"
+        raise InputError(f"a readable table of measured dots at {name}", str(reason), "check the path") from None
+    if len(data) > LARGEST_FILE or text.count("\n") > MOST_ROWS:
+        raise InputError(f"at most {MOST_ROWS} rows in {name}", "more", "give one row for each dot")
+    lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1)]
+    lines = [(number, line) for number, line in lines if line and not line.startswith("#")]
+    mark = next((mark for mark in ",;\t" if lines and mark in lines[0][1]), None)
+    return [(number, [word.strip().strip('"') for word in line.split(mark)]) for number, line in lines]
+
+
+def _columns(words: Sequence[str], place: str) -> dict[str, tuple[int, float]]:
+    """Index and size in m of the unit of each column by name; without unit 1, and 1 for id and rho."""
+    columns: dict[str, tuple[int, float]] = {}
+    for index, word in enumerate(words):
+        match = _COLUMN.fullmatch(word)
+        name = match[1].lower() if match else ""
+        if match is None or name not in _FORMS[1] | _FORMS[3]:
+            raise InputError(f"the columns {WANTED} at {place}", brief(word), "correct the names, as in id,x_mm,y_mm")
+        if name in columns:
+            raise InputError(f"every column once at {place}", f"{name} twice", "correct the names")
+        if match[2] and name in ("id", "rho"):
+            raise InputError(f"no unit for {name} at {place}", brief(word), "leave the unit out")
+        columns[name] = (index, UNITS[match[2].lower()] if match[2] else 1.0)
+    if set(columns) not in _FORMS:
+        raise InputError(f"the columns {WANTED} at {place}", ", ".join(columns), "add those that are missing")
+    return columns
+
+
+def _dot(words: Sequence[str], columns: dict[str, tuple[int, float]], place: str) -> MeasuredDot:
+    if len(words) != len(columns):
+        raise InputError(f"{len(columns)} values at {place}", str(len(words)), "correct the line")
+    values = {}
+    for name, (index, unit) in columns.items():
+        try:
+            # float takes 1_0 for 10, and digits of all scripts.
+            value = float(words[index]) * unit if words[index].isascii() and "_" not in words[index] else np.nan
+        except ValueError:
+            value = np.nan
+        if not abs(value) < 2**31:
+            raise InputError(f"a number for {name} at {place}", brief(words[index]), "correct the line")
+        values[name] = value
+    if values["id"] != int(values["id"]) or values["id"] < 0:
+        raise InputError(f"a whole number for id at {place}", brief(words[columns["id"][0]]), "correct the line")
+    sx, sy = (values.get(key, values.get("sigma", np.nan)) for key in ("sx", "sy"))
+    rho = values.get("rho", 0.0)
+    if min(sx, sy) < 0 or abs(rho) > 1:
+        raise InputError(f"a sigma of 0 or more, and rho of -1 to 1 at {place}", " ".join(words)[:80], "correct it")
+    covariance = None if np.isnan(sx) else (float(sx * sx), float(rho * sx * sy), float(sy * sy))
+    return MeasuredDot(int(values["id"]), float(values["x"]), float(values["y"]), covariance)

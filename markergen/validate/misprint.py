@@ -1,0 +1,46 @@
+"""Prints that are not exact, as the error budget takes them to be."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.estimators.budget import ErrorSources
+from markergen.model.marker import Marker
+
+Array = NDArray[np.float64]
+
+
+def displacement(marker: Marker, errors: ErrorSources, rng: np.random.Generator, axes: int = 3) -> Array:
+    """Errors (n, axes) in m of the dots' places: Gaussian in the plane, and of 3 axes in height if any dot is raised.
+
+    Dots that were measured err by what their covariance says, the others by ``errors.print_sigma`` along each axis.
+    """
+    offset = rng.standard_normal((len(marker), axes))
+    if not marker.xyz[:, 2].any():
+        offset[:, 2:] = 0
+    places = errors.of(marker)
+    if places.place_covariance is None:
+        return errors.print_sigma * offset
+    values, vectors = np.linalg.eigh(places.place_blocks(len(marker), axes))
+    roots: Array = (vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]) @ vectors.swapaxes(-1, -2)
+    return np.asarray((roots @ offset[..., None])[..., 0])
+
+
+def misprinted(marker: Marker, errors: ErrorSources, rng: np.random.Generator) -> Marker:
+    """Return the marker as it is printed; itself where nothing errs."""
+    if not errors.of(marker).largest_place_sigma:
+        return marker
+    return displaced(marker, displacement(marker, errors, rng))
+
+
+def displaced(marker: Marker, offset: Array) -> Marker:
+    """Return the marker with its control points displaced by offsets (n, 2 or 3) in m."""
+    offset = np.pad(offset, ((0, 0), (0, 3 - offset.shape[1])))
+    return replace(
+        marker,
+        control_points=tuple(
+            replace(point, x=point.x + dx, y=point.y + dy, z=point.z + dz)
+            for point, (dx, dy, dz) in zip(marker.control_points, offset.tolist(), strict=True)
+        ),
+    )

@@ -1,0 +1,68 @@
+import pytest
+
+from markergen.cli import main
+from markergen.model.marker_json import read_marker, to_json
+
+
+@pytest.fixture
+def here(make_ngon, tmp_path, monkeypatch):
+    marker = make_ngon(5, 0.05, 0.012)
+    (tmp_path / "marker.json").write_bytes(to_json(marker))
+    rows = [f"{p.id},{1e3 * p.x + 10},{1e3 * p.y - 5},20" for p in marker.control_points]
+    (tmp_path / "dots.csv").write_text("\n".join(["id,x_mm,y_mm,sigma_um", *rows[:4]]))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_by_rulers(here, capsys):
+    assert (
+        main(["rescale", "marker.json", "--measured-x", "198.6mm", "--measured-y", "199.1mm", "-o", "corrected.json"])
+        == 0
+    )
+    said = capsys.readouterr().out
+    assert said.startswith("wrote corrected.json")
+    assert "99.3 %" in said
+    assert read_marker(here / "corrected.json").print_scale == pytest.approx((0.993, 0.9955))
+    # The same file may be the output.
+    assert (
+        main(["rescale", "corrected.json", "--measured-y", "99.5mm", "--nominal-y", "100mm", "-o", "corrected.json"])
+        == 0
+    )
+    assert "takes the place" in capsys.readouterr().out
+    assert read_marker(here / "corrected.json").print_scale == pytest.approx((0.995, 0.995))
+
+
+def test_by_dots(here, capsys):
+    assert main(["rescale", "marker.json", "--measured-points", "dots.csv", "-o", "corrected.json"]) == 0
+    said = capsys.readouterr().out
+    assert "Dot 4 was not measured" in said
+    found = read_marker(here / "corrected.json")
+    assert found.control_points[0].covariance == pytest.approx((4e-10, 0, 4e-10), abs=1e-20)
+    assert found.control_points[4].covariance is None
+    assert found.provenance["print"]["points"]["ids"] == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ("marker.json -o out.json", "--measured-x"),
+        ("marker.json --measured-x 190mm -o out.json", "--force"),
+        ("marker.json --measured-x -2mm -o out.json", "above 0"),
+        ("marker.json --measured-x 199mm --nominal-x 0 -o out.json", "above 0"),
+        ("marker.json --measured-x much -o out.json", "length"),
+        ("marker.json --measured-x 199mm -o out.pdf", ".json"),
+        ("marker.json --measured-x 199mm -o no/folder/out.json", "no/folder"),
+        ("none.json --measured-x 199mm -o out.json", "none.json"),
+        ("marker.json --measured-x 199mm --measured-points dots.csv -o out.json", "either"),
+        ("marker.json --measured-points none.csv -o out.json", "none.csv"),
+        ("marker.json --measured-points marker.json -o out.json", "columns"),
+        ("marker.json --measured-x 199mm", "--output"),
+    ],
+)
+def test_bad_input_is_one_line_and_nothing_is_written(here, capsys, arguments, said):
+    assert main(["rescale", *arguments.split()]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("markergen: error: ")
+    assert len(error.strip().splitlines()) == 1
+    assert said in error
+    assert sorted(path.name for path in here.iterdir()) == ["dots.csv", "marker.json"]

@@ -1,0 +1,93 @@
+import json
+
+import pytest
+
+from markergen.cli import main
+from markergen.export import save
+from markergen.model.marker_json import to_json
+
+
+@pytest.fixture
+def here(make_ngon, tmp_path, monkeypatch):
+    marker = make_ngon(5, 0.05, 0.012)
+    (tmp_path / "marker.json").write_bytes(to_json(marker))
+    save(
+        marker,
+        [
+            tmp_path / f"marker{suffix}"
+            for suffix in (".pdf", ".svg", ".dxf", ".csv", ".opencv.yaml", ".ros2.yaml", ".kalibr.yaml")
+        ],
+    )
+    save(make_ngon(6, 0.05, 0.012), [tmp_path / "other.svg"])
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_what_was_written_is_right(here, capsys):
+    names = sorted(path.name for path in here.glob("marker.*"))
+    assert main(["verify", "marker.json", *names]) == 0
+    said = capsys.readouterr()
+    assert not said.err
+    assert said.out.count(" ok ") == len(names) == 8
+    assert "148 x 210 mm" in said.out
+    assert "100.0000 %" in said.out
+
+
+def test_what_is_wrong_is_status_1(here, capsys):
+    text = (here / "marker.svg").read_text()
+    (here / "scaled.svg").write_text(
+        text.replace('width="148mm"', 'width="147.852mm"').replace('height="210mm"', 'height="209.79mm"')
+    )
+    assert main(["verify", "marker.json", "marker.svg", "scaled.svg", "other.svg"]) == 1
+    said = capsys.readouterr().out
+    assert said.count("WRONG") == 2
+    assert "scaled.svg: scaled by 0.999 along x and y" in said
+    assert "other.svg: another marker" in said
+    assert "99.9000 %" in said
+    # What is 43 um off may be so if that is good enough.
+    assert main(["verify", "marker.json", "scaled.svg", "--tolerance", "0.1mm"]) == 0
+
+
+def test_standard_output_is_json_alone(here, capsys):
+    assert main(["verify", "marker.json", "marker.svg", "other.svg", "--json", "-"]) == 1
+    good, bad = json.loads(capsys.readouterr().out)
+    assert good["passed"]
+    assert good["largest_m"] < 1e-8
+    assert good["pages_mm"] == [pytest.approx([148, 210])]
+    assert bad["findings"][0]["kind"] == "another marker"
+    assert main(["verify", "marker.json", "marker.svg", "--json", "found.json"]) == 0
+    assert json.loads((here / "found.json").read_text())[0]["dots"] == 5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["marker.json", "none.svg"], "No such file"),
+        (["none.json", "marker.svg"], "none.json"),
+        (["marker.json", "marker.jpg"], "Known: .csv"),
+        (["marker.json", "broken.pdf"], "complete PDF"),
+        (["marker.json", "empty.svg"], "empty"),
+        (["marker.json", "marker.svg", "--tolerance", "0"], "tolerance above 0"),
+        (["marker.json", "marker.svg", "--tolerance", "much"], "length"),
+        (["marker.json", "marker.svg", "--json", "marker.svg"], "one of the inputs"),
+        (["marker.json", "marker.svg", "--json", "no/folder/x.json"], "no/folder"),
+        (["marker.json"], "FILE"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(here, capsys, arguments, said):
+    (here / "broken.pdf").write_bytes((here / "marker.pdf").read_bytes()[:2000])
+    (here / "empty.svg").write_bytes(b"")
+    before = {path: path.read_bytes() for path in here.iterdir()}
+    assert main(["verify", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("markergen: error: ")
+    assert len(error.strip().splitlines()) == 1
+    assert said in error
+    assert {path: path.read_bytes() for path in here.iterdir()} == before
+
+
+def test_the_others_are_verified_all_the_same(here, capsys):
+    assert main(["verify", "marker.json", "none.svg", "marker.svg"]) == 2
+    said = capsys.readouterr()
+    assert "none.svg" in said.err
+    assert " ok " in said.out

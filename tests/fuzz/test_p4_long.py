@@ -1,0 +1,141 @@
+"""Whatever stands in a file to verify, the answer is a check or one line."""
+
+import struct
+import time
+import zlib
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from markergen.errors import InputError
+from markergen.export import ExportOptions, save
+from markergen.verify import verify
+from markergen.verify.check import to_json
+
+STEP = """ISO-10303-21;
+HEADER;
+ENDSEC;
+DATA;
+#1 = CARTESIAN_POINT('',(0.,42.8,0.));
+#2 = DIRECTION('',(0.,0.,1.));
+#3 = AXIS2_PLACEMENT3D('',#1,#2,#2);
+#4 = CIRCLE('',#3,6.);
+#5 = ( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.) );
+#6 = ITEM_DEFINED_TRANSFORMATION('','',#3,#3);
+ENDSEC;
+END-ISO-10303-21;
+"""
+TEXTS = (".svg", ".dxf", ".step", ".csv", ".json", ".opencv.yaml", ".ros2.yaml", ".kalibr.yaml")
+SUFFIXES = (*TEXTS, ".pdf", ".png")
+TOKENS = [
+    "0", "-1", "1e999", "1e300", "-1e-320", "nan", "inf", "9" * 5000, "", " ", "\n", "\0", "é", "<", ">", "</g>", '"',
+    "[", "]", "{", "}", "(", ")", "&a;", "#", "$", "0\nINSERT\n", "40\n", "SECTION", "CIRCLE", "#1", "'", ";", ":", ",",
+    "scale(1e200)", "M0 0 A", "Z" * 50, "!!python/object", "*a", "&a [*a]", "- - - -",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def marker(make_ngon):
+    return make_ngon(4, 0.05, 0.012)
+
+
+@pytest.fixture(scope="module")
+def seeds(marker, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("seeds")
+    found = {".step": STEP.encode()}
+    for suffix in SUFFIXES:
+        if suffix not in found:
+            save(marker, [folder / f"a{suffix}"], ExportOptions(dpi=40))
+            found[suffix] = (folder / f"a{suffix}").read_bytes()
+    return found
+
+
+def outcome(marker, folder, suffix, data):
+    path = folder / f"file{suffix}"
+    path.write_bytes(data)
+    start, check, message = time.process_time(), None, ""
+    try:
+        check = verify(marker, path)
+    except InputError as error:
+        message = str(error)
+    # The seeds take 0.2 s at most; what was changed may hold more that looks like dots.
+    assert time.process_time() - start < 3
+    assert len(message.splitlines()) <= 1
+    assert len(message) < 2000
+    if check is not None:
+        assert to_json([check])
+    return check
+
+
+FUZZ = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25000)
+LONG = settings(FUZZ, max_examples=2500)
+CHANGES = st.lists(st.tuples(st.floats(0, 1), st.integers(0, 30), st.sampled_from(TOKENS)), min_size=1, max_size=3)
+
+
+def test_the_seeds_are_usable(marker, seeds, tmp_path):
+    for suffix, data in seeds.items():
+        check = outcome(marker, tmp_path, suffix, data)
+        assert check is not None
+        # 40 dpi put a center to a hundredth of a pixel.
+        assert check.passed or suffix == ".step", (suffix, check.findings)
+
+
+@LONG
+@given(st.sampled_from(TEXTS), CHANGES)
+def test_pieces_replaced_by_others(marker, seeds, tmp_path, suffix, changes):
+    data = seeds[suffix]
+    # What counts is more often at the beginning: a sheet's text comes last.
+    for place, length, token in changes:
+        start = int(place**2 * len(data))
+        data = data[:start] + token.encode() + data[start + length :]
+    outcome(marker, tmp_path, suffix, data)
+
+
+@FUZZ
+@given(st.sampled_from(SUFFIXES), st.floats(0, 1))
+def test_cut_off_anywhere(marker, seeds, tmp_path, suffix, share):
+    data = seeds[suffix]
+    outcome(marker, tmp_path, suffix, data[: int(share * len(data))])
+
+
+@FUZZ
+@given(
+    st.sampled_from(SUFFIXES),
+    st.lists(st.tuples(st.floats(0, 0.999), st.integers(0, 255)), min_size=1, max_size=4),
+)
+def test_bytes_flipped(marker, seeds, tmp_path, suffix, changes):
+    data = bytearray(seeds[suffix])
+    for place, value in changes:
+        data[int(place * len(data))] = value
+    outcome(marker, tmp_path, suffix, bytes(data))
+
+
+def chunk(kind, body):
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+
+@FUZZ
+@given(
+    st.integers(0, 2**32 - 1) | st.integers(1, 300),
+    st.integers(0, 2**32 - 1) | st.integers(1, 300),
+    st.sampled_from([1, 2, 4, 8, 16, 3]),
+    st.sampled_from([0, 2, 3, 4, 6, 5]),
+    st.binary(max_size=9) | st.just(struct.pack(">IIB", 2000, 2000, 1)),
+    st.binary(max_size=50) | st.just(b"\0" * 4000),
+)
+def test_images_that_lie(marker, tmp_path, width, height, depth, color, density, pixels):
+    header = struct.pack(">IIBBBBB", width, height, depth, color, 0, 0, 0)
+    parts = [
+        chunk(b"IHDR", header),
+        chunk(b"pHYs", density),
+        chunk(b"IDAT", zlib.compress(pixels)),
+        chunk(b"IEND", b""),
+    ]
+    outcome(marker, tmp_path, ".png", b"\x89PNG\r\n\x1a\n" + b"".join(parts))
+
+
+@FUZZ
+@given(st.sampled_from(SUFFIXES), st.binary(max_size=200) | st.text(max_size=200).map(str.encode))
+def test_anything(marker, tmp_path, suffix, data):
+    outcome(marker, tmp_path, suffix, data)

@@ -1,0 +1,159 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from markergen.errors import InputError
+from markergen.model.marker_json import from_json, to_json
+from markergen.model.rescale import MeasuredDot, Rulers, remeasure, rescale
+
+
+def again(marker):
+    return from_json(to_json(marker).decode())
+
+
+def test_two_rulers_two_factors(pentagon):
+    found, said = rescale(pentagon, Rulers(0.1986, 0.1991))
+    np.testing.assert_allclose(found.xyz, pentagon.xyz * [0.993, 0.9955, 1], rtol=1e-15)
+    assert found.print_scale == pytest.approx((0.993, 0.9955), rel=1e-15)
+    assert found.provenance["print"]["rulers"]["measured_x"] == 0.1986
+    assert [p.feature for p in found.control_points] == [p.feature for p in pentagon.control_points]
+    assert "99.3 % of the design along x and 99.55 % along y" in said[0]
+    assert again(found) == found
+    # What is drawn is still the design; coordinates are rounded to a picometer.
+    np.testing.assert_allclose(found.as_designed.xyz, pentagon.xyz, atol=1e-12)
+    assert pentagon.as_designed is pentagon
+
+
+def test_one_ruler_stands_for_both_and_says_so(pentagon):
+    for rulers in (Rulers(0.199, None), Rulers(None, 0.199)):
+        found, said = rescale(pentagon, rulers)
+        assert found.print_scale[0] == found.print_scale[1] == pytest.approx(0.995)
+        assert "stands for" in said[1]
+
+
+def test_shorter_rulers(pentagon):
+    found, _ = rescale(pentagon, Rulers(0.0995, 0.151, 0.1, 0.15))
+    assert found.print_scale == pytest.approx((0.995, 0.151 / 0.15))
+
+
+@given(st.floats(0.192, 0.208), st.floats(0.192, 0.208), st.floats(0.192, 0.208))
+def test_a_second_rescaling_takes_the_place_of_the_first(pentagon, x, y, other):
+    once, _ = rescale(pentagon, Rulers(x, y))
+    before, _ = rescale(pentagon, Rulers(other, None))
+    twice, said = rescale(before, Rulers(x, y))
+    np.testing.assert_allclose(twice.xyz, once.xyz, atol=2e-12)
+    assert twice.print_scale == once.print_scale
+    assert (before.print_scale == (1, 1)) != any("takes the place" in each for each in said)
+
+
+@pytest.mark.parametrize(
+    ("rulers", "said"),
+    [
+        (Rulers(None, None), "found none"),
+        (Rulers(0.19, None), "found 190 mm, which is -5.00 %"),
+        (Rulers(None, 0.2101), "+5.05 %"),
+        (Rulers(0.2, 0.07), "give --nominal-y"),
+        (Rulers(198.6, 0.2), "check the unit"),
+        (Rulers(0.0, 0.2), "above 0"),
+        (Rulers(-0.2, 0.2), "above 0"),
+        (Rulers(np.nan, 0.2), "above 0"),
+        (Rulers(0.2, 0.2, 0.0), "nominal_x=0.0"),
+        (Rulers(0.2, 0.2, 0.2, np.inf), "nominal_y=inf"),
+    ],
+)
+def test_lengths_that_cannot_be(pentagon, rulers, said):
+    with pytest.raises(InputError) as error:
+        rescale(pentagon, rulers)
+    assert said in str(error.value)
+
+
+def test_five_percent_and_more_with_force(pentagon):
+    assert rescale(pentagon, Rulers(0.18, 0.2), force=True)[0].print_scale == pytest.approx((0.9, 1))
+    with pytest.raises(InputError):
+        rescale(pentagon, Rulers(0.05, 0.2), force=True)
+
+
+def measured(marker, rng, sigma=2e-5, angle=0.7, ids=None, covariance=(4e-10, 1e-10, 2e-10)):
+    c, s = np.cos(angle), np.sin(angle)
+    places = (marker.xyz[:, :2] + sigma * rng.standard_normal((len(marker), 2))) @ [[c, s], [-s, c]] + [0.3, -0.2]
+    return tuple(
+        MeasuredDot(point.id, float(x), float(y), covariance)
+        for point, (x, y) in zip(marker.control_points, places, strict=True)
+        if ids is None or point.id in ids
+    )
+
+
+def test_measured_dots_come_home_from_any_frame(pentagon):
+    exact = measured(pentagon, np.random.default_rng(0), sigma=0.0)
+    found, said = remeasure(pentagon, exact)
+    np.testing.assert_allclose(found.xyz, pentagon.xyz, atol=2e-12)
+    assert "turned by -40.107 deg" in said[0]
+    # The covariance is turned with the frame: R S R' with the inverse of the turn above.
+    c, s = np.cos(-0.7), np.sin(-0.7)
+    turn = np.array([[c, -s], [s, c]])
+    expected = turn @ [[4e-10, 1e-10], [1e-10, 2e-10]] @ turn.T
+    np.testing.assert_allclose(found.place_covariance[0], expected, rtol=1e-9)
+    assert again(found) == found
+    np.testing.assert_allclose(found.as_designed.xyz, pentagon.xyz, atol=1e-12)
+    assert found.as_designed.place_covariance is None
+
+
+def test_what_was_not_measured_keeps_its_place_and_is_named(pentagon):
+    found, said = remeasure(pentagon, measured(pentagon, np.random.default_rng(1), ids=(0, 2, 3)))
+    assert [point.covariance is None for point in found.control_points] == [False, True, False, False, True]
+    np.testing.assert_array_equal(found.xyz[[1, 4]], pentagon.xyz[[1, 4]])
+    assert "Dots 1, 4 were not measured" in said[-1]
+    assert np.isnan(found.place_covariance[[1, 4]]).all()
+    # Measuring the rest later does not undo what was measured before.
+    rest, _ = remeasure(found, measured(pentagon, np.random.default_rng(2), ids=(1, 4)))
+    assert not np.isnan(rest.place_covariance).any()
+    np.testing.assert_array_equal(rest.xyz[[0, 2, 3]], found.xyz[[0, 2, 3]])
+
+
+def test_measuring_a_rescaled_print(pentagon):
+    scaled, _ = rescale(pentagon, Rulers(0.198, 0.199))
+    found, _ = remeasure(scaled, measured(scaled, np.random.default_rng(3), ids=(0, 1, 2)))
+    np.testing.assert_allclose(found.as_designed.xyz, pentagon.xyz, atol=2e-12)
+    assert found.print_scale == scaled.print_scale
+    with pytest.raises(InputError, match="not measured one by one"):
+        rescale(found, Rulers(0.2, 0.2))
+
+
+def test_without_sigma(pentagon):
+    found, said = remeasure(pentagon, measured(pentagon, np.random.default_rng(1), covariance=None))
+    assert found.place_covariance is None
+    assert found.control_points[0].designed == pytest.approx((pentagon.xyz[0, 0], pentagon.xyz[0, 1]), abs=1e-12)
+    assert "No dot has a sigma" in said[-1]
+
+
+def test_a_print_may_reach_beyond_what_was_designed(pentagon):
+    # The outermost dots touch the clearance: 4 % more is beyond the boundary, and still this marker.
+    larger, _ = rescale(pentagon, Rulers(0.208, 0.208))
+    assert again(larger) == larger
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda found: found[:1], "two measured dots"),
+        (lambda found: (*found, found[0]), "twice"),
+        (lambda found: (*found[:4], MeasuredDot(9, 0, 0)), "found id 9; the marker has 0, 1, 2, 3, 4"),
+        (lambda found: tuple(MeasuredDot(d.id, 1e3 * d.x, 1e3 * d.y) for d in found), "unit"),
+        (lambda found: tuple(MeasuredDot(d.id, 1.3 * d.x, 1.3 * d.y) for d in found), "--force"),
+        (lambda found: tuple(MeasuredDot(d.id, 0, 0) for d in found), "apart from each other"),
+        (lambda found: tuple(MeasuredDot(d.id, np.nan, d.y) for d in found), "apart from each other"),
+    ],
+)
+def test_measured_dots_that_cannot_be(pentagon, change, said):
+    with pytest.raises(InputError) as error:
+        remeasure(pentagon, change(measured(pentagon, np.random.default_rng(0), 0.0, covariance=None)))
+    assert said in str(error.value)
+
+
+def test_mirrored_measurements_are_told(make_marker):
+    skew = make_marker(np.array([[0.03, 0.02], [-0.035, 0.018], [-0.01, -0.03], [0.036, -0.012]]), 0.05, 0.012)
+    down = tuple(MeasuredDot(d.id, d.x, -d.y) for d in measured(skew, np.random.default_rng(0), 0.0))
+    with pytest.raises(InputError, match="mirrored"):
+        remeasure(skew, down)
+    assert len(remeasure(skew, down, force=True)[0]) == 4
