@@ -93,7 +93,7 @@ class Check:
             "scale_y": _number(self.scale[1]),
             "dots": self.dots,
             "copies": self.copies,
-            "pages_mm": [list(page) if page else None for page in self.pages],
+            "pages_mm": [[_number(side) for side in page] if page else None for page in self.pages],
             "findings": [{"kind": each.kind, "sentence": each.sentence} for each in self.findings],
             "notes": list(self.notes),
         }
@@ -118,7 +118,9 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
     if tolerance is not None and not 0 < tolerance < 1:
         raise InputError("a tolerance above 0", f"{tolerance} m", "give a length such as 0.01mm")
     reader = reader_of(path)
-    reading = reader(load(path), str(path), marker)
+    # What overflows in a file's numbers is not finite, and left out.
+    with np.errstate(all="ignore"):
+        reading = reader(load(path), str(path), marker)
     allowed = reading.tolerance if tolerance is None else tolerance
     checks = [_against(each, reading, allowed) for each in _wanted(marker, reading)]
     found = min(checks, key=lambda check: (bool(check.findings), np.nan_to_num(check.largest, nan=np.inf)))

@@ -51,6 +51,16 @@ def seeds(marker, tmp_path_factory):
     return found
 
 
+def test_numbers_that_overflow(marker, seeds, tmp_path):
+    data = seeds[".pdf"].replace(b"/MediaBox [", b"/MediaBox [ -1e39 -1e39 1e39 1e39 ] /Was [")
+    assert data != seeds[".pdf"]
+    outcome(marker, tmp_path, ".pdf", data)
+    for number in (b"1e400", b"1e38", b"-1e308", b"nan"):
+        outcome(marker, tmp_path, ".dxf", seeds[".dxf"].replace(b"\n 40\n6.0\n", b"\n 40\n" + number + b"\n"))
+        outcome(marker, tmp_path, ".step", seeds[".step"].replace(b"42.8", number))
+        outcome(marker, tmp_path, ".svg", seeds[".svg"].replace(b'r="6"', b'r="' + number + b'"'))
+
+
 def outcome(marker, folder, suffix, data):
     path = folder / f"file{suffix}"
     path.write_bytes(data)

@@ -68,7 +68,7 @@ SCALES = [
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize(
     ("name", "x", "y", "said"),
-    [(name, *scale) for name in NAMES for scale in (SCALES if name in ("5", "5 alike", "L") else SCALES[:1])],
+    [(name, *scale) for name in NAMES for scale in (SCALES if name == "5 alike" else SCALES[:1])],
 )
 def test_a_scale_is_found_and_named(spoiled, name, suffix, x, y, said):
     check = spoiled(name, suffix, "scaled", x, y)
@@ -190,13 +190,12 @@ def test_a_rescaled_marker_is_drawn_as_designed_or_for_the_printer(markers, tmp_
     assert kinds(verify(design, tmp_path / "b.svg")) == ["scaled"]
 
 
-@pytest.mark.parametrize("paper", ["A5", "A6"])
-def test_tiles_are_put_together_by_their_marks(make_ngon, tmp_path, paper):
+def test_tiles_are_put_together_by_their_marks(make_ngon, tmp_path):
     marker, path = make_ngon(5, 0.1, 0.03), tmp_path / "tiles.pdf"
-    save(marker, [path], ExportOptions(sheet=SheetOptions(paper="100x140mm" if paper == "A6" else paper)))
+    save(marker, [path], ExportOptions(sheet=SheetOptions(paper="A5")))
     check = verify(marker, path)
     assert check.passed, check.findings
-    assert len(check.pages) > 4
+    assert len(check.pages) > 2
     # What tiles add is rounding: 24 bits of a page's coordinates.
     assert check.largest < 5e-8
     data = Spoiler(marker, DPI).scaled(path.read_bytes(), ".pdf", 0.999, 0.999)
