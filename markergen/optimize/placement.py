@@ -14,7 +14,7 @@ from markergen.objectives.base import TraceObjective
 from markergen.objectives.pose import PoseObjective
 from markergen.optimize.exchange import Table, distances, edge, exchange, places, random_layout, table_of
 from markergen.optimize.packing import fitting, lattice, pack
-from markergen.optimize.polish import polish
+from markergen.optimize.polish import ALL_PAIRS_UP_TO, polish
 from markergen.optimize.region import Region
 from markergen.optimize.supersab import descend
 from markergen.optimize.trace import Record
@@ -99,7 +99,7 @@ def place(
     found = _best([polish(rough, region, layout, QUICK, record) for layout in layouts])
     if np.isinf(found[0][1]) and (packed := fitting(region, n)) is not None:
         found = [polish(rough, region, packed, record=record)]
-    if n * np.pi / 4 * region.spacing**2 > CROWDED * region.boundary.area:
+    if n <= ALL_PAIRS_UP_TO and n * np.pi / 4 * region.spacing**2 > CROWDED * region.boundary.area:
         found = _best([*found, *_shaken(rough, region, *found[0], SHAKES * starts, rng, record)])
     judge = guide if isinstance(rough, TraceObjective) else table_of(rough, grid)
     rim = edge(region, FINE_EDGE)
@@ -119,8 +119,11 @@ def place(
 def _start(
     table: Table, spacing: float, n: int, turn: int, spare: Index, rng: np.random.Generator
 ) -> tuple[Index, float]:
-    """Layout (n,) to begin an exchange with, random unless dots jam, and the spacing in m that it keeps."""
-    for share in (1.0, OVERLAP)[turn % 2 :]:
+    """Layout (n,) to begin an exchange with, random unless dots jam, and the spacing in m that it keeps.
+
+    Dozens of dots do not overlap: to part them would take most of the time, and what jams is nearly a lattice anyway.
+    """
+    for share in (1.0, OVERLAP)[turn % 2 :] if n <= ALL_PAIRS_UP_TO else (1.0,):
         for _ in range(DRAWS):
             drawn = random_layout(table.apart, share * spacing, n, rng)
             if drawn is not None:
