@@ -138,9 +138,10 @@ class Shapes:
         if odd or data.lstrip()[0] not in "Mm":
             found = repr(odd[0]) if odd else "no move to start from"
             raise self.file.unreadable("path data", f"{found} in {name}", "correct the path")
+        most = MOST_PIECES * self.file.patience
         # A command makes at least one segment, and takes at most seven numbers for each.
-        if self.segments + max(sum(map(str.isalpha, commands)), numbers / 7) > MOST_PIECES:
-            raise self.file.too_much(f"at most {MOST_PIECES} lines and curves")
+        if self.segments + max(sum(map(str.isalpha, commands)), numbers / 7) > most:
+            raise self.file.too_much(f"at most {most} lines and curves")
         # svgelements walks back to the last move at each close.
         if any(part.lower().count("z") > MOST_CLOSES for part in re.split("[Mm]", data)):
             raise self.file.unreadable(
@@ -151,7 +152,6 @@ class Shapes:
         except Exception:  # Whatever its parser trips over.
             raise self.file.unreadable("path data", f"{brief(data)} of {name}", "correct the path") from None
         self.segments += len(segments)
-        most = MOST_PIECES * self.file.patience
         if self.segments > most:
             raise self.file.too_much(f"at most {most} lines and curves")
         pieces: list[Piece] = []
