@@ -32,6 +32,9 @@ BROUGHT, BROUGHT_PER_DOT, FOLLOWED, FOLLOWED_PER_DOT = 24, 3, 8, 1
 """Labelings, the nearest of all and of each dot, that are followed from where they were found to the other
 representative poses, and then to all: where safety was demanded, several are equally near where they were found."""
 
+NEAR = 1.5
+"""Poses where the rough fit of a labeling is farther than so many times its nearest are not fitted to the end."""
+
 FITS = 400_000
 """Dots times poses times rivals that are fitted in the end; with more of them, fewer poses."""
 
@@ -208,5 +211,8 @@ def worst_rivals(scene: Scene) -> Rivals:
 
 
 def _followed(scene: Scene, rivals: Rivals, labeling: Indices, at: Indices) -> Rivals:
-    """Rivals with the labelings (K, n) fitted at all the poses `at`."""
-    return rivals.joined(scene.fit(np.repeat(labeling, len(at), axis=0), np.tile(at, len(labeling))))
+    """Rivals with the labelings (K, n) fitted at the poses `at` that come into question for the nearest."""
+    found = scene.fit(np.repeat(labeling, len(at), axis=0), np.tile(at, len(labeling)), rough=True)
+    px = found.px.reshape(len(labeling), len(at))
+    near = px <= NEAR * px.min(axis=1, initial=np.inf, keepdims=True)
+    return rivals.joined(scene.refit(found.take(np.flatnonzero(near))))
