@@ -13,8 +13,10 @@ markergen design --n 5 --radius 0.15 -o marker.pdf
 say "2. Prove it: 400 poses x 1000 noisy runs x 5 estimators, and 100 synthetic views, about a minute"
 markergen validate marker.json --report report.html --json validation.json
 
-say "3. Make it as solids"
-markergen export marker.json -o marker.step
+say "3. Make it as solids and as a drawing to cut, and check every file against marker.json"
+markergen export marker.json -o marker.step -o marker.dxf
+
+markergen verify marker.json marker.pdf marker.step marker.dxf
 
 say "4. Take photos of it in clutter, through a wide lens, and find it in them"
 python "$examples/take_photos.py" marker.json photos
@@ -22,10 +24,11 @@ markergen detect photos --marker marker.json --camera photos/camera.yaml --json 
 
 say "What you have now, in $(pwd)"
 cat <<'END'
-  marker.pdf       the marker at true size: print at 100 % on A2 and check the ruler
+  marker.pdf       the marker at true size: print at 100 % on A2 and check the rulers
   marker.json      the marker itself: every point, what it was designed for, and how good it is
   report.html      what to expect of it and what limits it: open it in a browser
   validation.json  the same for programs: what each estimator makes of it, with the bounds beside
   marker.step      a plate and five inlays as named, colored solids, in mm
+  marker.dxf       the same for a laser cutter: exact circles
   seen/            the photos with what was found drawn in; found.json has the poses with their covariance
 END
