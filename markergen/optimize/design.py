@@ -125,6 +125,7 @@ class Design:
             found.append("most poses do not see the whole marker and are left out")
         if self.dots.warning:
             found.append(self.dots.warning)
+        found.extend(self._weak_homography())
         boundary = shape_of(self.marker.boundary.outlines())
         for place, keep_out in enumerate(self.marker.keep_outs, 1):
             if not shape_of(keep_out.outlines()).intersects(boundary):
@@ -134,6 +135,16 @@ class Design:
                     "nothing out: look up its place in the marker frame"
                 )
         return tuple(found)
+
+    def _weak_homography(self) -> list[str]:
+        """What to say of a layout, such as one near a line, that is best for the pose but not for a homography."""
+        own, usual = (self.criteria.get(name, {}).get("homography_px", np.nan) for name in ("design", "random"))
+        if not own > usual:
+            return []
+        return [
+            f"the layout is weak for a homography: it is off by {own:.3g} px, that of a random layout by {usual:.3g} px, "
+            "and estimators that begin with one may flip; use --objective homography, or more dots"
+        ]
 
 
 def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -> Design:

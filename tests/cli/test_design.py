@@ -188,3 +188,13 @@ def test_poses_that_mostly_miss_the_marker_are_told(here, capsys):
     said = capsys.readouterr()
     assert "more do not see the whole marker" in said.out
     assert "most poses do not see the whole marker and are left out" in said.err
+
+
+def test_a_layout_with_a_weak_homography_is_told(here, capsys):
+    """Dots along the two arms of an L: near to two lines."""
+    (here / "L.svg").write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg" width="300mm" height="300mm" viewBox="0 0 300 300">'
+        '<path d="M0 0h300v30h-270v270h-30z"/></svg>'
+    )
+    assert main(quick("--n", "4", "--boundary", "L.svg")) == 0
+    assert "weak for a homography" in capsys.readouterr().err
