@@ -196,5 +196,5 @@ def test_a_layout_with_a_weak_homography_is_told(here, capsys):
         '<svg xmlns="http://www.w3.org/2000/svg" width="300mm" height="300mm" viewBox="0 0 300 300">'
         '<path d="M0 0h300v30h-270v270h-30z"/></svg>'
     )
-    assert main(quick("--n", "4", "--boundary", "L.svg")) == 0
+    assert main(quick("--n", "4", "--boundary", "L.svg", "--dot", "15mm")) == 0
     assert "weak for a homography" in capsys.readouterr().err
