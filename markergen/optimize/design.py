@@ -142,7 +142,7 @@ class Design:
         if not own > usual:
             return []
         return [
-            f"the layout is weak for a homography, which is off by {own:.3g} px (that of a random layout by {usual:.3g}), "
+            f"the layout is weak for a homography, off by {own:.3g} px (that of a random layout by {usual:.3g}), "
             "and estimators that begin with one may flip; use --objective homography, or more dots"
         ]
 
