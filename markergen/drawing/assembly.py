@@ -23,6 +23,9 @@ PALE = "#c8c8c8"
 CORNERS = 48
 """Of a dot in the picture: no circle, so that no program takes it for the marker either."""
 
+LARGEST = 0.6
+"""Scale of the picture at most: at 1 or nearly so its dots would be taken for those of the marker, print or file."""
+
 MOST_LENGTHS = 4
 """Across seams on each axis that are listed."""
 
@@ -34,7 +37,8 @@ def plan(figure: Figure, tiles: Tiling, notes: tuple[str, ...]) -> Sheet:
     count = len(tiles.tiles)
     size = size_words(figure.marker.boundary)
     texts: list[Shape] = [text("Assembly plan", left, top - 3.8 * scale, 3.8 * scale, face="bold", name="plan-title")]
-    subtitle = f"Page 1 of {count + 1}: {count} tiles in {tiles.rows} rows of {tiles.columns}, for a marker of {size}"
+    what = f"{count} tiles in {tiles.layout_words}, for" if count > 1 else "the other has"
+    subtitle = f"Page 1 of {count + 1}: {what} a marker of {size}"
     texts += furniture.paragraph(subtitle, left, top - 6.5 * scale, width, 1.9 * scale, 2, "plan-subtitle")
     block_marks, block_text = furniture.title_block(frame, [figure.marker], figure.factor)
     low = frame.block_top + 4 * scale
@@ -56,7 +60,7 @@ def _picture(figure: Figure, tiles: Tiling, room: Box) -> tuple[list[Shape], lis
     """All tiles small in a part of the page, with their numbers; dashed along edges that are cut."""
     scale = tiles.frame.scale
     left, bottom, right, top = tiles.extent
-    small = min((room[2] - room[0]) / (right - left), (room[3] - room[1]) / (top - bottom))
+    small = min((room[2] - room[0]) / (right - left), (room[3] - room[1]) / (top - bottom), LARGEST)
     dx, dy = (room[0] + room[2]) / 2, (room[1] + room[3]) / 2
 
     def at(x: float, y: float) -> Point:
@@ -146,6 +150,11 @@ def _steps(figure: Figure, tiles: Tiling, low: float) -> tuple[list[Shape], floa
 def _words(figure: Figure, tiles: Tiling) -> list[str]:
     count = len(tiles.tiles)
     half = f"{tiles.overlap / 2:g}"
+    if count == 1:
+        return [
+            "Print page 2 at 100 % (actual size, not fitted to the page). Its rulers must be true to 0.1 mm; it says "
+            "what to do if they are not. Nothing is to be cut or glued."
+        ]
     steps = [
         f"Print pages 2 to {count + 1} at 100 % (actual size, not fitted to the page), all on the same printer. The "
         "rulers on every page must be true to 0.1 mm; each page says what to do if they are not.",

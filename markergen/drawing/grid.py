@@ -130,11 +130,6 @@ def _notes(figures: Sequence[Figure], grid: _Grid, pages: Sequence[Sheet]) -> tu
     )
 
 
-def marker_words(marker: Marker) -> str:
-    """What tells a marker from others: its tag, else the hash of its spec."""
-    return str(marker.tag) if marker.tag else marker_name(marker)
-
-
 def _caption(marker: Marker, room: Box, scale: float) -> list[Shape]:
     """Name, facts and lengths to measure, in lines below the room."""
     pairs = [pair for pair in (checks.far_pair(marker.control_points, axis) for axis in (0, 1)) if pair]
@@ -143,7 +138,8 @@ def _caption(marker: Marker, room: Box, scale: float) -> list[Shape]:
         lengths = (f"dots {pair.first} to {pair.second}: {pair.between:.1f} mm" for pair in pairs)
         lines.append(f"{', '.join(lengths)} between centers")
     left, width, height = room[0] + scale, room[2] - room[0] - 2 * scale, CAPTION * scale
-    texts = paragraph(marker_words(marker), left, room[1], width, height, 1, "caption-name", BLACK)
+    name = f"{marker.tag}, spec {marker.spec_hash}" if marker.tag else marker_name(marker)
+    texts = paragraph(name, left, room[1], width, height, 1, "caption-name", BLACK)
     for index, line in enumerate(lines):
         texts += paragraph(
             line, left, room[1] - (1.94 + 1.6 * index) * height, width, 0.85 * height, 1, f"caption-{index}"

@@ -91,7 +91,9 @@ def find_paper(name: str, orientation: Orientation = "") -> Paper:
     near = get_close_matches(wanted, PAPERS, n=1)
     hint = f"did you mean {PAPERS[near[0]].name!r}? Known: " if near else "known: "
     known = ", ".join(paper.name for paper in ISO + AMERICAN)
-    raise InputError("a known paper size", repr(name), f"{hint}{known}, each also with -landscape, or a 300x400mm")
+    raise InputError(
+        "a known paper size", repr(name), f"{hint}{known}, each also with -landscape, or a size such as 300x400mm"
+    )
 
 
 def oriented(name: str) -> bool:

@@ -65,7 +65,7 @@ def _figure(marker: Marker, options: SheetOptions) -> Figure:
         raise InputError(
             "a marker that was measured on a print, to compensate for its printer",
             "a print scale of 1",
-            "run markergen rescale first",
+            "run markergen rescale with --measured-x and --measured-y first",
         )
     return Figure(marker.as_designed, (1 / sx, 1 / sy), options.colors.ink)
 

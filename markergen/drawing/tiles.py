@@ -207,10 +207,11 @@ def _notes(figure: Figure, options: SheetOptions, tiles: Tiling, nameless: Seque
     boundary, paper = figure.marker.boundary, tiles.frame.paper
     count = len(tiles.tiles)
     shape = "disk" if is_disk(boundary) else "outline"
-    why = "No paper up to A0 holds it, so it" if options.paper is None else "It is larger than the paper, so it"
+    why = "No paper up to A0 holds it" if options.paper is None else "With margins and rulers it needs more than a page"
+    where = f"{count} tiles of {paper}: {tiles.layout_words}" if count > 1 else f"a page of {paper} with fewer words"
+    how = "tells how to put them together" if count > 1 else "says the rest"
     notes = [
-        f"The {shape} of the marker is {size_words(boundary)}. {why} goes on {count} tiles of {paper}: {tiles.rows} "
-        f"rows of {tiles.columns}, after a page that tells how to put them together.",
+        f"The {shape} of the marker is {size_words(boundary)}. {why}, so it goes on {where}, after a page that {how}.",
         "Print at 100 %, then check the rulers on every page.",
     ]
     cut = [dot.name.removeprefix("dot-") for dot in cut_dots(tiles, figure.dots)]

@@ -79,6 +79,11 @@ class Tiling:
         return self.upward.tiles
 
     @property
+    def layout_words(self) -> str:
+        """How many rows of how many tiles."""
+        return f"{self.rows} row{'s' if self.rows > 1 else ''} of {self.columns}"
+
+    @property
     def window(self) -> Box:
         """Part of the page that a tile is printed on, mm."""
         frame = self.frame

@@ -12,7 +12,7 @@ from markergen.solid.step import write_step
 @EXPORTERS.register(".step", ".stp")
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:  # noqa: ARG001  (every exporter is called alike)
     """Named and colored solids as STEP; the paper is without effect."""
-    marker = only(markers, ".step")
+    marker = only(markers, ".step").as_designed
     data = write_step(marker_solids(marker), marker_name(marker))
     plate = f"{plate_size(marker)} and {marker.thickness * 1e3:.6g} mm thick"
     notes = [f"The solid is a plate {plate}, with one inlay per dot flush with its face."]

@@ -108,7 +108,8 @@ def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False
     ------
     InputError
         If fewer than two dots were measured, one is unknown or comes twice, all are at one place, they are mirrored,
-        or one lies farther off than `MOST_OFF` of the layout's size or a dot's radius without `force`.
+        or one lies farther off than `MOST_OFF` of the farthest dot's distance from the middle or a dot's radius without
+        `force`.
     """
     here = {point.id: point for point in marker.control_points}
     unknown = [dot.id for dot in dots if dot.id not in here]
@@ -122,14 +123,15 @@ def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False
     measured = np.array([[dot.x, dot.y] for dot in dots])
     # What is known of the print without measuring dots: rulers, if they were read.
     expected = np.array([_expected(here[dot.id], marker) for dot in dots])
-    size = float(np.linalg.norm(np.ptp(expected, axis=0)))
+    reach = float(np.linalg.norm(expected - expected.mean(axis=0), axis=-1).max())
     if not np.isfinite(measured).all() or not 0 < float(np.linalg.norm(np.ptp(measured, axis=0))) < 1e3:
         raise InputError("measured places apart from each other", "all at one place, or km apart", "check the unit")
     rotation, shift = rigid_motion(measured, expected)
     moved = measured @ rotation.T + shift
     off = np.linalg.norm(moved - expected, axis=-1)
     worst = int(np.argmax(off))
-    allowed = min(MOST_OFF * size, here[dots[worst].id].feature.diameter / 2 or np.inf)
+    # A scale is off by so much where it moves the outermost dot by that share of its distance from the middle.
+    allowed = min(MOST_OFF * reach, here[dots[worst].id].feature.diameter / 2 or np.inf)
     if off[worst] >= allowed and not force:
         turned, there = rigid_motion(measured, expected, mirror=True)
         mirrored = np.linalg.norm(measured @ turned.T + there - expected, axis=-1).max()

@@ -169,6 +169,7 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     ids = [point.id for point in marker.control_points]
     verdicts: list[Verdict] = []
     findings = [Finding("marks", gap) for gap in reading.gaps]
+    findings += [Finding("tag", gap) for gap in reading.tag_gaps]
     count = 0
     for page in reading.pages:
         found = dots_of(page, expected)

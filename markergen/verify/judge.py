@@ -272,17 +272,25 @@ def _features(names: list[int], own: Dots, expected: Dots, factor: float, tol: f
     for k in np.flatnonzero(known & (own.rings != expected.rings))[:MOST_LISTED]:
         is_, not_ = ("a ring", "a dot") if own.rings[k] else ("a dot", "a ring")
         findings.append(Finding("kind", f"dot {names[k]} is {is_}, not {not_}"))
-    for what, have, want in (("diameter", own.radii, expected.radii), ("inner diameter", own.inner, expected.inner)):
+    for what, have, want in (
+        ("a diameter", own.radii, expected.radii),
+        ("an inner diameter", own.inner, expected.inner),
+    ):
         both = known & (have > 0) & (want > 0)
         wrong = np.flatnonzero(both & (np.abs(have - factor * want) > share * tol / 2))
         if len(wrong) == len(names) > 1:
             sizes = (
                 f"{2 * have.min():.6g} to {2 * have.max():.6g} mm" if np.ptp(have) > tol else f"{2 * have[0]:.6g} mm"
             )
-            findings.append(Finding("diameter", f"all dots have a {what} of {sizes}, not {2 * want[0]:.6g} mm"))
+            findings.append(
+                Finding(
+                    "diameter",
+                    f"all dots have {what} of {sizes}, not {2 * want[0]:.6g} mm",
+                )
+            )
             continue
         for k in wrong[:MOST_LISTED]:
-            said = f"dot {names[k]} has a {what} of {2 * have[k]:.6g} mm, not {2 * want[k]:.6g} mm"
+            said = f"dot {names[k]} has {what} of {2 * have[k]:.6g} mm, not {2 * want[k]:.6g} mm"
             findings.append(Finding("diameter", said))
     for k in np.flatnonzero(known & (own.spread > tol))[:MOST_LISTED]:
         findings.append(Finding("twice", f"the circles of dot {names[k]} are {_mm(own.spread[k])} apart"))

@@ -25,10 +25,16 @@ MOST_PIXELS = 1_000_000_000
 COARSE = 14
 """Pixels across the smallest dot in the reduced image that dots are sought in."""
 
+GAP = 1.5
+"""Pixels of that image between the nearest two dots, at least, so that they do not run into one."""
+
+SOFT = 2
+"""Pixels beyond a blob's middle grey that its rim may reach; what lies farther out is another's."""
+
 TOLERANCE_PX = 10e-3 * 600 / 25.4
 """Default tolerance in pixels: 10 um at 600 dpi."""
 
-CORE, RIM = 0.93, 1.15
+CORE, RIM = 0.93, 1.3
 """Shares of a dot's radius: what is within is ink or a ring's hole, what is beyond does not belong to it."""
 
 MOST_BLOBS = 2000
@@ -51,7 +57,7 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:
     scale = np.array(header.per_mm)
     circles = []
     if len(sizes):
-        for box, dark in _blobs(grey, scale, sizes):
+        for box, dark in _blobs(grey, scale, sizes, _least_gap(marker)):
             found = _measure(grey, box, dark, scale)
             if found is not None:
                 circles.append(found)
@@ -140,11 +146,19 @@ def _decode(data: bytes, header: _Header, name: str) -> Grey:
     return np.asarray(grey, dtype=np.uint8)
 
 
-def _blobs(grey: Grey, scale: Array, sizes: Array) -> Iterator[tuple[tuple[int, int, int, int], bool]]:
+def _least_gap(marker: Marker) -> float:
+    """Between the nearest two dots, mm."""
+    xy, radii = marker.xyz[:, :2], np.array([p.feature.diameter / 2 for p in marker.control_points])
+    first, second = np.triu_indices(len(marker), 1)
+    gaps = np.linalg.norm(xy[first] - xy[second], axis=-1) - radii[first] - radii[second]
+    return 1e3 * float(gaps.min(initial=np.inf))
+
+
+def _blobs(grey: Grey, scale: Array, sizes: Array, gap: float) -> Iterator[tuple[tuple[int, int, int, int], bool]]:
     """Boxes (left, top, right, bottom) in pixels around blobs that may be dots or holes of rings, and whether dark."""
     import cv2
 
-    step = int(np.clip(sizes.min() * scale.min() / COARSE, 1, 32))
+    step = int(np.clip(min(sizes.min() / COARSE, gap / GAP) * scale.min(), 1, 32))
     height, width = (side // step for side in grey.shape)
     if min(height, width) < 4:
         return
@@ -175,8 +189,8 @@ def _measure(grey: Grey, box: tuple[int, int, int, int], dark: bool, scale: Arra
     half = np.array([right - left, bottom - top]) / 2
     moments = None
     # The box is as coarse as the image it was found in; what is found at first makes it fine.
-    for core, rim in ((0.75, 1.3), (CORE, RIM)):
-        moments = _moments(grey, center, half, dark, core, rim)
+    for core in (0.75, CORE):
+        moments = _moments(grey, center, half, dark, core)
         if moments is None:
             return None
         _, center, spread = moments
@@ -184,18 +198,18 @@ def _measure(grey: Grey, box: tuple[int, int, int, int], dark: bool, scale: Arra
     area, center, spread = moments if moments is not None else (0.0, center, np.eye(2))
     ellipse = 4 * np.pi * float(np.sqrt(max(np.linalg.det(spread), 1e-12)))
     stretched = np.sqrt(np.linalg.eigvalsh(spread / np.outer(scale, scale)))
-    # An area of few pixels is uncertain by its rim.
-    if abs(area / ellipse - 1) > ROUND + 1 / half.min() or stretched[0] < FLATTEST * stretched[1]:
+    # An area of few pixels is uncertain by its rim; a square's is 0.045 off.
+    if abs(area / ellipse - 1) > ROUND + 0.3 / half.min() or stretched[0] < FLATTEST * stretched[1]:
         return None
     x, y = (center + 0.5) / scale
     return float(x), float(-y), float(np.sqrt(area / np.pi / scale.prod()))
 
 
-def _moments(
-    grey: Grey, center: Array, half: Array, dark: bool, core: float, rim: float
-) -> tuple[float, Array, Array] | None:
-    """Area, centroid and second moments of a blob in pixels, a ring's hole filled up."""
-    reach = 1.1 * rim * half + 2
+def _moments(grey: Grey, center: Array, half: Array, dark: bool, core: float) -> tuple[float, Array, Array] | None:
+    """Area, centroid and second moments of a blob in pixels, a ring's hole filled up, without its neighbors."""
+    import cv2
+
+    reach = 1.1 * RIM * half + 2
     low = np.maximum(np.floor(center - reach), 0).astype(int)
     high = np.minimum(np.ceil(center + reach) + 1, grey.shape[::-1]).astype(int)
     if (high - low < 3).any():
@@ -203,16 +217,19 @@ def _moments(
     window = grey[low[1] : high[1], low[0] : high[0]].astype(np.float32)
     x, y = (np.arange(low[k], high[k], dtype=np.float32) - np.float32(center[k]) for k in (0, 1))
     distance = np.hypot((x / np.float32(half[0]))[None, :], (y / np.float32(half[1]))[:, None])
-    around, inside = (distance > (1 + rim) / 2) & (distance < 1.05 * rim), distance < core
+    around, inside = (distance > (1 + RIM) / 2) & (distance < 1.05 * RIM), distance < core
     if not around.any() or not inside.any():
         return None
-    ground = float(np.median(window[around]))
+    # Neighbors may fill most of the way around.
+    ground = float(np.percentile(window[around], 90 if dark else 10))
     ink = float(np.percentile(window[inside], 5 if dark else 95))
     if (ground - ink if dark else ink - ground) < 16:
         return None
     covered = np.clip((ground - window) / (ground - ink), 0, 1)
     covered[inside] = 1
-    covered[distance > rim] = 0
+    _, parts = cv2.connectedComponents((covered > 0.5).astype(np.uint8), connectivity=4)
+    own = (parts == parts[inside][0]).astype(np.uint8)
+    covered[cv2.dilate(own, np.ones((2 * SOFT + 1, 2 * SOFT + 1), np.uint8)) == 0] = 0
     area = float(covered.sum(dtype=float))
     across, down = covered.sum(axis=0, dtype=float), covered.sum(axis=1, dtype=float)
     mx, my = float(across @ x) / area, float(down @ y) / area

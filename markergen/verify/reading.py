@@ -80,6 +80,8 @@ class Reading:
         Of the pages that were put together to one, mm.
     gaps : tuple of str
         What is wrong with how they fit each other.
+    tag_gaps : tuple of str
+        What is wrong with the tag that a list of points tells.
     """
 
     kind: str
@@ -91,6 +93,7 @@ class Reading:
     tagged: bool = False
     papers: tuple[tuple[float, float] | None, ...] = ()
     gaps: tuple[str, ...] = ()
+    tag_gaps: tuple[str, ...] = ()
 
 
 Reader = Callable[[bytes, str, Marker], Reading]

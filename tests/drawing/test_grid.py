@@ -57,6 +57,17 @@ def test_as_many_as_fit_then_the_next_page(family, check_page, options, paper, p
     assert sheets[0].notes[0].startswith(words)
 
 
+def test_every_caption_has_the_tag_and_the_hash_of_the_spec(family, monkeypatch):
+    from markergen.drawing import grid
+
+    written = []
+    monkeypatch.setattr(grid, "paragraph", lambda words, *_: written.append(words) or [])
+    specs = [replace(marker, provenance={"spec_hash": f"{k:08x}"}) for k, marker in enumerate(family)]
+    pages_for(specs, SheetOptions("A3"))
+    names = [words for words in written if "apriltag" in words]
+    assert names == [f"apriltag:36h11:{k}, spec {k:08x}" for k in range(10)]
+
+
 def test_markers_of_different_sizes_share_cells_of_the_largest(make_ngon, check_page):
     markers = [make_ngon(4 + i, 0.02 + 0.004 * i, 0.005) for i in range(5)]
     sheets = pages_for(markers, SheetOptions("A4"))

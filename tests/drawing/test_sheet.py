@@ -443,7 +443,7 @@ def test_a_compensated_sheet_is_larger_where_the_printer_shrinks(make_ngon, mark
             assert (ends[1] - ends[0]) * scale == pytest.approx(length, abs=1e-9)
         assert any("scale" in name for name in shapes)
     assert count == len(designed)
-    with pytest.raises(InputError, match="run markergen rescale first"):
+    with pytest.raises(InputError, match="run markergen rescale with --measured-x"):
         pages_for([designed], SheetOptions("A4", compensate=True))
 
 

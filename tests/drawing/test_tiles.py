@@ -98,6 +98,20 @@ def test_every_tile_has_rulers_labels_and_what_to_do(make_ngon):
                 assert all(not overlap(bounds(ruler), bounds(s)) for s in others if isinstance(s, Line))
 
 
+def test_words_fit_the_number_of_tiles(make_ngon):
+    marker = make_ngon(5, 0.09, 0.02)
+    plan, page = pages_for([marker], SheetOptions("240x245mm"))
+    assert "1 tiles" not in plan.notes[0]
+    assert "larger than" not in plan.notes[0], "the disk is smaller than the paper"
+    assert not any(shape.name.startswith("step-number-2") for shape in plan.scene["text"]), "nothing to glue"
+    assert not any("crop" in shape.name for shape in page.scene["marks"])
+    assert (
+        "2 tiles of A4-landscape (297 x 210 mm): 2 rows of 1"
+        in pages_for([marker], SheetOptions("A4-landscape"))[0].notes[0]
+    )
+    assert "1 row of 2" in pages_for([marker], SheetOptions("A4"))[0].notes[0]
+
+
 def overlap(a, b) -> bool:
     return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
 

@@ -141,6 +141,9 @@ def test_a_print_may_reach_beyond_what_was_designed(pentagon):
         (lambda found: (*found[:4], MeasuredDot(9, 0, 0)), "found id 9; the marker has 0, 1, 2, 3, 4"),
         (lambda found: tuple(MeasuredDot(d.id, 1e3 * d.x, 1e3 * d.y) for d in found), "unit"),
         (lambda found: tuple(MeasuredDot(d.id, 1.3 * d.x, 1.3 * d.y) for d in found), "--force"),
+        # 5 % off is as much for dots as it is for a ruler.
+        (lambda found: tuple(MeasuredDot(d.id, 1.051 * d.x, 1.051 * d.y) for d in found), "--force"),
+        (lambda found: tuple(MeasuredDot(d.id, 0.949 * d.x, 0.949 * d.y) for d in found), "--force"),
         (lambda found: tuple(MeasuredDot(d.id, 0, 0) for d in found), "apart from each other"),
         (lambda found: tuple(MeasuredDot(d.id, np.nan, d.y) for d in found), "apart from each other"),
     ],
@@ -149,6 +152,14 @@ def test_measured_dots_that_cannot_be(pentagon, change, said):
     with pytest.raises(InputError) as error:
         remeasure(pentagon, change(measured(pentagon, np.random.default_rng(0), 0.0, covariance=None)))
     assert said in str(error.value)
+
+
+def test_just_below_five_percent_needs_no_force(pentagon):
+    dots = measured(pentagon, np.random.default_rng(0), 0.0)
+    found, _ = remeasure(pentagon, tuple(MeasuredDot(d.id, 0.951 * d.x, 0.951 * d.y) for d in dots))
+    # The middle of the dots stays where it was designed.
+    middle = pentagon.xyz.mean(axis=0)
+    np.testing.assert_allclose(found.xyz - middle, 0.951 * (pentagon.xyz - middle), atol=1e-9)
 
 
 def test_mirrored_measurements_are_told(make_marker):

@@ -12,7 +12,7 @@ from markergen.drawing.sheet import SheetOptions
 from markergen.errors import InputError
 from markergen.export import ExportOptions, save
 from markergen.model.feature import Feature
-from markergen.model.rescale import Rulers, rescale
+from markergen.model.rescale import MeasuredDot, Rulers, remeasure, rescale
 from markergen.model.tag import Tag
 from markergen.verify import verify
 
@@ -54,6 +54,70 @@ def test_what_was_exported_is_right(markers, files, name, suffix):
     assert check.tolerance == pytest.approx(LIMIT[suffix], rel=1e-4)
     # A micrometer on 60 mm or more.
     np.testing.assert_allclose(check.scale, 1, atol=2e-5 if suffix != ".png" else 2e-4)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.03])
+@pytest.mark.parametrize("dpi", [150, 300])
+def test_neighbors_in_a_crowd_of_pixels_do_not_spoil_each_other(make_marker, tmp_path, share, dpi):
+    # Hexagonal packing: every inner dot has six neighbors at a gap of that share of its diameter.
+    pitch = 0.012 * (1 + share)
+    rows = [(pitch * (i + j / 2), pitch * j * 3**0.5 / 2) for i in range(-2, 3) for j in range(-2, 3) if abs(i + j) < 3]
+    marker = make_marker(np.array(rows), 0.06, 0.012)
+    path = tmp_path / "crowd.png"
+    save(marker, [path], ExportOptions(dpi=dpi))
+    check = verify(marker, path)
+    assert check.passed, check.findings
+    # As little as dots that stand alone, unless the gap is but two pixels wide.
+    assert check.largest < (0.3e-6 if share * 12 / 25.4 * dpi > 4 else check.tolerance / 3)
+
+
+@pytest.mark.parametrize("dpi", [100, 150, 300])
+def test_a_tag_as_large_as_the_dots_is_no_dot(make_ngon, tmp_path, dpi):
+    marker = make_ngon(6, 0.09, 0.036)
+    for side in (0.028, 0.03, 0.036):
+        tagged = replace(marker, tag=Tag("aruco:DICT_4X4_50", 7, side))
+        path = tmp_path / f"tag-{side}.png"
+        save(tagged, [path], ExportOptions(dpi=dpi))
+        check = verify(tagged, path)
+        assert check.dots == 6
+        assert check.passed, check.findings
+
+
+@pytest.mark.parametrize("suffix", [".pdf", ".svg", ".dxf", ".step"])
+def test_what_is_drawn_of_a_measured_marker_is_the_design(make_ngon, tmp_path, suffix):
+    marker = make_ngon(5, 0.05, 0.012)
+    dots = tuple(MeasuredDot(p.id, 0.993 * p.x, 0.995 * p.y) for p in marker.control_points)
+    for k, printed in enumerate((remeasure(marker, dots)[0], rescale(marker, Rulers(0.199, 0.1985))[0])):
+        path = tmp_path / f"{k}{suffix}"
+        save(printed, [path])
+        for each in (marker, printed):
+            check = verify(each, path)
+            assert check.passed, check.findings
+
+
+@pytest.mark.parametrize("suffix", [".json", ".opencv.yaml", ".ros2.yaml"])
+@pytest.mark.parametrize("family", ["aruco:DICT_4X4_50", "apriltag:36h11"])
+def test_a_list_of_points_with_another_tag_is_wrong(make_ngon, tmp_path, suffix, family):
+    marker = make_ngon(6, 0.09, 0.03)
+    mine, other, larger = (replace(marker, tag=Tag(family, *tag)) for tag in ((7, 0.03), (8, 0.03), (7, 0.031)))
+    mine = rescale(mine, Rulers(0.199, 0.1985))[0]
+    path = tmp_path / f"list{suffix}"
+    save(mine, [path])
+    assert verify(mine, path).passed
+    for wrong in (other, larger, marker):
+        check = verify(rescale(wrong, Rulers(0.199, 0.1985))[0], path)
+        assert kinds(check) == ["tag"], check.findings
+
+
+@pytest.mark.parametrize("paper", ["240x245mm", "A4", "letter-landscape"])
+def test_the_picture_of_a_plan_is_not_taken_for_the_marker(make_ngon, tmp_path, paper):
+    # Larger than a page leaves room for by so little that the picture could have nearly its size.
+    marker = make_ngon(6, 0.09, 0.036)
+    path = tmp_path / "tiles.pdf"
+    save(marker, [path], ExportOptions(sheet=SheetOptions(paper)))
+    check = verify(marker, path)
+    assert check.passed, check.findings
+    assert check.copies == 1
 
 
 SCALES = [
