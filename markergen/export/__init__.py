@@ -142,6 +142,11 @@ def _ending(path: Path) -> str:
         return path.suffix
 
 
+def without_paper(options: ExportOptions) -> tuple[str, ...]:
+    """A sentence for formats without paper, where what was asked for sheets would be expected of them too."""
+    return ("Drawn as designed: --compensate is for sheets.",) if options.sheet.compensate else ()
+
+
 def check_outputs(paths: Sequence[Path], options: ExportOptions, spec: Spec | None = None) -> None:
     """Refuse what cannot be written before any work is done; raises as `save` does.
 

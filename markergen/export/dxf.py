@@ -9,7 +9,7 @@ import numpy as np
 
 import markergen
 from markergen.drawing.scene import Disk, marker_dots, marker_name
-from markergen.export import EXPORTERS, ExportOptions, Output, only
+from markergen.export import EXPORTERS, ExportOptions, Output, only, without_paper
 from markergen.model.marker import Marker
 
 CUT, ENGRAVE, INFO = "CUT", "ENGRAVE", "INFO"
@@ -25,12 +25,13 @@ NUMBER = 0.4
 
 
 @EXPORTERS.register(".dxf")
-def export(markers: Sequence[Marker], options: ExportOptions) -> Output:  # noqa: ARG001  (every exporter is called alike)
+def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
     """Outlines of the marker as DXF (R2010, mm), to cut and engrave."""
     marker = only(markers, ".dxf")
     notes = (
         "DXF units are mm; the origin is the marker's, x right and y up.",
         *(f"Layer {name} has {meaning}." for name, (_, meaning) in LAYERS.items()),
+        *without_paper(options),
     )
     return Output(write_dxf(marker), notes)
 

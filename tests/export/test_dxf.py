@@ -5,6 +5,8 @@ import ezdxf
 import numpy as np
 import pytest
 
+from markergen.drawing.sheet import SheetOptions
+from markergen.export import EXPORTERS, ExportOptions
 from markergen.export.dxf import write_dxf
 from markergen.model.boundary import Circle
 from markergen.model.tag import Tag
@@ -101,3 +103,12 @@ def test_a_measured_marker_is_made_as_it_was_designed(marker):
         print_scale=(0.99, 1.01),
     )
     assert write_dxf(stretched) == write_dxf(marker)
+
+
+def test_what_is_for_sheets_alone_is_told(marker):
+    measured = replace(marker, print_scale=(0.993, 0.9955))
+    plain, asked = (
+        EXPORTERS[".dxf"]([measured], ExportOptions(SheetOptions(compensate=wanted))) for wanted in (False, True)
+    )
+    assert plain.data == asked.data
+    assert asked.notes == (*plain.notes, "Drawn as designed: --compensate is for sheets.")
