@@ -12,7 +12,7 @@ from markergen.drawing.colors import Colors
 from markergen.drawing.figure import Figure, overlap, union
 from markergen.drawing.numbers import place_numbers
 from markergen.drawing.outline import axis_reach, boundary_lines
-from markergen.drawing.scene import Box, Line, Shape, around_origin, bounds
+from markergen.drawing.scene import Box, Shape, around_origin, bounds
 from markergen.drawing.text import text
 from markergen.drawing.transform import rectangle
 
@@ -111,8 +111,3 @@ def draw_face(
 
 def _boxes(shapes: Sequence[Shape]) -> list[Box]:
     return [bounds(shape) for shape in shapes]
-
-
-def lines_of(shapes: Sequence[Shape]) -> list[Line]:
-    """The lines among shapes."""
-    return [shape for shape in shapes if isinstance(shape, Line)]

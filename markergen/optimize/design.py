@@ -126,15 +126,20 @@ class Design:
         if self.dots.warning:
             found.append(self.dots.warning)
         found.extend(self._weak_homography())
-        boundary = shape_of(self.marker.boundary.outlines())
-        for place, keep_out in enumerate(self.marker.keep_outs, 1):
-            if not shape_of(keep_out.outlines()).intersects(boundary):
-                x, y = map(format_length, keep_out.center)
-                found.append(
-                    f"keep-out {place}, a {keep_out} around ({x}, {y}), lies wholly outside the boundary and keeps "
-                    "nothing out: look up its place in the marker frame"
-                )
+        found.extend(self._idle_keep_outs())
         return tuple(found)
+
+    def _idle_keep_outs(self) -> list[str]:
+        """What to say of keep-outs that keep nothing out."""
+        if not self.marker.keep_outs:
+            return []
+        boundary = shape_of(self.marker.boundary.outlines())
+        return [
+            f"keep-out {place}, a {keep_out} around ({', '.join(map(format_length, keep_out.center))}), lies wholly "
+            "outside the boundary and keeps nothing out: look up its place in the marker frame"
+            for place, keep_out in enumerate(self.marker.keep_outs, 1)
+            if not shape_of(keep_out.outlines()).intersects(boundary)
+        ]
 
     def _weak_homography(self) -> list[str]:
         """What to say of a layout, such as one near a line, that is best for the pose but not for a homography."""

@@ -3,14 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from markergen.errors import InputError
 from markergen.files import exists
 from markergen.model.boundary import Boundary, polygon_from
-from markergen.model.outlines import enclosing_circle
 from markergen.read.outlines.boundary import is_drawing, parse_boundary
-from markergen.read.outlines.reader import read_outline
 
 
 def read_room(
@@ -42,23 +38,22 @@ def read_room(
     drawings = [text for text in (boundary, *keep_outs) if text is not None and is_drawing(_split(text)[0])]
     if unit is not None and not drawings:
         raise InputError("a drawing that --boundary-unit is for", "none", "write the unit with the number: 150mm")
-    shift = np.zeros(2)
-    found: Boundary | None = None
-    if boundary is not None and is_drawing(boundary):
-        outlines = read_outline(boundary, unit, layer)
-        found = polygon_from(outlines, origin)
-        if origin == "center":
-            shift = enclosing_circle(outlines)[0]
-    elif boundary is not None:
-        found = parse_boundary(boundary, layer=layer, origin=origin)
+    if boundary is None:
+        return None, tuple(_keep_out(text, unit, (0.0, 0.0)) for text in keep_outs)
+    drawn = is_drawing(boundary)
+    found = parse_boundary(boundary, unit if drawn else None, layer, "file" if drawn else origin)
+    shift = found.center if drawn and origin == "center" else (0.0, 0.0)
+    if drawn:
+        found = polygon_from(found.outlines(), origin)
     return found, tuple(_keep_out(text, unit, shift) for text in keep_outs)
 
 
-def _keep_out(text: str, unit: str | None, shift: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Boundary:
+def _keep_out(text: str, unit: str | None, shift: tuple[float, float]) -> Boundary:
     path, layer = _split(text)
     if not is_drawing(path):
         return parse_boundary(text, origin="file")
-    return polygon_from([outline - shift for outline in read_outline(path, unit, layer)], "file")
+    drawn = parse_boundary(path, unit, layer, "file")
+    return polygon_from([outline - shift for outline in drawn.outlines()], "file")
 
 
 def _split(text: str) -> tuple[str, str | None]:
