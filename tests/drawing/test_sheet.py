@@ -5,6 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 import shapely
+from gaps import box_distance, segment_distance
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -26,20 +27,6 @@ def named(sheet: Sheet) -> dict:
     shapes = {shape.name: shape for shape in sheet.scene}
     assert len(shapes) == len(list(sheet.scene)), "names are unique, for they become ids"
     return shapes
-
-
-def segment_distance(point: np.ndarray, line: Line) -> float:
-    """Smallest distance of a point to the stroke's axis."""
-    starts, ends = np.array(line.points[:-1]), np.array(line.points[1:])
-    way = ends - starts
-    t = np.clip(np.sum((point - starts) * way, axis=1) / np.sum(way**2, axis=1), 0, 1)
-    return float(np.min(np.linalg.norm(starts + t[:, None] * way - point, axis=1)))
-
-
-def box_distance(points: np.ndarray, box: tuple) -> float:
-    """Smallest distance of points (..., 2) to a box; 0 inside."""
-    beyond = np.maximum(np.maximum(np.array(box[:2]) - points, points - np.array(box[2:])), 0)
-    return float(np.min(np.hypot(beyond[..., 0], beyond[..., 1])))
 
 
 def along(line: Line) -> np.ndarray:

@@ -10,6 +10,7 @@ import pytest
 import shapely
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mutants import replaced
 
 from markergen.errors import InputError
 from markergen.read.outlines import parse_boundary, read_outline
@@ -115,10 +116,7 @@ FEW = settings(suppress_health_check=[HealthCheck.function_scoped_fixture, Healt
     UNITS,
 )
 def test_pieces_replaced_by_others(path, data, changes, unit):
-    for place, length, token in changes:
-        start = int(place * len(data))
-        data = data[:start] + token.encode() + data[start + length :]
-    outcome(path, data, unit)
+    outcome(path, replaced(data, changes), unit)
 
 
 @FEW

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mutants import FLIPS, flipped, replaced
 
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
@@ -68,10 +69,7 @@ def test_the_seeds_are_poses(path):
     st.lists(st.tuples(st.floats(0, 1), st.integers(0, 20), st.sampled_from(TOKENS)), max_size=3),
 )
 def test_pieces_replaced_by_others(path, text, changes):
-    for place, length, token in changes:
-        start = int(place * len(text))
-        text = text[:start] + token + text[start + length :]
-    outcome(path, text.encode())
+    outcome(path, replaced(text.encode(), changes))
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=100)
@@ -81,12 +79,9 @@ def test_cut_off_anywhere(path, text, share):
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150)
-@given(st.sampled_from(SEEDS), st.lists(st.tuples(st.floats(0, 0.999), st.integers(0, 255)), min_size=1, max_size=4))
+@given(st.sampled_from(SEEDS), FLIPS)
 def test_bytes_flipped(path, text, changes):
-    data = bytearray(text.encode())
-    for place, value in changes:
-        data[int(place * len(data))] = value
-    outcome(path, bytes(data))
+    outcome(path, flipped(text.encode(), changes))
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=100)

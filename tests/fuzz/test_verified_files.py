@@ -7,6 +7,7 @@ import zlib
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mutants import FLIPS, flipped
 
 from markergen.errors import InputError
 from markergen.export import ExportOptions, save
@@ -112,12 +113,10 @@ def test_cut_off_anywhere(marker, seeds, tmp_path, suffix, share):
 @FUZZ
 @given(
     st.sampled_from(SUFFIXES),
-    st.lists(st.tuples(st.floats(0, 0.999), st.integers(0, 255)), min_size=1, max_size=4),
+    FLIPS,
 )
 def test_bytes_flipped(marker, seeds, tmp_path, suffix, changes):
-    data = bytearray(seeds[suffix])
-    for place, value in changes:
-        data[int(place * len(data))] = value
+    data = flipped(seeds[suffix], changes)
     outcome(marker, tmp_path, suffix, bytes(data))
 
 
