@@ -1,0 +1,140 @@
+"""Bodies as plain data, in mm in the marker frame: what a solid is made of before any CAD kernel sees it.
+
+Volumes are closed forms, so that what the kernel makes of a body can be held against them.
+"""
+
+from dataclasses import dataclass
+from math import atan, pi, sin
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Path:
+    """A closed path of straight lines and arcs.
+
+    Attributes
+    ----------
+    points : tuple of (x, y)
+        Counterclockwise, or clockwise around a hole.
+    bulges : tuple of float
+        Tangent of a quarter of the angle that the arc from each point to the next one turns by, counterclockwise
+        positive; 0 is a straight line. Empty: all are straight.
+    """
+
+    points: tuple[Point, ...]
+    bulges: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Prism:
+    """An upright prism between two heights: an outer path, and holes in it."""
+
+    outer: Path
+    holes: tuple[Path, ...]
+    bottom: float
+    top: float
+
+
+@dataclass(frozen=True)
+class Revolved:
+    """A body of revolution about the upright axis through (x, y).
+
+    Attributes
+    ----------
+    profile : Path
+        In (radius, z), radius >= 0, counterclockwise with the radius to the right and z up. Sides on the axis are
+        allowed; a profile that keeps off it makes a ring.
+    """
+
+    x: float
+    y: float
+    profile: Path
+
+
+Body = Prism | Revolved
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part to make: bodies that are joined, less bodies that are cut from them.
+
+    Attributes
+    ----------
+    name : str
+        ``plate``, or ``plate-1`` and so on where there are several; ``dot-<id>``, ``dot-<id>-core``, ``tag-<k>``.
+    material : {"light", "dark"}
+    add, cut : tuple of Body
+        What is cut lies inside of what is added, or ends at its surface.
+    marked : tuple of Body
+        Cut as well, and their floors are of the other color: engraved.
+    """
+
+    name: str
+    material: str
+    add: tuple[Body, ...]
+    cut: tuple[Body, ...] = ()
+    marked: tuple[Body, ...] = ()
+
+
+def area(path: Path) -> float:
+    """Signed area of a path, positive if it runs counterclockwise: shoelace, and a circle's segment for each arc."""
+    total = 0.0
+    for (x, y), (u, v), bulge in _sides(path):
+        chord = (u - x) ** 2 + (v - y) ** 2
+        total += (x * v - u * y) / 2
+        if bulge:
+            angle = 4 * atan(bulge)
+            total += chord * (angle - sin(angle)) / (8 * sin(angle / 2) ** 2)
+    return total
+
+
+def volume(body: Body) -> float:
+    """Volume of a body in mm^3: area times height, or Pappus' rule by the moment of the profile about the axis."""
+    if isinstance(body, Prism):
+        return (area(body.outer) + sum(area(hole) for hole in body.holes)) * (body.top - body.bottom)
+    return 2 * pi * _moment(body.profile)
+
+
+def part_volume(part: Part) -> float:
+    """Volume of a part whose added bodies do not overlap and whose cuts lie inside of them and apart."""
+    return sum(map(volume, part.add)) - sum(map(volume, (*part.cut, *part.marked)))
+
+
+def circle(radius: float, x: float = 0.0, y: float = 0.0, hole: bool = False) -> Path:
+    """Full circle as two half turns."""
+    sign = -1.0 if hole else 1.0
+    return Path(((x + radius, y), (x - radius, y)), (sign, sign))
+
+
+def cylinder(x: float, y: float, radius: float, bottom: float, top: float, inner: float = 0.0) -> Revolved:
+    """Upright cylinder, or tube if it has an inner radius."""
+    return Revolved(x, y, Path(((inner, bottom), (radius, bottom), (radius, top), (inner, top))))
+
+
+def _sides(path: Path) -> list[tuple[Point, Point, float]]:
+    points = path.points
+    bulges = path.bulges or (0.0,) * len(points)
+    return list(zip(points, (*points[1:], points[0]), bulges, strict=True))
+
+
+def _moment(profile: Path) -> float:
+    """Integral of the radius over the inside of a profile, by Green's theorem: that of r^2/2 dz along it."""
+    total = 0.0
+    for (r, z), (u, w), bulge in _sides(profile):
+        total += (w - z) * (r * r + r * u + u * u) / 6
+        if bulge:
+            angle = 4 * atan(bulge)
+            chord = ((u - r) ** 2 + (w - z) ** 2) ** 0.5
+            radius = chord / (2 * abs(sin(angle / 2)))
+            segment = radius**2 * (angle - sin(angle)) / 2
+            # The segment's middle lies to the right of the chord for a turn to the left, at 4 R sin^3(a/2) / (3 (a -
+            # sin a)) from the arc's center; its moment is area times the middle's distance from the axis.
+            half = angle / 2
+            normal = ((w - z) / chord, -(u - r) / chord)
+            offset = 4 * radius * abs(sin(half)) ** 3 / (3 * abs(angle - sin(angle)))
+            center = chord / 2 * (1 - bulge**2) / (2 * abs(bulge))
+            side = 1.0 if bulge > 0 else -1.0
+            middle = (r + u) / 2 + side * normal[0] * (offset - center)
+            total += segment * middle
+    return total
