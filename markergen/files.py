@@ -4,7 +4,8 @@ import errno
 import os
 import stat
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from markergen.errors import OutputError
@@ -128,6 +129,23 @@ def make_folder(path: Path) -> None:
     except OSError as error:
         raise _cannot_write(path, "Not a directory" if path.exists() else error.strerror or str(error)) from error
     check_folder(path / "any")
+
+
+@contextmanager
+def folders_for(paths: Iterable[Path]) -> Iterator[None]:
+    """Make the folders that files are to lie in; if what is done with them fails, those that were made go again."""
+    made: list[Path] = []
+    try:
+        for path in paths:
+            folder = path.parent
+            made += [each for each in (folder, *folder.parents) if not exists(each)]
+            make_folder(folder)
+        yield
+    except BaseException:
+        for folder in sorted(made, key=lambda each: -len(each.parts)):
+            with suppress(OSError):  # Somebody else may have put something there.
+                folder.rmdir()
+        raise
 
 
 def _cannot_write(path: Path, reason: str) -> OutputError:

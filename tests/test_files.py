@@ -6,7 +6,7 @@ import pytest
 
 from markergen import files
 from markergen.errors import OutputError
-from markergen.files import check_outputs, make_folder, write_all, write_atomic
+from markergen.files import check_outputs, folders_for, make_folder, write_all, write_atomic
 
 
 def test_new_and_old_files_end_up_complete(tmp_path):
@@ -111,3 +111,32 @@ def test_folders_are_made_or_refused_in_one_line(tmp_path):
     for path in (tmp_path / "file", tmp_path / "file" / "below"):
         with pytest.raises(OutputError, match="expected to write"):
             make_folder(path)
+
+
+def test_folders_are_made_and_go_again_if_what_follows_fails(tmp_path):
+    (tmp_path / "there").mkdir()
+    paths = [tmp_path / "there" / "a", tmp_path / "one" / "two" / "a", tmp_path / "one" / "b", tmp_path / "c"]
+    with pytest.raises(OutputError), folders_for(paths):
+        write_all(dict.fromkeys([*paths, tmp_path / "one" / "two"], b"1"))
+    assert [path.name for path in tmp_path.rglob("*")] == ["there"]
+    with folders_for(paths):
+        write_all(dict.fromkeys(paths, b"1"))
+    assert all(path.read_bytes() == b"1" for path in paths)
+
+
+def test_a_file_in_the_place_of_a_folder_is_told_and_no_folder_stays(tmp_path):
+    (tmp_path / "file").write_bytes(b"1")
+    paths = [tmp_path / "new" / "a", tmp_path / "file" / "sub" / "a"]
+    with pytest.raises(OutputError, match=r"Not a directory|File exists"), folders_for(paths):
+        pass
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_what_others_put_into_a_new_folder_stays(tmp_path):
+    def fill(path):
+        path.write_bytes(b"1")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), folders_for([tmp_path / "new" / "a"]):
+        fill(tmp_path / "new" / "theirs")
+    assert (tmp_path / "new" / "theirs").read_bytes() == b"1"

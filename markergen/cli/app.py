@@ -10,6 +10,7 @@ from markergen.cli.design import design
 from markergen.cli.detect import detect
 from markergen.cli.export import export
 from markergen.cli.rescale import rescale
+from markergen.cli.study import study
 from markergen.cli.templates import templates
 from markergen.cli.validate import validate
 from markergen.cli.verify import verify
@@ -43,5 +44,5 @@ def markergen(
     """
 
 
-for command in (design, validate, export, detect, compare, verify, rescale, templates):
+for command in (design, validate, export, detect, compare, verify, rescale, study, templates):
     app.command()(command)

@@ -1,11 +1,12 @@
 """``markergen design``."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from markergen.cli import sheets
+from markergen.cli import sheets, solids
 from markergen.cli.console import length
 
 
@@ -157,13 +158,22 @@ def design(
     overlap: sheets.Overlap = None,
     dpi: sheets.Dpi = 600,
     colors: sheets.ColorsText = None,
+    process: solids.Process = None,
+    thickness: solids.Thickness = None,
+    edge: solids.Edge = None,
+    corner_radius: solids.CornerRadius = None,
+    chamfer: solids.Chamfer = None,
+    outline: solids.Outline = None,
+    mount: solids.Mount = None,
+    dowel: solids.Dowel = None,
     output: Annotated[
         list[Path] | None,
         typer.Option(
             "-o",
             "--output",
             metavar="PATH",
-            help="Written by suffix (.pdf .svg .png .dxf .step .json, see markergen export); may be repeated. "
+            help="Written by suffix (.pdf .svg .png .dxf .step .stl .json and more, see markergen export); may be "
+            "repeated. "
             "[default: marker.pdf, with relief marker.json]",
         ),
     ] = None,
@@ -181,6 +191,7 @@ def design(
     Example:
       markergen design --n 5 --radius 0.15 -o marker.pdf
       markergen design --n 8 --boundary plate.dxf --camera camera.yaml --poses flights.csv
+      markergen design --n 6 --relief 20mm --mount 4xM4@240mm --dowel 2x4mm@260mm -o marker.step
     """
     from markergen.cli import console
     from markergen.errors import InputError
@@ -209,7 +220,12 @@ def design(
         "relief": relief, "noise_model": noise_model, "print_sigma": print_sigma, "seed": seed, "restarts": restarts,
         "tag": tag, "tag_side": tag_size,
     }  # fmt: skip
-    room, keep_outs = read_room(boundary, keep_out or (), boundary_unit, layer, origin or "center")
+    shapes = [*([outline] if outline is not None else []), *(keep_out or ())]
+    room, read = read_room(boundary, shapes, boundary_unit, layer, origin or "center")
+    plate = solids.plate_values(thickness, edge, corner_radius, chamfer, mount, dowel)
+    keep_outs = read[1:] if outline is not None else read
+    if outline is not None:
+        plate["outline"] = read[0].as_dict()
     if room is not None:
         values.pop("radius", None)
         options["boundary"] = room.as_dict()
@@ -219,27 +235,33 @@ def design(
         options["keep_outs"] = [shape.as_dict() for shape in keep_outs]
     if camera is not None:
         options["camera"] = read_camera(camera).as_dict()
+    if plate and isinstance(before := values.get("substrate", {}), dict):
+        options["substrate"] = {**before, **plate}
     values.update({key: value for key, value in options.items() if value is not None})
     spec = spec_from_mapping(values, template or "the options")
     if ids is not None and not spec.tag:
         raise InputError("a tag whose ids the markers have", "--ids without --tag", "add --tag aruco:DICT_4X4_50, say")
     numbers = parse_ids(ids, spec.tag.rpartition(":")[0]) if ids is not None else ()
-    choices = sheets.export_options(paper, orientation, margin, tile, overlap, dpi, colors, compensate=False)
+    choices = replace(
+        sheets.export_options(paper, orientation, margin, tile, overlap, dpi, colors, compensate=False),
+        fabrication=solids.fabrication(process),
+    )
     paths = with_record(output or [Path("marker.json" if spec.relief else "marker.pdf")])
     check_outputs(paths, choices, spec)
     targets = family_paths(paths, numbers) if numbers else paths
     for path in trace or []:
         check_trace_path(path)
-    inputs = [camera, *(Path(text) for text in (template, boundary, poses, *(keep_out or ())) if text)]
-    check_files([*targets, *(trace or ())], [path for path in inputs if path])
+    given = [camera, *(Path(text) for text in (template, boundary, poses, *shapes) if text)]
+    inputs = [path for path in given if path]
+    check_files([*targets, *(trace or ())], inputs)
 
     with console.progress_bar() as progress:
         found = find(spec, progress, traced=bool(trace))
     with console.busy("writing"):
         if numbers:
-            written = save_family(members(found.marker, spec, numbers), paths, choices)
+            written = save_family(members(found.marker, spec, numbers), paths, choices, inputs)
         else:
-            written = save(found.marker, paths, choices)
+            written = save(found.marker, paths, choices, inputs)
         unit = OBJECTIVES[spec.objective].unit
         label = f"{spec.objective}, {unit}" if unit else spec.objective
         steps = {path: trace_bytes(found.trace, path.suffix, label) for path in trace or []}

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
-from markergen.maths.projection import from_pixels, perspective, to_camera, to_pixels
+from markergen.maths.projection import from_pixels, perspective, rotate, rotate_each, to_pixels
 from markergen.model.camera import NO_DISTORTION, Camera
 
 Array = NDArray[np.float64]
@@ -40,11 +40,11 @@ class PoseEstimates:
 
 @dataclass(frozen=True, eq=False)
 class Correspondences:
-    """One layout seen in T images.
+    """One layout seen in T images, or T layouts of as many points, each in an image of its own.
 
     Attributes
     ----------
-    object_points : array (n, 2 or 3), m, marker frame; n is 4 or more
+    object_points : array (n, 2 or 3) or (T, n, 2 or 3), m, marker frame; n is 4 or more
     image_points : array (T, n, 2), ideal px
         Where `camera.ideal`, the camera without its lens' distortion, sees them; `as_taken` makes them of an image's.
     camera : Camera
@@ -61,10 +61,11 @@ class Correspondences:
     _solved: dict["Estimator[Any]", Any] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        n = len(self.object_points)
-        if n < 4 or self.object_points.shape[1:] not in [(2,), (3,)] or self.image_points.shape[1:] != (n, 2):
+        trials, *seen = self.image_points.shape
+        *own, n, axes = self.object_points.shape
+        if n < 4 or axes not in (2, 3) or seen != [n, 2] or own not in ([], [trials]):
             raise InputError(
-                "object points (n, 2 or 3) and image points (T, n, 2) with n >= 4",
+                "object points (n, 2 or 3) or (T, n, 2 or 3) and image points (T, n, 2) with n >= 4",
                 f"{self.object_points.shape} and {self.image_points.shape}",
                 "give four or more correspondences",
             )
@@ -101,13 +102,17 @@ class Correspondences:
     @property
     def planar(self) -> bool:
         """True if all control points lie in the marker's plane, z = 0."""
-        return self.object_points.shape[1] == 2 or not self.object_points[:, 2].any()
+        return self.object_points.shape[-1] == 2 or not self.object_points[..., 2].any()
 
     @cached_property
     def xyz(self) -> Array:
-        """Object points (n, 3), m."""
-        missing = 3 - self.object_points.shape[1]
-        return np.pad(np.asarray(self.object_points, dtype=float), ((0, 0), (0, missing)))
+        """Object points (n, 3) or (T, n, 3), m."""
+        points = np.asarray(self.object_points, dtype=float)
+        return np.pad(points, [(0, 0)] * (points.ndim - 1) + [(0, 3 - points.shape[-1])])
+
+    def of(self, trials: NDArray[np.intp] | NDArray[np.bool_]) -> Array:
+        """Object points (n, 3) or (t, n, 3) in m of some trials, by indices or a mask."""
+        return self.xyz if self.xyz.ndim == 2 else self.xyz[trials]
 
     @cached_property
     def lens(self) -> Array | None:
@@ -129,7 +134,7 @@ class Correspondences:
 
         inf for a pose (T, 3, 3), (T, 3) that is not finite or puts a point behind the camera.
         """
-        seen = to_camera(self.xyz, rotation, translation)
+        seen = turned(self.xyz, rotation) + translation[:, None]
         in_front = np.all(seen[..., 2] > 0, axis=-1)
         seen = np.where(in_front[:, None, None], seen, 1.0)
         residual = to_pixels(perspective(seen), self.camera.matrix) - self.image_points
@@ -162,6 +167,11 @@ class HomographyEstimator(Estimator[Array]):
     """Estimates homographies (T, 3, 3) from marker plane (m) to image (px)."""
 
     planar_only = True
+
+
+def turned(points: Array, rotation: Array) -> Array:
+    """Return R X (t, n, 3) of the points (n, 3) of all trials or those (t, n, 3) of each, for rotations (t, 3, 3)."""
+    return rotate(points, rotation) if points.ndim == 2 else rotate_each(points, rotation)
 
 
 def _spread(points: Array) -> NDArray[np.bool_]:

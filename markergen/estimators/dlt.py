@@ -17,19 +17,19 @@ class Dlt(HomographyEstimator):
     def solve(self, batch: Correspondences) -> Array:
         """Homographies (T, 3, 3) with H[2, 2] = 1, from marker plane (m) to image (px)."""
         homography = np.full((len(batch.image_points), 3, 3), np.nan)
-        usable = batch.solvable
-        points = batch.object_points[:, :2]
-        if usable.any() and _four_in_general_position(points):
-            homography[usable] = estimate_homography(points, batch.image_points[usable])
+        usable = batch.solvable.copy()
+        usable[usable] = _four_in_general_position(batch.of(usable)[..., :2])
+        if usable.any():
+            homography[usable] = estimate_homography(batch.of(usable)[..., :2], batch.image_points[usable])
         return homography
 
 
-def _four_in_general_position(points: Array) -> bool:
-    """Tell whether four of the points (n, 2), which are not all collinear, have no three of them on a line."""
+def _four_in_general_position(points: Array) -> NDArray[np.bool_]:
+    """Tell (...) whether four of the points (..., n, 2), not all collinear, have no three of them on a line."""
     center, scale = normalization(points)
     normalized = (points - center) * scale
     # The DLT matrix of the identity has rank 8 exactly then.
-    return bool(np.isfinite(condition(normalized, normalized)))
+    return np.isfinite(condition(normalized, normalized))
 
 
 DLT = Dlt()

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimates, PoseEstimator
+from markergen.estimators.base import turned
 from markergen.estimators.opencv import best_first, solve_each
-from markergen.maths.projection import from_pixels, rotate
+from markergen.maths.projection import from_pixels
 
 Array = NDArray[np.float64]
 
@@ -33,8 +34,8 @@ class Epnp(PoseEstimator):
         """Poses of the batch, two solutions each, the better one first."""
         upright = solve_each(batch, "EPNP").rotation
         principal = batch.camera.matrix[:2, 2]
-        turned = solve_each(replace(batch, image_points=2 * principal - batch.image_points), "EPNP").rotation
-        rotation = np.concatenate([upright, HALF_TURN @ turned], axis=1)
+        half = solve_each(replace(batch, image_points=2 * principal - batch.image_points), "EPNP").rotation
+        rotation = np.concatenate([upright, HALF_TURN @ half], axis=1)
         translation = np.stack([translation_of(batch, rotation[:, k]) for k in range(rotation.shape[1])], axis=1)
         return best_first(batch, rotation, translation)
 
@@ -47,13 +48,13 @@ def translation_of(batch: Correspondences, rotation: Array) -> Array:
     """
     usable = batch.solvable & np.isfinite(rotation).all(axis=(-2, -1))
     normalized = from_pixels(batch.image_points[usable], batch.camera.matrix)
-    turned = rotate(batch.xyz, rotation[usable])
+    seen = turned(batch.of(usable), rotation[usable])
     trials, n = normalized.shape[:2]
     equations = np.zeros((trials, n, 2, 3))
     equations[..., 0, 0] = equations[..., 1, 1] = 1.0
     equations[..., :, 2] = -normalized
     rows = equations.reshape(trials, 2 * n, 3)
-    values = (normalized * turned[..., 2:] - turned[..., :2]).reshape(trials, 2 * n)
+    values = (normalized * seen[..., 2:] - seen[..., :2]).reshape(trials, 2 * n)
     right = np.einsum("tki,tk->ti", rows, values)
     translation = np.full((len(rotation), 3), np.nan)
     translation[usable] = np.linalg.solve(rows.swapaxes(-1, -2) @ rows, right[..., None])[..., 0]

@@ -4,10 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimates, PoseEstimator
+from markergen.estimators.base import turned
 from markergen.estimators.ippe import IPPE
 from markergen.estimators.sqpnp import SQPNP
-from markergen.maths.information import information, pose_jacobian
-from markergen.maths.projection import perspective, to_camera, to_pixels
+from markergen.maths.information import information, turned_jacobian
+from markergen.maths.projection import perspective, to_pixels
 from markergen.maths.rotation import exponential
 
 Array = NDArray[np.float64]
@@ -52,7 +53,7 @@ def refine(batch: Correspondences, rotation: Array, translation: Array) -> tuple
     rotation (T, 3, 3), translation (T, 3) in m
     """
     rotation, translation = rotation.copy(), translation.copy()
-    points, focal = batch.xyz, batch.camera.focal
+    focal = batch.camera.focal
     trials = np.flatnonzero(batch.solvable & np.isfinite(batch.reprojection_error(rotation, translation)))
     residual = _residual(batch, trials, rotation[trials], translation[trials])
     damping = np.full(len(trials), DAMPING)
@@ -60,7 +61,7 @@ def refine(batch: Correspondences, rotation: Array, translation: Array) -> tuple
         if not len(trials):
             break
         R, t = rotation[trials], translation[trials]
-        jacobian = _taken(batch, trials, pose_jacobian(points, R, t, focal))
+        jacobian = _taken(batch, trials, turned_jacobian(turned(batch.of(trials), R), t, focal))
         step = _damped_step(jacobian, residual, damping)
         R, t = exponential(step[:, :3]) @ R, t + step[:, 3:]
         new_residual = _residual(batch, trials, R, t)
@@ -79,11 +80,11 @@ def refine(batch: Correspondences, rotation: Array, translation: Array) -> tuple
 
 def _residual(batch: Correspondences, trials: NDArray[np.intp], rotation: Array, translation: Array) -> Array:
     """Image minus projection (trials, 2n) in px as taken; inf where a point is behind the camera."""
-    seen = to_camera(batch.xyz, rotation, translation)
+    seen = turned(batch.of(trials), rotation) + translation[:, None]
     behind = np.any(seen[..., 2] <= 0, axis=-1)
     seen[behind] = 1.0
     residual = batch.image_points[trials] - to_pixels(perspective(seen), batch.camera.matrix)
-    residual = _taken(batch, trials, residual.reshape(len(trials), 2 * len(batch.xyz), 1))[..., 0]
+    residual = _taken(batch, trials, residual.reshape(len(trials), 2 * batch.xyz.shape[-2], 1))[..., 0]
     residual[behind] = np.inf
     return residual
 
@@ -93,7 +94,7 @@ def _taken(batch: Correspondences, trials: NDArray[np.intp], rows: Array) -> Arr
     if batch.lens is None:
         return rows
     # Counted out, because of no trials at all no size can be left to numpy.
-    pairs = rows.reshape(len(trials), len(batch.xyz), 2, rows.shape[-1])
+    pairs = rows.reshape(len(trials), batch.xyz.shape[-2], 2, rows.shape[-1])
     return (batch.lens[trials] @ pairs).reshape(rows.shape)
 
 

@@ -57,7 +57,7 @@ def prepare(batch: Correspondences) -> tuple[Array, Array, Array]:
     """
     images = np.where(batch.solvable[:, None, None], batch.image_points, 0.0)
     away = batch.xyz @ AWAY
-    turn = turn_z(_procrustes_angle(away[:, :2], images))
+    turn = turn_z(_procrustes_angle(away[..., :2], images))
     return np.ascontiguousarray(away @ turn.swapaxes(-1, -2)), images, turn @ AWAY
 
 
@@ -80,9 +80,9 @@ def best_first(batch: Correspondences, rotation: Array, translation: Array) -> P
 
 
 def _procrustes_angle(points: Array, images: Array) -> Array:
-    """Angle (T,) in rad that turns points (n, 2) nearest to images (T, n, 2), both about their centroids."""
-    points = points - points.mean(axis=0)
+    """Angle (T,) in rad that turns points (n, 2) or (T, n, 2) nearest to images (T, n, 2), about their centroids."""
+    points = points - points.mean(axis=-2, keepdims=True)
     images = images - images.mean(axis=1, keepdims=True)
-    sine = np.sum(points[:, 0] * images[..., 1] - points[:, 1] * images[..., 0], axis=-1)
+    sine = np.sum(points[..., 0] * images[..., 1] - points[..., 1] * images[..., 0], axis=-1)
     cosine = np.sum(points * images, axis=(-2, -1))
     return np.asarray(np.arctan2(sine, cosine))

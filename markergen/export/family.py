@@ -7,7 +7,7 @@ from pathlib import Path
 from markergen.drawing.paper import ISO
 from markergen.drawing.sheet import pages_for
 from markergen.errors import InputError
-from markergen.export import SHEETS, ExportOptions, save, suffix_of
+from markergen.export import SHEETS, ExportOptions, outputs_of, suffix_of, write
 from markergen.model.marker import Marker
 
 
@@ -17,23 +17,21 @@ def family_paths(paths: Sequence[Path], ids: Sequence[int]) -> list[Path]:
 
 
 def save_family(
-    markers: Sequence[Marker], paths: Sequence[Path], options: ExportOptions
+    markers: Sequence[Marker], paths: Sequence[Path], options: ExportOptions, inputs: Sequence[Path] = ()
 ) -> list[tuple[Path, tuple[str, ...]]]:
     """Write markers that differ by the ids of their tags: sheets with all of them, and all else for each by itself.
 
     Without a paper named, all markers share one page of the smallest ISO size that holds them, if one does. Returns
-    paths and notes as `save` does, and raises as it does. Sheets come first: whether there is room for all markers
-    only they can tell.
+    paths and notes as `save` does, and raises as it does: all files are written or none.
     """
     ids = [marker.tag.id for marker in markers if marker.tag]
     if len(ids) < len(markers):
         raise InputError("markers with tags", "one without", "design them with --tag")
     sheets = [path for path in paths if _is_sheet(path)]
-    written = save(markers, sheets, _on_one_page(markers, options)) if sheets else []
+    made = outputs_of(markers, sheets, _on_one_page(markers, options)) if sheets else {}
     for marker, number in zip(markers, ids, strict=True):
-        own = [_own(path, number) for path in paths if not _is_sheet(path)]
-        written += save(marker, own, options)
-    return written
+        made |= outputs_of(marker, [_own(path, number) for path in paths if not _is_sheet(path)], options)
+    return write(made, inputs)
 
 
 def _on_one_page(markers: Sequence[Marker], options: ExportOptions) -> ExportOptions:

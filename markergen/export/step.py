@@ -1,21 +1,19 @@
-"""STEP: the marker as a plate with inlaid dots, to machine or to print in two colors."""
+"""STEP: the marker as named and colored parts, to machine or to print in two materials."""
 
 from collections.abc import Sequence
 
 from markergen.drawing.scene import marker_name
-from markergen.export import EXPORTERS, ExportOptions, Output, only, without_paper
+from markergen.export import EXPORTERS, ExportOptions, Output, only
+from markergen.export.solids import beside_solid, solid_notes
 from markergen.model.marker import Marker
-from markergen.solid.inlay import marker_solids, plate_size
+from markergen.solid.make import parts_of, solids_of
 from markergen.solid.step import write_step
 
 
 @EXPORTERS.register(".step", ".stp")
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
-    """Named and colored solids as STEP; the paper is without effect."""
+    """One assembly of solids as STEP (AP214), in mm; the paper is without effect."""
     marker = only(markers, ".step").as_designed
-    data = write_step(marker_solids(marker), marker_name(marker))
-    plate = f"{plate_size(marker)} and {marker.thickness * 1e3:.6g} mm thick"
-    notes = [f"The solid is a plate {plate}, with one inlay per dot flush with its face.", *without_paper(options)]
-    if marker.tag is not None:
-        notes.append(f"The tag {marker.tag} is no part of the solid yet: print it, and glue it into the middle.")
-    return Output(data, tuple(notes))
+    made = parts_of(marker, options.fabrication)
+    data = write_step(solids_of(made), marker_name(marker))
+    return Output(data, solid_notes(marker, made, options), beside_solid(marker, options))

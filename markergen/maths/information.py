@@ -25,7 +25,11 @@ def pose_jacobian(points: Array, rotation: Array, translation: Array, focal: Arr
     rotation, translation : arrays (P, 3, 3) and (P, 3)
     focal : array (2,), px
     """
-    turned = rotate(points, rotation)
+    return turned_jacobian(rotate(points, rotation), translation, focal)
+
+
+def turned_jacobian(turned: Array, translation: Array, focal: Array) -> Array:
+    """`pose_jacobian` (..., P, 2n, 6) of points R X (..., P, n, 3) in m that are turned already."""
     rows = _image_rows(turned + translation[:, None, :], focal)
     # A row g of d x / d X_camera meets dX = w x (R X) + dt, so its part for w is (R X) x g.
     jacobian: Array = np.concatenate([np.cross(turned[..., None, :], rows), rows], axis=-1)

@@ -19,6 +19,11 @@ def rotate(points: Array, rotation: Array) -> Array:
     return turned.reshape(*points.shape[:-1], len(rotation), 3).swapaxes(-3, -2)
 
 
+def rotate_each(points: Array, rotation: Array) -> Array:
+    """Return R X, shape (T, n, 3), for points (T, n, 2 or 3) and rotation (T, 3, 3), each with its own."""
+    return points @ rotation[:, :, : points.shape[-1]].swapaxes(-1, -2)
+
+
 def to_camera(points: Array, rotation: Array, translation: Array) -> Array:
     """Return R X + t in the camera frame, m, shape (..., P, n, 3)."""
     return rotate(points, rotation) + translation[:, None, :]

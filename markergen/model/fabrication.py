@@ -1,10 +1,16 @@
 """How a marker is made as a solid: the process, and what of it a user may choose."""
 
 from dataclasses import dataclass
+from math import degrees, isfinite, pi
 from typing import Literal
+
+from markergen.errors import InputError
 
 PROCESSES = ("fdm", "cnc", "laser", "print", "dome")
 """Two-material 3-D print, milled pockets with discs, engraved plate, recess for a sheet, half-balls or balls."""
+
+SMALLEST_TOLERANCE, LARGEST_TOLERANCE = 1e-7, 1e-3
+"""Of a mesh in m: finer ones have no end of triangles, coarser ones show no dots."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +40,12 @@ class Fabrication:
         Whether name, spec hash, origin and x-axis are engraved on the back.
     tolerance : float
         Largest distance in m of a mesh from the surface it stands for.
+
+    Raises
+    ------
+    InputError
+        If the process or a choice is unknown, a measure is negative or not finite, or a choice is made that another
+        process is for.
     """
 
     process: str = "fdm"
@@ -47,3 +59,38 @@ class Fabrication:
     foot: float = 0.001
     engrave: bool = True
     tolerance: float = 5e-6
+
+    def __post_init__(self) -> None:
+        if self.process not in PROCESSES:
+            raise InputError("a known process", repr(self.process), f"known: {', '.join(PROCESSES)}")
+        if self.fit not in ("", "slip", "press"):
+            raise InputError("a fit of slip or press", repr(self.fit), "use --fit slip or --fit press")
+        if self.dome not in ("half", "ball"):
+            raise InputError("domes of half or ball", repr(self.dome), "use --dome half or --dome ball")
+        for name, given, process in (
+            ("--fit", self.fit, "cnc"),
+            ("--through", self.through, "cnc"),
+            ("--dome ball", self.dome == "ball", "dome"),
+        ):
+            if given and self.process != process:
+                raise InputError(
+                    f"{name} with --process {process}", f"--process {self.process}", f"leave out {name}, or change it"
+                )
+        for name, zero, example in (
+            ("depth", False, "0.6mm"),
+            ("gap", True, "0.1mm"),
+            ("tool", False, "0.4mm"),
+            ("foot", True, "1mm"),
+        ):
+            value = getattr(self, name)
+            if value is not None and not (isfinite(value) and (value > 0 or (zero and value == 0))):
+                least = "of 0 or more" if zero else "above 0"
+                raise InputError(f"a {name} {least}", f"{name}={value} m", f"use --{name} {example}, for example")
+        if not 0 <= self.draft < pi / 4:
+            raise InputError("a draft of 0 to below 45 degrees", f"{degrees(self.draft):.6g}", "use --draft 3")
+        if not SMALLEST_TOLERANCE <= self.tolerance <= LARGEST_TOLERANCE:
+            raise InputError(
+                f"a tolerance of {SMALLEST_TOLERANCE * 1e6:g} um to {LARGEST_TOLERANCE * 1e6:g} um",
+                f"tolerance={self.tolerance * 1e6:.6g} um",
+                "use --tolerance 5um",
+            )

@@ -24,10 +24,10 @@ def findings_of(error: ValidationError) -> list[str]:
     ]
 
 
-def listed(findings: Sequence[str]) -> str:
-    """All findings in one line; of more than 20 the first 20, and how many more there are."""
-    more = len(findings) - SHOWN
-    return "; ".join(findings[:SHOWN]) + (f"; and {more} more" if more > 0 else "")
+def listed(findings: Sequence[str], shown: int = SHOWN) -> str:
+    """All findings in one line; of more than 20, or another number, the first ones, and how many more there are."""
+    more = len(findings) - shown
+    return "; ".join(findings[:shown]) + (f"; and {more} more" if more > 0 else "")
 
 
 def path_of(location: Sequence[int | str]) -> str:

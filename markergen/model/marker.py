@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from markergen.model.boundary import Boundary
 from markergen.model.feature import Feature, key_ring
+from markergen.model.substrate import Substrate
 from markergen.model.tag import Tag
 
 Array = NDArray[np.float64]
@@ -47,8 +48,8 @@ class Marker:
     boundary : Boundary
     clearance : float
         Smallest gap in m between dots, and between a dot's edge and the boundary or a keep-out.
-    thickness : float
-        Of the substrate when it is made as a solid, m.
+    substrate : Substrate
+        The plate that carries the dots when it is made as a solid.
     provenance : mapping
         Spec, seed, versions, camera, poses and criteria, as plain JSON values.
     keep_outs : tuple of Boundary
@@ -63,7 +64,7 @@ class Marker:
     control_points: tuple[ControlPoint, ...]
     boundary: Boundary
     clearance: float
-    thickness: float = 0.003
+    substrate: Substrate = Substrate()  # noqa: RUF009  (frozen, so it can be shared)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     keep_outs: tuple[Boundary, ...] = ()
     tag: Tag | None = None
@@ -112,8 +113,9 @@ class Marker:
 
     @property
     def blocked(self) -> tuple[Boundary, ...]:
-        """All places where no dot may be: the keep-outs and the tag with its quiet zone."""
-        return (*self.keep_outs, self.tag.quiet_zone) if self.tag else self.keep_outs
+        """All places where no dot may be: the keep-outs, the tag with its quiet zone, and the plate's holes."""
+        tag = (self.tag.quiet_zone,) if self.tag else ()
+        return (*self.keep_outs, *tag, *self.substrate.rims)
 
     @property
     def spec_hash(self) -> str:

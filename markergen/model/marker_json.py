@@ -19,6 +19,8 @@ from markergen.model.boundary_file import BoundaryFile, Finite, built
 from markergen.model.feature import Feature
 from markergen.model.findings import brief, findings_of, listed
 from markergen.model.marker import ControlPoint, Marker
+from markergen.model.substrate_checks import crowded, sunk
+from markergen.model.substrate_file import SubstrateFile
 from markergen.model.tag import FAMILIES, Tag
 
 FORMAT, VERSION = "markergen-marker", 1
@@ -116,10 +118,6 @@ class _Tag(_Strict):
         return found
 
 
-class _Substrate(_Strict):
-    thickness: Annotated[float, Field(ge=1e-5, le=1.0)]
-
-
 class MarkerFile(_Strict):
     """A fiducial marker: lengths in m, marker frame x right, y up, z out of the printed face."""
 
@@ -131,7 +129,7 @@ class MarkerFile(_Strict):
     clearance: NonNegative
     control_points: Annotated[list[_ControlPoint], Field(min_length=4, max_length=MOST_CONTROL_POINTS)]
     tag: _Tag | None = None
-    substrate: _Substrate
+    substrate: SubstrateFile
     print_correction: _PrintCorrection | None = None
     provenance: dict[str, Any]
 
@@ -170,7 +168,7 @@ def to_json(marker: Marker) -> bytes:
             for point in marker.control_points
         ],
         "tag": _tag(marker.tag),
-        "substrate": {"thickness": marker.thickness},
+        "substrate": marker.substrate.as_dict(),
         "print_correction": None if marker.print_scale == (1.0, 1.0) else _correction(marker.print_scale),
         "provenance": dict(marker.provenance),
     }
@@ -283,6 +281,7 @@ POINT: TypeAdapter[_ControlPoint] = TypeAdapter(_ControlPoint)
 CORRECTION: TypeAdapter[_PrintCorrection] = TypeAdapter(_PrintCorrection)
 BOUNDARY: TypeAdapter[Any] = TypeAdapter(BoundaryFile)
 TAG: TypeAdapter[_Tag] = TypeAdapter(_Tag)
+SUBSTRATE: TypeAdapter[SubstrateFile] = TypeAdapter(SubstrateFile)
 GAP: TypeAdapter[float] = TypeAdapter(Annotated[NonNegative, Field(strict=True)])
 
 
@@ -313,7 +312,20 @@ def _geometry(content: dict[str, Any]) -> list[str]:
         }
         clearance = _valid(GAP, content.get("clearance")) or 0.0
         findings += _room(points, _borders(content), clearance) + _gaps(points, clearance)
-    return findings
+    return findings + _holes(content, points)
+
+
+def _holes(content: dict[str, Any], points: dict[str, _ControlPoint]) -> list[str]:
+    """Findings about holes of the plate that are over or near dots, the tag or each other, or sunk too deep."""
+    file, tag = _valid(SUBSTRATE, content.get("substrate")), _valid(TAG, content.get("tag"))
+    if file is None or not file.holes:
+        return []
+    substrate = file.build()
+    dots = {path: (p.x, p.y, p.feature.diameter / 2) for path, p in points.items()}
+    clearance = _valid(GAP, content.get("clearance")) or 0.0
+    border = tag.build().quiet_zone if tag and not tag.findings() else None
+    misfits = crowded(substrate.holes, dots, clearance, border) + sunk(substrate)
+    return [f"substrate.holes[{misfit.hole}]: {misfit.found}" for misfit in misfits]
 
 
 def _designed(point: _ControlPoint, correction: _PrintCorrection | None) -> _ControlPoint:
@@ -407,7 +419,7 @@ def _build(file: MarkerFile) -> Marker:
         ),
         boundary=file.boundary.build(),
         clearance=file.clearance,
-        thickness=file.substrate.thickness,
+        substrate=file.substrate.build(),
         provenance=file.provenance,
         keep_outs=built(file.keep_outs),
         tag=file.tag.build() if file.tag else None,

@@ -12,6 +12,8 @@ from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.image_noise import ImageNoise
 from markergen.model.poses import named_poses
 from markergen.model.recorded_poses import RecordedPoses
+from markergen.model.substrate import Substrate
+from markergen.model.substrate_checks import check_plate
 from markergen.model.tag import Tag, place_tag
 
 NOISE_MODELS = ("point", "image")
@@ -65,6 +67,8 @@ class Spec:
         Of a square tag in the middle, such as ``aruco:DICT_4X4_50:7``; empty is none.
     tag_side : float or None
         Of the tag's black square, m; None is a third of the radius, less where room is short (see `place_tag`).
+    substrate : Substrate
+        The plate, when the marker is made as a solid; no dot lies on its holes.
     """
 
     n: int = 5
@@ -87,6 +91,7 @@ class Spec:
     relief: float = 0.0
     tag: str = ""
     tag_side: float | None = None
+    substrate: Substrate = Substrate()  # noqa: RUF009
 
     def __post_init__(self) -> None:
         if self.n < 4:
@@ -105,9 +110,10 @@ class Spec:
             raise InputError("a seed of 0 or more", f"seed={self.seed}", "give a non-negative whole number")
         check_losses(self.n, self.survive)
         # Says what is wrong where they leave nothing.
-        area_without(self.boundary, self.keep_outs)
+        area_without(self.boundary, self._taken)
         self._settle_tag()
         area_without(self.boundary, self.blocked)
+        check_plate(self.substrate, self.boundary, self.blocked, self.dot if isinstance(self.dot, float) else None)
         if isinstance(self.poses, str):
             object.__setattr__(self, "poses", named_poses(self.poses).name)
         self._check_relief_and_labels()
@@ -149,7 +155,7 @@ class Spec:
         if self.tag_side is not None and not self.tag:
             raise InputError("a tag for its size", f"tag_side={self.tag_side} m alone", "add --tag, or leave it out")
         if self.tag:
-            tag = place_tag(self.tag, self.tag_side, self.boundary, self.keep_outs)
+            tag = place_tag(self.tag, self.tag_side, self.boundary, self._taken)
             object.__setattr__(self, "tag", str(tag))
             object.__setattr__(self, "tag_side", tag.side)
 
@@ -158,13 +164,18 @@ class Spec:
         """The tag in the middle of the boundary, if there is one."""
         if self.tag_side is None:
             return None
-        return place_tag(self.tag, self.tag_side, self.boundary, self.keep_outs)
+        return place_tag(self.tag, self.tag_side, self.boundary, self._taken)
+
+    @property
+    def _taken(self) -> tuple[Boundary, ...]:
+        """Where the tag may not be either."""
+        return (*self.keep_outs, *self.substrate.rims)
 
     @property
     def blocked(self) -> tuple[Boundary, ...]:
-        """All places where no dot may be: the keep-outs and the tag with its quiet zone."""
+        """All places where no dot may be: the keep-outs, the tag with its quiet zone, and the plate's holes."""
         tag = self.placed_tag
-        return (*self.keep_outs, tag.quiet_zone) if tag else self.keep_outs
+        return (*self.keep_outs, *((tag.quiet_zone,) if tag else ()), *self.substrate.rims)
 
     def _settle_noise_model(self) -> None:
         # Settled here, so that what means the same is equal and has the same hash.
@@ -213,6 +224,9 @@ class Spec:
             del values["keep_outs"]
         if not self.tag:
             del values["tag_side"]
+        values["substrate"] = self.substrate.as_dict()
+        if self.substrate == Substrate():
+            del values["substrate"]
         for name in ("print_sigma", "asymmetric", "relief", "tag"):
             if not values[name]:
                 del values[name]

@@ -1,9 +1,17 @@
 """The substrate: the plate that carries the dots when a marker is made as a solid."""
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import asdict, dataclass, fields
+from math import isfinite
+from typing import Any, Literal
 
-from markergen.model.boundary import Boundary
+from markergen.errors import InputError
+from markergen.model.boundary import Boundary, Circle
+from markergen.units import format_length
+
+THINNEST, LARGEST = 1e-5, 1.0
+"""Of a plate's thickness and its other measures in m; beyond these a unit is missing."""
+
+MOST_HOLES = 200
 
 
 @dataclass(frozen=True)
@@ -22,6 +30,11 @@ class Hole:
         A screw goes through the one, a pin that tells where the frame is fits the other.
     name : str
         What goes through, such as ``M3``.
+
+    Raises
+    ------
+    InputError
+        If the place is not finite, the diameter is not above 0, or the countersink is not wider than the hole.
     """
 
     x: float
@@ -30,6 +43,37 @@ class Hole:
     sink: float = 0.0
     use: Literal["mount", "dowel"] = "mount"
     name: str = ""
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.x) and isfinite(self.y)):
+            raise InputError("a hole at a finite place", f"({self.x}, {self.y}) m", "give two lengths")
+        if not 0 < self.diameter <= LARGEST:
+            raise InputError(
+                f"a hole's diameter above 0, and of at most {format_length(LARGEST)}",
+                f"{self.diameter} m",
+                "write a screw such as M3, or a length with its unit such as 3.4mm",
+            )
+        if self.sink and not self.diameter < self.sink <= LARGEST:
+            raise InputError(
+                f"a countersink wider than its hole of {format_length(self.diameter)}",
+                f"sink={self.sink} m",
+                "give a larger one, or 0 for none",
+            )
+
+    @property
+    def radius(self) -> float:
+        """Radius in m of what is missing from the printed face."""
+        return max(self.diameter, self.sink) / 2
+
+    @property
+    def rim(self) -> Circle:
+        """Where the printed face has the hole."""
+        return Circle(self.radius, (self.x, self.y))
+
+    def __str__(self) -> str:
+        kind = self.name or format_length(self.diameter)
+        place = f"{format_length(round(self.x, 9))}, {format_length(round(self.y, 9))}"
+        return f"the {'dowel hole' if self.use == 'dowel' else 'hole'} {kind} at {place}"
 
 
 @dataclass(frozen=True)
@@ -49,6 +93,12 @@ class Substrate:
     outline : Boundary or None
         The plate's own outline; None is the boundary with its edge around it.
     holes : tuple of Hole
+
+    Raises
+    ------
+    InputError
+        If a measure is negative, not finite, or beyond reason, the chamfer leaves nothing of the plate's side, or there
+        are more than `MOST_HOLES` holes.
     """
 
     thickness: float = 0.003
@@ -57,3 +107,45 @@ class Substrate:
     chamfer: float = 0.0
     outline: Boundary | None = None
     holes: tuple[Hole, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not THINNEST <= self.thickness <= LARGEST:
+            raise InputError(
+                f"a thickness of {THINNEST * 1e6:g} um to {format_length(LARGEST)}",
+                f"thickness={self.thickness} m",
+                "give --thickness a length such as 3mm",
+            )
+        for name, option in (("edge", "--edge 2mm"), ("corner_radius", "--corner-radius 5mm")):
+            if not 0 <= getattr(self, name) <= LARGEST:
+                raise InputError(
+                    f"a plate's {name.replace('_', ' ')} of 0 to {format_length(LARGEST)}",
+                    f"{name}={getattr(self, name)} m",
+                    f"use {option}, for example",
+                )
+        if not 0 <= self.chamfer < self.thickness:
+            raise InputError(
+                f"a chamfer of 0 or more, and below the thickness of {format_length(self.thickness)}",
+                f"chamfer={self.chamfer} m",
+                "use --chamfer 0.5mm, for example",
+            )
+        if len(self.holes) > MOST_HOLES:
+            raise InputError(f"at most {MOST_HOLES} holes", f"{len(self.holes)}", "leave some out")
+
+    @property
+    def rims(self) -> tuple[Circle, ...]:
+        """Where the upper face has its holes."""
+        return tuple(hole.rim for hole in self.holes)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values, lengths in m: the thickness, and of all else what is not the default."""
+        default = Substrate()
+        values: dict[str, Any] = {
+            field.name: getattr(self, field.name)
+            for field in fields(self)
+            if field.name == "thickness" or getattr(self, field.name) != getattr(default, field.name)
+        }
+        if self.outline is not None:
+            values["outline"] = self.outline.as_dict()
+        if self.holes:
+            values["holes"] = [asdict(hole) for hole in self.holes]
+        return values

@@ -28,7 +28,7 @@ T = TypeVar("T")
 Losses = NDArray[np.intp]
 """S sets (S, k) of dots, by their indices, each of which may be lost."""
 
-POINTS_AT_ONCE = 10_000
+POINTS_AT_ONCE = 2_000
 """Projected points in one chunk of a batch: intermediate arrays then stay within the processor's cache."""
 
 

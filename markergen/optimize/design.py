@@ -15,6 +15,7 @@ from markergen.model.occlusion import eyes_of
 from markergen.model.poses import PoseDistribution
 from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
 from markergen.model.spec import Spec
+from markergen.model.substrate_checks import check_holes
 from markergen.objectives import OBJECTIVES, Objective, Setting
 from markergen.objectives.criteria import Criteria, criteria, median_criteria
 from markergen.objectives.weights import DotNoise
@@ -193,6 +194,7 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
     labels = layout_safety(points, setting, not spec.asymmetric) if dots.diameter or spec.asymmetric else None
     marker = dress(points, dots, spec, setting, table, labels)
     check(marker.xyz, spec.boundary, spec.blocked, dots.diameter, dots.clearance)
+    check_holes(marker)
     if spec.relief:
         check_relief(marker.xyz, spec.relief, dots.diameter, dots.clearance, eyes_of(poses))
     value = float(objective(points[None])[0])
@@ -277,6 +279,7 @@ def dress(
         dressed(rounded, spec.boundary, dots.diameter, dots.clearance, keyed=not spec.asymmetric),
         keep_outs=spec.keep_outs,
         tag=spec.placed_tag,
+        substrate=spec.substrate,
         provenance={
             "spec": stored,
             "spec_hash": spec.hash,

@@ -57,40 +57,44 @@ def descend(
     if record:
         record("descent", starts, points)
     value, gradient = _log_gradient(objective, points)
-    best = points.copy()
-    best_value = np.where(region.holds(points), value, np.inf)
-    reference = best_value.copy()
+    found, found_value = points.copy(), np.where(region.holds(points), value, np.inf)
     # The first step moves the fastest coordinate of each layout by a twentieth of the radius.
     fastest = np.max(np.abs(gradient), axis=(1, 2), keepdims=True)
     step = np.broadcast_to(0.05 * scale / np.maximum(fastest, 1e-300), points.shape).copy()
+    # From here on every array but `found` and `found_value` has the layouts that are still descended, and no others.
     alive = np.arange(len(points))
+    best, best_value, reference = points.copy(), found_value.copy(), found_value.copy()
     taken = 0
     for taken in range(1, steps + 1):
-        move = np.clip(step[alive] * gradient[alive], -LONGEST * scale, LONGEST * scale)
-        moved = region.project(points[alive] - move)
+        moved = region.project(points - np.clip(step * gradient, -LONGEST * scale, LONGEST * scale))
+        held = region.holds(moved)
         # Where the projection jams, the layout stays and its steps shrink until they fit.
-        jammed = ~region.holds(moved) & np.isfinite(best_value[alive])
-        moved[jammed] = points[alive[jammed]]
-        step[alive[jammed]] *= SHRINK**2
+        jammed = ~held & np.isfinite(best_value)
+        moved[jammed] = points[jammed]
+        step[jammed] *= SHRINK**2
         if record:
-            record("descent", points[alive], moved)
-        points[alive] = moved
-        value[alive], fresh = _log_gradient(objective, points[alive])
-        agreement = np.sign(fresh) * np.sign(gradient[alive])
-        step[alive] *= np.where(agreement > 0, GROW, np.where(agreement < 0, SHRINK, 1.0))
-        gradient[alive] = fresh
-        better = alive[(value[alive] < best_value[alive]) & region.holds(moved)]
+            record("descent", points, moved)
+        points = moved
+        value, fresh = _log_gradient(objective, points)
+        agreement = fresh * gradient
+        step *= np.where(agreement > 0, GROW, np.where(agreement < 0, SHRINK, 1.0))
+        gradient = fresh
+        better = held & (value < best_value)
         best[better], best_value[better] = points[better], value[better]
         if taken % patience == 0:
             with np.errstate(invalid="ignore"):
-                improving = ~(best_value[alive] >= reference[alive] * (1 - tolerance))
-            alive = alive[improving]
-            reference[alive] = best_value[alive]
+                improving = ~(best_value >= reference * (1 - tolerance))
+            found[alive], found_value[alive] = best, best_value
+            alive, points, value, gradient, step, best, best_value = (
+                array[improving] for array in (alive, points, value, gradient, step, best, best_value)
+            )
+            reference = best_value.copy()
         if progress:
             progress(taken if len(alive) else steps, steps)
         if not len(alive):
             break
-    return Descent(best, best_value, taken)
+    found[alive], found_value[alive] = best, best_value
+    return Descent(found, found_value, taken)
 
 
 def _log_gradient(objective: Objective, points: Array) -> tuple[Array, Array]:

@@ -3,6 +3,7 @@
 import re
 import tomllib
 from collections.abc import Mapping
+from dataclasses import asdict
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -23,9 +24,12 @@ from markergen.model.boundary import Circle
 from markergen.model.boundary_file import BoundaryFile, built
 from markergen.model.camera import LARGEST_SIDE, Camera, Distortion
 from markergen.model.findings import brief, findings_of, listed
+from markergen.model.holes import parse_dowel, parse_mount
 from markergen.model.image_noise import ImageNoise
 from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
 from markergen.model.spec import Spec
+from markergen.model.substrate import Hole
+from markergen.model.substrate_file import SubstrateFile
 from markergen.read.outlines import parse_boundary
 from markergen.read.poses import settled
 from markergen.read.poses.numbers import numbers_of_rows
@@ -76,7 +80,40 @@ def _lengths(value: object, levels: int = 3) -> object:
         return value
 
 
+HOLES = {"mount": parse_mount, "dowel": parse_dowel}
+"""Keys of holes that are written as on the command line."""
+
+
+def _plate(value: object) -> object:
+    """A substrate's table with its lengths in m and all its holes one by one; what is unfit is left for its check."""
+    if not isinstance(value, Mapping):
+        return value
+    table = {key: _lengths(item) for key, item in value.items() if key not in HOLES}
+    if "outline" in table:
+        table["outline"] = _shape(table["outline"])
+    written = [asdict(hole) for key in HOLES for hole in _holes(key, value.get(key, []))]
+    holes = table.get("holes", [])
+    if isinstance(holes, list) and (holes or written):
+        table["holes"] = [_hole(hole) for hole in holes] + written
+    return table
+
+
+def _hole(value: object) -> object:
+    if not isinstance(value, Mapping):
+        return value
+    return {key: item if key in ("use", "name") else _lengths(item) for key, item in value.items()}
+
+
+def _holes(key: str, texts: object) -> list[Hole]:
+    every = texts if isinstance(texts, list) else [texts]
+    try:
+        return [hole for text in every for hole in HOLES[key](text if isinstance(text, str) else brief(text))]
+    except InputError as error:
+        raise ValueError(f"{key}: {error}") from None
+
+
 Shape = Annotated[BoundaryFile, BeforeValidator(_shape)]
+Plate = Annotated[SubstrateFile, BeforeValidator(_plate)]
 Length = Annotated[float, BeforeValidator(_length)]
 DotLength = Annotated[float | Literal["auto"], BeforeValidator(_length_or_auto)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -170,6 +207,7 @@ class _SpecFile(_Table):
     relief: Length = ABSENT
     tag: str = ABSENT
     tag_side: Length = ABSENT
+    substrate: Plate = ABSENT
 
     @field_validator("boundary")
     @classmethod
@@ -208,6 +246,8 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
         given["boundary"] = Circle(table.radius)
     if "keep_outs" in given:
         given["keep_outs"] = built(table.keep_outs)
+    if "substrate" in given:
+        given["substrate"] = table.substrate.build()
     return Spec(**given)
 
 

@@ -4,9 +4,10 @@ Volumes are closed forms, so that what the kernel makes of a body can be held ag
 """
 
 from dataclasses import dataclass
-from math import atan, pi, sin
+from math import acos, atan, ceil, cos, hypot, pi, sin
 
 Point = tuple[float, float]
+Side = tuple[Point, Point, float]
 
 
 @dataclass(frozen=True)
@@ -28,12 +29,19 @@ class Path:
 
 @dataclass(frozen=True)
 class Prism:
-    """An upright prism between two heights: an outer path, and holes in it."""
+    """An upright prism between two heights: an outer path, and holes in it.
+
+    Attributes
+    ----------
+    chamfer : float
+        Of the edge of the outer path at the top, 45 degrees. The path's arcs then go on smoothly at both ends.
+    """
 
     outer: Path
     holes: tuple[Path, ...]
     bottom: float
     top: float
+    chamfer: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -80,7 +88,7 @@ class Part:
 def area(path: Path) -> float:
     """Signed area of a path, positive if it runs counterclockwise: shoelace, and a circle's segment for each arc."""
     total = 0.0
-    for (x, y), (u, v), bulge in _sides(path):
+    for (x, y), (u, v), bulge in sides_of(path):
         chord = (u - x) ** 2 + (v - y) ** 2
         total += (x * v - u * y) / 2
         if bulge:
@@ -90,15 +98,32 @@ def area(path: Path) -> float:
 
 
 def volume(body: Body) -> float:
-    """Volume of a body in mm^3: area times height, or Pappus' rule by the moment of the profile about the axis."""
+    """Volume of a body in mm^3: area times height, or Pappus' rule by the moment of the profile about the axis.
+
+    A chamfer's sections are a polynomial of the second degree in the height, for which Simpson's rule is exact.
+    """
     if isinstance(body, Prism):
-        return (area(body.outer) + sum(area(hole) for hole in body.holes)) * (body.top - body.bottom)
+        full = area(body.outer)
+        section = full + sum(area(hole) for hole in body.holes)
+        whole = section * (body.top - body.bottom)
+        if not body.chamfer:
+            return whole
+        half, top = (area(inset(body.outer, share * body.chamfer)) for share in (0.5, 1.0))
+        return whole - body.chamfer * (full - (full + 4 * half + top) / 6)
     return 2 * pi * _moment(body.profile)
 
 
 def part_volume(part: Part) -> float:
     """Volume of a part whose added bodies do not overlap and whose cuts lie inside of them and apart."""
     return sum(map(volume, part.add)) - sum(map(volume, (*part.cut, *part.marked)))
+
+
+def span(body: Body) -> tuple[float, float]:
+    """Lowest and highest z of a body in mm; an arc's to a tenth of a micrometer."""
+    if isinstance(body, Prism):
+        return body.bottom, body.top
+    heights = [z for _, z in flattened(body.profile, 1e-4)]
+    return min(heights), max(heights)
 
 
 def circle(radius: float, x: float = 0.0, y: float = 0.0, hole: bool = False) -> Path:
@@ -112,16 +137,70 @@ def cylinder(x: float, y: float, radius: float, bottom: float, top: float, inner
     return Revolved(x, y, Path(((inner, bottom), (radius, bottom), (radius, top), (inner, top))))
 
 
-def _sides(path: Path) -> list[tuple[Point, Point, float]]:
+def inset(path: Path, distance: float) -> Path:
+    """Path moved to its left: parallel lines with mitered corners, and arcs about the same centers.
+
+    Arcs go on smoothly at both ends. Sides that would turn around are not looked for.
+    """
+    sides = sides_of(path)
+    moved = []
+    for before, after in zip((sides[-1], *sides[:-1]), sides, strict=True):
+        (x, y), (ax, ay), (bx, by) = after[0], _tangent(before, end=True), _tangent(after, end=False)
+        share = distance / (1 + ax * bx + ay * by)
+        moved.append((x - share * (ay + by), y + share * (ax + bx)))
+    return Path(tuple(moved), path.bulges)
+
+
+def flattened(path: Path, off: float) -> list[Point]:
+    """Corners of a polygon for the path, from which its arcs are no farther than `off` mm."""
+    points: list[Point] = []
+    for (x, y), (u, v), bulge in sides_of(path):
+        points.append((x, y))
+        if not bulge:
+            continue
+        angle = 4 * atan(bulge)
+        radius = hypot(u - x, v - y) / (2 * abs(sin(angle / 2)))
+        count = ceil(abs(angle) / min(2 * acos(max(1 - off / radius, 0.0)), pi / 4))
+        for k in range(1, count):
+            # Of the point that a part of the angle further on, the chord's length and its turn from the whole chord.
+            part = angle * k / count
+            scale, turn = sin(part / 2) / sin(angle / 2), (part - angle) / 2
+            points.append(
+                (
+                    x + scale * ((u - x) * cos(turn) - (v - y) * sin(turn)),
+                    y + scale * ((u - x) * sin(turn) + (v - y) * cos(turn)),
+                )
+            )
+    return points
+
+
+def sides_of(path: Path) -> list[Side]:
+    """Sides of a path: where each begins and ends, and its bulge."""
     points = path.points
     bulges = path.bulges or (0.0,) * len(points)
     return list(zip(points, (*points[1:], points[0]), bulges, strict=True))
 
 
+def center_of(side: Side) -> Point:
+    """Center of a side that is an arc: to the left of its chord for a turn to the left of less than a half one."""
+    (x, y), (u, v), bulge = side
+    away = (1 - bulge**2) / (4 * bulge)
+    return (x + u) / 2 - (v - y) * away, (y + v) / 2 + (u - x) * away
+
+
+def _tangent(side: Side, end: bool) -> Point:
+    """Direction in which a side arrives at its end, or leaves its start."""
+    (x, y), (u, v), bulge = side
+    length = ((u - x) ** 2 + (v - y) ** 2) ** 0.5
+    turn = 2 * atan(bulge) * (1 if end else -1)
+    dx, dy = (u - x) / length, (v - y) / length
+    return dx * cos(turn) - dy * sin(turn), dx * sin(turn) + dy * cos(turn)
+
+
 def _moment(profile: Path) -> float:
     """Integral of the radius over the inside of a profile, by Green's theorem: that of r^2/2 dz along it."""
     total = 0.0
-    for (r, z), (u, w), bulge in _sides(profile):
+    for (r, z), (u, w), bulge in sides_of(profile):
         total += (w - z) * (r * r + r * u + u * u) / 6
         if bulge:
             angle = 4 * atan(bulge)

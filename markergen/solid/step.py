@@ -9,7 +9,8 @@ from typing import Any
 
 import markergen
 from markergen.errors import OutputError
-from markergen.solid.inlay import NamedSolid, import_cadquery
+from markergen.solid.build import COLORS, OTHER, NamedSolid
+from markergen.solid.kernel import import_cadquery
 
 ENTITY = re.compile(r"^#(\d+) = (.*?);$", re.MULTILINE | re.DOTALL)
 STRING_OR_REFERENCE = re.compile(r"'(?:[^']|'')*'|#(\d+)")
@@ -95,7 +96,7 @@ def _transfer(solids: Sequence[NamedSolid], name: str, path: Path) -> None:
     from OCP.TDataStd import TDataStd_Name
     from OCP.TDocStd import TDocStd_Document
     from OCP.TopLoc import TopLoc_Location
-    from OCP.XCAFDoc import XCAFDoc_ColorGen, XCAFDoc_DocumentTool
+    from OCP.XCAFDoc import XCAFDoc_ColorGen, XCAFDoc_ColorSurf, XCAFDoc_DocumentTool
 
     document = TDocStd_Document(TCollection_ExtendedString("XmlOcaf"))
     shapes = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
@@ -112,13 +113,21 @@ def _transfer(solids: Sequence[NamedSolid], name: str, path: Path) -> None:
         shapes.SetShape(part, solid.shape.wrapped)
         call(part, solid.name)
         colors.SetColor(part, Quantity_Color(*solid.color, Quantity_TOC_sRGB), XCAFDoc_ColorGen)
+        for face in solid.marked:
+            other = Quantity_Color(*COLORS[OTHER[solid.material]], Quantity_TOC_sRGB)
+            colors.SetColor(shapes.AddSubShape(part, face.wrapped), other, XCAFDoc_ColorSurf)
         call(shapes.AddComponent(assembly, part, TopLoc_Location()), solid.name)
     shapes.UpdateAssemblies()
-    # These are global to Open CASCADE, so they are set for every file.
-    Interface_Static.SetCVal_s("xstep.cascade.unit", "MM")
-    Interface_Static.SetCVal_s("write.step.unit", "MM")
-    Interface_Static.SetIVal_s("write.surfacecurve.mode", 1)
     writer = STEPCAFControl_Writer()
+    # These are global to Open CASCADE, so they are set for every file; before there is a writer they do not exist.
+    # Without curves in the parameters of surfaces, which readers find for themselves, a file is half as large.
+    settings = (
+        Interface_Static.SetCVal_s("xstep.cascade.unit", "MM"),
+        Interface_Static.SetCVal_s("write.step.unit", "MM"),
+        Interface_Static.SetIVal_s("write.surfacecurve.mode", 0),
+    )
+    if not all(settings):
+        raise OutputError("expected Open CASCADE to take the units of STEP files, found that it does not; update it")
     writer.SetColorMode(True)
     writer.SetNameMode(True)
     done = writer.Transfer(document, STEPControl_StepModelType.STEPControl_AsIs)

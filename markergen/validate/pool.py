@@ -4,10 +4,10 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import TypeVar
 
 from markergen.errors import InputError, MarkergenError
@@ -58,17 +58,30 @@ def map_chunks(
         for index, chunk in enumerate(chunks):
             results[index] = function(chunk)
             finished(index)
-        return list(results.values())
+    else:
+        with closing(as_completed_chunks(function, chunks, workers)) as completed:
+            for index, result in completed:
+                results[index] = result
+                finished(index)
+    return [results[index] for index in range(len(chunks))]
+
+
+def as_completed_chunks(
+    function: Callable[[C], R], chunks: Sequence[C], workers: int
+) -> Generator[tuple[int, R], None, None]:
+    """Yield the index and function(chunk) of each chunk as it is done, computed by `workers` other processes.
+
+    Closing it early, as any error does, ends the workers at once; raises as `map_chunks` does.
+    """
     others = set(multiprocessing.active_children())
     # A fresh interpreter, because fork would copy the locks that threads of BLAS and OpenCV hold at that moment.
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_start_worker)
     try:
         with _inherited_by_workers():
             futures = {pool.submit(function, chunk): index for index, chunk in enumerate(chunks)}
-        for future in as_completed(futures):
-            index = futures[future]
-            results[index] = future.result()
-            finished(index)
+        for future in as_completed(list(futures)):
+            # Nobody else keeps what may be large.
+            yield futures.pop(future), future.result()
     except BaseException as error:
         for child in set(multiprocessing.active_children()) - others:
             child.terminate()
@@ -80,7 +93,6 @@ def map_chunks(
         raise
     finally:
         pool.shutdown(cancel_futures=True)
-    return [results[index] for index in range(len(chunks))]
 
 
 @contextmanager

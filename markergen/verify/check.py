@@ -9,13 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
+from markergen.errors import InputError, MissingLibraryError
 from markergen.model.feature import Feature
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.tag import Tag
-from markergen.verify.dots import Dots, dots_of, expected_dots
+from markergen.solid.surface import Surface
+from markergen.verify.dots import Dots, dots_of, expected_dots, grown
 from markergen.verify.judge import Finding, Verdict, extras, judge
 from markergen.verify.reading import Page, Reading, load, reader_of
+from markergen.verify.recess import SHEET, holds_sheet, room_of
+from markergen.verify.solids import UNITS, color_findings, dots_of_surface, hole_findings, in_unit
 from markergen.verify.tags import ABSENT, tag_findings
 
 Array = NDArray[np.float64]
@@ -24,6 +27,9 @@ MOST_COPIES = 500
 
 UNTAGGED = ("scaled", "mirrored", "another marker")
 """With these findings nothing is said about the tag, which is as wrong."""
+
+STRANGE = ("another marker", "no dots")
+"""Findings about a file whose dots are not the marker's."""
 
 Wanted = tuple[Marker, tuple[float, float], str]
 """A marker as it may be drawn, lengths drawn over lengths meant along x and y, and a note."""
@@ -114,6 +120,8 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
     ------
     InputError
         If the file cannot be read, its format is unknown, or the tolerance is not above 0.
+    MissingLibraryError
+        If the file is a STEP or BREP and the CAD kernel is missing.
     """
     if tolerance is not None and not 0 < tolerance < 1:
         raise InputError("a tolerance above 0", f"{tolerance} m", "give a length such as 0.01mm")
@@ -122,8 +130,13 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
     with np.errstate(all="ignore"):
         reading = reader(load(path), str(path), marker)
     allowed = reading.tolerance if tolerance is None else tolerance
-    checks = [_against(each, reading, allowed) for each in _wanted(marker, reading)]
-    found = min(checks, key=lambda check: (bool(check.findings), np.nan_to_num(check.largest, nan=np.inf)))
+    found = _best(marker, reading, allowed)
+    if _is_strange(found) and reading.pages[0].surface is not None:
+        found = (
+            _for_a_sheet(marker, reading, reading.pages[0].surface, allowed)
+            or _in_another_unit(marker, reading, allowed)
+            or found
+        )
     return replace(found, path=str(path))
 
 
@@ -133,7 +146,7 @@ def verify_all(marker: Marker, paths: Sequence[Path], tolerance: float | None = 
     for path in paths:
         try:
             checks.append(verify(marker, path, tolerance))
-        except InputError as error:
+        except (InputError, MissingLibraryError) as error:
             checks.append(Check(str(path), error=str(error)))
     return checks
 
@@ -141,6 +154,39 @@ def verify_all(marker: Marker, paths: Sequence[Path], tolerance: float | None = 
 def to_json(checks: Sequence[Check]) -> str:
     """One JSON array for all files."""
     return json.dumps([check.as_dict() for check in checks], indent=2, allow_nan=False)
+
+
+def _best(marker: Marker, reading: Reading, tolerance: float) -> Check:
+    checks = [_against(each, reading, tolerance) for each in _wanted(marker, reading)]
+    return min(checks, key=lambda check: (bool(check.findings), np.nan_to_num(check.largest, nan=np.inf)))
+
+
+def _is_strange(check: Check) -> bool:
+    return any(finding.kind in STRANGE for finding in check.findings)
+
+
+def _for_a_sheet(marker: Marker, reading: Reading, surface: Surface, tolerance: float) -> Check | None:
+    """The check of a plate for a printed sheet, if it is one."""
+    if not holds_sheet(surface, marker.boundary):
+        return None
+    flaws = [Finding("solid", flaw) for flaw in reading.flaws]
+    holes = hole_findings(surface, marker.substrate.holes, (np.eye(2), np.zeros(2)), 1e3 * tolerance)
+    return Check(
+        "", reading.kind, pages=(None,), tolerance=tolerance, findings=(*flaws, *holes), notes=(SHEET,)
+    )  # fmt: skip
+
+
+def _in_another_unit(marker: Marker, reading: Reading, tolerance: float) -> Check | None:
+    """The check of a solid that was written in one unit and is read in another, if that explains it."""
+    for unit, factor in UNITS.items():
+        for times, said in ((factor, f"{unit} taken for mm"), (1 / factor, f"mm taken for {unit}")):
+            check = _best(marker, in_unit(reading, times), tolerance)
+            if not _is_strange(check):
+                finding = Finding("scaled", f"scaled by {1 / times:.6g} along x, y and z: {said}")
+                rest = tuple(each for each in check.findings if each.kind != "solid")
+                scale = (check.scale[0] / times, check.scale[1] / times)
+                return replace(check, largest=np.nan, worst=None, scale=scale, findings=(finding, *rest))
+    return None
 
 
 def _wanted(marker: Marker, reading: Reading) -> list[Wanted]:
@@ -170,19 +216,27 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     verdicts: list[Verdict] = []
     findings = [Finding("marks", gap) for gap in reading.gaps]
     findings += [Finding("tag", gap) for gap in reading.tag_gaps]
+    findings += [Finding("solid", flaw) for flaw in reading.flaws]
+    holes = 1e3 * np.array([(hole.x, hole.y) for hole in marker.substrate.holes]).reshape(-1, 2)
     count = 0
+    notes = [note] if note else []
     for page in reading.pages:
-        found = dots_of(page, expected)
+        found = _dots(page, expected)
         # A page may have none: one that tells how to put others together.
         if not len(found) and len(reading.pages) > 1:
             continue
         count += len(found)
-        here = _copies(expected, ids, found, tolerance, reading, page)
-        if marker.tag is not None and reading.tagged:
+        room = room_of(page.surface, found, expected) if page.surface is not None else 0.0
+        here = _copies(grown(expected, room) if room else expected, ids, found, tolerance, reading, page)
+        if room:
+            notes.append(f"recesses for printed dots with {1e3 * room:.4g} um of room around them, and no dots")
+        elif marker.tag is not None and reading.tagged:
             here = _tagged(here, marker.tag, factor, page, tolerance)
+        if page.surface is not None:
+            here = [_made(each, marker, page.surface, None if room else found, tolerance) for each in here]
         verdicts += here
-        findings += extras(found, np.concatenate([each.used for each in here]), here[0].motion)
-    verdicts = verdicts or [judge(expected, ids, dots_of(reading.pages[0], expected), tolerance)]
+        findings += extras(found, np.concatenate([each.used for each in here]), here[0].motion, holes)
+    verdicts = verdicts or [judge(expected, ids, _dots(reading.pages[0], expected), tolerance)]
     if len(verdicts) > 1:
         verdicts = _own_tags(verdicts)
     worst = max(verdicts, key=lambda each: np.nan_to_num(each.largest, nan=np.inf))
@@ -191,8 +245,21 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
         "", reading.kind, count, sum(len(each.used) > 0 for each in verdicts), worst.largest,
         None if worst.worst is None else ids[worst.worst], worst.scale,
         reading.papers or tuple(each.size for each in reading.pages),
-        tolerance, (*said, *findings), (note,) if note else (),
+        tolerance, (*said, *findings), tuple(notes),
     )  # fmt: skip
+
+
+def _dots(page: Page, expected: Dots) -> Dots:
+    return dots_of(page, expected) if page.surface is None else dots_of_surface(page.surface, expected)
+
+
+def _made(verdict: Verdict, marker: Marker, surface: Surface, found: Dots | None, tolerance: float) -> Verdict:
+    """Verdict of a solid with what is wrong with the colors of its dots, if it has any, and the holes of its plate."""
+    if verdict.motion is None or any(each.kind in UNTAGGED for each in verdict.findings):
+        return verdict
+    colors = color_findings(surface, found.take(verdict.used), verdict.names) if found is not None else []
+    holes = hole_findings(surface, marker.substrate.holes, verdict.motion, 1e3 * tolerance)
+    return replace(verdict, findings=(*verdict.findings, *colors, *holes))
 
 
 def _copies(

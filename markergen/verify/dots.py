@@ -31,6 +31,8 @@ class Dots:
     spread : array (m,)
         How far the circles of one dot are apart, or its inner circle off its middle.
     heights : array (m,) or None
+    ordered : bool
+        Whether they stand in the order in which their file was written.
     """
 
     centers: Array
@@ -38,6 +40,7 @@ class Dots:
     inner: Array
     spread: Array
     heights: Array | None = None
+    ordered: bool = True
 
     def __len__(self) -> int:
         return len(self.centers)
@@ -50,7 +53,9 @@ class Dots:
     def take(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> "Dots":
         """Some of them."""
         heights = None if self.heights is None else self.heights[chosen]
-        return Dots(self.centers[chosen], self.radii[chosen], self.inner[chosen], self.spread[chosen], heights)
+        return Dots(
+            self.centers[chosen], self.radii[chosen], self.inner[chosen], self.spread[chosen], heights, self.ordered
+        )
 
 
 def expected_dots(marker: Marker) -> Dots:
@@ -63,6 +68,11 @@ def expected_dots(marker: Marker) -> Dots:
         np.zeros(len(marker)),
         1e3 * marker.xyz[:, 2],
     )
+
+
+def grown(dots: Dots, room: float) -> Dots:
+    """Disks that are larger by `room` in radius."""
+    return Dots(dots.centers, dots.radii + room, np.zeros(len(dots)), dots.spread, dots.heights, dots.ordered)
 
 
 def dots_of(page: Page, expected: Dots) -> Dots:

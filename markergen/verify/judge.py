@@ -35,7 +35,7 @@ class Finding:
     ----------
     kind : str
         ``scaled``, ``mirrored``, ``missing``, ``extra``, ``another marker``, ``shifted``, ``diameter``, ``kind``,
-        ``height``, ``twice``, ``marks``, ``tag`` or ``no dots``.
+        ``height``, ``twice``, ``marks``, ``tag``, ``no dots``, and of solids ``color``, ``hole`` or ``solid``.
     sentence : str
     """
 
@@ -60,6 +60,8 @@ class Verdict:
         From the marker's frame to the page, mm.
     used : array of int
         Found dots that are part of it.
+    names : tuple of int
+        Ids of these.
     """
 
     largest: float
@@ -68,6 +70,7 @@ class Verdict:
     findings: tuple[Finding, ...]
     motion: tuple[Array, Array] | None
     used: NDArray[np.intp]
+    names: tuple[int, ...] = ()
 
 
 NOTHING = np.zeros(0, dtype=np.intp)
@@ -93,7 +96,7 @@ def judge(
         Whether diameters are those of pixels.
     """
     tol = 1e3 * tolerance
-    labels = best_match(expected, found, ordered, upright)
+    labels = best_match(expected, found, ordered and found.ordered, upright)
     n = len(expected)
     if labels is None or labels.count < 3 or 2 * labels.count < n:
         seen = 0 if labels is None else labels.count
@@ -137,20 +140,27 @@ def judge(
     findings += _absent(ids, labels)
     findings += _features(names, own, expected.take(here), factor, tol, DIAMETER[pixels])
     return Verdict(
-        distance[worst] / 1e3, int(here[worst]), scale, tuple(findings), (rotation, shift), labels.found[here]
-    )
+        distance[worst] / 1e3, int(here[worst]), scale, tuple(findings), (rotation, shift), labels.found[here],
+        tuple(names),
+    )  # fmt: skip
 
 
-def extras(found: Dots, used: NDArray[np.intp], motion: tuple[Array, Array] | None) -> list[Finding]:
-    """Dots that belong to no copy of the marker, by their place in its frame."""
+def extras(
+    found: Dots, used: NDArray[np.intp], motion: tuple[Array, Array] | None, holes: Array | None = None
+) -> list[Finding]:
+    """Dots that belong to no copy of the marker, by their place in its frame; in `holes` (k, 2), mm, there are none."""
     left = np.setdiff1d(np.arange(len(found)), used)
     if not len(left) or motion is None:
         return []
     rotation, shift = motion
     places = (found.centers[left] - shift) @ rotation
+    if holes is not None and len(holes):
+        places = places[np.linalg.norm(places[:, None] - holes, axis=-1).min(axis=1) > found.radii[left] / 2]
+    if not len(places):
+        return []
     listed = "; ".join(f"x {x:.6g}, y {y:.6g} mm" for x, y in places[:MOST_LISTED])
-    more = f" and {len(left) - MOST_LISTED} more" if len(left) > MOST_LISTED else ""
-    count = "an extra dot" if len(left) == 1 else f"{len(left)} extra dots"
+    more = f" and {len(places) - MOST_LISTED} more" if len(places) > MOST_LISTED else ""
+    count = "an extra dot" if len(places) == 1 else f"{len(places)} extra dots"
     return [Finding("extra", f"{count} at {listed}{more}, marker frame")]
 
 
@@ -295,12 +305,14 @@ def _features(names: list[int], own: Dots, expected: Dots, factor: float, tol: f
     for k in np.flatnonzero(known & (own.spread > tol))[:MOST_LISTED]:
         findings.append(Finding("twice", f"the circles of dot {names[k]} are {_mm(own.spread[k])} apart"))
     if own.heights is not None and expected.heights is not None:
-        rise = own.heights - expected.heights
         # The origin of heights is the marker's plane in every format that has them.
-        for k in np.flatnonzero(np.abs(rise) > tol)[:MOST_LISTED]:
-            findings.append(
-                Finding("height", f"dot {names[k]} is {_mm(abs(rise[k]))} too {'high' if rise[k] > 0 else 'low'}")
-            )
+        rise = own.heights / factor - expected.heights
+        wrong = np.flatnonzero(np.abs(rise) > tol)
+        together = len(wrong) == len(names) > 1 and np.ptp(rise) <= 2 * tol
+        for k in wrong[: 1 if together else MOST_LISTED]:
+            who = "all dots are" if together else f"dot {names[k]} is"
+            way = "high" if rise[k] > 0 else "low"
+            findings.append(Finding("height", f"{who} {_mm(abs(rise[k]))} too {way}"))
     return findings
 
 

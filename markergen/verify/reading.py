@@ -11,6 +11,7 @@ from markergen.errors import InputError
 from markergen.model.findings import brief
 from markergen.model.marker import Marker
 from markergen.registry import Registry
+from markergen.solid.surface import Surface
 
 Array = NDArray[np.float64]
 
@@ -47,6 +48,8 @@ class Page:
         Tells whether what is on it besides the dots reads the right way round, None if that cannot be told.
     sample : callable or None
         Grey levels at points (k, 2) in mm, of a page of pixels.
+    surface : Surface or None
+        What a solid shows from above; the circles are those of its dots and not listed here.
     """
 
     circles: Array
@@ -55,6 +58,7 @@ class Page:
     heights: Array | None = None
     upright: Callable[[], bool | None] | None = None
     sample: Callable[[Array], Array] | None = None
+    surface: Surface | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +86,8 @@ class Reading:
         What is wrong with how they fit each other.
     tag_gaps : tuple of str
         What is wrong with the tag that a list of points tells.
+    flaws : tuple of str
+        What is wrong with solids themselves.
     """
 
     kind: str
@@ -94,6 +100,7 @@ class Reading:
     papers: tuple[tuple[float, float] | None, ...] = ()
     gaps: tuple[str, ...] = ()
     tag_gaps: tuple[str, ...] = ()
+    flaws: tuple[str, ...] = ()
 
 
 Reader = Callable[[bytes, str, Marker], Reading]

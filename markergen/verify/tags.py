@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.model.tag import Tag
+from markergen.solid.surface import Surface
 from markergen.verify.judge import Finding
 from markergen.verify.reading import Page
+from markergen.verify.solids import is_ink, straight_edges
 
 Array = NDArray[np.float64]
 Map = Callable[[Array], Array]
@@ -15,6 +17,9 @@ Map = Callable[[Array], Array]
 NAMES = ("top left", "top right", "bottom right", "bottom left")
 
 ABSENT = "is not in its place"
+
+SPOT = 0.15
+"""Share of a cell by which the places off its middle are apart from that where a solid is looked at."""
 
 NEAR = 0.25
 """Share of a cell within which a corner is one of the tag's."""
@@ -32,6 +37,8 @@ def tag_findings(tag: Tag, page: Page, to_page: Map, tolerance: float) -> list[F
     """
     if page.sample is not None:
         return _in_pixels(tag, page.sample, to_page, tolerance)
+    if page.surface is not None:
+        return _in_solid(tag, page.surface, to_page, tolerance)
     return _in_outlines(tag, page.corners, to_page, tolerance)
 
 
@@ -70,6 +77,54 @@ def _in_pixels(tag: Tag, sample: Map, to_page: Map, tolerance: float) -> list[Fi
     return _off(corners, _edges(corners, sample, cells), tolerance)
 
 
+def _in_solid(tag: Tag, surface: Surface, to_page: Map, tolerance: float) -> list[Finding]:
+    """By the cells, which are parts or engraved, and the four straight edges: corners may be rounded by a tool."""
+    cells = tag.cells
+    grid = (np.arange(-1, cells + 1) + 0.5) / cells - 0.5
+    x, y = np.meshgrid(grid, -grid)
+    middles = tag.side * np.stack([x.ravel(), y.ravel()], axis=-1) + tag.center
+    spots = tag.side / cells * SPOT * np.array([[0, 0], [1, 1], [-1, 1], [-1, -1], [1, -1]])
+    ink = is_ink(surface, to_page((middles[:, None] + spots).reshape(-1, 2))).reshape(*x.shape, len(spots))
+    if not (ink == np.pad(tag.ink, 1)[..., None]).all():
+        return [_not_there(tag)]
+    corners = to_page(tag.corners)
+    cell = float(np.linalg.norm(corners[1] - corners[0])) / cells
+    starts, ends = straight_edges(surface)
+    lines = []
+    for k in range(4):
+        line = _side(corners[k], corners[(k + 1) % 4], starts, ends, NEAR * cell)
+        if line is None:
+            return [_not_there(tag)]
+        lines.append(line)
+    return _off(corners, _crossings(lines), tolerance)
+
+
+def _side(start: Array, end: Array, starts: Array, ends: Array, near: float) -> tuple[Array, Array] | None:
+    """Point and direction of the straight edge that is nearest to a side, and half as long at least."""
+    length = float(np.linalg.norm(end - start))
+    along = (end - start) / length
+    outward = np.array([along[1], -along[0]])
+    off = np.stack([(each - start) @ outward for each in (starts, ends)])
+    place = np.stack([(each - start) @ along for each in (starts, ends)])
+    low, high = place.min(axis=0), place.max(axis=0)
+    there = (np.abs(off) < near).all(axis=0) & (low > -near) & (high < length + near) & (high - low > length / 2)
+    if not there.any():
+        return None
+    best = np.flatnonzero(there)[np.argmin(np.abs(off).max(axis=0)[there])]
+    direction = (ends[best] - starts[best]) / np.linalg.norm(ends[best] - starts[best])
+    return starts[best], direction
+
+
+def _crossings(lines: list[tuple[Array, Array]]) -> Array:
+    """Where each line meets the one before it."""
+    found = []
+    for k in range(len(lines)):
+        (a, u), (b, v) = lines[k - 1], lines[k]
+        step = np.linalg.solve(np.stack([u, -v], axis=-1), b - a)
+        found.append(a + step[0] * u)
+    return np.array(found)
+
+
 def _edges(corners: Array, sample: Map, cells: int) -> Array:
     """Corners (4, 2) where the lines meet along which the ink of the border ends."""
     lines = []
@@ -89,12 +144,7 @@ def _edges(corners: Array, sample: Map, cells: int) -> Array:
         middle = points.mean(axis=0)
         direction = np.linalg.svd(points - middle)[2][0]
         lines.append((middle, direction))
-    found = []
-    for k in range(4):
-        (a, u), (b, v) = lines[k - 1], lines[k]
-        step = np.linalg.solve(np.stack([u, -v], axis=-1), b - a)
-        found.append(a + step[0] * u)
-    return np.array(found)
+    return _crossings(lines)
 
 
 def _off(wanted: Array, found: Array, tolerance: float) -> list[Finding]:

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from markergen.cli import main
-from markergen.export import EXPORTERS
+from markergen.export import EXPORTERS, SOLIDS
 from markergen.model.marker_json import to_json
 from markergen.model.tag import Tag
 
@@ -54,7 +54,7 @@ def test_help_lists_every_suffix_with_a_word_about_it():
 
 
 def test_every_suffix_at_once(here, capsys):
-    suffixes = [suffix for suffix in EXPORTERS if suffix not in (".step", ".stp")]
+    suffixes = [suffix for suffix in EXPORTERS if suffix not in SOLIDS]
     assert run("tagged.json " + " ".join(f"-o out{suffix}" for suffix in suffixes)) == 0
     said = capsys.readouterr().out
     for suffix in suffixes:

@@ -4,12 +4,13 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 import pytest
 
 from markergen.errors import InputError
-from markergen.export import DRAWN, EXPORTERS, ExportOptions, Output
+from markergen.export import DRAWN, EXPORTERS, FLAT, SOLIDS, ExportOptions, Output
 from markergen.model.boundary import Circle
 from markergen.model.feature import Feature, key_ring
 from markergen.model.marker import ControlPoint, Marker
@@ -32,18 +33,29 @@ MANY = {".pdf", ".svg", ".png"}
 NO_PLACES = {".apriltag.yaml"}
 """What says nothing about the dots."""
 
+NO_WORDS = {".brep"}
+"""What has no place for a name."""
+
+SUFFIXES = sorted({EXPORTERS[suffix]: suffix for suffix in EXPORTERS}.values())
+"""One of each exporter."""
+
 OTHER_PROCESS = """
 import sys
 from markergen.export import EXPORTERS, ExportOptions
 from markergen.model.marker_json import from_json
 marker = from_json(sys.stdin.read())
-sys.stdout.buffer.write(EXPORTERS[sys.argv[1]]([marker], ExportOptions()).data)
+sys.stdout.buffer.write(EXPORTERS[sys.argv[1]]([marker], ExportOptions(stem="board")).data)
 """
 
 
-@pytest.fixture(scope="module", params=list(EXPORTERS))
+@pytest.fixture(scope="module", params=SUFFIXES)
 def suffix(request):
     return request.param
+
+
+@pytest.fixture(scope="module")
+def output(suffix):
+    return EXPORTERS[suffix]([MARKER], ExportOptions(stem="board"))
 
 
 def test_suffixes_are_lower_case_with_a_dot(suffix):
@@ -51,30 +63,39 @@ def test_suffixes_are_lower_case_with_a_dot(suffix):
     assert suffix == suffix.lower()
 
 
-def test_gives_bytes_and_sentences(suffix):
-    output = EXPORTERS[suffix]([MARKER], ExportOptions())
+def test_gives_bytes_and_sentences(output):
     assert isinstance(output, Output)
     assert len(output.data) > 300
     assert all(note.endswith(".") and note[0].isupper() for note in output.notes)
 
 
-def test_same_bytes_again_in_this_process_and_in_another(suffix):
-    once = EXPORTERS[suffix]([MARKER], ExportOptions()).data
-    assert EXPORTERS[suffix]([MARKER], ExportOptions()).data == once
+def test_what_comes_with_it_lies_beside_it_and_is_named_after_it(output):
+    for name, data in output.beside.items():
+        path = PurePosixPath(name)
+        assert not path.is_absolute()
+        assert ".." not in path.parts
+        assert "board" in path.name or name == "model.config"
+        assert len(data) > 300
+
+
+def test_same_bytes_again_in_this_process_and_in_another(suffix, output, tmp_path, monkeypatch):
     # Sets have another order there.
     other = {**os.environ, "PYTHONHASHSEED": "4"}
-    done = subprocess.run(
-        [sys.executable, "-c", OTHER_PROCESS, suffix], input=to_json(MARKER), capture_output=True, check=True, env=other
-    )
-    assert done.stdout == once
+    words = [sys.executable, "-c", OTHER_PROCESS, suffix]
+    done = subprocess.run(words, input=to_json(MARKER), capture_output=True, check=True, env=other)
+    assert done.stdout == output.data
+    monkeypatch.chdir(tmp_path)
+    again = EXPORTERS[suffix]([MARKER], ExportOptions(stem="board"))
+    assert again.data == output.data
+    assert dict(again.beside) == dict(output.beside)
 
 
-def test_another_marker_gives_other_bytes(suffix):
+def test_another_marker_gives_other_bytes(suffix, output):
     first, *rest = MARKER.control_points
     other = replace(MARKER, control_points=(replace(first, x=first.x + 1e-5), *rest))
     if suffix in NO_PLACES:
         other = replace(MARKER, tag=replace(MARKER.tag, id=4))
-    assert EXPORTERS[suffix]([other], ExportOptions()).data != EXPORTERS[suffix]([MARKER], ExportOptions()).data
+    assert EXPORTERS[suffix]([other], ExportOptions(stem="board")).data != output.data
 
 
 def test_bare_points_are_refused_by_drawings_and_solids(suffix):
@@ -85,11 +106,19 @@ def test_bare_points_are_refused_by_drawings_and_solids(suffix):
             EXPORTERS[suffix]([BARE], ExportOptions())
 
 
-def test_no_time_and_no_place_in_the_bytes(suffix, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    data = EXPORTERS[suffix]([MARKER], ExportOptions()).data
-    assert str(tmp_path).encode() not in data
-    assert b"/tmp" not in data
+def test_a_relief_is_refused_by_what_is_flat(suffix):
+    first, *rest = MARKER.control_points
+    raised = replace(MARKER, control_points=(replace(first, z=0.01), *rest))
+    if suffix in FLAT:
+        with pytest.raises(InputError, match="a flat marker"):
+            EXPORTERS[suffix]([raised], ExportOptions())
+    elif suffix not in SOLIDS:
+        assert EXPORTERS[suffix]([raised], ExportOptions()).data
+
+
+def test_no_place_in_the_bytes(output):
+    assert b"/tmp" not in output.data
+    assert str(Path.cwd()).encode() not in output.data
 
 
 def test_several_markers_go_on_sheets_alone(suffix):
@@ -102,6 +131,5 @@ def test_several_markers_go_on_sheets_alone(suffix):
             EXPORTERS[suffix]([MARKER, second], ExportOptions())
 
 
-def test_the_spec_is_named(suffix):
-    data = EXPORTERS[suffix]([MARKER], ExportOptions()).data
-    assert b"1a2b3c4d" in data
+def test_the_spec_is_named(suffix, output):
+    assert (b"1a2b3c4d" in output.data) == (suffix not in NO_WORDS)

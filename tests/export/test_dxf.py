@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from markergen.drawing.sheet import SheetOptions
+from markergen.errors import InputError
 from markergen.export import EXPORTERS, ExportOptions
-from markergen.export.dxf import write_dxf
-from markergen.model.boundary import Circle
+from markergen.export.dxf import write_dxf, write_laser_dxf
+from markergen.model.boundary import Circle, polygon_from
+from markergen.model.fabrication import Fabrication
+from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 
 WRITTEN = 1e-6
@@ -112,3 +115,63 @@ def test_what_is_for_sheets_alone_is_told(marker):
     )
     assert plain.data == asked.data
     assert asked.notes == (*plain.notes, "Drawn as designed: --compensate is for sheets.")
+
+
+LASER = Fabrication("laser")
+
+
+def by_layer(data: bytes, layer: str):
+    space = ezdxf.read(io.StringIO(data.decode())).modelspace()
+    circles = {
+        (round(c.dxf.center.x, 9), round(c.dxf.center.y, 9), round(c.dxf.radius, 9))
+        for c in space.query(f"CIRCLE[layer=='{layer}']")
+    }
+    return circles, list(space.query(f"LWPOLYLINE[layer=='{layer}']"))
+
+
+def test_a_laser_gets_the_whole_plate(marker):
+    holes = (Hole(0.06, 0.0, 0.0034, 0.0068, name="M3"), Hole(-0.06, 0.0, 0.004, use="dowel"))
+    mounted = replace(marker, tag=None, substrate=Substrate(edge=0.03, holes=holes))
+    data = EXPORTERS[".dxf"]([mounted], ExportOptions(fabrication=LASER)).data
+    assert data == write_laser_dxf(mounted, LASER) != write_dxf(mounted)
+    assert by_layer(data, "CUT") == ({(0, 0, 130), (60, 0, 1.7), (-60, 0, 2)}, [])
+    assert by_layer(data, "ENGRAVE") == by_layer(write_dxf(mounted), "ENGRAVE")
+    assert by_layer(data, "INFO")[0] == {(60, 0, 3.4), (20, -30, 4)}
+
+
+def test_a_laser_gets_arcs_of_corners_and_a_tag_in_pieces(marker):
+    square = polygon_from([[[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]]])
+    plate = replace(marker, boundary=square, substrate=Substrate(edge=0.01, corner_radius=0.005))
+    data = write_laser_dxf(plate, LASER)
+    assert not ezdxf.read(io.StringIO(data.decode())).audit().has_errors
+    circles, (outline,) = by_layer(data, "CUT")
+    assert not circles
+    points = np.array(outline.get_points("xyb"))
+    assert outline.closed
+    assert np.abs(points[:, :2]).max() == pytest.approx(110, abs=WRITTEN)
+    # Four quarters of a turn: the bulge is the tangent of a quarter of the angle.
+    assert sorted(points[:, 2]) == pytest.approx([0.0] * 4 + [np.tan(np.pi / 8)] * 4, abs=1e-9)
+    # Where cells meet in a corner both corners are round.
+    tag = [np.array(line.get_points("xyb")) for line in by_layer(data, "ENGRAVE")[1]]
+    sharp = read(plate).modelspace().query("LWPOLYLINE[layer=='ENGRAVE']")
+    ink = marker.tag.ink
+    a, b, c, d = ink[:-1, :-1], ink[:-1, 1:], ink[1:, :-1], ink[1:, 1:]
+    meeting = 2 * int(np.sum((a & d & ~b & ~c) | (b & c & ~a & ~d)))
+    assert sum((corners[:, 2] != 0).sum() for corners in tag) == meeting > 0
+    assert sum(map(len, tag)) == sum(len(line.get_points()) for line in sharp) + meeting
+
+
+def test_a_laser_engraves_relief_in_plan(marker):
+    points = tuple(replace(p, z=0.01 * (p.id % 2)) for p in marker.control_points)
+    raised = replace(marker, control_points=points)
+    data = write_laser_dxf(raised, LASER)
+    assert by_layer(data, "ENGRAVE")[0] == by_layer(write_dxf(marker), "ENGRAVE")[0]
+    words = {entity.dxf.text for entity in ezdxf.read(io.StringIO(data.decode())).modelspace().query("TEXT")}
+    assert {"0", "1, z = 10 mm", "2", "3, z = 10 mm"} < words
+    with pytest.raises(InputError, match="a flat marker"):
+        write_dxf(raised)
+
+
+def test_a_laser_refuses_what_it_cannot_make(marker):
+    with pytest.raises(InputError, match="engraving"):
+        EXPORTERS[".dxf"]([marker], ExportOptions(fabrication=replace(LASER, depth=0.0029)))

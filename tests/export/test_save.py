@@ -6,7 +6,17 @@ import pytest
 
 from markergen.drawing.sheet import SheetOptions
 from markergen.errors import InputError, OutputError
-from markergen.export import ExportOptions, check_outputs, save, suffix_of, with_record
+from markergen.export import (
+    EXPORTERS,
+    ExportOptions,
+    Output,
+    check_outputs,
+    save,
+    stem_of,
+    suffix_of,
+    with_record,
+    write,
+)
 from markergen.model.marker_json import read_marker
 from markergen.model.spec import Spec
 
@@ -137,3 +147,82 @@ def test_a_spec_that_one_page_cannot_hold_is_refused_before_the_search(tmp_path,
     with pytest.raises(InputError, match="A5"):
         check_outputs([tmp_path / name], options, Spec())
     check_outputs([tmp_path / "m.pdf"], options, Spec())
+
+
+def test_files_that_come_with_others_are_written_beside_them(tmp_path):
+    made = {
+        tmp_path / "m.stl": Output(b"all", ("A note.",), {"m-light.stl": b"light", "meshes/m.glb": b"glb"}),
+        tmp_path / "m.urdf": Output(b"urdf", (), {"meshes/m.glb": b"glb"}),
+    }
+    written = write(made)
+    names = ["m.stl", "m.urdf", "m-light.stl", "meshes/m.glb"]
+    assert written == [(tmp_path / name, ("A note.",) if name == "m.stl" else ()) for name in names]
+    assert [(tmp_path / name).read_bytes() for name in names] == [b"all", b"urdf", b"light", b"glb"]
+
+
+def test_what_comes_with_others_may_be_asked_for_itself(tmp_path):
+    folder = tmp_path / "meshes"
+    folder.mkdir()
+    made = {
+        tmp_path / "m.urdf": Output(b"urdf", (), {"meshes/m.glb": b"glb"}),
+        folder / ".." / "meshes" / "m.glb": Output(b"glb", ("Its own note.",)),
+    }
+    assert [path for path, _ in write(made)] == list(made)
+    assert (folder / "m.glb").read_bytes() == b"glb"
+
+
+@pytest.mark.parametrize(
+    "others",
+    [
+        {"m.dxf": Output(b"other")},
+        {"m.sdf": Output(b"sdf", (), {"m.dxf": b"other"})},
+    ],
+)
+def test_two_files_of_one_name_are_refused(tmp_path, others):
+    (tmp_path / "m.dxf").write_bytes(b"old")
+    made = {tmp_path / "m.step": Output(b"step", (), {"m.dxf": b"dxf", "sub/a": b""})}
+    made |= {tmp_path / name: output for name, output in others.items()}
+    with pytest.raises(OutputError, match=r"m\.dxf, which comes with .*, found another output of that name") as caught:
+        write(made)
+    assert "\n" not in str(caught.value)
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("m.dxf", b"old")]
+
+
+def test_an_input_is_not_written_over_by_what_comes_with_another(tmp_path):
+    (tmp_path / "plate.dxf").write_bytes(b"input")
+    made = {tmp_path / "plate.step": Output(b"step", (), {"meshes/a.glb": b"glb", "plate.dxf": b"dxf"})}
+    with pytest.raises(OutputError, match=r"plate\.dxf, found: It is one of the inputs"):
+        write(made, [tmp_path / "plate.dxf"])
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("plate.dxf", b"input")]
+
+
+def test_folders_that_were_made_go_again_if_nothing_is_written(tmp_path):
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "kept" / "b").mkdir()
+    made = {tmp_path / "m.urdf": Output(b"urdf", (), {"new/deep/a": b"", "kept/a": b"", "kept/b": b""})}
+    with pytest.raises(OutputError, match="Is a directory"):
+        write(made)
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["b", "kept"]
+    write({tmp_path / "m.urdf": Output(b"urdf", (), {"new/deep/a": b"1", "kept/a": b""})})
+    assert (tmp_path / "new" / "deep" / "a").read_bytes() == b"1"
+
+
+def test_exporters_are_told_what_the_file_is_called(make_ngon, tmp_path, monkeypatch):
+    stems = []
+    assert ".csv" in EXPORTERS  # which loads them all
+    monkeypatch.setitem(EXPORTERS._entries, ".csv", lambda _, options: stems.append(options.stem) or Output(b"1"))
+    save(make_ngon(5, 0.05, 0.01), [tmp_path / "1.5mm.csv", tmp_path / "M.CSV"])
+    assert stems == ["1.5mm", "M"]
+    assert stem_of(Path("out/board.fab.pdf")) == "board"
+    assert stem_of(Path("out/board.opencv.yaml")) == "board"
+
+
+def test_a_relief_is_a_solid_but_no_drawing(tmp_path):
+    check_outputs([tmp_path / "m.step", tmp_path / "m.fab.pdf"], ExportOptions(), Spec(relief=0.02))
+    for name in ("m.pdf", "m.dxf"):
+        with pytest.raises(InputError, match=r"found a relief of 20 mm for .*write it to marker\.json or as a solid"):
+            check_outputs([tmp_path / name], ExportOptions(), Spec(relief=0.02))
+    for name in ("m.pdf", "m.stl"):
+        with pytest.raises(InputError, match="dots for a drawing or a solid, found bare points"):
+            check_outputs([tmp_path / name], ExportOptions(), Spec(dot=0))
+    check_outputs([tmp_path / "m.json"], ExportOptions(), Spec(dot=0, relief=0.02))

@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 
 from markergen.errors import InputError
 from markergen.model.boundary import Circle, polygon_from
+from markergen.model.holes import parse_dowel
 from markergen.model.marker_json import from_json, json_schema, read_marker, to_json
+from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 
 SCHEMA = Path(__file__).parents[2] / "docs" / "marker-v1.schema.json"
@@ -372,3 +374,84 @@ def test_a_dot_over_the_quiet_zone_of_a_tag_is_told(tagged):
     assert "control_points[4]: 2.6 mm nearer to the quiet zone of the tag than the clearance" in refusal(content)
     content["control_points"][4].update(x=0.001 + 0.0375 + 0.018 - 0.001, y=0.0)
     assert "control_points[4]: stands 1 mm over the quiet zone of the tag" in refusal(content)
+
+
+PLATE = Substrate(
+    0.004,
+    0.001,
+    0.005,
+    0.0005,
+    Circle(0.2),
+    (Hole(0.0, -0.128, 0.0034, 0.00672, name="M3"), *parse_dowel("2x4mm@60mm")),
+)
+
+
+def test_a_substrate_is_written_and_read_back(pentagon):
+    marker = replace(pentagon, substrate=PLATE)
+    data = to_json(marker)
+    jsonschema.validate(json.loads(data), json_schema())
+    again = from_json(data.decode())
+    assert again == marker
+    assert again.substrate == PLATE
+    assert to_json(again) == data
+
+
+def test_a_plain_substrate_is_written_as_it_always_was(pentagon, content):
+    assert content["substrate"] == {"thickness": 0.003}
+    assert from_json(json.dumps(content)).substrate == Substrate()
+    # A hole says what it is for and by what name only if somebody said so.
+    content["substrate"]["holes"] = [{"x": 0, "y": 0, "diameter": 0.0034}]
+    assert from_json(json.dumps(content)).substrate.holes == (Hole(0, 0, 0.0034),)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"edge": -0.001}, "substrate.edge: Input should be greater than or equal to 0 (got -0.001)"),
+        ({"chamfer": 0.003}, "substrate: expected a chamfer of 0 or more, and below the thickness of 3 mm"),
+        ({"corner_radius": "5mm"}, "substrate.corner_radius: Input should be a valid number"),
+        ({"color": "white"}, "substrate.color: unknown key"),
+        ({"outline": {"kind": "star"}}, "substrate.outline: Input should be a table with kind circle or polygon"),
+        ({"outline": {"kind": "circle", "radius": 0}}, "substrate.outline.radius: Input should be greater than 0"),
+        ({"holes": {}}, "substrate.holes: Input should be a valid list"),
+        ({"holes": [{"x": 0, "y": 0}]}, "substrate.holes[0].diameter: missing"),
+        ({"holes": [{"x": 0, "y": 0, "diameter": 0}]}, "substrate.holes[0].diameter: Input should be greater than 0"),
+        ({"holes": [{"x": 0, "y": 0, "diameter": 0.1, "use": "door"}]}, "substrate.holes[0].use: Input should be"),
+        (
+            {"holes": [{"x": 0, "y": 0, "diameter": 0.005, "sink": 0.004}]},
+            "substrate.holes[0]: expected a countersink wider than its hole of 5 mm, found sink=0.004 m",
+        ),
+        (
+            {"holes": [{"x": 0, "y": 0, "diameter": 0.003, "sink": 0.01}]},
+            "substrate.holes[0]: has a countersink 3.5 mm deep in a plate of 3 mm",
+        ),
+        (
+            {"holes": [{"x": 0, "y": -0.128, "diameter": 0.003}, {"x": 0, "y": 0.12, "diameter": 0.003}]},
+            "substrate.holes[1]: is 11.1 mm over control_points[0]",
+        ),
+        (
+            {"holes": [{"x": 0, "y": 0, "diameter": 0.003}, {"x": 0.002, "y": 0, "diameter": 0.003}]},
+            "substrate.holes[1]: is 1 mm over the hole 3 mm at 0 mm, 0 mm",
+        ),
+        ({"holes": [{"x": 0, "y": 0, "diameter": 0.003}] * 201}, "substrate.holes: List should have at most 200 items"),
+    ],
+)
+def test_what_is_wrong_with_a_substrate_is_told_with_its_path(content, change, words):
+    content["substrate"] |= change
+    assert words in refusal(content)
+
+
+def test_holes_in_the_tag_are_told(tagged):
+    content = json.loads(to_json(tagged))
+    content["substrate"]["holes"] = [{"x": 0, "y": 0, "diameter": 0.003}]
+    assert "substrate.holes[0]: is 37 mm over the quiet zone of the tag" in refusal(content)
+
+
+def test_holes_are_held_against_the_design_and_not_against_the_print(content):
+    # The clearance of the topmost dot ends at 106.8 mm, and 2 % nearer in the print.
+    content["substrate"]["holes"] = [{"x": 0, "y": 0.105, "diameter": 0.003}]
+    for point in content["control_points"]:
+        point["x"], point["y"] = 0.98 * point["x"], 0.98 * point["y"]
+    assert "control_points[0]" in refusal(content)
+    content["print_correction"] = {"scale_x": 0.98, "scale_y": 0.98}
+    from_json(json.dumps(content))

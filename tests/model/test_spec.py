@@ -4,8 +4,10 @@ import pytest
 
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
+from markergen.model.holes import parse_mount
 from markergen.model.image_noise import ImageNoise
 from markergen.model.spec import Spec
+from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 
 
@@ -99,3 +101,52 @@ def test_a_tag_is_settled_so_that_what_means_the_same_is_equal():
 def test_tags_that_do_not_go_are_refused(values, words):
     with pytest.raises(InputError, match=words):
         Spec(**values)
+
+
+def test_a_plain_plate_is_not_mentioned():
+    assert "substrate" not in Spec(substrate=Substrate()).as_dict()
+    assert Spec(substrate=Substrate()).hash == "2b6ca07a"
+    spec = Spec(substrate=Substrate(0.004, outline=Circle(0.2)))
+    assert spec.as_dict()["substrate"] == {"thickness": 0.004, "outline": {"kind": "circle", "radius": 0.2}}
+    assert spec.hash != Spec().hash
+
+
+def test_no_dot_and_no_tag_lies_on_a_hole():
+    holes = (Hole(0.05, 0.0, 0.0034, 0.00672), Hole(-0.05, 0.0, 0.004, use="dowel"))
+    rims = (Circle(0.00336, (0.05, 0.0)), Circle(0.002, (-0.05, 0.0)))
+    plate = Substrate(holes=holes)
+    assert Spec(substrate=plate).blocked == rims
+    assert Spec(keep_outs=(Circle(0.01),), substrate=plate).blocked == (Circle(0.01), *rims)
+    free, tight = (Spec(tag="aruco:DICT_4X4_50", substrate=each) for each in (Substrate(), plate))
+    # Without holes the tag and its quiet zone are 66.7 mm wide.
+    assert free.tag_side == 0.05
+    closer = Spec(tag="aruco:DICT_4X4_50", substrate=Substrate(holes=parse_mount("4xM3@60mm/0")))
+    assert closer.tag_side < 0.05
+    assert tight.blocked == (tight.placed_tag.quiet_zone, *rims)
+    with pytest.raises(InputError, match="a tag that lies in the boundary"):
+        Spec(tag="aruco:DICT_4X4_50", substrate=Substrate(holes=parse_mount("M3:0,0")))
+
+
+@pytest.mark.parametrize(
+    ("substrate", "words"),
+    [
+        (Substrate(outline=Circle(0.14)), "a plate's outline that holds the boundary"),
+        (Substrate(holes=parse_mount("4xM3@0.5")), "over the edge of the plate"),
+        (Substrate(0.001, holes=parse_mount("4xM3c@0.1")), "has a countersink 1.66 mm deep in a plate of 1 mm"),
+        (Substrate(holes=parse_mount("2xM3@3mm")), "over the hole M3"),
+        (Substrate(holes=parse_mount("0.28:0,0")), None),
+    ],
+)
+def test_plates_that_cannot_carry_the_dots_are_refused(substrate, words):
+    if words is None:
+        assert Spec(substrate=substrate).substrate == substrate
+        return
+    with pytest.raises(InputError, match=words) as caught:
+        Spec(substrate=substrate)
+    assert "\n" not in str(caught.value)
+
+
+def test_holes_that_leave_no_room_are_refused():
+    bored = Substrate(outline=Circle(0.2), holes=(Hole(0.0, 0.0, 0.31),))
+    with pytest.raises(InputError, match="keep-outs that leave room"):
+        Spec(substrate=bored)

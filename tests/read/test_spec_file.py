@@ -5,8 +5,10 @@ import pytest
 from markergen.errors import InputError
 from markergen.model.boundary import Circle, Polygon
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
+from markergen.model.holes import parse_dowel, parse_mount
 from markergen.model.image_noise import ImageNoise
 from markergen.model.spec import Spec
+from markergen.model.substrate import Hole, Substrate
 from markergen.read.spec_file import read_template, spec_from_mapping, templates
 
 CAMERA = {"width": 640, "height": 480, "fx": 800.0, "fy": 800.0, "cx": 320.0, "cy": 240.0}
@@ -196,3 +198,43 @@ def test_a_tag_and_its_size_with_a_unit():
     assert spec_from_mapping(spec.as_dict(), stored=True) == spec
     with pytest.raises(InputError, match="tag: Input should be a valid string"):
         spec_from_mapping({"tag": 3})
+
+
+def test_a_plate_with_units_and_holes_as_on_the_command_line():
+    table = {
+        "thickness": "4mm",
+        "chamfer": 0.0005,
+        "outline": "rect:400mmx400mm",
+        "mount": "4xM3c@120mm",
+        "dowel": ["2x4mm@130mm"],
+        "holes": [{"x": "10mm", "y": 0, "diameter": "3.4mm", "name": "4"}],
+    }
+    spec = spec_from_mapping({"substrate": table})
+    holes = (Hole(0.01, 0.0, 0.0034, name="4"), *parse_mount("4xM3c@120mm"), *parse_dowel("2x4mm@130mm"))
+    assert spec.substrate == Substrate(0.004, chamfer=0.0005, outline=spec.substrate.outline, holes=holes)
+    assert spec.substrate.outline.radius == pytest.approx(0.2 * 2**0.5)
+    stored = json.loads(json.dumps(spec.as_dict()))
+    assert spec_from_mapping(stored, stored=True) == spec
+    assert spec_from_mapping(stored).hash == spec.hash
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        (3, "substrate: Input should be a valid dictionary"),
+        ({"thickness": "thin"}, "substrate.thickness: Input should be a valid number (got 'thin')"),
+        ({"thickness": "4"}, "substrate.thickness: Input should be less than or equal to 1 (got 4.0)"),
+        ({"mount": "4xM7@0.1"}, "substrate: mount: expected a metric screw or a diameter, found 'M7'"),
+        ({"mount": 4}, "substrate: mount: expected mounting holes, found '4'"),
+        ({"dowel": [["2x4mm@0.1"]]}, "substrate: dowel: expected dowel holes"),
+        ({"holes": 4}, "substrate.holes: Input should be a valid list"),
+        ({"holes": [4], "mount": "4xM3@0.1"}, "substrate.holes[0]: Input should be a valid dictionary"),
+        ({"outline": "plate.dxf"}, "substrate: write rect:0.2x0.1, circle:0.15, or a table"),
+        ({"color": "white"}, "substrate.color: unknown key"),
+    ],
+)
+def test_what_is_wrong_with_a_plate_is_named(table, words):
+    with pytest.raises(InputError) as caught:
+        spec_from_mapping({"substrate": table})
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)

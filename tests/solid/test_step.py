@@ -1,25 +1,40 @@
+import subprocess
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from markergen.drawing.scene import marker_name
-from markergen.solid.inlay import DOT_COLOR, PLATE_COLOR, marker_solids
+from markergen.model.boundary import Circle
+from markergen.model.fabrication import Fabrication
+from markergen.model.substrate import Hole, Substrate
+from markergen.model.tag import Tag
+from markergen.solid.build import COLORS, NamedSolid
+from markergen.solid.make import marker_solids
 from markergen.solid.step import normalize, write_step
 
-MICROMETRE = 1e-3
+MICROMETER = 1e-3
 
 
 @pytest.fixture(scope="module")
-def written(make_ngon):
-    marker = make_ngon(5, 0.0413, 0.0077)
-    solids = marker_solids(marker)
+def marker(make_ngon):
+    """With all that a plate may have, engraved by a laser: most entities, and faces of another color."""
+    holes = (Hole(0.05, 0.0, 0.0034, 0.0065), Hole(-0.05, 0.0, 0.003, use="dowel"))
+    plain = replace(make_ngon(5, 0.0413, 0.0077), boundary=Circle(0.06), tag=Tag("aruco:DICT_4X4_50", 3, 0.02))
+    return replace(plain, substrate=Substrate(thickness=0.004, chamfer=0.0005, holes=holes))
+
+
+@pytest.fixture(scope="module", params=["fdm", "laser"])
+def written(request, marker):
+    solids = marker_solids(marker, Fabrication(request.param))
     return marker, solids, write_step(solids, marker_name(marker))
 
 
 @pytest.fixture(scope="module")
 def parts(written, tmp_path_factory) -> dict:
-    """Name -> (solid, sRGB color) as a reader of the file finds them; also the name of the assembly."""
+    """Name -> (solid, sRGB color, faces with colors of their own) as a reader finds them; ``""`` is the assembly."""
     import cadquery
     from OCP.Quantity import Quantity_Color, Quantity_TOC_sRGB
     from OCP.STEPCAFControl import STEPCAFControl_Reader
@@ -45,32 +60,45 @@ def parts(written, tmp_path_factory) -> dict:
         assert label.FindAttribute(TDataStd_Name.GetID_s(), attribute)
         return attribute.Get().ToExtString()
 
-    roots = TDF_LabelSequence()
+    roots, members = TDF_LabelSequence(), TDF_LabelSequence()
     shapes.GetFreeShapes(roots)
     assert roots.Length() == 1
-    members = TDF_LabelSequence()
     shapes.GetComponents_s(roots.Value(1), members)
     found: dict = {"": name(roots.Value(1))}
     for index in range(1, members.Length() + 1):
-        shape, part, color = shapes.GetShape_s(members.Value(index)), TDF_Label(), Quantity_Color()
+        part, color, inner = TDF_Label(), Quantity_Color(), TDF_LabelSequence()
+        shape = cadquery.Shape.cast(shapes.GetShape_s(members.Value(index)))
         assert shapes.GetReferredShape_s(members.Value(index), part)
         assert colors.GetColor_s(part, XCAFDoc_ColorSurf, color) or colors.GetColor_s(part, XCAFDoc_ColorGen, color)
         values = tuple(color.Values(Quantity_TOC_sRGB))
-        found[name(members.Value(index))] = (cadquery.Shape.cast(shape), values)
+        shapes.GetSubShapes_s(part, inner)
+        faces = []
+        for k in range(1, inner.Length() + 1):
+            if colors.GetColor_s(inner.Value(k), XCAFDoc_ColorSurf, color):
+                face = cadquery.Shape.cast(shapes.GetShape_s(inner.Value(k)))
+                faces.append((face, tuple(color.Values(Quantity_TOC_sRGB))))
+        found[name(members.Value(index))] = (shape, values, faces)
     return found
 
 
 def test_names_and_number_of_solids(written, parts):
-    marker, _, _ = written
     assert parts[""] == "markergen-1a2b3c4d"
-    assert list(parts)[1:] == ["plate", *(f"dot-{point.id}" for point in marker.control_points)]
+    assert list(parts)[1:] == [solid.name for solid in written[1]]
+    assert list(parts)[1] == "plate"
 
 
-def test_colors(parts):
-    for name, part in parts.items():
-        if name:
-            expected = PLATE_COLOR if name == "plate" else DOT_COLOR
-            assert part[1] == pytest.approx(expected, abs=1e-4)  # colors are 32-bit floats, converted twice
+def test_colors(written, parts):
+    for solid in written[1]:
+        _, color, faces = parts[solid.name]
+        assert color == pytest.approx(COLORS[solid.material], abs=1e-4)  # 32-bit floats, converted twice
+        # What is engraved is dark in the light plate.
+        assert len(faces) == len(solid.marked)
+        for face, value in faces:
+            assert value == pytest.approx(COLORS["dark"], abs=1e-4)
+            assert any(
+                face.Center().toTuple() == pytest.approx(mark.Center().toTuple(), abs=1e-9) for mark in solid.marked
+            )
+    assert any(solid.marked for solid in written[1]) == (len(written[1]) == 1)
 
 
 def test_parts_are_valid_solids_with_the_volumes_that_were_written(written, parts):
@@ -78,27 +106,98 @@ def test_parts_are_valid_solids_with_the_volumes_that_were_written(written, part
         shape = parts[solid.name][0]
         (only,) = shape.Solids()
         assert shape.isValid()
-        assert only.Volume() * 1e-9 == pytest.approx(solid.shape.Volume() * 1e-9, rel=1e-9)
+        assert only.Volume() == pytest.approx(solid.shape.Volume(), rel=1e-9)
 
 
-def test_dot_centers_are_within_a_micrometer_in_the_marker_frame(written, parts):
+def test_gmsh_finds_the_same_solids(written, tmp_path):
+    import gmsh
+
+    path = tmp_path / "m.step"
+    path.write_bytes(written[2])
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
+        gmsh.model.occ.importShapes(str(path))
+        gmsh.model.occ.synchronize()
+        volumes = [gmsh.model.occ.getMass(3, tag) for _, tag in gmsh.model.getEntities(3)]
+    finally:
+        gmsh.finalize()
+    assert sorted(volumes) == pytest.approx(sorted(solid.shape.Volume() for solid in written[1]), rel=1e-9)
+
+
+def test_rims_of_dots_are_within_a_micrometer_in_the_marker_frame(written, parts):
     marker, _, _ = written
+    circles = [
+        (edge.arcCenter().x, edge.arcCenter().y, edge.radius())
+        for edge in parts["plate"][0].Edges()
+        if edge.geomType() == "CIRCLE" and abs(edge.arcCenter().z) < MICROMETER
+    ]
     for point in marker.control_points:
-        shape = parts[f"dot-{point.id}"][0]
-        circles = [edge for edge in shape.Edges() if edge.geomType() == "CIRCLE"]
-        assert len(circles) == (4 if point.feature.kind == "ring" else 2)
-        for edge in circles:
-            center = edge.arcCenter()
-            np.testing.assert_allclose((center.x, center.y), (point.x * 1e3, point.y * 1e3), atol=MICROMETRE, rtol=0)
-        assert max(edge.radius() for edge in circles) == pytest.approx(point.feature.diameter * 500, abs=MICROMETRE)
-        assert max(edge.arcCenter().z for edge in circles) == pytest.approx(0, abs=MICROMETRE)
+        expected = (1e3 * point.x, 1e3 * point.y, 500 * point.feature.diameter)
+        assert np.abs(np.subtract(circles, expected)).max(axis=1).min() < MICROMETER
 
 
 def test_header_has_no_time_and_units_are_mm(written):
     text = written[2].decode("ascii")
     assert "FILE_NAME('markergen-1a2b3c4d.step',''" in text
     assert "SI_UNIT(.MILLI.,.METRE.)" in text
+    assert "AUTOMOTIVE_DESIGN" in text
     assert "T" not in text.split("FILE_NAME(")[1].split(",")[1]
+
+
+AGAIN = """
+import sys
+from pathlib import Path
+from markergen.drawing.scene import marker_name
+from markergen.model.fabrication import Fabrication
+from markergen.model.marker_json import from_json
+from markergen.solid.brep import write_brep
+from markergen.solid.make import marker_solids
+from markergen.solid.step import write_step
+marker = from_json(sys.stdin.buffer.read())
+# What addresses order things by is elsewhere.
+taken = [bytearray(4096 + k) for k in range(3000)]
+solids = marker_solids(marker, Fabrication(sys.argv[1]))
+write_step(solids[:1], "first")
+Path(sys.argv[2]).write_bytes(write_step(solids, marker_name(marker)) + write_brep(solids))
+"""
+
+
+def test_another_process_writes_the_same_bytes(written, tmp_path):
+    from markergen.model.marker_json import to_json
+    from markergen.solid.brep import write_brep
+
+    marker, solids, data = written
+    process = "laser" if len(solids) == 1 else "fdm"
+    subprocess.run(
+        [sys.executable, "-c", AGAIN, process, str(tmp_path / "again")],
+        input=to_json(marker),
+        env={"PYTHONHASHSEED": "7", "PYTHONPATH": str(Path(__file__).parents[2])},
+        check=True,
+    )
+    assert (tmp_path / "again").read_bytes() == data + write_brep(solids)
+
+
+def test_brep_is_read_with_the_same_solids(written, tmp_path):
+    import cadquery
+
+    from markergen.solid.brep import write_brep
+
+    (tmp_path / "m.brep").write_bytes(write_brep(written[1]))
+    read = cadquery.Shape.importBrep(str(tmp_path / "m.brep")).Solids()
+    assert all(solid.isValid() for solid in read)
+    assert [solid.Volume() for solid in read] == pytest.approx([s.shape.Volume() for s in written[1]], rel=1e-12)
+
+
+def test_triangles_of_a_mesh_do_not_get_into_files(written):
+    from markergen.solid.brep import write_brep
+
+    before = write_brep(written[1])
+    written[1][0].shape.tessellate(0.1)
+    assert write_brep(written[1]) == before
+    assert write_step(written[1], marker_name(written[0])) == written[2]
+    assert isinstance(written[1][0], NamedSolid)
 
 
 STEP = """ISO-10303-21;

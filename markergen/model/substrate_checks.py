@@ -1,0 +1,219 @@
+"""Whether the holes of a plate have material around them, and stay clear of the dots, the tag and each other."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import ceil, floor, hypot
+from typing import Any
+
+import numpy as np
+
+from markergen.errors import InputError
+from markergen.model.boundary import Boundary, Circle, area_without
+from markergen.model.findings import listed
+from markergen.model.interior import shape_of
+from markergen.model.marker import Marker
+from markergen.model.substrate import Hole, Substrate
+from markergen.units import format_length
+
+WALL = 1e-3
+"""Least material in m around a hole: two lines of a printer's nozzle, and no drill breaks through it."""
+
+TOLERANCE, FLATTENING = 1e-9, 1e-5
+"""Rounding in m, and what is lost where circles and rounded corners are taken for polygons."""
+
+SMALLEST = 5e-4
+"""Diameter in m of the smallest hole that is worth naming as one that would fit."""
+
+SHOWN = 4
+"""Holes that a message names: a pitch circle has hardly another number of them that are wrong in the same way."""
+
+Disk = tuple[float, float, float]
+"""Center x, y and radius of a dot, m."""
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """What is wrong with one hole, and what would fit, in words; `hole` is its place in the list."""
+
+    hole: int
+    found: str
+    fits: str
+
+    def __str__(self) -> str:
+        return f"{self.found} ({self.fits})"
+
+
+def check_holes(marker: Marker, face: Any = None) -> None:
+    """Refuse a plate whose holes are not wholly in it, or hit a dot, the tag, or each other, or that lacks a dot.
+
+    Parameters
+    ----------
+    marker : Marker
+    face : shapely geometry, optional
+        The plate's upper face in m, if it is another than `plate_face` tells.
+
+    Raises
+    ------
+    InputError
+        Naming each such hole, what it hits and by how much, and what would fit; or each such dot.
+    """
+    plate, designed = marker.substrate, marker.as_designed
+    if face is None and not plate.holes and replace(plate, thickness=Substrate.thickness) == Substrate():
+        return  # A plate that is as large as the boundary or larger, and nothing else.
+    dots = {f"dot {p.id}": (p.x, p.y, p.feature.diameter / 2) for p in designed.control_points}
+    tag = marker.tag.quiet_zone if marker.tag else None
+    face = plate_face(plate, marker.boundary, list(dots.values())) if face is None else face
+    _refuse(
+        plate.holes, [*crowded(plate.holes, dots, marker.clearance, tag), *cut_open(plate.holes, face), *sunk(plate)]
+    )
+    over = {name: radius - _depth(face, x, y) for name, (x, y, radius) in dots.items()}
+    lost = [f"{name} is {_mm(by)} over its edge" for name, by in over.items() if by > FLATTENING]
+    if lost:
+        raise InputError(
+            "a plate whose upper face holds all dots",
+            listed(lost),
+            "use a larger --outline, or smaller --corner-radius and --chamfer",
+        )
+
+
+def check_plate(
+    substrate: Substrate, boundary: Boundary, blocked: Sequence[Boundary] = (), dot: float | None = None
+) -> None:
+    """Refuse a plate that is not under all places where dots may be, or whose holes are wrong whatever the dots.
+
+    Parameters
+    ----------
+    blocked : sequence of Boundary
+        Where no dot may be.
+    dot : float or None
+        Diameter in m, as far as it is known: around a disk the plate holds the dots' quiet zones.
+
+    Raises
+    ------
+    InputError
+        Also for holes, as `check_holes` does.
+    """
+    import shapely
+
+    if substrate.outline is not None:
+        # The chamfer is taken from the face, but not from what dots need.
+        room = shape_of(area_without(boundary, blocked).outlines())
+        over = shapely.difference(room, plate_face(substrate, boundary).buffer(FLATTENING))
+        if over.area > 1e-9 * boundary.area:
+            raise InputError(
+                "a plate's outline that holds the boundary, less its chamfer and what is kept out",
+                f"{over.area * 1e6:.4g} mm^2 of a {boundary} outside of a {substrate.outline}",
+                "use a larger --outline, or leave it out",
+            )
+    if substrate.holes:
+        # A dot on the rim is the farthest that one can be.
+        reach = boundary.radius / 4 if dot is None else dot / 2
+        rim = (boundary.radius - reach, 0.0, reach)
+        _refuse(substrate.holes, [
+            *crowded(substrate.holes, {}),
+            *cut_open(substrate.holes, plate_face(substrate, boundary, [rim])),
+            *sunk(substrate),
+        ])  # fmt: skip
+
+
+def _refuse(holes: Sequence[Hole], misfits: Sequence[Misfit]) -> None:
+    """Raise one error about all misfits, if there are any."""
+    if misfits:
+        raise InputError(
+            f"holes clear of dots and tag, in {format_length(WALL)} of material or more",
+            listed([f"{holes[misfit.hole]} {misfit}" for misfit in misfits], SHOWN),
+            "move them, or use smaller ones",
+        )
+
+
+def crowded(
+    holes: Sequence[Hole], dots: Mapping[str, Disk], clearance: float = 0.0, tag: Boundary | None = None
+) -> list[Misfit]:
+    """Misfits of holes with each other, the tag's quiet zone, and dots by name, which stay clear as of a keep-out."""
+    misfits = []
+    for k, hole in enumerate(holes):
+        gaps = [(name, hypot(hole.x - x, hole.y - y) - radius, clearance) for name, (x, y, radius) in dots.items()]
+        if tag is not None:
+            gaps.append(("the quiet zone of the tag", -float(tag.depth(np.array([hole.x, hole.y]))), 0.0))
+        gaps += [(str(each), hypot(hole.x - each.x, hole.y - each.y) - each.radius, WALL) for each in holes[:k]]
+        for name, distance, needed in gaps:
+            gap = distance - hole.radius
+            if gap < -TOLERANCE:
+                misfits.append(Misfit(k, f"is {_mm(-gap)} over {name}", _fits(hole, needed - gap)))
+            elif gap < needed - TOLERANCE:
+                found = f"is {_mm(gap)} from {name} instead of {_mm(needed)}"
+                misfits.append(Misfit(k, found, _fits(hole, needed - gap)))
+    return misfits
+
+
+def cut_open(holes: Sequence[Hole], face: Any) -> list[Misfit]:
+    """Misfits of holes with the edge of the plate's upper face, a shapely geometry in m."""
+    misfits = []
+    for k, hole in enumerate(holes):
+        left = _depth(face, hole.x, hole.y) - hole.radius
+        if left < WALL - FLATTENING:
+            words = f"leaves {_mm(left)} to" if left > 0 else f"is {_mm(-left)} over"
+            misfits.append(Misfit(k, f"{words} the edge of the plate", _fits(hole, WALL - left)))
+    return misfits
+
+
+def sunk(substrate: Substrate) -> list[Misfit]:
+    """Misfits of countersinks that are as deep as the plate is thick, or deeper."""
+    misfits = []
+    for k, hole in enumerate(substrate.holes):
+        depth = hole.radius - hole.diameter / 2
+        if depth >= substrate.thickness:
+            found = f"has a countersink {_mm(depth)} deep in a plate of {_mm(substrate.thickness)}"
+            misfits.append(Misfit(k, found, f"use --thickness {ceil(depth * 1e4 + 1) / 10:g}mm or more, or none"))
+    return misfits
+
+
+def plate_face(substrate: Substrate, boundary: Boundary, dots: Sequence[Disk] = ()) -> Any:
+    """Upper face of the plate without its holes, a shapely geometry in m.
+
+    It is what is outlined, or the boundary and its edge, around a disk also every dot's quiet zone, half a dot wide;
+    with its corners rounded, and less the chamfer.
+
+    Raises
+    ------
+    InputError
+        If these leave nothing.
+    """
+    if substrate.outline is not None:
+        shape = shape_of(substrate.outline.outlines())
+    elif isinstance(boundary, Circle):
+        reach = max((hypot(x, y) + 2 * radius for x, y, radius in dots), default=0.0)
+        shape = shape_of(Circle(max(boundary.radius + substrate.edge, reach), boundary.center).outlines())
+    else:
+        shape = shape_of(boundary.outlines()).buffer(substrate.edge, join_style="mitre")
+    if substrate.corner_radius:
+        # What a disk of that radius reaches from inside.
+        shape = shape.buffer(-substrate.corner_radius).buffer(substrate.corner_radius, quad_segs=64)
+    face = shape.buffer(-substrate.chamfer, join_style="mitre") if substrate.chamfer else shape
+    if face.is_empty:
+        raise InputError(
+            "a corner radius and a chamfer that leave something of the plate",
+            f"{format_length(substrate.corner_radius)} and {format_length(substrate.chamfer)}",
+            "use a smaller --corner-radius or --chamfer",
+        )
+    return face
+
+
+def _depth(face: Any, x: float, y: float) -> float:
+    """Distance in m from a point to the edge of a face, negative outside of it."""
+    import shapely
+
+    place = shapely.Point(x, y)
+    distance = float(shapely.distance(place, shapely.boundary(face)))
+    return distance if shapely.covers(face, place) else -distance
+
+
+def _fits(hole: Hole, lacking: float) -> str:
+    across = floor((hole.radius - lacking) * 2e4 + 1e-6) / 1e4
+    # Rounded up, so that it is enough.
+    moved = f"move it by {ceil(lacking * 1e5 - 1e-6) / 100:g} mm"
+    return f"{moved}, or use at most {_mm(across)} there" if across >= SMALLEST else moved
+
+
+def _mm(meters: float) -> str:
+    return format_length(float(f"{meters:.4g}"))

@@ -1,0 +1,264 @@
+"""What is engraved on the back of a plate, to be read from behind: name, spec hash, tag, origin, x-axis and ids."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import atan2, hypot, inf, tan
+from typing import Any
+
+import numpy as np
+
+from markergen.drawing.scene import marker_name
+from markergen.drawing.text import text, text_width
+from markergen.model.marker import ControlPoint, Marker
+from markergen.solid.bodies import Body, Path, Point, Prism, area, center_of, circle, flattened, span
+
+DEPTH = 0.3
+"""mm: one or two layers of a printer, one pass of an engraver."""
+
+WALL = 0.5
+"""Least material in mm between what is engraved and pockets over it."""
+
+MARGIN = 1.0
+"""Least distance in mm from edges, holes and other engraving."""
+
+HEIGHTS = (6.0, 5.0, 4.0, 3.0, 2.5)
+"""Of capital letters in mm, tried one after the other; their strokes are a fifth of it wide."""
+
+LARGEST_ID, SMALLEST_ID = 4.0, 2.5
+"""Height in mm of the digits behind dots."""
+
+STEPS = 32
+"""Places that are tried for the title across the plate, and up."""
+
+LINE = 1.6
+"""From one line of text to the next, in heights of a capital."""
+
+OFF = 2e-3
+"""How far in mm polygons may be off the arcs that they stand for where room is looked for."""
+
+SMALLEST_SIDE = 1e-4
+"""mm: shorter sides of letters are left out, and flatter arcs are lines."""
+
+SHAPE = 0.006
+"""How far letters may be off their font, in heights of a capital: nobody sees it, and there are half the faces."""
+
+MOST_BULGE = 0.8
+"""Of one arc in a letter: nearly a half turn."""
+
+
+@dataclass(frozen=True)
+class Engraving:
+    """Bodies to cut from the back, and sentences about what is left out."""
+
+    cut: tuple[Prism, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Something to engrave: closed paths as seen from above, outer ones counterclockwise, and the box they need."""
+
+    paths: tuple[Path, ...]
+    box: tuple[float, float, float, float]
+
+
+def engraving(marker: Marker, plate: Any, bottom: float, cut: Sequence[Body]) -> Engraving:
+    """Engrave the back of a plate where it has room.
+
+    Parameters
+    ----------
+    marker : Marker
+    plate : shapely geometry
+        Its outlines in mm.
+    bottom : float
+        Height of the back, mm.
+    cut : sequence of Body
+        All else that is cut from it.
+    """
+    import shapely
+
+    deep = [_plan(body) for body in cut if span(body)[0] < bottom + DEPTH + WALL]
+    room = _Room(shapely.difference(shapely.buffer(plate, -MARGIN), shapely.buffer(shapely.union_all(deep), MARGIN)))
+    left, low, right, high = plate.bounds
+    lacking = []
+    if not room.take(_axes(min(1.0, max(right - left, high - low) / 60))):
+        lacking.append("origin and x-axis")
+    if not any(room.take_somewhere(lines, height) for height in HEIGHTS for lines in _titles(marker)):
+        lacking.append("name and spec hash")
+    unnamed = [
+        str(point.id)
+        for point in marker.control_points
+        if not any(room.take(block) for block in _behind(point, marker.control_points))
+    ]
+    if unnamed:
+        more = f" and {len(unnamed) - 5} more" if len(unnamed) > 5 else ""
+        lacking.append(f"id{'s' * (len(unnamed) > 1)} {', '.join(unnamed[:5])}{more}")
+    notes = (f"The back has no room for: {'; '.join(lacking)}.",) if lacking else ()
+    return Engraving(tuple(prism for block in room.taken for prism in _prisms(block.paths, bottom)), notes)
+
+
+class _Room:
+    """Where there is still room, as a shapely geometry, and what has been given some."""
+
+    def __init__(self, free: Any) -> None:
+        self._free = free
+        self.taken: list[_Block] = []
+
+    def take(self, block: _Block) -> bool:
+        """Give a block its room, if it is free."""
+        import shapely
+
+        box = shapely.box(*block.box)
+        if not shapely.contains_properly(self._free, box):
+            return False
+        self._free = shapely.difference(self._free, shapely.buffer(box, MARGIN, join_style="mitre"))
+        self.taken.append(block)
+        return True
+
+    def take_somewhere(self, lines: Sequence[str], height: float) -> bool:
+        """Give lines of text room as near to the middle as there is some."""
+        import shapely
+
+        if self._free.is_empty:
+            return False
+        left, low, right, high = self._free.bounds
+        block = _lines(lines, (left + right) / 2, (low + high) / 2, height)
+        shapely.prepare(self._free)
+        # From behind, the first ones are on the upper left.
+        dx, dy = np.meshgrid(*((np.arange(STEPS + 1) / STEPS - 0.5) * size for size in (left - right, low - high)))
+        a, b, c, d = block.box
+        fits = shapely.contains_properly(self._free, shapely.box(a + dx, b + dy, c + dx, d + dy))
+        if not fits.any():
+            return False
+        best = np.unravel_index(np.argmin(np.where(fits, np.hypot(dx, dy).round(6), np.inf)), fits.shape)
+        return self.take(
+            _lines(lines, (left + right) / 2 + float(dx[best]), (low + high) / 2 + float(dy[best]), height)
+        )
+
+
+def _titles(marker: Marker) -> Iterator[tuple[str, ...]]:
+    """Ways to break the title into lines."""
+    name, spec = marker_name(marker).split("-", 1)
+    tag = (str(marker.tag),) if marker.tag else ()
+    yield (f"{name} {spec}", *tag)
+    yield (name, spec, *tag)
+
+
+def _behind(point: ControlPoint, points: Sequence[ControlPoint]) -> Iterator[_Block]:
+    """Ways to write a control point's id: behind its dot, else next to it where no other dot is nearer."""
+    x, y, size = point.x * 1e3, point.y * 1e3, point.feature.diameter * 1e3
+    height = min(LARGEST_ID, 0.4 * size)
+    if height >= SMALLEST_ID:
+        yield _lines((str(point.id),), x, y, height)
+    height = max(height, SMALLEST_ID)
+    # A box reaches 0.8 heights from its middle.
+    away = size / 2 + 0.85 * height + MARGIN
+    others = [(p.x * 1e3, p.y * 1e3) for p in points if p is not point]
+    for dx, dy in ((0, -away), (0, away), (-away, 0), (away, 0)):
+        if all(hypot(x + dx - u, y + dy - v) > 1.5 * away for u, v in others):
+            yield _lines((str(point.id),), x + dx, y + dy, height)
+
+
+def _axes(unit: float) -> _Block:
+    """A cross at the origin, its x-axis an arrow, with an x."""
+    import shapely
+
+    half, arm, end = 0.4 * unit, 4.0 * unit, 14.0 * unit
+    strokes = [
+        shapely.box(-arm, -half, end - 2 * unit, half),
+        shapely.box(-half, -arm, half, arm),
+        shapely.Polygon([(end, 0), (end - 3 * unit, 1.5 * unit), (end - 3 * unit, -1.5 * unit)]),
+    ]
+    outline = shapely.orient_polygons(shapely.union_all(strokes))
+    corners = shapely.get_coordinates(outline)[:-1].tolist()
+    letter = _lines(("x",), end + 3 * unit, 0.8 * unit, max(3 * unit, SMALLEST_ID))
+    return _Block((Path(tuple((x, y) for x, y in corners)), *letter.paths), (-arm, -arm, letter.box[2], arm))
+
+
+def _lines(lines: Sequence[str], x: float, y: float, height: float) -> _Block:
+    """Lines of text around (x, y), mirrored so that they read from behind."""
+    wide = max(text_width(line, height, "bold") for line in lines)
+    tall = height * (1 + LINE * (len(lines) - 1))
+    paths: list[Path] = []
+    for number, line in enumerate(lines):
+        base = tall / 2 - height - number * LINE * height
+        for path in _outlines(line, height):
+            points = tuple((round(x - u, 6), round(y + base + v, 6)) for u, v in path.points)
+            # What turned left turns right in the mirror.
+            paths.append(Path(points, tuple(-bulge for bulge in path.bulges)))
+    # Some letters reach below their line.
+    return _Block(tuple(paths), (x - wide / 2, y - tall / 2 - 0.3 * height, x + wide / 2, y + tall / 2 + 0.1 * height))
+
+
+def _outlines(line: str, height: float) -> Iterator[Path]:
+    """Outlines of a line of text around x = 0, with as few arcs as `SHAPE` allows for their curves."""
+    begin = start = (0.0, 0.0)
+    sides: list[tuple[Point, ...]] = []
+    for command, points in text(line, 0.0, 0.0, height, "center", "bold").segments:
+        (*control, end) = points or (begin,)
+        if command == "M":
+            begin, sides = end, []
+        elif hypot(end[0] - start[0], end[1] - start[1]) > SMALLEST_SIDE:
+            # A quadratic curve is half-way between its chord and its control point there.
+            middle = [((start[0] + 2 * u + end[0]) / 4, (start[1] + 2 * v + end[1]) / 4) for u, v in control]
+            sides.append((start, *middle, end))
+        start = end
+        if command == "Z":
+            yield _with_arcs(sides, SHAPE * height)
+
+
+def _with_arcs(sides: Sequence[tuple[Point, ...]], off: float) -> Path:
+    """Path of lines, and of curves through three points, of which one arc stands for as many as it can."""
+    points: list[Point] = []
+    bulges: list[float] = []
+    first = 0
+    while first < len(sides):
+        last, bulge = first, _bulge(sides[first]) if len(sides[first]) == 3 else 0.0
+        while last + 1 < len(sides) and bulge and len(sides[last + 1]) == 3:
+            run = [point for side in sides[first : last + 2] for point in side[:-1]] + [sides[last + 1][-1]]
+            longer = _bulge((run[0], run[len(run) // 2], run[-1]))
+            if not 0 < longer / bulge < inf or abs(longer) > MOST_BULGE or _off(run, longer) > off:
+                break
+            last, bulge = last + 1, longer
+        points.append(sides[first][0])
+        bulges.append(bulge)
+        first = last + 1
+    return Path(tuple(points), tuple(bulges))
+
+
+def _bulge(arc: Sequence[Point]) -> float:
+    """Bulge of the arc through three points: by the angle under which its middle one sees the others."""
+    (x, y), (u, v), (p, q) = arc
+    cross = (x - u) * (q - v) - (y - v) * (p - u)
+    dot = (x - u) * (p - u) + (y - v) * (q - v)
+    flat = abs(cross) < SMALLEST_SIDE * hypot(p - x, q - y)
+    return 0.0 if flat else -tan(atan2(cross, -dot) / 2)
+
+
+def _off(run: Sequence[Point], bulge: float) -> float:
+    """Largest distance of points from the circle of an arc from the first to the last one."""
+    x, y = center_of((run[0], run[-1], bulge))
+    distances = [hypot(u - x, v - y) for u, v in run]
+    return max(abs(distance - distances[0]) for distance in distances)
+
+
+def _prisms(paths: Sequence[Path], bottom: float) -> list[Prism]:
+    """Letters, each outer path with the holes that lie in it."""
+    import shapely
+
+    holes = [path for path in paths if area(path) < 0]
+    found = []
+    for outer in paths:
+        if area(outer) > 0:
+            inside = shapely.Polygon(flattened(outer, OFF))
+            within = tuple(hole for hole in holes if shapely.contains(inside, shapely.Point(hole.points[0])))
+            found.append(Prism(outer, within, bottom, bottom + DEPTH))
+    return found
+
+
+def _plan(body: Body) -> Any:
+    import shapely
+
+    if isinstance(body, Prism):
+        return shapely.Polygon(flattened(body.outer, OFF))
+    return shapely.Polygon(flattened(circle(max(r for r, _ in flattened(body.profile, OFF)), body.x, body.y), OFF))

@@ -1,0 +1,74 @@
+"""The marker as parts to make: a plate, and what the process puts into it, on it, or takes from it."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+from markergen.model.fabrication import Fabrication
+from markergen.model.marker import Marker
+from markergen.model.substrate_checks import check_holes
+from markergen.solid.bodies import Part
+from markergen.solid.build import NamedSolid, build
+from markergen.solid.engraving import engraving
+from markergen.solid.plate import face_of, plate_parts, plate_regions, with_cuts
+from markergen.solid.processes import PROCESSES, Made
+
+
+@dataclass(frozen=True)
+class Parts:
+    """All parts of a marker as plain data.
+
+    Attributes
+    ----------
+    parts : tuple of Part
+        The plates first.
+    made : Made
+        What the process made, with its lines and tolerances for the fabrication sheet.
+    notes : tuple of str
+        Sentences for the user.
+    """
+
+    parts: tuple[Part, ...]
+    made: Made
+    notes: tuple[str, ...]
+
+
+def parts_of(marker: Marker, fabrication: Fabrication) -> Parts:
+    """Parts of a marker as it was designed, without any CAD kernel.
+
+    Raises
+    ------
+    InputError
+        If something is below what the process can make, or does not fit onto the plate; one line.
+    """
+    import shapely
+
+    marker = marker.as_designed
+    made = PROCESSES[fabrication.process](marker, fabrication)
+    regions = plate_regions(marker)
+    face = face_of(regions, marker.substrate.chamfer * 1e3)
+    check_holes(marker, shapely.transform(face, lambda mm: mm / 1e3))
+    plates = with_cuts(plate_parts(marker, made.face), made.cut, made.marked, made.add)
+    notes = made.notes
+    if fabrication.engrave:
+        bottom = made.face - marker.substrate.thickness * 1e3
+        cut = [body for plate in plates for body in (*plate.cut, *plate.marked)]
+        engraved = engraving(marker, face_of(regions), bottom, cut)
+        plates = with_cuts(plates, engraved.cut)
+        notes = (*notes, *engraved.notes)
+    return Parts((*plates, *made.parts), made, notes)
+
+
+def marker_solids(marker: Marker, fabrication: Fabrication) -> tuple[NamedSolid, ...]:
+    """Parts of a marker as the CAD kernel makes them; raises as `parts_of` and `build` do."""
+    return solids_of(parts_of(marker, fabrication))
+
+
+def solids_of(parts: Parts) -> tuple[NamedSolid, ...]:
+    """Parts as the CAD kernel makes them; raises as `build` does."""
+    return _built(parts.parts)
+
+
+@lru_cache(maxsize=1)
+def _built(parts: tuple[Part, ...]) -> tuple[NamedSolid, ...]:
+    # Several files of one marker are written one after the other, and the kernel is what takes the time.
+    return tuple(map(build, parts))

@@ -1,0 +1,119 @@
+"""``cnc``: milled pockets with turned or milled discs, or through holes."""
+
+from math import ceil
+
+from markergen.errors import InputError
+from markergen.model.fabrication import Fabrication
+from markergen.model.marker import Marker
+from markergen.solid.bodies import Body, Part, cylinder
+from markergen.solid.fits import Fit, fit
+from markergen.solid.inks import Dot, cell_of, dots_of
+from markergen.solid.inlays import Cutting, inlay, prepare, sizes, tag_inlays
+from markergen.solid.limits import depth_of, gap_of, tool_of
+from markergen.solid.processes import PROCESSES, Made
+from markergen.units import format_length
+
+DEPTH = 1.0
+"""Of the pockets in mm: a disc that thick keeps flat."""
+
+MILLS = (3.0, 2.0, 1.5, 1.0, 0.8, 0.5)
+"""Diameters in mm of end mills that any shop has; unless one is asked for, the largest that makes every feature."""
+
+WALL = 0.5
+"""mm that stay between pockets: what does not bend under the mill."""
+
+
+@PROCESSES.register("cnc")
+def cnc(marker: Marker, fabrication: Fabrication) -> Made:
+    """Discs of the dots' nominal sizes in pockets with slip or press fit; the tag's corners have the mill's radius."""
+    dots = dots_of(marker)
+    kind = fabrication.fit or "slip"
+    gap = gap_of(fabrication, 0.0, dots)
+    by_iso = fabrication.gap is None
+    if fabrication.fit and not by_iso:
+        raise InputError(
+            "a fit of ISO 286 or a gap of your own",
+            f"--fit {fabrication.fit} and --gap {format_length(gap / 1e3)}",
+            "leave one of them out",
+        )
+
+    def gap_for(diameter: float) -> float:
+        # The tag has the gap of its cells' size.
+        size = diameter or (cell_of(marker.tag) if marker.tag else 0.0)
+        return fit(kind, size).gap if by_iso else gap
+
+    tool = tool_of(fabrication, "mill", _mill(marker, dots), WALL)
+    depth = depth_of(marker, fabrication, DEPTH, "pockets")
+    cutting = Cutting(tool, depth, tool.size / 2, gap_for)
+
+    def open_(dot: Dot) -> bool:
+        return fabrication.through and not dot.inner
+
+    ground = prepare(
+        marker, fabrication, cutting, lambda dot: dot.radius + gap_for(0 if open_(dot) else 2 * dot.radius)
+    )
+    bottom = -round(marker.substrate.thickness * 1e3, 9)
+    parts: list[Part] = []
+    cut: list[Body] = []
+    for dot in dots:
+        if open_(dot):
+            cut.append(cylinder(dot.x, dot.y, dot.radius, bottom, dot.z))
+            continue
+        some, pocket = inlay(dot, cutting)
+        parts += some
+        cut.append(pocket)
+    in_tag, tag_pockets = tag_inlays(marker, cutting)
+    fits = {diameter: fit(kind, diameter) for diameter in sizes(dots)} if by_iso else {}
+    return Made(
+        (*parts, *in_tag),
+        (*cut, *tag_pockets),
+        add=ground.pillars,
+        notes=(*ground.notes, *_notes(marker, fabrication, parts)),
+        lines=_lines(cutting, kind, by_iso, gap, fits, bool(in_tag), fabrication.through),
+        tolerances=(
+            ("dot centers, from the origin", "+/- 0.02 mm"),
+            *((f"disc of {size:.6g} mm", each.disc) for size, each in fits.items()),
+            *((f"its pocket of {size:.6g} mm", each.pocket) for size, each in fits.items()),
+            ("inlays, from the face", "0 / -0.05 mm"),
+        ),
+        depth=-bottom if fabrication.through else depth,
+    )
+
+
+def _mill(marker: Marker, dots: tuple[Dot, ...]) -> float:
+    """Largest usual mill that makes pockets, the bores of rings, and the tag; the smallest where none does."""
+    features = [2 * (dot.inner or dot.radius) for dot in dots]
+    if marker.tag:
+        features.append(cell_of(marker.tag) - WALL)
+    return next((size for size in MILLS if size <= min(features)), MILLS[-1])
+
+
+def _notes(marker: Marker, fabrication: Fabrication, parts: list[Part]) -> tuple[str, ...]:
+    if not fabrication.through:
+        return ()
+    kept = [part.name for part in parts if part.material == "dark"] + ["the tag"] * (marker.tag is not None)
+    words = f" but for {' and '.join(kept)}, whose light insides would fall out" if kept else ""
+    return (f"Dots are holes through the plate{words}. Put something dark and matte behind it.",)
+
+
+def _lines(
+    cutting: Cutting, kind: str, by_iso: bool, gap: float, fits: dict[float, Fit], tag: bool, through: bool
+) -> tuple[str, ...]:
+    tool, depth = cutting.tool, cutting.depth
+    lines = [f"End mill of {tool.size:.6g} mm or smaller; pockets {depth:.6g} mm deep with a flat floor."]
+    if not by_iso:
+        lines.append(f"Pockets are {gap:.6g} mm larger than their discs all around, as drawn.")
+    elif kind == "press":
+        lines.append("Press fit P7/h6 (ISO 286): discs and pockets are drawn at their nominal size; chamfer the discs.")
+    else:
+        play = max(each.play for each in fits.values())
+        lines.append(
+            "Slip fit F8/h7 (ISO 286): discs are drawn at their nominal size, pockets with the least clearance; glue "
+            f"the discs in, centered: they may lie off by up to {ceil(play * 1e3 - 1e-9) / 1e3:.3f} mm."
+        )
+    if tag:
+        lines.append(f"The tag's corners are rounded by {cutting.corner:.6g} mm on inlays and pockets alike.")
+    if through:
+        lines.append("Break no edge of the holes on the face: their upper rims are the dots.")
+    lines.append("Plate light and matte, discs dark and matte: black anodized, or painted before they are put in.")
+    return tuple(lines)

@@ -1,0 +1,165 @@
+"""``dome``: half-balls, or balls on necks, whose middles are the control points."""
+
+from math import acos, asin, pi, sqrt, tan
+
+from markergen.errors import InputError
+from markergen.model.fabrication import Fabrication
+from markergen.model.marker import Marker
+from markergen.solid.bodies import Body, Part, Path, Revolved, cylinder
+from markergen.solid.inks import Dot, dots_of
+from markergen.solid.inlays import Cutting, prepare, tag_inlays
+from markergen.solid.limits import Face, Footprint, check_apart, check_dots, depth_of, gap_of, tool_of
+from markergen.solid.processes import PROCESSES, Made
+from markergen.solid.relief import balls_hide, poses_of
+
+DEPTH = 2.0
+"""Of the plugs in mm."""
+
+FEATURE, WALL = 0.4, 0.5
+"""Smallest feature and least wall in mm."""
+
+PLUG, NECK = 0.5, 0.4
+"""Radius of a half-ball's plug, and of a ball's neck, in radii of the ball; of a core, the share of its radius."""
+
+STAND = 0.5
+"""How far balls in the plane stand off the plate, in radii."""
+
+
+@PROCESSES.register("dome")
+def dome(marker: Marker, fabrication: Fabrication) -> Made:
+    """Balls of the dots' diameters: their middles stay where they are from wherever they are seen."""
+    dots = dots_of(marker)
+    gap = gap_of(fabrication, 0.0, dots)
+    tool = tool_of(fabrication, "tool", FEATURE, WALL)
+    depth = depth_of(marker, fabrication, DEPTH, "plugs")
+    cutting = Cutting(tool, depth, gap=lambda _: gap)
+    made = (
+        _balls(marker, cutting, dots, gap) if fabrication.dome == "ball" else _halves(marker, fabrication, cutting, gap)
+    )
+    poses = poses_of(marker)
+    hidden = balls_hide(dots, poses) if poses is not None else 0
+    notes = made.notes
+    if poses is not None and hidden:
+        notes += (f"In {hidden} of the {len(poses)} poses a ball covers a part of another one.",)
+    return Made(
+        made.parts,
+        made.cut,
+        add=made.add,
+        notes=notes,
+        lines=(
+            *made.lines,
+            "Balls dark, plate and core light, all matte. A key dot is a dark ring on a light core: glue both.",
+        ),
+        tolerances=(("ball centers, from the origin", "+/- 0.02 mm"), ("ball diameters", "+/- 0.02 mm")),
+        depth=depth,
+        face=made.face,
+    )
+
+
+def _halves(marker: Marker, fabrication: Fabrication, cutting: Cutting, gap: float) -> Made:
+    """Half-balls that stand on the plate or their pillars, held by plugs."""
+    ground = prepare(marker, fabrication, cutting, lambda dot: dot.radius)
+    parts: list[Part] = []
+    cut: list[Body] = []
+    for dot in ground.dots:
+        bottom = round(dot.z - cutting.depth, 9)
+        plug = dot.inner - gap if dot.inner else PLUG * dot.radius
+        cut.append(cylinder(dot.x, dot.y, plug + gap, bottom, dot.z))
+        if dot.inner:
+            parts += [
+                Part(dot.name, "dark", (_half_ring(dot),)),
+                Part(f"{dot.name}-core", "light", (_core(dot, plug, bottom),)),
+            ]
+        else:
+            parts.append(Part(dot.name, "dark", (_half_ball(dot, plug, bottom),)))
+    in_tag, tag_pockets = tag_inlays(marker, cutting)
+    return Made(
+        (*parts, *in_tag),
+        (*cut, *tag_pockets),
+        add=ground.pillars,
+        notes=ground.notes,
+        lines=(
+            f"Half-balls stand on the face, their plugs {cutting.depth:.6g} mm deep in it; the middle of a ball is in "
+            "the plane of its foot.",
+        ),
+    )
+
+
+def _balls(marker: Marker, cutting: Cutting, dots: tuple[Dot, ...], gap: float) -> Made:
+    """Whole balls on necks, with the plate below them."""
+    if marker.tag is not None:
+        raise InputError(
+            "a marker without a tag for balls, which stand before a plate below the plane",
+            f"the tag {marker.tag}",
+            "use --dome half, or design it without --tag",
+        )
+    check_dots(dots, cutting.tool)
+    face = -round((1 + STAND) * max(dot.radius for dot in dots), 6)
+    bottom = face - cutting.depth
+    parts: list[Part] = []
+    cut: list[Body] = []
+    prints = []
+    for dot in dots:
+        neck = min(NECK * dot.radius, 0.8 * (dot.inner - gap)) if dot.inner else NECK * dot.radius
+        cut.append(cylinder(dot.x, dot.y, neck + gap, bottom, face))
+        # The balls themselves must not touch each other or the holes' screws either.
+        prints.append(Footprint(dot.name, ((dot.x, dot.y),), dot.radius))
+        if dot.inner:
+            parts += [
+                Part(dot.name, "dark", (_ball_ring(dot),)),
+                Part(f"{dot.name}-core", "light", (_ball_core(dot, neck, dot.inner - gap, bottom),)),
+            ]
+        else:
+            parts.append(Part(dot.name, "dark", (_ball(dot, neck, bottom),)))
+    check_apart(marker, Face(marker), prints, cutting.tool)
+    return Made(
+        tuple(parts),
+        tuple(cut),
+        notes=(f"The plate's face is {-face:.6g} mm below the plane of the control points, the balls' middles.",),
+        lines=(f"Balls stand on necks; the plate's face is at z = {face:.6g} mm, the middles of balls at their z.",),
+        face=face,
+    )
+
+
+def _half_ball(dot: Dot, plug: float, bottom: float) -> Revolved:
+    r, z = dot.radius, dot.z
+    points = ((0.0, bottom), (plug, bottom), (plug, z), (r, z), (0.0, z + r))
+    return Revolved(dot.x, dot.y, Path(points, (0.0, 0.0, 0.0, tan(pi / 8), 0.0)))
+
+
+def _half_ring(dot: Dot) -> Revolved:
+    r, z = dot.radius, dot.z
+    points = ((dot.inner, z), (r, z), (dot.inner, z + _rise(r, dot.inner)))
+    return Revolved(dot.x, dot.y, Path(points, (0.0, tan(acos(dot.inner / r) / 4), 0.0)))
+
+
+def _core(dot: Dot, radius: float, bottom: float) -> Revolved:
+    r, z = dot.radius, dot.z
+    points = ((0.0, bottom), (radius, bottom), (radius, z + _rise(r, radius)), (0.0, z + r))
+    return Revolved(dot.x, dot.y, Path(points, (0.0, 0.0, tan(asin(radius / r) / 4), 0.0)))
+
+
+def _ball(dot: Dot, neck: float, bottom: float) -> Revolved:
+    r, z = dot.radius, dot.z
+    points = ((0.0, bottom), (neck, bottom), (neck, z - _rise(r, neck)), (r, z), (0.0, z + r))
+    bulges = (0.0, 0.0, tan(acos(neck / r) / 4), tan(pi / 8), 0.0)
+    return Revolved(dot.x, dot.y, Path(points, bulges))
+
+
+def _ball_ring(dot: Dot) -> Revolved:
+    r, z, rise = dot.radius, dot.z, _rise(dot.radius, dot.inner)
+    half = tan(acos(dot.inner / r) / 4)
+    return Revolved(dot.x, dot.y, Path(((dot.inner, z - rise), (r, z), (dot.inner, z + rise)), (half, half, 0.0)))
+
+
+def _ball_core(dot: Dot, neck: float, radius: float, bottom: float) -> Revolved:
+    r, z = dot.radius, dot.z
+    low, high = _rise(r, neck), _rise(r, radius)
+    points = ((0.0, bottom), (neck, bottom), (neck, z - low), (radius, z - high), (radius, z + high), (0.0, z + r))
+    under, over = acos(neck / r) - acos(radius / r), asin(radius / r)
+    return Revolved(dot.x, dot.y, Path(points, (0.0, 0.0, tan(under / 4), 0.0, tan(over / 4), 0.0)))
+
+
+def _rise(radius: float, within: float) -> float:
+    """Height of a ball above its middle at a distance from its axis."""
+    return sqrt(radius**2 - within**2)

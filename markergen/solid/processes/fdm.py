@@ -1,0 +1,50 @@
+"""``fdm``: a two-material 3-D print, dark inlays flush in a light plate."""
+
+from markergen.model.fabrication import Fabrication
+from markergen.model.marker import Marker
+from markergen.solid.inks import dots_of
+from markergen.solid.inlays import Cutting, inlaid, prepare
+from markergen.solid.limits import depth_of, gap_of, tool_of
+from markergen.solid.processes import PROCESSES, Made
+
+DEPTH = 0.6
+"""Of the inlays in mm: three layers of 0.2 mm, which let no light of the plate through."""
+
+NOZZLE = 0.4
+"""Diameter in mm that most printers come with; a line is as wide."""
+
+
+@PROCESSES.register("fdm")
+def fdm(marker: Marker, fabrication: Fabrication) -> Made:
+    """Inlays without a gap, for a printer that changes materials; with a gap they are printed apart and put in."""
+    tool = tool_of(fabrication, "nozzle", NOZZLE)
+    gap = gap_of(fabrication, 0.0, dots_of(marker))
+    cutting = Cutting(tool, depth_of(marker, fabrication, DEPTH, "inlays"), gap=lambda _: gap)
+    ground = prepare(marker, fabrication, cutting, lambda dot: dot.radius + gap)
+    parts, pockets = inlaid(marker, ground, cutting)
+    how = (
+        f"Print plate and inlays apart, and put the inlays into their pockets: there is a gap of {gap:.6g} mm all "
+        "around them."
+        if gap
+        else "Print plate and inlays in one go, light and dark material; they share their walls."
+    )
+    face = (
+        "Print with the face up: raised dots stand on pillars."
+        if ground.pillars
+        else "Print face down on a smooth bed: all of the face is then one plane."
+    )
+    return Made(
+        parts,
+        pockets,
+        add=ground.pillars,
+        notes=ground.notes,
+        lines=(
+            how,
+            face,
+            f"Nozzle {tool.size:.6g} mm or finer; inlays {cutting.depth:.6g} mm deep, solid, in layers of 0.2 mm or "
+            "a divisor of the depth.",
+            "Both materials matte. Do not scale the parts; print a measured length, and correct it in the slicer.",
+        ),
+        tolerances=(("dot centers, from each other", "+/- 0.1 mm"), ("dot diameters", "+/- 0.1 mm")),
+        depth=cutting.depth,
+    )

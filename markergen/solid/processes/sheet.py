@@ -1,0 +1,138 @@
+"""``print``: a plate with a shallow recess that the printed sheet, cut out along the boundary, is glued into."""
+
+from typing import Any
+
+import numpy as np
+
+from markergen.errors import InputError
+from markergen.model.boundary import Circle
+from markergen.model.fabrication import Fabrication
+from markergen.model.interior import shape_of
+from markergen.model.marker import Marker
+from markergen.solid.bodies import Body, Path, Prism, circle, cylinder, flattened
+from markergen.solid.inks import dots_of
+from markergen.solid.inlays import Cutting, prepare
+from markergen.solid.limits import FLATTENING, Face, Footprint, Tool, depth_of, gap_of, tool_of, up
+from markergen.solid.processes import PROCESSES, Made
+
+DEPTH = 0.2
+"""Of the recess in mm: paper or film of 0.1 mm, and what glues it."""
+
+GAP = 0.2
+"""mm of room around the sheet: how well a knife follows a line."""
+
+KNIFE, WALL = 0.1, 0.5
+"""Width of a cut, and least width of the plate's rim around the recess, mm."""
+
+LAND = 1.0
+"""Width in mm of what is left of the plate's face around a hole within the recess."""
+
+
+Region = tuple[Path, tuple[Path, ...], Any]
+"""Outer path, holes, and the same as a polygon of shapely."""
+
+
+@PROCESSES.register("print")
+def sheet(marker: Marker, fabrication: Fabrication) -> Made:
+    """One recess for the sheet; with relief each dot, cut out on its own, lies in a recess of its own."""
+    tool = tool_of(fabrication, "knife", KNIFE, WALL)
+    depth = depth_of(marker, fabrication, DEPTH, "a recess")
+    dots = dots_of(marker)
+    gap = gap_of(fabrication, GAP if not any(dot.raised for dot in dots) else GAP / 4, dots)
+    cutting = Cutting(tool, depth, gap=lambda _: gap)
+    tolerances = (("recess", "+0.1 / 0 mm all around"), ("dot centers", "as the sheet was printed"))
+    if any(dot.raised for dot in dots):
+        ground = prepare(marker, fabrication, cutting, lambda dot: dot.radius + gap, tag=False)
+        recesses: tuple[Body, ...] = tuple(
+            cylinder(dot.x, dot.y, dot.radius + gap, round(dot.z - depth, 9), dot.z) for dot in dots
+        )
+        if marker.tag:
+            corners = _mm(marker.tag.quiet_zone.outlines()[0])
+            recesses += (Prism(_grown_square(corners, gap), (), -depth, 0.0),)
+        how = "Cut every printed dot out along its edge" + (", the tag along its quiet zone" if marker.tag else "")
+        return Made(
+            cut=recesses,
+            add=ground.pillars,
+            notes=(*ground.notes, f"{how}, and glue each into its own recess: dots stand at different heights."),
+            lines=(f"{how}, glue each into its recess, {depth:.6g} mm deep, and press it down flush.",),
+            tolerances=tolerances,
+            depth=depth,
+        )
+    recess = _recesses(marker, tool, depth, gap)
+    lands = marker.substrate.holes and any(each.holes for each in recess)
+    around = " Punch it where screws go through, 1 mm larger all around." if lands else ""
+    note = f"Print the marker as .pdf at true size, cut it out along the boundary, and glue it into the recess.{around}"
+    return Made(
+        cut=recess,
+        notes=(note,),
+        lines=(
+            f"The recess is {depth:.6g} mm deep and {gap:.6g} mm larger than the sheet all around; its floor is flat.",
+            note,
+        ),
+        tolerances=tolerances,
+        depth=depth,
+    )
+
+
+def _recesses(marker: Marker, tool: Tool, depth: float, gap: float) -> tuple[Prism, ...]:
+    """Recess in the outline of each of the boundary's regions, with land left around holes in it."""
+    face = Face(marker)
+    lands = [Footprint(each.name, each.points, each.radius + LAND) for each in face.holes]
+    found = []
+    for path, holes, shape in _regions(marker, gap):
+        room = float(face.inside(shape))
+        if room < tool.wall - FLATTENING:
+            edge = marker.substrate.edge * 1e3 + tool.wall - room
+            raise InputError(
+                f"at least {tool.wall:.6g} mm of the plate around the recess for the sheet",
+                f"{max(room, 0.0):.4g} mm",
+                "use a larger --outline" if marker.substrate.outline is not None else f"use --edge {up(edge)} or more",
+            )
+        inside = [land for land in lands if _lies_in(land, shape, tool.wall)]
+        found.append(
+            Prism(path, (*holes, *(circle(land.radius, *land.points[0], hole=True) for land in inside)), -depth, 0.0)
+        )
+    return tuple(found)
+
+
+def _lies_in(land: Footprint, shape: Any, wall: float) -> bool:
+    """Tell whether land around a hole is within the recess; refuse what is on its edge."""
+    import shapely
+
+    middle = shapely.Point(land.points[0])
+    to_rim = shapely.distance(shape.boundary, middle)
+    if to_rim < land.radius + wall - 1e-6:
+        raise InputError(
+            f"{land.name} inside or outside of the recess for the sheet, {land.radius + wall:.4g} mm from its edge",
+            f"{to_rim:.4g} mm",
+            f"move the hole by {np.ceil((land.radius + wall - to_rim) * 100) / 100:g}mm",
+        )
+    return bool(shapely.contains(shape, middle))
+
+
+def _regions(marker: Marker, gap: float) -> list[Region]:
+    import shapely
+
+    if isinstance(marker.boundary, Circle):
+        radius, (x, y) = marker.boundary.size * 1e3 + gap, _mm(marker.boundary.center).tolist()
+        path = circle(radius, x, y)
+        return [(path, (), shapely.Polygon(flattened(path, FLATTENING / 10)))]
+    shape = shapely.buffer(shape_of([_mm(ring) for ring in marker.boundary.outlines()]), gap, join_style="mitre")
+    found = []
+    for part in shapely.get_parts(shapely.orient_polygons(shape)):
+        outer, *holes = (
+            Path(tuple(map(tuple, np.round(shapely.get_coordinates(ring)[:-1], 9).tolist())))
+            for ring in shapely.get_rings(part)
+        )
+        found.append((outer, tuple(holes), part))
+    return found
+
+
+def _grown_square(corners: Any, gap: float) -> Path:
+    """Square around the given one, counterclockwise."""
+    (left, bottom), (right, top) = corners.min(axis=0) - gap, corners.max(axis=0) + gap
+    return Path(((left, bottom), (right, bottom), (right, top), (left, top)))
+
+
+def _mm(meters: Any) -> Any:
+    return np.round(np.asarray(meters) * 1e3, 9)

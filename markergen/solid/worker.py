@@ -1,0 +1,303 @@
+"""Script that reads STEP and BREP files sent to its standard input and replies with JSON; see `reading`.
+
+It imports nothing of markergen, so that it starts wherever Open CASCADE does.
+"""
+
+import importlib
+import json
+import os
+import sys
+import tempfile
+from math import pi
+from pathlib import Path
+from typing import Any, BinaryIO
+
+LEVEL = 1e-9
+"""1 - |nz| of a face that counts as level: 0.003 degrees."""
+
+SAME = 1e-6
+"""mm by which the arcs of one circle may differ."""
+
+STEPS = 16
+"""Points on a bent edge; a whole closed one has four times as many."""
+
+MOST_FACES = 200_000
+
+Json = dict[str, Any]
+
+
+def main() -> None:
+    """Read requests until there are no more: kind (4 bytes), size (8), data; replies are size (8) and JSON."""
+    replies = os.fdopen(os.dup(1), "wb")
+    # Open CASCADE says on standard output what it thinks of files.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    requests = sys.stdin.buffer
+    while True:
+        head = requests.read(12)
+        if len(head) < 12:
+            return
+        data = requests.read(int.from_bytes(head[4:], "big"))
+        _reply(replies, answer(head[:4].decode(), data))
+
+
+def answer(kind: str, data: bytes) -> Json:
+    """Parts of a file, or ``missing`` or ``error`` with a reason."""
+    try:
+        importlib.import_module("OCP.STEPCAFControl")
+    except ImportError as error:
+        return {"missing": " ".join(str(error).split())}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"file.{kind}"
+        path.write_bytes(data)
+        try:
+            parts = _step(str(path)) if kind == "step" else _brep(str(path))
+            return {"parts": [_described(*part) for part in parts]}
+        # Open CASCADE's own exceptions have no common root that Python knows of.
+        except Exception as error:
+            return {"error": f"{type(error).__name__} {' '.join(str(error).split())}"[:200]}
+
+
+def _reply(replies: BinaryIO, found: Json) -> None:
+    text = json.dumps(found).encode()
+    replies.write(len(text).to_bytes(8, "big") + text)
+    replies.flush()
+
+
+def _step(path: str) -> list[tuple[str, Any, Any, Any]]:
+    """Name, color, shape and colors of faces of each solid."""
+    from OCP.IFSelect import IFSelect_ReturnStatus
+    from OCP.Interface import Interface_Static
+    from OCP.STEPCAFControl import STEPCAFControl_Reader
+    from OCP.TCollection import TCollection_ExtendedString
+    from OCP.TDF import TDF_LabelSequence
+    from OCP.TDocStd import TDocStd_Document
+    from OCP.XCAFDoc import XCAFDoc_DocumentTool
+
+    reader = STEPCAFControl_Reader()
+    Interface_Static.SetCVal_s("xstep.cascade.unit", "MM")
+    reader.SetColorMode(True)
+    reader.SetNameMode(True)
+    if reader.ReadFile(path) != IFSelect_ReturnStatus.IFSelect_RetDone:
+        raise ValueError("text that is no STEP")
+    document = TDocStd_Document(TCollection_ExtendedString("XmlOcaf"))
+    if not reader.Transfer(document):
+        raise ValueError("entities that make no shape")
+    tool = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
+    roots = TDF_LabelSequence()
+    tool.GetFreeShapes(roots)
+    return [part for label in _sequence(roots) for part in _labeled(label, None, "", None, 0)]
+
+
+def _labeled(label: Any, place: Any, name: str, color: Any, depth: int) -> list[tuple[str, Any, Any, Any]]:
+    """Solids under a label of the document, which an assembly puts in a place."""
+    from OCP.TDF import TDF_Label, TDF_LabelSequence
+    from OCP.TopLoc import TopLoc_Location
+    from OCP.XCAFDoc import XCAFDoc_ShapeTool
+
+    place, name, color = place or TopLoc_Location(), _name(label) or name, _color(label) or color
+    if depth > 50:
+        raise ValueError("assemblies without an end")
+    if XCAFDoc_ShapeTool.IsReference_s(label):
+        meant = TDF_Label()
+        XCAFDoc_ShapeTool.GetReferredShape_s(label, meant)
+        moved = place.Multiplied(XCAFDoc_ShapeTool.GetLocation_s(label))
+        return _labeled(meant, moved, name, color, depth + 1)
+    if XCAFDoc_ShapeTool.IsAssembly_s(label):
+        children = TDF_LabelSequence()
+        XCAFDoc_ShapeTool.GetComponents_s(label, children, False)
+        return [part for each in _sequence(children) for part in _labeled(each, place, name, color, depth + 1)]
+    shape = XCAFDoc_ShapeTool.GetShape_s(label)
+    painted = TDF_LabelSequence()
+    XCAFDoc_ShapeTool.GetSubShapes_s(label, painted)
+    # By the shape where it was painted: the same face in another place is the same one.
+    faces = [(XCAFDoc_ShapeTool.GetShape_s(each), _color(each)) for each in _sequence(painted)]
+    found = []
+    for solid in _solids(shape):
+        own = next((paint for each, paint in faces if paint and each.IsSame(solid)), None)
+        found.append((name, own or color, solid.Moved(place), [(each.Moved(place), paint) for each, paint in faces]))
+    return found
+
+
+def _brep(path: str) -> list[tuple[str, Any, Any, Any]]:
+    from OCP.BRep import BRep_Builder
+    from OCP.BRepTools import BRepTools
+    from OCP.TopoDS import TopoDS_Shape
+
+    shape = TopoDS_Shape()
+    if not BRepTools.Read_s(shape, path, BRep_Builder()) or shape.IsNull():
+        raise ValueError("text that is no BREP")
+    return [("", None, solid, []) for solid in _solids(shape)]
+
+
+def _sequence(labels: Any) -> list[Any]:
+    return [labels.Value(k) for k in range(1, labels.Length() + 1)]
+
+
+def _name(label: Any) -> str:
+    from OCP.TDataStd import TDataStd_Name
+
+    attribute = TDataStd_Name()
+    if not label.FindAttribute(TDataStd_Name.GetID_s(), attribute):
+        return ""
+    return str(attribute.Get().ToExtString())
+
+
+def _color(label: Any) -> list[float] | None:
+    from OCP.Quantity import Quantity_Color, Quantity_TOC_sRGB
+    from OCP.XCAFDoc import XCAFDoc_ColorGen, XCAFDoc_ColorSurf, XCAFDoc_ColorTool
+
+    found = Quantity_Color()
+    for kind in (XCAFDoc_ColorSurf, XCAFDoc_ColorGen):
+        if XCAFDoc_ColorTool.GetColor_s(label, kind, found):
+            return [float(value) for value in found.Values(Quantity_TOC_sRGB)]
+    return None
+
+
+def _solids(shape: Any) -> list[Any]:
+    """Solids of a shape; without any the shape itself, which is then open."""
+    from OCP.TopAbs import TopAbs_SOLID
+
+    return _within(shape, TopAbs_SOLID) or [shape]
+
+
+def _within(shape: Any, kind: Any) -> list[Any]:
+    from OCP.TopExp import TopExp_Explorer
+
+    found: list[Any] = []
+    explorer = TopExp_Explorer(shape, kind)
+    while explorer.More() and len(found) < MOST_FACES:
+        found.append(explorer.Current())
+        explorer.Next()
+    return found
+
+
+def _described(name: str, color: Any, shape: Any, painted: list[tuple[Any, Any]]) -> Json:
+    from OCP.Bnd import Bnd_Box
+    from OCP.BRep import BRep_Tool
+    from OCP.BRepBndLib import BRepBndLib
+    from OCP.BRepCheck import BRepCheck_Analyzer
+    from OCP.BRepGProp import BRepGProp
+    from OCP.GProp import GProp_GProps
+    from OCP.TopAbs import TopAbs_FACE, TopAbs_SHELL, TopAbs_SOLID
+    from OCP.TopoDS import TopoDS
+
+    mass, box = GProp_GProps(), Bnd_Box()
+    BRepGProp.VolumeProperties_s(shape, mass)
+    BRepBndLib.Add_s(shape, box)
+    shells = _within(shape, TopAbs_SHELL)
+    corners = [0.0] * 6 if box.IsVoid() else list(box.Get())
+    faces, balls = [], []
+    for face in (TopoDS.Face_s(each) for each in _within(shape, TopAbs_FACE)):
+        paint = next((paint for each, paint in painted if paint and each.IsSame(face)), None)
+        found = _level(face)
+        if found:
+            faces.append({**found, "color": paint})
+        ball = _ball(face)
+        if ball:
+            balls.append({**ball, "color": paint})
+    return {
+        "name": name,
+        "color": color,
+        "volume": mass.Mass(),
+        "valid": shape.ShapeType() == TopAbs_SOLID and BRepCheck_Analyzer(shape).IsValid(),
+        "closed": bool(shells) and all(BRep_Tool.IsClosed_s(each) for each in shells),
+        "low": corners[:3],
+        "high": corners[3:],
+        "faces": faces,
+        "balls": balls,
+    }
+
+
+def _level(face: Any) -> Json | None:
+    """Height and loops of a level face that looks up; None of others."""
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+    from OCP.GeomAbs import GeomAbs_Plane
+    from OCP.TopAbs import TopAbs_REVERSED, TopAbs_WIRE
+
+    surface = BRepAdaptor_Surface(face, False)
+    if surface.GetType() != GeomAbs_Plane:
+        return None
+    plane = surface.Plane()
+    up = plane.Axis().Direction().Z() * (1.0 if plane.Direct() else -1.0)
+    if (-up if face.Orientation() == TopAbs_REVERSED else up) < 1 - LEVEL:
+        return None
+    loops = [loop for wire in _within(face, TopAbs_WIRE) if (loop := _loop(wire, face))["points"]]
+    return {"z": plane.Location().Z(), "loops": loops} if loops else None
+
+
+def _loop(wire: Any, face: Any) -> Json:
+    """Points along a wire, and the circle if all of it is on one."""
+    from OCP.BRepAdaptor import BRepAdaptor_Curve
+    from OCP.BRepTools import BRepTools_WireExplorer
+    from OCP.GeomAbs import GeomAbs_Circle, GeomAbs_Line
+    from OCP.TopAbs import TopAbs_REVERSED
+    from OCP.TopoDS import TopoDS
+
+    points: list[tuple[float, float]] = []
+    circles: list[tuple[float, float, float]] = []
+    turned, bent = 0.0, True
+    explorer = BRepTools_WireExplorer(TopoDS.Wire_s(wire), face)
+    while explorer.More():
+        curve = BRepAdaptor_Curve(explorer.Current())
+        first, last = curve.FirstParameter(), curve.LastParameter()
+        if explorer.Orientation() == TopAbs_REVERSED:
+            first, last = last, first
+        if curve.GetType() == GeomAbs_Circle:
+            center = curve.Circle().Location()
+            circles.append((center.X(), center.Y(), curve.Circle().Radius()))
+            turned += abs(last - first)
+        else:
+            bent = False
+        steps = 1 if curve.GetType() == GeomAbs_Line else 4 * STEPS if curve.IsClosed() else STEPS
+        for k in range(steps):
+            point = curve.Value(first + (last - first) * k / steps)
+            points.append((point.X(), point.Y()))
+        explorer.Next()
+    same = all(max(abs(a - b) for a, b in zip(each, circles[0], strict=True)) < SAME for each in circles)
+    return {"points": points, "circle": circles[0] if bent and same and abs(turned - 2 * pi) < 1e-6 else None}
+
+
+def _ball(face: Any) -> Json | None:
+    """Center, radius, and radii of hole and rim as seen from above, of a spherical face that bulges up."""
+    from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
+    from OCP.BRepTools import BRepTools
+    from OCP.GeomAbs import GeomAbs_Circle, GeomAbs_Sphere
+    from OCP.TopAbs import TopAbs_EDGE, TopAbs_REVERSED
+    from OCP.TopoDS import TopoDS
+
+    surface = BRepAdaptor_Surface(face, False)
+    if surface.GetType() != GeomAbs_Sphere:
+        return None
+    sphere = surface.Sphere()
+    # A dent's material is outside.
+    if (face.Orientation() == TopAbs_REVERSED) == sphere.Direct():
+        return None
+    center, radius = sphere.Location(), sphere.Radius()
+    heights = []
+    u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
+    for i in range(5):
+        for j in range(9):
+            point = surface.Value(u0 + (u1 - u0) * i / 4, v0 + (v1 - v0) * j / 8)
+            heights.append(point.Z() - center.Z())
+    top, bottom = max(heights), min(heights)
+    for edge in _within(face, TopAbs_EDGE):
+        curve = BRepAdaptor_Curve(TopoDS.Edge_s(edge))
+        if curve.GetType() == GeomAbs_Circle and abs(curve.Circle().Axis().Direction().Z()) > 1 - LEVEL:
+            height = curve.Circle().Location().Z() - center.Z()
+            # What its bounds tell to a few digits, its edges tell exactly.
+            top = height if abs(height - top) < 1e-6 * radius else top
+            bottom = height if abs(height - bottom) < 1e-6 * radius else bottom
+    # A ball may be of two faces that meet at its equator.
+    if top <= 1e-6 * radius:
+        return None
+
+    def around(height: float) -> float:
+        return max(radius**2 - height**2, 0.0) ** 0.5
+
+    hole = around(top) if top < radius * (1 - 1e-9) else 0.0
+    place = {"x": center.X(), "y": center.Y(), "z": center.Z(), "radius": radius}
+    return {**place, "hole": hole, "rim": around(max(bottom, 0.0))}
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,193 @@
+"""What a workshop is told about a marker: its parts put into the views, sections, tables and words of a drawing."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import groupby
+from math import hypot
+
+from markergen.drawing.figure import size_words
+from markergen.drawing.scene import marker_name
+from markergen.drawing.workshop import Callout, Face, Label, Span, Workpiece
+from markergen.drawing.workshop_front import millimeters
+from markergen.model.fabrication import Fabrication
+from markergen.model.marker import Marker
+from markergen.model.substrate import Hole
+from markergen.solid.bodies import Part, cylinder, span
+from markergen.solid.processes import Made
+from markergen.solid.sections import BACK, centered, elevation, is_plate, reach, seen, size_of
+from markergen.solid.workpiece_sections import alike, sections_of
+from markergen.solid.workpiece_tables import DIAMETER, MOST_KINDS, SAME, is_disk, mm, ranges, tables_of, use_words
+
+WORDS = {
+    "fdm": "3-D print in two materials",
+    "cnc": "milled pockets with discs",
+    "laser": "engraved plate",
+    "print": "plate with a recess for a printed sheet",
+    "dome": "balls on a plate",
+}
+"""What a process is called on paper."""
+
+FRAME = (
+    "All coordinates are in the marker frame: origin and axes as drawn, z out of the face toward the viewer, z = 0 in "
+    "the plane of the dots that are not raised."
+)
+MEASURE = (
+    "Take sizes from the dimensions and tables, never from the drawing. The exact geometry is in the STEP file of the "
+    "same name."
+)
+AFTERWARDS = (
+    "What counts is where the centers of the dots are. Where they were measured on the finished marker, enter them "
+    "with: markergen rescale marker.json --measured-points dots.csv -o measured.json"
+)
+
+
+def workpiece(marker: Marker, fabrication: Fabrication, parts: Sequence[Part], made: Made) -> Workpiece:
+    """All that a fabrication sheet says about a marker as it was designed.
+
+    Parameters
+    ----------
+    marker : Marker
+    fabrication : Fabrication
+    parts : sequence of Part
+        With the plate or plates among them.
+    made : Made
+        What the process said about them.
+    """
+    plates = [part for part in parts if is_plate(part)]
+    low, high = reach(plates)
+    face = made.face
+    heights = [Span(low, face, millimeters(face - low))]
+    if high > face + SAME:
+        heights.append(Span(face, high, millimeters(high - face)))
+    highest = reach(parts)[1]
+    if highest > high + SAME:
+        heights.append(Span(face, highest, millimeters(highest - face)))
+    if face < -SAME:
+        heights.append(Span(face, 0.0, millimeters(-face)))
+    dots = "dots" if len(marker) > 1 else "dot"
+    return Workpiece(
+        name=marker_name(marker),
+        title=f"Fiducial marker, {len(marker)} {dots}, {size_words(marker.boundary)}",
+        process=WORDS.get(fabrication.process, fabrication.process),
+        materials=_materials(parts),
+        front=(*seen(parts), *_printed(marker, parts)),
+        side=elevation(parts),
+        back=_back(parts),
+        size=size_of([body for part in parts for body in part.add]),
+        round=len(plates) == 1 and is_disk(plates[0]),
+        labels=tuple(
+            Label(str(p.id), mm(p.x), mm(p.y), mm(p.feature.diameter) / 2, mm(p.feature.inner_diameter) / 2)
+            for p in marker.control_points
+        ),
+        callouts=(*_dot_callouts(marker, fabrication), *_hole_callouts(marker.substrate.holes), *_tag_callout(marker)),
+        heights=tuple(sorted(heights, key=lambda height: height.end - height.start)),
+        sections=sections_of(marker, parts, made),
+        tables=tables_of(marker, parts, made),
+        notes=(FRAME, MEASURE, *_plate_notes(marker), *made.lines, AFTERWARDS),
+    )
+
+
+def _back(parts: Sequence[Part]) -> tuple[Face, ...]:
+    """The back, if there is more to see on it than the outline and the holes that the front shows."""
+    plates = [part for part in parts if is_plate(part)]
+    faces = seen(plates, BACK)
+    count = sum(len(part.add) for part in plates)
+    # Letters are filled, so that they are read; what goes through stays empty.
+    holes = [replace(face, material="dark", fine=True) if face.material else face for face in faces[count:]]
+    return (*faces[:count], *holes) if any(face.material for face in holes) else ()
+
+
+def _materials(parts: Sequence[Part]) -> str:
+    kinds: dict[str, list[str]] = {}
+    for part in parts:
+        what = "core of the ring" if part.name.endswith("-core") else part.name.split("-")[0]
+        kinds.setdefault(part.material, []).append("dots" if what == "dot" else what)
+        if part.marked:
+            kinds.setdefault("dark" if part.material == "light" else "light", []).append("engraving")
+    return "; ".join(f"{material}: {', '.join(dict.fromkeys(names))}" for material, names in kinds.items())
+
+
+def _printed(marker: Marker, parts: Sequence[Part]) -> tuple[Face, ...]:
+    """Dots and tag where they are no parts, not engraved and no holes, but on a sheet that is glued on."""
+    low, _ = reach(parts)
+    if any(not is_plate(part) or part.marked for part in parts):
+        return ()
+    dots = [
+        cylinder(mm(p.x), mm(p.y), mm(p.feature.diameter) / 2, -1.0, 0.0, mm(p.feature.inner_diameter) / 2)
+        for p in marker.control_points
+        if not any(
+            centered(body, mm(p.x), mm(p.y)) and span(body)[0] < low + SAME for part in parts for body in part.cut
+        )
+    ]
+    faces = list(seen([Part("dot", "dark", tuple(dots))])) if dots else []
+    if marker.tag and dots:
+        rings = tuple(tuple((mm(x), mm(y)) for x, y in ring.tolist()) for ring in marker.tag.outlines)
+        faces.append(Face(rings, "dark"))
+    return tuple(replace(face, fine=True) for face in faces)
+
+
+def _dot_callouts(marker: Marker, fabrication: Fabrication) -> list[Callout]:
+    found = []
+    kinds = alike(marker.control_points)
+    if len(kinds) > MOST_KINDS:
+        places = tuple((mm(p.x), mm(p.y), mm(p.feature.diameter) / 2) for p in marker.control_points)
+        return [Callout((f"{len(places)} dots of {len(kinds)} sizes", "see the table"), places)]
+    for (diameter, inner), points in kinds:
+        count = f"{len(points)}x " if len(points) > 1 else ""
+        # S stands for a sphere (ISO 129).
+        sphere = "S" if fabrication.process == "dome" else ""
+        size = f"{sphere}{DIAMETER}{millimeters(mm(diameter))}"
+        ring = f" / {DIAMETER}{millimeters(mm(inner))}" if inner else ""
+        which = "ring" if inner else "dot"
+        names = f"{which}{'s' if len(points) > 1 else ''} {ranges([p.id for p in points])}"
+        places = tuple((mm(p.x), mm(p.y), mm(p.feature.diameter) / 2) for p in points)
+        found.append(Callout((f"{count}{size}{ring}", names), places))
+    return found
+
+
+def _kinds(holes: Sequence[Hole]) -> list[list[Hole]]:
+    """Holes that are alike and equally far from the origin."""
+
+    def kind(hole: Hole) -> tuple[str, str, float, float, float]:
+        return hole.use, hole.name, hole.diameter, hole.sink, round(hypot(hole.x, hole.y), 9)
+
+    return [list(group) for _, group in groupby(sorted(holes, key=kind), key=kind)]
+
+
+def _hole_callouts(holes: Sequence[Hole]) -> list[Callout]:
+    found = []
+    kinds = _kinds(holes)
+    if len(kinds) > MOST_KINDS:
+        places = tuple((mm(hole.x), mm(hole.y), mm(hole.radius)) for hole in holes)
+        return [Callout((f"{len(places)} holes through", "see the table"), places)]
+    for group in kinds:
+        first = group[0]
+        count = f"{len(group)}x " if len(group) > 1 else ""
+        pitch = mm(hypot(first.x, first.y)) if len(group) > 1 else 0.0
+        lines = [f"{count}{DIAMETER}{millimeters(mm(first.diameter))} through", use_words(first)]
+        if first.sink:
+            lines.append(f"countersunk {DIAMETER}{millimeters(mm(first.sink))} x 90\xb0")
+        if pitch:
+            lines.append(f"on a pitch circle {DIAMETER}{millimeters(2 * pitch)}")
+        places = tuple((mm(hole.x), mm(hole.y), mm(hole.radius)) for hole in group)
+        found.append(Callout(tuple(filter(None, lines)), places, pitch))
+    return found
+
+
+def _tag_callout(marker: Marker) -> list[Callout]:
+    if marker.tag is None:
+        return []
+    side = mm(marker.tag.side)
+    x, y = (mm(center) for center in marker.tag.center)
+    words = (f"tag {marker.tag}", f"black square {millimeters(side)} x {millimeters(side)}")
+    return [Callout(words, ((x + side / 2, y + side / 4, 0.0),))]
+
+
+def _plate_notes(marker: Marker) -> list[str]:
+    substrate = marker.substrate
+    said = []
+    if substrate.corner_radius:
+        said.append(f"corners of the plate seen from above R{millimeters(mm(substrate.corner_radius))}")
+    if substrate.chamfer:
+        said.append(f"chamfer around the face {millimeters(mm(substrate.chamfer))} x 45\xb0")
+    return [f"{', '.join(said).capitalize()}."] if said else []

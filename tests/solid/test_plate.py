@@ -1,0 +1,136 @@
+from dataclasses import replace
+from math import pi
+
+import numpy as np
+import pytest
+import shapely
+
+from markergen.errors import InputError
+from markergen.model.boundary import Circle, polygon_from
+from markergen.model.interior import shape_of
+from markergen.model.substrate import Hole, Substrate
+from markergen.solid.bodies import Part, area, circle, cylinder, part_volume
+from markergen.solid.build import build
+from markergen.solid.plate import face_of, plate_parts, plate_radius, plate_regions, plate_size, with_cuts
+
+EXACT = 1e-9
+"""Coordinates are rounded to picometers."""
+
+
+def made(marker, **measures):
+    return replace(marker, substrate=Substrate(**measures))
+
+
+def plan_area(marker):
+    return sum(area(path) for region in plate_regions(marker) for path in region)
+
+
+def test_a_disk_s_plate_holds_the_boundary_and_every_quiet_zone(make_ngon):
+    assert plate_radius(make_ngon(5, 0.15, 0.036)) == pytest.approx(128.4 + 36)
+    assert plate_radius(make_ngon(5, 0.15, 0.002)) == pytest.approx(152)
+    assert plate_radius(made(make_ngon(5, 0.15, 0.002), edge=0.01)) == pytest.approx(160)
+    assert plate_size(make_ngon(5, 0.15, 0.002)) == "304 mm across"
+
+
+@pytest.mark.parametrize("edge", [0.0, 0.002])
+def test_other_plates_are_the_boundary_with_a_mitered_edge(shape, make_in, edge):
+    marker = made(make_in(shape, 5, 0.01), edge=edge)
+    wide = shapely.buffer(shape_of([1e3 * ring for ring in shape.outlines()]), 1e3 * edge, join_style="mitre")
+    # GEOS leaves out corners that are within a hundredth of the edge, all along the fine circles.
+    assert plan_area(marker) == pytest.approx(wide.area, rel=1e-4 if edge else EXACT)
+    corners = [corner for ring in shape.outlines() for corner in (1e3 * ring).tolist()]
+    rim = face_of(plate_regions(marker)).boundary
+    # No corner is nearer to the rim than the edge is wide, and none of its sides farther.
+    distances = shapely.distance(rim, shapely.points(corners))
+    assert distances == pytest.approx(1e3 * edge, abs=1e-6) or distances.min() >= 1e3 * edge - 1e-6
+
+
+def test_a_sharp_corner_s_edge_is_cut_off_and_narrow_gaps_close(make_in):
+    needle = polygon_from([np.array([[0, 0], [0.2, -0.008], [0.2, 0.008]])])
+    marker = make_in(needle, 1, 0.005)
+    (plate,) = plate_regions(marker)
+    # Mitered it would be 50 mm longer at the tip.
+    assert np.ptp(np.array(plate[0].points)[:, 0]) <= 200 + 2 + 5 * 2 + 1e-9
+    gap = 0.003
+    halves = polygon_from([np.array([[x, 0], [x + 0.05, 0], [x + 0.05, 0.05], [x, 0.05]]) for x in (0, 0.05 + gap)])
+    assert [part.name for part in plate_parts(make_in(halves, 2, 0.01))] == ["plate"]
+    assert [part.name for part in plate_parts(made(make_in(halves, 2, 0.01), edge=0.001))] == ["plate-1", "plate-2"]
+    assert plate_size(make_in(halves, 2, 0.01)) == "107 x 54 mm"
+
+
+def test_corners_are_rounded_inner_ones_too(shapes, make_in):
+    marker = made(make_in(shapes["L"], 5, 0.01), edge=0.0, corner_radius=0.004)
+    (plate,) = plate_parts(marker)
+    # Five corners lose what a sixth one gains.
+    assert plan_area(marker) == pytest.approx(25600 - 4 * (4 - pi) / 4 * 16, rel=EXACT)
+    solid = build(plate).shape
+    radii = sorted(round(e.radius(), 6) for e in solid.Edges() if e.geomType() == "CIRCLE")
+    assert radii == [4.0] * 12
+    # The holes of a plate are curves, and have no corners.
+    with_holes = [make_in(shapes["plate"], 5, 0.01), 0.004]
+    assert plan_area(made(with_holes[0], corner_radius=0.004)) == pytest.approx(
+        plan_area(with_holes[0]) - (4 - pi) * 16, rel=EXACT
+    )
+
+
+def test_corners_and_chamfers_that_do_not_fit_are_told(shapes, make_in, make_ngon):
+    marker = make_in(shapes["rectangle"], 5, 0.01)
+    with pytest.raises(InputError, match=r"at most 52 mm .*corner_radius=60 mm; use --corner-radius 52mm"):
+        plate_regions(made(marker, corner_radius=0.06))
+    plate_regions(made(marker, corner_radius=0.052))
+    with pytest.raises(InputError, match=r"a chamfer below 1 mm .*chamfer=1.5 mm; use --chamfer 0.99mm"):
+        plate_regions(made(marker, corner_radius=0.001, chamfer=0.0015))
+    plate_regions(made(marker, corner_radius=0.001, chamfer=0.0009))
+    with pytest.raises(InputError, match="a chamfer below 12 mm"):
+        plate_regions(replace(make_ngon(4, 0.01, 0.002), substrate=Substrate(thickness=0.02, chamfer=0.015)))
+
+
+def test_the_upper_face_is_within_the_chamfer(make_ngon):
+    regions = plate_regions(make_ngon(5, 0.15, 0.002))
+    # Polygons are 2 um off their arcs at most.
+    assert face_of(regions, 1.5).area == pytest.approx(pi * 150.5**2, abs=2 * pi * 150.5 * 2e-3)
+
+
+@pytest.mark.parametrize(
+    ("hole", "removed"),
+    [
+        (Hole(0.14, 0.0, 0.0034), pi * 1.7**2 * 3),
+        # A head of 6 mm: 1.3 mm of a cone, and the rest.
+        (Hole(0.0, -0.14, 0.0034, 0.006), pi / 3 * 1.3 * (3**2 + 3 * 1.7 + 1.7**2) + pi * 1.7**2 * 1.7),
+        (Hole(-0.14, 0.0, 0.004, use="dowel"), pi * 2**2 * 3),
+    ],
+)
+def test_holes(make_ngon, hole, removed):
+    marker = made(make_ngon(5, 0.15, 0.01), holes=(hole,))
+    (plate,) = plate_parts(marker)
+    assert part_volume(plate) == pytest.approx(pi * 154**2 * 3 - removed, rel=EXACT)
+    solid = build(plate).shape
+    rims = [edge for edge in solid.Edges() if edge.geomType() == "CIRCLE" and edge.radius() < 10]
+    for edge in rims:
+        assert (edge.arcCenter().x, edge.arcCenter().y) == pytest.approx((1e3 * hole.x, 1e3 * hole.y), abs=1e-6)
+    top = max(rims, key=lambda edge: edge.arcCenter().z)
+    assert (top.arcCenter().z, top.radius()) == pytest.approx((0, 1e3 * hole.radius), abs=1e-9)
+
+
+def test_an_outline_of_its_own_has_no_edge(make_ngon):
+    marker = made(make_ngon(5, 0.05, 0.01), outline=Circle(0.08), edge=0.002, thickness=0.004)
+    assert plate_regions(marker) == [(circle(80),)]
+    assert plate_size(marker) == "160 mm across"
+    square = polygon_from([0.07 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])])
+    (plate,) = plate_parts(made(make_ngon(5, 0.05, 0.01), outline=square, corner_radius=0.01, thickness=0.004))
+    assert part_volume(plate) == pytest.approx(4 * (140**2 - (4 - pi) * 100), rel=EXACT)
+
+
+def test_the_face_may_be_lower(make_ngon):
+    (plate,) = plate_parts(make_ngon(5, 0.05, 0.01), face=-1.5)
+    assert (plate.add[0].bottom, plate.add[0].top) == (-4.5, -1.5)
+
+
+def test_each_plate_gets_what_lies_in_it(shapes, make_in):
+    plates = plate_parts(make_in(shapes["two squares"], 5, 0.01))
+    one, other = plates if plates[0].add[0].outer.points[0][0] < 0 else plates[::-1]
+    found = with_cuts(
+        [one, other], [cylinder(80, 0, 1, -1, 0)], [cylinder(-80, 0, 1, -1, 0)], [cylinder(80, 9, 1, 0, 1)]
+    )
+    assert [(len(part.add), len(part.cut), len(part.marked)) for part in found] == [(1, 0, 1), (2, 1, 0)]
+    assert isinstance(found[0], Part)
