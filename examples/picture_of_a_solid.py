@@ -18,9 +18,9 @@ FINER = 3
 """The picture is drawn this much larger, and then averaged."""
 VIEWER, SUN = (0.25, 0.75, 1.0), (-0.8, 1.0, 0.35)
 """Where they are from the marker; x right, y up, z toward the viewer."""
-SUNLIGHT, SKYLIGHT = 0.55, 0.42
-"""What a white surface sends back of them when it faces all of either."""
-SUN_SIZE, SUN_RAYS, SKY_RAYS = 0.06, 12, 48
+SUNLIGHT, SKYLIGHT = 0.47, 0.4
+"""What a white level surface sends back of them."""
+SUN_SIZE, SUN_RAYS, SKY_RAYS = 0.06, 18, 54
 """Radius of the sun's disk in rad, larger than the real one for softer shadows, and how many rays go to each."""
 TABLE = (0.62, 0.68, 0.76)
 
@@ -78,14 +78,18 @@ def picture(corners: Array, colors: Array, width: int, height: int) -> NDArray[n
     facing = normals[shown]
     light = np.zeros(shown.shape)
     rng = np.random.default_rng(0)
-    for directions, strength, cells in ((_sun(rng), SUNLIGHT, 2000), (_sky(rng), SKYLIGHT, 700)):
-        slopes = [np.clip(facing @ direction, 0, None) for direction in directions]
-        lit = [
-            slope * reached(points + facing * size * 2e-3, corners, direction, middle, 1.6 * size, cells)
-            for slope, direction in zip(slopes, directions, strict=True)
-        ]
-        # A level surface under an open sky gets all of it.
-        light += strength * np.sum(lit, axis=0) / sum(float(direction[1]) for direction in directions)
+    for directions, strength, cells in ((_sun(rng), SUNLIGHT, 1500), (_sky(rng), SKYLIGHT, 600)):
+        for part in range(FINER**2):
+            # Each of the samples that a pixel is made of has some of the rays.
+            some = np.s_[part // FINER :: FINER, part % FINER :: FINER]
+            rays = directions[part :: FINER**2]
+            places, normal = points[some] + facing[some] * size * 2e-3, facing[some]
+            lit = sum(
+                np.clip(normal @ ray, 0, None) * reached(places, corners, ray, middle, 1.6 * size, cells)
+                for ray in rays
+            )
+            # A level surface that nothing hides gets all of it.
+            light[some] += strength * lit / rays[:, 1].sum()
     linear = (colors[shown] * light[..., None]).reshape(height, FINER, width, FINER, 3).mean(axis=(1, 3))
     return np.round(255 * _gamma(linear))[..., ::-1].astype(np.uint8)
 

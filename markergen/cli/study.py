@@ -7,7 +7,7 @@ from functools import partial
 from math import inf, isnan
 from pathlib import Path
 from time import monotonic
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -60,10 +60,15 @@ def study(
 
     engine = engine_for(workers, scheduler)
     if what == "paper":
-        from markergen.study.paper import PaperOptions, run_paper
+        from markergen.study.paper import PaperOptions, estimated_seconds, run_paper
 
-        given = {key: value for key, value in {"runs": runs, "scale": scale}.items() if value is not None}
-        run = partial(run_paper, output, PaperOptions(**given))
+        given: dict[str, Any] = {
+            key: value for key, value in {"runs": runs, "scale": scale}.items() if value is not None
+        }
+        options = PaperOptions(**given)
+        run = partial(run_paper, output, options)
+        if not scheduler:
+            complain(f"the whole study: about {_words(estimated_seconds(options, workers))}")
     elif scale is None:
         run = partial(run_sweep, read_sweep(what, runs), output)
     else:
@@ -91,7 +96,7 @@ def _progress() -> Iterator[Callable[[int, int, float], None]]:
     columns = (TextColumn("{task.completed}/{task.total} cells"), BarColumn(), TextColumn("{task.fields[left]}"))
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=None, left="")
-        yield lambda done, total, seconds: bar.update(task, completed=done, total=total, left=_words(seconds))
+        yield lambda done, total, seconds: bar.update(task, completed=done, total=total, left=_left(seconds))
 
 
 class _Lines:
@@ -103,12 +108,14 @@ class _Lines:
     def __call__(self, done: int, total: int, seconds: float) -> None:
         if monotonic() > self._told + SECONDS_BETWEEN_LINES or done == total:
             self._told = monotonic()
-            print(f"{done} of {total} cells", _words(seconds), sep=", ", file=sys.stderr, flush=True)
+            print(", ".join(filter(None, [f"{done} of {total} cells", _left(seconds)])), file=sys.stderr, flush=True)
+
+
+def _left(seconds: float) -> str:
+    return "" if isnan(seconds) else f"{_words(seconds)} left"
 
 
 def _words(seconds: float) -> str:
-    if isnan(seconds):
-        return "time left not known yet"
     if seconds < 90:
-        return f"{seconds:.0f} s left"
-    return f"{seconds / 60:.0f} min left" if seconds < 5400 else f"{seconds / 3600:.1f} h left"
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

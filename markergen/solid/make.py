@@ -43,10 +43,10 @@ def parts_of(marker: Marker, fabrication: Fabrication) -> Parts:
     import shapely
 
     marker = marker.as_designed
-    made = PROCESSES[fabrication.process](marker, fabrication)
     regions = plate_regions(marker)
     face = face_of(regions, marker.substrate.chamfer * 1e3)
     check_holes(marker, shapely.transform(face, lambda mm: mm / 1e3))
+    made = PROCESSES[fabrication.process](marker, fabrication)
     plates = with_cuts(plate_parts(marker, made.face), made.cut, made.marked, made.add)
     notes = made.notes
     if fabrication.engrave:

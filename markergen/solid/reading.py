@@ -7,6 +7,7 @@ started at the first file and kept for the next ones.
 import atexit
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -21,8 +22,11 @@ from markergen.solid.surface import Ball, Face, Loop, SolidPart
 LARGEST = 100_000_000
 """Bytes; a marker of a thousand dots has ten million."""
 
-PATIENCE, PATIENCE_PER_BYTE = 60.0, 2e-5
-"""Seconds that a file may take."""
+HUGE = re.compile(rb"'[^']*'|(\d\.?\d*[eE]\+?0*[1-9]\d|\d{12}\.)")
+"""Words, and numbers beyond 1e10 between them, with which Open CASCADE never ends."""
+
+PATIENCE, PATIENCE_PER_BYTE, BEGINNING = 10.0, 3e-5, 120.0
+"""Seconds that a file may take, and the kernel to be there at all: it never ends with some broken files."""
 
 WORKER = Path(__file__).with_name("worker.py")
 
@@ -44,6 +48,8 @@ def read_step(data: bytes, name: str = "the STEP file") -> tuple[SolidPart, ...]
     # The end may be followed by blanks; what is cut off would be read as far as it goes.
     if not data.lstrip().startswith(b"ISO-10303-21") or b"END-ISO-10303-21" not in data[-1000:]:
         raise InputError(f"a complete STEP file in {name}", "no beginning or end of one", "export it again")
+    if any(match[1] for match in HUGE.finditer(data)):
+        raise InputError(f"lengths below 10 000 km in {name}", "numbers beyond 1e10", "export it again")
     return _read(b"step", data, name, "STEP")
 
 
@@ -57,14 +63,10 @@ def read_brep(data: bytes, name: str = "the BREP file") -> tuple[SolidPart, ...]
 def _read(kind: bytes, data: bytes, name: str, called: str) -> tuple[SolidPart, ...]:
     if len(data) > LARGEST:
         raise InputError(f"a file of at most {LARGEST // 10**6} MB in {name}", "a larger one", "check the path")
-    reply = _ask(kind, data)
+    with _lock:
+        reply = _ask(kind, data)
     if reply is None:
         raise InputError(f"a {called} file that Open CASCADE reads in {name}", "one that breaks it", "export it again")
-    if "missing" in reply:
-        raise MissingLibraryError(
-            f"reading solids needs the library cadquery with the system's libGL and libX11, found: {reply['missing']}; "
-            "install them with: pip install cadquery && apt-get install libgl1 libx11-6"
-        )
     if "error" in reply:
         raise InputError(f"a {called} file that Open CASCADE reads in {name}", reply["error"], "export it again")
     parts = tuple(_part(each) for each in reply["parts"])
@@ -75,41 +77,56 @@ def _read(kind: bytes, data: bytes, name: str, called: str) -> tuple[SolidPart, 
 
 def _ask(kind: bytes, data: bytes) -> dict[str, Any] | None:
     """What the worker replies; None if it broke or took too long."""
-    with _lock:
-        worker = _running()
-        timer = Timer(PATIENCE + PATIENCE_PER_BYTE * len(data), worker.kill)
-        timer.start()
-        try:
-            assert worker.stdin is not None
-            assert worker.stdout is not None
-            worker.stdin.write(kind + len(data).to_bytes(8, "big") + data)
-            worker.stdin.flush()
-            size = worker.stdout.read(8)
-            reply = worker.stdout.read(int.from_bytes(size, "big")) if len(size) == 8 else b""
-            found: dict[str, Any] = json.loads(reply)
-        except (OSError, ValueError):
-            worker.kill()
-            _end()
-            return None
-        finally:
-            timer.cancel()
-            timer.join()
-        return found
+    worker = _running()
+    assert worker.stdin is not None
+    try:
+        worker.stdin.write(kind + len(data).to_bytes(8, "big") + data)
+        worker.stdin.flush()
+    except OSError:
+        _end()
+        return None
+    return _reply(worker, PATIENCE + PATIENCE_PER_BYTE * len(data))
+
+
+def _reply(worker: subprocess.Popen[bytes], patience: float) -> dict[str, Any] | None:
+    assert worker.stdout is not None
+    timer = Timer(patience, worker.kill)
+    timer.start()
+    try:
+        size = worker.stdout.read(8)
+        found: dict[str, Any] = json.loads(worker.stdout.read(int.from_bytes(size, "big")))
+    except (OSError, ValueError):
+        _end()
+        return None
+    finally:
+        timer.cancel()
+        timer.join()
+    return found
 
 
 def _running() -> subprocess.Popen[bytes]:
+    """The worker, started if need be; raises MissingLibraryError if it has no kernel."""
     global _worker, _owner
     # After a fork the pipes are the parent's.
-    if _worker is None or _owner != os.getpid() or _worker.poll() is not None:
-        if _worker is not None and _owner == os.getpid():
-            _end()
-        # -P: the script's folder has modules of the same names as those of libraries.
-        _worker = subprocess.Popen(
-            [sys.executable, "-P", str(WORKER)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
-        _owner = os.getpid()
-    return _worker
+    if _worker is not None and _owner == os.getpid():
+        if _worker.poll() is None:
+            return _worker
+        _end()
+    # -P: the script's folder has modules of the same names as those of libraries.
+    _worker = subprocess.Popen(
+        [sys.executable, "-P", str(WORKER)],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    _owner = os.getpid()
+    worker, hello = _worker, _reply(_worker, BEGINNING)
+    if hello is None or "missing" in hello:
+        found = hello["missing"] if hello else "a kernel that does not start"
+        _end()
+        raise MissingLibraryError(
+            f"reading solids needs the library cadquery with the system's libGL and libX11, found: {found}; "
+            "install them with: pip install cadquery && apt-get install libgl1 libx11-6"
+        )
+    return worker
 
 
 @atexit.register
@@ -119,17 +136,15 @@ def _end() -> None:
     worker, _worker = _worker, None
     if worker is None or _owner != os.getpid():
         return
+    # It has no work that is worth waiting for.
+    worker.kill()
     for pipe in (worker.stdin, worker.stdout):
         try:
             if pipe is not None:
                 pipe.close()
         except OSError:
             pass
-    try:
-        worker.wait(5)
-    except subprocess.TimeoutExpired:
-        worker.kill()
-        worker.wait()
+    worker.wait()
 
 
 def _part(each: dict[str, Any]) -> SolidPart:

@@ -6,6 +6,7 @@ It imports nothing of markergen, so that it starts wherever Open CASCADE does.
 import importlib
 import json
 import os
+import signal
 import sys
 import tempfile
 from math import pi
@@ -27,25 +28,30 @@ Json = dict[str, Any]
 
 
 def main() -> None:
-    """Read requests until there are no more: kind (4 bytes), size (8), data; replies are size (8) and JSON."""
+    """Read requests until there are no more: kind (4 bytes), size (8), data; replies are size (8) and JSON.
+
+    The first reply comes without a request: ``missing`` with a reason, or nothing in it.
+    """
     replies = os.fdopen(os.dup(1), "wb")
     # Open CASCADE says on standard output what it thinks of files.
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     requests = sys.stdin.buffer
+    _reply(replies, _missing())
     while True:
         head = requests.read(12)
         if len(head) < 12:
             return
         data = requests.read(int.from_bytes(head[4:], "big"))
+        # Whoever asked ends what takes too long, unless it was ended itself.
+        if hasattr(signal, "alarm"):
+            signal.alarm(60 + len(data) // 10_000)
         _reply(replies, answer(head[:4].decode(), data))
+        if hasattr(signal, "alarm"):
+            signal.alarm(0)
 
 
 def answer(kind: str, data: bytes) -> Json:
-    """Parts of a file, or ``missing`` or ``error`` with a reason."""
-    try:
-        importlib.import_module("OCP.STEPCAFControl")
-    except ImportError as error:
-        return {"missing": " ".join(str(error).split())}
+    """Parts of a file, or ``error`` with a reason."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"file.{kind}"
         path.write_bytes(data)
@@ -55,6 +61,14 @@ def answer(kind: str, data: bytes) -> Json:
         # Open CASCADE's own exceptions have no common root that Python knows of.
         except Exception as error:
             return {"error": f"{type(error).__name__} {' '.join(str(error).split())}"[:200]}
+
+
+def _missing() -> Json:
+    try:
+        importlib.import_module("OCP.STEPCAFControl")
+    except ImportError as error:
+        return {"missing": " ".join(str(error).split())}
+    return {}
 
 
 def _reply(replies: BinaryIO, found: Json) -> None:

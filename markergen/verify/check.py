@@ -183,7 +183,8 @@ def _in_another_unit(marker: Marker, reading: Reading, tolerance: float) -> Chec
             check = _best(marker, in_unit(reading, times), tolerance)
             if not _is_strange(check):
                 finding = Finding("scaled", f"scaled by {1 / times:.6g} along x, y and z: {said}")
-                rest = tuple(each for each in check.findings if each.kind != "solid")
+                # What small numbers make of edges and cells is not said: all of that is wrong.
+                rest = tuple(each for each in check.findings if each.kind not in ("solid", "tag", "hole", "color"))
                 scale = (check.scale[0] / times, check.scale[1] / times)
                 return replace(check, largest=np.nan, worst=None, scale=scale, findings=(finding, *rest))
     return None

@@ -85,6 +85,10 @@ def _parts(each: Triangles) -> list[SolidPart]:
     paints = paints[proper]
     if not len(triangles):
         return []
+    p, q, r = np.moveaxis(places[triangles], 1, 0)
+    inside_out = bool(np.einsum("ij,ij->", p - p[0], np.cross(q - p[0], r - p[0])) < 0)
+    if inside_out:
+        triangles = triangles[:, ::-1]
     neighbors = _neighbors(places, triangles)
     m = len(triangles)
     known = neighbors >= 0
@@ -105,7 +109,7 @@ def _parts(each: Triangles) -> list[SolidPart]:
         balls = _balls(places, triangles, neighbors, group, paints, each.palette)
         parts.append(
             SolidPart(
-                each.name, each.color, volume, closed and volume > 0, closed,
+                each.name, each.color, volume, closed and not inside_out, closed,
                 (low[0], low[1], low[2]), (high[0], high[1], high[2]), faces, balls,
             )
         )  # fmt: skip

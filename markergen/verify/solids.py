@@ -130,9 +130,11 @@ def is_ink(surface: Surface, places: Array) -> NDArray[np.bool_]:
     return np.array([bool(other[k]) if told[k] is None else told[k] for k in range(len(places))])
 
 
-def straight_edges(surface: Surface) -> tuple[Array, Array]:
-    """Beginnings and ends (k, 2) of the straight edges of level faces."""
-    loops = [loop for part in surface.parts for face in part.faces for loop in face.loops if not loop.circle]
+def straight_edges(surface: Surface, plate: bool) -> tuple[Array, Array]:
+    """Beginnings and ends (k, 2) of the straight edges of level faces, of the plate or of all other parts."""
+    main = plate_of(surface)
+    parts = [part for index, part in enumerate(surface.parts) if (index == main) == plate]
+    loops = [loop for part in parts for face in part.faces for loop in face.loops if not loop.circle]
     starts, ends = [np.zeros((0, 2))], [np.zeros((0, 2))]
     for loop in loops:
         before, after = (loop.points - np.roll(loop.points, k, axis=0) for k in (1, -1))
@@ -205,7 +207,7 @@ def flaws_of(surface: Surface) -> tuple[str, ...]:
         if not part.closed:
             flaws.append(f"{name} has open edges: it encloses no volume")
         elif not part.valid:
-            flaws.append(f"{name} is no valid solid")
+            flaws.append(f"{name} is no valid solid: it is inside out, or crosses itself")
     return tuple(flaws[:MOST_LISTED])
 
 

@@ -89,14 +89,13 @@ def _in_solid(tag: Tag, surface: Surface, to_page: Map, tolerance: float) -> lis
         return [_not_there(tag)]
     corners = to_page(tag.corners)
     cell = float(np.linalg.norm(corners[1] - corners[0])) / cells
-    starts, ends = straight_edges(surface)
-    lines = []
-    for k in range(4):
-        line = _side(corners[k], corners[(k + 1) % 4], starts, ends, NEAR * cell)
-        if line is None:
-            return [_not_there(tag)]
-        lines.append(line)
-    return _off(corners, _crossings(lines), tolerance)
+    # Inlays have the tag's size, and their pockets more; what is engraved has no inlays.
+    for edges in (straight_edges(surface, plate=False), straight_edges(surface, plate=True)):
+        sides = [_side(corners[k], corners[(k + 1) % 4], *edges, NEAR * cell) for k in range(4)]
+        lines = [side for side in sides if side is not None]
+        if len(lines) == 4:
+            return _off(corners, _crossings(lines), tolerance)
+    return [_not_there(tag)]
 
 
 def _side(start: Array, end: Array, starts: Array, ends: Array, near: float) -> tuple[Array, Array] | None:

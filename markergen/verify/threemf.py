@@ -182,6 +182,8 @@ class _Model:
             raise InputError(f"triangles between corners in {self.name}", "a corner that is missing", "export it again")
         vertices = np.column_stack([np.array(each.vertices), np.ones(len(each.vertices))]) @ transform
         corners = self.unit * vertices[triangles][:, :, :3]
+        if np.linalg.det(transform[:3, :3]) < 0:
+            corners = corners[:, ::-1]
         palette = [color for colors in self.colors.values() for color in colors]
         first, index = 0, {}
         for paint, colors in self.colors.items():

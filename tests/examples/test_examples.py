@@ -4,10 +4,15 @@ import runpy
 import sys
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from markergen.cli import main
+from markergen.export.glb import write_glb
+from markergen.export.meshes import MeshedPart
 from markergen.model.marker_json import to_json
+from markergen.solid.mesh import Mesh
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -56,3 +61,23 @@ def test_one_sided_camera(monkeypatch, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 6
     assert float(lines[-1].split()[-3]) > 5
+
+
+def test_picture_of_a_solid(monkeypatch, capsys, tmp_path):
+    corners = np.array([[x, y, z] for x in (-30, 30) for y in (-20, 20) for z in (-3, 0)], float)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    sides = np.array([side for a, b, c, d in quads for side in ((a, b, c), (a, c, d))])
+    plate = Mesh(corners, sides, np.zeros(12, bool))
+    block = Mesh(corners * [0.3, 0.3, -2] + [-10, 0, 0], sides[:, ::-1], np.zeros(12, bool))
+    source, target = tmp_path / "m.glb", tmp_path / "m.png"
+    source.write_bytes(write_glb([MeshedPart("plate", "light", plate), MeshedPart("dot-0", "dark", block)], "m"))
+    run("picture_of_a_solid.py", source, target, "--width", 90, monkeypatch=monkeypatch)
+    assert "90 x 60 pixels" in capsys.readouterr().out
+    image = cv2.imread(str(target))
+    # The table is blue, the plate grey, and the block on its left hides what is behind it and shades what is beside.
+    blue, green, red = image[2, 2].astype(int)
+    assert blue > green > red
+    assert (image.max(axis=-1) < 40).mean() > 0.02
+    grey = image[np.ptp(image, axis=-1) == 0][:, 0]
+    assert (grey > 200).mean() > 0.2
+    assert ((grey > 60) & (grey < 180)).mean() > 0.05

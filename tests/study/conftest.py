@@ -14,8 +14,9 @@ ROOT = Path(__file__).parents[2]
 class Cluster:
     """A real Dask scheduler and its workers, each a process of its own on the loopback address."""
 
-    def __init__(self, folder, workers):
+    def __init__(self, folder, workers, paths=(ROOT, ROOT / "tests" / "support")):
         pytest.importorskip("distributed")
+        self.paths = os.pathsep.join(map(str, paths))
         self.file = folder / "scheduler.json"
         self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
         self.workers = [self.add_worker() for _ in range(workers)]
@@ -29,8 +30,7 @@ class Cluster:
         return self._start("worker", "--nthreads", "1", "--no-nanny", "--no-dashboard")
 
     def _start(self, kind, *options):
-        paths = [str(ROOT), str(ROOT / "tests" / "support")]
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "OPENBLAS_NUM_THREADS": "2"}
+        environment = {**os.environ, "PYTHONPATH": self.paths, "OPENBLAS_NUM_THREADS": "2"}
         command = [sys.executable, "-m", "dask", kind, "--scheduler-file", str(self.file), *options]
         return subprocess.Popen(
             command, env=environment, cwd=self.file.parent, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
@@ -45,6 +45,17 @@ class Cluster:
 @pytest.fixture
 def cluster(tmp_path_factory):
     found = Cluster(tmp_path_factory.mktemp("cluster"), workers=2)
+    yield found
+    found.end()
+
+
+@pytest.fixture
+def strangers(tmp_path_factory):
+    """A cluster that knows nothing of this project."""
+    folder = tmp_path_factory.mktemp("strangers")
+    # In place of what may be installed there.
+    (folder / "markergen.py").write_text("raise ImportError('no markergen here')")
+    found = Cluster(folder, workers=1, paths=[folder])
     yield found
     found.end()
 

@@ -33,7 +33,7 @@ def stl_of_text(corners):
     """Text STL of triangles (m, 3, 3)."""
     lines = ["solid marker"]
     for triangle in corners.tolist():
-        lines += ["facet normal 0 0 0", "outer loop", *("vertex %.9g %.9g %.9g" % tuple(c) for c in triangle)]
+        lines += ["facet normal 0 0 0", "outer loop", *(f"vertex {x:.9g} {y:.9g} {z:.9g}" for x, y, z in triangle)]
         lines += ["endloop", "endfacet"]
     return "\n".join([*lines, "endsolid marker", ""]).encode()
 

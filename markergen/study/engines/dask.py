@@ -121,8 +121,13 @@ class Dask(Engine):
         error = future.exception()
         if isinstance(error, KilledWorker):
             return self._lost("a cell at which several workers died, out of memory perhaps")
-        if isinstance(error, ImportError):
-            return InputError("markergen on the Dask workers, too", str(error), "install the same version there")
+        # The scheduler looks into what it hands on, and says so in words of its own.
+        if isinstance(error, ImportError) or "deserialization" in str(error):
+            return InputError(
+                "markergen where the Dask scheduler and its workers run",
+                str(error).partition(". ")[0],
+                "install the same version there",
+            )
         return error
 
     def _lost(self, found: str) -> MarkergenError:

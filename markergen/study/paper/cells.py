@@ -28,9 +28,12 @@ WORK: dict[str, Callable[[Cell], Result]] = {
     JOINT: joint,
 }
 
-TRIAL_S, DESCENT_S, SEARCH_S, STEPS = 2e-4, 2.5e-3, 0.025, 80
-"""Seconds of one core for a trial with all estimators, for a descent under one pose, for a pose of a search over many,
-and steps of the descent that is shown."""
+TRIAL_S, DESCENTS_S, DESCENT_S, STEPS = 1.6e-4, 0.08, 1e-3, 70
+"""Seconds of one core for a trial with all estimators, and for descents under one pose together and each; steps of the
+descent that is shown."""
+
+SEARCH_S, AUTOGRAD_S = 0.025, 13.0
+"""The same for a pose of a search over many, and for one that autograd has to do, whatever the poses."""
 
 CELL_S = 25.0
 """A cell takes about so long: short enough to lose little, long enough that starting it costs nothing."""
@@ -95,16 +98,19 @@ def seconds_of(cell: Cell) -> float:
     """About how long one core takes for a cell, s."""
     settings = cell.settings
     if cell.kind == CONDITIONED:
-        descents = sum(settings["optimized"].values())
-        layouts = settings["starts"] * 1.2 + descents
-        return len(settings["poses"]) * (layouts * settings["runs"] * TRIAL_S + descents * DESCENT_S)
+        optimized = settings["optimized"]
+        descents = sum(optimized.values())
+        trials = (settings["starts"] * 1.2 + descents) * settings["runs"]
+        return len(settings["poses"]) * (trials * TRIAL_S + len(optimized) * DESCENTS_S + descents * DESCENT_S)
     if cell.kind == STEPS_KIND:
         return STEPS * settings["runs"] * TRIAL_S
     if cell.kind == EARLY_KIND:
-        return len(settings["poses"]) * settings["starts"] * 2 * DESCENT_S
+        return len(settings["poses"]) * (DESCENTS_S + 2 * settings["starts"] * DESCENT_S)
     layouts = RANDOM if settings["layout"] == "random" else 1
-    searched = SEARCH_S if settings["layout"] in OBJECTIVE_OF else 0.0
-    return len(settings["poses"]) * (layouts * settings["runs"] * TRIAL_S + searched)
+    searched = SEARCH_S * len(settings["poses"]) if settings["layout"] in OBJECTIVE_OF else 0.0
+    if settings["layout"] == "hartley":
+        searched = AUTOGRAD_S
+    return len(settings["poses"]) * layouts * settings["runs"] * TRIAL_S + searched
 
 
 def _early(options: PaperOptions) -> list[Cell]:

@@ -49,10 +49,10 @@ def descent(cell: Cell) -> Result:
     recorder = Recorder()
     starts = REGION.sample(STARTED_FROM, POINTS, rng)
     found = descend(objective_for("metric", pose, camera), REGION, starts, record=recorder)
-    # A start that ends in the best optimum, as the paper's does: the worst-conditioned one of those.
+    # A start that ends in the best optimum, as the paper's does, and is neither near it nor degenerate.
     good = np.flatnonzero(found.values <= found.values.min() * (1 + NEAR_BEST))
     begun = conditions("metric", starts[good], pose, camera)
-    chosen = good[np.argmax(np.where(np.isfinite(begun), begun, 0))]
+    chosen = good[np.argsort(begun, kind="stable")[len(good) // 2]]
     layouts = np.stack([layout for _, layout in recorder.way(found.points[chosen])])
     square = regular_polygon(POINTS, BOUNDARY.radius)[None] @ np.array([[1, 1], [-1, 1]]) / np.sqrt(2)
     result: Result = {"layouts": layouts}

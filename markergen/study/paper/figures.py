@@ -175,11 +175,11 @@ def objectives(study: Study, noise_px: float) -> Draw:
         for ax, (key, label) in zip(
             axes, {"dlt.he_px2.mean": "HE, px²", "lm.rotation_deg.mean": "RE of LM, deg"}.items(), strict=True
         ):
-            for i, (name, words) in enumerate(names.items()):
+            looks = [{"color": INK, "linestyle": ":"}, {"color": INK, "linestyle": "-."}, *SERIES]
+            for (name, words), look in zip(names.items(), looks, strict=True):
                 tables = [study.beside[noise_px, n] for n in numbers]
                 values = [_middle(table.level(f"{name}.{key}")) for table in tables]
-                look = SERIES[i % len(SERIES)]
-                ax.plot(numbers, values, label=words, **{**look, "alpha": 1 if i < len(SERIES) else 0.6})
+                ax.plot(numbers, values, label=words, **look)
             ax.set(ylabel=label, xlabel="points", xticks=numbers)
             _log(ax)
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)

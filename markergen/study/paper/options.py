@@ -98,8 +98,8 @@ class PaperOptions:
 
     @property
     def fewer_poses(self) -> list[int]:
-        """Indices of a quarter of the poses, for what stands beside the paper's own setting."""
-        kept = max(1, self.azimuths // 4)
+        """Indices of three in twenty of the poses, for what stands beside the paper's own setting."""
+        kept = max(1, 3 * self.azimuths // AZIMUTHS)
         return np.reshape(self.poses, (GROUPS, -1))[:, :: self.azimuths // kept][:, :kept].ravel().tolist()
 
     @property

@@ -1,6 +1,6 @@
 """The claims as text, and the page that shows all of the study."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -88,18 +88,18 @@ def claims_page(findings: Findings, study: Study) -> str:
     return "\n".join([*lines, "Every single test, with its 99 % interval, is in claims.csv.", ""])
 
 
-def index_page(findings: Findings, figures: Mapping[str, tuple[Draw, Any, str]], study: Study) -> bytes:
+def index_page(
+    findings: Findings, figures: Mapping[str, tuple[Draw, Any, str]], tables: Iterable[str], study: Study
+) -> bytes:
     """The page, the same bytes for the same results."""
     from jinja2 import Environment, StrictUndefined
-
-    from markergen.study.paper.tables import tables_of
 
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     values = {
         "summary": _summary(study),
         "claims": [{"words": claim.words, "test": claim.test, "rows": _rows(group)} for claim, group in findings],
         "figures": [(name, caption) for name, (_, _, caption) in figures.items()],
-        "tables": [*tables_of(study), "claims"],
+        "tables": [*tables, "claims"],
     }
     return environment.from_string(_PAGE).render(values).encode()
 

@@ -80,7 +80,8 @@ def _with_estimate(progress: Progress, seconds: float) -> Progress:
 
 def _files(study: Study) -> Iterator[tuple[str, bytes]]:
     """Names and contents of the files, the page last."""
-    for name, rows in tables_of(study).items():
+    tables = tables_of(study)
+    for name, rows in tables.items():
         yield f"{name}.csv", csv_bytes(rows)
     figures = figures_of(study)
     for name, (draw, size, _) in figures.items():
@@ -88,4 +89,4 @@ def _files(study: Study) -> Iterator[tuple[str, bytes]]:
     findings = [(claim, list(claim.find(study))) for claim in CLAIMS]
     yield "claims.csv", csv_bytes(claim_rows(findings))
     yield "claims.md", claims_page(findings, study).encode()
-    yield "index.html", index_page(findings, figures, study)
+    yield "index.html", index_page(findings, figures, tables, study)

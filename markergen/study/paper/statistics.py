@@ -1,7 +1,7 @@
 """The tests by which claims are judged; each of values of poses or descents that are independent of one another."""
 
 from dataclasses import dataclass, replace
-from math import isfinite
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +56,7 @@ def above(values: Array, threshold: float = 0.0) -> Judged:
     """Median of values (k,) and Wilcoxon's signed-rank test that they lie above a threshold; nan is left out."""
     kept = values[np.isfinite(values)] - threshold
     value, low, high = _median(kept) + threshold
-    return Judged(value, low, high, _signed_rank(kept), _signed_rank(-kept), len(kept))
+    return Judged(value, low, high, *_signed_rank(kept), len(kept))
 
 
 def below(values: Array, threshold: float = 0.0) -> Judged:
@@ -114,22 +114,29 @@ def rank_correlation(first: Array, second: Array) -> Array:
     return result
 
 
-def _signed_rank(values: Array) -> float:
+def _signed_rank(values: Array) -> tuple[float, float]:
+    """p-values of Wilcoxon's test that values lie above 0, and that they lie below."""
+    from scipy.special import ndtr
     from scipy.stats import wilcoxon
 
     if len(values) < 2 or not values.any():
-        return 1.0
+        return 1.0, 1.0
     # Zeros count half for either side: with them left out, a claim of no difference at all would look certain.
-    p = wilcoxon(values, alternative="greater", zero_method="zsplit", method="approx").pvalue
-    return float(p) if isfinite(p) else 1.0
+    z = wilcoxon(values, alternative="greater", zero_method="zsplit", method="approx").zstatistic
+    return float(ndtr(-z)), float(ndtr(z))
 
 
 def _median(values: Array) -> Array:
     """Median, and its interval from order statistics, which knows no distribution."""
-    from scipy.stats import binom
-
     if not len(values):
         return np.full(3, np.nan)
-    ordered = np.sort(values)
-    rank = max(int(binom.ppf((1 - CONFIDENCE) / 2, len(values), 0.5)), 1)
+    ordered, rank = np.sort(values), _rank(len(values))
     return np.array([np.median(ordered), ordered[rank - 1], ordered[-rank]])
+
+
+@cache
+def _rank(count: int) -> int:
+    """Rank from either end of the order statistics between which the median lies with `CONFIDENCE`."""
+    from scipy.stats import binom
+
+    return max(int(binom.ppf((1 - CONFIDENCE) / 2, count, 0.5)), 1)

@@ -38,7 +38,7 @@ _STUDY = ("name", "seed", "runs", "estimators", "noise", "layout")
 _OWN = ("noise", "layout")
 """Axes that are no keys of a design spec."""
 
-_KEYS = {"radius", *_OWN, *(field.name for field in fields(Spec))}
+KEYS = {"radius", *_OWN, *(field.name for field in fields(Spec))}
 """Axes that a grid may have."""
 
 _TEXT = "the spec"
@@ -208,8 +208,8 @@ def _axes(table: Any, findings: list[str]) -> dict[str, list[tuple[Any, Any]]]:
         return {}
     axes = {}
     for key, given in table.items():
-        if key not in _KEYS:
-            findings.append(f"grid.{brief(key)[1:-1]}: unknown key (known: {', '.join(sorted(_KEYS))})")
+        if key not in KEYS:
+            findings.append(f"grid.{brief(key)[1:-1]}: unknown key (known: {', '.join(sorted(KEYS))})")
             continue
         if not isinstance(given, list) or not given:
             findings.append(f"grid.{key}: not a list of values (got {brief(given)})")

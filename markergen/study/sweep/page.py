@@ -27,7 +27,7 @@ th, td { padding: .2em .7em; text-align: right; border-bottom: 1px solid #e4e4e4
 th { position: sticky; top: 0; background: #fff; }
 td:first-child, th:first-child { text-align: left; }
 section { display: flex; flex-wrap: wrap; gap: 1em 2em; align-items: flex-start; }
-figure { margin: 1em 0; width: min-content; min-width: 20em; } figcaption { color: #5a5a5a; }
+figure { margin: 1em 0; max-width: 100%; } figcaption { color: #5a5a5a; contain: inline-size; }
 img { max-width: 100%; height: auto; }
 div { overflow-x: auto; } li { margin: .3em 0; }
 </style>

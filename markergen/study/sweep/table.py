@@ -26,7 +26,7 @@ CRITERIA = {"pose_m": ("pose_mm", 1e3), "homography_px": ("homography_px", 1.0),
 """Columns of criteria, by their keys, with their factors; the others are among the bounds."""
 
 COLUMNS = (
-    "layout", "control_points", "radius_mm", "dot_mm", "noise_px", "poses", "runs",
+    "layout", "control_points", "radius_mm", "dot_mm", "noise_px", "pose_count", "runs",
     "polar_angle_deg", "estimator", "trials",
     "rotation_rms_deg", "rotation_low_deg", "rotation_high_deg", "rotation_bound_deg",
     "translation_rms_pct", "translation_low_pct", "translation_high_pct", "translation_bound_pct",
@@ -67,7 +67,7 @@ def rows(sweep: Sweep, point: GridPoint, layout: Result, trials: Result | None) 
     groups = {ALL: np.ones(len(angles), dtype=bool)} | {name: angles == name for name in dict.fromkeys(angles.tolist())}
     for name, mask in groups.items():
         bounds: Row = {
-            "poses": int(mask.sum()),
+            "pose_count": int(mask.sum()),
             "polar_angle_deg": name,
             "rotation_bound_deg": _root_mean_square(trials["bound.rotation_deg"][mask]),
             "translation_bound_pct": _root_mean_square(trials["bound.translation_pct"][mask]),

@@ -53,6 +53,12 @@ def test_an_error_of_a_cell_comes_back_as_it_is(cluster, tmp_path):
         run_cells(refusing, cells(6), tmp_path, IDENTITY, engine_for(scheduler=cluster.address))
 
 
+@pytest.mark.long
+def test_a_cluster_without_markergen_is_told_what_it_lacks(strangers, tmp_path):
+    with pytest.raises(InputError, match="expected markergen where the Dask scheduler and its workers run"):
+        run_cells(noise, cells(6), tmp_path, IDENTITY, engine_for(scheduler=strangers.address))
+
+
 def check_seconds(address):
     begin = time.monotonic()
     with pytest.raises(InputError) as caught:

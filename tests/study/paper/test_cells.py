@@ -37,7 +37,8 @@ def test_the_cost_is_linear_in_poses_starts_n_and_runs():
         return sum(map(seconds_of, compared(options, False)))
 
     whole = cost(PaperOptions())
-    assert cost(PaperOptions(scale=0.25)) == pytest.approx(whole / 4, rel=0.05)
+    # Half the starts are descended from in a batch half as large, whose steps cost a little more than half.
+    assert cost(PaperOptions(scale=0.25)) == pytest.approx(whole / 4, rel=0.1)
     # Descents cost the same, whatever is done with the layouts afterwards.
     ten = cost(PaperOptions(runs=30)) - whole
     assert cost(PaperOptions(runs=1000)) == pytest.approx(whole + 98 * ten, rel=0.01)

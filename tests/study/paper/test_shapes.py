@@ -17,10 +17,12 @@ def test_a_square_is_one_wherever_it_is_and_in_any_order():
 
 def test_misfit_is_the_rms_distance_of_the_corners():
     square = regular_polygon(4, 1.0)
-    # One corner out along the diagonal by d, the others in place: the best square of the same centroid is known.
+    # A corner that is out by d along its diagonal pulls the square along by d/4 and stretches it by d/4: what is left
+    # of the four offsets is of length d/2 in all, d/4 RMS.
+    d = 1e-3
     moved = square.copy()
-    moved[0] *= 1.2
-    assert square_misfit(moved) == pytest.approx(0.1 / np.sqrt(1.11), rel=0.01)
+    moved[0] *= 1 + d
+    assert square_misfit(moved) == pytest.approx(np.sqrt(2) * d / 4, rel=0.01)
     rectangle = square @ turn_z(np.pi / 4)[:2, :2] * [1.0, 0.5]
     # Of sides 2:1 the square of the mean side is left, and half their difference is off: 0.25 / sqrt(0.75^2 + 0.25^2).
     assert square_misfit(rectangle) == pytest.approx(1 / np.sqrt(10), rel=1e-6)

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from markergen.study.sweep import sweep_from_mapping
-from markergen.study.sweep.table import ALL, columns, csv_bytes, mean_square_interval, rows
+from markergen.study.sweep.grid import KEYS
+from markergen.study.sweep.table import ALL, COLUMNS, columns, csv_bytes, mean_square_interval, rows
 from markergen.study.sweep.work import ERROR, layout_cell, trials_cell, work
 from markergen.validate.metrics import statistics
 from markergen.validate.trials import PoseErrors
@@ -70,7 +71,7 @@ def test_there_is_a_row_for_every_point_polar_angle_and_estimator():
     assert len(set(header)) == len(header)
     assert all(len(line) == len(header) for line in lines)
     row = next(row for row in table if row["polar_angle_deg"] == ALL and row["estimator"] == "lm")
-    assert (row["n"], row["layout"], row["control_points"], row["poses"], row["trials"]) == ("4", "ngon", 4, 8, 24)
+    assert (row["n"], row["layout"], row["control_points"], row["pose_count"], row["trials"]) == ("4", "ngon", 4, 8, 24)
     assert {row["control_points"] for row in table if row["layout"] == "square"} == {4}
     # Criteria are for the noise of the row; c(A) does not depend on it.
     first, second = (
@@ -89,6 +90,10 @@ def test_the_maximum_likelihood_estimator_is_at_its_bound():
     assert row["rotation_rms_deg"] == pytest.approx(row["rotation_bound_deg"], rel=0.06)
     assert row["translation_rms_pct"] == pytest.approx(row["translation_bound_pct"], rel=0.1)
     assert row["flips"] == row["failures"] == 0
+
+
+def test_no_axis_has_the_name_of_another_column():
+    assert set(KEYS) & set(COLUMNS) == {"layout"}
 
 
 def test_without_runs_there_are_the_bounds():
