@@ -1,13 +1,25 @@
-"""Print every quick benchmark, each in a process of its own: `python -m benchmarks`.
+"""Print every quick benchmark: `python -m benchmarks`.
 
-`python -m benchmarks.optima` and the full `benchmarks.shapes` and `benchmarks.trials` take minutes and are run by name.
+First the times, ours beside a peer or a floor for the same work, with the ratio to the fastest in brackets; then the
+trials of `validate`, whose workers are measured together; then how reliably the search finds what is best. What
+follows `python -m benchmarks` goes to pytest, such as `-k descent`. `python -m benchmarks.optima` and the full
+`benchmarks.shapes` and `benchmarks.trials` take minutes and are run by name.
 """
 
 import subprocess
 import sys
+from pathlib import Path
 
-SHAPES = ["shapes", "--dot", "0.01", "--n", "7", "--seeds", "3", "--starts", "20"]
+TIMED = ["-o", "addopts=", "-o", "filterwarnings=", "-q", "--import-mode=importlib", "--no-header"]
+TABLE = ["--benchmark-timer=time.process_time", "--benchmark-columns=min,median,rounds", "--benchmark-sort=min"]
+SHAPES = ["--dot", "0.01", "--n", "7", "--seeds", "3", "--starts", "20"]
 
-for module, *arguments in (["condition"], SHAPES, ["views"], ["trials", "--poses", "40"]):
-    print(f"\n== {module} ==", flush=True)
-    subprocess.run([sys.executable, "-m", f"benchmarks.{module}", *arguments], check=True)
+chosen = sys.argv[1:]
+subprocess.run(
+    [sys.executable, "-m", "pytest", str(Path(__file__).parent), *TIMED, *TABLE, "--benchmark-warmup=off", *chosen],
+    check=True,
+)
+if not chosen:
+    for module, arguments in (("trials", ["--poses", "40"]), ("shapes", SHAPES)):
+        print(f"\n== {module} ==", flush=True)
+        subprocess.run([sys.executable, "-m", f"benchmarks.{module}", *arguments], check=True)

@@ -85,10 +85,10 @@ def descend(
             with np.errstate(invalid="ignore"):
                 improving = ~(best_value >= reference * (1 - tolerance))
             found[alive], found_value[alive] = best, best_value
-            alive, points, value, gradient, step, best, best_value = (
-                array[improving] for array in (alive, points, value, gradient, step, best, best_value)
+            alive, reference = alive[improving], best_value[improving]
+            points, gradient, step, best, best_value = (
+                array[improving] for array in (points, gradient, step, best, best_value)
             )
-            reference = best_value.copy()
         if progress:
             progress(taken if len(alive) else steps, steps)
         if not len(alive):
