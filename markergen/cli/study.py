@@ -67,13 +67,14 @@ def study(
         }
         options = PaperOptions(**given)
         run = partial(run_paper, output, options)
+        engine.check()
         if not scheduler:
             complain(f"the whole study: about {_words(estimated_seconds(options, workers))}")
     elif scale is None:
         run = partial(run_sweep, read_sweep(what, runs), output)
+        engine.check()
     else:
         raise InputError("--scale with the study paper", f"--scale with {what}", "leave it out, or give --runs")
-    engine.check()
     try:
         with _progress() as progress:
             written = run(engine=engine, resume=resume, progress=progress)

@@ -18,7 +18,7 @@ def verify(
         typer.Option(
             parser=length,
             metavar="LENGTH",
-            help="How far a dot may be off. [default: 1 um; of a PNG a quarter of a pixel, 10 um at 600 dpi]",
+            help="How far a dot may be off. [default: 1 um; 5 um in a mesh; a quarter of a pixel in a PNG]",
         ),
     ] = None,
     json: Annotated[
@@ -33,6 +33,7 @@ def verify(
     \b
     Example:
       markergen verify marker.json marker.pdf marker.svg marker.png
+      markergen verify marker.json marker.step marker.3mf marker.glb
     """
     from markergen.cli import FAILED, UNUSABLE
     from markergen.cli.console import complain, print_table

@@ -99,8 +99,6 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
     left: tuple[int, ...] = ()
     """Columns of words, which begin on the left."""
-    words: str = ""
-    """A sentence above the table."""
 
 
 @dataclass(frozen=True)

@@ -145,13 +145,13 @@ def _numbers(work: Workpiece, view: View, style: Style) -> list[Shape]:
             # What has to stay free around the dot is the dot alone.
             rest.append((label.words, Disk(x, y, 0.55 * view.scale * label.radius + 0.1)))
     if rest:
-        words, dots = [each[0] for each in rest], [each[1] for each in rest]
+        names, dots = [each[0] for each in rest], [each[1] for each in rest]
         height = 1.5 * style.scale
         outline = view.box(around(work.front))
         places = place_numbers(
-            dots, words, height, [outline] * len(dots), view.at((0.0, 0.0)), _edge_points(work, view)
+            dots, names, height, [outline] * len(dots), view.at((0.0, 0.0)), _edge_points(work, view)
         )
-        for name, place in zip(words, places, strict=True):
+        for name, place in zip(names, places, strict=True):
             if place:
                 at = place[0], place[1] - height / 2
                 shapes.append(text(name, *at, height, "center", name=f"number-{name}"))

@@ -91,7 +91,7 @@ def cut_edges(face: Face, view: View, box: Box) -> list[Shape]:
     for ring in face.rings:
         for a, b in zip(ring, (*ring[1:], ring[0]), strict=True):
             ends = any(abs(a[0] - side) < 1e-6 and abs(b[0] - side) < 1e-6 for side in (box[0], box[2]))
-            shapes.append(_stroke(view.at(a), view.at(b), THIN / 2 if ends else THICK))
+            shapes.append(Line((view.at(a), view.at(b)), THIN / 2 if ends else THICK))
     return shapes
 
 
@@ -181,7 +181,7 @@ def across(
         # To the right of the arrows, on a line of its own.
         start = x1 + (1.9 * style.head if outside else 0.0)
         ground, written = on_white(text(words, start + style.scale, y + 0.7 * style.scale, style.words, name=WORDS))
-        shapes += [ground, _stroke((x1, y), (start + width + 1.5 * style.scale, y), THIN), written]
+        shapes += [ground, Line(((x1, y), (start + width + 1.5 * style.scale, y)), THIN), written]
     else:
         shapes += on_white(text(words, (x0 + x1) / 2, y + 0.7 * style.scale, style.words, "center", name=WORDS))
     return shapes
@@ -201,7 +201,7 @@ def upright(
     if width > y1 - y0 - style.head:
         # Above the upper arrow, lying down where it has room.
         top = y1 + (1.9 * style.head if outside else 0.6 * style.scale)
-        shapes.append(_stroke((x, y1), (x, top + style.scale * 0.3), THIN))
+        shapes.append(Line(((x, y1), (x, top + style.scale * 0.3)), THIN))
         shapes += on_white(text(words, x, top + 0.9 * style.scale, style.words, "center", name=WORDS))
     else:
         here = (x - 0.7 * style.scale, (y0 + y1) / 2)
@@ -218,8 +218,8 @@ def on_white(words: Outline, color: str = WHITE) -> list[Shape]:
 def leader(tip: Point, elbow: Point, end: Point, style: Style) -> list[Shape]:
     """Line from words by an elbow to a place, with an arrow there."""
     return [
-        _stroke(elbow, end, THIN),
-        _stroke(tip, elbow, THIN),
+        Line((elbow, end), THIN),
+        Line((tip, elbow), THIN),
         arrow(tip, (tip[0] - elbow[0], tip[1] - elbow[1]), style),
     ]
 
@@ -240,9 +240,9 @@ def _arrows(a: Point, b: Point, outside: bool, style: Style) -> list[Shape]:
     length = hypot(b[0] - a[0], b[1] - a[1])
     ux, uy = ((b[0] - a[0]) / length, (b[1] - a[1]) / length) if length else (1.0, 0.0)
     if not outside:
-        return [_stroke(a, b, THIN), arrow(a, (-ux, -uy), style), arrow(b, (ux, uy), style)]
+        return [Line((a, b), THIN), arrow(a, (-ux, -uy), style), arrow(b, (ux, uy), style)]
     far = 1.9 * style.head
-    line = _stroke((a[0] - far * ux, a[1] - far * uy), (b[0] + far * ux, b[1] + far * uy), THIN)
+    line = Line(((a[0] - far * ux, a[1] - far * uy), (b[0] + far * ux, b[1] + far * uy)), THIN)
     return [line, arrow(a, (ux, uy), style), arrow(b, (-ux, -uy), style)]
 
 
@@ -253,11 +253,7 @@ def _extension(start: Point, end: Point, style: Style) -> list[Shape]:
         return []
     ux, uy = (end[0] - start[0]) / length, (end[1] - start[1]) / length
     off, beyond = OFF * style.scale, BEYOND * style.scale
-    return [_stroke((start[0] + off * ux, start[1] + off * uy), (end[0] + beyond * ux, end[1] + beyond * uy), THIN)]
-
-
-def _stroke(a: Point, b: Point, width: float) -> Line:
-    return Line((a, b), width)
+    return [Line(((start[0] + off * ux, start[1] + off * uy), (end[0] + beyond * ux, end[1] + beyond * uy)), THIN)]
 
 
 def _oriented(points: Sequence[Point], counterclockwise: bool) -> list[Point]:

@@ -108,11 +108,8 @@ def table_block(table: Table, width: float, style: Style) -> Block:
 
         return Row(height, draw)
 
-    head = [heading(table.title, style)]
-    if table.words:
-        head += [_plain(line, style) for line in wrap(table.words, width, size)]
-    end = _gap(2.2 * size)
-    return Block((*head, row(table.headings, True)), (*(row(cells, False) for cells in table.rows), end))
+    rows = [row(cells, False) for cells in table.rows]
+    return Block((heading(table.title, style), row(table.headings, True)), (*rows, _gap(2.2 * size)))
 
 
 def section_block(section: Section, width: float, height: float, style: Style) -> Block:
@@ -228,12 +225,4 @@ def _highest(faces: Sequence[Face], at: float, top: float) -> float:
 
 
 def _gap(height: float) -> Row:
-    def nothing(_left: float, _top: float) -> list[Shape]:
-        return []
-
-    return Row(height, nothing)
-
-
-def _plain(words: str, style: Style) -> Row:
-    size = style.small
-    return Row(1.9 * size, lambda x, y: [text(words, x, y - 1.4 * size, size, color=GRAY, name=WORDS)])
+    return Row(height, lambda _left, _top: [])

@@ -18,7 +18,8 @@ class Dlt(HomographyEstimator):
         """Homographies (T, 3, 3) with H[2, 2] = 1, from marker plane (m) to image (px)."""
         homography = np.full((len(batch.image_points), 3, 3), np.nan)
         usable = batch.solvable.copy()
-        usable[usable] = _four_in_general_position(batch.of(usable)[..., :2])
+        if usable.any():
+            usable[usable] = _four_in_general_position(batch.of(usable)[..., :2])
         if usable.any():
             homography[usable] = estimate_homography(batch.of(usable)[..., :2], batch.image_points[usable])
         return homography

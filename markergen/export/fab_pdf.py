@@ -16,5 +16,5 @@ def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
     """Drawing to scale with dimensions, coordinates, parts, tolerances and notes; it needs no CAD kernel."""
     marker = only(markers, ".fab.pdf").as_designed
     made = parts_of(marker, options.fabrication)
-    sheets = fabrication_sheets(workpiece(marker, options.fabrication, made.parts, made.made), options.sheet)
+    sheets = fabrication_sheets(workpiece(marker, options.fabrication, made), options.sheet)
     return Output(write_pdf(sheets), (*sheets[0].notes, *solid_notes(marker, made, options)))

@@ -15,7 +15,8 @@ import markergen
 from markergen.export import EXPORTERS, ExportOptions, Output
 from markergen.export.meshes import MATERIALS, MeshedPart, meshed
 from markergen.model.marker import Marker
-from markergen.solid.build import COLORS, OTHER
+from markergen.solid.bodies import OTHER
+from markergen.solid.build import COLORS
 
 TURN = (1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1)
 """The root node's matrix, column by column: (x, y, z) becomes (x, z, -y)."""

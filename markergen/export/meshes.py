@@ -1,17 +1,17 @@
 """What the mesh formats share: a marker's parts as meshes, and words about them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import lru_cache
 
 from markergen.drawing.scene import marker_name
 from markergen.export import ExportOptions, only
 from markergen.export.solids import solid_notes
-from markergen.model.fabrication import Fabrication
 from markergen.model.marker import Marker
-from markergen.model.marker_json import to_json
-from markergen.solid.build import COLORS, build
-from markergen.solid.make import Parts, parts_of
+from markergen.solid.build import COLORS
+from markergen.solid.make import parts_of, solids_of
 from markergen.solid.mesh import Mesh, mesh_of
+from markergen.solid.processes import Made
 
 MATERIALS = tuple(COLORS)
 """Names of the materials, in the order in which the formats list them."""
@@ -32,7 +32,7 @@ class Meshed:
 
     name: str
     parts: tuple[MeshedPart, ...]
-    made: Parts
+    made: Made
     notes: tuple[str, ...]
 
 
@@ -48,23 +48,14 @@ def meshed(markers: Sequence[Marker], options: ExportOptions, suffix: str) -> Me
     MissingLibraryError
         If cadquery or a system library it needs is missing.
     """
-    marker, fabrication = only(markers, suffix).as_designed, options.fabrication
-    # One marker is often written in several formats, one after the other.
-    key = (to_json(marker), fabrication)
-    if key not in _LAST:
-        _LAST.clear()
-        _LAST[key] = _meshed(marker, fabrication)
-    last = _LAST[key]
-    return replace(last, notes=(*solid_notes(marker, last.made, options), *last.notes))
-
-
-_LAST: dict[tuple[bytes, Fabrication], Meshed] = {}
-"""The marker that was made last, by its record and how it was made; no other."""
-
-
-def _meshed(marker: Marker, fabrication: Fabrication) -> Meshed:
-    made, tolerance = parts_of(marker, fabrication), fabrication.tolerance * 1e3
-    # One after the other, so that no more than one solid is held along with its triangles.
-    parts = tuple(MeshedPart(part.name, part.material, mesh_of(build(part), tolerance)) for part in made.parts)
+    marker = only(markers, suffix).as_designed
+    made, tolerance = parts_of(marker, options.fabrication), options.fabrication.tolerance * 1e3
     closeness = f"The mesh is within {tolerance * 1e3:.6g} um of the solid (--tolerance)."
-    return Meshed(marker_name(marker), parts, made, (closeness,))
+    notes = (*solid_notes(marker, made, options), closeness)
+    return Meshed(marker_name(marker), _meshes(made, tolerance), made, notes)
+
+
+# Of several formats of one marker all but the first have their meshes at once.
+@lru_cache(maxsize=1)
+def _meshes(made: Made, tolerance: float) -> tuple[MeshedPart, ...]:
+    return tuple(MeshedPart(each.name, each.material, mesh_of(each, tolerance)) for each in solids_of(made))

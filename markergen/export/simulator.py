@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.export import ExportOptions, only
+from markergen.export import ExportOptions
 from markergen.export.glb import write_glb
 from markergen.export.meshes import MeshedPart, meshed
 from markergen.model.marker import Marker
@@ -55,7 +55,7 @@ class Simulated:
     @classmethod
     def of(cls, markers: Sequence[Marker], options: ExportOptions, suffix: str) -> Self:
         """Make a marker's body; raises as `meshed` does."""
-        marker, made, mesh = only(markers, suffix), meshed(markers, options, suffix), f"meshes/{options.stem}.glb"
+        made, mesh = meshed(markers, options, suffix), f"meshes/{options.stem}.glb"
         points = np.concatenate([part.mesh.points for part in made.parts]) / 1e3
         mass, center, inertia = mass_of(made.parts)
         return cls(
@@ -67,7 +67,7 @@ class Simulated:
             inertia,
             points.min(axis=0),
             points.max(axis=0),
-            not len(marker.boundary.curves()[0]) and marker.substrate.outline is None,
+            [part.is_disk for part in made.made.parts if part.is_plate] == [True],
             (f"It shows {mesh} beside it, and weighs {mass * 1e3:.3g} g ({DENSITY:g} kg/m^3).", *made.notes),
         )
 

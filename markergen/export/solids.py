@@ -1,29 +1,22 @@
 """What the formats of solids share: words about the parts, and the drawing that comes with an engraved plate."""
 
 from markergen.export import EXPORTERS, ExportOptions, without_paper
+from markergen.model.fabrication import PROCESSES
 from markergen.model.marker import Marker
-from markergen.solid.make import Parts
 from markergen.solid.plate import plate_size
-
-LABEL = {
-    "fdm": "two-material print",
-    "cnc": "milled",
-    "laser": "engraved",
-    "print": "plate for a printed sheet",
-    "dome": "with domes",
-}
-"""What a process makes, in words."""
+from markergen.solid.processes import Made
 
 
-def solid_notes(marker: Marker, parts: Parts, options: ExportOptions) -> tuple[str, ...]:
+def solid_notes(marker: Marker, made: Made, options: ExportOptions) -> tuple[str, ...]:
     """Sentences on what is made, from the marker as it was designed."""
-    plates = sum(part.name.startswith("plate") for part in parts.parts)
-    others = len(parts.parts) - plates
+    plates = sum(part.is_plate for part in made.parts)
+    others = len(made.parts) - plates
     what = f"{'a plate' if plates == 1 else f'{plates} plates'} {plate_size(marker)}"
     thick = f"{marker.substrate.thickness * 1e3:.6g} mm thick"
     rest = f", and {others} part{'s' * (others > 1)} to go with {'it' if plates == 1 else 'them'}" if others else ""
-    made = f"Made as {what} and {thick}{rest} ({options.fabrication.process}: {LABEL[options.fabrication.process]})."
-    return (made, *parts.notes, *without_paper(options))
+    process = options.fabrication.process
+    sentence = f"Made as {what} and {thick}{rest} ({process}: {PROCESSES[process]})."
+    return (sentence, *made.notes, *without_paper(options))
 
 
 def beside_solid(marker: Marker, options: ExportOptions) -> dict[str, bytes]:

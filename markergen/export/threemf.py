@@ -9,7 +9,8 @@ import markergen
 from markergen.export import EXPORTERS, ExportOptions, Output
 from markergen.export.meshes import MATERIALS, MeshedPart, meshed
 from markergen.model.marker import Marker
-from markergen.solid.build import COLORS, OTHER
+from markergen.solid.bodies import OTHER
+from markergen.solid.build import COLORS
 
 MODEL = "3D/3dmodel.model"
 TYPES = (

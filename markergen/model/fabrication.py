@@ -6,8 +6,14 @@ from typing import Literal
 
 from markergen.errors import InputError
 
-PROCESSES = ("fdm", "cnc", "laser", "print", "dome")
-"""Two-material 3-D print, milled pockets with discs, engraved plate, recess for a sheet, half-balls or balls."""
+PROCESSES = {
+    "fdm": "3-D print in two materials",
+    "cnc": "milled",
+    "laser": "engraved plate",
+    "print": "plate with a recess for a printed sheet",
+    "dome": "balls on a plate",
+}
+"""Processes, and what they are called on screen and paper."""
 
 SMALLEST_TOLERANCE, LARGEST_TOLERANCE = 1e-7, 1e-3
 """Of a mesh in m: finer ones have no end of triangles, coarser ones show no dots."""

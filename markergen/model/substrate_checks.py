@@ -72,7 +72,7 @@ def check_holes(marker: Marker, face: Any = None) -> None:
         raise InputError(
             "a plate whose upper face holds all dots",
             listed(lost),
-            "use a larger --outline, or smaller --corner-radius and --chamfer",
+            f"use a larger --{'edge' if plate.outline is None else 'outline'}, or smaller --corner-radius and --chamfer",
         )
 
 
@@ -182,8 +182,7 @@ def plate_face(substrate: Substrate, boundary: Boundary, dots: Sequence[Disk] = 
     if substrate.outline is not None:
         shape = shape_of(substrate.outline.outlines())
     elif isinstance(boundary, Circle):
-        reach = max((hypot(x, y) + 2 * radius for x, y, radius in dots), default=0.0)
-        shape = shape_of(Circle(max(boundary.radius + substrate.edge, reach), boundary.center).outlines())
+        shape = shape_of(Circle(disk_radius(substrate, boundary, dots), boundary.center).outlines())
     else:
         shape = shape_of(boundary.outlines()).buffer(substrate.edge, join_style="mitre")
     if substrate.corner_radius:
@@ -197,6 +196,13 @@ def plate_face(substrate: Substrate, boundary: Boundary, dots: Sequence[Disk] = 
             "use a smaller --corner-radius or --chamfer",
         )
     return face
+
+
+def disk_radius(substrate: Substrate, boundary: Boundary, dots: Sequence[Disk]) -> float:
+    """Radius in m of the plate of a disk: the boundary and its edge, or what the dots' quiet zones need."""
+    x, y = boundary.center
+    reach = max((hypot(u - x, v - y) + 2 * radius for u, v, radius in dots), default=0.0)
+    return max(boundary.radius + substrate.edge, reach)
 
 
 def _depth(face: Any, x: float, y: float) -> float:

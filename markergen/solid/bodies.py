@@ -3,11 +3,19 @@
 Volumes are closed forms, so that what the kernel makes of a body can be held against them.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import acos, atan, ceil, cos, hypot, pi, sin
+from typing import Any
 
 Point = tuple[float, float]
 Side = tuple[Point, Point, float]
+
+OFF = 2e-3
+"""mm that a polygon may be off the arcs that it stands for: a tenth of what is seen on paper."""
+
+OTHER = {"light": "dark", "dark": "light"}
+"""Material that marked floors look like."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +33,11 @@ class Path:
 
     points: tuple[Point, ...]
     bulges: tuple[float, ...] = ()
+
+    @property
+    def is_circle(self) -> bool:
+        """Whether it is two half turns."""
+        return self.bulges in ((1.0, 1.0), (-1.0, -1.0))
 
 
 @dataclass(frozen=True)
@@ -83,6 +96,22 @@ class Part:
     add: tuple[Body, ...]
     cut: tuple[Body, ...] = ()
     marked: tuple[Body, ...] = ()
+
+    @property
+    def is_plate(self) -> bool:
+        """Whether it is a plate, and not what stands or lies in one."""
+        return self.name.startswith("plate")
+
+    @property
+    def is_disk(self) -> bool:
+        """Whether its outline is one circle."""
+        body = self.add[0]
+        return isinstance(body, Revolved) or body.outer.is_circle
+
+
+def mm(meters: float) -> float:
+    """Length in mm, rounded to a picometer, so that 0.0036 m reads 3.6 mm and not 3.5999999999999996."""
+    return round(meters * 1e3, 9) + 0.0
 
 
 def area(path: Path) -> float:
@@ -151,7 +180,7 @@ def inset(path: Path, distance: float) -> Path:
     return Path(tuple(moved), path.bulges)
 
 
-def flattened(path: Path, off: float) -> list[Point]:
+def flattened(path: Path, off: float = OFF) -> list[Point]:
     """Corners of a polygon for the path, from which its arcs are no farther than `off` mm."""
     points: list[Point] = []
     for (x, y), (u, v), bulge in sides_of(path):
@@ -172,6 +201,13 @@ def flattened(path: Path, off: float) -> list[Point]:
                 )
             )
     return points
+
+
+def polygon_of(outer: Path, holes: Sequence[Path] = ()) -> Any:
+    """Shapely polygon of paths."""
+    import shapely
+
+    return shapely.Polygon(flattened(outer), [flattened(hole) for hole in holes])
 
 
 def sides_of(path: Path) -> list[Side]:

@@ -10,9 +10,6 @@ from markergen.solid.kernel import import_cadquery, joined, solid_of
 COLORS = {"light": (1.0, 1.0, 1.0), "dark": (0.05, 0.05, 0.05)}
 """Red, green, blue from 0 to 1 of a material, sRGB."""
 
-OTHER = {"light": "dark", "dark": "light"}
-"""Material that the marked faces of a part look like."""
-
 SAME = 1e-5
 """How far the kernel's volume of a part may be off the closed form, as a share."""
 

@@ -10,7 +10,8 @@ import numpy as np
 from markergen.drawing.scene import marker_name
 from markergen.drawing.text import text, text_width
 from markergen.model.marker import ControlPoint, Marker
-from markergen.solid.bodies import Body, Path, Point, Prism, area, center_of, circle, flattened, span
+from markergen.solid.bodies import Body, Path, Point, Prism, area, center_of, circle, flattened, mm, polygon_of, span
+from markergen.solid.limits import FLOOR
 
 DEPTH = 0.3
 """mm: one or two layers of a printer, one pass of an engraver."""
@@ -32,9 +33,6 @@ STEPS = 32
 
 LINE = 1.6
 """From one line of text to the next, in heights of a capital."""
-
-OFF = 2e-3
-"""How far in mm polygons may be off the arcs that they stand for where room is looked for."""
 
 SMALLEST_SIDE = 1e-4
 """mm: shorter sides of letters are left out, and flatter arcs are lines."""
@@ -77,19 +75,27 @@ def engraving(marker: Marker, plate: Any, bottom: float, cut: Sequence[Body]) ->
     """
     import shapely
 
+    thickness, least = mm(marker.substrate.thickness), DEPTH + FLOOR
+    if thickness < least:
+        return Engraving(
+            notes=(f"The back is not engraved: a plate of {thickness:.6g} mm is thinner than {least:.6g} mm.",)
+        )
     deep = [_plan(body) for body in cut if span(body)[0] < bottom + DEPTH + WALL]
     room = _Room(shapely.difference(shapely.buffer(plate, -MARGIN), shapely.buffer(shapely.union_all(deep), MARGIN)))
     left, low, right, high = plate.bounds
     lacking = []
     if not room.take(_axes(min(1.0, max(right - left, high - low) / 60))):
         lacking.append("origin and x-axis")
-    if not any(room.take_somewhere(lines, height) for height in HEIGHTS for lines in _titles(marker)):
+    # Ids have their places; the title goes where they leave room, or before them where they leave none.
+    with_ids = room.copy()
+    unnamed, titled = _ids(marker, with_ids), _title(marker, with_ids)
+    if titled:
+        room = with_ids
+    elif _title(marker, room):
+        unnamed = _ids(marker, room)
+    else:
+        room = with_ids
         lacking.append("name and spec hash")
-    unnamed = [
-        str(point.id)
-        for point in marker.control_points
-        if not any(room.take(block) for block in _behind(point, marker.control_points))
-    ]
     if unnamed:
         more = f" and {len(unnamed) - 5} more" if len(unnamed) > 5 else ""
         lacking.append(f"id{'s' * (len(unnamed) > 1)} {', '.join(unnamed[:5])}{more}")
@@ -103,6 +109,12 @@ class _Room:
     def __init__(self, free: Any) -> None:
         self._free = free
         self.taken: list[_Block] = []
+
+    def copy(self) -> "_Room":
+        """The same room, of which what is given from now on is not taken from this one."""
+        other = _Room(self._free)
+        other.taken = [*self.taken]
+        return other
 
     def take(self, block: _Block) -> bool:
         """Give a block its room, if it is free."""
@@ -134,6 +146,17 @@ class _Room:
         return self.take(
             _lines(lines, (left + right) / 2 + float(dx[best]), (low + high) / 2 + float(dy[best]), height)
         )
+
+
+def _title(marker: Marker, room: _Room) -> bool:
+    """Give the title room in the largest letters that have some, and tell whether there is."""
+    return any(room.take_somewhere(lines, height) for height in HEIGHTS for lines in _titles(marker))
+
+
+def _ids(marker: Marker, room: _Room) -> list[str]:
+    """Give each id its room; those that have none."""
+    points = marker.control_points
+    return [str(point.id) for point in points if not any(room.take(block) for block in _behind(point, points))]
 
 
 def _titles(marker: Marker) -> Iterator[tuple[str, ...]]:
@@ -250,15 +273,13 @@ def _prisms(paths: Sequence[Path], bottom: float) -> list[Prism]:
     found = []
     for outer in paths:
         if area(outer) > 0:
-            inside = shapely.Polygon(flattened(outer, OFF))
+            inside = polygon_of(outer)
             within = tuple(hole for hole in holes if shapely.contains(inside, shapely.Point(hole.points[0])))
             found.append(Prism(outer, within, bottom, bottom + DEPTH))
     return found
 
 
 def _plan(body: Body) -> Any:
-    import shapely
-
     if isinstance(body, Prism):
-        return shapely.Polygon(flattened(body.outer, OFF))
-    return shapely.Polygon(flattened(circle(max(r for r, _ in flattened(body.profile, OFF)), body.x, body.y), OFF))
+        return polygon_of(body.outer)
+    return polygon_of(circle(max(r for r, _ in flattened(body.profile)), body.x, body.y))

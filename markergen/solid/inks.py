@@ -10,7 +10,7 @@ from markergen.drawing.scene import FLAT
 from markergen.errors import InputError
 from markergen.model.marker import Marker
 from markergen.model.tag import Mask, Tag, cell_outlines, to_plane
-from markergen.solid.bodies import Path, Point
+from markergen.solid.bodies import Path, Point, mm
 from markergen.units import format_length
 
 QUARTER = tan(pi / 8)
@@ -66,11 +66,11 @@ def dots_of(marker: Marker) -> tuple[Dot, ...]:
     return tuple(
         Dot(
             point.id,
-            _mm(point.x),
-            _mm(point.y),
-            _mm(point.z) if point.z > FLAT else 0.0,
-            _mm(point.feature.diameter) / 2,
-            _mm(point.feature.inner_diameter) / 2,
+            mm(point.x),
+            mm(point.y),
+            mm(point.z) if point.z > FLAT else 0.0,
+            mm(point.feature.diameter) / 2,
+            mm(point.feature.inner_diameter) / 2,
         )
         for point in marker.control_points
     )
@@ -138,7 +138,7 @@ def inlays_of(tag: Tag | None) -> tuple[Inlay, ...]:
         arriving, leaving = plane - np.roll(plane, 1, axis=0), np.roll(plane, -1, axis=0) - plane
         turns = arriving[:, 0] * leaving[:, 1] - arriving[:, 1] * leaving[:, 0]
         corners = tuple(
-            Corner(_mm(x), _mm(y), bool(turn > 0), visits[tuple(cell)] > 1)
+            Corner(mm(x), mm(y), bool(turn > 0), visits[tuple(cell)] > 1)
             for (x, y), turn, cell in zip(plane.tolist(), turns, walk.tolist(), strict=True)
         )
         pieces.setdefault(_beside(ring, labels), []).append(corners)
@@ -212,8 +212,3 @@ def _outward(before: Corner, corner: Corner, after: Corner, grow: float) -> Corn
 def _way(start: Corner, end: Corner) -> Point:
     length = hypot(end.x - start.x, end.y - start.y)
     return (end.x - start.x) / length, (end.y - start.y) / length
-
-
-def _mm(meters: float) -> float:
-    # Rounded to a picometer, so that 0.0036 m reads 3.6 mm and not 3.5999999999999996.
-    return round(meters * 1e3, 9) + 0.0

@@ -7,7 +7,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.marker import Marker
 from markergen.solid.bodies import Body, Part, Prism, cylinder
 from markergen.solid.inks import Dot, dots_of, inlays_of
-from markergen.solid.limits import Face, Footprint, Tool, check_apart, check_dots, check_tag
+from markergen.solid.limits import Face, Footprint, Tool, check_apart, check_bores, check_dots, check_tag
 from markergen.solid.relief import PILLAR, pillars_of, poses_of
 
 
@@ -47,7 +47,11 @@ class Ground:
 
 
 def prepare(
-    marker: Marker, fabrication: Fabrication, cutting: Cutting, reach: Callable[[Dot], float], tag: bool = True
+    marker: Marker,
+    fabrication: Fabrication,
+    cutting: Cutting,
+    reach: Callable[[Dot], float],
+    around: Sequence[Footprint] | None = None,
 ) -> Ground:
     """Check that everything fits beside each other, and put pillars under raised dots.
 
@@ -55,8 +59,8 @@ def prepare(
     ----------
     reach : callable
         Radius in mm of what is cut for a dot.
-    tag : bool
-        Whether the tag is cut into the plate.
+    around : sequence of Footprint, optional
+        What is cut besides; the tag's ink unless it is given.
 
     Raises
     ------
@@ -66,12 +70,12 @@ def prepare(
     dots, tool = dots_of(marker), cutting.tool
     # A mill makes the bore rather than the core.
     check_dots(dots, tool, max(cutting.gap(2 * dot.inner) for dot in dots) if tool.own_wall else 0.0)
+    check_bores(marker.substrate.holes, tool)
     prints = [Footprint(dot.name, ((dot.x, dot.y),), reach(dot)) for dot in dots]
-    inlays = inlays_of(marker.tag) if tag else ()
-    if inlays:
+    if around is None:
         check_tag(marker, tool, cutting.corner, cutting.tag_gap)
-    around = [Footprint("the tag", tuple(inlay.hull()), cutting.tag_gap) for inlay in inlays[:1]]
-    # The border of a tag holds all of it.
+        # The border of a tag holds all of it.
+        around = [Footprint("the tag", tuple(ink.hull()), cutting.tag_gap) for ink in inlays_of(marker.tag)[:1]]
     rim = max((reach(dot) - dot.radius for dot in dots if dot.raised), default=0.0) + tool.wall
     poses = poses_of(marker) if any(dot.raised for dot in dots) else None
     flat = [each for each, dot in zip(prints, dots, strict=True) if not dot.raised]

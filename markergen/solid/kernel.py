@@ -1,6 +1,6 @@
 """Bodies as Open CASCADE has them: swept up or around, joined and cut by its Booleans."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import atan, hypot, pi
 from types import ModuleType
 from typing import Any
@@ -47,14 +47,9 @@ def solid_of(body: Body) -> Any:
 def faces_of(shape: Any) -> list[Any]:
     """TopoDS_Faces of a shape, oriented as it has them."""
     from OCP.TopAbs import TopAbs_FACE
-    from OCP.TopExp import TopExp_Explorer
     from OCP.TopoDS import TopoDS
 
-    found, explorer = [], TopExp_Explorer(shape, TopAbs_FACE)
-    while explorer.More():
-        found.append(TopoDS.Face_s(explorer.Current()))
-        explorer.Next()
-    return found
+    return _explored(shape, TopAbs_FACE, TopoDS.Face_s)
 
 
 def side_of(face: Any) -> int:
@@ -111,12 +106,17 @@ def _operated(operation: Any, arguments: Sequence[Any], tools: Sequence[Any]) ->
 
 def _solids(shape: Any) -> list[Any]:
     from OCP.TopAbs import TopAbs_SOLID
-    from OCP.TopExp import TopExp_Explorer
     from OCP.TopoDS import TopoDS
 
-    found, explorer = [], TopExp_Explorer(shape, TopAbs_SOLID)
+    return _explored(shape, TopAbs_SOLID, TopoDS.Solid_s)
+
+
+def _explored(shape: Any, kind: Any, cast: Callable[[Any], Any]) -> list[Any]:
+    from OCP.TopExp import TopExp_Explorer
+
+    found, explorer = [], TopExp_Explorer(shape, kind)
     while explorer.More():
-        found.append(TopoDS.Solid_s(explorer.Current()))
+        found.append(cast(explorer.Current()))
         explorer.Next()
     return found
 
@@ -138,8 +138,9 @@ def _chamfered(body: Prism) -> Any:
         if side_of(face) > 0:
             sewing.Add(face)
     pairs = list(zip(sides_of(body.outer), sides_of(edge), strict=True))
-    for one, other in pairs[:1] if _whole(body.outer) else pairs:
-        sewing.Add(_slant(one, other, rim, body.top, 2 * pi if _whole(body.outer) else 4 * atan(abs(one[2]))))
+    whole = body.outer.is_circle
+    for one, other in pairs[:1] if whole else pairs:
+        sewing.Add(_slant(one, other, rim, body.top, 2 * pi if whole else 4 * atan(abs(one[2]))))
     sewing.Perform()
     solid = BRepBuilderAPI_MakeSolid(TopoDS.Shell_s(sewing.SewedShape())).Solid()
     BRepLib.OrientClosedSolid_s(solid)
@@ -165,11 +166,6 @@ def _slant(one: Side, other: Side, low: float, high: float, angle: float) -> Any
     axis = gp_Ax1(gp_Pnt(*center_of(one), 0), gp_Dir(0, 0, 1 if bulge > 0 else -1))
     edge = BRepBuilderAPI_MakeEdge(gp_Pnt(x, y, low), gp_Pnt(p, q, high)).Edge()
     return faces_of(BRepPrimAPI_MakeRevol(edge, axis, angle).Shape())[0]
-
-
-def _whole(path: Path) -> bool:
-    """Whether a path is a circle of two half turns."""
-    return path.bulges in ((1.0, 1.0), (-1.0, -1.0))
 
 
 def _backward(path: Path) -> Path:
@@ -202,7 +198,7 @@ def _wire(path: Path, height: float | None, axis: tuple[float, float] = (0.0, 0.
     wire = BRepBuilderAPI_MakeWire()
     vertices = [BRepBuilderAPI_MakeVertex(point(*corner)).Vertex() for corner in path.points]
     bulges = path.bulges or (0.0,) * len(vertices)
-    if _whole(path):
+    if path.is_circle:
         # Two half turns are a circle with one edge: half the faces, and what readers look for as a circle.
         (x, y), (u, v) = path.points
         circle = gp_Circ(

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from markergen.errors import InputError
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker import Marker
-from markergen.solid.bodies import Point
+from markergen.model.substrate import Hole
+from markergen.solid.bodies import Point, mm
 from markergen.solid.inks import NECK, Dot, cell_of
 from markergen.solid.plate import face_of, plate_regions
 
@@ -62,11 +63,13 @@ def depth_of(marker: Marker, fabrication: Fabrication, usual: float, what: str) 
     InputError
         If less than `FLOOR` of the plate would be left.
     """
-    thickness = round(marker.substrate.thickness * 1e3, 9)
-    depth = min(usual, thickness / 2) if fabrication.depth is None else round(fabrication.depth * 1e3, 9)
+    thickness = mm(marker.substrate.thickness)
+    depth = min(usual, thickness / 2) if fabrication.depth is None else mm(fabrication.depth)
     if thickness - depth < FLOOR - ROUNDING:
         most, least = down(thickness - FLOOR), up(depth + FLOOR)
-        remedy = f"use --thickness {least}" + (f", or --depth {most} or less" if thickness > FLOOR + 0.01 else "")
+        # In a thicker plate what is usual is deeper, up to its half.
+        enough = up(FLOOR + min(usual, FLOOR)) if fabrication.depth is None else least
+        remedy = f"use --thickness {enough}" + (f", or --depth {most} or less" if thickness > FLOOR + 0.01 else "")
         raise InputError(
             f"a plate of at least {least} for {what} {depth:.6g} mm deep", f"one of {thickness:.6g} mm", remedy
         )
@@ -81,8 +84,8 @@ def gap_of(fabrication: Fabrication, usual: float, dots: Sequence[Dot]) -> float
     InputError
         If it is negative, or takes a fifth of a ring's hole or more: the core would not show its middle.
     """
-    gap = usual if fabrication.gap is None else round(fabrication.gap * 1e3, 9)
-    least = min((dot.inner or dot.radius for dot in dots), default=gap)
+    gap = usual if fabrication.gap is None else mm(fabrication.gap)
+    least = min((dot.inner or dot.radius for dot in dots), default=np.inf)
     if gap < 0:
         raise InputError("a gap of 0 or more around inlays", f"{gap:.6g} mm", "use --gap 0.1mm, for example")
     if gap > least / 5:
@@ -117,6 +120,23 @@ def check_dots(dots: Sequence[Dot], tool: Tool, gap: float = 0.0) -> None:
                     f"{size:.4g} mm",
                     f"use --tool {down(size)} or less, or {design}" if by_tool else design,
                 )
+
+
+def check_bores(holes: Sequence[Hole], tool: Tool) -> None:
+    """Refuse mounting and dowel holes that are narrower than the tool, unless they are drilled.
+
+    Raises
+    ------
+    InputError
+    """
+    for hole in holes if tool.own_wall else ():
+        size = mm(hole.diameter)
+        if size < tool.size - ROUNDING:
+            raise InputError(
+                f"a diameter of at least {tool.size:.6g} mm for {hole}, made with a {tool}",
+                f"{size:.4g} mm",
+                f"use --tool {down(size)} or less, or a larger hole",
+            )
 
 
 def check_tag(marker: Marker, tool: Tool, corner: float, gap: float = 0.0) -> None:

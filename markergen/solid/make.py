@@ -1,39 +1,19 @@
 """The marker as parts to make: a plate, and what the process puts into it, on it, or takes from it."""
 
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import lru_cache
 
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker import Marker
 from markergen.model.substrate_checks import check_holes
-from markergen.solid.bodies import Part
 from markergen.solid.build import NamedSolid, build
 from markergen.solid.engraving import engraving
 from markergen.solid.plate import face_of, plate_parts, plate_regions, with_cuts
 from markergen.solid.processes import PROCESSES, Made
 
 
-@dataclass(frozen=True)
-class Parts:
-    """All parts of a marker as plain data.
-
-    Attributes
-    ----------
-    parts : tuple of Part
-        The plates first.
-    made : Made
-        What the process made, with its lines and tolerances for the fabrication sheet.
-    notes : tuple of str
-        Sentences for the user.
-    """
-
-    parts: tuple[Part, ...]
-    made: Made
-    notes: tuple[str, ...]
-
-
-def parts_of(marker: Marker, fabrication: Fabrication) -> Parts:
-    """Parts of a marker as it was designed, without any CAD kernel.
+def parts_of(marker: Marker, fabrication: Fabrication) -> Made:
+    """All parts of a marker as it was designed, the plates first, without any CAD kernel.
 
     Raises
     ------
@@ -55,20 +35,11 @@ def parts_of(marker: Marker, fabrication: Fabrication) -> Parts:
         engraved = engraving(marker, face_of(regions), bottom, cut)
         plates = with_cuts(plates, engraved.cut)
         notes = (*notes, *engraved.notes)
-    return Parts((*plates, *made.parts), made, notes)
+    return replace(made, parts=(*plates, *made.parts), notes=notes)
 
 
-def marker_solids(marker: Marker, fabrication: Fabrication) -> tuple[NamedSolid, ...]:
-    """Parts of a marker as the CAD kernel makes them; raises as `parts_of` and `build` do."""
-    return solids_of(parts_of(marker, fabrication))
-
-
-def solids_of(parts: Parts) -> tuple[NamedSolid, ...]:
-    """Parts as the CAD kernel makes them; raises as `build` does."""
-    return _built(parts.parts)
-
-
+# Several files of one marker are written one after the other, and the kernel is what takes the time.
 @lru_cache(maxsize=1)
-def _built(parts: tuple[Part, ...]) -> tuple[NamedSolid, ...]:
-    # Several files of one marker are written one after the other, and the kernel is what takes the time.
-    return tuple(map(build, parts))
+def solids_of(made: Made) -> tuple[NamedSolid, ...]:
+    """All parts as the CAD kernel makes them; raises as `build` does."""
+    return tuple(map(build, made.parts))

@@ -1,7 +1,8 @@
 """The plate: the boundary with an edge around it, or an outline of its own; its corners, its chamfer and its holes."""
 
 from collections.abc import Sequence
-from math import hypot, tan
+from dataclasses import replace
+from math import tan
 from typing import Any
 
 import numpy as np
@@ -13,15 +14,26 @@ from markergen.model.boundary import Circle
 from markergen.model.interior import regions_of, shape_of
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole
-from markergen.solid.bodies import Body, Part, Path, Point, Prism, Revolved, circle, cylinder, flattened, inset
+from markergen.model.substrate_checks import disk_radius
+from markergen.solid.bodies import (
+    Body,
+    Part,
+    Path,
+    Point,
+    Prism,
+    Revolved,
+    circle,
+    cylinder,
+    flattened,
+    inset,
+    mm,
+    polygon_of,
+)
 from markergen.units import format_length
 
 Array = NDArray[np.float64]
 Region = tuple[Path, ...]
 """Outer path and the paths of its holes."""
-
-OFF = 2e-3
-"""How far in mm polygons may be off the arcs that they stand for where room is looked for."""
 
 SPIKE = 5.0
 """Longest corner of an outline with an edge around it, as a multiple of the edge; sharper ones are cut off."""
@@ -44,8 +56,8 @@ def plate_parts(marker: Marker, face: float = 0.0) -> list[Part]:
         If the corner radius or the chamfer does not fit the outline.
     """
     regions = plate_regions(marker)
-    top, bottom = face, _mm(face / 1e3 - marker.substrate.thickness)
-    chamfer = _mm(marker.substrate.chamfer)
+    top, bottom = face, mm(face / 1e3 - marker.substrate.thickness)
+    chamfer = mm(marker.substrate.chamfer)
     names = ["plate"] if len(regions) == 1 else [f"plate-{number}" for number in range(1, len(regions) + 1)]
     parts = [
         Part(name, "light", (Prism(outer, tuple(holes), bottom, top, chamfer),))
@@ -63,24 +75,23 @@ def plate_regions(marker: Marker) -> list[Region]:
     substrate = marker.substrate
     if substrate.outline is None and isinstance(marker.boundary, Circle):
         x, y = marker.boundary.center
-        regions: list[Region] = [(circle(plate_radius(marker), _mm(x), _mm(y)),)]
+        regions: list[Region] = [(circle(plate_radius(marker), mm(x), mm(y)),)]
     else:
         rings, circles = (substrate.outline or marker.boundary).curves()
-        edge = 0.0 if substrate.outline else _mm(substrate.edge)
+        edge = 0.0 if substrate.outline else mm(substrate.edge)
         regions = [
-            tuple(_rounded(ring, _mm(substrate.corner_radius)) for ring in region) for region in _widened(rings, edge)
+            tuple(_rounded(ring, mm(substrate.corner_radius)) for ring in region) for region in _widened(rings, edge)
         ]
-        regions += [(circle(_mm(radius) + edge, _mm(x), _mm(y)),) for x, y, radius, _ in circles.tolist()]
+        regions += [(circle(mm(radius) + edge, mm(x), mm(y)),) for x, y, radius, _ in circles.tolist()]
     for outer, *_ in regions:
-        _check_chamfer(outer, _mm(substrate.chamfer))
+        _check_chamfer(outer, mm(substrate.chamfer))
     return regions
 
 
 def plate_radius(marker: Marker) -> float:
     """Radius of a disk's plate in mm: the boundary and an edge, or what the quiet zones need if that is more."""
-    x, y = marker.boundary.center
-    reach = max(hypot(p.x - x, p.y - y) + p.feature.diameter for p in marker.control_points)
-    return _mm(max(marker.boundary.radius + marker.substrate.edge, reach))
+    dots = [(p.x, p.y, p.feature.diameter / 2) for p in marker.control_points]
+    return mm(disk_radius(marker.substrate, marker.boundary, dots))
 
 
 def plate_size(marker: Marker) -> str:
@@ -89,7 +100,7 @@ def plate_size(marker: Marker) -> str:
         return size_words(marker.substrate.outline)
     if isinstance(marker.boundary, Circle):
         return f"{2 * plate_radius(marker):.6g} mm across"
-    corners = np.array([corner for outer, *_ in plate_regions(marker) for corner in flattened(outer, OFF)])
+    corners = np.array([corner for outer, *_ in plate_regions(marker) for corner in flattened(outer)])
     width, height = np.ptp(corners, axis=0)
     return f"{width:.6g} x {height:.6g} mm"
 
@@ -98,12 +109,7 @@ def face_of(regions: Sequence[Region], chamfer: float = 0.0) -> Any:
     """Upper face of the plates without what is cut from it: a shapely geometry in mm."""
     import shapely
 
-    return shapely.union_all(
-        [
-            shapely.Polygon(flattened(inset(outer, chamfer), OFF), [flattened(hole, OFF) for hole in holes])
-            for outer, *holes in regions
-        ]
-    )
+    return shapely.union_all([polygon_of(inset(outer, chamfer), holes) for outer, *holes in regions])
 
 
 def with_cuts(
@@ -115,28 +121,29 @@ def with_cuts(
     plans = []
     for part in parts:
         (plate,) = [body for body in part.add[:1] if isinstance(body, Prism)]
-        plans.append(shapely.Polygon(flattened(plate.outer, OFF), [flattened(hole, OFF) for hole in plate.holes]))
-    shares: list[dict[str, list[Body]]] = [{"add": [], "cut": [], "marked": []} for _ in parts]
-    for kind, bodies in (("add", add), ("cut", cut), ("marked", marked)):
-        for body in bodies:
-            x, y = (body.x, body.y) if isinstance(body, Revolved) else body.outer.points[0]
-            # The nearest plate rather than the one around it: a recess may be as large as its plate.
-            nearest = min(range(len(plans)), key=lambda k: shapely.distance(plans[k], shapely.Point(x, y)))
-            shares[nearest][kind].append(body)
+        plans.append(polygon_of(plate.outer, plate.holes))
+
+    def lies_in(body: Body) -> int:
+        x, y = (body.x, body.y) if isinstance(body, Revolved) else body.outer.points[0]
+        # The nearest plate rather than the one around it: a recess may be as large as its plate.
+        return min(range(len(plans)), key=lambda k: shapely.distance(plans[k], shapely.Point(x, y)))
+
+    def with_own(k: int, own: Sequence[Body], bodies: Sequence[Body]) -> tuple[Body, ...]:
+        return (*own, *(body for body in bodies if lies_in(body) == k))
+
     return [
-        Part(
-            part.name,
-            part.material,
-            (*part.add, *share["add"]),
-            (*part.cut, *share["cut"]),
-            (*part.marked, *share["marked"]),
+        replace(
+            part,
+            add=with_own(k, part.add, add),
+            cut=with_own(k, part.cut, cut),
+            marked=with_own(k, part.marked, marked),
         )
-        for part, share in zip(parts, shares, strict=True)
+        for k, part in enumerate(parts)
     ]
 
 
 def _hole(hole: Hole, bottom: float, top: float) -> Revolved:
-    x, y, radius, sink = _mm(hole.x), _mm(hole.y), _mm(hole.diameter) / 2, _mm(hole.sink) / 2
+    x, y, radius, sink = mm(hole.x), mm(hole.y), mm(hole.diameter) / 2, mm(hole.sink) / 2
     if sink <= radius:
         return cylinder(x, y, radius, bottom, top)
     # A head of 90 degrees: as deep as it is wider than the hole.
@@ -243,8 +250,3 @@ def _check_chamfer(outer: Path, chamfer: float) -> None:
 def _steps(path: Path) -> Array:
     corners = np.array(path.points)
     return np.roll(corners, -1, axis=0) - corners
-
-
-def _mm(meters: float) -> float:
-    # Rounded to a picometer, so that 0.0036 m reads 3.6 mm and not 3.5999999999999996.
-    return round(meters * 1e3, 9)

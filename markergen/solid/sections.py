@@ -9,10 +9,20 @@ import numpy as np
 
 from markergen.drawing.scene import Box
 from markergen.drawing.workshop import Face, Ring
-from markergen.solid.bodies import Body, Part, Path, Prism, Revolved, flattened, inset, span
-
-FLAT = 2e-3
-"""How far in mm a polygon may lie off the arc it stands for: a tenth of what is seen on paper."""
+from markergen.solid.bodies import (
+    OFF,
+    OTHER,
+    Body,
+    Part,
+    Path,
+    Prism,
+    Revolved,
+    center_of,
+    flattened,
+    inset,
+    sides_of,
+    span,
+)
 
 SAME = 1e-6
 """mm: what differs by less is the same."""
@@ -31,12 +41,12 @@ def seen(parts: Sequence[Part], side: int = FRONT) -> tuple[Face, ...]:
     """
     found: list[tuple[tuple[float, int], Face]] = []
     for part in parts:
-        inlay = 0 if is_plate(part) else 2
+        inlay = 0 if part.is_plate else 2
         nearest = min(_end(body, side) for body in part.add)
         deepest = max(_end(body, -side) for body in part.add)
         for body in part.add:
             found.append(((_end(body, side), inlay), _plan(body, part.material, side)))
-        for body, floor in (*((body, part.material) for body in part.cut), *((b, _other(part)) for b in part.marked)):
+        for body, floor in (*((b, part.material) for b in part.cut), *((b, OTHER[part.material]) for b in part.marked)):
             if _end(body, side) > nearest - SAME:
                 through = _end(body, -side) > deepest - SAME
                 found.append(((_end(body, side), inlay + 1), _plan(body, "" if through else floor, side, hollow=True)))
@@ -49,7 +59,7 @@ def elevation(parts: Sequence[Part]) -> tuple[Face, ...]:
     """Parts as they are seen from -y with x to the right and z up, in painting order; what lies in plates is hidden."""
     import shapely
 
-    plates = [part for part in parts if is_plate(part)]
+    plates = [part for part in parts if part.is_plate]
     slabs: list[tuple[float, Face]] = []
     near: list[tuple[float, Face]] = []
     foot = min(_end(body, BACK) * -1 for part in plates for body in part.add)
@@ -110,13 +120,11 @@ def _box(body: Body) -> Box:
         r = max(r for r, _ in body.profile.points)
         return body.x - r, body.y - r, body.x + r, body.y + r
     points = list(body.outer.points)
-    bulges = body.outer.bulges or (0.0,) * len(points)
-    for (x, y), (u, v), bulge in zip(body.outer.points, (*points[1:], points[0]), bulges, strict=True):
+    for side in sides_of(body.outer):
+        (x, y), _, bulge = side
         if not bulge:
             continue
-        # The arc's center, on the left of the chord for a turn to the left of less than a half.
-        lead = (1 - bulge**2) / (4 * bulge)
-        cx, cy = (x + u) / 2 - lead * (v - y), (y + v) / 2 + lead * (u - x)
+        cx, cy = center_of(side)
         radius, angle = hypot(x - cx, y - cy), 4 * atan(bulge)
         start = atan2(y - cy, x - cx)
         for k in range(4):
@@ -143,11 +151,6 @@ def widest(body: Body) -> float:
     return max(r for r, _ in body.profile.points) if isinstance(body, Revolved) else 0.0
 
 
-def is_plate(part: Part) -> bool:
-    """Whether a part is a plate, and not what stands or lies in one."""
-    return part.name.startswith("plate")
-
-
 def _end(body: Body, side: int) -> float:
     """How near a body comes to whom looks from that side: its top, or its bottom with the other sign."""
     low, high = span(body)
@@ -157,10 +160,6 @@ def _end(body: Body, side: int) -> float:
 def _depth(body: Body) -> float:
     """How far away a body is, seen from -y."""
     return body.y if isinstance(body, Revolved) else min(y for _, y in _ring(body.outer))
-
-
-def _other(part: Part) -> str:
-    return "light" if part.material == "dark" else "dark"
 
 
 def _plan(body: Body, material: str, side: int, hollow: bool = False) -> Face:
@@ -259,7 +258,7 @@ def _revolved_slice(body: Revolved, y: float) -> Any:
         if away >= widest:
             return shapely.Polygon()
         profile = shapely.intersection(profile, shapely.box(away, low - 1, widest + 1, high + 1))
-        profile = shapely.segmentize(profile, max((widest - away) / 40, 10 * FLAT))
+        profile = shapely.segmentize(profile, max((widest - away) / 40, 10 * OFF))
         profile = shapely.transform(
             profile, lambda p: np.stack([np.sqrt(np.maximum(p[:, 0] ** 2 - away**2, 0)), p[:, 1]], axis=-1)
         )
@@ -303,9 +302,9 @@ def _rings(region: Any) -> tuple[Ring, ...]:
 
 
 def _ring(path: Path) -> Ring:
-    return tuple(flattened(path, FLAT))
+    return tuple(flattened(path))
 
 
 def _circle(x: float, y: float, radius: float) -> Ring:
-    count = max(ceil(pi * sqrt(radius / (2 * FLAT))), 24)
+    count = max(ceil(pi * sqrt(radius / (2 * OFF))), 24)
     return tuple((x + radius * cos(2 * pi * k / count), y + radius * sin(2 * pi * k / count)) for k in range(count))

@@ -9,7 +9,8 @@ from typing import Any
 
 import markergen
 from markergen.errors import OutputError
-from markergen.solid.build import COLORS, OTHER, NamedSolid
+from markergen.solid.bodies import OTHER
+from markergen.solid.build import COLORS, NamedSolid
 from markergen.solid.kernel import import_cadquery
 
 ENTITY = re.compile(r"^#(\d+) = (.*?);$", re.MULTILINE | re.DOTALL)

@@ -9,23 +9,15 @@ from markergen.drawing.figure import size_words
 from markergen.drawing.scene import marker_name
 from markergen.drawing.workshop import Callout, Face, Label, Span, Workpiece
 from markergen.drawing.workshop_front import millimeters
-from markergen.model.fabrication import Fabrication
+from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole
-from markergen.solid.bodies import Part, cylinder, span
+from markergen.solid.bodies import OTHER, Part, cylinder, mm, span
+from markergen.solid.inks import Dot, dots_of
 from markergen.solid.processes import Made
-from markergen.solid.sections import BACK, centered, elevation, is_plate, reach, seen, size_of
+from markergen.solid.sections import BACK, SAME, centered, elevation, reach, seen, size_of
 from markergen.solid.workpiece_sections import alike, sections_of
-from markergen.solid.workpiece_tables import DIAMETER, MOST_KINDS, SAME, is_disk, mm, ranges, tables_of, use_words
-
-WORDS = {
-    "fdm": "3-D print in two materials",
-    "cnc": "milled pockets with discs",
-    "laser": "engraved plate",
-    "print": "plate with a recess for a printed sheet",
-    "dome": "balls on a plate",
-}
-"""What a process is called on paper."""
+from markergen.solid.workpiece_tables import DIAMETER, MOST_KINDS, ranges, tables_of, use_words
 
 FRAME = (
     "All coordinates are in the marker frame: origin and axes as drawn, z out of the face toward the viewer, z = 0 in "
@@ -41,19 +33,10 @@ AFTERWARDS = (
 )
 
 
-def workpiece(marker: Marker, fabrication: Fabrication, parts: Sequence[Part], made: Made) -> Workpiece:
-    """All that a fabrication sheet says about a marker as it was designed.
-
-    Parameters
-    ----------
-    marker : Marker
-    fabrication : Fabrication
-    parts : sequence of Part
-        With the plate or plates among them.
-    made : Made
-        What the process said about them.
-    """
-    plates = [part for part in parts if is_plate(part)]
+def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece:
+    """All that a fabrication sheet says about a marker as it was designed, and about what `parts_of` makes of it."""
+    dots, parts = dots_of(marker), made.parts
+    plates = [part for part in parts if part.is_plate]
     low, high = reach(plates)
     face = made.face
     heights = [Span(low, face, millimeters(face - low))]
@@ -64,32 +47,28 @@ def workpiece(marker: Marker, fabrication: Fabrication, parts: Sequence[Part], m
         heights.append(Span(face, highest, millimeters(highest - face)))
     if face < -SAME:
         heights.append(Span(face, 0.0, millimeters(-face)))
-    dots = "dots" if len(marker) > 1 else "dot"
     return Workpiece(
         name=marker_name(marker),
-        title=f"Fiducial marker, {len(marker)} {dots}, {size_words(marker.boundary)}",
-        process=WORDS.get(fabrication.process, fabrication.process),
+        title=f"Fiducial marker, {len(dots)} dot{'s' * (len(dots) > 1)}, {size_words(marker.boundary)}",
+        process=PROCESSES[fabrication.process],
         materials=_materials(parts),
-        front=(*seen(parts), *_printed(marker, parts)),
+        front=(*seen(parts), *_printed(marker, dots, parts)),
         side=elevation(parts),
         back=_back(parts),
         size=size_of([body for part in parts for body in part.add]),
-        round=len(plates) == 1 and is_disk(plates[0]),
-        labels=tuple(
-            Label(str(p.id), mm(p.x), mm(p.y), mm(p.feature.diameter) / 2, mm(p.feature.inner_diameter) / 2)
-            for p in marker.control_points
-        ),
-        callouts=(*_dot_callouts(marker, fabrication), *_hole_callouts(marker.substrate.holes), *_tag_callout(marker)),
+        round=[plate.is_disk for plate in plates] == [True],
+        labels=tuple(Label(str(dot.id), dot.x, dot.y, dot.radius, dot.inner) for dot in dots),
+        callouts=(*_dot_callouts(dots, fabrication), *_hole_callouts(marker.substrate.holes), *_tag_callout(marker)),
         heights=tuple(sorted(heights, key=lambda height: height.end - height.start)),
-        sections=sections_of(marker, parts, made),
-        tables=tables_of(marker, parts, made),
+        sections=sections_of(marker, dots, made),
+        tables=tables_of(marker, made),
         notes=(FRAME, MEASURE, *_plate_notes(marker), *made.lines, AFTERWARDS),
     )
 
 
 def _back(parts: Sequence[Part]) -> tuple[Face, ...]:
     """The back, if there is more to see on it than the outline and the holes that the front shows."""
-    plates = [part for part in parts if is_plate(part)]
+    plates = [part for part in parts if part.is_plate]
     faces = seen(plates, BACK)
     count = sum(len(part.add) for part in plates)
     # Letters are filled, so that they are read; what goes through stays empty.
@@ -103,44 +82,43 @@ def _materials(parts: Sequence[Part]) -> str:
         what = "core of the ring" if part.name.endswith("-core") else part.name.split("-")[0]
         kinds.setdefault(part.material, []).append("dots" if what == "dot" else what)
         if part.marked:
-            kinds.setdefault("dark" if part.material == "light" else "light", []).append("engraving")
+            kinds.setdefault(OTHER[part.material], []).append("engraving")
     return "; ".join(f"{material}: {', '.join(dict.fromkeys(names))}" for material, names in kinds.items())
 
 
-def _printed(marker: Marker, parts: Sequence[Part]) -> tuple[Face, ...]:
+def _printed(marker: Marker, dots: Sequence[Dot], parts: Sequence[Part]) -> tuple[Face, ...]:
     """Dots and tag where they are no parts, not engraved and no holes, but on a sheet that is glued on."""
     low, _ = reach(parts)
-    if any(not is_plate(part) or part.marked for part in parts):
+    if any(not part.is_plate or part.marked for part in parts):
         return ()
-    dots = [
-        cylinder(mm(p.x), mm(p.y), mm(p.feature.diameter) / 2, -1.0, 0.0, mm(p.feature.inner_diameter) / 2)
-        for p in marker.control_points
-        if not any(
-            centered(body, mm(p.x), mm(p.y)) and span(body)[0] < low + SAME for part in parts for body in part.cut
-        )
+    cut = [body for part in parts for body in part.cut]
+    printed = [
+        cylinder(dot.x, dot.y, dot.radius, -1.0, 0.0, dot.inner)
+        for dot in dots
+        if not any(centered(body, dot.x, dot.y) and span(body)[0] < low + SAME for body in cut)
     ]
-    faces = list(seen([Part("dot", "dark", tuple(dots))])) if dots else []
-    if marker.tag and dots:
+    faces = list(seen([Part("dot", "dark", tuple(printed))])) if printed else []
+    if marker.tag and printed:
         rings = tuple(tuple((mm(x), mm(y)) for x, y in ring.tolist()) for ring in marker.tag.outlines)
         faces.append(Face(rings, "dark"))
     return tuple(replace(face, fine=True) for face in faces)
 
 
-def _dot_callouts(marker: Marker, fabrication: Fabrication) -> list[Callout]:
+def _dot_callouts(dots: Sequence[Dot], fabrication: Fabrication) -> list[Callout]:
     found = []
-    kinds = alike(marker.control_points)
+    kinds = alike(dots)
     if len(kinds) > MOST_KINDS:
-        places = tuple((mm(p.x), mm(p.y), mm(p.feature.diameter) / 2) for p in marker.control_points)
+        places = tuple((dot.x, dot.y, dot.radius) for dot in dots)
         return [Callout((f"{len(places)} dots of {len(kinds)} sizes", "see the table"), places)]
-    for (diameter, inner), points in kinds:
-        count = f"{len(points)}x " if len(points) > 1 else ""
+    for (radius, inner), some in kinds:
+        count = f"{len(some)}x " if len(some) > 1 else ""
         # S stands for a sphere (ISO 129).
         sphere = "S" if fabrication.process == "dome" else ""
-        size = f"{sphere}{DIAMETER}{millimeters(mm(diameter))}"
-        ring = f" / {DIAMETER}{millimeters(mm(inner))}" if inner else ""
+        size = f"{sphere}{DIAMETER}{millimeters(2 * radius)}"
+        ring = f" / {DIAMETER}{millimeters(2 * inner)}" if inner else ""
         which = "ring" if inner else "dot"
-        names = f"{which}{'s' if len(points) > 1 else ''} {ranges([p.id for p in points])}"
-        places = tuple((mm(p.x), mm(p.y), mm(p.feature.diameter) / 2) for p in points)
+        names = f"{which}{'s' if len(some) > 1 else ''} {ranges([dot.id for dot in some])}"
+        places = tuple((dot.x, dot.y, dot.radius) for dot in some)
         found.append(Callout((f"{count}{size}{ring}", names), places))
     return found
 

@@ -2,48 +2,47 @@
 
 from collections.abc import Iterable, Sequence
 
-from markergen.drawing.scene import FLAT
 from markergen.drawing.workshop import Section, Span
 from markergen.drawing.workshop_front import millimeters
-from markergen.model.marker import ControlPoint, Marker
-from markergen.solid.bodies import Body, Part, Prism, span
+from markergen.model.marker import Marker
+from markergen.solid.bodies import Part, Prism, mm, span
+from markergen.solid.inks import Dot
 from markergen.solid.processes import Made
-from markergen.solid.sections import centered, cut_along, is_plate, reach, seen, size_of, widest
-from markergen.solid.workpiece_tables import DIAMETER, MOST_KINDS, SAME, mm, use_words
+from markergen.solid.sections import SAME, centered, cut_along, reach, seen, size_of, widest
+from markergen.solid.workpiece_tables import DIAMETER, MOST_KINDS, use_words
 
 
-def sections_of(marker: Marker, parts: Sequence[Part], made: Made) -> tuple[Section, ...]:
+def sections_of(marker: Marker, dots: Sequence[Dot], made: Made) -> tuple[Section, ...]:
     """All sections, with the sizes that the views do not show."""
-    return (*_dot_sections(marker, parts, made.face), *_hole_sections(marker, parts), *_edge(marker, parts, made))
+    parts = made.parts
+    return (*_dot_sections(dots, parts, made.face), *_hole_sections(marker, parts), *_edge(marker, made))
 
 
-def alike(points: Iterable[ControlPoint]) -> list[tuple[tuple[float, float], list[ControlPoint]]]:
-    """Control points by the size of their dots."""
-    groups: dict[tuple[float, float], list[ControlPoint]] = {}
-    for point in points:
-        groups.setdefault((point.feature.diameter, point.feature.inner_diameter), []).append(point)
+def alike(dots: Iterable[Dot]) -> list[tuple[tuple[float, float], list[Dot]]]:
+    """Dots by their radius and inner radius."""
+    groups: dict[tuple[float, float], list[Dot]] = {}
+    for dot in dots:
+        groups.setdefault((dot.radius, dot.inner), []).append(dot)
     return list(groups.items())
 
 
-def _dot_sections(marker: Marker, parts: Sequence[Part], face: float) -> list[Section]:
+def _dot_sections(dots: Sequence[Dot], parts: Sequence[Part], face: float) -> list[Section]:
     """One section for each kind of dot, and of the raised ones of a kind through the highest."""
+    bodies = [body for part in parts for body in (*part.add, *part.cut, *part.marked)]
     found = []
-    for (_, inner), points in alike(marker.control_points)[:MOST_KINDS]:
-        flat = [p for p in points if p.z <= FLAT]
-        raised = sorted((p for p in points if p.z > FLAT), key=lambda p: -p.z)
-        for group in (flat[:1], raised[:1]):
-            for point in group:
-                if not any(centered(body, mm(point.x), mm(point.y)) for body in _all(parts)):
-                    continue
+    for (_, inner), some in alike(dots)[:MOST_KINDS]:
+        flat = [dot for dot in some if not dot.raised]
+        raised = sorted((dot for dot in some if dot.raised), key=lambda dot: -dot.z)
+        for dot in (*flat[:1], *raised[:1]):
+            if any(centered(body, dot.x, dot.y) for body in bodies):
                 what = "ring" if inner else "dot"
-                found.append(_dot_section(point, f"Section along x through {what} {point.id}", parts, face))
+                found.append(_dot_section(dot, f"Section along x through {what} {dot.id}", parts, face))
     return found
 
 
-def _dot_section(point: ControlPoint, title: str, parts: Sequence[Part], face: float) -> Section:
-    x, y, z, radius = mm(point.x), mm(point.y), mm(point.z), mm(point.feature.diameter) / 2
-    inner = mm(point.feature.inner_diameter) / 2
-    plates = [part for part in parts if is_plate(part)]
+def _dot_section(dot: Dot, title: str, parts: Sequence[Part], face: float) -> Section:
+    x, y, z, radius, inner = dot.x, dot.y, dot.z, dot.radius, dot.inner
+    plates = [part for part in parts if part.is_plate]
     pockets = [b for part in plates for b in (*part.cut, *part.marked) if centered(b, x, y)]
     pillars = [b for part in plates for b in part.add if centered(b, x, y)]
     wide = max([radius, *(widest(b) for b in (*pockets, *pillars) if span(b)[1] > face - SAME)])
@@ -74,7 +73,7 @@ def _dot_section(point: ControlPoint, title: str, parts: Sequence[Part], face: f
 def _hole_sections(marker: Marker, parts: Sequence[Part]) -> list[Section]:
     """One section for each kind of hole."""
     found: dict[tuple[float, float], Section] = {}
-    low, _ = reach([part for part in parts if is_plate(part)])
+    low, _ = reach([part for part in parts if part.is_plate])
     for hole in marker.substrate.holes:
         if (hole.diameter, hole.sink) in found or len(found) == MOST_KINDS:
             continue
@@ -96,10 +95,11 @@ def _hole_sections(marker: Marker, parts: Sequence[Part]) -> list[Section]:
     return list(found.values())
 
 
-def _edge(marker: Marker, parts: Sequence[Part], made: Made) -> list[Section]:
+def _edge(marker: Marker, made: Made) -> list[Section]:
     """Section of an edge with a chamfer, or with a recess for a sheet next to it."""
     chamfer = mm(marker.substrate.chamfer)
-    plates = [part for part in parts if is_plate(part)]
+    parts = made.parts
+    plates = [part for part in parts if part.is_plate]
     width, _ = size_of([body for part in plates for body in part.add])
     recesses = [
         body
@@ -125,7 +125,3 @@ def _edge(marker: Marker, parts: Sequence[Part], made: Made) -> list[Section]:
     across = (Span(right - chamfer, right, f"{millimeters(chamfer)} x 45\xb0"),) if chamfer else ()
     heights = tuple(Span(a, b, millimeters(b - a)) for a, b in sorted(upright, key=lambda pair: pair[1] - pair[0]))
     return [Section("Section of the edge", faces, box, across, heights)] if faces else []
-
-
-def _all(parts: Sequence[Part]) -> list[Body]:
-    return [body for part in parts for body in (*part.add, *part.cut, *part.marked)]

@@ -6,14 +6,11 @@ from markergen.drawing.workshop import Table
 from markergen.drawing.workshop_front import millimeters
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole
-from markergen.solid.bodies import Part, Revolved, part_volume
+from markergen.solid.bodies import Part, Revolved, mm, part_volume
 from markergen.solid.processes import Made
-from markergen.solid.sections import reach, size_of, widest
+from markergen.solid.sections import SAME, reach, size_of, widest
 
 DIAMETER = "\xd8"
-
-SAME = 1e-6
-"""mm by which sizes may differ and be the same."""
 
 LONGEST_NAME = 24
 """Characters of what goes through a hole."""
@@ -22,7 +19,7 @@ MOST_KINDS = 6
 """Of dots and of holes that are named in the drawing and cut; of more the tables tell."""
 
 
-def tables_of(marker: Marker, parts: Sequence[Part], made: Made) -> tuple[Table, ...]:
+def tables_of(marker: Marker, made: Made) -> tuple[Table, ...]:
     """All tables; that of the control points comes first, then that of the holes if there are any."""
     points = Table(
         "Control points: centers of the dots, mm",
@@ -56,7 +53,7 @@ def tables_of(marker: Marker, parts: Sequence[Part], made: Made) -> tuple[Table,
             (name, _fixed(x), _fixed(y)) for name, (x, y) in zip(names, marker.tag.corners.tolist(), strict=True)
         )
         tables.append(Table(f"Corners of the black square of {marker.tag}, mm", ("corner", "x", "y"), corners, (0,)))
-    tables.append(_part_list(parts))
+    tables.append(_part_list(made.parts))
     if made.tolerances:
         tables.append(Table("Tolerances", ("what", "tolerance"), made.tolerances, (0, 1)))
     return tuple(tables)
@@ -81,15 +78,9 @@ def _size(part: Part) -> str:
         inner = f" / {DIAMETER}{millimeters(2 * min(radii))}" if min(radii) > SAME else ""
         return f"{DIAMETER}{millimeters(2 * widest(part.add[0]))}{inner} x {millimeters(high - low)}"
     width, height = size_of(part.add)
-    if is_disk(part):
+    if part.is_disk:
         return f"{DIAMETER}{millimeters(width)} x {millimeters(high - low)}"
     return f"{millimeters(width)} x {millimeters(height)} x {millimeters(high - low)}"
-
-
-def is_disk(part: Part) -> bool:
-    """Whether its outline is one circle."""
-    body = part.add[0]
-    return isinstance(body, Revolved) or body.outer.bulges == (1.0, 1.0)
 
 
 def _names(names: Sequence[str]) -> str:
@@ -123,16 +114,13 @@ def ranges(numbers: Iterable[int]) -> str:
 
 
 def use_words(hole: Hole) -> str:
-    """What a hole is for: ``for screw M3``."""
-    what = "dowel pin" if hole.use == "dowel" else "screw"
-    return f"for {what} {hole.name[:LONGEST_NAME]}" if hole.name else f"for a {what}"
+    """What a hole is for: ``for screw M3``, ``for a 4 mm pin``."""
+    name = hole.name[:LONGEST_NAME]
+    if hole.use == "dowel":
+        return f"for a {name or 'dowel pin'}"
+    return f"for screw {name}" if name else "for a screw"
 
 
 def _fixed(meters: float) -> str:
     # Adding 0 makes -0 a plain 0.
     return f"{round(meters * 1e3, 4) + 0.0:.4f}"
-
-
-def mm(meters: float) -> float:
-    """Length in mm, rounded to a picometer, so that 0.0036 m reads 3.6 mm and not 3.5999999999999996."""
-    return round(meters * 1e3, 9)

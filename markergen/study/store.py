@@ -122,6 +122,8 @@ def open_store(folder: Path, identity: Mapping[str, Any], resume: bool) -> Itera
     _check_identity(folder, text, resume)
     make_folder(folder / CELLS)
     with _alone(folder):
+        # Another run may have begun, and even ended, since.
+        _check_identity(folder, text, resume)
         for leftover in (folder / CELLS).glob(".*"):
             # What a process that was killed had not finished writing.
             leftover.unlink(missing_ok=True)

@@ -44,6 +44,15 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (e
     return reading_of("GLB", surface_of(objects, name), TOLERANCE)
 
 
+@READERS.register(".sdf", ".urdf")
+def read_model(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001
+    """Refuse a simulator's model: what it shows is in the GLB beside it."""
+    raise InputError(
+        f"a file with the marker's shape in {name}", "a model of a simulator, which shows a mesh",
+        "verify the .glb in the folder meshes beside it",
+    )  # fmt: skip
+
+
 class _Scene:
     """Content of a GLB; what is missing or of another kind raises what Python raises."""
 

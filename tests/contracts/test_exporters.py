@@ -12,19 +12,15 @@ import pytest
 from markergen.errors import InputError
 from markergen.export import DRAWN, EXPORTERS, FLAT, SOLIDS, ExportOptions, Output
 from markergen.model.boundary import Circle
-from markergen.model.feature import Feature, key_ring
-from markergen.model.marker import ControlPoint, Marker
+from markergen.model.fabrication import Fabrication
+from markergen.model.feature import Feature
+from markergen.model.marker import dressed
 from markergen.model.marker_json import to_json
 from markergen.model.tag import Tag
 
 ANGLES = 2 * np.pi * np.arange(5) / 5
-MARKER = Marker(
-    tuple(
-        ControlPoint(i, 0.03 * float(np.sin(a)), 0.03 * float(np.cos(a)), 0.0, Feature(0.008) if i else key_ring(0.008))
-        for i, a in enumerate(ANGLES)
-    ),
-    Circle(0.04),
-    0.0008,
+MARKER = replace(
+    dressed(np.stack([0.03 * np.sin(ANGLES), 0.03 * np.cos(ANGLES), 0 * ANGLES], axis=-1), Circle(0.04), 0.008, 0.0008),
     provenance={"spec_hash": "1a2b3c4d"},
     tag=Tag("apriltag:36h11", 3, 0.012),
 )
@@ -39,13 +35,43 @@ NO_WORDS = {".brep"}
 SUFFIXES = sorted({EXPORTERS[suffix]: suffix for suffix in EXPORTERS}.values())
 """One of each exporter."""
 
+OPTIONS = ExportOptions(stem="board", fabrication=Fabrication(engrave=False))
+"""What is engraved takes the kernel longer than all else, and is looked at in tests/solid."""
+
 OTHER_PROCESS = """
 import sys
+from pathlib import Path
 from markergen.export import EXPORTERS, ExportOptions
+from markergen.model.fabrication import Fabrication
 from markergen.model.marker_json import from_json
-marker = from_json(sys.stdin.read())
-sys.stdout.buffer.write(EXPORTERS[sys.argv[1]]([marker], ExportOptions(stem="board")).data)
+marker, options = from_json(sys.stdin.read()), ExportOptions(stem="board", fabrication=Fabrication(engrave=False))
+for suffix in sys.argv[2:]:
+    Path(sys.argv[1], f"board{suffix}").write_bytes(EXPORTERS[suffix]([marker], options).data)
 """
+
+
+@pytest.fixture(scope="module")
+def outputs():
+    """Of every suffix: one after the other, so that solids and meshes are made once."""
+    return {suffix: EXPORTERS[suffix]([MARKER], OPTIONS) for suffix in SUFFIXES}
+
+
+@pytest.fixture(scope="module")
+def others():
+    """Of markers that differ from that of `outputs` in next to nothing."""
+    first, *rest = MARKER.control_points
+    moved = replace(MARKER, control_points=(replace(first, x=first.x + 1e-5), *rest))
+    tagged = replace(MARKER, tag=replace(MARKER.tag, id=4))
+    return {suffix: EXPORTERS[suffix]([tagged if suffix in NO_PLACES else moved], OPTIONS) for suffix in SUFFIXES}
+
+
+@pytest.fixture(scope="module")
+def elsewhere(tmp_path_factory):
+    """Folder with what another process writes, where sets have another order."""
+    folder = tmp_path_factory.mktemp("elsewhere")
+    words = [sys.executable, "-c", OTHER_PROCESS, str(folder), *SUFFIXES]
+    subprocess.run(words, input=to_json(MARKER), check=True, env={**os.environ, "PYTHONHASHSEED": "4"})
+    return folder
 
 
 @pytest.fixture(scope="module", params=SUFFIXES)
@@ -54,8 +80,8 @@ def suffix(request):
 
 
 @pytest.fixture(scope="module")
-def output(suffix):
-    return EXPORTERS[suffix]([MARKER], ExportOptions(stem="board"))
+def output(suffix, outputs):
+    return outputs[suffix]
 
 
 def test_suffixes_are_lower_case_with_a_dot(suffix):
@@ -78,24 +104,16 @@ def test_what_comes_with_it_lies_beside_it_and_is_named_after_it(output):
         assert len(data) > 300
 
 
-def test_same_bytes_again_in_this_process_and_in_another(suffix, output, tmp_path, monkeypatch):
-    # Sets have another order there.
-    other = {**os.environ, "PYTHONHASHSEED": "4"}
-    words = [sys.executable, "-c", OTHER_PROCESS, suffix]
-    done = subprocess.run(words, input=to_json(MARKER), capture_output=True, check=True, env=other)
-    assert done.stdout == output.data
+def test_same_bytes_again_in_this_process_and_in_another(suffix, output, elsewhere, tmp_path, monkeypatch):
+    assert (elsewhere / f"board{suffix}").read_bytes() == output.data
     monkeypatch.chdir(tmp_path)
-    again = EXPORTERS[suffix]([MARKER], ExportOptions(stem="board"))
+    again = EXPORTERS[suffix]([MARKER], OPTIONS)
     assert again.data == output.data
     assert dict(again.beside) == dict(output.beside)
 
 
-def test_another_marker_gives_other_bytes(suffix, output):
-    first, *rest = MARKER.control_points
-    other = replace(MARKER, control_points=(replace(first, x=first.x + 1e-5), *rest))
-    if suffix in NO_PLACES:
-        other = replace(MARKER, tag=replace(MARKER.tag, id=4))
-    assert EXPORTERS[suffix]([other], ExportOptions(stem="board")).data != output.data
+def test_another_marker_gives_other_bytes(suffix, output, others):
+    assert others[suffix].data != output.data
 
 
 def test_bare_points_are_refused_by_drawings_and_solids(suffix):

@@ -79,7 +79,7 @@ MARKERS = {
 def sheets_of(marker, options=None, **choices):
     fabrication = Fabrication(**choices)
     made = parts_of(marker, fabrication)
-    return fabrication_sheets(workpiece(marker, fabrication, made.parts, made.made), options or SheetOptions())
+    return fabrication_sheets(workpiece(marker, fabrication, made), options or SheetOptions())
 
 
 @pytest.fixture(scope="module", params=list(MARKERS))

@@ -3,22 +3,16 @@ from io import BytesIO
 
 import numpy as np
 import pytest
+from tetrahedra import plate_and_dot
 
 from markergen.export.glb import write_glb
-from markergen.export.meshes import MeshedPart
-from markergen.solid.mesh import Mesh
 
 CORNERS = np.array([[0, 0, 0], [400, 0, 0], [0, 300, 0], [0, 0, 200.0]])
-SIDES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
-PARTS = [
-    MeshedPart("plate", "light", Mesh(CORNERS, SIDES, np.array([False, True, False, False]))),
-    MeshedPart("dot-0", "dark", Mesh(CORNERS + 1, SIDES, np.zeros(4, bool))),
-]
 
 
 @pytest.fixture(scope="module")
 def data() -> bytes:
-    return write_glb(PARTS, "markergen-12ab")
+    return write_glb(plate_and_dot(CORNERS), "markergen-12ab")
 
 
 @pytest.fixture(scope="module")

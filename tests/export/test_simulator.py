@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
+from tetrahedra import part
 
 from markergen.export.meshes import MeshedPart
 from markergen.export.simulator import DENSITY, mass_of, number, numbers
 from markergen.solid.bodies import Part, cylinder
 from markergen.solid.build import build
-from markergen.solid.mesh import Mesh, mesh_of
+from markergen.solid.mesh import mesh_of
 
 BOX = np.array([[x, y, z] for x in (0, 20) for y in (0, 30) for z in (-5, 0)], float)
 """mm; bit by bit of their number: x, y, z."""
@@ -14,12 +15,12 @@ QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (
 SIDES = np.array([side for a, b, c, d in QUADS for side in ((a, b, c), (a, c, d))])
 
 
-def part(points: np.ndarray) -> MeshedPart:
-    return MeshedPart("plate", "light", Mesh(points, SIDES, np.zeros(len(SIDES), bool)))
+def box(corners: np.ndarray) -> MeshedPart:
+    return part("plate", "light", corners, SIDES)
 
 
 def test_a_box_weighs_what_it_should():
-    mass, center, inertia = mass_of([part(BOX)])
+    mass, center, inertia = mass_of([box(BOX)])
     assert mass == pytest.approx(DENSITY * 0.02 * 0.03 * 0.005)
     np.testing.assert_allclose(center, [0.01, 0.015, -0.0025])
     a, b, c = 0.02**2, 0.03**2, 0.005**2
@@ -28,7 +29,7 @@ def test_a_box_weighs_what_it_should():
 
 def test_two_halves_weigh_what_the_whole_does():
     half = BOX * [0.5, 1, 1]
-    for one, other in zip(mass_of([part(half), part(half + [10, 0, 0])]), mass_of([part(BOX)]), strict=True):
+    for one, other in zip(mass_of([box(half), box(half + [10, 0, 0])]), mass_of([box(BOX)]), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-15)
 
 

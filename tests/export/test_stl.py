@@ -1,16 +1,10 @@
 import numpy as np
 import pytest
+from tetrahedra import SIDES, part
 
-from markergen.export.meshes import MeshedPart
 from markergen.export.stl import FACET, write_stl
-from markergen.solid.mesh import Mesh
 
 CORNERS = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0], [0, 0, 4]], float)
-SIDES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
-
-
-def part(name: str, material: str, points: np.ndarray = CORNERS, triangles: np.ndarray = SIDES) -> MeshedPart:
-    return MeshedPart(name, material, Mesh(points, triangles, np.zeros(len(triangles), bool)))
 
 
 def facets(data: bytes) -> np.ndarray:
@@ -18,14 +12,14 @@ def facets(data: bytes) -> np.ndarray:
 
 
 def test_is_binary_counts_its_triangles_and_names_the_marker():
-    data = write_stl([part("plate", "light")], "markergen-12ab")
+    data = write_stl([part("plate", "light", CORNERS)], "markergen-12ab")
     assert data[:80].rstrip().startswith(b"markergen-12ab, markergen ")
     assert int.from_bytes(data[80:84], "little") == 4
     assert len(data) == 84 + 4 * 50
 
 
 def test_corners_are_millimeters_and_normals_point_outside():
-    found = facets(write_stl([part("plate", "light")], "m"))
+    found = facets(write_stl([part("plate", "light", CORNERS)], "m"))
     np.testing.assert_array_equal(found["corners"], CORNERS[SIDES])
     third = 3**-0.5
     expected = [[0, 0, -1], [0, -1, 0], [third, third, third], [-1, 0, 0]]
@@ -41,7 +35,8 @@ def test_a_triangle_without_an_area_has_no_normal():
 
 
 def test_equal_points_of_two_parts_are_kept_apart_by_less_than_a_micrometer():
-    first, second = facets(write_stl([part("plate", "light"), part("dot-0", "dark")], "m"))["corners"].reshape(2, -1, 3)
+    data = write_stl([part("plate", "light", CORNERS), part("dot-0", "dark", CORNERS)], "m")
+    first, second = facets(data)["corners"].reshape(2, -1, 3)
     moved = np.linalg.norm(first - second, axis=-1)
     assert moved.min() > 0
     assert moved.max() < 1e-3
@@ -49,4 +44,4 @@ def test_equal_points_of_two_parts_are_kept_apart_by_less_than_a_micrometer():
 
 @pytest.mark.parametrize("material", ["light", "dark"])
 def test_one_part_stays_where_it_is(material):
-    np.testing.assert_array_equal(facets(write_stl([part("p", material)], "m"))["corners"], CORNERS[SIDES])
+    np.testing.assert_array_equal(facets(write_stl([part("p", material, CORNERS)], "m"))["corners"], CORNERS[SIDES])

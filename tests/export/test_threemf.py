@@ -4,23 +4,17 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from tetrahedra import plate_and_dot
 
-from markergen.export.meshes import MeshedPart
 from markergen.export.threemf import MODEL, write_3mf
-from markergen.solid.mesh import Mesh
 
 CORE = "{http://schemas.microsoft.com/3dmanufacturing/core/2015/02}"
 CORNERS = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0], [-1.5, 123.456787, -4]])
-SIDES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
-PARTS = [
-    MeshedPart("plate", "light", Mesh(CORNERS, SIDES, np.array([False, True, False, False]))),
-    MeshedPart("dot-0", "dark", Mesh(CORNERS + 1, SIDES, np.zeros(4, bool))),
-]
 
 
 @pytest.fixture(scope="module")
 def data() -> bytes:
-    return write_3mf(PARTS, "markergen-12ab")
+    return write_3mf(plate_and_dot(CORNERS), "markergen-12ab")
 
 
 @pytest.fixture(scope="module")

@@ -94,8 +94,10 @@ def test_dots_that_an_outline_a_corner_or_a_chamfer_cuts_are_told(pentagon, make
     # The topmost dot reaches to 146.4 mm.
     assert "a plate whose upper face holds all dots, found dot 0 is 11.4 mm over its edge" in message
     check_holes(with_holes(pentagon, outline=rectangle(0.4, 0.4), corner_radius=0.01, chamfer=0.001))
+    assert message.endswith("use a larger --outline, or smaller --corner-radius and --chamfer")
     square = make_in(rectangle(0.2, 0.2), 4, 0.036)
-    assert "over its edge" in refusal(lambda: check_holes(with_holes(square, corner_radius=0.1)))
+    message = refusal(lambda: check_holes(with_holes(square, corner_radius=0.1)))
+    assert "over its edge; use a larger --edge, or smaller --corner-radius and --chamfer" in message
 
 
 def test_the_face_of_a_plate():

@@ -6,6 +6,7 @@ import pytest
 import shapely
 
 from markergen.drawing.text import text_width
+from markergen.model.substrate import Substrate
 from markergen.model.tag import FAMILIES, Tag
 from markergen.solid.bodies import area, cylinder, flattened
 from markergen.solid.engraving import DEPTH, MARGIN, WALL, _lines, _prisms, engraving
@@ -132,3 +133,23 @@ def test_a_narrow_plate_has_its_title_in_two_lines(shapes, make_in):
     # One plate has the 17 letters, the other only ids.
     assert left[0] - left[1] in (0, 17)
     assert len(parts) == 17 + 5
+
+
+def test_a_plate_that_letters_would_fall_out_of_is_not_engraved(make_ngon):
+    def thick(thickness: float):
+        marker = replace(make_ngon(5, 0.06, 0.014), substrate=Substrate(thickness=thickness))
+        return engraved(marker, thickness=thickness * 1e3)[1]
+
+    assert thick(0.0005).cut
+    thin = thick(0.00049)
+    assert thin.cut == ()
+    assert thin.notes == ("The back is not engraved: a plate of 0.49 mm is thinner than 0.5 mm.",)
+
+
+def test_a_large_title_takes_no_room_from_ids(make_ngon):
+    """In the largest letters, above the origin, it would be as wide as to cover those of dots 1 and 4."""
+    marker = replace(make_ngon(5, 0.06, 0.014), tag=Tag("aruco:DICT_4X4_50", 3, 0.03))
+    _, found, shapes = engraved(marker)
+    assert found.notes == ()
+    for p in marker.control_points:
+        assert sum(shapely.Point(1e3 * p.x, 1e3 * p.y).buffer(7).contains(shape) for shape in shapes) == 1

@@ -56,6 +56,14 @@ def test_a_pocket_leaves_a_floor(pentagon):
     assert make(thin, Fabrication(depth=0.0001)).depth == 0.1
 
 
+@pytest.mark.parametrize("name", ["fdm", "cnc", "laser", "print", "dome"])
+@pytest.mark.parametrize("thickness", [1e-5, 2e-4, 2.9e-4])
+def test_the_thickness_that_a_message_names_is_enough(pentagon, name, thickness):
+    line = refusal(replace(pentagon, substrate=Substrate(thickness=thickness)), Fabrication(name))
+    enough = float(re.search(r"use --thickness ([\d.]+)mm", line)[1])
+    make(replace(pentagon, substrate=Substrate(thickness=enough / 1e3)), Fabrication(name))
+
+
 def test_every_process_says_what_is_deep(pentagon):
     words = {"fdm": "inlays", "cnc": "pockets", "laser": "engraving", "print": "recess", "dome": "plugs"}
     for name, what in words.items():
@@ -193,3 +201,48 @@ def test_rooms_are_measured_exactly(at):
     assert face.to_edge([Footprint("out", ((110.0, 0.0),))]) < 0
     assert gaps([point, tag], [tag]).ravel() == pytest.approx([29.0, float("inf")])
     assert depth_of(marker, Fabrication(), 0.6, "inlays") == 0.6
+
+
+def test_a_hole_is_no_narrower_than_the_nozzle_unless_it_is_drilled(pentagon):
+    def holed(diameter: float) -> Marker:
+        return replace(pentagon, substrate=Substrate(holes=(Hole(0.0, 0.0, diameter),)))
+
+    make(holed(0.0004), Fabrication())
+    assert "a diameter of at least 0.4 mm for the hole 0.39 mm at 0 mm, 0 mm, made with a nozzle of 0.4 mm" in refusal(
+        holed(0.00039), Fabrication()
+    )
+    make(holed(0.00039), Fabrication(tool=0.00039))
+    make(holed(0.00039), Fabrication("cnc"))
+
+
+def test_holes_in_the_recess_for_a_sheet_have_land_around_each(pentagon):
+    def holed(gap: float) -> Marker:
+        return replace(pentagon, substrate=Substrate(holes=(Hole(0.0, 0.0, 0.003), Hole(0.003 + gap, 0.0, 0.003))))
+
+    (recess,) = make(holed(0.0025), Fabrication("print")).cut
+    assert len(recess.holes) == 2
+    line = refusal(holed(0.0015), Fabrication("print"))
+    assert "at least 2.5 mm between holes in the recess for the sheet, hole 3 mm at 0 mm, 0 mm and hole 3 mm at" in line
+    assert "found 1.5 mm; move one by 1mm" in line
+
+
+def test_pillars_keep_off_the_recess_for_a_printed_tag(at):
+    """The quiet zone of this tag reaches to x = 20 mm, and its recess 0.05 mm farther."""
+
+    def tagged(x: float) -> Marker:
+        return replace(at((0, 60), (x, 0, 10)), tag=Tag("aruco:DICT_4X4_50", 3, 0.03))
+
+    make(tagged(31.3), Fabrication("print"))
+    assert "between the pillar of dot-1 and the recess for the tag" in refusal(tagged(30.3), Fabrication("print"))
+
+
+def test_the_size_of_dots_is_no_limit_to_the_room_around_one_sheet(make_ngon):
+    assert make(make_ngon(4, 0.005, 0.002), Fabrication("print")).depth == 0.2
+
+
+def test_a_recess_over_a_rounded_corner_is_not_answered_with_a_wrong_edge(shapes, make_in):
+    """An edge of 2.5 mm, which a straight side would need, does not help a spike rounded by 3 mm."""
+    marker = replace(make_in(shapes["star"], 5, 0.012), substrate=Substrate(corner_radius=0.003))
+    line = refusal(marker, Fabrication("print"))
+    assert "found a recess that reaches over its edge; use a larger --edge, or a smaller --corner-radius" in line
+    make(replace(marker, substrate=Substrate(edge=0.0125, corner_radius=0.003)), Fabrication("print"))

@@ -8,7 +8,7 @@ from markergen.errors import InputError
 from markergen.model.fabrication import Fabrication
 from markergen.model.substrate import Hole, Substrate
 from markergen.solid.bodies import part_volume, volume
-from markergen.solid.make import marker_solids, parts_of
+from markergen.solid.make import parts_of, solids_of
 from markergen.solid.plate import plate_radius
 
 PLAIN = Fabrication(engrave=False)
@@ -22,7 +22,7 @@ POCKET = 0.6
 @pytest.mark.parametrize(("n", "radius", "diameter"), [(5, 0.15, 0.036), (8, 0.03, 0.005)])
 def test_volumes_in_closed_form(make_ngon, n, radius, diameter):
     marker = make_ngon(n, radius, diameter)
-    solids = marker_solids(marker, PLAIN)
+    solids = solids_of(parts_of(marker, PLAIN))
     assert [solid.name for solid in solids] == ["plate", "dot-0", "dot-0-core", *(f"dot-{i}" for i in range(1, n))]
     disk = pi / 4 * (1e3 * diameter) ** 2 * POCKET
     plate = pi * plate_radius(marker) ** 2 * 3 - n * disk
@@ -32,7 +32,7 @@ def test_volumes_in_closed_form(make_ngon, n, radius, diameter):
 
 def test_face_is_flush_at_zero_and_nothing_overlaps(make_ngon):
     marker = make_ngon(5, 0.05, 0.01)
-    solids = marker_solids(marker, Fabrication())
+    solids = solids_of(parts_of(marker, Fabrication()))
     boxes = [solid.shape.BoundingBox() for solid in solids]
     # Bounding boxes are widened by the shapes' tolerance of 1e-7 mm.
     assert [box.zmax for box in boxes] == pytest.approx([0] * 7, abs=1e-6)
@@ -50,7 +50,7 @@ def test_face_is_flush_at_zero_and_nothing_overlaps(make_ngon):
 def test_any_outline_is_a_plate(shape, make_in):
     marker = make_in(shape, 5, 0.01)
     made = parts_of(marker, Fabrication())
-    solids = marker_solids(marker, Fabrication())
+    solids = solids_of(parts_of(marker, Fabrication()))
     for part, solid in zip(made.parts, solids, strict=True):
         assert solid.shape.isValid()
         assert solid.shape.ShapeType() == "Solid"
@@ -84,5 +84,6 @@ def test_holes_that_hit_dots_and_bare_points_are_refused(make_ngon):
 
 def test_solids_of_one_marker_are_made_once(make_ngon):
     marker = make_ngon(4, 0.05, 0.01)
-    assert marker_solids(marker, PLAIN) is marker_solids(replace(marker, clearance=0.002), PLAIN)
-    assert marker_solids(marker, PLAIN) is not marker_solids(marker, Fabrication(depth=0.001, engrave=False))
+    first = solids_of(parts_of(marker, PLAIN))
+    assert solids_of(parts_of(replace(marker, clearance=0.002), PLAIN)) is first
+    assert solids_of(parts_of(marker, Fabrication(depth=0.001, engrave=False))) is not first

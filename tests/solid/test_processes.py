@@ -16,7 +16,8 @@ from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.solid.bodies import Part, Prism, Revolved, area, flattened, part_volume, volume
 from markergen.solid.inks import dots_of
-from markergen.solid.make import marker_solids, parts_of
+from markergen.solid.make import parts_of, solids_of
+from markergen.solid.plate import plate_radius
 from markergen.solid.processes import PROCESSES
 
 VOLUME = 1e-6
@@ -79,7 +80,8 @@ def test_the_table_has_all_processes_and_no_other():
 
 
 def check_solids(marker: Marker, fabrication: Fabrication) -> None:
-    parts, solids = parts_of(marker, fabrication).parts, marker_solids(marker, fabrication)
+    made = parts_of(marker, fabrication)
+    parts, solids = made.parts, solids_of(made)
     assert [part.name for part in parts] == [solid.name for solid in solids]
     assert len({part.name for part in parts}) == len(parts)
     for part, solid in zip(parts, solids, strict=True):
@@ -123,7 +125,7 @@ def test_plain_data_is_the_same_every_time(make, variant):
 def test_rims_of_dots_are_where_the_marker_says(make, variant, relief):
     """Every dot is a round edge at its center and height, of its radius, of the inlay or of what is cut for it."""
     marker, fabrication = make(5, relief), VARIANTS[variant]
-    solids = {solid.name: solid.shape for solid in marker_solids(marker, fabrication)}
+    solids = {solid.name: solid.shape for solid in solids_of(parts_of(marker, fabrication))}
     for dot in dots_of(marker):
         shape = solids.get(dot.name, solids["plate"])
         for radius in filter(None, (dot.radius, dot.inner)):
@@ -141,7 +143,9 @@ def test_balls_have_their_middles_in_the_control_points(make, dome):
     from OCP.BRepAdaptor import BRepAdaptor_Surface
 
     marker = make(5, relief=True)
-    solids = {solid.name: solid.shape for solid in marker_solids(marker, Fabrication("dome", dome=dome, engrave=False))}
+    solids = {
+        solid.name: solid.shape for solid in solids_of(parts_of(marker, Fabrication("dome", dome=dome, engrave=False)))
+    }
     for dot in dots_of(marker):
         balls = [
             BRepAdaptor_Surface(face.wrapped).Sphere()
@@ -190,16 +194,29 @@ def test_through_dots_are_holes_and_nothing_falls_out(make):
     made = parts_of(marker, Fabrication("cnc", through=True, engrave=False))
     assert [part.name for part in made.parts[:3]] == ["plate", "dot-0", "dot-0-core"]
     assert all(part.name.startswith("tag-") for part in made.parts[3:])
-    spans = [
-        (min(z for _, z in body.profile.points), max(z for _, z in body.profile.points)) for body in made.made.cut[1:5]
-    ]
+    spans = [(min(z for _, z in body.profile.points), max(z for _, z in body.profile.points)) for body in made.cut[1:5]]
     assert spans == [(-3.0, dot.z) for dot in dots_of(marker)[1:]]
     assert any("dot-0 and the tag" in note for note in made.notes)
 
 
+def test_a_sheet_with_nothing_but_holes_may_be_thin_and_has_no_words_about_discs(make):
+    marker = make(5)
+    points = tuple(replace(p, feature=marker.control_points[1].feature) for p in marker.control_points)
+    thin = replace(marker, control_points=points, substrate=Substrate(thickness=0.0002))
+    (plate,) = parts_of(thin, Fabrication("cnc", through=True)).parts
+    dots = sum(pi * dot.radius**2 for dot in dots_of(thin))
+    assert part_volume(plate) == pytest.approx((pi * plate_radius(thin) ** 2 - dots) * 0.2)
+    check_solids(thin, Fabrication("cnc", through=True))
+    made = PROCESSES["cnc"](thin, Fabrication("cnc", through=True))
+    assert [what for what, _ in made.tolerances] == ["dot centers, from the origin"]
+    assert not any("disc" in line or "pocket" in line for line in made.lines)
+    with pytest.raises(InputError, match="for pockets"):
+        PROCESSES["cnc"](replace(marker, substrate=thin.substrate), Fabrication("cnc", through=True))
+
+
 def test_engraving_is_marked_and_has_no_parts(make):
     marker = make(5, relief=True, tag=True)
-    solids = marker_solids(marker, Fabrication("laser", engrave=False))
+    solids = solids_of(parts_of(marker, Fabrication("laser", engrave=False)))
     assert [solid.name for solid in solids] == ["plate"]
     ink = sum(face.Area() for face in solids[0].marked)
     dots = sum(pi * (dot.radius**2 - dot.inner**2) for dot in dots_of(marker))

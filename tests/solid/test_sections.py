@@ -4,8 +4,8 @@ import pytest
 import shapely
 
 from markergen.drawing.workshop import Face
-from markergen.solid.bodies import Part, Path, Prism, Revolved, circle, cylinder
-from markergen.solid.sections import BACK, FLAT, cut_along, elevation, seen, size_of
+from markergen.solid.bodies import OFF, Part, Path, Prism, Revolved, circle, cylinder
+from markergen.solid.sections import BACK, cut_along, elevation, seen, size_of
 
 WIDE = (-100.0, -50.0, 100.0, 50.0)
 SQUARE = Path(((-20.0, -10.0), (20.0, -10.0), (20.0, 10.0), (-20.0, 10.0)))
@@ -35,9 +35,9 @@ def test_a_half_ball_is_cut_in_a_half_disk(away):
     profile = Path(((0.0, 0.0), (5.0, 0.0), (0.0, 5.0)), (0.0, tan(pi / 8), 0.0))
     (face,) = cut_along([Part("dot-0", "dark", (Revolved(0.0, 0.0, profile),))], away, WIDE)
     radius = sqrt(25 - away**2)
-    # The polygon lies within FLAT of the arc.
-    assert area(face) == pytest.approx(pi * radius**2 / 2, abs=FLAT * pi * radius * 2)
-    assert face.box[3] == pytest.approx(radius, abs=2 * FLAT)
+    # The polygon lies within OFF of the arc.
+    assert area(face) == pytest.approx(pi * radius**2 / 2, abs=OFF * pi * radius * 2)
+    assert face.box[3] == pytest.approx(radius, abs=2 * OFF)
 
 
 def test_what_is_cut_is_missing_and_neighbors_leave_no_slit():
@@ -77,7 +77,7 @@ def test_what_is_nearer_comes_later_and_holes_go_through():
     assert len(hole.edges) == 1
     assert max(x for x, _ in hole.edges[0]) == pytest.approx(6.0)
     assert max(x for x, _ in hole.rings[0]) == pytest.approx(7.0)
-    assert pillar.box[3] == pytest.approx(9.0, abs=FLAT)
+    assert pillar.box[3] == pytest.approx(9.0, abs=OFF)
 
 
 def test_from_the_back_x_runs_to_the_left_and_pockets_do_not_show():
@@ -91,7 +91,7 @@ def test_from_the_back_x_runs_to_the_left_and_pockets_do_not_show():
     hole = seen([plate(sunk)], BACK)[1]
     assert hole.material == ""
     assert not hole.edges
-    assert hole.box == pytest.approx((-6, -1, -4, 1), abs=FLAT)
+    assert hole.box == pytest.approx((-6, -1, -4, 1), abs=OFF)
     # Nor does engraving show from the front.
     assert len(seen([plate(letter)])) == 1
 
@@ -110,5 +110,5 @@ def test_from_the_side_flush_dots_do_not_show_and_balls_do():
     profile = Path(((0.0, -2.0), (1.0, -2.0), (1.0, 0.0), (3.0, 0.0), (0.0, 3.0)), (0.0, 0.0, 0.0, tan(pi / 8), 0.0))
     ball, slab = elevation([plate(), Part("dot-0", "dark", (Revolved(0.0, 0.0, profile),))])
     assert ball.material == "dark"
-    assert ball.box == pytest.approx((-3, 0, 3, 3), abs=FLAT)
+    assert ball.box == pytest.approx((-3, 0, 3, 3), abs=OFF)
     assert slab.box == (-20, -4, 20, 0)

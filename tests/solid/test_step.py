@@ -12,7 +12,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.solid.build import COLORS, NamedSolid
-from markergen.solid.make import marker_solids
+from markergen.solid.make import parts_of, solids_of
 from markergen.solid.step import normalize, write_step
 
 MICROMETER = 1e-3
@@ -28,7 +28,7 @@ def marker(make_ngon):
 
 @pytest.fixture(scope="module", params=["fdm", "laser"])
 def written(request, marker):
-    solids = marker_solids(marker, Fabrication(request.param))
+    solids = solids_of(parts_of(marker, Fabrication(request.param)))
     return marker, solids, write_step(solids, marker_name(marker))
 
 
@@ -153,12 +153,12 @@ from markergen.drawing.scene import marker_name
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker_json import from_json
 from markergen.solid.brep import write_brep
-from markergen.solid.make import marker_solids
+from markergen.solid.make import parts_of, solids_of
 from markergen.solid.step import write_step
 marker = from_json(sys.stdin.buffer.read())
 # What addresses order things by is elsewhere.
 taken = [bytearray(4096 + k) for k in range(3000)]
-solids = marker_solids(marker, Fabrication(sys.argv[1]))
+solids = solids_of(parts_of(marker, Fabrication(sys.argv[1])))
 write_step(solids[:1], "first")
 Path(sys.argv[2]).write_bytes(write_step(solids, marker_name(marker)) + write_brep(solids))
 """

@@ -1,5 +1,4 @@
 from dataclasses import replace
-from math import cos, pi, sin
 
 import numpy as np
 import pytest
@@ -8,6 +7,7 @@ from markergen.drawing.workshop import around
 from markergen.model.boundary import Circle, Polygon
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.feature import Feature
+from markergen.model.holes import parse_dowel, parse_mount
 from markergen.model.marker import ControlPoint, Marker, dressed
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
@@ -15,22 +15,19 @@ from markergen.solid.make import parts_of
 from markergen.solid.workpiece import workpiece
 from markergen.solid.workpiece_tables import ranges
 
-SCREWS = tuple(Hole(0.03 * cos(a), 0.03 * sin(a), 0.0034, 0.0, "mount", "M3") for a in pi / 4 + pi / 2 * np.arange(4))
-PINS = (Hole(0.045, 0.0, 0.004, 0.0, "dowel", "4 mm"), Hole(-0.045, 0.0, 0.004, 0.0, "dowel", "4 mm"))
-
 
 def make(heights=(0.0,) * 5, tag=True, **substrate) -> Marker:
     angles = 2 * np.pi * np.arange(5) / 5 + np.pi / 2
     points = np.stack([0.07 * np.cos(angles), 0.07 * np.sin(angles), heights], axis=-1)
     marker = dressed(points, Circle(0.09), 0.02, 0.002)
-    plate = Substrate(0.005, holes=(*SCREWS, *PINS), **substrate)
+    plate = Substrate(0.005, holes=(*parse_mount("4xM3@60mm"), *parse_dowel("2x4mm@90mm")), **substrate)
     return replace(marker, tag=Tag("apriltag:36h11", 3, 0.03) if tag else None, substrate=plate)
 
 
 def described(marker, **choices):
     fabrication = Fabrication(**choices)
     made = parts_of(marker, fabrication)
-    return workpiece(marker, fabrication, made.parts, made.made), made
+    return workpiece(marker, fabrication, made), made
 
 
 @pytest.mark.parametrize("process", PROCESSES)
@@ -50,8 +47,8 @@ def test_tables_say_what_the_marker_says(process):
     )
     assert len(corners.rows) == 4
     assert sum(int(row[0]) for row in parts.rows) == len(made.parts)
-    assert tolerances.rows == made.made.tolerances
-    assert set(made.made.lines) <= set(work.notes)
+    assert tolerances.rows == made.tolerances
+    assert set(made.lines) <= set(work.notes)
 
 
 @pytest.mark.parametrize("process", PROCESSES)
@@ -80,7 +77,7 @@ def test_holes_that_are_alike_are_called_out_once_with_their_pitch_circle():
     lines = {callout.lines[0]: callout for callout in work.callouts}
     assert lines["4x \xd83.4 through"].lines[1:] == ("for screw M3", "on a pitch circle \xd860")
     assert lines["4x \xd83.4 through"].pitch == pytest.approx(30)
-    assert lines["2x \xd84 through"].lines[1] == "for dowel pin 4 mm"
+    assert lines["2x \xd84 through"].lines[1] == "for a 4 mm pin"
     assert lines["\xd820 / \xd810"].lines[1] == "ring 0"
     assert lines["4x \xd820"].lines[1] == "dots 1 to 4"
     assert lines["tag apriltag:36h11:3"].lines[1] == "black square 30 x 30"
@@ -105,7 +102,7 @@ def test_sections_tell_depth_thickness_and_height():
     flat = sections["Section along x through dot 3"]
     assert [span.words for span in flat.across] == ["\xd820", "\xd820.02 pocket"]
     assert [span.words for span in flat.upright] == ["1", "5"]
-    assert made.made.depth == 1
+    assert made.depth == 1
     raised = sections["Section along x through dot 2"]
     assert "20" in [span.words for span in raised.upright]
     assert [span.words for span in work.heights] == ["5", "20"]

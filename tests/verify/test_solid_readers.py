@@ -2,6 +2,7 @@
 
 import json
 import struct
+import subprocess
 import sys
 import time
 import zipfile
@@ -101,12 +102,11 @@ def test_3mf_that_lie(marker, data, tmp_path):
     assert "a unit of length" in said(text.replace('unit="millimeter"', 'unit="furlong"'))
     assert "numbers" in said(text.replace('v1="', 'v1="x', 1))
     assert "a corner that is missing" in said(text.replace('v1="', 'v1="99999', 1))
-    assert "object 99" in said(text.replace('<item objectid="', '<item objectid="99'))
+    assert "found object '99" in said(text.replace('<item objectid="', '<item objectid="99'))
     whole = text.split('<item objectid="')[1].split('"')[0]
     # An object of itself.
-    assert "objects that there are" in said(
-        text.replace("<component objectid=", f'<component objectid="{whole}"/><component objectid=', 1)
-    )
+    circle = f'<component objectid="{whole}"/><component objectid='
+    assert "objects that there are" in said(text.replace("<component objectid=", circle, 1))
 
 
 def test_glb_that_lie(marker, data, tmp_path):
@@ -131,13 +131,17 @@ def test_glb_that_lie(marker, data, tmp_path):
     assert "do not fit" in said(lambda g: [n.update(matrix=["x"] * 16) for n in g["nodes"]])
 
 
+@pytest.mark.parametrize("suffix", [".sdf", ".urdf"])
+def test_models_of_simulators_name_what_to_verify(marker, tmp_path, suffix):
+    assert "verify the .glb" in refused(marker, tmp_path, suffix, b"<sdf/>")
+
+
 def test_steps_that_lie_and_what_comes_after_them(marker, data, tmp_path):
     good = data[".step"]
     assert "no beginning or end" in refused(marker, tmp_path, ".step", good[: len(good) // 2])
     assert "no beginning or end" in refused(marker, tmp_path, ".step", b"\x89PNG" + good)
     assert "10 000 km" in refused(marker, tmp_path, ".step", good.replace(b"42.8", b"1e39"))
-    head, _, rest = good.partition(b"DATA;\n")
-    nothing = head + b"DATA;\nENDSEC;\nEND-ISO-10303-21;\n"
+    nothing = good.partition(b"DATA;\n")[0] + b"DATA;\nENDSEC;\nEND-ISO-10303-21;\n"
     assert "STEP" in refused(marker, tmp_path, ".step", nothing)
     assert "something else" in refused(marker, tmp_path, ".brep", good)
     (tmp_path / "a.step").write_bytes(good)
@@ -172,7 +176,7 @@ def test_a_kernel_that_crashes_or_never_ends(marker, data, tmp_path, other_worke
 
 def test_a_kernel_that_is_not_there(marker, data, tmp_path, other_worker):
     text = json.dumps({"missing": "libGL.so.1: cannot open shared object file"}).encode()
-    other_worker(f"import sys\nsys.stdout.buffer.write({len(text)}.to_bytes(8, 'big') + {text!r})\n")
+    other_worker(f"import sys\nsys.stdout.buffer.write(({len(text)}).to_bytes(8, 'big') + {text!r})\n")
     (tmp_path / "a.step").write_bytes(data[".step"])
     (tmp_path / "a.stl").write_bytes(data[".stl"])
     with pytest.raises(MissingLibraryError, match=r"libGL\.so\.1.*pip install cadquery"):
@@ -184,12 +188,8 @@ def test_a_kernel_that_is_not_there(marker, data, tmp_path, other_worker):
 
 
 def test_the_worker_says_what_is_missing():
-    code = "import sys; sys.modules['OCP'] = None; sys.argv = ['x']; import runpy; runpy.run_path(sys.stdin.readline().strip(), run_name='__main__')"
-    import subprocess
-
-    run = subprocess.run(
-        [sys.executable, "-c", code], input=f"{reading.WORKER}\n".encode(), capture_output=True, check=True
-    )
+    code = "import runpy, sys; sys.modules['OCP'] = None; runpy.run_path(sys.argv[1], run_name='__main__')"
+    run = subprocess.run([sys.executable, "-c", code, reading.WORKER], input=b"", capture_output=True, check=True)
     assert struct.unpack(">Q", run.stdout[:8])[0] == len(run.stdout) - 8
     assert "OCP" in json.loads(run.stdout[8:])["missing"]
 

@@ -11,12 +11,13 @@ from markergen.solid.bodies import Body, Part
 
 @dataclass(frozen=True)
 class Made:
-    """What a process makes of a marker, to be joined to its plate; mm, marker frame, plain data.
+    """What a process makes of a marker; mm, marker frame, plain data.
 
     Attributes
     ----------
     parts : tuple of Part
-        Beside the plate: ``dot-<id>``, ``dot-<id>-core``, ``tag-<k>``.
+        Beside the plate: ``dot-<id>``, ``dot-<id>-core``, ``tag-<k>``; `markergen.solid.make` puts the plates, of which
+        all has been cut and to which all has been joined, before them.
     cut : tuple of Body
         From the plate and from what is added to it. They lie apart from each other, and inside of it or end at its
         surface.

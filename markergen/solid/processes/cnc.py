@@ -5,7 +5,7 @@ from math import ceil
 from markergen.errors import InputError
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker import Marker
-from markergen.solid.bodies import Body, Part, cylinder
+from markergen.solid.bodies import Body, Part, cylinder, mm
 from markergen.solid.fits import Fit, fit
 from markergen.solid.inks import Dot, cell_of, dots_of
 from markergen.solid.inlays import Cutting, inlay, prepare, sizes, tag_inlays
@@ -42,17 +42,18 @@ def cnc(marker: Marker, fabrication: Fabrication) -> Made:
         size = diameter or (cell_of(marker.tag) if marker.tag else 0.0)
         return fit(kind, size).gap if by_iso else gap
 
-    tool = tool_of(fabrication, "mill", _mill(marker, dots), WALL)
-    depth = depth_of(marker, fabrication, DEPTH, "pockets")
-    cutting = Cutting(tool, depth, tool.size / 2, gap_for)
-
     def open_(dot: Dot) -> bool:
         return fabrication.through and not dot.inner
 
+    inlaid = [dot for dot in dots if not open_(dot)]
+    bottom = -mm(marker.substrate.thickness)
+    tool = tool_of(fabrication, "mill", _mill(marker, dots), WALL)
+    # A sheet with nothing but holes may be as thin as it likes.
+    depth = depth_of(marker, fabrication, DEPTH, "pockets") if inlaid or marker.tag else -bottom
+    cutting = Cutting(tool, depth, tool.size / 2, gap_for)
     ground = prepare(
         marker, fabrication, cutting, lambda dot: dot.radius + gap_for(0 if open_(dot) else 2 * dot.radius)
     )
-    bottom = -round(marker.substrate.thickness * 1e3, 9)
     parts: list[Part] = []
     cut: list[Body] = []
     for dot in dots:
@@ -63,18 +64,18 @@ def cnc(marker: Marker, fabrication: Fabrication) -> Made:
         parts += some
         cut.append(pocket)
     in_tag, tag_pockets = tag_inlays(marker, cutting)
-    fits = {diameter: fit(kind, diameter) for diameter in sizes(dots)} if by_iso else {}
+    fits = {diameter: fit(kind, diameter) for diameter in sizes(inlaid)} if by_iso else {}
     return Made(
         (*parts, *in_tag),
         (*cut, *tag_pockets),
         add=ground.pillars,
         notes=(*ground.notes, *_notes(marker, fabrication, parts)),
-        lines=_lines(cutting, kind, by_iso, gap, fits, bool(in_tag), fabrication.through),
+        lines=_lines(marker, fabrication, cutting, fits, bool(parts or in_tag)),
         tolerances=(
             ("dot centers, from the origin", "+/- 0.02 mm"),
             *((f"disc of {size:.6g} mm", each.disc) for size, each in fits.items()),
             *((f"its pocket of {size:.6g} mm", each.pocket) for size, each in fits.items()),
-            ("inlays, from the face", "0 / -0.05 mm"),
+            *((("inlays, from the face", "0 / -0.05 mm"),) if parts or in_tag else ()),
         ),
         depth=-bottom if fabrication.through else depth,
     )
@@ -97,23 +98,30 @@ def _notes(marker: Marker, fabrication: Fabrication, parts: list[Part]) -> tuple
 
 
 def _lines(
-    cutting: Cutting, kind: str, by_iso: bool, gap: float, fits: dict[float, Fit], tag: bool, through: bool
+    marker: Marker, fabrication: Fabrication, cutting: Cutting, fits: dict[float, Fit], inlaid: bool
 ) -> tuple[str, ...]:
-    tool, depth = cutting.tool, cutting.depth
-    lines = [f"End mill of {tool.size:.6g} mm or smaller; pockets {depth:.6g} mm deep with a flat floor."]
-    if not by_iso:
-        lines.append(f"Pockets are {gap:.6g} mm larger than their discs all around, as drawn.")
-    elif kind == "press":
+    tool, lines = cutting.tool, []
+    if inlaid:
+        lines.append(
+            f"End mill of {tool.size:.6g} mm or smaller; pockets {cutting.depth:.6g} mm deep with a flat floor."
+        )
+    if inlaid and fabrication.gap is not None:
+        lines.append(f"Pockets are {fabrication.gap * 1e3:.6g} mm larger than their discs all around, as drawn.")
+    elif fits and fabrication.fit == "press":
         lines.append("Press fit P7/h6 (ISO 286): discs and pockets are drawn at their nominal size; chamfer the discs.")
-    else:
+    elif fits:
         play = max(each.play for each in fits.values())
         lines.append(
             "Slip fit F8/h7 (ISO 286): discs are drawn at their nominal size, pockets with the least clearance; glue "
             f"the discs in, centered: they may lie off by up to {ceil(play * 1e3 - 1e-9) / 1e3:.3f} mm."
         )
-    if tag:
+    if marker.tag:
         lines.append(f"The tag's corners are rounded by {cutting.corner:.6g} mm on inlays and pockets alike.")
-    if through:
+    if fabrication.through:
         lines.append("Break no edge of the holes on the face: their upper rims are the dots.")
-    lines.append("Plate light and matte, discs dark and matte: black anodized, or painted before they are put in.")
+    lines.append(
+        "Plate light and matte, discs dark and matte: black anodized, or painted before they are put in."
+        if inlaid
+        else "Plate light and matte, with something dark and matte behind it."
+    )
     return tuple(lines)

@@ -1,5 +1,6 @@
 """``print``: a plate with a shallow recess that the printed sheet, cut out along the boundary, is glued into."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,22 @@ from markergen.model.boundary import Circle
 from markergen.model.fabrication import Fabrication
 from markergen.model.interior import shape_of
 from markergen.model.marker import Marker
-from markergen.solid.bodies import Body, Path, Prism, circle, cylinder, flattened
+from markergen.solid.bodies import Body, Path, Prism, circle, cylinder, polygon_of
 from markergen.solid.inks import dots_of
 from markergen.solid.inlays import Cutting, prepare
-from markergen.solid.limits import FLATTENING, Face, Footprint, Tool, depth_of, gap_of, tool_of, up
+from markergen.solid.limits import (
+    FLATTENING,
+    ROUNDING,
+    Face,
+    Footprint,
+    Tool,
+    depth_of,
+    found_room,
+    gap_of,
+    gaps,
+    tool_of,
+    up,
+)
 from markergen.solid.processes import PROCESSES, Made
 
 DEPTH = 0.2
@@ -38,17 +51,20 @@ def sheet(marker: Marker, fabrication: Fabrication) -> Made:
     tool = tool_of(fabrication, "knife", KNIFE, WALL)
     depth = depth_of(marker, fabrication, DEPTH, "a recess")
     dots = dots_of(marker)
-    gap = gap_of(fabrication, GAP if not any(dot.raised for dot in dots) else GAP / 4, dots)
+    raised = any(dot.raised for dot in dots)
+    # Around one sheet the size of its dots does not matter.
+    gap = gap_of(fabrication, GAP / 4, dots) if raised else gap_of(fabrication, GAP, ())
     cutting = Cutting(tool, depth, gap=lambda _: gap)
     tolerances = (("recess", "+0.1 / 0 mm all around"), ("dot centers", "as the sheet was printed"))
-    if any(dot.raised for dot in dots):
-        ground = prepare(marker, fabrication, cutting, lambda dot: dot.radius + gap, tag=False)
+    if raised:
+        around = _mm(marker.tag.quiet_zone.outlines()[0]).tolist() if marker.tag else []
+        printed = [Footprint("the recess for the tag", tuple(map(tuple, around)), gap)] if around else []
+        ground = prepare(marker, fabrication, cutting, lambda dot: dot.radius + gap, printed)
         recesses: tuple[Body, ...] = tuple(
             cylinder(dot.x, dot.y, dot.radius + gap, round(dot.z - depth, 9), dot.z) for dot in dots
         )
-        if marker.tag:
-            corners = _mm(marker.tag.quiet_zone.outlines()[0])
-            recesses += (Prism(_grown_square(corners, gap), (), -depth, 0.0),)
+        if around:
+            recesses += (Prism(_grown_square(np.array(around), gap), (), -depth, 0.0),)
         how = "Cut every printed dot out along its edge" + (", the tag along its quiet zone" if marker.tag else "")
         return Made(
             cut=recesses,
@@ -85,10 +101,15 @@ def _recesses(marker: Marker, tool: Tool, depth: float, gap: float) -> tuple[Pri
             edge = marker.substrate.edge * 1e3 + tool.wall - room
             raise InputError(
                 f"at least {tool.wall:.6g} mm of the plate around the recess for the sheet",
-                f"{max(room, 0.0):.4g} mm",
-                "use a larger --outline" if marker.substrate.outline is not None else f"use --edge {up(edge)} or more",
+                found_room(room) if room > ROUNDING else "a recess that reaches over its edge",
+                "use a larger --outline, without holes in the recess"
+                if marker.substrate.outline is not None
+                else f"use --edge {up(edge)} or more"
+                if room > ROUNDING
+                else "use a larger --edge, or a smaller --corner-radius and --chamfer",
             )
         inside = [land for land in lands if _lies_in(land, shape, tool.wall)]
+        _check_lands(inside, tool)
         found.append(
             Prism(path, (*holes, *(circle(land.radius, *land.points[0], hole=True) for land in inside)), -depth, 0.0)
         )
@@ -110,13 +131,26 @@ def _lies_in(land: Footprint, shape: Any, wall: float) -> bool:
     return bool(shapely.contains(shape, middle))
 
 
+def _check_lands(lands: Sequence[Footprint], tool: Tool) -> None:
+    """Refuse holes within the recess whose lands leave no cut between them."""
+    between = gaps(lands, lands)
+    if between.size and between.min() < tool.wall - ROUNDING:
+        i, j = divmod(int(np.argmin(between)), len(lands))
+        least, found = 2 * LAND + tool.wall, 2 * LAND + float(between[i, j])
+        raise InputError(
+            f"at least {least:.6g} mm between holes in the recess for the sheet, {lands[i].name} and {lands[j].name}",
+            found_room(found),
+            f"move one by {up(least - found)}, or use --process fdm",
+        )
+
+
 def _regions(marker: Marker, gap: float) -> list[Region]:
     import shapely
 
     if isinstance(marker.boundary, Circle):
         radius, (x, y) = marker.boundary.size * 1e3 + gap, _mm(marker.boundary.center).tolist()
         path = circle(radius, x, y)
-        return [(path, (), shapely.Polygon(flattened(path, FLATTENING / 10)))]
+        return [(path, (), polygon_of(path))]
     shape = shapely.buffer(shape_of([_mm(ring) for ring in marker.boundary.outlines()]), gap, join_style="mitre")
     found = []
     for part in shapely.get_parts(shapely.orient_polygons(shape)):

@@ -114,11 +114,9 @@ def seconds_of(cell: Cell) -> float:
 
 
 def _early(options: PaperOptions) -> list[Cell]:
-    """One azimuth of each distance and polar angle is enough: what counts is how many descents there are."""
-    poses = options.poses[:: options.azimuths]
     starts = min(EARLY_STARTS, options.starts)
     return [
-        _cell(EARLY_KIND, options, coordinates=name, n=n, poses=poses, starts=starts)
+        _cell(EARLY_KIND, options, coordinates=name, n=n, poses=options.fewer_poses, starts=starts)
         for name in COORDINATES
         for n in EARLY_NUMBERS
     ]

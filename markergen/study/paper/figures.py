@@ -224,7 +224,8 @@ def figures_of(study: Study) -> dict[str, tuple[Draw, tuple[float, float], str]]
         runs = f"noise of {NOISE_PX:g} px, {study.options.step_runs} runs per step"
         found |= {
             f"descent-{camera}-paths": (
-                descent_paths(result, camera), (8, 4.6), f"Fronto-parallel descent of four points, {words}.",
+                descent_paths(result, camera), (8, 4.6),
+                f"Fronto-parallel descent of four points, {words}: from the large marks to the red dots.",
             ),
             f"descent-{camera}-condition": (
                 descent_condition(result), (6, 5),
@@ -247,8 +248,8 @@ def figures_of(study: Study) -> dict[str, tuple[Draw, tuple[float, float], str]]
         ),
         "final-4": (
             final_layouts(study, 4), (9, 3.5),
-            "Final layouts of four points under all poses: all points, the same turned to lie on each other, and a "
-            "typical layout.",
+            "Final layouts of four points under all poses: all points, the darker the more, the same turned to lie "
+            "on each other, and a typical layout.",
         ),
         "final-5": (
             final_layouts(study, 5), (10, 3.1),

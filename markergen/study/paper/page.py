@@ -143,7 +143,7 @@ def _summary(study: Study) -> str:
     options = study.options
     poses, layouts = len(options.poses), len(options.poses) * options.starts
     return (
-        f"{poses} poses ({poses // GROUPS} azimuths of 4 distances and 5 polar angles), {options.starts} random starts "
+        f"{poses} poses (4 distances, 5 polar angles, azimuths: {poses // GROUPS}), {options.starts} random starts "
         f"for each pose and n = 4..8, {options.runs} noisy runs of each layout, which pools "
         f"{layouts * options.runs:,} for each n; noise of {NOISE_PX:g} px. Other coordinates of A, other objectives, "
         f"and noise of {QUIET_PX:g} px: {len(options.fewer_poses)} poses and {options.fewer} starts. Values are "

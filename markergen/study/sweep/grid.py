@@ -29,10 +29,8 @@ RUNS, NOISE_PX = 100, 0.2
 """Defaults: noisy trials for each pose, and their noise."""
 
 MOST_POINTS_OF_GRID, MOST_RUNS, MOST_NOISE_PX = 10_000, 2000, 1000.0
-MOST_NAME = 200
-SHOWN = 200
-"""Findings of a message."""
-"""Characters."""
+MOST_NAME, SHOWN = 200, 200
+"""Characters of a name, and findings of a message."""
 
 _STUDY = ("name", "seed", "runs", "estimators", "noise", "layout")
 _OWN = ("noise", "layout")
@@ -146,8 +144,9 @@ def sweep_from_mapping(values: Mapping[str, Any], name: str = "study", runs: int
     fixed = {key: value for key, given in fixed.items() if (value := _fit(key, given, "", findings)) is not None}
     fixed |= {key: study[key] for key in _OWN if key in study}
     axes = _axes(values.get("grid", {}), findings)
-    for key in (*fixed, *(["boundary", "radius"] if {"boundary", "radius"} & set(fixed) else [])):
-        if key in axes:
+    rooms = {"boundary", "radius"}
+    for key in axes:
+        if key in fixed or (key in rooms and rooms & set(fixed)):
             findings.append(f"grid.{key}: given outside the grid, too" if key in fixed else f"grid.{key}: {_ROOM}")
     estimators = tuple(study.get("estimators", ()))
     count = prod(map(len, axes.values()))

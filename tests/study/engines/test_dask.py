@@ -1,4 +1,7 @@
+import socket
+import threading
 import time
+from contextlib import suppress
 
 import pytest
 from study_work import cells, noise, refusing, slow_noise
@@ -70,7 +73,25 @@ def test_a_scheduler_that_does_not_answer_is_told_within_ten_seconds(mute_addres
     pytest.importorskip("distributed")
     seconds, message = check_seconds(mute_address)
     assert seconds < 10
-    assert f"a Dask scheduler at {mute_address}, found no answer in 6 s; start one with: dask scheduler" in message
+    assert f"a Dask scheduler at {mute_address}, found no answer in 5 s; start one with: dask scheduler" in message
+
+
+@pytest.mark.parametrize("words", [b"HTTP/1.0 400 Bad Request\r\n\r\n" * 9, b"\xff" * 64], ids=["http", "ones"])
+def test_what_answers_and_is_no_scheduler_is_told(words):
+    """Taken for lengths of frames, these words ask for exbibytes, or for more dimensions than there are."""
+    pytest.importorskip("distributed")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer():
+            with suppress(OSError):
+                while True:
+                    with server.accept()[0] as connection:
+                        connection.sendall(words)
+
+        threading.Thread(target=answer, daemon=True).start()
+        seconds, message = check_seconds(f"tcp://127.0.0.1:{server.getsockname()[1]}")
+    assert seconds < 10
+    assert "expected a Dask scheduler at tcp://127.0.0.1" in message
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@ import pytest
 
 from markergen.study.paper.claims import CLAIMS, Finding, verdict
 from markergen.study.paper.options import COORDINATES
-from markergen.study.paper.statistics import Judged
+from markergen.study.paper.statistics import LEVEL, Judged
 
 FOUND, OPPOSITE, NEITHER = (Judged(1.0, 0.5, 1.5, p, against, 20) for p, against in ((0, 1), (1, 0), (0.5, 0.5)))
 
@@ -28,18 +28,28 @@ def test_verdicts(judged, words):
     assert verdict([finding(each) for each in judged]) == words
 
 
-def test_every_claim_is_judged_in_all_coordinates(study):
-    for claim in CLAIMS:
-        found = list(claim.find(study))
+@pytest.fixture(scope="module")
+def findings(study):
+    """Findings by the names of the claims."""
+    return {claim.name: list(claim.find(study)) for claim in CLAIMS}
+
+
+def test_every_claim_is_judged_in_all_coordinates(findings):
+    for found in findings.values():
         assert {each.coordinates for each in found} == set(COORDINATES)
         assert all(each.judged.count for each in found)
         keys = [(each.coordinates, each.noise_px, each.measure) for each in found]
         assert len(set(keys)) == len(keys)
 
 
-def test_verdicts_follow_what_was_measured(study):
+def test_all_tests_together_hardly_ever_find_what_is_not_there(findings):
+    """The level is that of 3 % over all tests and both of their sides, however they depend on each other."""
+    assert 2 * sum(map(len, findings.values())) * LEVEL < 0.03
+
+
+def test_verdicts_follow_what_was_measured(findings):
     """Made-up layouts lie near the n-gon, and random ones are ten times as bad with four points, 10/(n - 3) with n."""
-    found = {claim.name: list(claim.find(study)) for claim in CLAIMS}
+    found = findings
     for name in sorted(set(found) - {"EPnP and IPPE gain more", "c tells", "five hold a square", "any pose"}):
         rows = [each for each in found[name] if not each.judged.holds]
         assert not any(each.judged.refuted for each in rows)

@@ -12,7 +12,7 @@ from markergen.study.paper import estimated_seconds, run_paper
 from markergen.study.paper import run as paper_run
 from markergen.study.paper.claims import CLAIMS
 from markergen.study.paper.options import PaperOptions
-from markergen.study.paper.tables import csv_bytes
+from markergen.study.paper.tables import csv_bytes, tables_of
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +76,16 @@ def test_claims_are_in_all_three_places(written):
     assert page.count("<h3>") == len(CLAIMS)
 
 
+def test_the_same_results_give_the_same_tables(written, study):
+    """Whether they come from files of cells or not."""
+    folder, paths, _ = written
+    tables = {f"{name}.csv": csv_bytes(rows) for name, rows in tables_of(study).items()}
+    assert {path.name for path in paths if path.suffix == ".csv"} == {*tables, "claims.csv"}
+    for name, data in tables.items():
+        assert (folder / name).read_bytes() == data
+
+
+@pytest.mark.long
 def test_the_same_options_give_the_same_files(written, tmp_path, tiny, fake, monkeypatch):
     folder = written[0]
     monkeypatch.setattr(paper_run, "work", fake)

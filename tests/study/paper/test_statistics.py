@@ -1,7 +1,17 @@
 import numpy as np
 import pytest
 
-from markergen.study.paper.statistics import NOTHING, above, below, falling, majority, never, rank_correlation, within
+from markergen.study.paper.statistics import (
+    NOTHING,
+    above,
+    below,
+    falling,
+    majority,
+    never,
+    rank_correlation,
+    row_means,
+    within,
+)
 
 RNG = np.random.default_rng(0)
 
@@ -27,9 +37,22 @@ def test_nothing_is_found_in_nothing():
 
 
 def test_chance_is_not_taken_for_more():
-    """At a level of 0.001 five hundred tests of nothing find half a one; more than five have a chance below 2e-5."""
+    """At a level of 1e-5 five hundred tests of nothing find 0.005; more than one have a chance of 1e-5."""
     rng = np.random.default_rng(3)
-    assert sum(above(rng.normal(size=40)).holds for _ in range(500)) <= 5
+    assert sum(above(rng.normal(size=40)).holds for _ in range(500)) <= 1
+
+
+def test_few_values_that_all_agree_are_enough():
+    """Twenty of one sign have a chance of 2^-20, below the level; an approximation by a normal would say 4e-5."""
+    assert above(np.linspace(1, 2, 20)).p == pytest.approx(2.0**-20)
+    assert above(np.linspace(1, 2, 20)).holds
+    assert not above(np.linspace(1, 2, 15)).holds
+
+
+def test_means_of_rows_leave_out_what_is_not_finite():
+    found = row_means(np.array([[1.0, np.nan, 3.0], [np.nan, np.inf, np.nan]]))
+    assert found[0] == 2
+    assert np.isnan(found[1])
 
 
 def test_the_interval_of_a_median_holds_it_as_often_as_it_says():

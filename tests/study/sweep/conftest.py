@@ -18,9 +18,9 @@ noise = [0.2, 0.5]
 """
 
 
-@pytest.fixture
-def small(tmp_path):
+@pytest.fixture(scope="session")
+def small(tmp_path_factory):
     """File of a sweep of eight points that takes a second or two."""
-    path = tmp_path / "small.toml"
+    path = tmp_path_factory.mktemp("spec") / "small.toml"
     path.write_text(SMALL)
     return path

@@ -18,10 +18,10 @@ def files(folder):
     return {path.relative_to(folder): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
-@pytest.fixture
-def alone(small, tmp_path):
+@pytest.fixture(scope="module")
+def alone(small, tmp_path_factory):
     """Folder of the small sweep, computed in this process."""
-    folder = tmp_path / "alone"
+    folder = tmp_path_factory.mktemp("alone")
     run_sweep(read_sweep(str(small)), folder, ENGINES["serial"](EngineOptions()))
     return folder
 
