@@ -69,10 +69,11 @@ def check_holes(marker: Marker, face: Any = None) -> None:
     over = {name: radius - _depth(face, x, y) for name, (x, y, radius) in dots.items()}
     lost = [f"{name} is {_mm(by)} over its edge" for name, by in over.items() if by > FLATTENING]
     if lost:
+        larger = "--edge" if plate.outline is None else "--outline"
         raise InputError(
             "a plate whose upper face holds all dots",
             listed(lost),
-            f"use a larger --{'edge' if plate.outline is None else 'outline'}, or smaller --corner-radius and --chamfer",
+            f"use a larger {larger}, or smaller --corner-radius and --chamfer",
         )
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import replace
 from io import BytesIO
-from math import cos, pi, sin
 
 import numpy as np
 import pytest
@@ -11,26 +10,23 @@ import pytest
 from markergen.export import EXPORTERS, ExportOptions, Output
 from markergen.export.meshes import Meshed, meshed
 from markergen.model.fabrication import Fabrication
+from markergen.model.holes import parse_mount
 from markergen.model.marker import Marker
-from markergen.model.substrate import Hole, Substrate
+from markergen.model.substrate import Substrate
 from markergen.model.tag import Tag
 from markergen.solid.bodies import part_volume
 
 PLACE = 5e-3
 """mm: what is asked of dot centers in meshes."""
 
-HOLES = tuple(
-    Hole(0.035 * cos(angle), 0.035 * sin(angle), 0.0034, 0.0068)
-    for angle in (pi / 4, 3 * pi / 4, 5 * pi / 4, 7 * pi / 4)
-)
 BLANK = {"engrave": False}
 KINDS = {
     "plain": (4, False, Fabrication("fdm")),
     "fdm": (5, True, Fabrication("fdm", **BLANK)),
-    "cnc": (5, True, Fabrication("cnc", draft=0.05, **BLANK)),
-    "laser": (5, True, Fabrication("laser", **BLANK)),
+    "cnc": (4, True, Fabrication("cnc", draft=0.05, **BLANK)),
+    "laser": (4, True, Fabrication("laser", **BLANK)),
     "print": (5, False, Fabrication("print", **BLANK)),
-    "half-balls": (5, True, Fabrication("dome", **BLANK)),
+    "half-balls": (4, True, Fabrication("dome", **BLANK)),
     "balls": (4, False, Fabrication("dome", dome="ball", **BLANK)),
 }
 """Number of dots, whether with relief, tag and holes, and how it is made."""
@@ -47,7 +43,7 @@ def make(make_ngon) -> Callable[[int, bool], Marker]:
             marker,
             control_points=raised,
             tag=Tag("aruco:DICT_6X6_250", 23, 0.03),
-            substrate=Substrate(holes=HOLES, chamfer=0.0005),
+            substrate=Substrate(holes=parse_mount("4xM3c@70mm"), chamfer=0.0005),
         )
 
     return made
@@ -140,7 +136,7 @@ def test_dots_are_where_they_are_in_stl_3mf_and_glb(kind):
 def test_a_marker_in_several_formats_is_made_once(make, monkeypatch):
     marker, options = make(4, False), ExportOptions(fabrication=Fabrication("print", **BLANK))
     first = meshed([marker], options, ".stl")
-    monkeypatch.setattr("markergen.export.meshes.parts_of", None)
+    monkeypatch.setattr("markergen.export.meshes.mesh_of", None)
     assert meshed([replace(marker)], replace(options, stem="other"), ".glb").parts is first.parts
 
 
