@@ -28,15 +28,17 @@ HEADINGS = {"+x": (1, 0), "+y": (0, 1), "-x": (-1, 0), "-y": (0, -1)}
 
 
 def boundary_lines(figure: Figure, colors: Colors) -> list[Line]:
-    """Lines along the boundary and along the keep-outs in it, mm, marker frame.
+    """Lines along the boundary, and along the keep-outs and the plate's holes in it, mm, marker frame.
 
     As hairlines they are interrupted where they would cross a quiet zone. With a color of their own for a cutter they
     are closed, for a cutter lets no ink behind.
     """
     marker, closed = figure.marker, colors.cut != BLACK_ON_WHITE.cut
     lines = _lines(figure, marker.boundary, "boundary", colors.cut, closed)
-    for index, keep_out in enumerate(marker.keep_outs):
-        lines += _lines(figure, keep_out, f"keep-out-{index}", colors.cut, closed, marker.boundary)
+    shapes = [(f"keep-out-{index}", shape) for index, shape in enumerate(marker.keep_outs)]
+    shapes += [(f"hole-{index}", hole.bore) for index, hole in enumerate(marker.substrate.holes)]
+    for name, shape in shapes:
+        lines += _lines(figure, shape, name, colors.cut, closed, marker.boundary)
     return lines
 
 

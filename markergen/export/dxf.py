@@ -84,7 +84,8 @@ def write_dxf(marker: Marker) -> bytes:
     # The scene knows what a dot is; a marker that was measured is made again as it was designed.
     designed = marker.as_designed
     dots = marker_dots(designed)
-    paths = [(CUT, path) for outline in (designed.boundary, *designed.keep_outs) for path in _paths(outline)]
+    bores = [hole.bore for hole in designed.substrate.holes]
+    paths = [(CUT, path) for outline in (designed.boundary, *designed.keep_outs, *bores) for path in _paths(outline)]
     paths += [(ENGRAVE, path) for dot in dots for path in _circles(dot)]
     paths += [(ENGRAVE, _polygon(ring)) for ring in (designed.tag.outlines if designed.tag else ())]
     box = _box(_mm(np.concatenate(designed.boundary.outlines())))

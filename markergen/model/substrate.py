@@ -66,6 +66,11 @@ class Hole:
         return max(self.diameter, self.sink) / 2
 
     @property
+    def bore(self) -> Circle:
+        """What goes through."""
+        return Circle(self.diameter / 2, (self.x, self.y))
+
+    @property
     def rim(self) -> Circle:
         """Where the printed face has the hole."""
         return Circle(self.radius, (self.x, self.y))

@@ -17,7 +17,9 @@ from markergen.drawing.sheet import Sheet, SheetOptions, check_paper, pages_for,
 from markergen.drawing.text import text, text_width
 from markergen.errors import InputError
 from markergen.model.boundary import Circle, polygon_from
+from markergen.model.holes import parse_mount
 from markergen.model.marker import Marker
+from markergen.model.substrate import Substrate
 
 PRINTER_MARGIN = 8.0
 ROUNDING = 1e-6  # mm; sums of doubles of a few hundred mm
@@ -117,6 +119,17 @@ def test_boundaries_of_any_shape(shape, make_in, diameter, keep_outs):
         assert np.all(shapely.distance(edges, mark) > 0)
     for line in (s for s in sheet.scene if s.name.startswith("keep-out-")):
         assert np.min(shape.depth((along(line) - sheet.origin_mm) / 1e3)) > -1e-3
+
+
+def test_holes_of_the_plate_are_drawn_where_they_are(make_ngon):
+    marker = replace(make_ngon(5, 0.1, 0.016), substrate=Substrate(holes=parse_mount("2xM3c@40mm/0")))
+    sheet = sheet_for(marker)
+    lines = {s.name: np.array(s.points) - sheet.origin_mm for s in sheet.scene if s.name.startswith("hole-")}
+    assert set(lines) == {"hole-0-0", "hole-1-0"}
+    for name, x in (("hole-0-0", 20), ("hole-1-0", -20)):
+        # A closed line of chords: its corners are on the circle of the bore.
+        np.testing.assert_allclose(np.hypot(*(lines[name] - (x, 0)).T), 1.7, atol=1e-6)
+        assert (lines[name][0] == lines[name][-1]).all()
 
 
 def test_wide_markers_lie_on_their_side(shapes, make_in):
