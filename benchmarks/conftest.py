@@ -4,7 +4,6 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -59,10 +58,3 @@ def matrices(count: int) -> Array:
     """Symmetric 9x9 matrices (count, 9, 9)."""
     half = np.random.default_rng(0).normal(size=(count, 9, 9))
     return np.asarray(half @ half.swapaxes(-1, -2))
-
-
-def seconds(call: Callable[[], object]) -> float:
-    """Processor seconds that a call takes."""
-    start = time.process_time()
-    call()
-    return time.process_time() - start
