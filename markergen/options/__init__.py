@@ -1,0 +1,24 @@
+"""Everything that can be asked for, declared once: name, type, unit, default, help and group of every option.
+
+The command line's options and its help, the keys of a spec file and their JSON Schema, and the keyword arguments of
+`markergen.design`, `export`, `validate` and the others are all made of the tables here; a new option is a new line.
+Each table is a ``TypedDict``, so that type checkers know the keywords, too.
+"""
+
+from markergen.options.base import Option, declared, signature_of
+from markergen.options.making import OUTSIDE_FILES, DesignOptions, ExportOptions
+from markergen.options.proving import CompareOptions, DetectOptions, RescaleOptions, StudyOptions, ValidateOptions
+
+__all__ = [
+    "OUTSIDE_FILES",
+    "CompareOptions",
+    "DesignOptions",
+    "DetectOptions",
+    "ExportOptions",
+    "Option",
+    "RescaleOptions",
+    "StudyOptions",
+    "ValidateOptions",
+    "declared",
+    "signature_of",
+]

@@ -1,0 +1,333 @@
+"""What can be asked for where a marker is made: designs, sheets, plates and exports."""
+
+from typing import Annotated, TypedDict
+
+from markergen.options.base import (
+    DOTS,
+    FILES,
+    LAYOUT,
+    SEARCH,
+    SHEET,
+    SOLID,
+    VIEW,
+    CameraLike,
+    File,
+    Files,
+    Length,
+    LengthOrAuto,
+    Option,
+    Poses,
+    Shape,
+    Shapes,
+    Texts,
+)
+
+
+class SheetOptions(TypedDict, total=False):
+    """The sheet that a marker is printed on."""
+
+    paper: Annotated[
+        str,
+        Option(
+            SHEET,
+            "A0..A5, letter, legal, tabloid, or a size such as 300x400mm.",
+            otherwise="the smallest ISO size that holds it",
+            metavar="NAME|WxH",
+        ),
+    ]
+    orientation: Annotated[
+        str,
+        Option(SHEET, "portrait or landscape.", otherwise="portrait unless only landscape holds it", metavar="NAME"),
+    ]
+    margin: Annotated[
+        Length, Option(SHEET, "Edge that the printer leaves white.", otherwise="10 to 24 mm, by the paper")
+    ]
+    tile: Annotated[
+        bool,
+        Option(
+            SHEET,
+            "Spread what is larger than the paper over several sheets.",
+            True,
+            flags="--tile/--no-tile",
+        ),
+    ]
+    overlap: Annotated[Length, Option(SHEET, "Width of the strip that neighboring sheets both print.", "10mm")]
+    dpi: Annotated[int, Option(SHEET, "Resolution of a .png in pixels per inch.", 600, metavar="N")]
+    colors: Annotated[
+        str,
+        Option(
+            SHEET,
+            "black, inverted, or two colors as #rrggbb,#rrggbb; after it ,cut:NAME for a spot color of the lines to "
+            "cut, such as black,cut:CutContour.",
+            "black",
+            metavar="NAME|INK,PAPER",
+        ),
+    ]
+
+
+class PlateOptions(TypedDict, total=False):
+    """The plate that carries the dots of a solid."""
+
+    thickness: Annotated[Length, Option(SOLID, "Thickness of the plate.", "3mm")]
+    edge: Annotated[Length, Option(SOLID, "Least width of the plate outside the boundary.", "2mm")]
+    corner_radius: Annotated[Length, Option(SOLID, "Radius of the plate's corners, seen from above.", "0mm")]
+    chamfer: Annotated[Length, Option(SOLID, "Chamfer around the plate's upper face, at 45 degrees.", "0mm")]
+    outline: Annotated[
+        Shape,
+        Option(
+            SOLID,
+            "Outline of the plate, holes and all, instead of the boundary with its edge: rect:0.3x0.2, or a drawing in "
+            "the marker frame, which moves with the boundary that --boundary takes from one.",
+            metavar="SHAPE|FILE[#LAYER]",
+        ),
+    ]
+    mount: Annotated[
+        Texts,
+        Option(
+            SOLID,
+            "Mounting holes: 4xM3@120mm on a pitch circle, 4xM3@120mm/0 with the first one at 0 degrees, 4xM3c@120mm "
+            "countersunk, 4x3.4mm@120mm by diameter, or M3:40mm,-20mm;-40mm,-20mm; may be repeated.",
+            metavar="HOLES",
+        ),
+    ]
+    dowel: Annotated[
+        Texts,
+        Option(
+            SOLID,
+            "Holes for dowel pins on the x axis: 2x4mm@130mm, or written as --mount; may be repeated.",
+            metavar="HOLES",
+        ),
+    ]
+
+
+class ProcessOption(TypedDict, total=False):
+    """How a solid is made."""
+
+    process: Annotated[
+        str,
+        Option(
+            SOLID,
+            "How solids are made: fdm, two materials; cnc, pockets and discs; laser, engraved; print, a recess for a "
+            "printed sheet; dome, half-balls or balls.",
+            "fdm",
+            metavar="NAME",
+        ),
+    ]
+
+
+class DesignOptions(SheetOptions, ProcessOption, PlateOptions, total=False):
+    """What a design can be asked for."""
+
+    n: Annotated[int, Option(LAYOUT, "Number of control points, 4 to 200.", 5)]
+    radius: Annotated[Length, Option(LAYOUT, "Radius of the disk that contains all dots.", "150mm")]
+    boundary: Annotated[
+        Shape,
+        Option(
+            LAYOUT,
+            "Instead of a disk: rect:200mmx100mm, or outlines with their holes from an SVG, DXF or GeoJSON file.",
+            metavar="SHAPE|FILE",
+        ),
+    ]
+    boundary_unit: Annotated[
+        str, Option(LAYOUT, "Unit of drawings that name none: mm, cm, m, in, pt, px.", metavar="UNIT")
+    ]
+    layer: Annotated[
+        str, Option(LAYOUT, "Layer of the drawing that the boundary is on.", otherwise="all", metavar="NAME")
+    ]
+    origin: Annotated[
+        str,
+        Option(
+            LAYOUT,
+            "Origin of the marker frame: center, of the smallest circle around the boundary, or file, where the "
+            "drawing has it.",
+            "center",
+            metavar="NAME",
+        ),
+    ]
+    keep_out: Annotated[
+        Shapes,
+        Option(
+            LAYOUT,
+            "Region without dots: circle:3mm@40mm,-20mm, rect:40mmx40mm, or a drawing in the same coordinates as that "
+            "of the boundary; may be repeated.",
+            metavar="SHAPE|FILE[#LAYER]",
+            aliases=("keep_outs",),
+        ),
+    ]
+    relief: Annotated[Length, Option(LAYOUT, "Dots may stand on pillars up to this high.", "0mm")]
+    template: Annotated[
+        File, Option(LAYOUT, "Start from a ready-made spec; see markergen templates.", metavar="NAME|FILE")
+    ]
+    camera: Annotated[
+        CameraLike,
+        Option(
+            VIEW,
+            "Calibration file: OpenCV, ROS camera_info, Kalibr or COLMAP.",
+            otherwise="the paper's camera",
+            metavar="FILE",
+        ),
+    ]
+    poses: Annotated[
+        Poses,
+        Option(
+            VIEW,
+            "From where it is seen: paper, paper-roll, cone:distance=0.4..1m,tilt=0..60,azimuth=-30..30, or a CSV, "
+            "JSON, TUM or COLMAP file.",
+            "paper",
+            metavar="NAME|CONE|FILE",
+        ),
+    ]
+    noise_model: Annotated[
+        str,
+        Option(
+            VIEW,
+            "point: 1 px everywhere; image: what each dot's image tells in each pose.",
+            otherwise="point",
+            metavar="NAME",
+        ),
+    ]
+    print_sigma: Annotated[
+        Length,
+        Option(
+            VIEW,
+            "Standard deviation of a printed dot's position along each axis, for --noise-model image and --dot auto.",
+            "0mm",
+        ),
+    ]
+    dot: Annotated[
+        LengthOrAuto,
+        Option(
+            DOTS,
+            "Dot diameter; auto: the one with the least predicted error, see --print-sigma.",
+            otherwise="what the camera needs",
+            metavar="LENGTH|auto",
+        ),
+    ]
+    clearance: Annotated[Length, Option(DOTS, "Smallest gap around dots.", otherwise="a tenth of --dot")]
+    asymmetric: Annotated[
+        float,
+        Option(
+            DOTS,
+            "No key ring: the layout itself tells the dots apart, as long as images are off by less than this.",
+            0,
+            metavar="PX",
+        ),
+    ]
+    tag: Annotated[
+        str,
+        Option(
+            DOTS,
+            "A square tag in the middle that tells markers and labels apart, such as aruco:DICT_4X4_50:7 or "
+            "apriltag:36h11:3.",
+            otherwise="none",
+            metavar="FAMILY:ID",
+        ),
+    ]
+    tag_size: Annotated[
+        Length,
+        Option(
+            DOTS,
+            "Side of the tag's black square, without its white edge.",
+            otherwise="a third of the radius, or less",
+            aliases=("tag_side",),
+        ),
+    ]
+    ids: Annotated[
+        str,
+        Option(
+            DOTS,
+            "A family of markers of one layout with these ids instead of the tag's own: 0-9, or 0,3,7; on one sheet, "
+            "with <stem>-<id>.json for each.",
+            metavar="LIST",
+        ),
+    ]
+    objective: Annotated[
+        str,
+        Option(
+            SEARCH, "What to minimize: pose, rotation, translation, homography or condition.", "pose", metavar="NAME"
+        ),
+    ]
+    aggregate: Annotated[
+        str,
+        Option(
+            SEARCH,
+            "Aggregate over the poses: rms, mean, logmean, max or cvar:0.9.",
+            otherwise="the objective's",
+            metavar="NAME",
+        ),
+    ]
+    coordinates: Annotated[
+        str,
+        Option(
+            SEARCH, "Coordinates in which condition is written: unit, metric, pixel, hartley.", "unit", metavar="NAME"
+        ),
+    ]
+    survive: Annotated[
+        int,
+        Option(SEARCH, "Minimize what is left after the worst loss of K dots, 1 to 3.", 0, metavar="K"),
+    ]
+    seed: Annotated[int, Option(SEARCH, "Seed for the random starts; the same seed gives the same bytes.", 0)]
+    restarts: Annotated[int, Option(SEARCH, "Number of random starts.", otherwise="the objective's", metavar="N")]
+    output: Annotated[
+        Files,
+        Option(
+            FILES,
+            "Written by suffix (.pdf .svg .png .dxf .step .stl .json and more, see markergen export); may be repeated.",
+            otherwise="marker.pdf, with relief marker.json",
+            metavar="PATH",
+            flags="-o --output",
+        ),
+    ]
+    trace: Annotated[
+        Files,
+        Option(
+            FILES,
+            "Write the steps of the search as .csv, or plotted as .svg or .png; may be repeated.",
+            metavar="FILE",
+        ),
+    ]
+
+
+OUTSIDE_FILES = ("template", "output", "trace")
+"""Options of a design that a spec file does not have."""
+
+
+class ExportOptions(SheetOptions, ProcessOption, PlateOptions, total=False):
+    """What an export can be asked for."""
+
+    compensate: Annotated[
+        bool,
+        Option(
+            SHEET,
+            "Draw a rescaled marker so that the printer that was measured makes it true.",
+            False,
+            flags="--compensate",
+        ),
+    ]
+    depth: Annotated[Length, Option(SOLID, "Depth of pockets, engraving or recess.", otherwise="the process decides")]
+    gap: Annotated[Length, Option(SOLID, "Gap between an inlay and its pocket.", otherwise="the process decides")]
+    fit: Annotated[
+        str, Option(SOLID, "Fit of discs in milled pockets: slip or press.", otherwise="slip", metavar="NAME")
+    ]
+    through: Annotated[
+        bool, Option(SOLID, "Holes for dots in place of milled pockets and discs.", False, flags="--through")
+    ]
+    tool: Annotated[Length, Option(SOLID, "Diameter of nozzle, mill or beam.", otherwise="the process decides")]
+    dome: Annotated[str, Option(SOLID, "Shape for --process dome: half or ball.", "half", metavar="NAME")]
+    draft: Annotated[
+        float, Option(SOLID, "Angle by which pillars of a relief widen toward the plate.", 0, metavar="DEGREES")
+    ]
+    foot: Annotated[Length, Option(SOLID, "Radius of the fillet around a pillar's foot.", "1mm")]
+    engrave: Annotated[
+        bool,
+        Option(
+            SOLID,
+            "Name, spec, numbers, origin and x axis engraved on the back of the plate.",
+            True,
+            flags="--engrave/--no-engrave",
+        ),
+    ]
+    tolerance: Annotated[Length, Option(SOLID, "Largest distance of a mesh from the surface it stands for.", "5um")]
+    boundary_unit: Annotated[
+        str, Option(SOLID, "Unit of an --outline that names none: mm, cm, m, in, pt, px.", metavar="UNIT")
+    ]
