@@ -1,0 +1,89 @@
+"""Declared options as options of a command, and help that lists them in groups."""
+
+from collections.abc import Callable
+from functools import wraps
+from inspect import Parameter, Signature, signature
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperCommand
+
+from markergen.cli.console import length
+from markergen.options import Option, declared
+
+TYPES: dict[str, Any] = {
+    "int": int,
+    "float": float,
+    "str": str,
+    "bool": bool,
+    "length": float,
+    "length or auto": str,
+    "file": Path,
+    "files": list[Path],
+    "texts": list[str],
+    "shape": str,
+    "shapes": list[str],
+    "camera": str,
+    "poses": str,
+}
+"""What typer reads for each kind of value."""
+
+
+def with_options(table: type, *without: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Decorate a command so that its ``**options`` are those of a table; what is not given is not passed on.
+
+    `without` names options that the command does not have.
+    """
+    options = {name: option for name, option in declared(table).items() if name not in without}
+
+    def decorate(body: Callable[..., None]) -> Callable[..., None]:
+        own = [each for each in signature(body).parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
+        named = {each.name for each in own}
+        more = [_parameter(option) for name, option in options.items() if name not in named]
+
+        @wraps(body)
+        def command(**given: Any) -> None:
+            # A repeatable option that is not given is None in some versions of typer and empty in others.
+            body(**{name: value for name, value in given.items() if name in named or value not in (None, [])})
+
+        command.__signature__ = Signature([*own, *more])  # type: ignore[attr-defined]
+        command.__annotations__ = {each.name: each.annotation for each in (*own, *more)}
+        return command
+
+    return decorate
+
+
+def _parameter(option: Option) -> Parameter:
+    info = typer.Option(
+        *(option.flags.split() or [option.flag]),
+        parser=length if option.kind == "length" else None,
+        metavar=option.metavar or None,
+        help=f"{option.help} [default: {option.shown}]" if option.shown else option.help,
+        rich_help_panel=option.group,
+    )
+    kind = TYPES[option.kind]
+    return Parameter(option.name, Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind | None, info])
+
+
+class GroupedCommand(TyperCommand):
+    """A command whose help lists its options by the groups that they were declared in, and its own ones last."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write arguments, then each group of options."""
+        groups: dict[str, list[tuple[str, str]]] = {}
+        own = []
+        for param in self.get_params(ctx):
+            record = param.get_help_record(ctx)
+            group = getattr(param, "rich_help_panel", None)
+            if record is None:
+                continue
+            if param.param_type_name == "argument":
+                groups.setdefault("Arguments", []).append(record)
+            elif group:
+                groups.setdefault(group, []).append(record)
+            else:
+                own.append(record)
+        for title, records in {**groups, "Options": own}.items():
+            with formatter.section(title):
+                formatter.write_dl(records)
