@@ -8,17 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from markergen.objectives.survive import HiddenDots
+    from markergen.tables import Result
 
 Progress = Callable[[str, int, int], None]
-
-CRITERIA = {
-    "pose_m": ("pose mm", 1e3),
-    "rotation_deg": ("rotation deg", 1.0),
-    "translation_pct": ("translation %", 1.0),
-    "homography_px": ("homography px", 1.0),
-    "condition": ("c(A)", 1.0),
-}
-"""Column title and factor of each criterion."""
 
 
 @contextmanager
@@ -76,59 +68,32 @@ def length(text: str) -> float:
         raise BadParameter(str(error)) from None
 
 
+def print_result(result: "Result") -> None:
+    """Print what a result has to say: its sentences and tables."""
+    from markergen.tables import print_parts
+
+    print_parts(result.parts(), sys.stdout)
+
+
 def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> None:
-    """Print rows of text under a header, none of it cut off: the first column to the left, the others to the right."""
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
+    """Print rows of text under a header, see `Table`."""
+    from markergen.tables import Table, print_parts
 
-    table = Table(
-        box=box.SIMPLE_HEAD, title=title, caption=caption or None, title_justify="left", caption_justify="left"
-    )
-    table.title_style = "bold"
-    for index, name in enumerate(header):
-        table.add_column(name, justify="right" if index and len(header) > 2 else "left", overflow="fold")
-    for row in rows:
-        table.add_row(*row)
-    # A pipe has no width of its own; no table needs more than this.
-    Console(width=None if sys.stdout.isatty() else 100, highlight=False).print(table)
+    print_parts([Table(title, header, rows, caption)], sys.stdout)
 
 
-def print_criteria(table: Mapping[str, Mapping[str, float]], n: int, noise: str) -> None:
+def print_criteria(criteria: Mapping[str, Mapping[str, float]], n: int, noise: str) -> None:
     """Print the criteria of a design beside those of the layouts that it is compared with."""
-    from markergen.validate.tables import LAYOUTS
+    from markergen.optimize.criteria_tables import criteria_table
 
-    names = {"design": "this marker", **LAYOUTS, "ngon": f"regular {n}-gon"}
-    print_table(
-        f"What the layout allows, for {noise}",
-        ["", *(title for title, _ in CRITERIA.values())],
-        [[names[name], *_criteria_cells(row)] for name, row in table.items()],
-        "RMS over the poses; proportional to the noise but for c(A).",
-    )
+    print_table(*criteria_table(criteria, n, noise))
 
 
-def print_hidden(table: Sequence["HiddenDots"], noise: str) -> None:
+def print_hidden(errors: Sequence["HiddenDots"], noise: str) -> None:
     """Print the criteria of a marker with none, one and more of its dots hidden."""
-    rows = []
-    for row in table:
-        worst = f"dot{'s' * (row.hidden > 1)} {', '.join(map(str, row.worst_dots))}"
-        dots = f"worst: {worst} hidden" if row.hidden else "none hidden"
-        rows.append([dots, *_criteria_cells(row.worst)])
-        if row.hidden:
-            rows.append([f"mean of any {row.hidden} hidden", *_criteria_cells(row.mean)])
-    print_table(
-        f"With dots hidden, for {noise}",
-        ["", *(title for title, _ in CRITERIA.values())],
-        rows,
-        "Each criterion after the loss that is worst for it; dots named are those whose loss is worst for the pose.",
-    )
+    from markergen.optimize.criteria_tables import hidden_table
 
-
-def _criteria_cells(row: Mapping[str, float]) -> list[str]:
-    """Cells for `CRITERIA`; a relief lacks some."""
-    from markergen.validate.tables import number
-
-    return [number(row[key] * factor, 4) if key in row else "-" for key, (_, factor) in CRITERIA.items()]
+    print_table(*hidden_table(errors, noise))
 
 
 def print_effort(seconds: float) -> None:
@@ -148,26 +113,3 @@ def print_outputs(written: Sequence[tuple[Path, Sequence[str]]]) -> None:
     """Print each file that was written, with the sentences that its exporter has for the user."""
     for path, notes in written:
         print(f"wrote {path}", *notes, sep="\n  ")
-
-
-def print_results(results: Mapping[str, Any]) -> None:
-    """Print what a validation found, as tables and sentences."""
-    from markergen.validate import tables, view_tables
-
-    print(tables.heading(results))
-    if results["estimators"]:
-        print_table(*tables.rotation_table(results))
-        print_table(*tables.translation_table(results))
-        print_table(*tables.polar_angle_table(results, "rotation_deg"))
-        print_table(*tables.polar_angle_table(results, "translation_pct"))
-        if results["homography"]:
-            print_table(*tables.homography_table(results))
-    print_table(*tables.comparison_table(results))
-    print_table(*view_tables.budget_table(results))
-    if results["views"]:
-        print_table(*view_tables.group_table(results["views"]))
-        if results["views"]["detected"]:
-            print_table(*view_tables.estimator_table(results["views"]))
-        if "stress" in results["views"]:
-            print_table(*view_tables.stress_table(results["views"]))
-    print(*tables.sentences(results), *view_tables.sentences(results), sep="\n")

@@ -8,7 +8,7 @@ Each table is a ``TypedDict``, so that type checkers know the keywords, too.
 from markergen.options.base import Option, declared, signature_of
 from markergen.options.making import OUTSIDE_FILES, DesignOptions, ExportOptions
 from markergen.options.proving import CompareOptions, DetectOptions, RescaleOptions, StudyOptions, ValidateOptions
-from markergen.options.reading import settle
+from markergen.options.reading import read_as, settle
 
 __all__ = [
     "OUTSIDE_FILES",
@@ -21,6 +21,7 @@ __all__ = [
     "StudyOptions",
     "ValidateOptions",
     "declared",
+    "read_as",
     "settle",
     "signature_of",
 ]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from markergen.errors import InputError
-from markergen.validate.tables import Table, number, percent
+from markergen.tables import Table, number, percent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,7 +75,7 @@ def _overview(results: Mapping[str, Any]) -> Table:
         "Over the views that each found; RE in deg, TE in %. "
         f"Ratio: RMS of RE over that of {rows[0][0]}, in the views that both found."
     )
-    return "Found, and how accurately", header, rows, caption
+    return Table("Found, and how accurately", header, rows, caption)
 
 
 def _common(results: Mapping[str, Any]) -> Table:
@@ -91,7 +91,7 @@ def _common(results: Mapping[str, Any]) -> Table:
     views = results["views"]
     header = ["", "RE rms", "median", "p95", "TE rms", "median", "p95", "flips"]
     title = f"Over the {views['common']} of {views['count']} views that all found"
-    return title, header, rows, "Flips are counted over all views."
+    return Table(title, header, rows, "Flips are counted over all views.")
 
 
 def _split(results: Mapping[str, Any], by: str, unit: str, words: str) -> Table:
@@ -99,7 +99,7 @@ def _split(results: Mapping[str, Any], by: str, unit: str, words: str) -> Table:
     rows = [[name, *(_cell(entry[by][group]) for group in groups)] for name, entry in _named(results)]
     title = f"RE rms, deg, by {words}"
     caption = "Over the views that each found; in brackets how many those are, where not all."
-    return title, ["", *(f"{group} {unit}" for group in groups)], rows, caption
+    return Table(title, ["", *(f"{group} {unit}" for group in groups)], rows, caption)
 
 
 def _cell(group: Mapping[str, Any]) -> str:
