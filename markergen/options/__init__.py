@@ -8,6 +8,7 @@ Each table is a ``TypedDict``, so that type checkers know the keywords, too.
 from markergen.options.base import Option, declared, signature_of
 from markergen.options.making import OUTSIDE_FILES, DesignOptions, ExportOptions, PlateOptions
 from markergen.options.proving import CompareOptions, DetectOptions, RescaleOptions, StudyOptions, ValidateOptions
+from markergen.options.reading import settle
 
 __all__ = [
     "OUTSIDE_FILES",
@@ -21,5 +22,6 @@ __all__ = [
     "StudyOptions",
     "ValidateOptions",
     "declared",
+    "settle",
     "signature_of",
 ]

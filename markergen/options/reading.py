@@ -1,0 +1,183 @@
+"""Keyword arguments of the library's functions, checked and converted by the table that declares them."""
+
+import math
+import os
+import reprlib
+from collections.abc import Callable, Mapping, Sequence
+from difflib import get_close_matches
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any
+
+from markergen.errors import InputError
+from markergen.options.base import Option, declared
+from markergen.units import parse_length
+
+_LONGEST = 60
+"""Most characters of a value that a message repeats."""
+
+
+def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
+    """Check the options that a caller gave and return all of a table's, converted, with defaults for what is missing.
+
+    It is as strict as a spec file: no ``"5"`` for a number, no True for 1; scalars of numpy are numbers as any other.
+
+    Parameters
+    ----------
+    options : mapping
+        Keyword arguments. None stands for an option that was not given.
+    table : type
+        One of the tables of `markergen.options`; its name is that of the function, as in ``ValidateOptions``.
+
+    Returns
+    -------
+    dict
+        Every name of the table: lengths in m, files as `Path`, what may be repeated as a tuple; None where nothing was
+        given and the table has no default. Shapes, cameras and poses are as they were given, for those who know them.
+
+    Raises
+    ------
+    InputError
+        With everything that is wrong: unknown names, each with the nearest known one, and values of a wrong type.
+
+    Examples
+    --------
+    >>> from markergen.options import ValidateOptions
+    >>> settled = settle({"runs": 20, "print_sigma": "50um"}, ValidateOptions)
+    >>> settled["runs"], settled["print_sigma"], settled["noise"], settled["views"]
+    (20, 5e-05, 0.2, None)
+    >>> settle({"rnus": 20}, ValidateOptions)
+    Traceback (most recent call last):
+    markergen.errors.InputError: expected what markergen.validate takes, found rnus=20 (no such option: did you mean \
+'runs'?); see help(markergen.validate)
+    """
+    known = declared(table)
+    settled: dict[str, Any] = {}
+    findings = []
+    for name, value in options.items():
+        if name not in known:
+            findings.append(f"{name}={_brief(value)} (no such option: {_hint(name, known)})")
+    for name, option in known.items():
+        given = options.get(name)
+        value = option.default if given is None else _plain(given)
+        try:
+            settled[name] = None if value is None else _READERS[option.kind](value, name)
+        except InputError as error:
+            findings.append(f"{name}={_brief(given)} ({error.args[0]})")
+    if findings:
+        function = f"markergen.{table.__name__.removesuffix('Options').lower()}"
+        raise InputError(f"what {function} takes", ", ".join(findings), f"see help({function})")
+    return settled
+
+
+def _hint(name: str, known: Mapping[str, Option]) -> str:
+    near = get_close_matches(name, known, n=1)
+    return f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
+
+
+def _brief(value: Any) -> str:
+    try:
+        text = " ".join(reprlib.repr(value).split())
+    except ValueError:  # Python refuses to write integers of thousands of digits.
+        return "an endless number"
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
+
+
+def _plain(value: Any) -> Any:
+    """Scalars of numpy as the Python values that they stand for, without numpy."""
+    is_scalar = getattr(value, "ndim", None) == 0 and hasattr(value, "item")
+    return value.item() if is_scalar else value
+
+
+def _wrong(expected: str) -> InputError:
+    return InputError(expected, "", "")
+
+
+def _int(value: Any, _: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise _wrong("a whole number")
+    return int(value)
+
+
+def _float(value: Any, _: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise _wrong("a number")
+    try:
+        return float(value)
+    except OverflowError:
+        raise _wrong("a number of at most 308 digits") from None
+
+
+def _bool(value: Any, _: str) -> bool:
+    if not isinstance(value, bool):
+        raise _wrong("True or False")
+    return value
+
+
+def _str(value: Any, _: str) -> str:
+    if not isinstance(value, str):
+        raise _wrong("a text")
+    return str(value)
+
+
+def _length(value: Any, name: str) -> float:
+    try:
+        meters = parse_length(value, name) if isinstance(value, str) else _float(value, name)
+    except InputError:
+        meters = math.nan
+    if not math.isfinite(meters):
+        raise _wrong("a length such as 0.15 or '150mm'")
+    return meters
+
+
+def _length_or_auto(value: Any, name: str) -> float | str:
+    return value if isinstance(value, str) and value == "auto" else _length(value, name)
+
+
+def _file(value: Any, _: str) -> Path:
+    if isinstance(value, str | os.PathLike):
+        path = os.fspath(value)
+        if isinstance(path, str) and path and "\0" not in path:
+            return Path(path)
+    raise _wrong("a path")
+
+
+def _several(read: Callable[[Any, str], Any], expected: str) -> Callable[[Any, str], tuple[Any, ...]]:
+    def read_all(value: Any, name: str) -> tuple[Any, ...]:
+        alone = isinstance(value, bytes | bytearray) or not isinstance(value, Sequence) or isinstance(value, str)
+        try:
+            return tuple(read(each, name) for each in ([value] if alone else value))
+        except InputError:
+            raise _wrong(expected) from None
+
+    return read_all
+
+
+def _thing(expected: str) -> Callable[[Any, str], Any]:
+    """Pass on what may be an object of ours, whose class is not known down here; nothing of Python's own is."""
+
+    def read(value: Any, _: str) -> Any:
+        if isinstance(value, str | os.PathLike | Mapping) or type(value).__module__ != "builtins":
+            return value
+        raise _wrong(expected)
+
+    return read
+
+
+_SHAPE = "an outline: a text such as rect:0.2x0.1, a path, or a boundary"
+_READERS: dict[str, Callable[[Any, str], Any]] = {
+    "int": _int,
+    "float": _float,
+    "bool": _bool,
+    "str": _str,
+    "length": _length,
+    "length or auto": _length_or_auto,
+    "file": _file,
+    "files": _several(_file, "a path, or a list of paths"),
+    "texts": _several(_str, "a text, or a list of texts"),
+    "shape": _thing(_SHAPE),
+    "shapes": _several(_thing(_SHAPE), _SHAPE + ", or a list of them"),
+    "camera": _thing("a camera, a path, or a dictionary"),
+    "poses": _thing("poses: a text such as 'paper' or 'cone:tilt=0..60', a path, or a PoseDistribution"),
+}
+"""By kind: what reads a value, and raises with what was expected alone."""
