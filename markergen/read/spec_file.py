@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, fields
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -33,7 +34,7 @@ from markergen.model.substrate import Hole
 from markergen.model.substrate_file import SubstrateFile
 from markergen.options import OUTSIDE_FILES, DesignOptions, PlateOptions, declared
 from markergen.read.cameras import read_camera
-from markergen.read.outlines import parse_boundary, read_room
+from markergen.read.outlines import is_drawing, parse_boundary, read_room
 from markergen.read.poses import settled
 from markergen.read.poses.numbers import numbers_of_rows
 from markergen.units import parse_length
@@ -56,13 +57,13 @@ def _length_or_auto(value: object) -> float | str:
         raise ValueError(f"{error}, or auto") from None
 
 
-def _shape(value: object) -> object:
+def _shape(value: object, origin: str = "file") -> object:
     """A boundary's table with its lengths in m; what is none is left for the check of the table to say."""
     if isinstance(value, str):
         if not re.match(r"\s*(circle|rect):", value):
             raise ValueError("write rect:0.2x0.1, circle:0.15, or a table with kind and outlines")
         try:
-            return parse_boundary(value, origin="file").as_dict()
+            return parse_boundary(value, origin=origin).as_dict()
         except InputError as error:
             raise ValueError(str(error)) from None
     if isinstance(value, Mapping):
@@ -113,6 +114,7 @@ def _holes(key: str, texts: object) -> list[Hole]:
 
 
 Shape = Annotated[BoundaryFile, BeforeValidator(_shape)]
+Room = Annotated[BoundaryFile, BeforeValidator(partial(_shape, origin="center"))]
 Plate = Annotated[SubstrateFile, BeforeValidator(_plate)]
 Length = Annotated[float, BeforeValidator(_length)]
 DotLength = Annotated[float | Literal["auto"], BeforeValidator(_length_or_auto)]
@@ -220,7 +222,7 @@ _DECLARED: dict[str, Any] = {
     for name, option in declared(DesignOptions).items()
     if name not in (*OUTSIDE_FILES, *PLATE)
 } | {
-    "boundary": (Annotated[Shape, AfterValidator(_only_one)], ABSENT),
+    "boundary": (Annotated[Room, AfterValidator(_only_one)], ABSENT),
     "clearance": (Length | None, ABSENT),
 }
 _SpecFile: Any = create_model(
@@ -284,9 +286,8 @@ def _in_spec_terms(values: dict[Any, Any]) -> dict[Any, Any]:
 
 def _with_files_read(values: dict[Any, Any]) -> dict[Any, Any]:
     """Values with what drawings and calibrations hold in place of their paths, and objects as plain values."""
-    values = {key: value for key, value in values.items() if key not in DRAWING or not isinstance(value, str)} | (
-        _rooms(values)
-    )
+    if all(isinstance(values.get(key), str | None) for key in DRAWING):  # The form says what is wrong with others.
+        values = {key: value for key, value in (values | _rooms(values)).items() if key not in DRAWING}
     camera = values.get("camera")
     if isinstance(camera, str | PathLike):
         values["camera"] = read_camera(Path(camera)).as_dict()
@@ -296,30 +297,35 @@ def _with_files_read(values: dict[Any, Any]) -> dict[Any, Any]:
 
 
 def _rooms(values: Mapping[Any, Any]) -> dict[str, Any]:
-    """Boundary, keep-outs and outline of the plate as tables, where they are given as text, a path, or an object."""
+    """Boundary, keep-outs and outline of the plate as tables, where a drawing or an object gives them."""
     plate = values.get("substrate")
     outline = plate.get("outline") if isinstance(plate, Mapping) else None
     keep_outs = values.get("keep_outs", [])
     keep_outs = keep_outs if isinstance(keep_outs, list | tuple) else [keep_outs]
-    boundary, *shapes = (
-        str(each) if isinstance(each, PathLike) else each for each in (values.get("boundary"), outline, *keep_outs)
-    )
-    unit, layer, origin = (value if isinstance(value := values.get(key), str) else None for key in DRAWING)
+    boundary, unit, layer, origin = (values.get(key) for key in ("boundary", *DRAWING))
     if boundary is None and (layer is not None or origin is not None):
         raise InputError("--layer and --origin with a drawing", "no --boundary", "give --boundary, or leave them out")
-    written = [each for each in shapes if isinstance(each, str)]
-    text = boundary if isinstance(boundary, str) else None
-    room, read = read_room(text, written, unit, layer, origin or "center")
-    found = iter(read)
-    outline, *keep_outs = (next(found) if isinstance(each, str) else each for each in shapes)
+    room = _drawn(boundary)
+    if room is None and isinstance(boundary, str) and layer is not None:
+        parse_boundary(boundary, layer=layer)  # says that it has none
+    drawn = [text for each in (outline, *keep_outs) if (text := _drawn(each)) is not None]
+    area, shapes = read_room(room, drawn, unit, layer, origin or "center")
+    found = iter(shapes)
+    outline, *keep_outs = (each if _drawn(each) is None else next(found) for each in (outline, *keep_outs))
     rooms: dict[str, Any] = {}
-    if room is not None or boundary is not None:
-        rooms["boundary"] = _table_of(room or boundary)
+    if boundary is not None:
+        rooms["boundary"] = _table_of(area or boundary)
     if keep_outs:
         rooms["keep_outs"] = [_table_of(each) for each in keep_outs]
-    if outline is not None:
-        rooms["substrate"] = {**plate, "outline": _table_of(outline)}  # type: ignore[dict-item]
+    if isinstance(plate, Mapping) and outline is not None:
+        rooms["substrate"] = {**plate, "outline": _table_of(outline)}
     return rooms
+
+
+def _drawn(shape: Any) -> str | None:
+    """Path of a drawing, with its layer; None for what is written as a shape, and for tables and objects."""
+    text = str(shape) if isinstance(shape, PathLike) else shape
+    return text if isinstance(text, str) and text.strip() and is_drawing(text.rpartition("#")[0] or text) else None
 
 
 def _table_of(shape: Any) -> Any:

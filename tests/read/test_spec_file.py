@@ -233,7 +233,7 @@ def test_a_plate_with_units_and_holes_as_on_the_command_line():
         ({"dowel": [["2x4mm@0.1"]]}, "substrate: dowel: expected dowel holes"),
         ({"holes": 4}, "substrate.holes: Input should be a valid list"),
         ({"holes": [4], "mount": "4xM3@0.1"}, "substrate.holes[0]: Input should be a valid dictionary"),
-        ({"outline": "plate.dxf"}, "substrate: write rect:0.2x0.1, circle:0.15, or a table"),
+        ({"outline": "plate.dxf"}, "expected a readable outline at plate.dxf, found No such file or directory"),
         ({"color": "white"}, "substrate.color: unknown key"),
     ],
 )
