@@ -207,7 +207,8 @@ def design(
     from markergen.optimize.trace import check_trace_path, trace_bytes
     from markergen.read.cameras import read_camera
     from markergen.read.outlines import read_room
-    from markergen.read.spec_file import read_template, spec_from_mapping
+    from markergen.read.spec_file import spec_from_mapping
+    from markergen.read.templates import read_template
 
     if radius is not None and boundary is not None:
         raise InputError("a radius or a boundary", "--radius and --boundary", "leave one of them out")

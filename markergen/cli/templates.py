@@ -16,7 +16,7 @@ def templates(
       markergen design --template my.toml -o marker.pdf
     """
     from markergen.cli.console import print_table
-    from markergen.read.spec_file import read_template, template_text, templates
+    from markergen.read.templates import read_template, template_text, templates
 
     if name:
         print(template_text(name), end="")

@@ -1,5 +1,6 @@
 """Poses that were read from a file: they go with the design, so that it can be repeated without the file."""
 
+import hashlib
 from dataclasses import dataclass, replace
 from math import ceil
 from typing import Any, Self
@@ -60,6 +61,14 @@ class RecordedPoses(PoseDistribution):
             sha256=sha256,
             sampled_from=sampled_from,
         )
+
+    @staticmethod
+    def from_distribution(poses: PoseDistribution, name: str = "poses") -> "RecordedPoses":
+        """Record poses that come from no file; `name` is what they are called."""
+        from scipy.spatial.transform import Rotation
+
+        numbers = np.hstack([poses.translation, Rotation.from_matrix(poses.rotation).as_quat()])
+        return RecordedPoses.of(numbers, name, hashlib.sha256(numbers.tobytes()).hexdigest(), poses.dropped)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, RecordedPoses) and self.sha256 == other.sha256

@@ -6,7 +6,7 @@ Each table is a ``TypedDict``, so that type checkers know the keywords, too.
 """
 
 from markergen.options.base import Option, declared, signature_of
-from markergen.options.making import OUTSIDE_FILES, DesignOptions, ExportOptions
+from markergen.options.making import OUTSIDE_FILES, DesignOptions, ExportOptions, PlateOptions
 from markergen.options.proving import CompareOptions, DetectOptions, RescaleOptions, StudyOptions, ValidateOptions
 from markergen.options.reading import read_as, settle
 
@@ -17,6 +17,7 @@ __all__ = [
     "DetectOptions",
     "ExportOptions",
     "Option",
+    "PlateOptions",
     "RescaleOptions",
     "StudyOptions",
     "ValidateOptions",

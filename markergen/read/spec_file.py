@@ -1,42 +1,43 @@
 """Design specs: TOML files, templates, and the spec that a marker.json carries."""
 
 import re
-import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict
-from importlib.resources import files
+from dataclasses import asdict, fields
+from functools import partial
+from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
     Field,
     ValidationError,
     ValidationInfo,
-    field_validator,
+    create_model,
     model_validator,
 )
 
 from markergen.errors import InputError
-from markergen.model.boundary import Circle
+from markergen.model.boundary import Boundary, Circle
 from markergen.model.boundary_file import BoundaryFile, built
 from markergen.model.camera import LARGEST_SIDE, Camera, Distortion
 from markergen.model.findings import brief, findings_of, listed
 from markergen.model.holes import parse_dowel, parse_mount
 from markergen.model.image_noise import ImageNoise
+from markergen.model.poses import PoseDistribution
 from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
 from markergen.model.spec import Spec
 from markergen.model.substrate import Hole
 from markergen.model.substrate_file import SubstrateFile
-from markergen.read.outlines import parse_boundary
+from markergen.options import OUTSIDE_FILES, DesignOptions, PlateOptions, declared
+from markergen.read.cameras import read_camera
+from markergen.read.outlines import is_drawing, parse_boundary, read_room
 from markergen.read.poses import settled
 from markergen.read.poses.numbers import numbers_of_rows
 from markergen.units import parse_length
-
-LARGEST_SPEC = 10_000
-"""Characters; one dotted key of ten times as many keeps a TOML reader busy for a minute."""
 
 
 def _length(value: object) -> float:
@@ -56,13 +57,13 @@ def _length_or_auto(value: object) -> float | str:
         raise ValueError(f"{error}, or auto") from None
 
 
-def _shape(value: object) -> object:
+def _shape(value: object, origin: str = "file") -> object:
     """A boundary's table with its lengths in m; what is none is left for the check of the table to say."""
     if isinstance(value, str):
         if not re.match(r"\s*(circle|rect):", value):
             raise ValueError("write rect:0.2x0.1, circle:0.15, or a table with kind and outlines")
         try:
-            return parse_boundary(value, origin="file").as_dict()
+            return parse_boundary(value, origin=origin).as_dict()
         except InputError as error:
             raise ValueError(str(error)) from None
     if isinstance(value, Mapping):
@@ -113,6 +114,7 @@ def _holes(key: str, texts: object) -> list[Hole]:
 
 
 Shape = Annotated[BoundaryFile, BeforeValidator(_shape)]
+Room = Annotated[BoundaryFile, BeforeValidator(partial(_shape, origin="center"))]
 Plate = Annotated[SubstrateFile, BeforeValidator(_plate)]
 Length = Annotated[float, BeforeValidator(_length)]
 DotLength = Annotated[float | Literal["auto"], BeforeValidator(_length_or_auto)]
@@ -169,8 +171,12 @@ class _Poses(_Table):
 
 
 def _poses(value: object) -> str | RecordedPoses:
-    if isinstance(value, str):
+    if isinstance(value, str | RecordedPoses):
         return value
+    if isinstance(value, PathLike):
+        return str(value)
+    if isinstance(value, PoseDistribution):
+        return RecordedPoses.from_distribution(value)
     if not isinstance(value, Mapping):
         raise ValueError("Input should be a valid string")
     try:
@@ -184,43 +190,58 @@ def _poses(value: object) -> str | RecordedPoses:
     return RecordedPoses.of(numbers, file, table.sha256, table.dropped, table.sampled_from)
 
 
-class _SpecFile(_Table):
-    title: str = ABSENT
-    n: Whole = ABSENT
-    radius: Length = ABSENT
-    boundary: Shape = ABSENT
-    keep_outs: list[Shape] = ABSENT
-    camera: _Camera = ABSENT
-    poses: Annotated[Any, BeforeValidator(_poses)] = ABSENT
-    objective: str = ABSENT
-    aggregate: str = ABSENT
-    coordinates: str = ABSENT
-    dot: DotLength | None = ABSENT
-    clearance: Length | None = ABSENT
-    seed: Whole = ABSENT
-    restarts: Whole = ABSENT
-    noise_model: str = ABSENT
-    image_noise: _ImageNoise = ABSENT
-    survive: Whole = ABSENT
-    print_sigma: Length = ABSENT
-    asymmetric: Finite = ABSENT
-    relief: Length = ABSENT
-    tag: str = ABSENT
-    tag_side: Length = ABSENT
-    substrate: Plate = ABSENT
+def _only_one(boundary: Any, info: ValidationInfo) -> Any:
+    if info.data.get("radius") is not None:
+        raise ValueError("give either radius or [boundary], not both")
+    return boundary
 
-    @field_validator("boundary")
-    @classmethod
-    def _only_one(cls, boundary: Any, info: ValidationInfo) -> Any:
-        if info.data.get("radius") is not None:
-            raise ValueError("give either radius or [boundary], not both")
-        return boundary
+
+STORED = {"keep_out": "keep_outs", "tag_size": "tag_side"}
+"""What a spec calls options of other names."""
+
+PLATE = declared(PlateOptions)
+DRAWING = ("boundary_unit", "layer", "origin")
+"""Options about how a drawing is read: nothing of them is left in a spec."""
+
+KINDS: dict[str, Any] = {
+    "int": Whole,
+    "float": Finite,
+    "str": str,
+    "bool": bool,
+    "length": Length,
+    "length or auto": DotLength | None,
+    "shape": Shape,
+    "shapes": list[Shape],
+    "camera": _Camera,
+    "poses": Annotated[Any, BeforeValidator(_poses)],
+}
+"""Form of each kind of option, once the files that it names have been read."""
+
+_DECLARED: dict[str, Any] = {
+    STORED.get(name, name): (KINDS[option.kind], ABSENT)
+    for name, option in declared(DesignOptions).items()
+    if name not in (*OUTSIDE_FILES, *PLATE)
+} | {
+    "boundary": (Annotated[Room, AfterValidator(_only_one)], ABSENT),
+    "clearance": (Length | None, ABSENT),
+}
+_SpecFile: Any = create_model(
+    "_SpecFile",
+    __base__=_Table,
+    title=(str, ABSENT),
+    image_noise=(_ImageNoise, ABSENT),
+    substrate=(Plate, ABSENT),
+    **_DECLARED,
+)
+_KEPT = {field.name for field in fields(Spec)}
 
 
 def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) -> Spec:
     """Make a spec of a mapping of plain values; lengths may be text with a unit, what is not given is as in `Spec`.
 
-    `name` is what messages call the source. What a marker.json has `stored` names no other files: they are not read.
+    The keys are the options of a design, those of the plate also in a table ``substrate``. What belongs to no spec,
+    such as the paper, is checked and left out. `name` is what messages call the source. What a marker.json has
+    `stored` names no other files: they are not read.
 
     Raises
     ------
@@ -229,11 +250,14 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
     """
     if not isinstance(values, Mapping):
         raise InputError(f"a table of values in {name}", brief(values), "write for example n = 5 or radius = 0.15")
+    plain = _in_spec_terms(dict(values))
     try:
-        table = _SpecFile.model_validate(dict(values))
+        table = _SpecFile.model_validate(plain if stored else _with_files_read(plain))
     except ValidationError as error:
         raise InputError(f"a valid spec in {name}", listed(findings_of(error)), "correct these places") from None
-    given = table.model_dump(exclude_unset=True, exclude={"title", "radius", "poses"})
+    given = {
+        key: value for key, value in table.model_dump(exclude_unset=True, exclude={"poses"}).items() if key in _KEPT
+    }
     if "camera" in given:
         given["camera"] = _camera(table.camera)
     if "image_noise" in given:
@@ -251,48 +275,65 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
     return Spec(**given)
 
 
+def _in_spec_terms(values: dict[Any, Any]) -> dict[Any, Any]:
+    """Options by the names that a spec has for them, those of the plate in its table."""
+    plate = {key: values.pop(key) for key in PLATE if key in values}
+    before = values.get("substrate", {})
+    if plate and isinstance(before, Mapping):
+        values["substrate"] = {**before, **plate}
+    return {STORED.get(key, key): value for key, value in values.items()}
+
+
+def _with_files_read(values: dict[Any, Any]) -> dict[Any, Any]:
+    """Values with what drawings and calibrations hold in place of their paths, and objects as plain values."""
+    if all(isinstance(values.get(key), str | None) for key in DRAWING):  # The form says what is wrong with others.
+        values = {key: value for key, value in (values | _rooms(values)).items() if key not in DRAWING}
+    camera = values.get("camera")
+    if isinstance(camera, str | PathLike):
+        values["camera"] = read_camera(Path(camera)).as_dict()
+    elif isinstance(camera, Camera):
+        values["camera"] = camera.as_dict()
+    return values
+
+
+def _rooms(values: Mapping[Any, Any]) -> dict[str, Any]:
+    """Boundary, keep-outs and outline of the plate as tables, where a drawing or an object gives them."""
+    plate = values.get("substrate")
+    outline = plate.get("outline") if isinstance(plate, Mapping) else None
+    keep_outs = values.get("keep_outs", [])
+    keep_outs = keep_outs if isinstance(keep_outs, list | tuple) else [keep_outs]
+    boundary, unit, layer, origin = (values.get(key) for key in ("boundary", *DRAWING))
+    if boundary is None and (layer is not None or origin is not None):
+        raise InputError("--layer and --origin with a drawing", "no --boundary", "give --boundary, or leave them out")
+    room = _drawn(boundary)
+    if room is None and isinstance(boundary, str) and layer is not None:
+        parse_boundary(boundary, layer=layer)  # says that it has none
+    drawn = [text for each in (outline, *keep_outs) if (text := _drawn(each)) is not None]
+    area, shapes = read_room(room, drawn, unit, layer, origin or "center")
+    found = iter(shapes)
+    outline, *keep_outs = (each if _drawn(each) is None else next(found) for each in (outline, *keep_outs))
+    rooms: dict[str, Any] = {}
+    if boundary is not None:
+        rooms["boundary"] = _table_of(area or boundary)
+    if keep_outs:
+        rooms["keep_outs"] = [_table_of(each) for each in keep_outs]
+    if isinstance(plate, Mapping) and outline is not None:
+        rooms["substrate"] = {**plate, "outline": _table_of(outline)}
+    return rooms
+
+
+def _drawn(shape: Any) -> str | None:
+    """Path of a drawing, with its layer; None for what is written as a shape, and for tables and objects."""
+    text = str(shape) if isinstance(shape, PathLike) else shape
+    return text if isinstance(text, str) and text.strip() and is_drawing(text.rpartition("#")[0] or text) else None
+
+
+def _table_of(shape: Any) -> Any:
+    return shape.as_dict() if isinstance(shape, Boundary) else shape
+
+
 def _camera(table: _Camera) -> Camera:
     values = table.model_dump(exclude={"distortion"})
     if table.distortion is None:
         return Camera(**values)
     return Camera(**values, distortion=Distortion(table.distortion.model, tuple(table.distortion.coefficients)))
-
-
-def read_template(name: str) -> dict[str, Any]:
-    """Values of a template: the name of one that is shipped (see `templates`), or the path of a TOML file.
-
-    Raises
-    ------
-    InputError
-        If there is no such template or the file is not TOML.
-    """
-    try:
-        return tomllib.loads(template_text(name))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"TOML in {name}", str(error), "correct the file") from None
-    except (ValueError, RecursionError):
-        raise InputError(f"TOML in {name}", "an endless number or endless nesting", "correct the file") from None
-
-
-def template_text(name: str) -> str:
-    """Text of a template, as `read_template` finds it, comments and all."""
-    known = templates()
-    path = Path(name)
-    if path.suffix != ".toml" and name not in known:
-        raise InputError("a known template or a .toml file", repr(name), f"known: {', '.join(known)}")
-    try:
-        with known.get(name, path).open(encoding="utf-8") as file:
-            text = file.read(LARGEST_SPEC + 1)
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "bytes that are not UTF-8 text"
-        raise InputError(f"a readable spec at {path}", str(reason), "check the path") from None
-    if len(text) > LARGEST_SPEC:
-        raise InputError(f"a spec of at most {LARGEST_SPEC // 1000} kB at {path}", "a larger file", "check the path")
-    return text
-
-
-def templates() -> dict[str, Path]:
-    """Shipped templates by name, whether markergen runs from a wheel or from a checkout."""
-    package = Path(str(files("markergen")))
-    folder = next((place for place in (package / "templates", package.parent / "templates") if place.is_dir()), package)
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}

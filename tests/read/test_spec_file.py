@@ -1,5 +1,6 @@
 import json
 
+import numpy as np
 import pytest
 
 from markergen.errors import InputError
@@ -7,9 +8,12 @@ from markergen.model.boundary import Circle, Polygon
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.holes import parse_dowel, parse_mount
 from markergen.model.image_noise import ImageNoise
+from markergen.model.poses import named_poses
+from markergen.model.recorded_poses import RecordedPoses
 from markergen.model.spec import Spec
 from markergen.model.substrate import Hole, Substrate
-from markergen.read.spec_file import read_template, spec_from_mapping, templates
+from markergen.read.spec_file import spec_from_mapping
+from markergen.read.templates import read_template, templates
 
 CAMERA = {"width": 640, "height": 480, "fx": 800.0, "fy": 800.0, "cx": 320.0, "cy": 240.0}
 
@@ -109,7 +113,7 @@ def test_what_is_no_table_is_refused(values):
             "boundary: Input should be a table with kind circle or polygon (got {'kind': 'square'",
         ),
         ({"boundary": {"kind": "circle"}}, "boundary.radius: missing"),
-        ({"boundary": "flange.dxf"}, "boundary: write rect:0.2x0.1, circle:0.15, or a table with kind and outlines"),
+        ({"boundary": "flange.dxf"}, "expected a readable outline at flange.dxf, found No such file or directory"),
         ({"boundary": "rect:0.2"}, "boundary: expected a width and a height"),
         ({"boundary": {"kind": "polygon", "outlines": [[["a", 0], [1, 0], [0, 1]]]}}, "boundary.outlines[0][0][0]: "),
         ({"boundary": {"kind": "polygon", "outlines": [[[0, 0], [1, 1], [1, 0], [0, 1]]]}}, "so at (500 mm, 500 mm)"),
@@ -229,7 +233,7 @@ def test_a_plate_with_units_and_holes_as_on_the_command_line():
         ({"dowel": [["2x4mm@0.1"]]}, "substrate: dowel: expected dowel holes"),
         ({"holes": 4}, "substrate.holes: Input should be a valid list"),
         ({"holes": [4], "mount": "4xM3@0.1"}, "substrate.holes[0]: Input should be a valid dictionary"),
-        ({"outline": "plate.dxf"}, "substrate: write rect:0.2x0.1, circle:0.15, or a table"),
+        ({"outline": "plate.dxf"}, "expected a readable outline at plate.dxf, found No such file or directory"),
         ({"color": "white"}, "substrate.color: unknown key"),
     ],
 )
@@ -238,3 +242,44 @@ def test_what_is_wrong_with_a_plate_is_named(table, words):
         spec_from_mapping({"substrate": table})
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_what_is_stored_names_no_files():
+    with pytest.raises(
+        InputError, match=r"boundary: write rect:0\.2x0\.1, circle:0\.15, or a table with kind and outlines"
+    ):
+        spec_from_mapping({"boundary": "flange.dxf"}, stored=True)
+
+
+def test_a_file_has_the_options_of_a_design():
+    options = {
+        "keep_out": ["circle:3mm@40mm,-20mm"], "tag": "aruco:DICT_4X4_50:7", "tag_size": "20mm", "thickness": "4mm",
+        "mount": "4xM3@120mm", "paper": "A4", "ids": "0-3",
+    }  # fmt: skip
+    old = {
+        "keep_outs": ["circle:3mm@40mm,-20mm"], "tag": "aruco:DICT_4X4_50:7", "tag_side": "20mm",
+        "substrate": {"thickness": "4mm", "mount": ["4xM3@120mm"]},
+    }  # fmt: skip
+    assert spec_from_mapping(options) == spec_from_mapping(old)
+    with pytest.raises(InputError, match="paper: Input should be a valid string"):
+        spec_from_mapping({"paper": 4})
+
+
+def test_a_file_may_name_a_drawing_and_a_calibration(tmp_path):
+    head = '<svg xmlns="http://www.w3.org/2000/svg" width="200mm" height="100mm" viewBox="0 0 200 100">'
+    (tmp_path / "room.svg").write_text(f'{head}<rect x="10" y="10" width="180" height="80"/></svg>')
+    (tmp_path / "camera.json").write_text(json.dumps(PAPER_CAMERA.as_dict() | {"fx": 900.0}))
+    spec = spec_from_mapping(
+        {"boundary": tmp_path / "room.svg", "camera": str(tmp_path / "camera.json"), "origin": "file"}
+    )
+    assert spec.boundary.area == pytest.approx(0.18 * 0.08)
+    assert spec.boundary.center[0] == pytest.approx(0.1)
+    assert spec.camera.fx == 900
+
+
+def test_objects_serve_as_well_as_what_names_them():
+    poses = named_poses("paper")
+    spec = spec_from_mapping({"boundary": Circle(0.1), "camera": PAPER_CAMERA, "poses": poses})
+    assert spec.boundary == Circle(0.1)
+    assert isinstance(spec.poses, RecordedPoses)
+    np.testing.assert_allclose(spec.poses.rotation, poses.rotation, atol=1e-15)

@@ -17,7 +17,8 @@ from markergen.model.findings import brief, listed
 from markergen.model.spec import Spec
 from markergen.read.cameras import read_camera
 from markergen.read.outlines import read_room
-from markergen.read.spec_file import read_template, spec_from_mapping, templates
+from markergen.read.spec_file import spec_from_mapping
+from markergen.read.templates import read_template, templates
 from markergen.study.cells import canonical
 from markergen.study.sweep.feasible import Feasible
 

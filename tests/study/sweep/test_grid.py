@@ -4,7 +4,7 @@ import pytest
 
 from markergen.errors import InputError
 from markergen.model.camera import PAPER_CAMERA
-from markergen.read.spec_file import template_text
+from markergen.read.templates import template_text
 from markergen.study.sweep import read_sweep, studies, sweep_from_mapping
 from markergen.study.sweep.grid import named_camera
 

@@ -1,0 +1,51 @@
+"""Ready-made specs: those that are shipped, and TOML files of a user's own."""
+
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from markergen.errors import InputError
+
+LARGEST_SPEC = 10_000
+"""Characters; one dotted key of ten times as many keeps a TOML reader busy for a minute."""
+
+
+def read_template(name: str) -> dict[str, Any]:
+    """Values of a template: the name of one that is shipped (see `templates`), or the path of a TOML file.
+
+    Raises
+    ------
+    InputError
+        If there is no such template or the file is not TOML.
+    """
+    try:
+        return tomllib.loads(template_text(name))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"TOML in {name}", str(error), "correct the file") from None
+    except (ValueError, RecursionError):
+        raise InputError(f"TOML in {name}", "an endless number or endless nesting", "correct the file") from None
+
+
+def template_text(name: str) -> str:
+    """Text of a template, as `read_template` finds it, comments and all."""
+    known = templates()
+    path = Path(name)
+    if path.suffix != ".toml" and name not in known:
+        raise InputError("a known template or a .toml file", repr(name), f"known: {', '.join(known)}")
+    try:
+        with known.get(name, path).open(encoding="utf-8") as file:
+            text = file.read(LARGEST_SPEC + 1)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "bytes that are not UTF-8 text"
+        raise InputError(f"a readable spec at {path}", str(reason), "check the path") from None
+    if len(text) > LARGEST_SPEC:
+        raise InputError(f"a spec of at most {LARGEST_SPEC // 1000} kB at {path}", "a larger file", "check the path")
+    return text
+
+
+def templates() -> dict[str, Path]:
+    """Shipped templates by name, whether markergen runs from a wheel or from a checkout."""
+    package = Path(str(files("markergen")))
+    folder = next((place for place in (package / "templates", package.parent / "templates") if place.is_dir()), package)
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
