@@ -1,21 +1,25 @@
 """A validation: what was found, to print, look at, save, check and reckon with."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from markergen.errors import InputError
-from markergen.files import check_outputs, make_folder, write_all
+from markergen.files import check_outputs, make_folder, sorted_by_suffix, write_all
 from markergen.model.marker import Marker
 from markergen.objectives import Setting
+from markergen.options import read_as
 from markergen.tables import Result, Table, data_frame, number
 from markergen.validate import fail_if, tables, view_tables
 from markergen.validate.bounds import budget_of
-from markergen.validate.figures import FORMATS, figure_bytes, new_figure
-from markergen.validate.pictures import pictures, remove_earlier
+from markergen.validate.figures import figure_bytes, new_figure
+from markergen.validate.pictures import Picture, remove_earlier
+from markergen.validate.pictures import pictures as taken
 from markergen.validate.proof import to_json
+from markergen.validate.report import check_report
 from markergen.validate.views import Shoot
 
 if TYPE_CHECKING:
@@ -26,7 +30,8 @@ if TYPE_CHECKING:
 Progress = Callable[[str, int, int], None]
 StrPath = str | PathLike[str]
 
-PAGES, DATA = (".html", ".htm"), (".json",)
+KINDS = {".html": "report", ".htm": "report", ".json": "json", ".svg": "plot", ".png": "plot"}
+"""What a file holds by its suffix."""
 _ANGLE = "polar_angle_deg"
 
 
@@ -111,11 +116,20 @@ class Validation(Result):
             raise InputError("an expression", repr(expression)[:60], "write 'estimators.lm.rotation_deg.rms > 0.5'")
         return fail_if.check(expression, self._results)
 
-    def save(self, *paths: StrPath, pictures: StrPath | None = None, progress: Progress | None = None) -> list[Path]:
+    def save(
+        self,
+        *paths: StrPath,
+        json: StrPath | None = None,
+        report: StrPath | None = None,
+        pictures: StrPath | None = None,
+        progress: Progress | None = None,
+    ) -> list[Path]:
         """Write files by suffix: .html the report, .json the results, .svg or .png the plot; all of them or none.
 
         Parameters
         ----------
+        json, report : path or None
+            The same under any name, and under one that browsers open.
         pictures : path or None
             Folder for views that failed, the worst and typical ones as .png; those of an earlier run are replaced.
         progress : callable or None
@@ -133,13 +147,16 @@ class Validation(Result):
         OutputError
             If a file cannot be written; nothing was changed.
         """
-        targets = [Path(path) for path in paths]
-        folder = None if pictures is None else Path(pictures)
-        check_targets(targets, folder, self.shoot.count)
-        contents = self._contents(targets, folder, progress or (lambda *_: None))
+        targets = Targets.of(paths, json, report, pictures)
+        targets.check(self.shoot.count)
+        return self.write(targets, progress)
+
+    def write(self, targets: "Targets", progress: Progress | None = None) -> list[Path]:
+        """Write what was sorted and checked before, see `save`."""
+        contents = self._contents(targets, progress or (lambda *_: None))
         write_all(contents)
-        if folder is not None:
-            remove_earlier(folder, {path.name for path in contents})
+        if targets.pictures is not None:
+            remove_earlier(targets.pictures, {path.name for path in contents})
         return list(contents)
 
     def save_pictures(self, folder: StrPath) -> list[Path]:
@@ -230,29 +247,30 @@ class Validation(Result):
         ]
         return f"<Validation: {', '.join(said)}>"
 
-    def _contents(self, paths: Sequence[Path], folder: Path | None, progress: Progress) -> dict[Path, bytes]:
+    def _contents(self, targets: "Targets", progress: Progress) -> dict[Path, bytes]:
+        kinds = [kind for kind, _ in targets.files]
         shown = []
-        if self.views and (folder is not None or any(path.suffix.lower() in PAGES for path in paths)):
+        if self.views and (targets.pictures is not None or "report" in kinds):
             progress("pictures", 0, 1)
-            shown = list(pictures(self.shoot, self.views))
+            shown = list(taken(self.shoot, self.views))
             progress("pictures", 1, 1)
         contents = {}
-        for path in paths:
-            suffix = path.suffix.lower()
-            if suffix in PAGES:
-                from markergen.validate.report import html_report
-
+        for kind, path in targets.files:
+            if kind == "report":
                 progress("report", 0, 1)
-                budget = budget_of(self.shoot, self._results["noise_px"])
-                contents[path] = html_report(self._results, self.marker, self.setting, shown, budget)
+                contents[path] = self._report(shown)
                 progress("report", 1, 1)
-            elif suffix in DATA:
-                contents[path] = self.to_json()
             else:
-                contents[path] = figure_bytes(self._figure, path)
-        if folder is not None:
-            contents |= {folder / f"{picture.name}.png": picture.png for picture in shown}
+                contents[path] = self.to_json() if kind == "json" else figure_bytes(self._figure, path)
+        if targets.pictures is not None:
+            contents |= {targets.pictures / f"{picture.name}.png": picture.png for picture in shown}
         return contents
+
+    def _report(self, shown: Sequence[Picture]) -> bytes:
+        from markergen.validate.report import html_report
+
+        budget = budget_of(self.shoot, self._results["noise_px"])
+        return html_report(self._results, self.marker, self.setting, shown, budget)
 
     def _figure(self) -> "Figure":
         figure = new_figure()
@@ -264,27 +282,45 @@ class Validation(Result):
         return found
 
 
-def check_targets(
-    paths: Sequence[Path], folder: Path | None, views: int, inputs: Sequence[Path] = ()
-) -> None:
-    """Refuse, before any work is done, what `Validation.save` could not write; makes the folder for pictures.
+@dataclass(frozen=True)
+class Targets:
+    """What is to be written: files with their kinds (``json``, ``report``, ``plot``), and a folder for pictures."""
 
-    Raises
-    ------
-    InputError
-        If a suffix is unknown, or there are no views to take pictures of.
-    OutputError
-        If a file cannot be written, is asked for twice, or is one of the inputs.
-    """
-    known = (*PAGES[:1], *DATA, *FORMATS)
-    for path in paths:
-        if path.suffix.lower() not in (*PAGES, *DATA, *FORMATS):
-            raise InputError(f"a file in one of {', '.join(known)}", str(path), "choose one of these endings")
-    check_outputs(paths, inputs)
-    if folder is not None:
-        if not views:
-            raise InputError("views to take pictures of", "--views 0", "leave out --pictures, or ask for views")
-        make_folder(folder)
+    files: tuple[tuple[str, Path], ...]
+    pictures: Path | None = None
+
+    @classmethod
+    def of(cls, paths: object = (), json: object = None, report: object = None, pictures: object = None) -> "Targets":
+        """Sort paths by suffix, and take others for what they are said to be.
+
+        Raises
+        ------
+        InputError
+            If one is no path, or its suffix is unknown.
+        """
+        files = [*sorted_by_suffix(read_as("files", paths, "a file to save"), KINDS)]
+        for kind, path in (("json", read_as("file", json, "json")), ("report", read_as("file", report, "report"))):
+            files += [(kind, path)] if path is not None else []
+        for kind, path in files:
+            if kind == "report":
+                check_report(path)
+        return cls(tuple(files), read_as("file", pictures, "pictures"))
+
+    def check(self, views: int, inputs: Sequence[Path] = ()) -> None:
+        """Refuse, before any work is done, what could not be written; makes the folder for pictures.
+
+        Raises
+        ------
+        InputError
+            If there are no views to take pictures of.
+        OutputError
+            If a file cannot be written, is asked for twice, or is one of the inputs.
+        """
+        check_outputs([path for _, path in self.files], inputs)
+        if self.pictures is not None:
+            if not views:
+                raise InputError("views to take", "--views 0", "leave out --pictures, or ask for views")
+            make_folder(self.pictures)
 
 
 def _rotation(rows: Mapping[str, Any]) -> dict[str, Any]:
@@ -296,7 +332,7 @@ def _rms(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _columns(row: Mapping[str, Any], bound: Mapping[str, Any]) -> dict[str, Any]:
-    columns = {}
+    columns: dict[str, Any] = {}
     for key in ("rotation_deg", "translation_pct"):
         columns |= {f"{key}_{name}": row[key][name] for name in ("count", *tables.STATISTICS)}
         columns[f"{key}_bound"] = bound.get(key)
