@@ -1,24 +1,14 @@
 """What the commands share on the terminal: progress with time left, tables, and the list of files written."""
 
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from markergen.objectives.survive import HiddenDots
+    from markergen.tables import Table
 
 Progress = Callable[[str, int, int], None]
-
-CRITERIA = {
-    "pose_m": ("pose mm", 1e3),
-    "rotation_deg": ("rotation deg", 1.0),
-    "translation_pct": ("translation %", 1.0),
-    "homography_px": ("homography px", 1.0),
-    "condition": ("c(A)", 1.0),
-}
-"""Column title and factor of each criterion."""
 
 
 @contextmanager
@@ -94,60 +84,11 @@ def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]
     Console(width=None if sys.stdout.isatty() else 100, highlight=False).print(table)
 
 
-def print_criteria(table: Mapping[str, Mapping[str, float]], n: int, noise: str) -> None:
-    """Print the criteria of a design beside those of the layouts that it is compared with."""
-    from markergen.validate.tables import LAYOUTS
+def print_parts(parts: Iterable["str | Table"]) -> None:
+    """Print sentences and tables; a terminal decides on their width."""
+    from markergen.tables import print_parts
 
-    names = {"design": "this marker", **LAYOUTS, "ngon": f"regular {n}-gon"}
-    print_table(
-        f"What the layout allows, for {noise}",
-        ["", *(title for title, _ in CRITERIA.values())],
-        [[names[name], *_criteria_cells(row)] for name, row in table.items()],
-        "RMS over the poses; proportional to the noise but for c(A).",
-    )
-
-
-def print_hidden(table: Sequence["HiddenDots"], noise: str) -> None:
-    """Print the criteria of a marker with none, one and more of its dots hidden."""
-    rows = []
-    for row in table:
-        worst = f"dot{'s' * (row.hidden > 1)} {', '.join(map(str, row.worst_dots))}"
-        dots = f"worst: {worst} hidden" if row.hidden else "none hidden"
-        rows.append([dots, *_criteria_cells(row.worst)])
-        if row.hidden:
-            rows.append([f"mean of any {row.hidden} hidden", *_criteria_cells(row.mean)])
-    print_table(
-        f"With dots hidden, for {noise}",
-        ["", *(title for title, _ in CRITERIA.values())],
-        rows,
-        "Each criterion after the loss that is worst for it; dots named are those whose loss is worst for the pose.",
-    )
-
-
-def _criteria_cells(row: Mapping[str, float]) -> list[str]:
-    """Cells for `CRITERIA`; a relief lacks some."""
-    from markergen.validate.tables import number
-
-    return [number(row[key] * factor, 4) if key in row else "-" for key, (_, factor) in CRITERIA.items()]
-
-
-def print_effort(seconds: float) -> None:
-    """Print how long a design took and how much memory the process has used, where the system tells."""
-    words = f"found in {seconds:.1f} s"
-    try:
-        import resource
-    except ImportError:  # Windows
-        print(words)
-        return
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    # Linux counts in kB, macOS in bytes.
-    print(f"{words}, {peak / (1e6 if sys.platform == 'darwin' else 1e3):.0f} MB of memory at most")
-
-
-def print_outputs(written: Sequence[tuple[Path, Sequence[str]]]) -> None:
-    """Print each file that was written, with the sentences that its exporter has for the user."""
-    for path, notes in written:
-        print(f"wrote {path}", *notes, sep="\n  ")
+    print_parts(parts, sys.stdout)
 
 
 def print_results(results: Mapping[str, Any]) -> None:

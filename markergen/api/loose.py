@@ -1,0 +1,48 @@
+"""What callers may give in several forms, made into the one that the engines take."""
+
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from markergen.errors import InputError
+from markergen.model.findings import brief
+from markergen.model.marker import Marker
+
+MarkerLike = Marker | str | PathLike[str] | dict[str, Any]
+
+
+def marker_of(value: MarkerLike) -> Marker:
+    """Marker itself, or of whatever `Marker.load` takes."""
+    return value if isinstance(value, Marker) else Marker.load(value)
+
+
+def markers_of(value: MarkerLike | Sequence[MarkerLike]) -> tuple[Marker, ...]:
+    """One marker or several, each as `marker_of` takes it."""
+    return tuple(map(marker_of, value)) if isinstance(value, list | tuple) else (marker_of(value),)  # type: ignore[arg-type]
+
+
+def path_of(value: object) -> Path:
+    """Path of a text or path-like object.
+
+    Raises
+    ------
+    InputError
+        If it is anything else.
+    """
+    if isinstance(value, str | PathLike):
+        return Path(value)
+    raise InputError("a path", brief(value), "give a text or a pathlib.Path")
+
+
+def paths_of(values: Sequence[object]) -> list[Path]:
+    """Paths of texts and path-like objects, one or more.
+
+    Raises
+    ------
+    InputError
+        If there is none, or one is anything else.
+    """
+    if not values:
+        raise InputError("a path to write to", "none", 'give one or more, such as "marker.pdf"')
+    return [path_of(value) for value in values]
