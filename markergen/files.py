@@ -7,8 +7,19 @@ import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import NamedTuple
 
 from markergen.errors import InputError, OutputError
+
+
+class Written(NamedTuple):
+    """A file that was written, and sentences about it for whoever opens, prints or makes it."""
+
+    path: Path
+    notes: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return "\n  ".join([f"wrote {self.path}", *self.notes])
 
 
 def read_start(path: Path, count: int) -> bytes:

@@ -2,7 +2,7 @@
 
 import html
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from io import StringIO
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
@@ -103,7 +103,7 @@ class Result(ABC):
         return f"<div>{''.join(shown)}</div>"
 
 
-def print_parts(parts: Sequence[str | Table], file: TextIO) -> None:
+def print_parts(parts: Iterable[str | Table], file: TextIO) -> None:
     """Print sentences and tables; a terminal decides on their width and shows titles in bold."""
     from rich.console import Console
 

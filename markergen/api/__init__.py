@@ -1,1 +1,1 @@
-"""The functions that users call: they take what users have, call what does the work, and return results to look at."""
+"""What users call: each function takes what they have, whether an object, a path or a text, and returns a result."""

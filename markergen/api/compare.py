@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from typing import Unpack
 
-from markergen.api.inputs import MarkerLike, files_among, marker_from, poses_of
+from markergen.api.loose import MarkerLike, files_among, marker_of, poses_of
 from markergen.errors import InputError
 from markergen.model.findings import brief
 from markergen.model.marker import Marker
-from markergen.options import CompareOptions, settle, signature_of
+from markergen.options import CompareKeywords, settle, signature_of
 from markergen.options.base import File, Files
 from markergen.validate.compare import compare as run
 from markergen.validate.comparison import Comparison, targets_of
@@ -25,7 +25,7 @@ def compare(
     json: File | None = None,
     plot: File | None = None,
     progress: Callable[[str, int, int], None] | None = None,
-    **options: Unpack[CompareOptions],
+    **options: Unpack[CompareKeywords],
 ) -> Comparison:
     """Compare markers with each other and with square tags and boards: same circle, poses, optics and noise.
 
@@ -42,7 +42,7 @@ def compare(
     progress : callable or None
         Called with the stage, what is done of it, and its total.
     **options
-        See `CompareOptions`; lengths are meters, or carry a unit as in ``"0.1mm"``.
+        As on the command line, ``markergen compare --help``, with underscores. Lengths are m or text with a unit.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def compare(
     >>> found.contestants["square"]["detected"]
     4
     """
-    settled = settle(options, CompareOptions)
+    settled = settle(options, CompareKeywords)
     targets = targets_of(save, json, plot, files_among(*contestants, settled["poses"]))
     texts, given = _named(contestants)
     began = time.perf_counter()
@@ -78,7 +78,7 @@ def compare(
     return Comparison(results, written)
 
 
-compare.__signature__ = signature_of(compare, CompareOptions)  # type: ignore[attr-defined]
+compare.__signature__ = signature_of(compare, CompareKeywords)  # type: ignore[attr-defined]
 
 
 def _named(contestants: Sequence[object]) -> tuple[list[str], dict[str, Marker]]:
@@ -88,7 +88,7 @@ def _named(contestants: Sequence[object]) -> tuple[list[str], dict[str, Marker]]
     for each in contestants:
         if isinstance(each, Marker | Mapping):
             text = "marker" if len(objects) == 1 else f"marker {len(given) + 1}"
-            given[text] = marker_from(each)
+            given[text] = marker_of(each)
         elif isinstance(each, str | PathLike):
             text = str(each)
         else:

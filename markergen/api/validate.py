@@ -5,10 +5,10 @@ import time
 from collections.abc import Callable
 from typing import Any, Unpack
 
-from markergen.api.inputs import MarkerLike, camera_from, files_among, marker_from, poses_of
+from markergen.api.loose import MarkerLike, camera_of, files_among, marker_of, poses_of
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
-from markergen.options import ValidateOptions, settle, signature_of
+from markergen.options import ValidateKeywords, settle, signature_of
 from markergen.options.base import CameraLike, File, Files
 from markergen.read.cameras import read_camera_covariance
 from markergen.render import optics_from_text
@@ -31,7 +31,7 @@ def validate(
     report: File | None = None,
     pictures: File | None = None,
     progress: Callable[[str, int, int], None] | None = None,
-    **options: Unpack[ValidateOptions],
+    **options: Unpack[ValidateKeywords],
 ) -> Validation:
     """Prove a marker: pose errors of every estimator with their bounds, synthetic views, and what limits the accuracy.
 
@@ -53,7 +53,7 @@ def validate(
     progress : callable or None
         Called with the stage, what is done of it, and its total.
     **options
-        See `ValidateOptions`; lengths are meters, or carry a unit as in ``"0.1mm"``.
+        As on the command line, ``markergen validate --help``, with underscores. Lengths are m or text with a unit.
 
     Returns
     -------
@@ -80,14 +80,14 @@ def validate(
     >>> found.check("estimators.lm.failure_rate > 0")
     (True, 'estimators.lm.failure_rate = 0 <= 0')
     """
-    settled = settle(options, ValidateOptions)
+    settled = settle(options, ValidateKeywords)
     targets = Targets.of(save, json, report, pictures)
     optics = optics_from_text(settled["optics"] or "")
-    judged = marker_from(marker)
+    judged = marker_of(marker)
     views = (VIEWS if judged.dot_diameter else 0) if settled["views"] is None else settled["views"]
     if not views and settled["stress"]:
         raise InputError("views to take", "--views 0", "leave out --stress, or ask for views")
-    setting = setting_of(judged, poses_of(settled["poses"]), camera_from(camera))
+    setting = setting_of(judged, poses_of(settled["poses"]), camera_of(camera))
     covariance = settled["camera_covariance"] and read_camera_covariance(settled["camera_covariance"], setting.camera)
     shoot = Shoot(
         judged, setting.camera, setting.poses, views, settled["seed"], optics, settled["background"], settled["hide"],
@@ -105,4 +105,4 @@ def validate(
     return Validation(results, shoot, written)
 
 
-validate.__signature__ = signature_of(validate, ValidateOptions)  # type: ignore[attr-defined]
+validate.__signature__ = signature_of(validate, ValidateKeywords)  # type: ignore[attr-defined]

@@ -1,12 +1,13 @@
 """``markergen.verify``."""
 
 import logging
+from typing import Unpack
 
-from markergen.api.inputs import MarkerLike, files_among, marker_from
+from markergen.api.loose import MarkerLike, files_among, marker_of
 from markergen.errors import InputError
-from markergen.options import read_as
-from markergen.options.base import File, Files, Length
-from markergen.verify.check import verify_all
+from markergen.options import VerifyKeywords, read_as, settle, signature_of
+from markergen.options.base import File, Files
+from markergen.verify.check import check_tolerance, verify_all
 from markergen.verify.verification import Verification, targets_of
 
 _log = logging.getLogger(__name__)
@@ -15,9 +16,9 @@ _log = logging.getLogger(__name__)
 def verify(
     marker: MarkerLike,
     *files: File,
-    tolerance: Length | None = None,
     save: Files = (),
     json: File | None = None,
+    **options: Unpack[VerifyKeywords],
 ) -> Verification:
     """Read files back by other means than those that wrote them, and hold every dot against the marker.
 
@@ -30,11 +31,10 @@ def verify(
         What the files are to hold.
     *files : path
         Sheets, solids and configurations, read by suffix.
-    tolerance : length or None
-        How far a dot may be off, in m or as ``"0.1mm"``; None takes 1 um, 5 um in a mesh, a quarter of a pixel in a
-        PNG.
     save, json : path or None
         Write the results as .json, or as JSON under any name.
+    **options
+        As on the command line, ``markergen verify --help``: ``tolerance="0.1mm"``.
 
     Returns
     -------
@@ -67,11 +67,15 @@ def verify(
     paths = [read_as("file", file, "a file to verify") for file in files]
     if not paths or None in paths:
         raise InputError("files to verify", "none", "name one or more, such as marker.pdf")
-    allowed = read_as("length", tolerance, "tolerance")
+    tolerance = settle(options, VerifyKeywords)["tolerance"]
+    check_tolerance(tolerance)
     targets = targets_of(save, json, [*files_among(marker), *paths])
-    judged = marker_from(marker)
+    judged = marker_of(marker)
     _log.info("verifying %d files", len(paths))
-    checks = verify_all(judged, paths, allowed)
+    checks = verify_all(judged, paths, tolerance)
     _log.info("verified: %d of %d are as they should be", sum(check.passed for check in checks), len(checks))
     written = Verification(checks).write(targets)
     return Verification(checks, written)
+
+
+verify.__signature__ = signature_of(verify, VerifyKeywords)  # type: ignore[attr-defined]

@@ -9,6 +9,7 @@ from markergen.cli.compare import compare
 from markergen.cli.design import design
 from markergen.cli.detect import detect
 from markergen.cli.export import export
+from markergen.cli.options import GroupedCommand
 from markergen.cli.rescale import rescale
 from markergen.cli.study import study
 from markergen.cli.templates import templates
@@ -45,4 +46,4 @@ def markergen(
 
 
 for command in (design, validate, export, detect, compare, verify, rescale, study, templates):
-    app.command()(command)
+    app.command(cls=GroupedCommand)(command)

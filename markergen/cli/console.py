@@ -1,14 +1,17 @@
 """What the commands share on the terminal: progress with time left, tables, and the list of files written."""
 
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from markergen.objectives.survive import HiddenDots
-    from markergen.tables import Result
+    from markergen.tables import Table
+    from markergen.validate.comparison import Comparison
+    from markergen.validate.validation import Validation
+    from markergen.verify.verification import Verification
+
+    Found = Validation | Comparison | Verification
 
 Progress = Callable[[str, int, int], None]
 
@@ -68,48 +71,18 @@ def length(text: str) -> float:
         raise BadParameter(str(error)) from None
 
 
-def print_result(result: "Result") -> None:
-    """Print what a result has to say: its sentences and tables."""
+def print_found(found: "Found", as_json: bool, parts: Iterable["str | Table"] | None = None) -> None:
+    """Print a result as JSON, or all its parts, or some; then the files that were written, never amid JSON."""
+    if as_json:
+        sys.stdout.write(found.to_json().decode())
+    else:
+        print_parts(found.parts() if parts is None else parts)
+    for each in found.written:
+        print(each, file=sys.stderr if as_json else sys.stdout)
+
+
+def print_parts(parts: Iterable["str | Table"]) -> None:
+    """Print sentences and tables; a terminal decides on their width."""
     from markergen.tables import print_parts
 
-    print_parts(result.parts(), sys.stdout)
-
-
-def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> None:
-    """Print rows of text under a header, see `Table`."""
-    from markergen.tables import Table, print_parts
-
-    print_parts([Table(title, header, rows, caption)], sys.stdout)
-
-
-def print_criteria(criteria: Mapping[str, Mapping[str, float]], n: int, noise: str) -> None:
-    """Print the criteria of a design beside those of the layouts that it is compared with."""
-    from markergen.optimize.criteria_tables import criteria_table
-
-    print_table(*criteria_table(criteria, n, noise))
-
-
-def print_hidden(errors: Sequence["HiddenDots"], noise: str) -> None:
-    """Print the criteria of a marker with none, one and more of its dots hidden."""
-    from markergen.optimize.criteria_tables import hidden_table
-
-    print_table(*hidden_table(errors, noise))
-
-
-def print_effort(seconds: float) -> None:
-    """Print how long a design took and how much memory the process has used, where the system tells."""
-    words = f"found in {seconds:.1f} s"
-    try:
-        import resource
-    except ImportError:  # Windows
-        print(words)
-        return
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    # Linux counts in kB, macOS in bytes.
-    print(f"{words}, {peak / (1e6 if sys.platform == 'darwin' else 1e3):.0f} MB of memory at most")
-
-
-def print_outputs(written: Sequence[tuple[Path, Sequence[str]]]) -> None:
-    """Print each file that was written, with the sentences that its exporter has for the user."""
-    for path, notes in written:
-        print(f"wrote {path}", *notes, sep="\n  ")
+    print_parts(parts, sys.stdout)

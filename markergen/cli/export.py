@@ -1,14 +1,15 @@
 """``markergen export``."""
 
-from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from markergen.cli import sheets, solids
+from markergen.cli.options import with_options
+from markergen.options import ExportKeywords
 
 
+@with_options(ExportKeywords)
 def export(
     marker: Annotated[
         list[Path],
@@ -17,37 +18,10 @@ def export(
         ),
     ],
     output: Annotated[
-        list[Path], typer.Option("-o", "--output", metavar="PATH", help="Written by suffix; may be repeated.")
+        list[Path],
+        typer.Option("-o", "--output", metavar="PATH", help="Written by suffix; may be repeated."),
     ],
-    paper: sheets.Paper = None,
-    orientation: sheets.Orientation = None,
-    margin: sheets.Margin = None,
-    tile: sheets.Tile = True,
-    overlap: sheets.Overlap = None,
-    dpi: sheets.Dpi = 600,
-    colors: sheets.ColorsText = None,
-    compensate: sheets.Compensate = False,
-    process: solids.Process = None,
-    depth: solids.Depth = None,
-    gap: solids.Gap = None,
-    fit: solids.Fit = None,
-    through: solids.Through = False,
-    tool: solids.Tool = None,
-    dome: solids.Dome = None,
-    draft: solids.Draft = None,
-    foot: solids.Foot = None,
-    engrave: solids.Engrave = True,
-    tolerance: solids.Tolerance = None,
-    thickness: solids.Thickness = None,
-    edge: solids.Edge = None,
-    corner_radius: solids.CornerRadius = None,
-    chamfer: solids.Chamfer = None,
-    outline: solids.Outline = None,
-    boundary_unit: Annotated[
-        str | None, typer.Option(metavar="UNIT", help="Of an --outline that names none: mm, cm, m, in, pt, px.")
-    ] = None,
-    mount: solids.Mount = None,
-    dowel: solids.Dowel = None,
+    **options: Any,
 ) -> None:
     """Write a marker at true size to print, as drawing or solid to make, or as configuration for what detects it.
 
@@ -81,20 +55,9 @@ def export(
 
     What is said of the plate, from --thickness to --dowel, takes the place of what marker.json says.
     """
-    from markergen.cli.console import busy, print_outputs
-    from markergen.export import check_outputs, save
-    from markergen.files import check_outputs as check_files
-    from markergen.model.marker_json import read_marker
+    from markergen.api.export import export as write
+    from markergen.cli import console
 
-    choices = replace(
-        sheets.export_options(paper, orientation, margin, tile, overlap, dpi, colors, compensate),
-        fabrication=solids.fabrication(process, depth, gap, fit, through, tool, dome, draft, foot, engrave, tolerance),
-    )
-    plate = solids.plate_values(thickness, edge, corner_radius, chamfer, mount, dowel)
-    inputs = [*marker, *([Path(outline)] if outline else [])]
-    check_outputs(output, choices)
-    check_files(output, inputs)
-    read = [solids.with_plate(read_marker(path), plate, outline, boundary_unit) for path in marker]
-    with busy("writing"):
-        written = save(read, output, choices, inputs)
-    print_outputs(written)
+    with console.busy("writing"):
+        written = write(marker, *output, **options)
+    console.print_parts(map(str, written))

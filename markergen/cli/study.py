@@ -3,7 +3,6 @@
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from math import inf, isnan
 from pathlib import Path
 from time import monotonic
@@ -11,9 +10,13 @@ from typing import Annotated, Any
 
 import typer
 
+from markergen.cli.options import with_options
+from markergen.options import StudyKeywords
+
 SECONDS_BETWEEN_LINES = 30
 
 
+@with_options(StudyKeywords)
 def study(
     what: Annotated[
         str,
@@ -26,21 +29,7 @@ def study(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for tables, figures and finished cells.")
     ],
-    workers: Annotated[int | None, typer.Option(help="Processes. [default: one for each processor]")] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Compute on a running Dask cluster instead, such as tcp://10.0.0.1:8786."),
-    ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Continue in a folder: what is finished is not computed again.")
-    ] = False,
-    runs: Annotated[
-        int | None,
-        typer.Option(help="Noisy runs of each layout and pose. [default: paper 20, sweep 100 or the file's]"),
-    ] = None,
-    scale: Annotated[
-        float | None, typer.Option(help="Share of the paper's study; 0.01 is a quick look. [default: 1]")
-    ] = None,
+    **options: Any,
 ) -> None:
     """Reproduce the paper, or run any grid of designs, as one tidy table with figures and a page.
 
@@ -53,36 +42,16 @@ def study(
       markergen study layouts -o layouts
       markergen study sweep.toml -o sweep --scheduler tcp://10.0.0.1:8786
     """
-    from markergen.cli.console import complain
-    from markergen.errors import InputError
-    from markergen.study.engines import engine_for
-    from markergen.study.sweep import read_sweep, run_sweep
+    from markergen.api.study import study as run
+    from markergen.cli.console import complain, print_parts
 
-    engine = engine_for(workers, scheduler)
-    if what == "paper":
-        from markergen.study.paper import PaperOptions, estimated_seconds, run_paper
-
-        given: dict[str, Any] = {
-            key: value for key, value in {"runs": runs, "scale": scale}.items() if value is not None
-        }
-        options = PaperOptions(**given)
-        run = partial(run_paper, output, options)
-        engine.check()
-        if not scheduler:
-            complain(f"the whole study: about {_words(estimated_seconds(options, workers))}")
-    elif scale is None:
-        run = partial(run_sweep, read_sweep(what, runs), output)
-        engine.check()
-    else:
-        raise InputError("--scale with the study paper", f"--scale with {what}", "leave it out, or give --runs")
     try:
         with _progress() as progress:
-            written = run(engine=engine, resume=resume, progress=progress)
+            found = run(what, output, progress=progress, announce=complain, **options)
     except KeyboardInterrupt:
         complain(f"markergen: what is finished remains in {output}; continue with the same command and --resume")
         raise
-    for path in written:
-        print(f"wrote {path}")
+    print_parts(found.parts())
 
 
 @contextmanager
@@ -113,10 +82,6 @@ class _Lines:
 
 
 def _left(seconds: float) -> str:
-    return "" if isnan(seconds) else f"{_words(seconds)} left"
+    from markergen.api.study import duration
 
-
-def _words(seconds: float) -> str:
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+    return "" if isnan(seconds) else f"{duration(seconds)} left"

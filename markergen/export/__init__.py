@@ -7,7 +7,7 @@ from pathlib import Path
 from markergen.drawing.paper import find_paper
 from markergen.drawing.sheet import Sheet, SheetOptions, check_paper, pages_for
 from markergen.errors import InputError, OutputError
-from markergen.files import check_folder, folders_for, write_all
+from markergen.files import Written, check_folder, folders_for, write_all
 from markergen.files import check_outputs as check_files
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker import Marker
@@ -86,7 +86,7 @@ def save(
     paths: Sequence[Path],
     options: ExportOptions | None = None,
     inputs: Sequence[Path] = (),
-) -> list[tuple[Path, tuple[str, ...]]]:
+) -> list[Written]:
     """Write a marker or several to each path, in the format that its suffix names: all files or none.
 
     Parameters
@@ -99,8 +99,8 @@ def save(
 
     Returns
     -------
-    list of (path, notes)
-        In the order given, and after them the files that come with others; notes are sentences for the user.
+    list of Written
+        Paths and notes in the order given, and after them the files that come with others.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def outputs_of(
     return {path: EXPORTERS[suffix_of(path)](every, replace(choices, stem=stem_of(path))) for path in paths}
 
 
-def write(outputs: Mapping[Path, Output], inputs: Sequence[Path] = ()) -> list[tuple[Path, tuple[str, ...]]]:
+def write(outputs: Mapping[Path, Output], inputs: Sequence[Path] = ()) -> list[Written]:
     """Write outputs and the files that come with them, all or none; see `save`."""
     files = {path: output.data for path, output in outputs.items()}
     beside = _beside(outputs)
@@ -131,7 +131,7 @@ def write(outputs: Mapping[Path, Output], inputs: Sequence[Path] = ()) -> list[t
     with folders_for(beside):
         check_files(list(beside), inputs)
         write_all({**files, **beside})
-    return [(path, output.notes) for path, output in outputs.items()] + [(path, ()) for path in beside]
+    return [Written(path, output.notes) for path, output in outputs.items()] + [Written(path) for path in beside]
 
 
 def _beside(outputs: Mapping[Path, Output]) -> dict[Path, bytes]:

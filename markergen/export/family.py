@@ -8,6 +8,7 @@ from markergen.drawing.paper import ISO
 from markergen.drawing.sheet import pages_for
 from markergen.errors import InputError
 from markergen.export import SHEETS, ExportOptions, outputs_of, suffix_of, write
+from markergen.files import Written
 from markergen.model.marker import Marker
 
 
@@ -18,7 +19,7 @@ def family_paths(paths: Sequence[Path], ids: Sequence[int]) -> list[Path]:
 
 def save_family(
     markers: Sequence[Marker], paths: Sequence[Path], options: ExportOptions, inputs: Sequence[Path] = ()
-) -> list[tuple[Path, tuple[str, ...]]]:
+) -> list[Written]:
     """Write markers that differ by the ids of their tags: sheets with all of them, and all else for each by itself.
 
     Without a paper named, all markers share one page of the smallest ISO size that holds them, if one does. Returns

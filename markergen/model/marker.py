@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from os import PathLike
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,12 @@ from markergen.model.boundary import Boundary
 from markergen.model.feature import Feature, key_ring
 from markergen.model.substrate import Substrate
 from markergen.model.tag import Tag
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from markergen.files import Written
+    from markergen.options import ExportKeywords
 
 Array = NDArray[np.float64]
 
@@ -100,6 +107,18 @@ class Marker:
 
         points = tuple(back(point) for point in self.control_points)
         return replace(self, control_points=points, print_scale=(1.0, 1.0))
+
+    def save(self, *paths: str | PathLike[str], **options: "Unpack[ExportKeywords]") -> "list[Written]":
+        """Write the marker to each path as its suffix says; see `markergen.export`."""
+        from markergen.api.export import export
+
+        return export(self, *paths, **options)
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw the marker to scale, in mm, into an axes of matplotlib or a new figure, and return the axes."""
+        from markergen.validate.report.marker_plot import draw_marker
+
+        return draw_marker(self, ax)
 
     @property
     def height(self) -> float:

@@ -1,14 +1,18 @@
 """From a spec to a marker: the main job."""
 
+import logging
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen import __version__
 from markergen.errors import InputError
+from markergen.files import Written
 from markergen.model.interior import shape_of
 from markergen.model.marker import Marker, dressed
 from markergen.model.occlusion import eyes_of
@@ -18,10 +22,12 @@ from markergen.model.spec import Spec
 from markergen.model.substrate_checks import check_holes
 from markergen.objectives import OBJECTIVES, Objective, Setting
 from markergen.objectives.criteria import Criteria, criteria, median_criteria
+from markergen.objectives.survive import hidden_dot_errors
 from markergen.objectives.weights import DotNoise
 from markergen.optimize.asymmetry import AsymmetricOptimum, asymmetric_search
 from markergen.optimize.check import check, check_relief
 from markergen.optimize.comparisons import comparison_layouts
+from markergen.optimize.criteria_tables import criteria_table, hidden_table
 from markergen.optimize.dots import FEWEST_PIXELS, DotSize, choose_dots, pixels_across
 from markergen.optimize.goal import objective_of, room_of, rough_of
 from markergen.optimize.label_safety import LabelSafety, layout_safety
@@ -31,7 +37,14 @@ from markergen.optimize.relief import search_relief
 from markergen.optimize.relief_room import ReliefRoom
 from markergen.optimize.trace import Recorder, Step, trace_of
 from markergen.read.poses import poses_from
+from markergen.tables import Result, Table, data_frame
 from markergen.units import format_length
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from pandas import DataFrame
+
+log = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
@@ -39,9 +52,9 @@ UPRIGHT = 1e-5
 """Relative worsening that is allowed for turning the layout upright: far below what any sheet or camera can show."""
 
 
-@dataclass(frozen=True)
-class Design:
-    """A designed marker with what a user wants to know about it.
+@dataclass(frozen=True, repr=False)
+class Design(Result):
+    """A designed marker with what a user wants to know about it; printed, it says what the command says.
 
     Attributes
     ----------
@@ -59,6 +72,10 @@ class Design:
         How long it took.
     trace : tuple of Step
         The way from the best start to the layout, if it was asked for.
+    family : tuple of Marker
+        Markers of the same layout that differ by their tags, if ids were asked for.
+    written : tuple of Written
+        Files that were written, if any were asked for.
     """
 
     marker: Marker
@@ -69,6 +86,35 @@ class Design:
     value: float = field(default=0.0, compare=False)
     seconds: float = field(default=0.0, compare=False)
     trace: tuple[Step, ...] = ()
+    family: tuple[Marker, ...] = ()
+    written: tuple[Written, ...] = field(default=(), compare=False)
+
+    @property
+    def markers(self) -> tuple[Marker, ...]:
+        """The family, or the one marker alone."""
+        return self.family or (self.marker,)
+
+    def parts(self) -> list[str | Table]:
+        """See `Result.parts`: the summary, criteria beside those of other layouts, and what it took."""
+        words, lost = self.setting.noise_words, self.marker.provenance["spec"].get("survive", 0)
+        tables = [criteria_table(self.criteria, len(self.marker), words)]
+        if lost:
+            tables.append(hidden_table(hidden_dot_errors(self.marker.xyz, self.setting, lost), words))
+        return [self.summary, *tables, _effort(self.seconds)]
+
+    def __str__(self) -> str:
+        return "\n".join([*(f"warning: {each}" for each in self.warnings), super().__str__()])
+
+    def __repr__(self) -> str:
+        return f"Design({self.marker!r}, {self.summary.splitlines()[1]})"
+
+    def to_frame(self) -> "DataFrame":
+        """Criteria as a data frame of pandas, one row for each layout."""
+        return data_frame([{"layout": name, **row} for name, row in self.criteria.items()])
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw the marker to scale; see `Marker.plot`."""
+        return self.marker.plot(ax)
 
     @property
     def summary(self) -> str:
@@ -200,7 +246,11 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
     value = float(objective(points[None])[0])
     way = [*recorder.way(optimum.points), ("upright", points)] if recorder else []
     trace = tuple(trace_of(way, objective)) if way else ()
-    return Design(marker, setting, dots, table, labels, value, perf_counter() - begin, trace)
+    found = Design(marker, setting, dots, table, labels, value, perf_counter() - begin, trace)
+    log.info("designed %r in %.1f s", marker, found.seconds)
+    for warning in found.warnings:
+        log.warning("%s", warning)
+    return found
 
 
 def compare(
@@ -244,6 +294,18 @@ def _check_homography(row: Criteria, spec: Spec) -> None:
             f"all dots but one on a line, where {spec.objective} is best",
             f"use --objective homography, or --n {spec.n + 1} or more",
         )
+
+
+def _effort(seconds: float) -> str:
+    """How long a design took and how much memory the process has used, where the system tells."""
+    words = f"found in {seconds:.1f} s"
+    try:
+        import resource
+    except ImportError:  # Windows
+        return words
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    # Linux counts in kB, macOS in bytes.
+    return f"{words}, {peak / (1e6 if sys.platform == 'darwin' else 1e3):.0f} MB of memory at most"
 
 
 def _safe(points: Array, spec: Spec, setting: Setting) -> bool:

@@ -6,22 +6,31 @@ Each table is a ``TypedDict``, so that type checkers know the keywords, too.
 """
 
 from markergen.options.base import Option, declared, signature_of
-from markergen.options.making import OUTSIDE_FILES, DesignOptions, ExportOptions, PlateOptions
-from markergen.options.proving import CompareOptions, DetectOptions, RescaleOptions, StudyOptions, ValidateOptions
-from markergen.options.reading import read_as, settle
+from markergen.options.making import OUTSIDE_FILES, DesignKeywords, ExportKeywords, PlateKeywords
+from markergen.options.proving import (
+    CompareKeywords,
+    DetectKeywords,
+    RescaleKeywords,
+    StudyKeywords,
+    ValidateKeywords,
+    VerifyKeywords,
+)
+from markergen.options.reading import given, read_as, settle
 
 __all__ = [
     "OUTSIDE_FILES",
-    "CompareOptions",
-    "DesignOptions",
-    "DetectOptions",
-    "ExportOptions",
+    "CompareKeywords",
+    "DesignKeywords",
+    "DetectKeywords",
+    "ExportKeywords",
     "Option",
-    "PlateOptions",
-    "RescaleOptions",
-    "StudyOptions",
-    "ValidateOptions",
+    "PlateKeywords",
+    "RescaleKeywords",
+    "StudyKeywords",
+    "ValidateKeywords",
+    "VerifyKeywords",
     "declared",
+    "given",
     "read_as",
     "settle",
     "signature_of",

@@ -98,7 +98,7 @@ class Option:
 def declared(table: type) -> Mapping[str, Option]:
     """Options of a table by name, in the order of `GROUPS` and, within each, of their declaration.
 
-    >>> declared(DesignOptions)["corner_radius"].flag
+    >>> declared(DesignKeywords)["corner_radius"].flag
     '--corner-radius'
     """
     hints = get_type_hints(table, include_extras=True)

@@ -23,7 +23,7 @@ from markergen.options.base import (
 )
 
 
-class SheetOptions(TypedDict, total=False):
+class SheetKeywords(TypedDict, total=False):
     """The sheet that a marker is printed on."""
 
     paper: Annotated[
@@ -65,7 +65,7 @@ class SheetOptions(TypedDict, total=False):
     ]
 
 
-class PlateOptions(TypedDict, total=False):
+class PlateKeywords(TypedDict, total=False):
     """The plate that carries the dots of a solid."""
 
     thickness: Annotated[Length, Option(SOLID, "Thickness of the plate.", "3mm")]
@@ -100,7 +100,7 @@ class PlateOptions(TypedDict, total=False):
     ]
 
 
-class ProcessOption(TypedDict, total=False):
+class ProcessKeyword(TypedDict, total=False):
     """How a solid is made."""
 
     process: Annotated[
@@ -115,7 +115,7 @@ class ProcessOption(TypedDict, total=False):
     ]
 
 
-class DesignOptions(SheetOptions, ProcessOption, PlateOptions, total=False):
+class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
     """What a design can be asked for."""
 
     n: Annotated[int, Option(LAYOUT, "Number of control points, 4 to 200.", 5)]
@@ -292,7 +292,7 @@ OUTSIDE_FILES = ("template", "output", "trace")
 """Options of a design that a spec file does not have."""
 
 
-class ExportOptions(SheetOptions, ProcessOption, PlateOptions, total=False):
+class ExportKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
     """What an export can be asked for."""
 
     compensate: Annotated[

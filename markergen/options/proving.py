@@ -5,7 +5,7 @@ from typing import Annotated, TypedDict
 from markergen.options.base import ERRORS, IMAGES, RUN, TRIALS, VIEW, File, Length, Option, Poses
 
 
-class ValidateOptions(TypedDict, total=False):
+class ValidateKeywords(TypedDict, total=False):
     """What a validation can be asked for, beside the marker and the camera."""
 
     poses: Annotated[
@@ -52,7 +52,7 @@ class ValidateOptions(TypedDict, total=False):
     workers: Annotated[int, Option(RUN, "Number of processes.", otherwise="one for each processor", metavar="N")]
 
 
-class CompareOptions(TypedDict, total=False):
+class CompareKeywords(TypedDict, total=False):
     """What a comparison can be asked for, beside who takes part."""
 
     views: Annotated[int, Option(IMAGES, "Synthetic images of each, from the same poses.", 200)]
@@ -72,7 +72,16 @@ class CompareOptions(TypedDict, total=False):
     workers: Annotated[int, Option(RUN, "Number of processes.", otherwise="one for each processor", metavar="N")]
 
 
-class DetectOptions(TypedDict, total=False):
+class VerifyKeywords(TypedDict, total=False):
+    """What a verification can be asked for, beside the marker and the files."""
+
+    tolerance: Annotated[
+        Length,
+        Option(RUN, "How far a dot may be off.", otherwise="1 um; 5 um in a mesh; a quarter of a pixel in a PNG"),
+    ]
+
+
+class DetectKeywords(TypedDict, total=False):
     """What a detector can be asked for, beside the markers and the camera."""
 
     camera_covariance: Annotated[
@@ -88,7 +97,7 @@ class DetectOptions(TypedDict, total=False):
     ]
 
 
-class RescaleOptions(TypedDict, total=False):
+class RescaleKeywords(TypedDict, total=False):
     """What was measured on a print."""
 
     measured_x: Annotated[Length, Option(ERRORS, "Measured length of the ruler along x.")]
@@ -106,7 +115,7 @@ class RescaleOptions(TypedDict, total=False):
     force: Annotated[bool, Option(ERRORS, "Accept a print that is 5 % off or more.", False, flags="--force")]
 
 
-class StudyOptions(TypedDict, total=False):
+class StudyKeywords(TypedDict, total=False):
     """How a study is run."""
 
     workers: Annotated[int, Option(RUN, "Number of processes.", otherwise="one for each processor", metavar="N")]

@@ -27,7 +27,7 @@ def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
     options : mapping
         Keyword arguments. None stands for an option that was not given.
     table : type
-        One of the tables of `markergen.options`; its name is that of the function, as in ``ValidateOptions``.
+        One of the tables of `markergen.options`; its name is that of the function, as in ``ValidateKeywords``.
 
     Returns
     -------
@@ -42,11 +42,11 @@ def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
 
     Examples
     --------
-    >>> from markergen.options import ValidateOptions
-    >>> settled = settle({"runs": 20, "print_sigma": "50um"}, ValidateOptions)
+    >>> from markergen.options import ValidateKeywords
+    >>> settled = settle({"runs": 20, "print_sigma": "50um"}, ValidateKeywords)
     >>> settled["runs"], settled["print_sigma"], settled["noise"], settled["views"]
     (20, 5e-05, 0.2, None)
-    >>> settle({"rnus": 20}, ValidateOptions)
+    >>> settle({"rnus": 20}, ValidateKeywords)
     Traceback (most recent call last):
     markergen.errors.InputError: expected what markergen.validate takes, found rnus=20 (no such option: did you mean \
 'runs'?); see help(markergen.validate)
@@ -65,7 +65,7 @@ def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
         except InputError as error:
             findings.append(f"{name}={_brief(given)} ({error.args[0]})")
     if findings:
-        function = f"markergen.{table.__name__.removesuffix('Options').lower()}"
+        function = f"markergen.{table.__name__.removesuffix('Keywords').lower()}"
         raise InputError(f"what {function} takes", ", ".join(findings), f"see help({function})")
     return settled
 
@@ -87,6 +87,12 @@ def read_as(kind: str, value: Any, name: str) -> Any:
         return None if value is None else _READERS[kind](_plain(value), name)
     except InputError as error:
         raise InputError(f"{error.args[0]} for {name}", _brief(value), f"give {name} such a value") from None
+
+
+def given(options: Mapping[str, Any], table: type) -> dict[str, Any]:
+    """Options that a caller gave, checked and converted as `settle` does; the others are left to whoever asks."""
+    settled = settle(options, table)
+    return {name: settled[name] for name, value in options.items() if value is not None}
 
 
 def _hint(name: str, known: Mapping[str, Option]) -> str:

@@ -32,7 +32,7 @@ from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
 from markergen.model.spec import Spec
 from markergen.model.substrate import Hole
 from markergen.model.substrate_file import SubstrateFile
-from markergen.options import OUTSIDE_FILES, DesignOptions, PlateOptions, declared
+from markergen.options import OUTSIDE_FILES, DesignKeywords, PlateKeywords, declared
 from markergen.read.cameras import read_camera
 from markergen.read.outlines import is_drawing, parse_boundary, read_room
 from markergen.read.poses import settled
@@ -199,7 +199,7 @@ def _only_one(boundary: Any, info: ValidationInfo) -> Any:
 STORED = {"keep_out": "keep_outs", "tag_size": "tag_side"}
 """What a spec calls options of other names."""
 
-PLATE = declared(PlateOptions)
+PLATE = declared(PlateKeywords)
 DRAWING = ("boundary_unit", "layer", "origin")
 """Options about how a drawing is read: nothing of them is left in a spec."""
 
@@ -219,7 +219,7 @@ KINDS: dict[str, Any] = {
 
 _DECLARED: dict[str, Any] = {
     STORED.get(name, name): (KINDS[option.kind], ABSENT)
-    for name, option in declared(DesignOptions).items()
+    for name, option in declared(DesignKeywords).items()
     if name not in (*OUTSIDE_FILES, *PLATE)
 } | {
     "boundary": (Annotated[Room, AfterValidator(_only_one)], ABSENT),

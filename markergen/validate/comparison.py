@@ -6,7 +6,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from markergen.files import check_outputs, sorted_by_suffix, write_all
+from markergen.files import Written, check_outputs, sorted_by_suffix, write_all
 from markergen.options import read_as
 from markergen.tables import Result, Table, data_frame, number
 from markergen.validate import compare_report
@@ -33,11 +33,11 @@ class Comparison(Result):
     ----------
     results : mapping
         Of `markergen.validate.compare.compare`.
-    written : sequence of Path
+    written : sequence of Written
         Files that were asked for together with the results.
     """
 
-    def __init__(self, results: Mapping[str, Any], written: Sequence[Path] = ()) -> None:
+    def __init__(self, results: Mapping[str, Any], written: Sequence[Written] = ()) -> None:
         self._results, self.written = dict(results), tuple(written)
 
     @property
@@ -50,7 +50,7 @@ class Comparison(Result):
         """What was found of each by its name, such as ``contestants["square"]["rotation_deg"]["rms"]``."""
         return MappingProxyType({entry["name"]: entry for entry in self._results["contestants"]})
 
-    def save(self, *paths: StrPath, json: StrPath | None = None, plot: StrPath | None = None) -> list[Path]:
+    def save(self, *paths: StrPath, json: StrPath | None = None, plot: StrPath | None = None) -> list[Written]:
         """Write files by suffix: .json the results, .svg or .png the errors drawn; all of them or none.
 
         Parameters
@@ -60,8 +60,7 @@ class Comparison(Result):
 
         Returns
         -------
-        list of Path
-            What was written.
+        list of Written
 
         Raises
         ------
@@ -72,10 +71,10 @@ class Comparison(Result):
         """
         return self.write(targets_of(paths, json, plot))
 
-    def write(self, targets: Sequence[tuple[str, Path]]) -> list[Path]:
+    def write(self, targets: Sequence[tuple[str, Path]]) -> list[Written]:
         """Write what `targets_of` returned, see `save`."""
         write_all({path: self._content(kind, path) for kind, path in targets})
-        return [path for _, path in targets]
+        return [Written(path) for _, path in targets]
 
     def to_json(self) -> bytes:
         """Results as JSON text."""

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from markergen.errors import InputError
-from markergen.files import check_outputs, make_folder, sorted_by_suffix, write_all
+from markergen.files import Written, check_outputs, make_folder, sorted_by_suffix, write_all
 from markergen.model.marker import Marker
 from markergen.objectives import Setting
 from markergen.options import read_as
@@ -47,11 +47,11 @@ class Validation(Result):
         Of `prove`, in the form that docs/validate.md describes.
     shoot : Shoot
         Marker, camera, poses, optics and error sources of the results.
-    written : sequence of Path
+    written : sequence of Written
         Files that were asked for together with the results.
     """
 
-    def __init__(self, results: Mapping[str, Any], shoot: Shoot, written: Sequence[Path] = ()) -> None:
+    def __init__(self, results: Mapping[str, Any], shoot: Shoot, written: Sequence[Written] = ()) -> None:
         self._results = dict(results)
         self.shoot, self.written = shoot, tuple(written)
 
@@ -123,7 +123,7 @@ class Validation(Result):
         report: StrPath | None = None,
         pictures: StrPath | None = None,
         progress: Progress | None = None,
-    ) -> list[Path]:
+    ) -> list[Written]:
         """Write files by suffix: .html the report, .json the results, .svg or .png the plot; all of them or none.
 
         Parameters
@@ -137,8 +137,7 @@ class Validation(Result):
 
         Returns
         -------
-        list of Path
-            What was written.
+        list of Written
 
         Raises
         ------
@@ -151,15 +150,15 @@ class Validation(Result):
         targets.check(self.shoot.count)
         return self.write(targets, progress)
 
-    def write(self, targets: "Targets", progress: Progress | None = None) -> list[Path]:
+    def write(self, targets: "Targets", progress: Progress | None = None) -> list[Written]:
         """Write what was sorted and checked before, see `save`."""
         contents = self._contents(targets, progress or (lambda *_: None))
         write_all(contents)
         if targets.pictures is not None:
             remove_earlier(targets.pictures, {path.name for path in contents})
-        return list(contents)
+        return [Written(path) for path in contents]
 
-    def save_pictures(self, folder: StrPath) -> list[Path]:
+    def save_pictures(self, folder: StrPath) -> list[Written]:
         """Write views that failed, the worst and typical ones, see `save`."""
         return self.save(pictures=folder)
 

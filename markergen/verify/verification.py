@@ -5,7 +5,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
-from markergen.files import check_outputs, sorted_by_suffix, write_all
+from markergen.files import Written, check_outputs, sorted_by_suffix, write_all
 from markergen.options import read_as
 from markergen.tables import Result, Table, data_frame
 from markergen.verify.check import Check, to_json
@@ -29,11 +29,11 @@ class Verification(Result, Sequence[Check]):
     Parameters
     ----------
     checks : sequence of Check
-    written : sequence of Path
+    written : sequence of Written
         Files that were asked for together with the results.
     """
 
-    def __init__(self, checks: Sequence[Check], written: Sequence[Path] = ()) -> None:
+    def __init__(self, checks: Sequence[Check], written: Sequence[Written] = ()) -> None:
         self._checks, self.written = tuple(checks), tuple(written)
 
     @property
@@ -59,13 +59,12 @@ class Verification(Result, Sequence[Check]):
     def __getitem__(self, index: int | slice) -> Check | tuple[Check, ...]:
         return self._checks[index]
 
-    def save(self, *paths: StrPath, json: StrPath | None = None) -> list[Path]:
+    def save(self, *paths: StrPath, json: StrPath | None = None) -> list[Written]:
         """Write the results as .json, or with `json` under any name; all files or none.
 
         Returns
         -------
-        list of Path
-            What was written.
+        list of Written
 
         Raises
         ------
@@ -76,10 +75,10 @@ class Verification(Result, Sequence[Check]):
         """
         return self.write(targets_of(paths, json))
 
-    def write(self, targets: Sequence[Path]) -> list[Path]:
+    def write(self, targets: Sequence[Path]) -> list[Written]:
         """Write what `targets_of` returned, see `save`."""
         write_all(dict.fromkeys(targets, self.to_json()))
-        return list(targets)
+        return [Written(path) for path in targets]
 
     def to_json(self) -> bytes:
         """Results as JSON text: one array for all files."""

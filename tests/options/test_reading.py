@@ -5,11 +5,19 @@ import numpy as np
 import pytest
 
 from markergen.errors import InputError
-from markergen.options import DesignOptions, ExportOptions, RescaleOptions, ValidateOptions, declared, reading, settle
-from markergen.options.proving import CompareOptions, DetectOptions, StudyOptions
+from markergen.options import (
+    DesignKeywords,
+    ExportKeywords,
+    RescaleKeywords,
+    ValidateKeywords,
+    declared,
+    reading,
+    settle,
+)
+from markergen.options.proving import CompareKeywords, DetectKeywords, StudyKeywords
 
 TABLES = [
-    CompareOptions, DesignOptions, DetectOptions, ExportOptions, RescaleOptions, StudyOptions, ValidateOptions,
+    CompareKeywords, DesignKeywords, DetectKeywords, ExportKeywords, RescaleKeywords, StudyKeywords, ValidateKeywords,
 ]  # fmt: skip
 
 
@@ -45,7 +53,7 @@ def test_what_is_not_given_is_the_default(table):
     ],
 )
 def test_values_are_converted(name, given, settled):
-    found = settle({name: given}, DesignOptions)[name]
+    found = settle({name: given}, DesignKeywords)[name]
     assert found == settled
     assert type(found) is type(settled)
 
@@ -81,7 +89,7 @@ def test_values_are_converted(name, given, settled):
 )
 def test_a_wrong_type_is_told(name, given, expected):
     with pytest.raises(InputError) as caught:
-        settle({name: given}, DesignOptions)
+        settle({name: given}, DesignKeywords)
     said = str(caught.value)
     assert f"({expected}" in said
     assert f"{name}=" in said
@@ -90,7 +98,7 @@ def test_a_wrong_type_is_told(name, given, expected):
 
 def test_all_that_is_wrong_is_told_at_once():
     with pytest.raises(InputError) as caught:
-        settle({"rnus": 3, "noise": "0.2", "zzz": 1, "seed": 1.5}, ValidateOptions)
+        settle({"rnus": 3, "noise": "0.2", "zzz": 1, "seed": 1.5}, ValidateKeywords)
     said = str(caught.value)
     assert said.startswith(
         "expected what markergen.validate takes, found rnus=3 (no such option: did you mean 'runs'?)"
@@ -108,7 +116,7 @@ def test_a_message_stays_short_whatever_is_given():
 
     for value in (list(range(10**6)), Shouting(), 10**5000):
         with pytest.raises(InputError) as caught:
-            settle({"runs": value if not isinstance(value, int) else [value]}, ValidateOptions)
+            settle({"runs": value if not isinstance(value, int) else [value]}, ValidateKeywords)
         assert len(str(caught.value)) < 200
         assert "\n" not in str(caught.value)
 

@@ -1,0 +1,126 @@
+"""``markergen.design``: from wishes to a marker, and to its files."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+from typing import Any, Unpack
+
+from markergen.api.export import choices_of
+from markergen.errors import InputError
+from markergen.export import ExportOptions, check_outputs, save, with_record
+from markergen.export.family import family_paths, save_family
+from markergen.files import Written, write_all
+from markergen.files import check_outputs as check_files
+from markergen.model.spec import Spec
+from markergen.model.tag import parse_ids
+from markergen.objectives import OBJECTIVES
+from markergen.optimize.design import Design
+from markergen.optimize.design import design as find
+from markergen.optimize.family import members
+from markergen.optimize.multistart import Progress
+from markergen.optimize.trace import check_trace_path, trace_bytes
+from markergen.options import DesignKeywords, given, signature_of
+from markergen.read.spec_file import spec_from_mapping
+from markergen.read.templates import read_template
+
+
+def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords]) -> Design:
+    """Find the layout of control points that gives the most accurate pose, and write it where asked to.
+
+    Parameters
+    ----------
+    progress : callable, optional
+        Called along the way with a stage, what is done of it, and its total.
+    **options
+        As on the command line, ``markergen design --help``, with underscores. Lengths are m or text with a unit;
+        ``boundary``, ``keep_out`` and ``outline`` may be boundaries, ``camera`` a `Camera`, ``poses`` a distribution;
+        ``output`` and ``trace`` are one path or several, checked before the search and written together after it.
+
+    Returns
+    -------
+    Design
+        ``design.marker`` is the marker; printed, it says what the command says.
+
+    Raises
+    ------
+    InputError
+        If an option is unknown or unfit, the dots do not fit, no pose sees the marker, or a file cannot be used.
+    OutputError
+        If something cannot be written.
+
+    Examples
+    --------
+    >>> import markergen as mg
+    >>> found = mg.design(n=4, radius="100mm", dot="20mm", restarts=4)
+    >>> len(found.marker), found.warnings
+    (4, ())
+    """
+    request = _request(options)
+    paths = request.paths
+    targets = family_paths(paths, request.ids) if request.ids else paths
+    check_outputs(paths, request.choices, request.spec)
+    for path in request.traces:
+        check_trace_path(path)
+    check_files([*targets, *request.traces], request.inputs)
+    found = find(request.spec, progress, traced=bool(request.traces))
+    if request.ids:
+        found = replace(found, family=members(found.marker, request.spec, request.ids))
+    if progress and (paths or request.traces):
+        progress("writing", 0, 1)
+    written = []
+    if paths:
+        # All files are checked once more, and none is written unless all can be made.
+        write = save_family if request.ids else save
+        written = write(found.markers, paths, request.choices, request.inputs)
+    steps = {path: trace_bytes(found.trace, path.suffix, _label(request.spec)) for path in request.traces}
+    write_all(steps)
+    return replace(found, written=(*written, *map(Written, steps)))
+
+
+design.__signature__ = signature_of(design, DesignKeywords)  # type: ignore[attr-defined]
+
+
+@dataclass(frozen=True)
+class _Request:
+    """What was asked for, settled before any search: the spec, markers of a family, and files."""
+
+    spec: Spec
+    ids: tuple[int, ...]
+    choices: ExportOptions
+    paths: list[Path]
+    traces: tuple[Path, ...]
+    inputs: list[Path]
+
+
+def _request(options: Mapping[str, Any]) -> _Request:
+    asked = given(options, DesignKeywords)
+    if "radius" in asked and "boundary" in asked:
+        raise InputError("a radius or a boundary", "--radius and --boundary", "leave one of them out")
+    template, output, traces = (asked.pop(name, None) for name in ("template", "output", "trace"))
+    values = read_template(str(template)) if template else {}
+    # One of both says how much room there is, and the one that is given replaces the template's.
+    for one, other in (("radius", "boundary"), ("boundary", "radius")):
+        if one in asked:
+            values.pop(other, None)
+    values |= {name: list(value) if isinstance(value, tuple) else value for name, value in asked.items()}
+    spec = spec_from_mapping(values, str(template or "the options"))
+    ids = values.get("ids")
+    if ids is not None and not spec.tag:
+        raise InputError("a tag whose ids the markers have", "--ids without --tag", "add --tag aruco:DICT_4X4_50, say")
+    sheet = given({name: values[name] for name in DesignKeywords.__annotations__ if name in values}, DesignKeywords)
+    shapes = [asked.get("boundary"), asked.get("outline"), *asked.get("keep_out", ())]
+    files = [template, asked.get("camera"), asked.get("poses"), *shapes]
+    return _Request(
+        spec,
+        parse_ids(ids, spec.tag.rpartition(":")[0]) if ids is not None else (),
+        choices_of(sheet),
+        with_record(output) if output else [],
+        traces or (),
+        [Path(each) for each in files if isinstance(each, str | PathLike) and str(each)],
+    )
+
+
+def _label(spec: Spec) -> str:
+    unit = OBJECTIVES[spec.objective].unit
+    return f"{spec.objective}, {unit}" if unit else spec.objective

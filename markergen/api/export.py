@@ -1,0 +1,118 @@
+"""``markergen.export``: markers as sheets, drawings, solids and configurations, each by its suffix."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import radians
+from os import PathLike
+from pathlib import Path
+from typing import Any, Unpack
+
+from markergen.api.loose import MarkerLike, marker_of, paths_of
+from markergen.drawing.colors import parse_colors
+from markergen.drawing.sheet import SheetOptions
+from markergen.errors import InputError
+from markergen.export import ExportOptions, check_outputs, save
+from markergen.files import Written
+from markergen.files import check_outputs as check_files
+from markergen.model.fabrication import Fabrication
+from markergen.model.holes import parse_dowel, parse_mount
+from markergen.model.marker import Marker
+from markergen.model.substrate_checks import check_holes
+from markergen.options import ExportKeywords, PlateKeywords, declared, given, signature_of
+from markergen.read.outlines import read_room
+
+SHEET = ("paper", "orientation", "margin", "tile", "overlap", "compensate")
+MADE = ("process", "depth", "gap", "fit", "through", "tool", "dome", "draft", "foot", "engrave", "tolerance")
+
+
+def export(
+    marker: MarkerLike | Sequence[MarkerLike], *paths: str | PathLike[str], **options: Unpack[ExportKeywords]
+) -> list[Written]:
+    """Write a marker, or several, at true size: to print, to make, or as configuration for what detects it.
+
+    Parameters
+    ----------
+    marker : Marker, path, dict, or a list of these
+        Several share the sheets of a ``.pdf``.
+    *paths : str or path
+        Each is written as its suffix says: ``.pdf``, ``.svg``, ``.png``, ``.dxf``, ``.step`` and so on; all or none.
+    **options
+        As on the command line, ``markergen export --help``, with underscores: ``corner_radius="5mm"``. What is said of
+        the plate takes the place of what the marker says.
+
+    Returns
+    -------
+    list of Written
+        Paths, those of files that come with others included, and notes for whoever prints or makes them.
+
+    Raises
+    ------
+    InputError
+        If a suffix or an option is unknown, or a format cannot hold the marker; nothing is written.
+    OutputError
+        If a file cannot be written; every target is as it was.
+    MissingLibraryError
+        If a solid is asked for and the extra ``solids`` is not installed.
+
+    Examples
+    --------
+    >>> import markergen as mg, tempfile, pathlib
+    >>> folder = pathlib.Path(tempfile.mkdtemp())
+    >>> written = mg.export(mg.design(n=4, dot="20mm", restarts=4).marker, folder / "marker.svg", paper="A2")
+    >>> [file.path.name for file in written]
+    ['marker.svg']
+    """
+    asked = given(options, ExportKeywords)
+    outputs, choices = paths_of(paths), choices_of(asked)
+    every = list(marker) if isinstance(marker, list | tuple) else [marker]
+    inputs = [Path(each) for each in (*every, asked.get("outline")) if isinstance(each, str | PathLike)]
+    check_outputs(outputs, choices)
+    check_files(outputs, inputs)
+    return save([with_plate(marker_of(each), asked) for each in every], outputs, choices, inputs)
+
+
+export.__signature__ = signature_of(export, ExportKeywords)  # type: ignore[attr-defined]
+
+
+def choices_of(asked: Mapping[str, Any]) -> ExportOptions:
+    """Choices about sheets and solids of options that were given (see `given`); others in `asked` are passed over."""
+    laid: dict[str, Any] = {name: asked[name] for name in SHEET if name in asked}
+    if "colors" in asked:
+        laid["colors"] = parse_colors(asked["colors"])
+    making = {name: asked[name] for name in MADE if name in asked}
+    if "dome" in making and making.get("process") != "dome":
+        raise InputError(
+            "--dome with --process dome", f"--process {making.get('process', 'fdm')}", "leave out --dome, or change it"
+        )
+    if "draft" in making:
+        making["draft"] = radians(making["draft"])
+    dpi = {"dpi": asked["dpi"]} if "dpi" in asked else {}
+    return ExportOptions(SheetOptions(**laid), fabrication=Fabrication(**making), **dpi)
+
+
+def with_plate(marker: Marker, asked: Mapping[str, Any]) -> Marker:
+    """Marker with what was asked for its plate instead of its own.
+
+    Mounting holes take the place of all mounting holes, and dowel holes that of all dowel holes.
+
+    Raises
+    ------
+    InputError
+        For what there is not, and for a plate that the marker's dots do not allow.
+    """
+    values = {name: asked[name] for name in declared(PlateKeywords) if name in asked}
+    unit, outline = asked.get("boundary_unit"), values.pop("outline", None)
+    if isinstance(outline, str | PathLike) or unit is not None:
+        [outline] = read_room(None, [] if outline is None else [str(outline)], unit)[1]
+    if outline is not None:
+        values["outline"] = outline
+    if not values:
+        return marker
+    holes = [hole for hole in marker.substrate.holes if hole.use not in values]
+    holes += [hole for text in values.pop("mount", ()) for hole in parse_mount(text)]
+    holes += [hole for text in values.pop("dowel", ()) for hole in parse_dowel(text)]
+    # As a design lists them.
+    holes.sort(key=lambda hole: hole.use == "dowel")
+    changed = replace(marker, substrate=replace(marker.substrate, **values, holes=tuple(holes)))
+    check_holes(changed)
+    return changed

@@ -1,0 +1,91 @@
+"""``markergen.rescale``: the marker as a printer made it."""
+
+from os import PathLike
+from typing import Unpack
+
+from markergen.api.loose import MarkerLike, marker_of, path_of
+from markergen.errors import InputError
+from markergen.files import check_folder, write_atomic
+from markergen.model.marker import Marker
+from markergen.model.marker_json import to_json
+from markergen.model.rescale import Rulers, remeasure
+from markergen.model.rescale import rescale as by_rulers
+from markergen.options import RescaleKeywords, settle, signature_of
+from markergen.read.measured import read_measured
+from markergen.tables import Result
+
+
+class Rescaled(Result):
+    """A marker with its dots where they are in the print, and what is to say of them.
+
+    Attributes
+    ----------
+    marker : Marker
+    notes : tuple of str
+        Sentences: by how much the print is off, and how far that moves dots.
+    """
+
+    def __init__(self, marker: Marker, notes: tuple[str, ...]) -> None:
+        self.marker, self.notes = marker, notes
+
+    def parts(self) -> list[str]:
+        """See `Result.parts`."""
+        return list(self.notes)
+
+    def __repr__(self) -> str:
+        return f"Rescaled({self.marker!r})"
+
+
+def rescale(
+    marker: MarkerLike, output: str | PathLike[str] | None = None, **options: Unpack[RescaleKeywords]
+) -> Rescaled:
+    """Correct a marker for a print that came out at another size, by its rulers or by its dots.
+
+    Parameters
+    ----------
+    marker : Marker, path or dict
+        As designed, or rescaled before.
+    output : str or path, optional
+        The marker.json of this print; may be the file that the marker was read from.
+    **options
+        As on the command line, ``markergen rescale --help``, with underscores: ``measured_x="198.6mm"``.
+
+    Returns
+    -------
+    Rescaled
+
+    Raises
+    ------
+    InputError
+        If nothing was measured, both rulers and dots were, or a length is off by 5 % or more without ``force``.
+
+    Examples
+    --------
+    >>> import markergen as mg
+    >>> marker = mg.design(n=4, dot="20mm", restarts=4).marker
+    >>> print(mg.rescale(marker, measured_x="198mm", measured_y="199mm"))
+    The print is 99 % of the design along x and 99.5 % along y.
+    Dots are up to 1.4 mm from where they were designed.
+    """
+    asked = settle(options, RescaleKeywords)
+    if asked["measured_points"] is not None and (asked["measured_x"], asked["measured_y"]) != (None, None):
+        raise InputError(
+            "either rulers or dots that were measured", "both", "measured dots alone say all: leave out the rulers"
+        )
+    target = None if output is None else path_of(output)
+    if target is not None and target.suffix.lower() != ".json":
+        raise InputError("an output that ends in .json", str(target), "a sheet of it is made by markergen export")
+    if target is not None:
+        check_folder(target)
+    before = marker_of(marker)
+    if asked["measured_points"] is None:
+        rulers = Rulers(*(asked[name] for name in ("measured_x", "measured_y", "nominal_x", "nominal_y")))
+        found = Rescaled(*by_rulers(before, rulers, asked["force"]))
+    else:
+        found = Rescaled(*remeasure(before, read_measured(asked["measured_points"]), asked["force"]))
+    if target is not None:
+        write_atomic(target, to_json(found.marker))
+    return found
+
+
+rescale.__signature__ = signature_of(rescale, RescaleKeywords)  # type: ignore[attr-defined]

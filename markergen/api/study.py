@@ -1,0 +1,142 @@
+"""``markergen.study``: the paper reproduced, or any grid of designs, as one tidy table."""
+
+import csv
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack
+
+from markergen.api.loose import path_of
+from markergen.errors import InputError
+from markergen.files import Written
+from markergen.options import StudyKeywords, given, signature_of
+from markergen.study.engines import engine_for
+from markergen.study.run import Progress
+from markergen.study.sweep import read_sweep, run_sweep, sweep_from_mapping
+from markergen.tables import Result, data_frame
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+class Study(Result):
+    """A finished study: a folder of tables, figures and a page.
+
+    Attributes
+    ----------
+    folder : Path
+    files : tuple of Path
+        What was written.
+    """
+
+    def __init__(self, folder: Path, files: tuple[Path, ...]) -> None:
+        self.folder, self.files = folder, files
+
+    def __iter__(self) -> Iterator[Path]:
+        return iter(self.files)
+
+    def __repr__(self) -> str:
+        return f"Study({str(self.folder)!r}, {len(self.files)} files)"
+
+    def parts(self) -> list[str]:
+        """See `Result.parts`."""
+        return [str(Written(path)) for path in self.files]
+
+    def to_frame(self, table: str = "") -> "DataFrame":
+        """Return a table of the study as a DataFrame; without a name that of a sweep, or the claims of the paper.
+
+        Raises
+        ------
+        InputError
+            If there is no table of that name; the message lists them.
+        MissingLibraryError
+            If pandas is not installed.
+        """
+        known = {path.stem: path for path in sorted(self.files) if path.suffix == ".csv"}
+        name = table or next((each for each in ("table", "claims") if each in known), "")
+        if name not in known:
+            raise InputError("a table of the study", repr(name), f"known: {', '.join(known)}")
+        with known[name].open(newline="") as file:
+            return data_frame([{key: _value(text) for key, text in row.items()} for row in csv.DictReader(file)])
+
+
+def study(
+    what: str | PathLike[str] | Mapping[str, Any],
+    output: str | PathLike[str],
+    *,
+    progress: Progress | None = None,
+    announce: Callable[[str], None] | None = None,
+    **options: Unpack[StudyKeywords],
+) -> Study:
+    """Reproduce the paper, or run any grid of designs, into a folder of tables, figures and a page.
+
+    The results do not depend on the number of workers, nor on where they compute.
+
+    Parameters
+    ----------
+    what : str, path or dict
+        ``paper``: the claims of the paper, measured. Otherwise a sweep: the name of one that is shipped, a TOML file
+        with tables ``study`` and ``grid``, or the same as a dictionary.
+    output : str or path
+        Folder for tables, figures and finished cells.
+    progress : callable, optional
+        Called with the cells done, their total, and the seconds left.
+    announce : callable, optional
+        Called once, with a sentence about how long it will take, where that is known beforehand.
+    **options
+        As on the command line, ``markergen study --help``.
+
+    Raises
+    ------
+    InputError
+        If there is no such study, it asks for what cannot be, or the folder is that of another one.
+    OutputError
+        If something cannot be written; what is finished remains, and ``resume=True`` continues.
+
+    Examples
+    --------
+    >>> import markergen as mg, tempfile
+    >>> sweep = {"dot": "20mm", "restarts": 2, "poses": "cone:count=20", "grid": {"n": [4, 5], "layout": ["ngon"]}}
+    >>> found = mg.study(sweep, tempfile.mkdtemp(), workers=1, runs=0)
+    >>> sorted(path.name for path in found)[:2]
+    ['accuracy.svg', 'index.html']
+    """
+    asked = given(options, StudyKeywords)
+    folder = path_of(output)
+    engine = engine_for(asked.get("workers"), asked.get("scheduler"))
+    run: Callable[..., list[Path]]
+    if what == "paper":
+        from markergen.study.paper import PaperOptions, estimated_seconds, run_paper
+
+        choices = PaperOptions(**{name: asked[name] for name in ("runs", "scale") if name in asked})
+        run = partial(run_paper, folder, choices)
+        engine.check()
+        if announce and "scheduler" not in asked:
+            announce(f"the whole study: about {duration(estimated_seconds(choices, asked.get('workers')))}")
+    elif "scale" in asked:
+        raise InputError("--scale with the study paper", f"--scale with {what}", "leave it out, or give --runs")
+    else:
+        dictionary = isinstance(what, Mapping)
+        runs = asked.get("runs")
+        sweep = sweep_from_mapping(what, runs=runs) if dictionary else read_sweep(str(path_of(what)), runs)  # type: ignore[arg-type]
+        run = partial(run_sweep, sweep, folder)
+        engine.check()
+    return Study(folder, tuple(run(engine=engine, resume=asked.get("resume", False), progress=progress)))
+
+
+study.__signature__ = signature_of(study, StudyKeywords)  # type: ignore[attr-defined]
+
+
+def _value(text: str) -> str | float:
+    try:
+        return float(text or "nan")
+    except ValueError:
+        return text
+
+
+def duration(seconds: float) -> str:
+    """Write a time for people: seconds, minutes or hours."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
