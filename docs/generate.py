@@ -1,4 +1,4 @@
-"""Write what follows from the code: the schema of marker.json and the command-line reference.
+"""Write what follows from the code: the schemas of marker.json and of specs, and the command-line reference.
 
 python -m docs.generate
 """
@@ -10,6 +10,7 @@ import typer
 
 from markergen.cli.app import app
 from markergen.model.marker_json import json_schema
+from markergen.read.spec_schema import spec_schema
 
 HERE = Path(__file__).parent
 
@@ -17,6 +18,11 @@ HERE = Path(__file__).parent
 def schema() -> str:
     """Return the published JSON Schema of marker.json."""
     return json.dumps(json_schema(), indent=2) + "\n"
+
+
+def spec_file_schema() -> str:
+    """Return the published JSON Schema of a spec file."""
+    return json.dumps(spec_schema(), indent=2) + "\n"
 
 
 def reference() -> str:
@@ -33,8 +39,9 @@ def reference() -> str:
 
 
 def main() -> None:
-    """Write both files beside this one."""
+    """Write the files beside this one."""
     (HERE / "marker-v1.schema.json").write_text(schema())
+    (HERE / "spec.schema.json").write_text(spec_file_schema())
     (HERE / "cli.md").write_text(reference())
 
 

@@ -108,7 +108,7 @@ class Marker:
         points = tuple(back(point) for point in self.control_points)
         return replace(self, control_points=points, print_scale=(1.0, 1.0))
 
-    def save(self, *paths: str | PathLike[str], **options: Unpack[ExportKeywords]) -> "list[Written]":
+    def save(self, *paths: str | PathLike[str], **options: "Unpack[ExportKeywords]") -> "list[Written]":
         """Write the marker to each path as its suffix says; see `markergen.export`."""
         from markergen.api.export import export
 
