@@ -16,8 +16,15 @@ from markergen.model.rescale import Rulers
 from markergen.model.spec import Spec
 from markergen.model.substrate import Substrate
 from markergen.options import (
-    CompareKeywords, DesignKeywords, DetectKeywords, ExportKeywords, RescaleKeywords, StudyKeywords, ValidateKeywords,
-    declared, settle,
+    CompareKeywords,
+    DesignKeywords,
+    DetectKeywords,
+    ExportKeywords,
+    RescaleKeywords,
+    StudyKeywords,
+    ValidateKeywords,
+    declared,
+    settle,
 )  # fmt: skip
 from markergen.options.base import GROUPS, REPEATABLE
 from markergen.options.reading import _READERS
