@@ -42,7 +42,7 @@ Three = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 
 
 class _Strict(BaseModel):
-    # Built when first used: whoever imports this may only want to write.
+    # Built when first used: the parts by themselves only if a file is damaged.
     model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
 
 

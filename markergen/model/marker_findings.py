@@ -3,8 +3,9 @@
 Each check speaks of those parts that are well formed by themselves, whatever is wrong elsewhere in the file.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
@@ -14,11 +15,11 @@ from pydantic import Field, TypeAdapter, ValidationError
 from markergen.errors import InputError
 from markergen.model.boundary import Boundary
 from markergen.model.boundary_file import BoundaryFile
-from markergen.model.marker import Plate
 from markergen.model.marker_file import (
     MOST_CONTROL_POINTS,
     MOST_PLATES,
     TOLERANCE,
+    MarkerFile,
     NonNegative,
     _ControlPoint,
     _JointCovariance,
@@ -34,14 +35,24 @@ Value = TypeVar("Value")
 Borders = dict[str, tuple[Boundary, int]]
 """What dots must stay clear of, by name: a boundary (1) from inside, a keep-out (-1) from outside."""
 
-POINT: TypeAdapter[_ControlPoint] = TypeAdapter(_ControlPoint)
-CORRECTION: TypeAdapter[_PrintCorrection] = TypeAdapter(_PrintCorrection)
-BOUNDARY: TypeAdapter[Any] = TypeAdapter(BoundaryFile)
-TAG: TypeAdapter[_Tag] = TypeAdapter(_Tag)
-SUBSTRATE: TypeAdapter[SubstrateFile] = TypeAdapter(SubstrateFile)
-GAP: TypeAdapter[float] = TypeAdapter(Annotated[NonNegative, Field(strict=True)])
-JOINT: TypeAdapter[_JointCovariance] = TypeAdapter(_JointCovariance)
-PLATE: TypeAdapter[_Plate] = TypeAdapter(_Plate)
+
+@dataclass(frozen=True)
+class _Parts:
+    """What of a file is well formed by itself: control points, keep-outs and plates by their paths, None what is not.
+
+    `complete` tells whether no plate is missing.
+    """
+
+    points: Mapping[str, _ControlPoint]
+    clearance: float
+    boundary: BoundaryFile | None
+    keep_outs: Mapping[str, BoundaryFile]
+    tag: _Tag | None
+    substrate: SubstrateFile | None
+    correction: _PrintCorrection | None
+    joint: _JointCovariance | None
+    plates: Mapping[str, _Plate]
+    complete: bool = True
 
 
 @dataclass(frozen=True)
@@ -53,36 +64,73 @@ class _Dots:
     radii: Array
 
 
-def contradictions(content: Mapping[str, Any]) -> list[str]:
-    """Findings about a file's content, each with its path."""
+def contradictions(content: Mapping[str, Any], form: MarkerFile | None) -> list[str]:
+    """Findings about a file's content, each with its path; `form` is what was made of it, None if it is damaged."""
     items = content.get("control_points")
-    if not isinstance(items, list) or len(items) > MOST_CONTROL_POINTS:
+    if form is None and (not isinstance(items, list) or len(items) > MOST_CONTROL_POINTS):
         return []
-    points = {
-        f"control_points[{index}]": point
-        for index, item in enumerate(items)
-        if (point := _valid(POINT, item)) is not None
-    }
-    tag = _valid(TAG, content.get("tag"))
-    findings = _features(points) + (_tag_findings(tag, "tag") if tag else []) + _joint(content, points)
-    clearance = _valid(GAP, content.get("clearance")) or 0.0
+    parts = _usable(content) if form is None else _all(form)
+    findings = _features(parts.points) + (_tag_findings(parts.tag, "tag") if parts.tag else []) + _joint(parts)
     # It is the design that keeps clear of things; a print may be larger, or its dots a little off.
-    correction = _valid(CORRECTION, content.get("print_correction"))
-    designed = np.array([_designed(point, correction) for point in points.values()]).reshape(-1, 3)
+    designed = np.array([_designed(point, parts.correction) for point in parts.points.values()]).reshape(-1, 3)
     if content.get("plates"):
-        return findings + _plates(content, points, designed, clearance)
-    dots = _dots(points, designed)
-    if points:
-        borders = _borders(content.get("boundary"), content.get("keep_outs"), tag)
-        findings += _room(dots, borders, clearance) + _gaps(dots, clearance)
-    return findings + _holes(content, dots, clearance, tag)
+        return findings + _plates(parts, designed)
+    dots = _dots(parts.points, designed)
+    if parts.points:
+        borders = _borders(parts.boundary, parts.keep_outs, parts.tag)
+        findings += _room(dots, borders, parts.clearance) + _gaps(dots, parts.clearance)
+    return findings + _holes(parts, dots)
 
 
-def _valid(kind: TypeAdapter[Value], value: object) -> Value | None:
+def _all(form: MarkerFile) -> _Parts:
+    return _Parts(
+        _numbered("control_points", form.control_points),
+        form.clearance,
+        form.boundary,
+        _numbered("keep_outs", form.keep_outs),
+        form.tag,
+        form.substrate,
+        form.print_correction,
+        form.joint_covariance,
+        _numbered("plates", form.plates),
+    )
+
+
+def _usable(content: Mapping[str, Any]) -> _Parts:
+    def each(key: str, kind: Any, most: int | None = None) -> dict[str, Any]:
+        items = content.get(key)
+        found = [_valid(kind, item) for item in items[:most]] if isinstance(items, list) else []
+        return {path: value for path, value in _numbered(key, found).items() if value is not None}
+
+    plates = each("plates", _Plate, MOST_PLATES)
+    return _Parts(
+        each("control_points", _ControlPoint),
+        _valid(Annotated[NonNegative, Field(strict=True)], content.get("clearance")) or 0.0,
+        _valid(BoundaryFile, content.get("boundary")),
+        each("keep_outs", BoundaryFile),
+        _valid(_Tag, content.get("tag")),
+        _valid(SubstrateFile, content.get("substrate")),
+        _valid(_PrintCorrection, content.get("print_correction")),
+        _valid(_JointCovariance, content.get("joint_covariance")),
+        plates,
+        isinstance(content.get("plates"), list) and len(plates) == len(content["plates"]),
+    )
+
+
+def _numbered(key: str, items: Sequence[Value]) -> dict[str, Value]:
+    return {f"{key}[{index}]": item for index, item in enumerate(items)}
+
+
+def _valid(kind: Any, value: object) -> Any:
     try:
-        return kind.validate_python(value)
+        return _adapter(kind).validate_python(value)
     except ValidationError:
         return None
+
+
+@cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
 
 
 def _designed(point: _ControlPoint, correction: _PrintCorrection | None) -> tuple[float, float, float]:
@@ -97,13 +145,9 @@ def _dots(points: Mapping[str, _ControlPoint], places: Array) -> _Dots:
     return _Dots(list(points), xy, np.array([point.feature.diameter / 2 for point in points.values()]))
 
 
-def _borders(boundary: object, keep_outs: object, tag: _Tag | None, prefix: str = "") -> Borders:
-    borders = {}
-    if (outer := _valid(BOUNDARY, boundary)) is not None:
-        borders[f"the boundary{' of ' + prefix if prefix else ''}"] = (outer.build(), 1)
-    for index, item in enumerate(keep_outs if isinstance(keep_outs, list) else []):
-        if (keep_out := _valid(BOUNDARY, item)) is not None:
-            borders[f"{prefix + '.' if prefix else ''}keep_outs[{index}]"] = (keep_out.build(), -1)
+def _borders(boundary: BoundaryFile | None, keep_outs: Mapping[str, BoundaryFile], tag: _Tag | None) -> Borders:
+    borders = {"the boundary": (boundary.build(), 1)} if boundary is not None else {}
+    borders |= {path: (keep_out.build(), -1) for path, keep_out in keep_outs.items()}
     if tag is not None and not _tag_findings(tag, "tag"):
         borders["the quiet zone of the tag"] = (tag.build().quiet_zone, -1)
     return borders
@@ -124,7 +168,7 @@ def _tag_findings(file: _Tag, path: str) -> list[str]:
     return found
 
 
-def _features(points: dict[str, _ControlPoint]) -> list[str]:
+def _features(points: Mapping[str, _ControlPoint]) -> list[str]:
     findings = []
     seen: set[int] = set()
     for path, point in points.items():
@@ -145,67 +189,58 @@ def _features(points: dict[str, _ControlPoint]) -> list[str]:
     return findings
 
 
-def _joint(content: Mapping[str, Any], points: Mapping[str, _ControlPoint]) -> list[str]:
+def _joint(parts: _Parts) -> list[str]:
     """Findings about a covariance of dots that there are not, or that have one of their own."""
-    joint = _valid(JOINT, content.get("joint_covariance"))
-    if joint is None:
+    if parts.joint is None:
         return []
-    ids = {point.id for point in points.values()}
+    ids = {point.id for point in parts.points.values()}
     findings = [
         f"joint_covariance.order[{index}]: no control point has the id {number}"
-        for index, number in enumerate(joint.order)
+        for index, number in enumerate(parts.joint.order)
         if number not in ids
     ]
-    own = [path for path, point in points.items() if point.covariance is not None]
-    return findings + [
-        f"{path}.covariance: joint_covariance stands in its place, leave one of them out" for path in own
-    ]
+    own = [path for path, point in parts.points.items() if point.covariance is not None]
+    return findings + [f"{path}.covariance: joint_covariance stands in its place: leave one out" for path in own]
 
 
-def _plates(
-    content: Mapping[str, Any], points: dict[str, _ControlPoint], designed: Array, clearance: float
-) -> list[str]:
+def _plates(parts: _Parts, designed: Array) -> list[str]:
     """Findings about a marker on several plates, each with its own boundary, keep-outs and tag."""
-    findings = [f"{key}: each plate has its own, leave it out" for key in ("keep_outs", "tag") if content.get(key)]
-    if content.get("print_correction"):
-        findings.append("print_correction: a scale of one sheet, leave it out of a marker on several plates")
-    substrate = content.get("substrate")
-    for key in ("outline", "holes"):
-        if isinstance(substrate, dict) and substrate.get(key):
-            findings.append(f"substrate.{key}: of one plate alone, leave it out of a marker on several plates")
-    items = content["plates"] if isinstance(content["plates"], list) else []
-    plates = {f"plates[{i}]": plate for i, item in enumerate(items[:MOST_PLATES]) if (plate := _valid(PLATE, item))}
-    paths = {point.id: path for path, point in points.items()}
-    rows = dict(zip(points, designed, strict=True))
+    substrate = parts.substrate
+    for_one = {
+        "keep_outs": parts.keep_outs,
+        "tag": parts.tag,
+        "print_correction": parts.correction,
+        "substrate.outline": substrate and substrate.outline,
+        "substrate.holes": substrate and substrate.holes,
+    }
+    findings = [
+        f"{path}: of a marker on one plate; leave it out, or leave out plates" for path in for_one if for_one[path]
+    ]
+    paths = {point.id: path for path, point in parts.points.items()}
+    rows = dict(zip(parts.points, designed, strict=True))
     names: set[str] = set()
     placed: set[int] = set()
-    for path, file in plates.items():
+    for path, file in parts.plates.items():
         if file.name in names:
             findings.append(f"{path}.name: {file.name!r} is used twice")
         names.add(file.name)
-        if file.tag:
-            findings += _tag_findings(file.tag, f"{path}.tag")
+        findings += _tag_findings(file.tag, f"{path}.tag") if file.tag else []
         for index, number in enumerate(file.control_points):
             if number not in paths:
                 findings.append(f"{path}.control_points[{index}]: no control point has the id {number}")
             elif number in placed:
                 findings.append(f"{path}.control_points[{index}]: {number} is on a plate already")
             placed.add(number)
-        here = {paths[number]: points[paths[number]] for number in file.control_points if number in paths}
+        here = {paths[number]: parts.points[paths[number]] for number in file.control_points if number in paths}
         if here:
-            places = _frame_of(file).to_plate(np.array([rows[each] for each in here]))
-            dots = _dots(here, places)
-            borders = _borders(file.boundary, None, file.tag, path)
-            for index, keep_out in enumerate(file.keep_outs):
-                borders[f"{path}.keep_outs[{index}]"] = (keep_out.build(), -1)
-            findings += _room(dots, borders, clearance) + _gaps(dots, clearance)
-    if len(plates) == len(items):
-        findings += [f"{path}: on none of the plates" for path, point in points.items() if point.id not in placed]
+            frame = file.model_copy(update={"tag": None}).build()  # A tag may contradict itself.
+            dots = _dots(here, frame.to_plate(np.array([rows[each] for each in here])))
+            borders = _borders(file.boundary, _numbered("keep_outs", file.keep_outs), file.tag)
+            borders = {f"{name} of {path}": border for name, border in borders.items()}
+            findings += _room(dots, borders, parts.clearance) + _gaps(dots, parts.clearance)
+    if parts.complete:
+        findings += [f"{path}: on none of the plates" for path, point in parts.points.items() if point.id not in placed]
     return findings
-
-
-def _frame_of(file: _Plate) -> Plate:
-    return file.model_copy(update={"tag": None}).build()
 
 
 def _room(dots: _Dots, borders: Borders, clearance: float) -> list[str]:
@@ -233,15 +268,14 @@ def _gaps(dots: _Dots, clearance: float) -> list[str]:
     return findings
 
 
-def _holes(content: Mapping[str, Any], dots: _Dots, clearance: float, tag: _Tag | None) -> list[str]:
+def _holes(parts: _Parts, dots: _Dots) -> list[str]:
     """Findings about holes of the plate that are over or near dots, the tag or each other, or sunk too deep."""
-    file = _valid(SUBSTRATE, content.get("substrate"))
-    if file is None or not file.holes:
+    if parts.substrate is None or not parts.substrate.holes:
         return []
-    substrate = file.build()
+    substrate = parts.substrate.build()
     disks = {path: (x, y, r) for path, (x, y), r in zip(dots.paths, dots.xy.tolist(), dots.radii.tolist(), strict=True)}
-    border = tag.build().quiet_zone if tag and not _tag_findings(tag, "tag") else None
-    misfits = crowded(substrate.holes, disks, clearance, border) + sunk(substrate)
+    border = parts.tag.build().quiet_zone if parts.tag and not _tag_findings(parts.tag, "tag") else None
+    misfits = crowded(substrate.holes, disks, parts.clearance, border) + sunk(substrate)
     return [f"substrate.holes[{misfit.hole}]: {misfit.found}" for misfit in misfits]
 
 

@@ -223,7 +223,7 @@ def from_json(text: str, name: str = "marker.json") -> Marker:
         for place, since in newer_keys(content)
         if since > version
     ]
-    findings += contradictions(content)
+    findings += contradictions(content, form)
     if form is None or findings:
         raise InputError(f"a valid marker in {name}", listed(findings), "correct these places")
     return form.build()
