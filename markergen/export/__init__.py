@@ -10,7 +10,7 @@ from markergen.errors import InputError, OutputError
 from markergen.files import Written, check_folder, folders_for, write_all
 from markergen.files import check_outputs as check_files
 from markergen.model.fabrication import Fabrication
-from markergen.model.marker import Marker
+from markergen.model.marker import Marker, check_supported
 from markergen.model.spec import Spec
 from markergen.registry import Registry
 from markergen.solid.kernel import import_cadquery
@@ -120,6 +120,10 @@ def outputs_of(
     choices = options or ExportOptions()
     every = (markers,) if isinstance(markers, Marker) else tuple(markers)
     check_outputs(paths, choices)
+    for path in paths:
+        if suffix_of(path) != RECORD:
+            for marker in every:
+                check_supported(marker, f"for {suffix_of(path)}", joint=False)
     return {path: EXPORTERS[suffix_of(path)](every, replace(choices, stem=stem_of(path))) for path in paths}
 
 

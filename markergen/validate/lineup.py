@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from markergen.errors import InputError
 from markergen.model.board import Board
 from markergen.model.boundary import Circle
-from markergen.model.marker import Marker, dressed
+from markergen.model.marker import Marker, check_supported, dressed
 from markergen.model.marker_json import read_marker
 from markergen.model.spec import Spec
 from markergen.model.tag import Tag, parse_tag
@@ -93,6 +93,7 @@ def _read(text: str) -> Marker:
     if path.suffix.lower() != ".json" and not path.exists():
         raise InputError("a known contestant", repr(text), f"known: {FORMS}")
     marker = read_marker(path)
+    check_supported(marker, "to compare")
     if min(point.feature.diameter for point in marker.control_points) == 0:
         raise InputError("dots that can be seen", f"a dot of diameter 0 in {text}", "design it with --dot above 0")
     return marker

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
-from markergen.model.marker import Marker, dressed
+from markergen.model.marker import Marker, check_supported, dressed
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import Criteria, criteria, without_height
@@ -86,8 +86,10 @@ def prove(
     Raises
     ------
     InputError
-        If the control points determine no homography, those of a relief no pose, or a number is out of range.
+        If the control points determine no homography, those of a relief no pose, or a number is out of range; also as
+        `check_supported` does.
     """
+    check_supported(marker, "to validate")
 
     def told(stage: str) -> Callable[[int, int], None] | None:
         return (lambda done, total: progress(stage, done, total)) if progress else None

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError, MissingLibraryError
 from markergen.model.feature import Feature
-from markergen.model.marker import ControlPoint, Marker
+from markergen.model.marker import ControlPoint, Marker, check_supported
 from markergen.model.tag import Tag
 from markergen.solid.surface import Surface
 from markergen.verify.dots import Dots, dots_of, expected_dots, grown
@@ -119,12 +119,13 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
     Raises
     ------
     InputError
-        If the file cannot be read, its format is unknown, or the tolerance is not above 0.
+        If the file cannot be read, its format is unknown, the tolerance is not above 0, or as `check_supported` does.
     MissingLibraryError
         If the file is a STEP or BREP and the CAD kernel is missing.
     """
     if tolerance is not None and not 0 < tolerance < 1:
         raise InputError("a tolerance above 0", f"{tolerance} m", "give a length such as 0.01mm")
+    check_supported(marker, "to verify a file against", joint=False)
     reader = reader_of(path)
     # What overflows in a file's numbers is not finite, and left out.
     with np.errstate(all="ignore"):
