@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from markergen.cli import main
-from markergen.cli.solids import fabrication
+from markergen.api.export import choices_of
 from markergen.export import EXPORTERS, SOLIDS, WORKSHOP
 from markergen.model.boundary import Circle, Polygon
 from markergen.model.fabrication import Fabrication
@@ -79,7 +79,7 @@ def test_choices_reach_the_exporter(here, monkeypatch):
         Fabrication("cnc", 1e-3, 5e-5, "press", True, 2e-3, "half", radians(3), 5e-4, False, 1e-5),
         Fabrication("dome", dome="ball"),
     ]
-    assert fabrication("dome", dome="half") == Fabrication("dome")
+    assert choices_of({"process": "dome", "dome": "half"}).fabrication == Fabrication("dome")
 
 
 @pytest.mark.parametrize(
