@@ -17,9 +17,12 @@ def marker_of(value: MarkerLike) -> Marker:
     return value if isinstance(value, Marker) else Marker.load(value)
 
 
-def markers_of(value: MarkerLike | Sequence[MarkerLike]) -> tuple[Marker, ...]:
-    """One marker or several, each as `marker_of` takes it."""
-    return tuple(map(marker_of, value)) if isinstance(value, list | tuple) else (marker_of(value),)  # type: ignore[arg-type]
+def markers_in(value: MarkerLike | Sequence[MarkerLike]) -> list[MarkerLike]:
+    """One marker or several as a list; raises InputError if there is none."""
+    every: list[Any] = list(value) if isinstance(value, list | tuple) else [value]
+    if not every:
+        raise InputError("one marker or more", "none", "give a Marker, a path, or a list of them")
+    return every
 
 
 def path_of(value: object) -> Path:

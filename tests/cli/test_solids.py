@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from markergen.cli import main
 from markergen.api.export import choices_of
+from markergen.cli import main
 from markergen.export import EXPORTERS, SOLIDS, WORKSHOP
 from markergen.model.boundary import Circle, Polygon
 from markergen.model.fabrication import Fabrication
