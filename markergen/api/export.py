@@ -11,7 +11,7 @@ from markergen.api.loose import MarkerLike, marker_of, markers_in, paths_of
 from markergen.drawing.colors import parse_colors
 from markergen.drawing.sheet import SheetOptions
 from markergen.errors import InputError
-from markergen.export import ExportOptions, check_outputs, save
+from markergen.exporters import ExportOptions, check_outputs, save
 from markergen.files import Written
 from markergen.files import check_outputs as check_files
 from markergen.model.fabrication import Fabrication

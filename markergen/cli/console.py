@@ -93,7 +93,7 @@ def print_parts(parts: Iterable["str | Table"]) -> None:
 
 def print_results(results: Mapping[str, Any]) -> None:
     """Print what a validation found, as tables and sentences."""
-    from markergen.validate import tables, view_tables
+    from markergen.validation import tables, view_tables
 
     print(tables.heading(results))
     if results["estimators"]:

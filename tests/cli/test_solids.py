@@ -10,7 +10,7 @@ import pytest
 
 from markergen.api.export import choices_of
 from markergen.cli import main
-from markergen.export import EXPORTERS, SOLIDS, WORKSHOP
+from markergen.exporters import EXPORTERS, SOLIDS, WORKSHOP
 from markergen.model.boundary import Circle, Polygon
 from markergen.model.fabrication import Fabrication
 from markergen.model.holes import parse_dowel, parse_mount
