@@ -1,4 +1,4 @@
-"""Write what follows from the code: the schema of marker.json and the command-line reference.
+"""Write what follows from the code: the schemas of marker.json and of specs, and the command-line reference.
 
 python -m docs.generate
 """
@@ -9,14 +9,20 @@ from pathlib import Path
 import typer
 
 from markergen.cli.app import app
-from markergen.model.marker_json import json_schema
+from markergen.model.marker_file import VERSIONS, json_schema
+from markergen.read.spec_schema import spec_schema
 
 HERE = Path(__file__).parent
 
 
-def schema() -> str:
-    """Return the published JSON Schema of marker.json."""
-    return json.dumps(json_schema(), indent=2) + "\n"
+def schema(version: int) -> str:
+    """Return the published JSON Schema of one version of marker.json."""
+    return json.dumps(json_schema(version), indent=2) + "\n"
+
+
+def spec_file_schema() -> str:
+    """Return the published JSON Schema of a spec file."""
+    return json.dumps(spec_schema(), indent=2) + "\n"
 
 
 def reference() -> str:
@@ -33,8 +39,10 @@ def reference() -> str:
 
 
 def main() -> None:
-    """Write both files beside this one."""
-    (HERE / "marker-v1.schema.json").write_text(schema())
+    """Write the files beside this one."""
+    for version in VERSIONS:
+        (HERE / f"marker-v{version}.schema.json").write_text(schema(version))
+    (HERE / "spec.schema.json").write_text(spec_file_schema())
     (HERE / "cli.md").write_text(reference())
 
 

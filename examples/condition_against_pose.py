@@ -5,8 +5,7 @@ python examples/condition_against_pose.py
 
 import argparse
 
-from markergen.model.spec import Spec
-from markergen.optimize.design import design
+import markergen as mg
 
 
 def main(counts: list[int]) -> None:
@@ -15,7 +14,7 @@ def main(counts: list[int]) -> None:
     for n in counts:
         bounds = {}
         for objective in ("condition", "pose"):
-            found = design(Spec(n=n, objective=objective, dot=0.0, clearance=0.0))
+            found = mg.design(n=n, objective=objective, dot=0, clearance=0)
             bounds[objective] = found.criteria["design"]["rotation_deg"]
             bounds["ngon"] = found.criteria["ngon"]["rotation_deg"]
         print(f"{n:>2} {bounds['condition']:>10.3f} {bounds['pose']:>6.3f} {bounds['ngon']:>11.3f}")

@@ -5,16 +5,14 @@ python examples/one_sided_camera.py 5
 
 import argparse
 
-from markergen.model.boundary import Circle
-from markergen.model.spec import Spec
-from markergen.optimize.design import design
+import markergen as mg
 
 VOLUME = "cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,roll=0"
 
 
 def main(n: int) -> None:
     """Design n dots in a disk of 150 mm for the volume; print the expected displacement of both layouts."""
-    found = design(Spec(n=n, boundary=Circle(0.15), poses=VOLUME, dot=0.01))
+    found = mg.design(n=n, radius="150mm", poses=VOLUME, dot="10mm")
     layout, polygon = (1e3 * found.criteria[name]["pose_m"] for name in ("design", "ngon"))
     for x, y, _ in 1e3 * found.marker.xyz:
         print(f"{x:8.1f} mm {y:8.1f} mm")

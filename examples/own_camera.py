@@ -1,4 +1,4 @@
-"""Design for a camera of your own, write the sheet, and read the expected accuracy from the result.
+"""Design for a camera and a working volume of your own, and read the expected accuracy from the result.
 
 python examples/own_camera.py marker.pdf
 """
@@ -6,21 +6,18 @@ python examples/own_camera.py marker.pdf
 import argparse
 from pathlib import Path
 
-from markergen.export import save
-from markergen.model.boundary import Circle
-from markergen.model.camera import Camera
-from markergen.model.spec import Spec
-from markergen.optimize.design import design
+import markergen as mg
+
+VOLUME = "cone:distance=400mm..900mm,tilt=10..50,azimuth=-60..60"
 
 
 def main(path: Path) -> None:
     """Design six dots in a disk of 100 mm for a 1920x1200 camera; write the sheet and its marker.json."""
-    camera = Camera(width=1920, height=1200, fx=1830.0, fy=1830.0, cx=959.5, cy=599.5)
-    found = design(Spec(n=6, boundary=Circle(0.1), camera=camera, poses="paper-roll"))
-    save(found.marker, [path, path.with_suffix(".json")])
-    print(found.summary)
+    camera = mg.Camera(width=1920, height=1200, fx=1830.0, fy=1830.0, cx=959.5, cy=599.5)
+    design = mg.design(n=6, radius="100mm", camera=camera, poses=VOLUME, output=path)
+    print(design.summary)
     noise_px = 0.1
-    degrees = noise_px * found.criteria["design"]["rotation_deg"]
+    degrees = noise_px * design.criteria["design"]["rotation_deg"]
     print(f"with image points good to {noise_px} px, no estimator can do better than {degrees:.2f} degrees RMS")
 
 

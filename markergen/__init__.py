@@ -1,3 +1,94 @@
-"""Design fiducial markers: the layout of control points that gives the most accurate pose, proved."""
+"""Design fiducial markers: the layout of control points that gives the most accurate pose, proved.
 
-__version__ = "0.1.0"
+>>> import markergen as mg
+>>> marker = mg.design(n=5, radius="150mm").marker      # takes a second or two
+>>> marker
+Marker(5 control points in a disk of radius 150 mm, dots of 36 mm, spec 2b6ca07a)
+
+Lengths are meters, or text with a unit: ``0.15``, ``"150mm"``, ``"6in"``. The marker frame is x right, y up, z out of
+the printed face; a pose is ``T_camera_marker``. Nothing here prints: progress is a callback, and the logger
+``markergen`` tells more, to those who turn it on.
+"""
+
+import logging
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from markergen.api.compare import compare
+    from markergen.api.design import design
+    from markergen.api.export import export
+    from markergen.api.rescale import Rescaled, rescale
+    from markergen.api.study import Study, study
+    from markergen.api.validate import validate
+    from markergen.api.verify import verify
+    from markergen.detect.detector import Detector, Found
+    from markergen.errors import InputError, MarkergenError, MissingLibraryError, OutputError
+    from markergen.model.camera import Camera
+    from markergen.model.marker import Marker
+    from markergen.optimize.design import Design
+    from markergen.validation.comparison import Comparison
+    from markergen.validation.validation import Validation
+    from markergen.verification.verification import Verification
+
+__version__ = "0.2.0"
+
+__all__ = [
+    "Camera",
+    "Comparison",
+    "Design",
+    "Detector",
+    "Found",
+    "InputError",
+    "Marker",
+    "MarkergenError",
+    "MissingLibraryError",
+    "OutputError",
+    "Rescaled",
+    "Study",
+    "Validation",
+    "Verification",
+    "compare",
+    "design",
+    "export",
+    "rescale",
+    "study",
+    "validate",
+    "verify",
+]
+
+_HOMES = {
+    "model.marker": ("Marker",),
+    "model.camera": ("Camera",),
+    "errors": ("InputError", "MarkergenError", "MissingLibraryError", "OutputError"),
+    "optimize.design": ("Design",),
+    "detect.detector": ("Detector", "Found"),
+    "validation.validation": ("Validation",),
+    "validation.comparison": ("Comparison",),
+    "verification.verification": ("Verification",),
+    "api.compare": ("compare",),
+    "api.design": ("design",),
+    "api.export": ("export",),
+    "api.rescale": ("Rescaled", "rescale"),
+    "api.study": ("Study", "study"),
+    "api.validate": ("validate",),
+    "api.verify": ("verify",),
+}
+"""Names by the module that has them; it is imported when one of them is asked for."""
+
+_HOME = {name: f"{__name__}.{module}" for module, names in _HOMES.items() for name in names}
+
+# Silent until somebody listens.
+logging.getLogger(__name__).addHandler(logging.NullHandler())
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

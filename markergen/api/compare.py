@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from os import PathLike
 from typing import Unpack
 
@@ -12,9 +12,9 @@ from markergen.model.findings import brief
 from markergen.model.marker import Marker
 from markergen.options import CompareKeywords, settle, signature_of
 from markergen.options.base import File, Files
-from markergen.validate.compare import compare as run
-from markergen.validate.comparison import Comparison, targets_of
-from markergen.validate.lineup import FORMS
+from markergen.validation.compare import compare as run
+from markergen.validation.comparison import Comparison, targets_of
+from markergen.validation.lineup import FORMS
 
 _log = logging.getLogger(__name__)
 
@@ -59,7 +59,7 @@ def compare(
     Examples
     --------
     >>> found = compare("ngon:5", "square", views=4, poses="cone:count=20", workers=1)
-    >>> found
+    >>> found  # doctest: +ELLIPSIS
     <Comparison: 4 views; ngon:5 ... deg, square ... deg>
     >>> found.contestants["square"]["detected"]
     4
@@ -81,12 +81,12 @@ def compare(
 compare.__signature__ = signature_of(compare, CompareKeywords)  # type: ignore[attr-defined]
 
 
-def _named(contestants: Sequence[object]) -> tuple[list[str], dict[str, Marker]]:
+def _named(contestants: Sequence[MarkerLike]) -> tuple[list[str], dict[str, Marker]]:
     """Texts for all contestants, and those markers by their texts that are in no file."""
-    objects = [each for each in contestants if isinstance(each, Marker | Mapping)]
+    objects = [each for each in contestants if isinstance(each, Marker | dict)]
     texts, given = [], dict[str, Marker]()
     for each in contestants:
-        if isinstance(each, Marker | Mapping):
+        if isinstance(each, Marker | dict):
             text = "marker" if len(objects) == 1 else f"marker {len(given) + 1}"
             given[text] = marker_of(each)
         elif isinstance(each, str | PathLike):

@@ -8,8 +8,8 @@ from typing import Any, Unpack
 
 from markergen.api.export import choices_of
 from markergen.errors import InputError
-from markergen.export import ExportOptions, check_outputs, save, with_record
-from markergen.export.family import family_paths, save_family
+from markergen.exporters import ExportOptions, check_outputs, save, with_record
+from markergen.exporters.family import family_paths, save_family
 from markergen.files import Written, write_all
 from markergen.files import check_outputs as check_files
 from markergen.model.spec import Spec

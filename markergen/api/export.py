@@ -7,11 +7,11 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Unpack
 
-from markergen.api.loose import MarkerLike, marker_of, paths_of
+from markergen.api.loose import MarkerLike, marker_of, markers_in, paths_of
 from markergen.drawing.colors import parse_colors
 from markergen.drawing.sheet import SheetOptions
 from markergen.errors import InputError
-from markergen.export import ExportOptions, check_outputs, save
+from markergen.exporters import ExportOptions, check_outputs, save
 from markergen.files import Written
 from markergen.files import check_outputs as check_files
 from markergen.model.fabrication import Fabrication
@@ -64,7 +64,7 @@ def export(
     """
     asked = given(options, ExportKeywords)
     outputs, choices = paths_of(paths), choices_of(asked)
-    every = list(marker) if isinstance(marker, list | tuple) else [marker]
+    every = markers_in(marker)
     inputs = [Path(each) for each in (*every, asked.get("outline")) if isinstance(each, str | PathLike)]
     check_outputs(outputs, choices)
     check_files(outputs, inputs)

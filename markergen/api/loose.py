@@ -1,7 +1,6 @@
 """What callers may give in several forms, made into the one that the engines take."""
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -10,51 +9,22 @@ from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.model.findings import brief
 from markergen.model.marker import Marker
-from markergen.model.marker_json import from_json, read_marker
 from markergen.model.poses import PoseDistribution
-from markergen.read.cameras import read_camera
+from markergen.options.base import CameraLike
 from markergen.read.poses import poses_from, read_poses
-from markergen.read.spec_file import spec_from_mapping
 
 MarkerLike = Marker | str | PathLike[str] | dict[str, Any]
 """A marker, the path of its marker.json, or what is in it."""
 
 
-def marker_of(value: object) -> Marker:
-    """Marker itself, or of the path of a marker.json or what is in one.
-
-    Raises
-    ------
-    InputError
-        If it is anything else, or no marker.
-    """
-    if isinstance(value, Marker):
-        return value
-    if isinstance(value, Mapping):
-        try:
-            return from_json(json.dumps(dict(value)), "the dictionary")
-        except (TypeError, ValueError, RecursionError) as error:
-            raise InputError("a dictionary as in marker.json", str(error), "give it plain JSON values") from None
-    if isinstance(value, str | PathLike):
-        return read_marker(Path(value))
-    raise InputError("a marker", brief(value), "give a Marker, the path of its marker.json, or a dictionary")
+def marker_of(value: MarkerLike) -> Marker:
+    """Marker itself, or of whatever `Marker.load` takes."""
+    return value if isinstance(value, Marker) else Marker.load(value)
 
 
-def camera_of(value: object) -> Camera | None:
-    """Camera itself, or of a calibration file or a dictionary; None for None.
-
-    Raises
-    ------
-    InputError
-        If it is anything else, or holds no camera.
-    """
-    if value is None or isinstance(value, Camera):
-        return value
-    if isinstance(value, Mapping):
-        return spec_from_mapping({"camera": dict(value)}, "the dictionary").camera
-    if isinstance(value, str | PathLike):
-        return read_camera(Path(value))
-    raise InputError("a camera", brief(value), "give a Camera, the path of a calibration file, or a dictionary")
+def camera_of(value: CameraLike | None) -> Camera | None:
+    """Camera itself, or of whatever `Camera.load` takes; None for None."""
+    return value if value is None or isinstance(value, Camera) else Camera.load(value)
 
 
 def poses_of(value: object) -> PoseDistribution | None:
@@ -79,9 +49,12 @@ def files_among(*values: object) -> list[Path]:
     return [Path(value) for value in values if isinstance(value, str | PathLike) and str(value)]
 
 
-def markers_of(value: MarkerLike | Sequence[MarkerLike]) -> tuple[Marker, ...]:
-    """One marker or several, each as `marker_of` takes it."""
-    return tuple(map(marker_of, value)) if isinstance(value, list | tuple) else (marker_of(value),)  # type: ignore[arg-type]
+def markers_in(value: MarkerLike | Sequence[MarkerLike]) -> list[MarkerLike]:
+    """One marker or several as a list; raises InputError if there is none."""
+    every: list[Any] = list(value) if isinstance(value, list | tuple) else [value]
+    if not every:
+        raise InputError("one marker or more", "none", "give a Marker, a path, or a list of them")
+    return every
 
 
 def path_of(value: object) -> Path:

@@ -11,9 +11,9 @@ from markergen.api.loose import path_of
 from markergen.errors import InputError
 from markergen.files import Written
 from markergen.options import StudyKeywords, given, signature_of
-from markergen.study.engines import engine_for
-from markergen.study.run import Progress
-from markergen.study.sweep import read_sweep, run_sweep, sweep_from_mapping
+from markergen.studies.engines import engine_for
+from markergen.studies.run import Progress
+from markergen.studies.sweep import read_sweep, run_sweep, sweep_from_mapping
 from markergen.tables import Result, data_frame
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def study(
     engine = engine_for(asked.get("workers"), asked.get("scheduler"))
     run: Callable[..., list[Path]]
     if what == "paper":
-        from markergen.study.paper import PaperOptions, estimated_seconds, run_paper
+        from markergen.studies.paper import PaperOptions, estimated_seconds, run_paper
 
         choices = PaperOptions(**{name: asked[name] for name in ("runs", "scale") if name in asked})
         run = partial(run_paper, folder, choices)

@@ -12,9 +12,9 @@ from markergen.options import ValidateKeywords, settle, signature_of
 from markergen.options.base import CameraLike, File, Files
 from markergen.read.cameras import read_camera_covariance
 from markergen.render import optics_from_text
-from markergen.validate.proof import prove, setting_of
-from markergen.validate.validation import Targets, Validation
-from markergen.validate.views import Shoot
+from markergen.validation.proof import prove, setting_of
+from markergen.validation.validation import Targets, Validation
+from markergen.validation.views import Shoot
 
 _log = logging.getLogger(__name__)
 
@@ -73,7 +73,7 @@ def validate(
     >>> from markergen.objectives.criteria import regular_polygon
     >>> marker = dressed(regular_polygon(5, 0.125), Circle(0.15), diameter=0.036, clearance=0.0036)
     >>> found = validate(marker, poses="cone:count=20", runs=20, views=0, workers=1)
-    >>> found
+    >>> found  # doctest: +ELLIPSIS
     <Validation: 5 dots, 20 poses x 20 runs, bound ... deg ... %, lm ...>
     >>> found.bound["rotation_deg"] < 0.5
     True

@@ -7,8 +7,8 @@ from markergen.api.loose import MarkerLike, files_among, marker_of
 from markergen.errors import InputError
 from markergen.options import VerifyKeywords, read_as, settle, signature_of
 from markergen.options.base import File, Files
-from markergen.verify.check import check_tolerance, verify_all
-from markergen.verify.verification import Verification, targets_of
+from markergen.verification.check import check_tolerance, verify_all
+from markergen.verification.verification import Verification, targets_of
 
 _log = logging.getLogger(__name__)
 
@@ -53,7 +53,7 @@ def verify(
     --------
     >>> import tempfile
     >>> from pathlib import Path
-    >>> from markergen.export import save
+    >>> from markergen.exporters import save
     >>> from markergen.model.boundary import Circle
     >>> from markergen.model.marker import dressed
     >>> from markergen.objectives.criteria import regular_polygon

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from markergen.tables import Table
-    from markergen.validate.comparison import Comparison
-    from markergen.validate.validation import Validation
-    from markergen.verify.verification import Verification
+    from markergen.validation.comparison import Comparison
+    from markergen.validation.validation import Validation
+    from markergen.verification.verification import Verification
 
     Found = Validation | Comparison | Verification
 

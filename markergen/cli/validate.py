@@ -43,7 +43,7 @@ def validate(
     """
     from markergen.api.validate import validate as prove
     from markergen.cli import FAILED, console
-    from markergen.validate.fail_if import parse
+    from markergen.validation.fail_if import parse
 
     for expression in fail_if or []:
         parse(expression)

@@ -13,7 +13,7 @@ from markergen.detect.record import as_dict
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
-from markergen.model.marker import Marker
+from markergen.model.marker import Marker, check_supported
 from markergen.model.marker_json import read_marker
 from markergen.read.cameras import read_camera, read_camera_covariance
 from markergen.read.images import Image, read_image
@@ -141,8 +141,11 @@ def job_from_files(
                 "a camera that the covariance belongs to", "--camera-covariance alone", "give its file with --camera"
             )
         covariance = read_camera_covariance(camera_covariance, calibration)
+    read = tuple(read_marker(path) for path in markers)
+    for marker in read:
+        check_supported(marker, "to detect")  # Not once for each image.
     return Job(
-        tuple(read_marker(path) for path in markers),
+        read,
         tuple(str(path) for path in markers),
         calibration,
         ErrorSources(print_sigma, covariance),

@@ -21,7 +21,7 @@ from markergen.estimators import ESTIMATORS, Correspondences, HomographyEstimato
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.projection import plane_homography
 from markergen.model.camera import Camera
-from markergen.model.marker import Marker
+from markergen.model.marker import Marker, check_supported
 
 Array = NDArray[np.float64]
 
@@ -99,7 +99,8 @@ def detect(
     ------
     InputError
         If the image is not grey of uint8 or uint16, or the marker has fewer than four dots, dots on one line, dots
-        without size, or relief and there is no camera. An image without the marker is no error.
+        without size, or relief and there is no camera; also as `check_supported` does. An image without the marker is
+        no error.
     """
     return detect_all(image, [marker], camera, errors, copies=1)[0]
 
@@ -132,6 +133,8 @@ def detect_all(
     InputError
         As `detect` does.
     """
+    for marker in markers:
+        check_supported(marker, "to detect")
     if camera is not None and image.ndim == 2 and image.shape != (camera.height, camera.width):
         sizes = f"{image.shape[1]}x{image.shape[0]} px, the camera {camera.width}x{camera.height} px"
         return [Detection(False, reason=f"the image is {sizes}", marker=k) for k in range(len(markers))]

@@ -59,7 +59,7 @@ class Boundary(ABC):
         """
 
     @abstractmethod
-    def sample(self, count: int, inset: float, rng: np.random.Generator) -> Array:
+    def sample(self, count: int, inset: float, rng: "np.random.Generator") -> Array:
         """Draw (count, 2) points uniformly from the region inset by `inset` m; the deepest where nothing is so deep."""
 
     @abstractmethod
@@ -133,7 +133,7 @@ class Circle(Boundary):
             inner = inner + self.center
         return np.where(distance > limit, inner, points)
 
-    def sample(self, count: int, inset: float, rng: np.random.Generator) -> Array:
+    def sample(self, count: int, inset: float, rng: "np.random.Generator") -> Array:
         """See `Boundary.sample`."""
         distance = max(self.size - inset, 0.0) * np.sqrt(rng.random(count))
         return distance[:, None] * _directions(2 * pi * rng.random(count)) + self.center
@@ -172,7 +172,7 @@ class _Drawn(Boundary):
         flat[shallow] = inset_of(self, inset).nearest(flat[shallow])
         return flat.reshape(points.shape)
 
-    def sample(self, count: int, inset: float, rng: np.random.Generator) -> Array:
+    def sample(self, count: int, inset: float, rng: "np.random.Generator") -> Array:
         """See `Boundary.sample`."""
         return scatter(self, count, inset, rng)
 

@@ -15,7 +15,8 @@ Point = Annotated[list[Finite], Field(min_length=2, max_length=2)]
 
 
 class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
+    # Built when first used, most often as a part of a larger form.
+    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
 
 
 class CircleFile(_Strict):

@@ -1,8 +1,11 @@
 """The camera: image size, intrinsics and lens distortion."""
 
+import os
 import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from numbers import Real
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,15 +39,23 @@ class Distortion:
     Raises
     ------
     InputError
-        If the model is unknown, or the coefficients are too many, too few, not finite or beyond 1e12.
+        If the model is unknown, or the coefficients are no numbers, too many, too few, not finite or beyond 1e12.
+
+    Examples
+    --------
+    >>> Distortion("radtan", (-0.28, 0.07, 0, 0)).names
+    ('k1', 'k2', 'p1', 'p2')
     """
 
     model: str = "none"
     coefficients: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.model not in lens.NAMES:
+        if not isinstance(self.model, str) or self.model not in lens.NAMES:
             raise InputError("a known distortion model", brief(self.model), f"known: {', '.join(lens.NAMES)}")
+        if isinstance(self.coefficients, str | bytes | Mapping) or not hasattr(self.coefficients, "__iter__"):
+            raise InputError("a list of distortion coefficients", brief(self.coefficients), "give numbers")
+        object.__setattr__(self, "coefficients", tuple(self.coefficients))
         counts = [len(names) for names in lens.NAMES[self.model]]
         if len(self.coefficients) not in counts:
             raise InputError(
@@ -53,8 +64,9 @@ class Distortion:
                 f"give {' or '.join(' '.join(names) or 'none' for names in lens.NAMES[self.model])}",
             )
         for name, value in zip(self.names, self.coefficients, strict=True):
-            if not abs(value) <= LARGEST_COEFFICIENT:  # NaN fails every comparison.
-                raise InputError("finite distortion coefficients", f"{name}={value}", "check the calibration")
+            number = _number(value)
+            if number is None or not abs(number) <= LARGEST_COEFFICIENT:  # NaN fails every comparison.
+                raise InputError("finite distortion coefficients", f"{name}={brief(value)}", "check the calibration")
         object.__setattr__(self, "coefficients", tuple(float(value) for value in self.coefficients))
 
     @property
@@ -66,7 +78,7 @@ class Distortion:
 NO_DISTORTION = Distortion()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Camera:
     """A camera; all in px, pixel centers at integer coordinates, (0, 0) the middle of the top-left pixel.
 
@@ -75,8 +87,16 @@ class Camera:
     Raises
     ------
     InputError
-        If a side is not 1 to 20000 px, a focal length is not a positive finite number, or the principal point is
-        not finite.
+        If a side is not a whole number of 1 to 20000 px, a focal length is not a positive finite number, the principal
+        point is not finite, or one of them is no number at all.
+
+    Examples
+    --------
+    >>> camera = Camera(width=640, height=480, fx=800, fy=800, cx=319.5, cy=239.5)
+    >>> camera
+    Camera(width=640, height=480, fx=800, fy=800, cx=319.5, cy=239.5)
+    >>> print(camera)
+    640x480 px, fx 800, fy 800, cx 319.5, cy 239.5, no distortion
     """
 
     width: int
@@ -88,18 +108,132 @@ class Camera:
     distortion: Distortion = NO_DISTORTION
 
     def __post_init__(self) -> None:
-        if not (1 <= self.width <= LARGEST_SIDE and 1 <= self.height <= LARGEST_SIDE):
+        # What is no number is nan, which fails every comparison. Not converted: an integer may be beyond all floats.
+        largest, nan = sys.float_info.max, float("nan")
+        names = ("width", "height", "fx", "fy", "cx", "cy")
+        numbers = {name: _number(getattr(self, name)) for name in names}
+        plain = {name: nan if number is None else number for name, number in numbers.items()}
+        for name in ("width", "height"):
+            if 1 <= plain[name] <= LARGEST_SIDE and plain[name] == int(plain[name]):
+                plain[name] = int(plain[name])
+                continue
             raise InputError(
                 f"an image size of 1 to {LARGEST_SIDE} pixels",
-                f"{self.width}x{self.height}",
-                "give the camera's width and height in pixels",
+                f"{brief(self.width)}x{brief(self.height)}",
+                "give the camera's width and height in whole pixels",
             )
-        # Compared, not converted: an integer may be too large for a float. NaN fails every comparison.
-        largest = sys.float_info.max
-        if not (0 < self.fx <= largest and 0 < self.fy <= largest):
-            raise InputError("finite positive focal lengths", f"fx={self.fx}, fy={self.fy}", "check the camera matrix")
-        if not (abs(self.cx) <= largest and abs(self.cy) <= largest):
-            raise InputError("a finite principal point", f"cx={self.cx}, cy={self.cy}", "check the camera matrix")
+        if not (0 < plain["fx"] <= largest and 0 < plain["fy"] <= largest):
+            found = f"fx={brief(self.fx)}, fy={brief(self.fy)}"
+            raise InputError("finite positive focal lengths", found, "check the camera matrix")
+        if not (abs(plain["cx"]) <= largest and abs(plain["cy"]) <= largest):
+            found = f"cx={brief(self.cx)}, cy={brief(self.cy)}"
+            raise InputError("a finite principal point", found, "check the camera matrix")
+        if not isinstance(self.distortion, Distortion):
+            found = f"{type(self.distortion).__name__} {brief(self.distortion)}"
+            raise InputError("a Distortion", found, 'give Distortion("radtan", (k1, k2, p1, p2)), for example')
+        for name, number in plain.items():
+            object.__setattr__(self, name, number)
+
+    @classmethod
+    def load(cls, source: "str | os.PathLike[str] | IO[str] | IO[bytes] | Mapping[str, Any]") -> "Camera":
+        """Read a calibration of OpenCV, ROS, Kalibr, COLMAP, or a table of plain numbers as `as_dict` gives.
+
+        Parameters
+        ----------
+        source : str, path, open file or mapping
+            A path, a file open for text or bytes, or the values of one. ``path#NAME`` takes one of several cameras of a
+            file, such as ``camchain.yaml#cam1``.
+
+        Raises
+        ------
+        InputError
+            If the source is none of these, cannot be read, is in no known format, or lacks or contradicts something.
+
+        Examples
+        --------
+        >>> Camera.load({"width": 640, "height": 480, "fx": 800, "fy": 800, "cx": 319.5, "cy": 239.5})
+        Camera(width=640, height=480, fx=800.0, fy=800.0, cx=319.5, cy=239.5)
+        >>> import io
+        >>> Camera.load(io.StringIO("cam0: {camera_model: pinhole, intrinsics: [460, 460, 367, 248],"
+        ...                         " distortion_model: none, resolution: [752, 480]}"))
+        Camera(width=752, height=480, fx=460.0, fy=460.0, cx=367.0, cy=248.0)
+        """
+        from markergen.read.cameras import load_camera
+
+        return load_camera(source)
+
+    @classmethod
+    def from_message(cls, message: Any) -> "Camera":
+        """Camera of a ROS message sensor_msgs/CameraInfo: ROS 1, ROS 2, or the message as a dict.
+
+        K and D are read, which go with the image as it was taken, not P, which goes with the rectified one.
+
+        Parameters
+        ----------
+        message : object or mapping
+            With height, width, distortion_model, D and K or d and k; binning_x, binning_y and roi count if there.
+
+        Raises
+        ------
+        InputError
+            If it lacks or contradicts something, was never calibrated, has a lens model that is not known, or is of a
+            binned image or a part of one.
+
+        Examples
+        --------
+        >>> from types import SimpleNamespace
+        >>> info = SimpleNamespace(width=640, height=480, distortion_model="plumb_bob", d=[0.1, -0.2, 0, 0, 0],
+        ...                        k=[800, 0, 319.5, 0, 800, 239.5, 0, 0, 1], binning_x=0, binning_y=0)
+        >>> print(Camera.from_message(info))
+        640x480 px, fx 800, fy 800, cx 319.5, cy 239.5, radtan k1 0.1, k2 -0.2, p1 0, p2 0, k3 0
+        """
+        from markergen.read.cameras.ros import camera_of_message
+
+        return camera_of_message(message)
+
+    @classmethod
+    def from_cv2(cls, matrix: Any, distortion: Any, size: Sequence[int], fisheye: bool = False) -> "Camera":
+        """Camera of what cv2.calibrateCamera or cv2.fisheye.calibrate returns.
+
+        Parameters
+        ----------
+        matrix : array (3, 3)
+        distortion : array (k,), (k, 1), (1, k), or None
+            In OpenCV's order, with 4, 5 or 8 coefficients, or 12 or 14 whose last ones are 0; None is no distortion.
+        size : (width, height)
+            As OpenCV has it: of an image ``image.shape[1::-1]``.
+        fisheye : bool
+            The coefficients are those of cv2.fisheye, four of them.
+
+        Raises
+        ------
+        InputError
+            If a shape is another, the matrix has skew or is another's transpose, the coefficients are of thin prisms or
+            a tilted sensor, or matrix and size are of two images.
+
+        Examples
+        --------
+        >>> matrix = np.array([[800, 0, 319.5], [0, 800, 239.5], [0, 0, 1]])
+        >>> Camera.from_cv2(matrix, None, (640, 480))
+        Camera(width=640, height=480, fx=800.0, fy=800.0, cx=319.5, cy=239.5)
+        >>> Camera.from_cv2(matrix, [[0.1, -0.2, 0, 0, 0]], (640, 480)).distortion.model
+        'radtan'
+        """
+        from markergen.read.cameras.matrices import camera_of_arrays
+
+        return camera_of_arrays(matrix, distortion, size, fisheye)
+
+    def __repr__(self) -> str:
+        parts = [f"{name}={getattr(self, name)!r}" for name in ("width", "height", "fx", "fy", "cx", "cy")]
+        parts += [] if self.distortion == NO_DISTORTION else [f"distortion={self.distortion!r}"]
+        return f"Camera({', '.join(parts)})"
+
+    def __str__(self) -> str:
+        lengths = ", ".join(f"{name} {getattr(self, name):.7g}" for name in ("fx", "fy", "cx", "cy"))
+        lens = zip(self.distortion.names, self.distortion.coefficients, strict=True)
+        model = f"{self.distortion.model} {', '.join(f'{name} {value:.7g}' for name, value in lens)}"
+        distorted = "no distortion" if self.distortion == NO_DISTORTION else model
+        return f"{self.width}x{self.height} px, {lengths}, {distorted}"
 
     @property
     def matrix(self) -> Array:
@@ -174,6 +308,17 @@ class Camera:
 
     def _distorted(self, normalized: Array) -> Array:
         return lens.distort(self.distortion.model, normalized, self.distortion.coefficients)
+
+
+def _number(value: object) -> int | float | None:
+    """Return a number as one of Python's, also that of numpy; None for what is none."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return None
+    return int(value) if isinstance(value, int) else float(value)
 
 
 PAPER_CAMERA = Camera(640, 480, 800.0, 800.0, 320.0, 240.0)

@@ -2,24 +2,35 @@
 
 from dataclasses import dataclass
 from math import isfinite
+from typing import Literal
 
 from markergen.errors import InputError
+
+Polarity = Literal["dark", "light"]
 
 
 @dataclass(frozen=True)
 class Feature:
-    """A dark disk, or a ring when it has an inner diameter; both centered on the control point, in m.
+    """A disk, or a ring when it has an inner diameter; both centered on the control point, in m.
 
     A diameter of 0 is a bare point: allowed in studies, refused by every exporter.
+
+    Attributes
+    ----------
+    diameter, inner_diameter : float
+        m.
+    polarity : {"dark", "light"}
+        Dark on a light ground, or light on a dark one.
 
     Raises
     ------
     InputError
-        If a diameter is negative, not finite, or the inner one is not below the outer.
+        If a diameter is negative, not finite, the inner one is not below the outer, or the polarity is another.
     """
 
     diameter: float
     inner_diameter: float = 0.0
+    polarity: Polarity = "dark"
 
     def __post_init__(self) -> None:
         sizes_fit = 0 <= self.inner_diameter < self.diameter or self.inner_diameter == self.diameter == 0
@@ -29,6 +40,8 @@ class Feature:
                 f"diameter={self.diameter}, inner_diameter={self.inner_diameter}",
                 "give a length such as 36mm",
             )
+        if self.polarity not in ("dark", "light"):
+            raise InputError("a polarity of dark or light", repr(self.polarity)[:40], "leave it out for dark dots")
 
     @property
     def kind(self) -> str:

@@ -29,7 +29,7 @@ def inset_of(boundary: "Boundary", inset: float) -> Inset:
     return inset_of(boundary, _deepest(boundary)) if found.empty else found
 
 
-def scatter(boundary: "Boundary", count: int, inset: float, rng: np.random.Generator) -> Array:
+def scatter(boundary: "Boundary", count: int, inset: float, rng: "np.random.Generator") -> Array:
     """Draw (count, 2) points uniformly from the part with a depth of at least `inset` m."""
     corners, share = _triangles(boundary)
     found = np.zeros((0, 2))

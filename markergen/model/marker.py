@@ -1,18 +1,22 @@
 """The marker: control points with their features inside a boundary, and where they came from."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import isfinite
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import IO, TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.errors import InputError
 from markergen.model.boundary import Boundary
 from markergen.model.feature import Feature, key_ring
 from markergen.model.substrate import Substrate
 from markergen.model.tag import Tag
+from markergen.units import format_length
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,6 +25,169 @@ if TYPE_CHECKING:
     from markergen.options import ExportKeywords
 
 Array = NDArray[np.float64]
+Rows = tuple[tuple[float, ...], ...]
+
+ROUNDING = 1e-9
+"""How far a rotation may be from orthonormal, and a covariance, as a correlation, from symmetric and from positive."""
+
+
+@dataclass(frozen=True)
+class MeasuredSize:
+    """Size of one dot as measured on a print, in m.
+
+    Attributes
+    ----------
+    diameter : float
+        Outer one.
+    diameter_sigma : float or None
+        Its standard deviation; None: nobody said how well it was measured.
+
+    Raises
+    ------
+    InputError
+        If the diameter is not a finite number above 0, or the standard deviation not one from 0.
+    """
+
+    diameter: float
+    diameter_sigma: float | None = None
+
+    def __post_init__(self) -> None:
+        sigma = 0.0 if self.diameter_sigma is None else self.diameter_sigma
+        if not (isfinite(self.diameter) and self.diameter > 0 and isfinite(sigma) and sigma >= 0):
+            raise InputError(
+                "a measured diameter above 0, and a standard deviation of 0 or more",
+                f"diameter={self.diameter}, diameter_sigma={self.diameter_sigma}",
+                "give both in m",
+            )
+
+
+@dataclass(frozen=True)
+class JointCovariance:
+    """Covariance of several control points together, which were measured by one adjustment, in the marker frame.
+
+    Attributes
+    ----------
+    order : tuple of int
+        Ids of the k control points.
+    axes : {"xy", "xyz"}
+        Coordinates of each of them, a = 2 or 3.
+    matrix : tuple of tuple of float
+        a k rows of a k numbers, m^2, in the order x0 y0 [z0] x1 y1 ...; singular where the measurement fixes no frame.
+
+    Raises
+    ------
+    InputError
+        If an id comes twice, the matrix has another size, or it is not finite, symmetric and positive semidefinite to
+        rounding (`ROUNDING`, as correlations).
+    """
+
+    order: tuple[int, ...]
+    axes: Literal["xy", "xyz"]
+    matrix: Rows
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "order", tuple(int(number) for number in self.order))
+        if self.axes not in ("xy", "xyz"):
+            raise InputError("the axes xy or xyz", repr(self.axes)[:40], "say which coordinates the covariance is of")
+        twice = [number for number in self.order if self.order.count(number) > 1]
+        if twice or not self.order:
+            found = f"id {twice[0]} twice" if twice else "none"
+            raise InputError("ids of control points, each once", found, "correct the order")
+        size = len(self.axes) * len(self.order)
+        shape = [len(row) for row in self.matrix]
+        if shape != [size] * size:
+            raise InputError(
+                f"{size} x {size} numbers for {len(self.order)} control points along {self.axes}",
+                f"{len(shape)} rows of {' or '.join(map(str, sorted(set(shape))[:3])) or 'none'}",
+                "give x y of each control point in turn, or x y z",
+            )
+        object.__setattr__(self, "matrix", tuple(tuple(map(float, row)) for row in self.matrix))
+        self._check()
+
+    def _check(self) -> None:
+        values = self.array
+        if not np.isfinite(values).all():
+            raise InputError("a finite covariance", "nan or inf", "correct it")
+        variances = np.diag(values)
+        if variances.min() < 0:
+            raise InputError("variances of 0 or more", f"{variances.min()} m^2", "correct the covariance")
+        scale = np.sqrt(variances)
+        inverse = np.divide(1, scale, out=np.zeros_like(scale), where=scale > 0)
+        correlation = values * inverse[:, None] * inverse
+        certain = scale == 0
+        if values[certain].any() or values[:, certain].any() or np.abs(correlation).max() > 1 + ROUNDING:
+            raise InputError("a covariance", "one beyond its two variances", "are these correlations?")
+        if np.abs(correlation - correlation.T).max() > ROUNDING:
+            raise InputError("a symmetric covariance", "another", "write it with all its digits")
+        if np.linalg.eigvalsh((correlation + correlation.T) / 2).min() < -ROUNDING * len(correlation):
+            raise InputError("a positive semidefinite covariance", "a negative eigenvalue", "write all its digits")
+
+    @cached_property
+    def array(self) -> Array:
+        """The matrix (a k, a k) in m^2."""
+        return np.array(self.matrix, dtype=float)
+
+
+@dataclass(frozen=True)
+class Plate:
+    """One of the plates of a marker that is not on one plane, such as a side of a cube.
+
+    The plate frame is what the marker frame is to a marker on one plate: x right, y up, z out of the printed face,
+    which is z = 0.
+
+    Attributes
+    ----------
+    name : str
+    rotation : tuple of tuple of float
+        R (3, 3) of T_marker_plate: X_marker = R X_plate + t.
+    translation : tuple of float
+        t (3,) of it, m.
+    boundary : Boundary
+        Where the plate's dots must lie, in the plate frame.
+    control_points : tuple of int
+        Ids of those that are on it; their coordinates stay in the marker frame.
+    keep_outs : tuple of Boundary
+        In the plate frame.
+    tag : Tag or None
+        In the plate frame, at z = 0.
+
+    Raises
+    ------
+    InputError
+        If the pose is not finite or its rotation none: not orthonormal to 1e-9, or mirrored.
+    """
+
+    name: str
+    rotation: Rows
+    translation: tuple[float, float, float]
+    boundary: Boundary
+    control_points: tuple[int, ...]
+    keep_outs: tuple[Boundary, ...] = ()
+    tag: Tag | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rotation", tuple(tuple(map(float, row)) for row in self.rotation))
+        object.__setattr__(self, "translation", tuple(map(float, self.translation)))
+        object.__setattr__(self, "control_points", tuple(int(number) for number in self.control_points))
+        if [len(row) for row in self.rotation] != [3] * 3 or len(self.translation) != 3:
+            raise InputError("a pose of 3x3 and 3 numbers", f"{len(self.rotation)} rows", "give rotation, translation")
+        rotation, shift = np.array(self.rotation), np.array(self.translation)
+        # Written so that nan and numbers beyond all squares do not pass.
+        bounded = bool((np.abs(rotation) <= 1 + ROUNDING).all() and np.isfinite(shift).all())
+        if not (
+            bounded
+            and np.abs(rotation @ rotation.T - np.eye(3)).max() <= ROUNDING
+            and abs(np.linalg.det(rotation) - 1) <= ROUNDING
+        ):
+            raise InputError(
+                "a pose with a rotation: three orthonormal rows and determinant 1",
+                "a matrix that is none" if bounded else "numbers beyond it",
+                "write it with all its digits",
+            )
+
+    def to_plate(self, points: Array) -> Array:
+        """Points (n, 3) in m, marker frame, in the plate frame."""
+        return (points - np.array(self.translation)) @ np.array(self.rotation)
 
 
 @dataclass(frozen=True)
@@ -33,6 +200,10 @@ class ControlPoint:
         Of a place that was measured on the print, m^2; None: not measured, or nobody said how well.
     designed : (x, y) or None
         Where a dot was to be whose place was measured, m; None: at x, y over the marker's `print_scale`.
+    designed_z : float or None
+        How high it was to be, m; None: at z.
+    measured : MeasuredSize or None
+        Size of the dot on the print; None: not measured.
     """
 
     id: int
@@ -42,11 +213,23 @@ class ControlPoint:
     feature: Feature
     covariance: tuple[float, float, float] | None = None
     designed: tuple[float, float] | None = None
+    designed_z: float | None = None
+    measured: MeasuredSize | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Marker:
     """A designed marker.
+
+    Examples
+    --------
+    >>> from markergen.model.boundary import Circle
+    >>> points = np.array([[0.1, 0], [0, 0.1], [-0.1, 0], [0, -0.1]])
+    >>> marker = dressed(points, Circle(0.15), diameter=0.036, clearance=0.0036)
+    >>> marker
+    Marker(4 control points in a disk of radius 150 mm, dots of 36 mm)
+    >>> marker.xyz.shape
+    (4, 3)
 
     Attributes
     ----------
@@ -66,6 +249,15 @@ class Marker:
     print_scale : (x, y)
         What the printer made of 1 along x and y. The control points are where they are in the print; boundary,
         keep-outs, tag and features are those that were designed.
+    joint_covariance : JointCovariance or None
+        Of places that were measured together; then no control point has a covariance of its own.
+    rulers : (x, y) or None
+        Lengths in m that the sheet prints beside its rulers, None for one that it has not; None: not told.
+    plates : tuple of Plate
+        Those that the control points are on, each on one; empty: all on one plate, whose frame is the marker frame.
+        With plates, the boundary tells the marker's size alone; keep-outs and tags are those of the plates.
+    extensions : mapping
+        Plain JSON values of other programs, by name.
     """
 
     control_points: tuple[ControlPoint, ...]
@@ -76,6 +268,56 @@ class Marker:
     keep_outs: tuple[Boundary, ...] = ()
     tag: Tag | None = None
     print_scale: tuple[float, float] = (1.0, 1.0)
+    joint_covariance: JointCovariance | None = None
+    rulers: tuple[float | None, float | None] | None = None
+    plates: tuple[Plate, ...] = ()
+    extensions: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def load(cls, source: "str | os.PathLike[str] | IO[str] | IO[bytes] | Mapping[str, Any]") -> "Marker":
+        """Read a marker.json of any version.
+
+        Parameters
+        ----------
+        source : str, path, open file or mapping
+            A path, a file open for text or bytes, or what `json.load` makes of one.
+
+        Raises
+        ------
+        InputError
+            If the source is none of these, cannot be read, or is no marker.json that holds together; then all errors
+            are told with their paths, of many the first 20.
+
+        Examples
+        --------
+        >>> import io, json
+        >>> from markergen.model.boundary import Circle
+        >>> from markergen.model.marker_json import to_json
+        >>> points = np.array([[0.1, 0], [0, 0.1], [-0.1, 0], [0, -0.1]])
+        >>> text = to_json(dressed(points, Circle(0.15), 0.036, 0.0036)).decode()
+        >>> Marker.load(io.StringIO(text))
+        Marker(4 control points in a disk of radius 150 mm, dots of 36 mm)
+        >>> Marker.load(json.loads(text)).control_points[1].y
+        0.1
+        """
+        from markergen.model.marker_json import load_marker
+
+        return load_marker(source)
+
+    def __repr__(self) -> str:
+        count, size = len(self), format_length(self.dot_diameter) if self else ""
+        parts = [f"{count} control point{'s' * (count != 1)} in a {self.boundary}"]
+        parts += [f"dots of {size}" if size and self.dot_diameter else "bare points"] if self else []
+        parts += [f"tag {self.tag}"] if self.tag else []
+        parts += [f"{len(self.plates)} plate{'s' * (len(self.plates) > 1)}"] if self.plates else []
+        parts += [f"spec {self.spec_hash[:40]}"] if "spec_hash" in self.provenance else []
+        return f"Marker({', '.join(parts)})"
+
+    def _repr_html_(self) -> str:
+        """Return a picture of the layout, for notebooks."""
+        from markergen.model.picture import svg
+
+        return svg(self)
 
     def __len__(self) -> int:
         return len(self.control_points)
@@ -97,16 +339,20 @@ class Marker:
     @cached_property
     def as_designed(self) -> "Marker":
         """The marker that was designed and is to be drawn, whatever was measured on a print of it."""
-        if self.print_scale == (1.0, 1.0) and not any(p.designed or p.covariance for p in self.control_points):
+        measured = self.joint_covariance or any(
+            p.designed or p.covariance or p.measured or p.designed_z is not None for p in self.control_points
+        )
+        if self.print_scale == (1.0, 1.0) and not measured:
             return self
 
         def back(point: ControlPoint) -> ControlPoint:
             x, y = point.designed or (point.x / self.print_scale[0], point.y / self.print_scale[1])
             # Whole picometers: what was multiplied and divided is what it was.
-            return replace(point, x=round(x, 12), y=round(y, 12), covariance=None, designed=None)
+            z = point.z if point.designed_z is None else point.designed_z
+            return ControlPoint(point.id, round(x, 12), round(y, 12), z, point.feature)
 
         points = tuple(back(point) for point in self.control_points)
-        return replace(self, control_points=points, print_scale=(1.0, 1.0))
+        return replace(self, control_points=points, print_scale=(1.0, 1.0), joint_covariance=None)
 
     def save(self, *paths: str | PathLike[str], **options: "Unpack[ExportKeywords]") -> "list[Written]":
         """Write the marker to each path as its suffix says; see `markergen.export`."""
@@ -116,7 +362,7 @@ class Marker:
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the marker to scale, in mm, into an axes of matplotlib or a new figure, and return the axes."""
-        from markergen.validate.report.marker_plot import draw_marker
+        from markergen.validation.report.marker_plot import draw_marker
 
         return draw_marker(self, ax)
 
@@ -140,6 +386,38 @@ class Marker:
     def spec_hash(self) -> str:
         """Eight hexadecimal digits that name the spec it was designed from, or ``unknown``."""
         return str(self.provenance.get("spec_hash", "unknown"))
+
+
+def check_supported(marker: Marker, doing: str, joint: bool = True) -> None:
+    """Refuse a marker with something that marker.json can hold and the program cannot use yet.
+
+    Whatever reads, draws, makes or measures a marker calls this at its door, so that no light dot is drawn dark, no
+    cube laid flat, and no covariance dropped without a word.
+
+    Parameters
+    ----------
+    marker : Marker
+    doing : str
+        What is to be done, for the message: ``to detect``.
+    joint : bool
+        What is done depends on how well the dots were measured.
+
+    Raises
+    ------
+    InputError
+    """
+    remedy = "this version of markergen keeps it in marker.json and does nothing else with it"
+    light = [str(point.id) for point in marker.control_points if point.feature.polarity == "light"]
+    if light:
+        some = ", ".join(light[:10]) + (", ..." if len(light) > 10 else "")
+        raise InputError(f"dark dots {doing}", f"light dots: {some}", remedy)
+    if marker.plates:
+        names = ", ".join(plate.name for plate in marker.plates)
+        raise InputError(f"a marker on one plate {doing}", f"plates: {names[:80]}", remedy)
+    if joint and marker.joint_covariance is not None:
+        raise InputError(
+            f"a covariance for each dot by itself {doing}", f"one of {len(marker.joint_covariance.order)} dots", remedy
+        )
 
 
 def dressed(points: Array, boundary: Boundary, diameter: float, clearance: float, keyed: bool = True) -> Marker:

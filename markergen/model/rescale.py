@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.maths.rigid import rigid_motion
-from markergen.model.marker import ControlPoint, Marker
+from markergen.model.marker import ControlPoint, Marker, check_supported
 from markergen.units import format_length
 
 Array = NDArray[np.float64]
@@ -65,19 +65,25 @@ def rescale(marker: Marker, rulers: Rulers, force: bool = False) -> tuple[Marker
     ------
     InputError
         If a length is not above 0, differs from its nominal by `MOST_OFF` or more without `force`, or by a factor of
-        2; if nothing was measured; or if dots have been measured one by one.
+        2; if nothing was measured; if dots have been measured one by one; or if the nominal length is not the one that
+        the marker says its ruler has. Also as `check_supported` does.
     """
-    if any(point.designed for point in marker.control_points):
+    check_supported(marker, "to rescale")
+    if any(point.designed or point.designed_z is not None for point in marker.control_points):
         raise InputError(
             "a marker whose dots were not measured one by one",
             "one with measured dots",
             "rescale the marker.json that was designed",
         )
-    for name in ("x", "y"):
+    for name, printed in zip("xy", marker.rulers or (None, None), strict=True):
+        _check_ruler(name, getattr(rulers, name), getattr(rulers, f"nominal_{name}"), printed)
         _check_length(name, getattr(rulers, name), getattr(rulers, f"nominal_{name}"), force)
     scale = rulers.scale
     nominal = marker.as_designed
-    points = tuple(replace(p, x=p.x * scale[0], y=p.y * scale[1]) for p in nominal.control_points)
+    points = tuple(
+        replace(p, x=p.x * scale[0], y=p.y * scale[1], measured=before.measured)
+        for p, before in zip(nominal.control_points, marker.control_points, strict=True)
+    )
     record = {
         "measured_x": rulers.x, "measured_y": rulers.y,
         "nominal_x": rulers.nominal_x, "nominal_y": rulers.nominal_y,
@@ -109,8 +115,9 @@ def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False
     InputError
         If fewer than two dots were measured, one is unknown or comes twice, all are at one place, they are mirrored,
         or one lies farther off than `MOST_OFF` of the farthest dot's distance from the middle or a dot's radius without
-        `force`.
+        `force`. Also as `check_supported` does.
     """
+    check_supported(marker, "to measure dots of")
     here = {point.id: point for point in marker.control_points}
     unknown = [dot.id for dot in dots if dot.id not in here]
     if unknown:
@@ -159,6 +166,15 @@ def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False
         "frame_moved": [float(value) for value in shift],
     }
     return _recorded(replace(marker, control_points=points), "points", record), tuple(said)
+
+
+def _check_ruler(name: str, measured: float | None, nominal: float, printed: float | None) -> None:
+    if measured is not None and printed is not None and abs(nominal - printed) > 1e-9:
+        raise InputError(
+            f"the length of the ruler along {name} as the sheet has it, {format_length(printed)}",
+            f"nominal_{name}={format_length(nominal)}",
+            f"give --nominal-{name} {format_length(printed).replace(' ', '')}",
+        )
 
 
 def _check_length(name: str, measured: float | None, nominal: float, force: bool) -> None:

@@ -12,7 +12,8 @@ Width = Annotated[float, Field(ge=0, le=LARGEST)]
 
 
 class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
+    # Built when first used, most often as a part of a larger form.
+    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
 
 
 class HoleFile(_Strict):

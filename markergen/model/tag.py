@@ -24,6 +24,17 @@ FAMILIES: dict[str, str] = {
 }
 """What users call a family of tags, and what OpenCV calls its dictionary."""
 
+_BITS_AND_COUNT: dict[str, tuple[int, int]] = {
+    **{f"aruco:DICT_{name}": (int(name[0]), int(name.rpartition("_")[2])) for name in _ARUCO},
+    "aruco:DICT_ARUCO_ORIGINAL": (5, 1024),
+    "aruco:DICT_ARUCO_MIP_36H12": (6, 250),
+    "apriltag:16h5": (4, 30),
+    "apriltag:25h9": (5, 35),
+    "apriltag:36h10": (6, 2320),
+    "apriltag:36h11": (6, 587),
+}
+"""Bits along a side of each family's tags, and how many there are: known without loading OpenCV."""
+
 UNITS = np.array([[-0.5, 0.5], [0.5, 0.5], [0.5, -0.5], [-0.5, -0.5]])
 """Corners of a square of side 1: top left, top right, bottom right, bottom left, as OpenCV orders a tag's corners."""
 
@@ -230,12 +241,12 @@ def family_size(family: str) -> int:
     InputError
         If there is no such family; the message lists the known ones and the nearest.
     """
-    return len(_dictionary(family).bytesList)
+    return _known(family)[1]
 
 
 def family_bits(family: str) -> int:
     """Bits along one side of the tags of a family."""
-    return int(_dictionary(family).markerSize)
+    return _known(family)[0]
 
 
 @cache
@@ -281,12 +292,17 @@ def to_plane(corners: Array, columns: int, rows: int, scale: float) -> Array:
     return scale * (corners - [columns / 2, rows / 2]) * [1, -1]
 
 
-@cache
-def _dictionary(family: str):  # type: ignore[no-untyped-def]  # cv2 has no types
-    import cv2
-
+def _known(family: str) -> tuple[int, int]:
+    """Bits along a side and number of tags of a family that there is."""
     if family not in FAMILIES:
         near = get_close_matches(family, FAMILIES, n=1, cutoff=0.5)
         hint = f"did you mean {near[0]!r}? Known: " if near else "known: "
         raise InputError("a known family of tags", repr(family), hint + ", ".join(FAMILIES))
+    return _BITS_AND_COUNT[family]
+
+
+@cache
+def _dictionary(family: str):  # type: ignore[no-untyped-def]  # cv2 has no types
+    import cv2
+
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, FAMILIES[family]))

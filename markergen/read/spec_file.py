@@ -143,7 +143,9 @@ class _Distortion(_Table):
         return self
 
 
-class _Camera(_Table):
+class CameraTable(_Table):
+    """A camera, in px."""
+
     width: Side
     height: Side
     fx: Finite
@@ -153,7 +155,9 @@ class _Camera(_Table):
     distortion: _Distortion = ABSENT
 
 
-class _ImageNoise(_Table):
+class ImageNoiseTable(_Table):
+    """The image that the noise model ``image`` is about."""
+
     blur_px: Finite = ABSENT
     noise_grey: Finite = ABSENT
     contrast: Finite = ABSENT
@@ -212,7 +216,7 @@ KINDS: dict[str, Any] = {
     "length or auto": DotLength | None,
     "shape": Shape,
     "shapes": list[Shape],
-    "camera": _Camera,
+    "camera": CameraTable,
     "poses": Annotated[Any, BeforeValidator(_poses)],
 }
 """Form of each kind of option, once the files that it names have been read."""
@@ -229,7 +233,7 @@ _SpecFile: Any = create_model(
     "_SpecFile",
     __base__=_Table,
     title=(str, ABSENT),
-    image_noise=(_ImageNoise, ABSENT),
+    image_noise=(ImageNoiseTable, ABSENT),
     substrate=(Plate, ABSENT),
     **_DECLARED,
 )
@@ -332,7 +336,7 @@ def _table_of(shape: Any) -> Any:
     return shape.as_dict() if isinstance(shape, Boundary) else shape
 
 
-def _camera(table: _Camera) -> Camera:
+def _camera(table: CameraTable) -> Camera:
     values = table.model_dump(exclude={"distortion"})
     if table.distortion is None:
         return Camera(**values)

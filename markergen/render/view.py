@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from markergen.maths.conic import circle_image
 from markergen.maths.projection import plane_homography
 from markergen.model.camera import Camera
-from markergen.model.marker import Marker
+from markergen.model.marker import Marker, check_supported
 from markergen.render.optics import FINENESS, Optics, expose, quantize
 from markergen.render.patches import Patch, circle_vertices, project_patches
 from markergen.render.raster import paint
@@ -34,6 +34,7 @@ def render_view(
 
     See `render_patches`; the patches are those of `marker_patches`, the plate with its default margin.
     """
+    check_supported(marker, "to render", joint=False)
     eye = -rotation.T @ translation
     count = circle_vertices(_largest_radius(marker, camera, rotation, translation))
     patches = marker_patches(marker, eye=eye, count=count)

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from markergen.api.export import choices_of
 from markergen.cli import main
-from markergen.cli.solids import fabrication
-from markergen.export import EXPORTERS, SOLIDS, WORKSHOP
+from markergen.exporters import EXPORTERS, SOLIDS, WORKSHOP
 from markergen.model.boundary import Circle, Polygon
 from markergen.model.fabrication import Fabrication
 from markergen.model.holes import parse_dowel, parse_mount
@@ -79,7 +79,7 @@ def test_choices_reach_the_exporter(here, monkeypatch):
         Fabrication("cnc", 1e-3, 5e-5, "press", True, 2e-3, "half", radians(3), 5e-4, False, 1e-5),
         Fabrication("dome", dome="ball"),
     ]
-    assert fabrication("dome", dome="half") == Fabrication("dome")
+    assert choices_of({"process": "dome", "dome": "half"}).fabrication == Fabrication("dome")
 
 
 @pytest.mark.parametrize(

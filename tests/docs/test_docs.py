@@ -7,12 +7,17 @@ import typer
 
 from docs.generate import reference, schema
 from markergen.cli.app import app
+from markergen.model.marker_file import VERSIONS
 
 ROOT = Path(__file__).parents[2]
 
 
 def test_generated_documents_are_up_to_date():
-    assert (ROOT / "docs" / "marker-v1.schema.json").read_text() == schema()
+    for version in VERSIONS:
+        assert (ROOT / "docs" / f"marker-v{version}.schema.json").read_text() == schema(version)
+    assert {path.name for path in (ROOT / "docs").glob("*.schema.json")} == {
+        f"marker-v{v}.schema.json" for v in VERSIONS
+    }
     assert (ROOT / "docs" / "cli.md").read_text() == reference()
 
 

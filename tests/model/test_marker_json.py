@@ -39,11 +39,11 @@ def test_writing_and_reading_is_the_identity(pentagon):
 
 
 def test_the_published_schema_is_this_one_and_holds(content):
-    assert json.loads(SCHEMA.read_text()) == json_schema()
-    jsonschema.validate(content, json_schema())
+    assert json.loads(SCHEMA.read_text()) == json_schema(1)
+    jsonschema.validate(content, json_schema(1))
     content["control_points"][0]["x"] = "left"
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(content, json_schema())
+        jsonschema.validate(content, json_schema(1))
 
 
 def test_every_error_is_told_with_its_path(content):
@@ -79,7 +79,7 @@ def test_overlapping_dots_are_told(content):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"version": 2}, "found version 2; update markergen"),
+        ({"version": 3}, "found version 3, written by a newer markergen; update markergen"),
         ({"version": "1"}, "found version '1'"),
         ({"format": "something"}, "another kind of file"),
         ({"boundary": {"kind": "circle", "radius": -1}}, "boundary.radius"),
@@ -120,7 +120,7 @@ def test_any_shape_and_its_keep_outs_come_back(shape, make_in):
     assert (again.boundary, again.keep_outs) == (shape, KEEP_OUTS)
     assert to_json(again) == data
     content = json.loads(data)
-    jsonschema.validate(content, json_schema())
+    jsonschema.validate(content, json_schema(1))
     assert content["frame"]["origin"] == "center of the boundary's smallest enclosing circle"
 
 
@@ -128,7 +128,7 @@ def test_a_kept_origin_is_told(make_in):
     boundary = polygon_from([np.array([[0, 0], [0.1, 0], [0.1, 0.1], [0, 0.1]])], origin="file")
     content = json.loads(to_json(make_in(boundary, 5, 0.01)))
     assert content["frame"]["origin"] == "that of the boundary's drawing"
-    jsonschema.validate(content, json_schema())
+    jsonschema.validate(content, json_schema(1))
     assert from_json(json.dumps(content)).boundary == boundary
 
 
@@ -333,7 +333,7 @@ def test_a_tag_is_written_with_its_corners_and_read_back(tagged):
     # As it stands in marker.json: in m, in the marker frame, x right and y up.
     expected = [[-0.029, 0.028, 0], [0.031, 0.028, 0], [0.031, -0.032, 0], [-0.029, -0.032, 0]]
     np.testing.assert_allclose(content["tag"]["corners"], expected, atol=1e-15, rtol=0)
-    jsonschema.validate(content, json_schema())
+    jsonschema.validate(content, json_schema(1))
     again = from_json(to_json(tagged).decode())
     assert again == tagged
     assert to_json(again) == to_json(tagged)
@@ -389,7 +389,7 @@ PLATE = Substrate(
 def test_a_substrate_is_written_and_read_back(pentagon):
     marker = replace(pentagon, substrate=PLATE)
     data = to_json(marker)
-    jsonschema.validate(json.loads(data), json_schema())
+    jsonschema.validate(json.loads(data), json_schema(1))
     again = from_json(data.decode())
     assert again == marker
     assert again.substrate == PLATE

@@ -1,17 +1,19 @@
 """Cameras from calibration files: a table of formats, told apart by what is in the file, not by its name."""
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from markergen.errors import InputError
 from markergen.files import exists
 from markergen.model.camera import Camera
+from markergen.model.findings import brief
 from markergen.read.cameras.covariance import read_camera_covariance
-from markergen.read.cameras.document import Document, read_bytes
+from markergen.read.cameras.document import Document, document_of, read_bytes, read_open
 from markergen.registry import Registry
 
-__all__ = ["CAMERA_FORMATS", "CameraFormat", "read_camera", "read_camera_covariance"]
+__all__ = ["CAMERA_FORMATS", "CameraFormat", "load_camera", "read_camera", "read_camera_covariance"]
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,22 @@ CAMERA_FORMATS: Registry[CameraFormat] = Registry("camera format", __name__)
 """Formats by name."""
 
 
-def read_camera(path: Path | str) -> Camera:
+def load_camera(source: object) -> Camera:
+    """Read a camera from a path, an open file, or a mapping of a file's values; see `Camera.load`."""
+    if isinstance(source, str | os.PathLike):
+        return read_camera(source)
+    if isinstance(source, Mapping):
+        return _camera_of(document_of(source, "the dict"), None)
+    if callable(getattr(source, "read", None)):
+        return _camera_of(read_open(source, "camera file"), None)
+    raise InputError(
+        "a path, an open file or a dict of a calibration",
+        f"{type(source).__name__} {brief(source)}",
+        "Camera.from_message takes a CameraInfo, Camera.from_cv2 a matrix",
+    )
+
+
+def read_camera(path: str | os.PathLike[str]) -> Camera:
     """Read the camera of a calibration file: OpenCV, ROS, Kalibr, COLMAP or a table of plain numbers.
 
     ``path#NAME`` takes one of several cameras of a file, such as ``camchain.yaml#cam1`` or ``cameras.txt#2``. The
@@ -50,12 +67,15 @@ def read_camera(path: Path | str) -> Camera:
         and key.
     """
     path, choice = _split(Path(path))
-    document = Document(str(path), read_bytes(path, "camera file"))
+    return _camera_of(Document(str(path), read_bytes(path, "camera file")), choice)
+
+
+def _camera_of(document: Document, choice: str | None) -> Camera:
     for name in CAMERA_FORMATS:
         if CAMERA_FORMATS[name].fits(document):
             return CAMERA_FORMATS[name].read(document, choice)
     known = "; ".join(f"{name}: {CAMERA_FORMATS[name].signs}" for name in CAMERA_FORMATS)
-    raise InputError(f"a camera in {path}", "no format that is known", f"known formats: {known}")
+    raise InputError(f"a camera in {document.name}", "no format that is known", f"known formats: {known}")
 
 
 def _split(path: Path) -> tuple[Path, str | None]:

@@ -4,6 +4,7 @@ Files come from anywhere, so nothing here can be made to run for long, to grow, 
 mappings. Numbers stay text until somebody asks for them: the formats do not agree on how they are written.
 """
 
+import json
 import re
 import tomllib
 from collections.abc import Mapping
@@ -36,11 +37,49 @@ def read_bytes(path: Path, kind: str) -> bytes:
     except (OSError, ValueError) as error:  # ValueError: a path with a null character.
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(f"a readable {kind} at {brief(str(path))}", str(reason), "check the path") from None
+    return _fit(data, kind, str(path))
+
+
+def _fit(data: bytes, kind: str, name: str) -> bytes:
     if len(data) > LARGEST_FILE:
-        raise InputError(f"a {kind} of at most {LARGEST_FILE // 10**6} MB at {path}", "a larger file", "check the path")
+        raise InputError(f"a {kind} of at most {LARGEST_FILE // 10**6} MB at {name}", "a larger file", "check the path")
     if not data.strip():
-        raise InputError(f"a {kind} at {path}", "an empty file", "check the path")
+        raise InputError(f"a {kind} at {name}", "an empty file", "check the path")
     return data
+
+
+def read_open(file: Any, kind: str) -> "Document":
+    """Document of a file that is open for text or bytes; raises as `read_bytes` does."""
+    name = getattr(file, "name", None)
+    name = name if isinstance(name, str) else "the open file"
+    try:
+        data = file.read(LARGEST_FILE + 1)
+        data = data.encode() if isinstance(data, str) else bytes(data)
+    except (OSError, ValueError, TypeError) as error:  # A file that is closed, or open for writing, or none.
+        raise InputError(f"a readable {kind} at {name}", brief(str(error)), "open it for reading") from None
+    return Document(name, _fit(data, kind, name))
+
+
+def document_of(values: Mapping[str, Any], name: str) -> "Document":
+    """Document of values as they stand in a file, or of attributes of a message; numpy's and tuples are well, too."""
+    try:
+        data = json.dumps(values, default=_listed).encode()
+    except RecursionError:
+        found = "endless nesting"
+    except (TypeError, ValueError) as error:
+        found = brief(str(error))
+    else:
+        return Document(name, data)
+    raise InputError(f"text, numbers, lists and dicts in {name}", found, "give what the file holds")
+
+
+def _listed(value: object) -> Any:
+    """Arrays as lists, and other mappings as dicts; json asks about whatever it does not know."""
+    if isinstance(value, Mapping):
+        return dict(value)
+    if callable(getattr(value, "tolist", None)):  # Of numpy, and of array.array, which is what ROS 2 has for D.
+        return value.tolist()  # type: ignore[attr-defined]
+    raise TypeError(f"{type(value).__name__} {brief(value)}")
 
 
 @dataclass(frozen=True)

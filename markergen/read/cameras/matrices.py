@@ -1,6 +1,9 @@
 """Camera matrix and distortion coefficients as OpenCV and ROS write them, which is nearly the same."""
 
 import re
+from typing import Any
+
+import numpy as np
 
 from markergen.errors import InputError
 from markergen.model.camera import Camera
@@ -32,6 +35,33 @@ def camera_of(table: Table, model: str) -> Camera:
     size_key, width, height = _size(table)
     pinhole = pinhole_of(matrix, table.place(key))
     return make_camera(width, height, pinhole, distortion, table.place(key), table.place(size_key))
+
+
+def camera_of_arrays(matrix: Any, distortion: Any, size: Any, fisheye: bool = False) -> Camera:
+    """Camera of OpenCV's arrays; see `Camera.from_cv2`."""
+    entries = _array(matrix, "matrix")
+    if entries.shape != (3, 3):
+        raise InputError("a 3x3 camera matrix", f"an array of shape {entries.shape}", "give cv2's camera matrix")
+    coefficients = np.zeros(0) if distortion is None else _array(distortion, "distortion")
+    if coefficients.ndim > 2 or coefficients.size != max(coefficients.shape, default=0):
+        found = f"an array of shape {coefficients.shape}"
+        raise InputError("distortion coefficients in one row or column", found, "give cv2's distortion coefficients")
+    sides = _array(size, "size")
+    if sides.shape != (2,) or not (sides == np.round(sides)).all():
+        raise InputError("a size (width, height) in px", brief(size), "of an image it is image.shape[1::-1]")
+    lens = make_distortion("fisheye" if fisheye else "", coefficients.ravel().tolist(), "fisheye", "distortion")
+    width, height = (int(side) for side in sides)
+    return make_camera(width, height, pinhole_of(entries.ravel().tolist(), "matrix"), lens, "matrix", "size")
+
+
+def _array(values: Any, name: str) -> "np.ndarray[Any, np.dtype[np.float64]]":
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind in "iuf" and np.isfinite(array).all():
+            return array.astype(float)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise InputError(f"an array of finite numbers as {name}", brief(values), "give what cv2 returns")
 
 
 def _size(table: Table) -> tuple[str, int, int]:

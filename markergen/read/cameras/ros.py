@@ -3,12 +3,20 @@
 K goes with the image as it was taken; P, which belongs to the rectified one, is not read.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 from markergen.errors import InputError
 from markergen.model.camera import Camera
+from markergen.model.findings import brief
 from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
-from markergen.read.cameras.document import Document, Table
+from markergen.read.cameras.document import Document, Table, document_of
 from markergen.read.cameras.matrices import HEIGHT, MATRIX, MODEL, WIDTH, camera_of
 from markergen.read.cameras.models import no_choice
+
+FIELDS = ("height", "width", "distortion_model", "D", "d", "K", "k", "binning_x", "binning_y", "roi")
+PART = ("x_offset", "y_offset", "height", "width")
+"""What counts of a message, in ROS 1 and 2, and of its region of interest."""
 
 
 def _table(document: Document) -> Table:
@@ -26,7 +34,30 @@ def _fits(document: Document) -> bool:
 
 def _read(document: Document, choice: str | None) -> Camera:
     no_choice(document.name, choice)
-    table = _table(document)
+    return _camera(_table(document))
+
+
+def camera_of_message(message: Any) -> Camera:
+    """Camera of a CameraInfo, an object or a dict; see `Camera.from_message`."""
+    if isinstance(message, Mapping):
+        values = {key: value for key, value in message.items() if key in FIELDS}
+    else:
+        values = _attributes(message, FIELDS)
+    if not values:
+        found = f"{type(message).__name__} {brief(message)}"
+        raise InputError("a message sensor_msgs/CameraInfo", found, "Camera.load reads files")
+    roi = values.get("roi")
+    if roi is not None and not isinstance(roi, Mapping):
+        values = {**values, "roi": _attributes(roi, PART)}
+    return _camera(document_of(values, "the CameraInfo").table)
+
+
+def _attributes(message: Any, names: tuple[str, ...]) -> dict[str, Any]:
+    values = {name: getattr(message, name, None) for name in names}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _camera(table: Table) -> Camera:
     for axis in ("binning_x", "binning_y"):
         if table.find(axis) is not None and table.whole(axis) > 1:
             raise InputError(

@@ -1,0 +1,328 @@
+"""The form of marker.json, versions 1 and 2: keys, types and what each value must be by itself.
+
+One form serves every version: what came after version 1 is marked with the version it came with (`SINCE_2`), and a file
+is of the lowest version that has all its keys. So a new key is one marked line in a form, here or in the forms of
+boundary and substrate: reader, writer and both schemas follow.
+"""
+
+from collections.abc import Iterator
+from functools import cache
+from typing import Annotated, Any, Literal, get_args
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from markergen.errors import InputError
+from markergen.model.boundary_file import BoundaryFile, Finite, built
+from markergen.model.feature import Feature, Polarity
+from markergen.model.findings import UNNAMED, Location
+from markergen.model.marker import ControlPoint, JointCovariance, Marker, MeasuredSize, Plate
+from markergen.model.substrate_file import SubstrateFile
+from markergen.model.tag import FAMILIES, Tag
+
+FORMAT = "markergen-marker"
+VERSIONS = (1, 2)
+
+MOST_CONTROL_POINTS, MOST_PLATES = 1000, 100
+"""A marker has a dozen points; a file beyond these is no marker."""
+TOLERANCE = 1e-9
+"""How far in m a dot may stand over the boundary, into another or into its clearance: rounding, far below printers."""
+
+SMALLEST_SCALE, LARGEST_SCALE = 0.5, 2.0
+"""Of a print; beyond these it is another marker."""
+
+SINCE = "x-since"
+SINCE_2: Any = Field(json_schema_extra={SINCE: 2})
+"""Marks a key that came with version 2: ``key: Annotated[..., SINCE_2] = default``."""
+
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Id = Annotated[int, Field(ge=0, le=2**31 - 1)]
+Three = Annotated[list[Finite], Field(min_length=3, max_length=3)]
+
+
+class _Strict(BaseModel):
+    # Built when first used: the parts by themselves only if a file is damaged.
+    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
+
+
+def _told(file: Any) -> Any:
+    """Build a part to see whether it holds together; tell what contradicts itself as pydantic does."""
+    try:
+        file.build()
+    except InputError as error:
+        raise ValueError(str(error)) from None
+    return file
+
+
+class _Frame(_Strict):
+    """Marker frame, spelled out for whoever reads the file without this program."""
+
+    unit: Literal["m"] = "m"
+    x: Literal["right"] = "right"
+    y: Literal["up"] = "up"
+    z: Literal["out of the printed face, toward the viewer"] = "out of the printed face, toward the viewer"
+    origin: Literal["center of the boundary's smallest enclosing circle", "that of the boundary's drawing"] = (
+        "center of the boundary's smallest enclosing circle"
+    )
+
+
+class _Feature(_Strict):
+    kind: Literal["dot", "ring"]
+    diameter: NonNegative
+    inner_diameter: NonNegative = 0.0
+    polarity: Annotated[Polarity, SINCE_2, Field(description="Of the dot on its ground.")] = "dark"
+
+
+class _MeasuredSize(_Strict):
+    """Size of one dot as measured on the print, m."""
+
+    diameter: Positive
+    diameter_sigma: Annotated[NonNegative | None, Field(description="Standard deviation; null: not told.")] = None
+
+
+class _ControlPoint(_Strict):
+    id: Id
+    x: Finite
+    y: Finite
+    z: Finite
+    feature: _Feature
+    covariance: Annotated[tuple[Finite, Finite, Finite], Field(strict=False)] | None = None
+    designed: Annotated[tuple[Finite, Finite], Field(strict=False)] | None = None
+    designed_z: Annotated[
+        Finite | None, SINCE_2, Field(description="Height that was designed, m, where z was measured.")
+    ] = None
+    measured: Annotated[_MeasuredSize | None, SINCE_2] = None
+
+    @field_validator("covariance")
+    @classmethod
+    def _is_one(cls, value: tuple[float, float, float] | None) -> tuple[float, float, float] | None:
+        if value and (min(value[0], value[2]) < 0 or abs(value[1]) > (1 + 1e-9) * (value[0] * value[2]) ** 0.5):
+            raise ValueError("xx, xy, yy of no covariance: a variance is negative along some direction")
+        return value
+
+    def build(self) -> ControlPoint:
+        size = MeasuredSize(self.measured.diameter, self.measured.diameter_sigma) if self.measured else None
+        feature = Feature(self.feature.diameter, self.feature.inner_diameter, self.feature.polarity)
+        return ControlPoint(
+            self.id, self.x, self.y, self.z, feature, self.covariance, self.designed, self.designed_z, size
+        )
+
+
+class _PrintCorrection(_Strict):
+    """What the printer made of 1 along x and y: the control points are those of the print."""
+
+    scale_x: Annotated[float, Field(ge=SMALLEST_SCALE, le=LARGEST_SCALE)]
+    scale_y: Annotated[float, Field(ge=SMALLEST_SCALE, le=LARGEST_SCALE)]
+
+
+class _Tag(_Strict):
+    """A square tag at z = 0, upright in the marker frame; lengths in m."""
+
+    family: Literal[tuple(FAMILIES)]  # type: ignore[valid-type]  # a table, not a list of words
+    id: Annotated[int, Field(ge=0)]
+    side: Annotated[float, Field(gt=0, allow_inf_nan=False, description="Of the black square.")]
+    quiet_zone: Annotated[float, Field(gt=0, allow_inf_nan=False, description="Width of the white edge around it.")]
+    corner_order: Literal["top left, top right, bottom right, bottom left"]
+    corners: Annotated[
+        list[Three],
+        Field(min_length=4, max_length=4, description="Of the black square, x y z in the marker frame."),
+    ]
+
+    def build(self) -> Tag:
+        center = np.mean(self.corners, axis=0)
+        # A center in the origin is not moved by rounding.
+        x, y = (round(float(value), 12) + 0.0 for value in center[:2])
+        return Tag(self.family, self.id, self.side, (x, y))
+
+
+class _JointCovariance(_Strict):
+    """Covariance of control points that were measured together, marker frame; in place of each one's own."""
+
+    order: Annotated[list[Id], Field(min_length=1, max_length=MOST_CONTROL_POINTS, description="Their ids.")]
+    axes: Literal["xy", "xyz"]
+    matrix: Annotated[
+        list[list[Finite]],
+        Field(
+            min_length=2,
+            max_length=3 * MOST_CONTROL_POINTS,
+            description="Symmetric, positive semidefinite, m^2; rows and columns x0 y0 [z0] x1 y1 ... in that order.",
+        ),
+    ]
+
+    @model_validator(mode="after")
+    def _valid(self) -> "_JointCovariance":
+        return _told(self)
+
+    def build(self) -> JointCovariance:
+        return JointCovariance(tuple(self.order), self.axes, tuple(map(tuple, self.matrix)))
+
+
+class _Rulers(_Strict):
+    """Lengths that the sheet prints beside its rulers, m; null or missing for one that it has not."""
+
+    x: Positive | None = None
+    y: Positive | None = None
+
+
+class _Pose(_Strict):
+    """T_marker_plate: X_marker = R X_plate + t."""
+
+    rotation: Annotated[list[Three], Field(min_length=3, max_length=3, description="R, row by row.")]
+    translation: Annotated[Three, Field(description="t, m.")]
+
+
+class _Plate(_Strict):
+    """One of several plates; in its own frame x is right, y up, z out of the printed face, which is z = 0."""
+
+    name: Annotated[str, Field(min_length=1, max_length=40)]
+    pose: _Pose
+    boundary: Annotated[BoundaryFile, Field(description="In the plate frame.")]
+    control_points: Annotated[
+        list[Id],
+        Field(max_length=MOST_CONTROL_POINTS, description="Ids of those that are on it."),
+    ]
+    keep_outs: Annotated[list[BoundaryFile], Field(description="In the plate frame.")] = []
+    tag: Annotated[_Tag | None, Field(description="In the plate frame.")] = None
+
+    @model_validator(mode="after")
+    def _valid(self) -> "_Plate":
+        # A tag that contradicts itself is told with its own path.
+        return _told(self.model_copy(update={"tag": None})) and self
+
+    def build(self) -> Plate:
+        pose, tag = self.pose, self.tag.build() if self.tag else None
+        x, y, z = pose.translation
+        ids, rows = tuple(self.control_points), tuple(map(tuple, pose.rotation))
+        return Plate(self.name, rows, (x, y, z), self.boundary.build(), ids, built(self.keep_outs), tag)
+
+
+class MarkerFile(_Strict):
+    """A fiducial marker: lengths in m, marker frame x right, y up, z out of the printed face."""
+
+    format: Literal["markergen-marker"]
+    version: Literal[VERSIONS]  # type: ignore[valid-type]
+    frame: _Frame
+    boundary: BoundaryFile
+    keep_outs: list[BoundaryFile] = []
+    clearance: NonNegative
+    control_points: Annotated[list[_ControlPoint], Field(min_length=4, max_length=MOST_CONTROL_POINTS)]
+    tag: _Tag | None = None
+    substrate: SubstrateFile
+    print_correction: _PrintCorrection | None = None
+    provenance: dict[str, Any]
+    joint_covariance: Annotated[_JointCovariance | None, SINCE_2] = None
+    plates: Annotated[
+        list[_Plate], SINCE_2, Field(max_length=MOST_PLATES, description="Empty or missing: one plate, z = 0.")
+    ] = []
+    rulers: Annotated[_Rulers | None, SINCE_2] = None
+    extensions: Annotated[dict[str, Any], SINCE_2, Field(description="Of other programs, by name; kept as it is.")] = {}
+
+    def build(self) -> Marker:
+        """Make the marker."""
+        correction, rulers = self.print_correction, self.rulers
+        return Marker(
+            control_points=tuple(point.build() for point in self.control_points),
+            boundary=self.boundary.build(),
+            clearance=self.clearance,
+            substrate=self.substrate.build(),
+            provenance=self.provenance,
+            keep_outs=built(self.keep_outs),
+            tag=self.tag.build() if self.tag else None,
+            print_scale=(correction.scale_x, correction.scale_y) if correction else (1, 1),
+            joint_covariance=self.joint_covariance.build() if self.joint_covariance else None,
+            rulers=(rulers.x, rulers.y) if rulers else None,
+            plates=tuple(plate.build() for plate in self.plates),
+            extensions=self.extensions,
+        )
+
+
+Form = type[BaseModel]
+
+
+def newer_keys(content: Any, forms: tuple[Form, ...] = (MarkerFile,)) -> Iterator[tuple[Location, int]]:
+    """Places of those keys of a file's content that came after version 1, each with the version it came with."""
+    if not forms:
+        return
+    if isinstance(content, list):
+        for index, item in enumerate(content):
+            yield from (((index, *place), version) for place, version in newer_keys(item, forms))
+    elif isinstance(content, dict):
+        for key, item in content.items():
+            since = max(_since(form, key) for form in forms)
+            if since > 1:
+                yield (key,), since
+            yield from (((key, *place), version) for place, version in newer_keys(item, _below(forms, key)))
+
+
+def known_keys(location: Location, version: int) -> list[str]:
+    """Keys that there may be at a place of a file of some version, beside the one that `location` ends with."""
+    forms: tuple[Form, ...] = (MarkerFile,)
+    for step in location[:-1]:
+        if isinstance(step, str) and step.startswith(UNNAMED):
+            kind = step.removeprefix(UNNAMED)
+            forms = tuple(form for form in forms if kind in get_args(form.model_fields["kind"].annotation))
+        elif isinstance(step, str):
+            forms = _below(forms, step)
+    return [key for form in forms for key in form.model_fields if _since(form, key) <= version]
+
+
+def _since(form: Form, key: str) -> int:
+    field = form.model_fields.get(key)
+    extra = field.json_schema_extra if field else None
+    since = extra.get(SINCE) if isinstance(extra, dict) else None
+    return since if isinstance(since, int) else 1
+
+
+@cache
+def _below(forms: tuple[Form, ...], key: str) -> tuple[Form, ...]:
+    """Forms of what is under a key, of which a list or a choice may have several."""
+    return tuple(
+        each for form in forms if key in form.model_fields for each in _forms(form.model_fields[key].annotation)
+    )
+
+
+def _forms(annotation: Any) -> tuple[Form, ...]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return (annotation,)
+    return tuple(each for part in get_args(annotation) for each in _forms(part))
+
+
+def json_schema(version: int) -> dict[str, Any]:
+    """JSON Schema of one version of marker.json.
+
+    Raises
+    ------
+    InputError
+        If there is no such version.
+    """
+    if version not in VERSIONS:
+        raise InputError("a version of marker.json", repr(version)[:40], f"known: {', '.join(map(str, VERSIONS))}")
+    schema = MarkerFile.model_json_schema()
+    _without_newer(schema, version)
+    schema["properties"]["version"] = {"const": version, "title": "Version", "type": "integer"}
+    used = set[str]()
+    _collect(schema["properties"], schema["$defs"], used)
+    schema["$defs"] = {name: form for name, form in schema["$defs"].items() if name in used}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
+def _without_newer(schema: Any, version: int) -> None:
+    for form in (schema, *schema["$defs"].values()):
+        for key, value in list(form.get("properties", {}).items()):
+            if value.get(SINCE, 1) > version:
+                del form["properties"][key]
+
+
+def _collect(schema: Any, forms: dict[str, Any], used: set[str]) -> None:
+    """Gather the names of all forms that a schema refers to, also by way of others."""
+    if isinstance(schema, list):
+        for item in schema:
+            _collect(item, forms, used)
+    elif isinstance(schema, dict):
+        name = str(schema.get("$ref", "")).rpartition("/")[2]
+        if name and name not in used:
+            used.add(name)
+            _collect(forms[name], forms, used)
+        for item in schema.values():
+            _collect(item, forms, used)

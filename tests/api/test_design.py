@@ -1,0 +1,161 @@
+import inspect
+import json
+import logging
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from markergen.api.design import design
+from markergen.cli import main
+from markergen.errors import InputError, OutputError
+from markergen.model.boundary import Circle
+from markergen.model.camera import Camera
+from markergen.model.marker_json import read_marker
+from markergen.model.poses import named_poses
+from markergen.model.spec import Spec
+from markergen.optimize.design import design as find
+
+QUICK = {"n": 4, "radius": "100mm", "dot": "20mm", "restarts": 2, "poses": "cone:count=30"}
+
+
+@pytest.fixture(scope="module")
+def quick():
+    return design(**QUICK)
+
+
+def test_it_is_what_the_command_designs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    found = design(**QUICK, output="lib.pdf", paper="A3", seed=1)
+    words = [f"--{name}={value}" for name, value in QUICK.items()]
+    assert main(["design", *words, "--seed", "1", "--paper", "A3", "-o", "cli.pdf"]) == 0
+    assert Path("lib.json").read_bytes() == Path("cli.json").read_bytes()
+    assert Path("lib.pdf").read_bytes() == Path("cli.pdf").read_bytes()
+    printed = capsys.readouterr().out
+
+    def told(text):
+        return [line for line in text.splitlines() if not line.startswith(("found in", "wrote"))]
+
+    assert told(printed)[: len(told(str(found)))] == told(str(found))
+    assert [file.path.name for file in found.written] == ["lib.pdf", "lib.json"]
+    assert str(found.written[0]) in printed.replace("cli.", "lib.")
+
+
+def test_objects_paths_and_texts_are_the_same(tmp_path, quick):
+    camera = Camera(640, 480, 800.0, 800.0, 320.0, 240.0)
+    (tmp_path / "camera.json").write_text(json.dumps(camera.as_dict()))
+    same = [
+        {"camera": camera},
+        {"camera": tmp_path / "camera.json"},
+        {"camera": str(tmp_path / "camera.json")},
+        {"camera": camera.as_dict()},
+        {"radius": 0.1, "n": np.int64(4), "dot": np.float64(0.02)},
+        {"radius": None, "boundary": Circle(0.1)},
+        {"radius": None, "boundary": "circle:100mm"},
+    ]
+    for more in same:
+        assert design(**{**QUICK, **more}).marker == quick.marker
+
+
+def test_it_is_the_engines_design(quick):
+    spec = Spec(n=4, boundary=Circle(0.1), dot=0.02, restarts=2, poses="cone:count=30")
+    assert quick.marker == find(spec).marker
+
+
+def test_poses_may_be_a_distribution(quick):
+    found = design(**{**QUICK, "poses": named_poses("cone:count=30")})
+    np.testing.assert_allclose(found.marker.xyz, quick.marker.xyz, atol=1e-9)
+
+
+def test_results_are_short_and_shown(quick):
+    assert len(repr(quick)) < 2000
+    assert repr(quick).startswith("Design(")
+    assert "<table>" in quick._repr_html_()
+    assert "regular 4-gon" in str(quick)
+    frame = quick.to_frame()
+    assert list(frame.layout) == ["design", "ngon", "square", "random"]
+    assert frame.rotation_deg[0] == pytest.approx(quick.criteria["design"]["rotation_deg"])
+    ax = quick.plot()
+    assert len(ax.patches) >= 4
+    assert quick.plot(ax) is ax
+
+
+def test_a_family_and_a_trace_are_written_together(tmp_path):
+    outputs, trace = [tmp_path / "m.svg", tmp_path / "m.csv"], tmp_path / "t.csv"
+    found = design(**QUICK, tag="aruco:DICT_4X4_50", ids="3,5", output=outputs, trace=trace, paper="A1")
+    assert [marker.tag.id for marker in found.markers] == [3, 5]
+    names = ["m.svg", "m-3.csv", "m-3.json", "m-5.csv", "m-5.json", "t.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
+    assert sorted(file.path.name for file in found.written) == sorted(names)
+    assert read_marker(tmp_path / "m-5.json") == found.markers[1]
+    assert trace.read_text().count("\n") == len(found.trace) + 1
+
+
+def test_a_template_gives_way_to_what_is_given(tmp_path):
+    spec = tmp_path / "my.toml"
+    spec.write_text('n = 4\nradius = "100mm"\ndot = "20mm"\nrestarts = 2\nposes = "cone:count=30"\npaper = "A3"\n')
+    one = design(template=spec, output=tmp_path / "one.svg")
+    assert 'width="297mm"' in (tmp_path / "one.svg").read_text()[:600]
+    assert one.marker.provenance["spec"]["n"] == 4
+    two = design(template=str(spec), n=5, boundary="rect:200mmx200mm", paper="A2", output=tmp_path / "two.svg")
+    assert len(two.marker) == 5
+    assert two.marker.boundary.radius == pytest.approx(0.1 * 2**0.5)
+    assert 'width="420mm"' in (tmp_path / "two.svg").read_text()[:600]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"rdius": 5}, "rdius=5 (no such option: did you mean 'radius'?)"),
+        ({"n": "five", "radius": [1]}, "n='five' (a whole number), radius=[1] (a length"),
+        ({"n": True}, "n=True (a whole number)"),
+        ({"camera": 5}, "camera=5 (a camera, a path, or a dictionary)"),
+        ({"camera": {"width": 640}}, "camera.height: missing"),
+        ({"poses": object}, "poses"),
+        ({"boundary": 3}, "boundary=3 (an outline"),
+        ({"radius": 0.1, "boundary": "rect:0.1x0.1"}, "a radius or a boundary"),
+        ({"layer": "A"}, "--layer and --origin with a drawing"),
+        ({"output": 3}, "output=3 (a path, or a list of paths)"),
+        ({"output": "marker.docx"}, "a known output suffix, found '.docx'"),
+        ({"ids": "0-3"}, "a tag whose ids the markers have"),
+        ({"template": "none-such"}, "a known template"),
+        ({"n": 3}, "at least 4 control points"),
+        ({"trace": "t.txt"}, "a trace in one of"),
+    ],
+)
+def test_bad_wishes(options, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError) as caught:
+        design(**options)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_cannot_be_written_is_told_before_the_search(tmp_path):
+    def never(*_):
+        raise AssertionError("searched")
+
+    with pytest.raises(OutputError, match="No such file or directory"):
+        design(**QUICK, output=tmp_path / "none" / "m.pdf", progress=never)
+    camera = tmp_path / "m.json"
+    camera.write_text(json.dumps(Camera(640, 480, 800, 800, 320, 240).as_dict()))
+    with pytest.raises(OutputError, match="one of the inputs"):
+        design(**QUICK, camera=camera, output=tmp_path / "m.svg", progress=never)
+
+
+def test_nothing_is_printed_and_the_log_is_silent_until_asked(capsys, caplog):
+    stages = []
+    with caplog.at_level(logging.INFO, logger="markergen"):
+        found = design(**{**QUICK, "dot": "1mm"}, progress=lambda stage, done, total: stages.append(stage))
+    assert capsys.readouterr() == ("", "")
+    assert stages
+    assert found.warnings
+    assert [record.message for record in caplog.records if record.levelno == logging.WARNING] == list(found.warnings)
+
+
+def test_help_shows_every_keyword():
+    shown = inspect.signature(design).parameters
+    assert shown["n"].default == 5
+    assert shown["corner_radius"].default == "0mm"
+    assert shown["progress"].kind is inspect.Parameter.KEYWORD_ONLY

@@ -1,0 +1,47 @@
+import pytest
+
+from markergen.api.study import study
+from markergen.errors import InputError
+
+SWEEP = {
+    "dot": "20mm",
+    "restarts": 2,
+    "poses": "cone:count=20",
+    "study": {"estimators": ["ippe"]},
+    "grid": {"n": [4, 5], "layout": ["ngon"]},
+}
+
+
+def test_a_sweep_of_a_dictionary_as_a_frame(tmp_path):
+    seen = []
+    found = study(SWEEP, tmp_path / "s", workers=1, runs=2, progress=lambda *told: seen.append(told[:2]))
+    assert seen[-1] == (4, 4)
+    assert {path.name for path in found} >= {"table.csv", "index.html"}
+    assert all(path.is_file() for path in found)
+    assert str(found).splitlines()[0].startswith("wrote ")
+    assert len(repr(found)) < 300
+    frame = found.to_frame()
+    row = frame[(frame.polar_angle_deg == "all") & (frame.n == 5)].iloc[0]
+    assert row.estimator == "ippe"
+    assert row.rotation_bound_deg > 0
+    with pytest.raises(InputError, match="known: table"):
+        found.to_frame("tables")
+    again = study(SWEEP, str(tmp_path / "s"), workers=1, runs=2, resume=True)
+    assert [path.name for path in again] == [path.name for path in found]
+
+
+@pytest.mark.parametrize(
+    ("what", "options", "words"),
+    [
+        (3, {}, "a path, found 3"),
+        ("none-such", {}, "known: paper, layouts"),
+        (SWEEP, {"scale": 0.1}, "--scale with the study paper"),
+        (SWEEP, {"workers": 0}, "1 to 256 workers"),
+        (SWEEP, {"wrokers": 1}, "did you mean 'workers'?"),
+        ({"grid": {"m": [1]}}, {}, "grid.m"),
+    ],
+)
+def test_bad_wishes(what, options, words, tmp_path):
+    with pytest.raises(InputError) as caught:
+        study(what, tmp_path / "s", **options)
+    assert words in str(caught.value)

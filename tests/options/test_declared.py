@@ -1,0 +1,105 @@
+"""What is declared is what holds: defaults, names and kinds, everywhere that options go."""
+
+import inspect
+from dataclasses import fields
+
+import pytest
+
+from markergen.cli.app import app
+from markergen.cli.options import TYPES
+from markergen.drawing.colors import BLACK_ON_WHITE, parse_colors
+from markergen.drawing.sheet import SheetOptions
+from markergen.model.boundary import Circle
+from markergen.model.fabrication import Fabrication
+from markergen.model.poses import named_poses
+from markergen.model.rescale import Rulers
+from markergen.model.spec import Spec
+from markergen.model.substrate import Substrate
+from markergen.options import (
+    CompareKeywords,
+    DesignKeywords,
+    DetectKeywords,
+    ExportKeywords,
+    RescaleKeywords,
+    StudyKeywords,
+    ValidateKeywords,
+    declared,
+    settle,
+)  # fmt: skip
+from markergen.options.base import GROUPS, REPEATABLE
+from markergen.options.reading import _READERS
+from markergen.read.spec_file import STORED, spec_from_mapping
+
+TABLES = [
+    CompareKeywords, DesignKeywords, DetectKeywords, ExportKeywords, RescaleKeywords, StudyKeywords, ValidateKeywords,
+]  # fmt: skip
+EACH = [pytest.param(table, option, id=f"{table.__name__}-{name}") for table in TABLES
+        for name, option in declared(table).items()]  # fmt: skip
+
+
+@pytest.mark.parametrize(("table", "option"), EACH)
+def test_an_option_is_declared_in_full(table, option):
+    assert option.group in GROUPS
+    assert option.kind in TYPES
+    assert option.kind in _READERS
+    assert option.help.endswith((".", "..."))
+    assert option.metavar or option.kind in ("int", "float", "bool")
+    assert not (option.default is not None and option.otherwise)
+    # A flag of its own name, so that a keyword is the option with underscores.
+    assert option.flag == "--" + option.name.replace("_", "-")
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_groups_stand_together_and_in_order(table):
+    places = [GROUPS.index(option.group) for option in declared(table).values()]
+    assert places == sorted(places)
+
+
+def test_a_spec_without_wishes_has_the_defaults_that_are_declared():
+    defaults = {
+        STORED.get(name, name): option.default
+        for name, option in declared(DesignKeywords).items()
+        if option.default is not None
+    }
+    spec = Spec()
+    for field in fields(Spec):
+        if field.name in defaults:
+            value = getattr(spec, field.name)
+            assert spec_from_mapping({field.name: defaults[field.name]}) == spec, field.name
+            assert type(value) in (int, float, str), field.name
+    assert spec_from_mapping({"radius": defaults["radius"]}).boundary == Circle(0.15) == spec.boundary
+    assert named_poses(defaults["poses"]).name == spec.poses
+
+
+def test_a_plate_a_process_and_a_sheet_have_the_defaults_that_are_declared():
+    settled = settle({}, ExportKeywords)
+    made, plate, sheet = Fabrication(), Substrate(), SheetOptions()
+    for thing in (made, plate, sheet):
+        for field in fields(thing):
+            if settled.get(field.name) is not None and field.name != "colors":
+                assert getattr(thing, field.name) == settled[field.name], field.name
+    assert parse_colors(settled["colors"]) == BLACK_ON_WHITE
+    rulers = settle({}, RescaleKeywords)
+    assert Rulers(None, None) == Rulers(None, None, rulers["nominal_x"], rulers["nominal_y"])
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_commands_have_the_options_that_are_declared(table):
+    import typer
+
+    command = typer.main.get_command(app).commands[table.__name__.removesuffix("Keywords").lower()]
+    flags = {flag for param in command.params for flag in (*param.opts, *param.secondary_opts)}
+    assert {option.flag for option in declared(table).values()} <= flags
+    repeated = {param.name for param in command.params if getattr(param, "multiple", False)}
+    assert {name for name, option in declared(table).items() if option.kind in REPEATABLE} <= repeated
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_functions_show_the_keywords_that_are_declared(table):
+    import markergen
+
+    name = table.__name__.removesuffix("Keywords").lower()
+    function = markergen.Detector if name == "detect" else getattr(markergen, name)
+    parameters = inspect.signature(function).parameters
+    assert set(declared(table)) <= set(parameters)
+    assert not any(each.kind is each.VAR_KEYWORD for each in parameters.values())
