@@ -246,7 +246,8 @@ def newer_keys(content: Any, forms: tuple[Form, ...] = (MarkerFile,)) -> Iterato
         return
     if isinstance(content, list):
         for index, item in enumerate(content):
-            yield from (((index, *place), version) for place, version in newer_keys(item, forms))
+            if isinstance(item, dict):  # Not lists of lists, which may be nested without end.
+                yield from (((index, *place), version) for place, version in newer_keys(item, forms))
     elif isinstance(content, dict):
         for key, item in content.items():
             since = max(_since(form, key) for form in forms)

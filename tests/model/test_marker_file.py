@@ -269,6 +269,32 @@ def markers(draw, base):
 
 
 @given(st.data())
+def test_a_damaged_value_anywhere_is_one_line_or_harmless(data):
+    content = json.loads((DATA / FULL).read_text())
+    place = content
+    while True:
+        key = data.draw(st.sampled_from(range(len(place)) if isinstance(place, list) else sorted(place)))
+        if not isinstance(place[key], (dict, list)) or not place[key] or data.draw(st.booleans()):
+            break
+        place = place[key]
+    place[key] = data.draw(JSON)
+    message = ""
+    try:
+        from_json(json.dumps(content))
+    except InputError as error:
+        message = str(error)
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize("key", ["control_points", "plates", "joint_covariance", "extensions"])
+def test_endless_nesting_is_one_line(full, key):
+    nested = []
+    for _ in range(800):
+        nested = [nested]
+    assert f"{key}" in refusal({**full, key: nested})
+
+
+@given(st.data())
 def test_whatever_a_marker_has_comes_back(pentagon, data):
     marker = data.draw(markers(pentagon))
     text = to_json(marker)
