@@ -83,7 +83,7 @@ class JointCovariance:
 
     order: tuple[int, ...]
     axes: Literal["xy", "xyz"]
-    matrix: Rows
+    matrix: Rows = field(repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "order", tuple(int(number) for number in self.order))

@@ -2,7 +2,8 @@
 
 One form serves every version: what came after version 1 is marked with the version it came with (`SINCE_2`), and a file
 is of the lowest version that has all its keys. So a new key is one marked line in a form, here or in the forms of
-boundary and substrate: reader, writer and both schemas follow.
+boundary and substrate: reader, writer and both schemas follow. A choice that came later is a form of its own with
+``json_schema_extra={SINCE: 2}`` in its `model_config`, and a marked key by which it is told.
 """
 
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Tag as Choice
 
 from markergen.errors import InputError
 from markergen.model.boundary_file import BoundaryFile, Finite, built
@@ -246,7 +248,8 @@ def newer_keys(content: Any, forms: tuple[Form, ...] = (MarkerFile,)) -> Iterato
         return
     if isinstance(content, list):
         for index, item in enumerate(content):
-            yield from (((index, *place), version) for place, version in newer_keys(item, forms))
+            if isinstance(item, dict):  # Not lists of lists, which may be nested without end.
+                yield from (((index, *place), version) for place, version in newer_keys(item, forms))
     elif isinstance(content, dict):
         for key, item in content.items():
             since = max(_since(form, key) for form in forms)
@@ -258,12 +261,13 @@ def newer_keys(content: Any, forms: tuple[Form, ...] = (MarkerFile,)) -> Iterato
 def known_keys(location: Location, version: int) -> list[str]:
     """Keys that there may be at a place of a file of some version, beside the one that `location` ends with."""
     forms: tuple[Form, ...] = (MarkerFile,)
+    above = forms, ""
     for step in location[:-1]:
         if isinstance(step, str) and step.startswith(UNNAMED):
-            kind = step.removeprefix(UNNAMED)
-            forms = tuple(form for form in forms if kind in get_args(form.model_fields["kind"].annotation))
+            forms = _below(*above, step)
         elif isinstance(step, str):
-            forms = _below(forms, step)
+            above = forms, step
+            forms = _below(*above)
     return [key for form in forms for key in form.model_fields if _since(form, key) <= version]
 
 
@@ -275,17 +279,21 @@ def _since(form: Form, key: str) -> int:
 
 
 @cache
-def _below(forms: tuple[Form, ...], key: str) -> tuple[Form, ...]:
-    """Forms of what is under a key, of which a list or a choice may have several."""
-    return tuple(
-        each for form in forms if key in form.model_fields for each in _forms(form.model_fields[key].annotation)
-    )
+def _below(forms: tuple[Form, ...], key: str, choice: str = "") -> tuple[Form, ...]:
+    """Forms of what is under a key: all that it has to choose from, or that one."""
+    fields = [form.model_fields[key] for form in forms if key in form.model_fields]
+    found = [each for field in fields for each in _choices(field.annotation)]
+    return tuple(form for tag, form in found if choice in ("", tag))
 
 
-def _forms(annotation: Any) -> tuple[Form, ...]:
+def _choices(annotation: Any, tag: str = "") -> Iterator[tuple[str, Form]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return (annotation,)
-    return tuple(each for part in get_args(annotation) for each in _forms(part))
+        yield tag, annotation
+        return
+    parts = get_args(annotation)
+    tag = next((part.tag for part in parts if isinstance(part, Choice)), tag)
+    for part in parts:
+        yield from _choices(part, tag)
 
 
 def json_schema(version: int) -> dict[str, Any]:
@@ -308,10 +316,20 @@ def json_schema(version: int) -> dict[str, Any]:
 
 
 def _without_newer(schema: Any, version: int) -> None:
-    for form in (schema, *schema["$defs"].values()):
-        for key, value in list(form.get("properties", {}).items()):
-            if value.get(SINCE, 1) > version:
-                del form["properties"][key]
+    """Take out the keys that came after a version, and the forms from among which to choose."""
+    newer = {f"#/$defs/{name}" for name, form in schema["$defs"].items() if form.get(SINCE, 1) > version}
+
+    def clean(part: Any) -> None:
+        if isinstance(part, dict):
+            for key, value in list(part.get("properties", {}).items()):
+                if value.get(SINCE, 1) > version:
+                    del part["properties"][key]
+            if "oneOf" in part:
+                part["oneOf"] = [form for form in part["oneOf"] if form.get("$ref") not in newer]
+        for item in part.values() if isinstance(part, dict) else part if isinstance(part, list) else ():
+            clean(item)
+
+    clean(schema)
 
 
 def _collect(schema: Any, forms: dict[str, Any], used: set[str]) -> None:

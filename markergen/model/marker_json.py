@@ -64,7 +64,7 @@ def to_json(marker: Marker) -> bytes:
         "tag": _tag(marker.tag),
         "substrate": marker.substrate.as_dict(),
         "print_correction": None if marker.print_scale == (1.0, 1.0) else _correction(marker.print_scale),
-        **({"rulers": dict(zip("xy", marker.rulers, strict=True))} if marker.rulers else {}),
+        **({"rulers": _given(x=marker.rulers[0], y=marker.rulers[1])} if marker.rulers else {}),
         "provenance": dict(marker.provenance),
         **({"extensions": dict(marker.extensions)} if marker.extensions else {}),
     }
@@ -89,8 +89,12 @@ def _control_point(point: ControlPoint) -> dict[str, Any]:
         **({"covariance": list(point.covariance)} if point.covariance else {}),
         **({"designed": list(point.designed)} if point.designed else {}),
         **({"designed_z": point.designed_z} if point.designed_z is not None else {}),
-        **({"measured": {"diameter": size.diameter, "diameter_sigma": size.diameter_sigma}} if size else {}),
+        **({"measured": _given(diameter=size.diameter, diameter_sigma=size.diameter_sigma)} if size else {}),
     }
+
+
+def _given(**values: float | None) -> dict[str, float]:
+    return {key: value for key, value in values.items() if value is not None}
 
 
 def _plate(plate: Plate) -> dict[str, Any]:
@@ -134,7 +138,7 @@ def _dumped(content: Any, indent: int | None = 2) -> str:
     except RecursionError:
         found = "endless nesting"
     except (TypeError, ValueError) as error:
-        found = brief(str(error))
+        found = str(error)[:80]
     raise InputError("a marker of plain JSON values and finite numbers", found, "correct it where it was made")
 
 

@@ -7,7 +7,7 @@ import typer
 
 from docs.generate import reference, schema
 from markergen.cli.app import app
-from markergen.model.marker_file import VERSIONS
+from markergen.model.marker_file import VERSIONS, json_schema
 
 ROOT = Path(__file__).parents[2]
 
@@ -19,6 +19,24 @@ def test_generated_documents_are_up_to_date():
         f"marker-v{v}.schema.json" for v in VERSIONS
     }
     assert (ROOT / "docs" / "cli.md").read_text() == reference()
+
+
+def test_every_key_of_marker_json_is_explained():
+    text, schema = (ROOT / "docs" / "marker-json.md").read_text(), json_schema(VERSIONS[-1])
+    forms = (
+        "_JointCovariance",
+        "_MeasuredSize",
+        "_Plate",
+        "_Pose",
+        "_Rulers",
+        "_ControlPoint",
+        "_Feature",
+        "_PrintCorrection",
+    )
+    assert set(forms) <= set(schema["$defs"])
+    for form in (schema, *(schema["$defs"][name] for name in forms)):
+        for key in form["properties"]:
+            assert re.search(rf"`([\w\[\]]+\.)*{key}`", text), f"{form['title']}: {key}"
 
 
 def test_every_command_is_documented_with_an_example():

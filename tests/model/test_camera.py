@@ -1,3 +1,4 @@
+import json
 import time
 from dataclasses import replace
 
@@ -159,3 +160,69 @@ def test_bad_distortions_are_refused(model, coefficients, words):
         Distortion(model, coefficients)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"width": "a"}, "an image size of 1 to 20000 pixels, found 'a'x480"),
+        ({"width": 640.5}, "found 640.5x480; give the camera's width and height in whole pixels"),
+        ({"height": float("nan")}, "found 640xnan"),
+        ({"height": None}, "found 640xNone"),
+        ({"height": True}, "found 640xTrue"),
+        ({"width": [640]}, "found [640]x480"),
+        ({"width": 10**5000}, "found an endless numberx480"),
+        ({"fx": "800"}, "finite positive focal lengths, found fx='800', fy=800.0"),
+        ({"fy": None}, "fy=None"),
+        ({"fx": 1j}, "fx=1j"),
+        ({"fx": np.array([800.0])}, "fx=array([800.])"),
+        ({"cx": "middle"}, "a finite principal point, found cx='middle'"),
+        ({"cy": {}}, "cy={}"),
+        ({"distortion": None}, "a Distortion, found NoneType None"),
+        ({"distortion": (0.1, 0, 0, 0)}, "a Distortion, found tuple (0.1, 0, 0, 0)"),
+    ],
+)
+def test_what_is_no_number_is_refused(change, words):
+    values = {"width": 640, "height": 480, "fx": 800.0, "fy": 800.0, "cx": 320.0, "cy": 240.0}
+    with pytest.raises(InputError) as caught:
+        Camera(**values | change)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("model", "coefficients", "words"),
+    [
+        (None, (), "known distortion model, found None"),
+        ([], (), "known distortion model, found []"),
+        ("radtan", None, "a list of distortion coefficients, found None"),
+        ("radtan", 0.1, "a list of distortion coefficients, found 0.1"),
+        ("radtan", "0000", "a list of distortion coefficients, found '0000'"),
+        ("radtan", ["0"] * 4, "finite distortion coefficients, found k1='0'"),
+        ("radtan", [[0.0] * 4], "4 or 5 coefficients"),
+        ("radtan", [None] * 4, "finite distortion coefficients, found k1=None"),
+    ],
+)
+def test_what_is_no_distortion_is_refused(model, coefficients, words):
+    with pytest.raises(InputError) as caught:
+        Distortion(model, coefficients)
+    assert words in str(caught.value)
+
+
+def test_numbers_of_numpy_become_pythons():
+    camera = Camera(
+        *np.array([640, 480]), *np.array([800, 800, 320, 240], np.float32), Distortion("radtan", np.zeros(4))
+    )
+    assert camera == Camera(640.0, 480, 800, 800, 320, 240, Distortion("radtan", (0, 0, 0, 0)))
+    assert json.loads(json.dumps(camera.as_dict())) == camera.as_dict()
+    assert type(camera.width) is int
+
+
+def test_cameras_print_in_a_line():
+    assert repr(PAPER_CAMERA) == "Camera(width=640, height=480, fx=800.0, fy=800.0, cx=320.0, cy=240.0)"
+    for camera in CAMERAS:
+        assert eval(repr(camera)) == camera
+        assert len(repr(camera)) < 300
+        assert "\n" not in str(camera)
+    assert str(FISHEYE).endswith("equidistant k1 0.0035, k2 0.0007, k3 -0.002, k4 0.0002")
+    assert str(PAPER_CAMERA) == "640x480 px, fx 800, fy 800, cx 320, cy 240, no distortion"

@@ -1,4 +1,7 @@
+import io
 import json
+from array import array
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -412,3 +415,157 @@ def test_files_that_cannot_be_read(tmp_path):
     (tmp_path / "one.yaml").write_text(ROS_YAML)
     with pytest.raises(InputError, match="found 'cam1'; leave it out"):
         read_camera(tmp_path / "one.yaml#cam1")
+
+
+NUMBERS = {"width": 640, "height": 480, "fx": 800.0, "fy": 801.0, "cx": 320.0, "cy": 240.0}
+LENS = Distortion("radtan", (0.1, -0.2, 0.001, 0.002, 0.0))
+BENT = Camera(**NUMBERS, distortion=LENS)
+MATRIX = np.array([[800, 0, 320], [0, 801, 240], [0, 0, 1.0]])
+
+
+def test_a_camera_is_loaded_from_whatever_holds_it(write, tmp_path):
+    path = write(ROS_YAML)
+    camera = read_camera(path)
+    with path.open("rb") as binary, path.open(encoding="utf-8") as text:
+        for source in (str(path), path, binary, text, io.StringIO(ROS_YAML), io.BytesIO(ROS_YAML.encode())):
+            assert Camera.load(source) == camera
+    assert Camera.load(BENT.as_dict()) == BENT
+    assert Camera.load({**BENT.as_dict(), "fx": np.float32(800), "cx": np.float64(320)}) == BENT
+    assert (
+        Camera.load({"camera_matrix": MATRIX, "dist": np.array([LENS.coefficients]), "image_size": (640, 480)}) == BENT
+    )
+
+
+def test_one_of_several_cameras_is_loaded_by_name(write):
+    path = write(KALIBR_YAML)
+    assert Camera.load(f"{path}#cam1") == read_camera(f"{path}#cam1") != Camera.load(f"{path}#cam0")
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        (3, "expected a path, an open file or a dict of a calibration, found int 3"),
+        (None, "found NoneType None"),
+        ([NUMBERS], "found list"),
+        (BENT, "found Camera Camera(width="),
+        ("no/such.yaml", "No such file"),
+        ("a\0b", "null"),
+        ({}, "a camera in the dict, found no format"),
+        ({**NUMBERS, "fx": None}, "a finite number at fx in the dict, found 'null'"),
+        ({**NUMBERS, "fx": float("nan")}, "a finite number at fx in the dict"),
+        ({**NUMBERS, "fx": object()}, "text, numbers, lists and dicts in the dict"),
+        ({**NUMBERS, "skew": 0}, "found 'skew'"),
+        (io.StringIO(""), "a camera file at the open file, found an empty file"),
+        (io.BytesIO(b"\xff\xff"), "text in the open file"),
+        (io.StringIO(" " * 1_000_001), "at most 1 MB"),
+    ],
+)
+def test_what_is_no_camera_is_one_line(source, words):
+    with pytest.raises(InputError) as caught:
+        Camera.load(source)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def info(**change):
+    """As rclpy makes a CameraInfo: numpy for K, an array for D."""
+    roi = SimpleNamespace(x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+    fields = {
+        "header": SimpleNamespace(frame_id="camera"), "height": 480, "width": 640, "distortion_model": "plumb_bob",
+        "d": array("d", LENS.coefficients), "k": MATRIX.ravel(), "r": np.eye(3).ravel(), "p": np.zeros(12),
+        "binning_x": 0, "binning_y": 0, "roi": roi,
+    }  # fmt: skip
+    return SimpleNamespace(**fields | change)
+
+
+def test_a_message_of_ros_is_the_camera_that_it_describes(write):
+    assert Camera.from_message(info()) == BENT
+    ros1 = SimpleNamespace(
+        height=480, width=640, distortion_model="plumb_bob", D=LENS.coefficients, K=tuple(MATRIX.ravel()), R=(), P=()
+    )
+    assert Camera.from_message(ros1) == BENT
+    assert Camera.from_message(vars(ros1)) == BENT
+    assert Camera.from_message({**vars(info()), "roi": {"x_offset": 0, "width": 640}}) == BENT
+    assert Camera.from_message(info(distortion_model="", d=[])) == BENT.ideal
+    fisheye = Camera.from_message(info(distortion_model="equidistant", d=[0.1, 0, 0, 0]))
+    assert fisheye.distortion == Distortion("equidistant", (0.1, 0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [
+        (3, "a message sensor_msgs/CameraInfo, found int 3"),
+        ({}, "a message sensor_msgs/CameraInfo, found dict {}"),
+        (info(binning_x=2), "a full image, not a binned one, at binning_x in the CameraInfo, found 2"),
+        (info(roi=SimpleNamespace(x_offset=8)), "the full image, 0, at roi.x_offset in the CameraInfo, found 8"),
+        (info(roi=SimpleNamespace(width=320)), "the full image at roi.width"),
+        (info(k=np.zeros(9)), "finite positive focal lengths at k in the CameraInfo"),
+        (info(k=[1.0]), "a 3x3 camera matrix at k in the CameraInfo"),
+        (info(k=None), "the key camera_matrix or K or intrinsic_matrix or mtx in the CameraInfo"),
+        (info(d=None), "the key distortion_coefficients"),
+        (info(d=[0.1] * 5 + [np.nan] * 3), "a finite number at d in the CameraInfo"),
+        (info(distortion_model="omni"), "a known distortion model at distortion_model in the CameraInfo"),
+        (info(width="wide"), "a finite number at width"),
+        (info(width=0), "an image size of 1 to 20000 pixels"),
+        (info(width=320), "a principal point inside the image of 320x480 px"),
+        (info(width=SimpleNamespace()), "text, numbers, lists and dicts in the CameraInfo"),
+    ],
+)
+def test_messages_are_refused_as_files_are(message, words):
+    with pytest.raises(InputError) as caught:
+        Camera.from_message(message)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("shape", [(5,), (5, 1), (1, 5)])
+def test_arrays_of_opencv_in_any_shape(shape):
+    assert Camera.from_cv2(MATRIX, np.reshape(LENS.coefficients, shape), (640, 480)) == BENT
+
+
+def test_arrays_of_opencv():
+    assert Camera.from_cv2(MATRIX.tolist(), None, np.zeros((480, 640, 3)).shape[1::-1]) == BENT.ideal
+    assert Camera.from_cv2(MATRIX, np.zeros((0,)), [640, 480]) == BENT.ideal
+    assert Camera.from_cv2(MATRIX, [0.1, 0.2, 0, 0], (640, 480)).distortion == Distortion("radtan", (0.1, 0.2, 0, 0))
+    for count in (8, 12, 14):
+        camera = Camera.from_cv2(MATRIX, [0.1] * 8 + [0.0] * (count - 8), (640.0, 480.0))
+        assert camera.distortion == Distortion("rational", (0.1,) * 8)
+    camera = Camera.from_cv2(MATRIX, np.full((4, 1), 0.01), (640, 480), fisheye=True)
+    assert camera.distortion == Distortion("equidistant", (0.01,) * 4)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((None, None, (640, 480)), "an array of finite numbers as matrix, found None"),
+        ((np.eye(4), None, (640, 480)), "a 3x3 camera matrix, found an array of shape (4, 4)"),
+        ((MATRIX.T, None, (640, 480)), "transpose it"),
+        ((MATRIX * np.nan, None, (640, 480)), "an array of finite numbers as matrix"),
+        (("matrix", None, (640, 480)), "an array of finite numbers as matrix, found 'matrix'"),
+        ((MATRIX, "0", (640, 480)), "an array of finite numbers as distortion"),
+        ((MATRIX, [[0.1], [0.2, 0]], (640, 480)), "an array of finite numbers as distortion"),
+        ((MATRIX, np.zeros((2, 4)), (640, 480)), "distortion coefficients in one row or column, found an array of"),
+        (
+            (MATRIX, [0.1] * 3, (640, 480)),
+            "4 or 5 coefficients of the distortion model 'radtan' at distortion",
+        ),
+        ((MATRIX, [0.1] * 14, (640, 480)), "no thin prism and no tilted sensor"),
+        (
+            (MATRIX, None, (480, 640, 3)),
+            "a size (width, height) in px, found (480, 640, 3); of an image",
+        ),
+        ((MATRIX, None, None), "an array of finite numbers as size"),
+        ((MATRIX, None, (640.5, 480)), "a size (width, height) in px"),
+        ((MATRIX, None, (300, 480)), "a principal point inside the image of 300x480 px"),
+        (
+            (MATRIX, None, (640, 480), True),
+            "4 coefficients of the distortion model 'equidistant' at distortion",
+        ),
+        ((MATRIX, [0.1] * 5, (640, 480), True), "4 coefficients of the distortion model 'equidistant'"),
+    ],
+)
+def test_arrays_that_are_no_camera_are_refused(arguments, words):
+    with pytest.raises(InputError) as caught:
+        Camera.from_cv2(*arguments)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -67,7 +67,7 @@ def document_of(values: Mapping[str, Any], name: str) -> "Document":
     except RecursionError:
         found = "endless nesting"
     except (TypeError, ValueError) as error:
-        found = brief(str(error))
+        found = str(error)[:80]
     else:
         return Document(name, data)
     raise InputError(f"text, numbers, lists and dicts in {name}", found, "give what the file holds")

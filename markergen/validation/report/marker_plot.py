@@ -16,10 +16,15 @@ if TYPE_CHECKING:
 _DARK, _PAPER, _TAKEN = "#111111", "#ffffff", "#d9d9d9"
 
 
-def draw_marker(marker: Marker, ax: "Axes") -> "Axes":
-    """Draw boundary, keep-outs, dots with their ids, frame axes, and dimensions; all in mm of the marker plane."""
+def draw_marker(marker: Marker, ax: "Axes | None" = None) -> "Axes":
+    """Draw boundary, keep-outs, dots with their ids, frame axes, and dimensions; all in mm of the marker plane.
+
+    Without axes those of a new figure are drawn into, which no window belongs to.
+    """
+    from matplotlib.figure import Figure
     from matplotlib.patches import Circle, PathPatch
 
+    ax = ax if ax is not None else Figure(figsize=(4.8, 4.8), layout="constrained").subplots()
     radius = 1e3 * marker.boundary.radius
     rim = 1e3 * np.concatenate(marker.boundary.outlines())
     plate = ax.add_patch(PathPatch(_path(marker.boundary), facecolor=_PAPER, edgecolor=INK, linewidth=1.0))

@@ -1,0 +1,44 @@
+"""How long it takes to start: importing and loading from a cold interpreter, beside `import numpy` in the same run.
+
+python -m benchmarks.loading
+"""
+
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+ROUNDS = 9
+MARKER = Path(__file__).parents[1] / "tests" / "model" / "data" / "designed-v1.json"
+"""Twelve dots in a polygon with a hole, a keep-out, a tag and holes in the plate."""
+
+STARTS = {
+    "empty interpreter": "pass",
+    "import numpy": "import numpy",
+    "import markergen": "import markergen",
+    "Camera(...)": "from markergen.model.camera import Camera; Camera(640, 480, 800, 800, 320, 240)",
+    "import marker_json": "import markergen.model.marker_json",
+    "Marker.load(...)": f"from markergen.model.marker import Marker; Marker.load({str(MARKER)!r})",
+}
+FLOOR = "import numpy"
+
+
+def seconds(code: str) -> float:
+    """Processor time of an interpreter of its own that runs some code and ends, s."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, "-c", code], check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def main() -> None:
+    """Print the least of several rounds, taken in turn so that other work is unfair to none."""
+    times = [{name: seconds(code) for name, code in STARTS.items()} for _ in range(ROUNDS)]
+    least = {name: min(each[name] for each in times) for name in STARTS}
+    print(f"{'':20} {'s':>6} {'over numpy':>11}")
+    for name, value in least.items():
+        print(f"{name:20} {value:6.3f} {value / least[FLOOR]:11.2f}")
+
+
+if __name__ == "__main__":
+    main()
