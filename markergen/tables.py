@@ -40,11 +40,9 @@ class Table(NamedTuple):
     def text(self, width: int = WIDTH) -> str:
         """Return the table as lines of plain text, nothing cut off; cells that are too long go on in the next line.
 
-        >>> print(Table("", ["dot", "x", "y"], [["0", "1.5", "-2"]]).text().rstrip())
-        <BLANKLINE>
-          dot     x    y
-         ────────────────
-          0     1.5   -2
+        >>> text = Table("", ["dot", "x", "y"], [["0", "1.5", "-2"]]).text()
+        >>> [line.strip() for line in text.splitlines() if line.strip()]
+        ['dot     x    y', '────────────────', '0     1.5   -2']
         """
         from rich.console import Console
 

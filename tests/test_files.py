@@ -1,12 +1,13 @@
 import errno
 import os
 import stat
+from pathlib import Path
 
 import pytest
 
 from markergen import files
-from markergen.errors import OutputError
-from markergen.files import check_outputs, folders_for, make_folder, write_all, write_atomic
+from markergen.errors import InputError, OutputError
+from markergen.files import check_outputs, folders_for, make_folder, sorted_by_suffix, write_all, write_atomic
 
 
 def test_new_and_old_files_end_up_complete(tmp_path):
@@ -140,3 +141,14 @@ def test_what_others_put_into_a_new_folder_stays(tmp_path):
     with pytest.raises(KeyboardInterrupt), folders_for([tmp_path / "new" / "a"]):
         fill(tmp_path / "new" / "theirs")
     assert (tmp_path / "new" / "theirs").read_bytes() == b"1"
+
+
+def test_a_suffix_says_what_a_file_holds():
+    kinds = {".json": "data", ".svg": "plot"}
+    assert sorted_by_suffix([Path("a.SVG"), Path("b.json")], kinds) == [
+        ("plot", Path("a.SVG")),
+        ("data", Path("b.json")),
+    ]
+    for name in ("a.txt", "a", ".svg"):
+        with pytest.raises(InputError, match=r"ends in \.json, \.svg"):
+            sorted_by_suffix([Path(name)], kinds)

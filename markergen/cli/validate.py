@@ -7,6 +7,7 @@ import typer
 
 from markergen.cli.options import with_options
 from markergen.options import ValidateKeywords
+from markergen.options.base import VIEW
 
 
 @with_options(ValidateKeywords)
@@ -17,6 +18,7 @@ def validate(
         typer.Option(
             metavar="FILE",
             help="Calibration: OpenCV, ROS camera_info, Kalibr or COLMAP. [default: what it was designed for]",
+            rich_help_panel=VIEW,
         ),
     ] = None,
     report: Annotated[
