@@ -1,15 +1,18 @@
 """Images with what was found drawn in: dots with their ids, the outline of the marker, and its axes."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect.detection import Detection
+from markergen.errors import InputError
 from markergen.maths.projection import apply_homography, to_camera
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.outlines import walked
+from markergen.read.images import check_frame
 
 Array = NDArray[np.float64]
 
@@ -44,7 +47,36 @@ def overlay(
     return bytes(cv2.imencode(".png", canvas)[1])
 
 
-def _draw(canvas: NDArray[np.uint8], marker: Marker, camera: Camera | None, detection: Detection) -> None:
+def draw(frame: NDArray[Any], marker: Marker, camera: Camera | None, detection: Detection) -> NDArray[Any]:
+    """Draw a detection into an image in color, and return it; of a grey one, return a copy in color.
+
+    Parameters
+    ----------
+    frame : array (h, w, 3) BGR or (h, w, 4) BGRA, or grey (h, w) or (h, w, 1), of uint8 or uint16
+
+    Raises
+    ------
+    InputError
+        If it is none of these, or in color and read-only.
+    """
+    import cv2
+
+    frame = check_frame(frame)
+    # cv2 draws into memory that is laid out as its own.
+    canvas = np.ascontiguousarray(frame, dtype=frame.dtype.newbyteorder("="))
+    if frame.ndim == 2 or frame.shape[2] == 1:
+        canvas = np.asarray(cv2.cvtColor(canvas, cv2.COLOR_GRAY2BGR))
+        _draw(canvas, marker, camera, detection)
+        return canvas
+    if not frame.flags.writeable:
+        raise InputError("a frame that can be drawn into", "a read-only array", "give frame.copy()")
+    _draw(canvas, marker, camera, detection)
+    if canvas is not frame:
+        frame[...] = canvas
+    return frame
+
+
+def _draw(canvas: NDArray[Any], marker: Marker, camera: Camera | None, detection: Detection) -> None:
     pixels = {int(i): pixel for i, pixel in zip(detection.ids, detection.pixels, strict=True)}
     for ring in marker.boundary.outlines():
         # In short steps, since a lens bends straight edges.
@@ -63,9 +95,10 @@ def _draw(canvas: NDArray[np.uint8], marker: Marker, camera: Camera | None, dete
             pixel = _seen(ends, camera, detection)
             _polyline(canvas, pixel, color, width=2)
             _label(canvas, pixel[1], name, color)
-    for identity, pixel in pixels.items():
+    for pixel in detection.pixels if detection.unlabeled is None else detection.unlabeled.pixels:
         for arm in ((4, 0), (0, 4)):
             _polyline(canvas, pixel + np.array([arm, arm]) * [[-1], [1]], _FOUND)
+    for identity, pixel in pixels.items():
         _label(canvas, pixel, str(identity), _FOUND)
 
 
@@ -86,22 +119,29 @@ def _seen(points: Array, camera: Camera | None, detection: Detection) -> Array:
 
 
 def _polyline(
-    canvas: NDArray[np.uint8], pixels: Array, color: tuple[int, int, int], closed: bool = False, width: int = 1
+    canvas: NDArray[Any], pixels: Array, color: tuple[int, int, int], closed: bool = False, width: int = 1
 ) -> None:
     import cv2
 
     # What lies far outside would overflow cv2's fixed point, and is not seen anyway.
     if np.isfinite(pixels).all() and np.abs(pixels).max() < 2**20:
         corners = np.rint(pixels * 2**_BITS).astype(np.int32)
-        cv2.polylines(canvas, [corners], closed, color, width, cv2.LINE_AA, _BITS)
+        cv2.polylines(canvas, [corners], closed, _levels(canvas, color), width, cv2.LINE_AA, _BITS)
 
 
-def _label(canvas: NDArray[np.uint8], pixel: Array, text: str, color: tuple[int, int, int]) -> None:
+def _levels(canvas: NDArray[Any], color: tuple[int, int, int]) -> tuple[int, int, int, int]:
+    """Color of 8 bits in those of the canvas, and opaque."""
+    blue, green, red = (level * (np.iinfo(canvas.dtype).max // 255) for level in color)
+    return blue, green, red, np.iinfo(canvas.dtype).max
+
+
+def _label(canvas: NDArray[Any], pixel: Array, text: str, color: tuple[int, int, int]) -> None:
     import cv2
 
     if not (np.isfinite(pixel).all() and np.abs(pixel).max() < 2**15):
         return
     (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)
     x, y = int(pixel[0]) + 7, int(pixel[1]) - 7
-    cv2.rectangle(canvas, (x - 2, y - height - 3), (x + width + 2, y + 3), color, cv2.FILLED)
-    cv2.putText(canvas, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
+    cv2.rectangle(canvas, (x - 2, y - height - 3), (x + width + 2, y + 3), _levels(canvas, color), cv2.FILLED)
+    white = _levels(canvas, (255, 255, 255))
+    cv2.putText(canvas, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.45, white, 1, cv2.LINE_AA)

@@ -175,6 +175,15 @@ class Camera:
     def _distorted(self, normalized: Array) -> Array:
         return lens.distort(self.distortion.model, normalized, self.distortion.coefficients)
 
+    @property
+    def cv2_distortion(self) -> Array:
+        """Distortion coefficients as OpenCV takes them beside `matrix`, shape (4,), (5,) or (8,); zeros without any.
+
+        Those of the model ``equidistant`` are for `cv2.fisheye`: `cv2.projectPoints`, `cv2.solvePnP` and
+        `cv2.drawFrameAxes` know no such lens, and would take them for others.
+        """
+        return np.array(self.distortion.coefficients or (0.0,) * 5, dtype=float)
+
 
 PAPER_CAMERA = Camera(640, 480, 800.0, 800.0, 320.0, 240.0)
 """The simulated camera of Acuna & Willert (2018), section IV."""
