@@ -59,20 +59,23 @@ def draw(frame: NDArray[Any], marker: Marker, camera: Camera | None, detection: 
     InputError
         If it is none of these, or in color and read-only.
     """
-    import cv2
-
     frame = check_frame(frame)
-    # cv2 draws into memory that is laid out as its own.
-    canvas = np.ascontiguousarray(frame, dtype=frame.dtype.newbyteorder("="))
     if frame.ndim == 2 or frame.shape[2] == 1:
-        canvas = np.asarray(cv2.cvtColor(canvas, cv2.COLOR_GRAY2BGR))
-        _draw(canvas, marker, camera, detection)
-        return canvas
-    if not frame.flags.writeable:
+        frame = np.repeat(frame.reshape(*frame.shape[:2], 1), 3, axis=2)
+    elif not frame.flags.writeable:
         raise InputError("a frame that can be drawn into", "a read-only array", "give frame.copy()")
+    if frame.dtype == np.uint8 and frame.shape[2] == 3 and frame.flags.c_contiguous:
+        _draw(frame, marker, camera, detection)
+        return frame
+    # cv2 draws smooth lines and words in 8 bits, three colors and its own memory layout alone.
+    levels = frame[..., :3] if frame.dtype == np.uint8 else frame[..., :3] >> 8
+    before = np.ascontiguousarray(levels, dtype=np.uint8)
+    canvas = before.copy()
     _draw(canvas, marker, camera, detection)
-    if canvas is not frame:
-        frame[...] = canvas
+    changed = (canvas != before).any(axis=-1)
+    most = np.iinfo(frame.dtype).max
+    frame[changed, :3] = canvas[changed] * frame.dtype.type(most // 255)
+    frame[changed, 3:] = most
     return frame
 
 
@@ -126,13 +129,7 @@ def _polyline(
     # What lies far outside would overflow cv2's fixed point, and is not seen anyway.
     if np.isfinite(pixels).all() and np.abs(pixels).max() < 2**20:
         corners = np.rint(pixels * 2**_BITS).astype(np.int32)
-        cv2.polylines(canvas, [corners], closed, _levels(canvas, color), width, cv2.LINE_AA, _BITS)
-
-
-def _levels(canvas: NDArray[Any], color: tuple[int, int, int]) -> tuple[int, int, int, int]:
-    """Color of 8 bits in those of the canvas, and opaque."""
-    blue, green, red = (level * (np.iinfo(canvas.dtype).max // 255) for level in color)
-    return blue, green, red, np.iinfo(canvas.dtype).max
+        cv2.polylines(canvas, [corners], closed, color, width, cv2.LINE_AA, _BITS)
 
 
 def _label(canvas: NDArray[Any], pixel: Array, text: str, color: tuple[int, int, int]) -> None:
@@ -142,6 +139,5 @@ def _label(canvas: NDArray[Any], pixel: Array, text: str, color: tuple[int, int,
         return
     (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)
     x, y = int(pixel[0]) + 7, int(pixel[1]) - 7
-    cv2.rectangle(canvas, (x - 2, y - height - 3), (x + width + 2, y + 3), _levels(canvas, color), cv2.FILLED)
-    white = _levels(canvas, (255, 255, 255))
-    cv2.putText(canvas, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.45, white, 1, cv2.LINE_AA)
+    cv2.rectangle(canvas, (x - 2, y - height - 3), (x + width + 2, y + 3), color, cv2.FILLED)
+    cv2.putText(canvas, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
