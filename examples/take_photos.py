@@ -30,9 +30,8 @@ def main(marker: Path, folder: Path) -> None:
         image = render_view(found, CAMERA, poses.rotation[k], poses.translation[k], Optics(), rng, scenery)
         cv2.imwrite(str(folder / f"photo-{k:03d}.png"), image)
     text = "image_width: 640\nimage_height: 480\ndistortion_model: plumb_bob\n"
-    text += (
-        f"camera_matrix: {{data: {CAMERA.matrix.ravel().tolist()}}}\ndistortion_coefficients: {{data: {DISTORTION}}}\n"
-    )
+    for name, rows, values in (("camera_matrix", 3, sum(MATRIX, [])), ("distortion_coefficients", 1, DISTORTION)):
+        text += f"{name}: {{rows: {rows}, cols: {len(values) // rows}, data: {values}}}\n"
     (folder / "camera.yaml").write_text(text)
     print(f"wrote {len(POSES)} photos and camera.yaml to {folder}")
 
