@@ -15,8 +15,12 @@ from markergen.model.poses import paper
 from markergen.render import Optics, Scenery, render_view
 from markergen.render.scenery import BACKGROUNDS
 
-MATRIX, DISTORTION = [[800, 0, 320], [0, 800, 240], [0, 0, 1]], [-0.28, 0.09, 0.001, -0.0005, 0.0]
-CAMERA = mg.Camera.from_cv2(MATRIX, DISTORTION, (640, 480))
+CALIBRATION = """image_width: 640
+image_height: 480
+camera_matrix: {rows: 3, cols: 3, data: [800, 0, 320, 0, 800, 240, 0, 0, 1]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.28, 0.09, 0.001, -0.0005, 0.0]}
+"""
 POSES = (10, 130, 190, 250, 330, 395)
 
 
@@ -24,15 +28,13 @@ def main(marker: Path, folder: Path) -> None:
     """Write six photos, each from another pose, and the camera's calibration as ROS has it."""
     found, poses = mg.Marker.load(marker), paper()
     folder.mkdir(parents=True, exist_ok=True)
+    (folder / "camera.yaml").write_text(CALIBRATION)
+    camera = mg.Camera.load(folder / "camera.yaml")
     for k in POSES:
         rng = np.random.default_rng(k)
-        scenery = Scenery(BACKGROUNDS["clutter"](CAMERA, rng))
-        image = render_view(found, CAMERA, poses.rotation[k], poses.translation[k], Optics(), rng, scenery)
+        scenery = Scenery(BACKGROUNDS["clutter"](camera, rng))
+        image = render_view(found, camera, poses.rotation[k], poses.translation[k], Optics(), rng, scenery)
         cv2.imwrite(str(folder / f"photo-{k:03d}.png"), image)
-    text = "image_width: 640\nimage_height: 480\ndistortion_model: plumb_bob\n"
-    for name, rows, values in (("camera_matrix", 3, sum(MATRIX, [])), ("distortion_coefficients", 1, DISTORTION)):
-        text += f"{name}: {{rows: {rows}, cols: {len(values) // rows}, data: {values}}}\n"
-    (folder / "camera.yaml").write_text(text)
     print(f"wrote {len(POSES)} photos and camera.yaml to {folder}")
 
 
