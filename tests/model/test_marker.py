@@ -13,7 +13,7 @@ import pytest
 from markergen.detect.batch import job_from_files
 from markergen.detect.detection import detect
 from markergen.errors import InputError
-from markergen.export import outputs_of
+from markergen.exporters import outputs_of
 from markergen.model import camera, marker
 from markergen.model.boundary import Circle
 from markergen.model.feature import Feature
@@ -22,9 +22,9 @@ from markergen.model.marker_json import from_json, to_json
 from markergen.model.rescale import MeasuredDot, Rulers, remeasure, rescale
 from markergen.model.tag import FAMILIES, family_bits, family_size
 from markergen.render import DEFAULT_OPTICS, render_view
-from markergen.validate.lineup import line_up
-from markergen.validate.proof import prove
-from markergen.verify.check import verify
+from markergen.validation.lineup import line_up
+from markergen.validation.proof import prove
+from markergen.verification.check import verify
 
 DATA = Path(__file__).parent / "data"
 
