@@ -4,7 +4,7 @@ python examples/take_photos.py marker.json photos
 markergen detect photos/ --marker marker.json --camera photos/camera.yaml --overlay seen
 """
 
-import argparse
+import sys
 from pathlib import Path
 
 import cv2
@@ -15,11 +15,9 @@ from markergen.model.poses import paper
 from markergen.render import Optics, Scenery, render_view
 from markergen.render.scenery import BACKGROUNDS
 
-CALIBRATION = """image_width: 640
-image_height: 480
-camera_matrix: {rows: 3, cols: 3, data: [800, 0, 320, 0, 800, 240, 0, 0, 1]}
-distortion_model: plumb_bob
-distortion_coefficients: {rows: 1, cols: 5, data: [-0.28, 0.09, 0.001, -0.0005, 0.0]}
+CALIBRATION = """{image_width: 640, image_height: 480, distortion_model: plumb_bob,
+camera_matrix: {rows: 3, cols: 3, data: [800, 0, 320, 0, 800, 240, 0, 0, 1]},
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.28, 0.09, 0.001, -0.0005, 0.0]}}
 """
 POSES = (10, 130, 190, 250, 330, 395)
 
@@ -39,7 +37,4 @@ def main(marker: Path, folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("marker", type=Path, nargs="?", default=Path("marker.json"))
-    parser.add_argument("folder", type=Path, nargs="?", default=Path("photos"))
-    main(**vars(parser.parse_args()))
+    main(*map(Path, sys.argv[1:] or ["marker.json", "photos"]))
