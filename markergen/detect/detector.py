@@ -319,7 +319,7 @@ class Detector:
                 raise InputError(
                     "a camera that the covariance belongs to",
                     "camera_covariance alone",
-                    "give its calibration, too: camera=, or --camera",
+                    "give its calibration as well, with --camera, or camera= from Python",
                 )
             covariance = read_camera_covariance(camera_covariance, self._camera)
         self._errors = ErrorSources(parse_length(print_sigma, "print_sigma"), covariance)
