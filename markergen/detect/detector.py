@@ -397,9 +397,9 @@ class Detector:
 
 def listed(markers: object) -> list[Any]:
     """Sources of markers as a list, whether one was given or several."""
-    if isinstance(markers, Iterable) and not isinstance(markers, str | bytes | os.PathLike | Mapping):
-        return list(markers)
-    return [markers]
+    # The lines of an open file are no markers.
+    one = isinstance(markers, str | bytes | os.PathLike | Mapping) or hasattr(markers, "read")
+    return list(markers) if isinstance(markers, Iterable) and not one else [markers]
 
 
 def _marker(source: object, name: str) -> tuple[Marker, str]:
