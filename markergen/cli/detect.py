@@ -54,6 +54,7 @@ def detect(
     from markergen.cli.console import complain, progress_bar
     from markergen.detect.batch import detect_files
 
+    # While there is a bar, it stands in for the stream.
     stdout = sys.stdout
     to_stdout = str(json) == "-"
     with progress_bar() as progress:

@@ -318,7 +318,7 @@ class Detector:
                 raise InputError(
                     "a camera that the covariance belongs to",
                     "camera_covariance alone",
-                    "give its calibration, too: camera=, or --camera",
+                    "give its calibration as well, with --camera, or camera= from Python",
                 )
             covariance = read_camera_covariance(camera_covariance, self._camera)
         self._errors = ErrorSources(parse_length(print_sigma, "print_sigma"), covariance)
@@ -396,9 +396,9 @@ class Detector:
 
 def listed(markers: object) -> list[Any]:
     """Sources of markers as a list, whether one was given or several."""
-    if isinstance(markers, Iterable) and not isinstance(markers, str | bytes | os.PathLike | Mapping):
-        return list(markers)
-    return [markers]
+    # The lines of an open file are no markers.
+    one = isinstance(markers, str | bytes | os.PathLike | Mapping) or hasattr(markers, "read")
+    return list(markers) if isinstance(markers, Iterable) and not one else [markers]
 
 
 def _marker(source: Any, name: str) -> tuple[Marker, str]:
