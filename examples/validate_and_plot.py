@@ -15,8 +15,7 @@ def main(path: Path, runs: int, views: int) -> None:
     validation = mg.validate(marker, runs=runs, views=views, print_sigma="0.1mm")
     print(validation)
     print(f"no estimator can do better than {validation.bound['rotation_deg']:.3f} degrees RMS")
-    validation.plot().figure.savefig(path)
-    validation.save(path.with_suffix(".html"))
+    validation.save(path, path.with_suffix(".html"))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from markergen.errors import OutputError
+from markergen.errors import InputError, OutputError
 
 
 class Written(NamedTuple):
@@ -131,6 +131,21 @@ def check_outputs(outputs: Sequence[Path], inputs: Sequence[Path] = ()) -> None:
 def _whole(path: Path) -> Path:
     before, _, _ = str(path).rpartition("#")
     return Path(before) if before and not exists(path) else path
+
+
+def sorted_by_suffix(paths: Sequence[Path], kinds: Mapping[str, str]) -> list[tuple[str, Path]]:
+    """Pair each path with what a file of its suffix holds.
+
+    Raises
+    ------
+    InputError
+        If `kinds` has no such suffix.
+    """
+    for path in paths:
+        if path.suffix.lower() not in kinds:
+            known = ", ".join(kinds)
+            raise InputError(f"a file that ends in {known}", str(path), "choose such a name")
+    return [(kinds[path.suffix.lower()], path) for path in paths]
 
 
 def make_folder(path: Path) -> None:

@@ -1,12 +1,17 @@
 """What the commands share on the terminal: progress with time left, tables, and the list of files written."""
 
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from markergen.tables import Table
+    from markergen.validation.comparison import Comparison
+    from markergen.validation.validation import Validation
+    from markergen.verification.verification import Verification
+
+    Found = Validation | Comparison | Verification
 
 Progress = Callable[[str, int, int], None]
 
@@ -68,22 +73,14 @@ def length(text: str) -> float:
         raise BadParameter(str(error)) from None
 
 
-def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> None:
-    """Print rows of text under a header, none of it cut off: the first column to the left, the others to the right."""
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(
-        box=box.SIMPLE_HEAD, title=title, caption=caption or None, title_justify="left", caption_justify="left"
-    )
-    table.title_style = "bold"
-    for index, name in enumerate(header):
-        table.add_column(name, justify="right" if index and len(header) > 2 else "left", overflow="fold")
-    for row in rows:
-        table.add_row(*row)
-    # A pipe has no width of its own; no table needs more than this.
-    Console(width=None if sys.stdout.isatty() else 100, highlight=False).print(table)
+def print_found(found: "Found", as_json: bool, parts: Iterable["str | Table"] | None = None) -> None:
+    """Print a result as JSON, or all its parts, or some; then the files that were written, never amid JSON."""
+    if as_json:
+        sys.stdout.write(found.to_json().decode())
+    else:
+        print_parts(found.parts() if parts is None else parts)
+    for each in found.written:
+        print(each, file=sys.stderr if as_json else sys.stdout)
 
 
 def print_parts(parts: Iterable["str | Table"]) -> None:
@@ -91,26 +88,3 @@ def print_parts(parts: Iterable["str | Table"]) -> None:
     from markergen.tables import print_parts
 
     print_parts(parts, sys.stdout)
-
-
-def print_results(results: Mapping[str, Any]) -> None:
-    """Print what a validation found, as tables and sentences."""
-    from markergen.validation import tables, view_tables
-
-    print(tables.heading(results))
-    if results["estimators"]:
-        print_table(*tables.rotation_table(results))
-        print_table(*tables.translation_table(results))
-        print_table(*tables.polar_angle_table(results, "rotation_deg"))
-        print_table(*tables.polar_angle_table(results, "translation_pct"))
-        if results["homography"]:
-            print_table(*tables.homography_table(results))
-    print_table(*tables.comparison_table(results))
-    print_table(*view_tables.budget_table(results))
-    if results["views"]:
-        print_table(*view_tables.group_table(results["views"]))
-        if results["views"]["detected"]:
-            print_table(*view_tables.estimator_table(results["views"]))
-        if "stress" in results["views"]:
-            print_table(*view_tables.stress_table(results["views"]))
-    print(*tables.sentences(results), *view_tables.sentences(results), sep="\n")

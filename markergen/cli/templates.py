@@ -15,11 +15,12 @@ def templates(
       markergen templates desk-a4 > my.toml
       markergen design --template my.toml -o marker.pdf
     """
-    from markergen.cli.console import print_table
+    from markergen.cli.console import print_parts
     from markergen.read.templates import read_template, template_text, templates
+    from markergen.tables import Table
 
     if name:
         print(template_text(name), end="")
         return
     rows = [[known, str(read_template(known).get("title", ""))] for known in templates()]
-    print_table("Templates", ["name", "what it is for"], rows)
+    print_parts([Table("Templates", ["name", "what it is for"], rows)])

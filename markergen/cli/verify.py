@@ -1,29 +1,24 @@
 """``markergen verify``."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from markergen.cli.console import length
+from markergen.cli.options import with_options
+from markergen.options import VerifyKeywords
 
 
+@with_options(VerifyKeywords)
 def verify(
     marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="What the files are to hold.")],
     files: Annotated[
         list[Path], typer.Argument(metavar="FILE...", help="Sheets, solids and configurations, read by suffix.")
     ],
-    tolerance: Annotated[
-        float | None,
-        typer.Option(
-            parser=length,
-            metavar="LENGTH",
-            help="How far a dot may be off. [default: 1 um; 5 um in a mesh; a quarter of a pixel in a PNG]",
-        ),
-    ] = None,
     json: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the results as JSON; - is standard output.")
     ] = None,
+    **options: Any,
 ) -> None:
     """Read files back by other means than those that wrote them, and hold every dot against marker.json.
 
@@ -35,32 +30,15 @@ def verify(
       markergen verify marker.json marker.pdf marker.svg marker.png
       markergen verify marker.json marker.step marker.3mf marker.glb
     """
-    from markergen.cli import FAILED, UNUSABLE
-    from markergen.cli.console import complain, print_table
-    from markergen.files import check_outputs, write_atomic
-    from markergen.model.marker_json import read_marker
-    from markergen.verification.check import to_json, verify_all
-    from markergen.verification.words import CAPTION, header, lines, row
+    from markergen.api.verify import verify as read_back
+    from markergen.cli import FAILED, UNUSABLE, console
 
     to_stdout = str(json) == "-"
-    if json and not to_stdout:
-        check_outputs([json], [marker, *files])
-    checks = verify_all(read_marker(marker), files, tolerance)
-    usable = [check for check in checks if not check.error]
-    if to_stdout:
-        typer.echo(to_json(checks))
-    elif usable:
-        print_table("", header(), [row(check) for check in usable], CAPTION)
-        for check in usable:
-            for line in lines(check):
-                print(line)
-    if json and not to_stdout:
-        write_atomic(json, to_json(checks).encode() + b"\n")
-        print(f"wrote {json}")
-    for check in checks:
-        if check.error:
-            complain(f"markergen: error: {check.error}")
-    if len(usable) < len(checks):
+    found = read_back(marker, *files, json=None if to_stdout else json, **options)
+    console.print_found(found, to_stdout, found.findings())
+    for error in filter(None, (check.error for check in found)):
+        console.complain(f"markergen: error: {error}")
+    if not found.usable:
         raise typer.Exit(UNUSABLE)
-    if not all(check.passed for check in checks):
+    if not found.passed:
         raise typer.Exit(FAILED)

@@ -7,8 +7,15 @@ Each table is a ``TypedDict``, so that type checkers know the keywords, too.
 
 from markergen.options.base import Option, declared, signature_of
 from markergen.options.making import OUTSIDE_FILES, DesignKeywords, ExportKeywords, PlateKeywords
-from markergen.options.proving import CompareKeywords, DetectKeywords, RescaleKeywords, StudyKeywords, ValidateKeywords
-from markergen.options.reading import given, settle
+from markergen.options.proving import (
+    CompareKeywords,
+    DetectKeywords,
+    RescaleKeywords,
+    StudyKeywords,
+    ValidateKeywords,
+    VerifyKeywords,
+)
+from markergen.options.reading import given, read_as, settle
 
 __all__ = [
     "OUTSIDE_FILES",
@@ -21,8 +28,10 @@ __all__ = [
     "RescaleKeywords",
     "StudyKeywords",
     "ValidateKeywords",
+    "VerifyKeywords",
     "declared",
     "given",
+    "read_as",
     "settle",
     "signature_of",
 ]

@@ -72,6 +72,15 @@ class CompareKeywords(TypedDict, total=False):
     workers: Annotated[int, Option(RUN, "Number of processes.", otherwise="one for each processor", metavar="N")]
 
 
+class VerifyKeywords(TypedDict, total=False):
+    """What a verification can be asked for, beside the marker and the files."""
+
+    tolerance: Annotated[
+        Length,
+        Option(RUN, "How far a dot may be off.", otherwise="1 um; 5 um in a mesh; a quarter of a pixel in a PNG"),
+    ]
+
+
 class DetectKeywords(TypedDict, total=False):
     """What a detector can be asked for, beside the markers and the camera."""
 

@@ -70,6 +70,25 @@ def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
     return settled
 
 
+def read_as(kind: str, value: Any, name: str) -> Any:
+    """Check and convert one argument as an option of that kind; None stays None.
+
+    Raises
+    ------
+    InputError
+        If it is of another type.
+
+    Examples
+    --------
+    >>> read_as("length", "0.1mm", "tolerance")
+    0.0001
+    """
+    try:
+        return None if value is None else _READERS[kind](_plain(value), name)
+    except InputError as error:
+        raise InputError(f"{error.args[0]} for {name}", _brief(value), f"give {name} such a value") from None
+
+
 def given(options: Mapping[str, Any], table: type) -> dict[str, Any]:
     """Options that a caller gave, checked and converted as `settle` does; the others are left to whoever asks."""
     settled = settle(options, table)

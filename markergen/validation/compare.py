@@ -14,6 +14,7 @@ from markergen.detect.fiducials import FiducialSettings
 from markergen.errors import InputError
 from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
+from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
 from markergen.render import DEFAULT_OPTICS, Optics
@@ -159,11 +160,12 @@ def compare(
     texts: Sequence[str],
     views: int = 200,
     seed: int = 0,
-    poses: str | None = None,
+    poses: str | PoseDistribution | None = None,
     print_sigma: float = 0.0,
     optics: Optics = DEFAULT_OPTICS,
     workers: int | None = None,
     progress: Progress | None = None,
+    given: Mapping[str, Marker] | None = None,
 ) -> dict[str, Any]:
     """Hold markers, tags and boards against each other in synthetic views.
 
@@ -184,6 +186,8 @@ def compare(
         Processes; None takes as many as there are processors and as the work is worth, 1 computes in this process.
     progress : callable or None
         Called with the stage, what is done of it, and its total.
+    given : mapping or None
+        Markers that are in no file, see `line_up`.
 
     Returns
     -------
@@ -202,7 +206,7 @@ def compare(
         If a contestant is unknown or a number out of range.
     """
     workers_for(workers, 1)
-    contestants, setting = line_up(texts, poses, seed)
+    contestants, setting = line_up(texts, poses, seed, given)
     if len(contestants) < 2:
         raise InputError("two contestants or more", f"only {contestants[0].name}", "name another to compare it with")
 

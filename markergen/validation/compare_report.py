@@ -1,20 +1,19 @@
 """A comparison as tables and as a picture."""
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from markergen.errors import InputError
-from markergen.validation.tables import Table, number, percent
+from markergen.tables import Table, number, percent
+from markergen.validation.figures import figure_bytes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_FORMATS: dict[str, dict[str, None]] = {".svg": {"Date": None, "Creator": None}, ".png": {"Software": None}}
-"""Kinds of pictures, and what to leave out of each: a time, and a version."""
 _COLORS = ("#0b5394", "#b45f06", "#38761d", "#741b47", "#674ea7", "#134f5c", "#7f6000", "#444444")
 _LINES = ("-", "--", "-.", ":")
 _MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
@@ -75,7 +74,7 @@ def _overview(results: Mapping[str, Any]) -> Table:
         "Over the views that each found; RE in deg, TE in %. "
         f"Ratio: RMS of RE over that of {rows[0][0]}, in the views that both found."
     )
-    return "Found, and how accurately", header, rows, caption
+    return Table("Found, and how accurately", header, rows, caption)
 
 
 def _common(results: Mapping[str, Any]) -> Table:
@@ -91,7 +90,7 @@ def _common(results: Mapping[str, Any]) -> Table:
     views = results["views"]
     header = ["", "RE rms", "median", "p95", "TE rms", "median", "p95", "flips"]
     title = f"Over the {views['common']} of {views['count']} views that all found"
-    return title, header, rows, "Flips are counted over all views."
+    return Table(title, header, rows, "Flips are counted over all views.")
 
 
 def _split(results: Mapping[str, Any], by: str, unit: str, words: str) -> Table:
@@ -99,7 +98,7 @@ def _split(results: Mapping[str, Any], by: str, unit: str, words: str) -> Table:
     rows = [[name, *(_cell(entry[by][group]) for group in groups)] for name, entry in _named(results)]
     title = f"RE rms, deg, by {words}"
     caption = "Over the views that each found; in brackets how many those are, where not all."
-    return title, ["", *(f"{group} {unit}" for group in groups)], rows, caption
+    return Table(title, ["", *(f"{group} {unit}" for group in groups)], rows, caption)
 
 
 def _cell(group: Mapping[str, Any]) -> str:
@@ -114,48 +113,27 @@ def _named(results: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     return list(zip(short if len(set(short)) == len(short) else names, results["contestants"], strict=True))
 
 
-def check_plot(path: Path) -> None:
-    """Refuse a picture of a kind that is not drawn.
-
-    Raises
-    ------
-    InputError
-        If the path ends neither in .svg nor in .png.
-    """
-    if path.suffix.lower() not in _FORMATS:
-        raise InputError(f"a picture {' or '.join(_FORMATS)}", str(path), "choose one of these endings")
-
-
 def plot_bytes(results: Mapping[str, Any], path: Path) -> bytes:
     """Bytes of `comparison_figure` as the path's ending says; the same results give the same bytes."""
-    from io import BytesIO
-
-    from matplotlib import rc_context
-
-    check_plot(path)
-    suffix = path.suffix.lower()
-    buffer = BytesIO()
-    with rc_context({"svg.hashsalt": "markergen", "svg.fonttype": "path"}):
-        comparison_figure(results).savefig(buffer, format=suffix[1:], dpi=150, metadata=_FORMATS[suffix])
-    return buffer.getvalue()
+    return figure_bytes(partial(comparison_figure, results), path)
 
 
 def comparison_figure(results: Mapping[str, Any]) -> "Figure":
     """Rotation errors of all contestants, and their RMS by tilt, over the views that all found; deg, logarithmic."""
     from matplotlib.figure import Figure
 
-    entries = [entry | {"name": name} for name, entry in _named(results)]
-    figure = Figure(figsize=(10, 1.9 + 0.42 * len(entries)), layout="constrained")
+    figure = Figure(figsize=(10, 1.9 + 0.42 * len(results["contestants"])), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=[1, 1.15])
-    draw_errors(entries, left)
-    draw_by_tilt(entries, right)
+    draw_errors(results, left)
+    draw_by_tilt(results, right)
     views = results["views"]
     figure.suptitle(f"Rotation error over the {views['common']} of {views['count']} views that all found", fontsize=11)
     return figure
 
 
-def draw_errors(entries: list[dict[str, Any]], ax: "Axes") -> "Axes":
+def draw_errors(results: Mapping[str, Any], ax: "Axes") -> "Axes":
     """Draw median, RMS and 95th percentile of each contestant's rotation error in a row of its own."""
+    entries = _with_short_names(results)
     looks: dict[str, dict[str, Any]] = {
         "median": {"marker": "o", "markerfacecolor": "white"},
         "rms": {"marker": "D", "markerfacecolor": "#222222"},
@@ -184,8 +162,9 @@ def draw_errors(entries: list[dict[str, Any]], ax: "Axes") -> "Axes":
     return ax
 
 
-def draw_by_tilt(entries: list[dict[str, Any]], ax: "Axes") -> "Axes":
+def draw_by_tilt(results: Mapping[str, Any], ax: "Axes") -> "Axes":
     """Draw the RMS of each contestant's rotation error over the polar angle."""
+    entries = _with_short_names(results)
     groups = list(entries[0]["by_polar_angle"])
     angles = [float(np.mean([float(end) for end in group.split("..")])) for group in groups]
     for k, entry in enumerate(entries):
@@ -201,6 +180,10 @@ def draw_by_tilt(entries: list[dict[str, Any]], ax: "Axes") -> "Axes":
     ax.grid(color="#dddddd")
     ax.legend(fontsize=8, loc="center left", bbox_to_anchor=(1, 0.5))
     return ax
+
+
+def _with_short_names(results: Mapping[str, Any]) -> list[dict[str, Any]]:
+    return [entry | {"name": name} for name, entry in _named(results)]
 
 
 def _plain_log(ax: "Axes", which: str) -> None:

@@ -1,6 +1,6 @@
 """From what a user types to the contestants of a comparison, all in the same enclosing circle."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import hypot, pi, sin, sqrt
 from pathlib import Path
@@ -13,6 +13,7 @@ from markergen.model.board import Board
 from markergen.model.boundary import Circle
 from markergen.model.marker import Marker, check_supported, dressed
 from markergen.model.marker_json import read_marker
+from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
 from markergen.model.tag import Tag, parse_tag
 from markergen.objectives import OBJECTIVES, Setting
@@ -34,7 +35,12 @@ DEFAULTS = (*LAYOUTS, *PEERS)
 """What a single contestant is compared with."""
 
 
-def line_up(texts: Sequence[str], poses: str | None = None, seed: int = 0) -> tuple[list[Contestant], Setting]:
+def line_up(
+    texts: Sequence[str],
+    poses: str | PoseDistribution | None = None,
+    seed: int = 0,
+    given: Mapping[str, Marker] | None = None,
+) -> tuple[list[Contestant], Setting]:
     """Contestants by their texts, and the camera and poses that the first marker file was designed for.
 
     Layouts get dots of the first marker's size, or, where those do not fit or there is no marker file, what `design`
@@ -46,10 +52,12 @@ def line_up(texts: Sequence[str], poses: str | None = None, seed: int = 0) -> tu
     ----------
     texts : sequence of str
         Of the forms in `FORMS`; a single one is joined by `DEFAULTS`.
-    poses : str or None
-        A preset, a cone, or a file of poses to use instead.
+    poses : str, PoseDistribution or None
+        Poses to use instead, as `poses_from` takes them.
     seed : int
-        Of the random layouts.
+        Seed for the random layouts.
+    given : mapping or None
+        Markers that are in no file, by the texts that stand for them.
 
     Raises
     ------
@@ -61,10 +69,15 @@ def line_up(texts: Sequence[str], poses: str | None = None, seed: int = 0) -> tu
     if not texts:
         raise InputError("contestants to compare", "none", f"name some: {FORMS}")
     wanted = list(dict.fromkeys([*texts, *DEFAULTS] if len(texts) == 1 else texts))
-    markers = {text: _read(text) for text in wanted if text.split(":")[0] not in (*LAYOUTS, *TAGS)}
+    known = given or {}
+    markers = {
+        text: _visible(text, known[text]) if text in known else _read(text)
+        for text in wanted
+        if text in known or text.split(":")[0] not in (*LAYOUTS, *TAGS)
+    }
     first = next(iter(markers.values()), None)
-    given = setting_of(first, poses) if first else _default_setting(poses)
-    radius = given.boundary.radius
+    judged = setting_of(first, poses) if first else _default_setting(poses)
+    radius = judged.boundary.radius
     for text, marker in markers.items():
         if abs(marker.boundary.radius - radius) > 1e-9 * radius:
             raise InputError(
@@ -75,7 +88,7 @@ def line_up(texts: Sequence[str], poses: str | None = None, seed: int = 0) -> tu
     # Whatever its outline, each is judged where its whole circle is seen, so that all are seen from the same poses.
     disk = Circle(radius)
     height = max((marker.height for marker in markers.values()), default=0.0)
-    setting = Setting(given.boundary, given.camera, given.poses.seen_whole(disk, given.camera, height))
+    setting = Setting(judged.boundary, judged.camera, judged.poses.seen_whole(disk, judged.camera, height))
     found: dict[str, Contestant] = {}
     for text in wanted:
         if text in markers:
@@ -92,16 +105,20 @@ def _read(text: str) -> Marker:
     path = Path(text)
     if path.suffix.lower() != ".json" and not path.exists():
         raise InputError("a known contestant", repr(text), f"known: {FORMS}")
-    marker = read_marker(path)
+    return _visible(text, read_marker(path))
+
+
+def _visible(text: str, marker: Marker) -> Marker:
     check_supported(marker, "to compare")
     if min(point.feature.diameter for point in marker.control_points) == 0:
         raise InputError("dots that can be seen", f"a dot of diameter 0 in {text}", "design it with --dot above 0")
     return marker
 
 
-def _default_setting(poses: str | None) -> Setting:
+def _default_setting(poses: str | PoseDistribution | None) -> Setting:
     spec = Spec()
-    return Setting(spec.boundary, spec.camera, poses_from(poses or spec.poses).seen_whole(spec.boundary, spec.camera))
+    seen = poses_from(spec.poses if poses is None else poses).seen_whole(spec.boundary, spec.camera)
+    return Setting(spec.boundary, spec.camera, seen)
 
 
 def _layout(text: str, first: Marker | None, setting: Setting, seed: int) -> DotMarker:

@@ -1,7 +1,7 @@
 """Views worth looking at, as pictures: what failed, the worst, and what it usually looks like."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -49,10 +49,10 @@ def pictures(shoot: Shoot, views: Mapping[str, Any]) -> Iterator[Picture]:
         yield _picture(shoot, each, "typical", _errors(each))
 
 
-def remove_earlier(folder: Path) -> None:
-    """Remove pictures that an earlier run left in a folder, known by their names; other files stay."""
+def remove_earlier(folder: Path, new: Container[str] = ()) -> None:
+    """Remove pictures that an earlier run left in a folder, known by their names; other files and the new ones stay."""
     for path in folder.iterdir():
-        if re.fullmatch(r"(failure|worst|typical)-\d{4,}\.png", path.name):
+        if path.name not in new and re.fullmatch(r"(failure|worst|typical)-\d{4,}\.png", path.name):
             path.unlink()
 
 

@@ -11,6 +11,7 @@ from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker, check_supported, dressed
+from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import Criteria, criteria, without_height
@@ -31,8 +32,8 @@ Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 
-def setting_of(marker: Marker, poses: str | None = None, camera: Camera | None = None) -> Setting:
-    """Camera and poses that a marker was designed for, or others: poses as a preset, a cone, or a file.
+def setting_of(marker: Marker, poses: str | PoseDistribution | None = None, camera: Camera | None = None) -> Setting:
+    """Camera and poses that a marker was designed for, or others: poses as `poses_from` takes them.
 
     A marker whose file does not say what it was designed for is judged in the paper's setting.
 
@@ -43,7 +44,7 @@ def setting_of(marker: Marker, poses: str | None = None, camera: Camera | None =
     """
     stored = marker.provenance.get("spec")
     spec = Spec() if stored is None else spec_from_mapping(stored, "provenance.spec", stored=True)
-    distribution = poses_from(poses or spec.poses)
+    distribution = poses_from(spec.poses if poses is None else poses)
     camera = camera or spec.camera
     return Setting(marker.boundary, camera, distribution.seen_whole(marker.boundary, camera, marker.height))
 

@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from markergen.optimize.criteria_tables import LAYOUTS
+from markergen.tables import Table, number, percent
 from markergen.validation.metrics import mean_nees_interval
-
-Table = tuple[str, list[str], list[list[str]], str]
-"""Title, header, rows, and a caption."""
 
 TITLES = {
     "detect": "detection's own",
@@ -18,28 +17,10 @@ TITLES = {
     "sqpnp": "SQPnP",
     "dlt": "DLT",
 }
-LAYOUTS = {
-    "flat": "best without relief",
-    "ngon": "regular n-gon",
-    "square": "square, 4 dots",
-    "random": "random, median",
-}
 MOST_DOTS = 40
 """Of more dots, a table of labels has only the least safe."""
 STATISTICS = ("mean", "std", "rms", "median", "p95", "max")
 BOUND = "bound (CRLB)"
-
-
-def number(value: float | None, digits: int = 3) -> str:
-    """Write a number with that many significant digits; a dash where there is none, no digits where it is rounding."""
-    if value is None:
-        return "-"
-    return "<1e-6" if 0 < abs(value) < 1e-6 else f"{value:#.{digits}g}".rstrip(".")
-
-
-def percent(share: float | None) -> str:
-    """Write a share as a percentage with up to three digits; a dash where there is none."""
-    return "-" if share is None else f"{100 * share:.3g} %"
 
 
 def rotation_table(results: Mapping[str, Any]) -> Table:
@@ -54,7 +35,7 @@ def rotation_table(results: Mapping[str, Any]) -> Table:
     caption = "Without failures, with flips."
     if "ippe" in results["estimators"]:
         caption += " IPPE: the solution that fits better, and the truer one."
-    return "Rotation error RE, deg", ["", *STATISTICS, "effic."], rows, caption
+    return Table("Rotation error RE, deg", ["", *STATISTICS, "effic."], rows, caption)
 
 
 def translation_table(results: Mapping[str, Any]) -> Table:
@@ -68,7 +49,7 @@ def translation_table(results: Mapping[str, Any]) -> Table:
         for name, row in results["estimators"].items()
     ]
     rows.append([BOUND, "", "", number(results["bound"]["translation_pct"]), "", "", "", "", ""])
-    return "Translation error TE, %", ["", *STATISTICS, "flips", "failed"], rows, ""
+    return Table("Translation error TE, %", ["", *STATISTICS, "flips", "failed"], rows, "")
 
 
 def polar_angle_table(results: Mapping[str, Any], key: str) -> Table:
@@ -81,7 +62,7 @@ def polar_angle_table(results: Mapping[str, Any], key: str) -> Table:
     bounds = results["bound"]["by_polar_angle"]
     rows.append([BOUND, *(number(bounds[angle][key]) for angle in angles)])
     title = {"rotation_deg": "RE, deg", "translation_pct": "TE, %"}[key]
-    return f"{title}: rms by polar angle", ["", *(f"{angle} deg" for angle in angles)], rows, ""
+    return Table(f"{title}: rms by polar angle", ["", *(f"{angle} deg" for angle in angles)], rows, "")
 
 
 def homography_table(results: Mapping[str, Any]) -> Table:
@@ -96,7 +77,7 @@ def homography_table(results: Mapping[str, Any]) -> Table:
         for name, row in results["homography"].items()
     ]
     caption = "HE is over a grid half as wide again as the marker; its root in px beside it."
-    return "Homography error HE, px^2, and its root, px", header, rows, caption
+    return Table("Homography error HE, px^2, and its root, px", header, rows, caption)
 
 
 def comparison_table(results: Mapping[str, Any]) -> Table:
@@ -118,7 +99,7 @@ def comparison_table(results: Mapping[str, Any]) -> Table:
             ]
         )
     title = "Beside other layouts of the same room: deg and %, rms"
-    return title, header, rows, "--trials-for-all measures them all."
+    return Table(title, header, rows, "--trials-for-all measures them all.")
 
 
 def labels_table(results: Mapping[str, Any]) -> Table:
@@ -155,7 +136,7 @@ def labels_table(results: Mapping[str, Any]) -> Table:
         f"tilt and distance of the worst one. Confused: probability that noise of {labels['noise_px']:g} px in every "
         "coordinate makes the other labels fit better there."
     )
-    return title, header, rows, caption
+    return Table(title, header, rows, caption)
 
 
 def heading(results: Mapping[str, Any]) -> str:

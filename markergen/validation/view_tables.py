@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from markergen.validation.tables import STATISTICS, TITLES, Table, number, percent
+from markergen.tables import Table, number, percent
+from markergen.validation.tables import STATISTICS, TITLES
 from markergen.validation.view_records import DETECTOR
 
 SOURCES = ("image", "print", "camera", "total")
@@ -23,7 +24,9 @@ def budget_table(results: Mapping[str, Any]) -> Table:
         f"Dot centers measured to {number(budget['image_px'])} px; dots printed to {budget['print_sigma_mm']:g} mm "
         f"per axis (--print-sigma); the camera {camera} says."
     )
-    return "Error budget: what limits the pose, rms", ["", "image", "print", "calibration", "total"], rows, caption
+    return Table(
+        "Error budget: what limits the pose, rms", ["", "image", "print", "calibration", "total"], rows, caption
+    )
 
 
 def group_table(views: Mapping[str, Any]) -> Table:
@@ -34,7 +37,7 @@ def group_table(views: Mapping[str, Any]) -> Table:
     caption = (
         "RMS, of the detection's own pose, by tilt and distance; bound: what the image's noise allows a dot's center."
     )
-    return f"Synthetic views{_conditions(views)}", _HEADER, rows, caption
+    return Table(f"Synthetic views{_conditions(views)}", _HEADER, rows, caption)
 
 
 def estimator_table(views: Mapping[str, Any]) -> Table:
@@ -48,13 +51,13 @@ def estimator_table(views: Mapping[str, Any]) -> Table:
         for name, row in views["estimators"].items()
     ]
     header = ["", *(f"RE {key}" for key in STATISTICS), "TE rms", "TE p95"]
-    return "Pose from the views: RE in deg, TE in %", header, rows, ""
+    return Table("Pose from the views: RE in deg, TE in %", header, rows, "")
 
 
 def stress_table(views: Mapping[str, Any]) -> Table:
     """The same views under worse conditions."""
     rows = [_row("as above", views), *(_row(name, group) for name, group in views["stress"].items())]
-    return "The same views under worse conditions", _HEADER, rows, ""
+    return Table("The same views under worse conditions", _HEADER, rows, "")
 
 
 def sentences(results: Mapping[str, Any]) -> list[str]:

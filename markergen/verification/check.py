@@ -123,9 +123,8 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
     MissingLibraryError
         If the file is a STEP or BREP and the CAD kernel is missing.
     """
-    if tolerance is not None and not 0 < tolerance < 1:
-        raise InputError("a tolerance above 0", f"{tolerance} m", "give a length such as 0.01mm")
     check_supported(marker, "to verify a file against", joint=False)
+    check_tolerance(tolerance)
     reader = reader_of(path)
     # What overflows in a file's numbers is not finite, and left out.
     with np.errstate(all="ignore"):
@@ -139,6 +138,12 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
             or found
         )
     return replace(found, path=str(path))
+
+
+def check_tolerance(tolerance: float | None) -> None:
+    """Refuse a tolerance in m that is not above 0 and below 1; None is the format's own."""
+    if tolerance is not None and not 0 < tolerance < 1:
+        raise InputError("a tolerance above 0", f"{tolerance} m", "give a length such as 0.01mm")
 
 
 def verify_all(marker: Marker, paths: Sequence[Path], tolerance: float | None = None) -> list[Check]:

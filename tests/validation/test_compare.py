@@ -9,7 +9,8 @@ from markergen.errors import InputError
 from markergen.model.marker_json import to_json as marker_bytes
 from markergen.validation import compare as module
 from markergen.validation.compare import Observation, compare, to_json
-from markergen.validation.compare_report import check_plot, comparison_figure, heading, plot_bytes, sentences, tables
+from markergen.validation.compare_report import comparison_figure, heading, plot_bytes, sentences, tables
+from markergen.validation.figures import check_figure
 
 PEERS = ["aruco:DICT_4X4_50", "apriltag:36h11", "charuco:5x5"]
 
@@ -206,7 +207,7 @@ def test_pictures(results, tmp_path):
     assert b"<svg" in svg
     assert plot_bytes(results.found, tmp_path / "plot.png").startswith(b"\x89PNG")
     with pytest.raises(InputError, match=r"\.svg or \.png"):
-        check_plot(tmp_path / "plot.gif")
+        check_figure(tmp_path / "plot.gif")
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,11 @@ import numpy as np
 
 from markergen.estimators.budget import PoseBudget
 from markergen.model.poses import PoseDistribution
+from markergen.tables import percent
 from markergen.validation.report.axes import legend_below, log_axis, positive
 from markergen.validation.report.expected import SOURCES, middle, rms
 from markergen.validation.report.page import INK
 from markergen.validation.report.words import shares
-from markergen.validation.tables import percent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.render import Optics
+from markergen.tables import Table
 from markergen.validation import tables, view_tables
 from markergen.validation.bounds import image_covariance
 from markergen.validation.report.ellipses_plot import Ellipse, carried_over, draw_ellipses, share_inside
@@ -16,7 +17,6 @@ from markergen.validation.report.expected import Cell, Expected, cells, middle, 
 from markergen.validation.report.page import Plot, plot
 from markergen.validation.report.subject import ERRORS, GROUPINGS, Results, Section, Subject, labeled
 from markergen.validation.report.words import number
-from markergen.validation.tables import Table
 from markergen.validation.view_records import DETECTOR
 
 Array = NDArray[np.float64]
@@ -279,5 +279,5 @@ def _views_tables(seen: Results) -> list[Table]:
             for each in failures[:MOST_FAILURES]
         ]
         more = f"And {len(failures) - MOST_FAILURES} more." if len(failures) > MOST_FAILURES else ""
-        found.append(("Views that count as not detected", ["tilt", "distance", "reason"], rows, more))
+        found.append(Table("Views that count as not detected", ["tilt", "distance", "reason"], rows, more))
     return found

@@ -5,8 +5,10 @@ import shlex
 from functools import partial
 
 from markergen.model.marker import Marker
+from markergen.optimize.criteria_tables import LAYOUTS
 from markergen.optimize.dots import PERCENTILE, PIXELS
 from markergen.render import DEFAULT_OPTICS
+from markergen.tables import Table
 from markergen.units import format_length
 from markergen.validation import tables
 from markergen.validation.report import advice, words
@@ -35,11 +37,10 @@ def answer(subject: Subject) -> Section:
         for cell in subject.cells
     }
     rows = [[f"{tilt} deg", *(by_place.get((distance, tilt), "-") for distance in distances)] for tilt in tilts]
-    table = (
+    table = Table(
         "RMS error to expect by tilt and distance",
         ["tilt", *(f"{distance} m" for distance in distances)],
         rows,
-        "",
     )
     return Section(words.answer(found, subject.cells), tables=[table])
 
@@ -105,7 +106,7 @@ def the_marker(subject: Subject) -> Section:
         ]
         for point in marker.control_points
     ]
-    table = ("Control points, mm", ["id", "x", "y", "z", "shape", "diameter"], rows, "")
+    table = Table("Control points, mm", ["id", "x", "y", "z", "shape", "diameter"], rows)
     return Section(plots=[drawing], tables=[table])
 
 
@@ -183,7 +184,7 @@ def comparison(subject: Subject) -> Section:
     beside = results.get("comparisons") or {}
     if not beside or not results.get("bound"):
         return Section(missing="These results hold no other layouts to compare with; markergen validate adds them.")
-    layouts = {"this marker": results, **{tables.LAYOUTS.get(name, name): row for name, row in beside.items()}}
+    layouts = {"this marker": results, **{LAYOUTS.get(name, name): row for name, row in beside.items()}}
     section = Section(
         [
             "The same room, poses, dot size, and noise for each layout: the regular polygon, four dots in a square, "
@@ -220,7 +221,7 @@ def size_advice(subject: Subject) -> Section:
     ]
     header = ["in", "smallest dot", "at the center", f"diameter for {PIXELS:g} px"]
     title = f"Short axis of the image of a {format_length(marker.dot_diameter)} dot"
-    return Section(advice.sentences(found, marker, poses), tables=[(title, header, rows, "")])
+    return Section(advice.sentences(found, marker, poses), tables=[Table(title, header, rows)])
 
 
 def command(subject: Subject) -> str:

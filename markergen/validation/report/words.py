@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from markergen import tables
 from markergen.model.marker import Marker
 from markergen.units import format_length
-from markergen.validation import tables
 from markergen.validation.report.expected import SOURCES, Cell, Expected, middle, rms
 
 REMEDIES = {

@@ -1,0 +1,97 @@
+"""``markergen.compare``."""
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from os import PathLike
+from typing import Unpack
+
+from markergen.api.loose import MarkerLike, files_among, marker_of, poses_of
+from markergen.errors import InputError
+from markergen.model.findings import brief
+from markergen.model.marker import Marker
+from markergen.options import CompareKeywords, settle, signature_of
+from markergen.options.base import File, Files
+from markergen.validation.compare import compare as run
+from markergen.validation.comparison import Comparison, targets_of
+from markergen.validation.lineup import FORMS
+
+_log = logging.getLogger(__name__)
+
+
+def compare(
+    *contestants: MarkerLike,
+    save: Files = (),
+    json: File | None = None,
+    plot: File | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+    **options: Unpack[CompareKeywords],
+) -> Comparison:
+    """Compare markers with each other and with square tags and boards: same circle, poses, optics and noise.
+
+    Parameters
+    ----------
+    *contestants : Marker, path, dict or str
+        Markers, or ``ngon:N``, ``square``, ``random:N``, ``aruco:DICT[:ID]``, ``apriltag:FAMILY[:ID]`` and
+        ``charuco:CxR[:DICT]``; one alone is compared with one of each.
+    save : path or list of paths
+        Files to write at the end, by suffix: .json the results, .svg or .png the errors drawn. All that is written is
+        checked before the work begins.
+    json, plot : path or None
+        The same, the results under any name.
+    progress : callable or None
+        Called with the stage, what is done of it, and its total.
+    **options
+        As on the command line, ``markergen compare --help``, with underscores. Lengths are m or text with a unit.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    InputError
+        If a contestant is unknown, the markers differ in size, or an argument is unknown, of a wrong type or out of
+        range.
+    OutputError
+        If a file could not be written.
+
+    Examples
+    --------
+    >>> found = compare("ngon:5", "square", views=4, poses="cone:count=20", workers=1)
+    >>> found  # doctest: +ELLIPSIS
+    <Comparison: 4 views; ngon:5 ... deg, square ... deg>
+    >>> found.contestants["square"]["detected"]
+    4
+    """
+    settled = settle(options, CompareKeywords)
+    targets = targets_of(save, json, plot, files_among(*contestants, settled["poses"]))
+    texts, given = _named(contestants)
+    began = time.perf_counter()
+    _log.info("comparing %s", ", ".join(texts))
+    results = run(
+        texts, settled["views"], settled["seed"], poses_of(settled["poses"]), settled["print_sigma"],
+        workers=settled["workers"], progress=progress, given=given,
+    )  # fmt: skip
+    _log.info("compared in %.1f s", time.perf_counter() - began)
+    written = Comparison(results).write(targets)
+    return Comparison(results, written)
+
+
+compare.__signature__ = signature_of(compare, CompareKeywords)  # type: ignore[attr-defined]
+
+
+def _named(contestants: Sequence[MarkerLike]) -> tuple[list[str], dict[str, Marker]]:
+    """Texts for all contestants, and those markers by their texts that are in no file."""
+    objects = [each for each in contestants if isinstance(each, Marker | dict)]
+    texts, given = [], dict[str, Marker]()
+    for each in contestants:
+        if isinstance(each, Marker | dict):
+            text = "marker" if len(objects) == 1 else f"marker {len(given) + 1}"
+            given[text] = marker_of(each)
+        elif isinstance(each, str | PathLike):
+            text = str(each)
+        else:
+            raise InputError("a marker, a path, or a text such as aruco:DICT_4X4_50", brief(each), f"known: {FORMS}")
+        texts.append(text)
+    return texts, given

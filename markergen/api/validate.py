@@ -1,0 +1,108 @@
+"""``markergen.validate``."""
+
+import logging
+import time
+from collections.abc import Callable
+from typing import Any, Unpack
+
+from markergen.api.loose import MarkerLike, camera_of, files_among, marker_of, poses_of
+from markergen.errors import InputError
+from markergen.estimators.budget import ErrorSources
+from markergen.options import ValidateKeywords, settle, signature_of
+from markergen.options.base import CameraLike, File, Files
+from markergen.read.cameras import read_camera_covariance
+from markergen.render import optics_from_text
+from markergen.validation.proof import prove, setting_of
+from markergen.validation.validation import Targets, Validation
+from markergen.validation.views import Shoot
+
+_log = logging.getLogger(__name__)
+
+VIEWS = 100
+"""Synthetic images unless another number is asked for."""
+
+
+def validate(
+    marker: MarkerLike,
+    camera: CameraLike | None = None,
+    *,
+    save: Files = (),
+    json: File | None = None,
+    report: File | None = None,
+    pictures: File | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+    **options: Unpack[ValidateKeywords],
+) -> Validation:
+    """Prove a marker: pose errors of every estimator with their bounds, synthetic views, and what limits the accuracy.
+
+    Noisy trials at every pose that sees the whole marker are held against the Cramer-Rao bound, then synthetic images
+    are rendered in which the marker is found as a program would. docs/validate.md says what is measured and how.
+
+    Parameters
+    ----------
+    marker : Marker, path or dict
+    camera : Camera, path, dict or None
+        None takes the camera that the marker was designed for.
+    save : path or list of paths
+        Files to write at the end, by suffix: .html the report, .json the results, .svg or .png the plot. All that is
+        written is checked before the work begins.
+    json, report : path or None
+        The same, the results under any name.
+    pictures : path or None
+        Folder for views that failed, the worst and typical ones.
+    progress : callable or None
+        Called with the stage, what is done of it, and its total.
+    **options
+        As on the command line, ``markergen validate --help``, with underscores. Lengths are m or text with a unit.
+
+    Returns
+    -------
+    Validation
+
+    Raises
+    ------
+    InputError
+        If an argument is unknown, of a wrong type or out of range, or no pose sees the whole marker.
+    OutputError
+        If a file could not be written.
+
+    Examples
+    --------
+    >>> from markergen.model.boundary import Circle
+    >>> from markergen.model.marker import dressed
+    >>> from markergen.objectives.criteria import regular_polygon
+    >>> marker = dressed(regular_polygon(5, 0.125), Circle(0.15), diameter=0.036, clearance=0.0036)
+    >>> found = validate(marker, poses="cone:count=20", runs=20, views=0, workers=1)
+    >>> found  # doctest: +ELLIPSIS
+    <Validation: 5 dots, 20 poses x 20 runs, bound ... deg ... %, lm ...>
+    >>> found.bound["rotation_deg"] < 0.5
+    True
+    >>> found.check("estimators.lm.failure_rate > 0")
+    (True, 'estimators.lm.failure_rate = 0 <= 0')
+    """
+    settled = settle(options, ValidateKeywords)
+    targets = Targets.of(save, json, report, pictures)
+    optics = optics_from_text(settled["optics"] or "")
+    judged = marker_of(marker)
+    views = (VIEWS if judged.dot_diameter else 0) if settled["views"] is None else settled["views"]
+    if not views and settled["stress"]:
+        raise InputError("views to take", "--views 0", "leave out --stress, or ask for views")
+    setting = setting_of(judged, poses_of(settled["poses"]), camera_of(camera))
+    covariance = settled["camera_covariance"] and read_camera_covariance(settled["camera_covariance"], setting.camera)
+    shoot = Shoot(
+        judged, setting.camera, setting.poses, views, settled["seed"], optics, settled["background"], settled["hide"],
+        ErrorSources(settled["print_sigma"], covariance), settled["refine"],
+    )  # fmt: skip
+    targets.check(views, files_among(marker, camera, settled["camera_covariance"], settled["poses"]))
+    began = time.perf_counter()
+    _log.info("validating: %d poses x %d runs, %d views", len(setting.poses), settled["runs"], views)
+    results: dict[str, Any] = prove(
+        judged, setting, settled["noise"], settled["runs"], shoot, settled["seed"], settled["workers"],
+        settled["trials_for_all"], settled["stress"], progress,
+    )  # fmt: skip
+    _log.info("validated in %.1f s", time.perf_counter() - began)
+    written = Validation(results, shoot).write(targets, progress)
+    return Validation(results, shoot, written)
+
+
+validate.__signature__ = signature_of(validate, ValidateKeywords)  # type: ignore[attr-defined]

@@ -1,0 +1,81 @@
+"""``markergen.verify``."""
+
+import logging
+from typing import Unpack
+
+from markergen.api.loose import MarkerLike, files_among, marker_of
+from markergen.errors import InputError
+from markergen.options import VerifyKeywords, read_as, settle, signature_of
+from markergen.options.base import File, Files
+from markergen.verification.check import check_tolerance, verify_all
+from markergen.verification.verification import Verification, targets_of
+
+_log = logging.getLogger(__name__)
+
+
+def verify(
+    marker: MarkerLike,
+    *files: File,
+    save: Files = (),
+    json: File | None = None,
+    **options: Unpack[VerifyKeywords],
+) -> Verification:
+    """Read files back by other means than those that wrote them, and hold every dot against the marker.
+
+    The dots are laid on the marker's by the best turn and shift, never by a scale: what is scaled, mirrored, missing or
+    of another marker is told as that.
+
+    Parameters
+    ----------
+    marker : Marker, path or dict
+        What the files are to hold.
+    *files : path
+        Sheets, solids and configurations, read by suffix.
+    save, json : path or None
+        Write the results as .json, or as JSON under any name.
+    **options
+        As on the command line, ``markergen verify --help``: ``tolerance="0.1mm"``.
+
+    Returns
+    -------
+    Verification
+        With a check of each file, in their order. What is wrong with a file that cannot be used is in the `error` of
+        its check, and the others are verified all the same.
+
+    Raises
+    ------
+    InputError
+        If the marker cannot be read, no file is given, one is no path, or the tolerance is not above 0.
+    OutputError
+        If a file could not be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from markergen.exporters import save
+    >>> from markergen.model.boundary import Circle
+    >>> from markergen.model.marker import dressed
+    >>> from markergen.objectives.criteria import regular_polygon
+    >>> marker = dressed(regular_polygon(5, 0.04), Circle(0.05), diameter=0.012, clearance=0.0012)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = save(marker, [Path(folder) / "marker.svg"])
+    ...     found = verify(marker, Path(folder) / "marker.svg")
+    >>> found.passed, found[0].dots
+    (True, 5)
+    """
+    paths = [read_as("file", file, "a file to verify") for file in files]
+    if not paths or None in paths:
+        raise InputError("files to verify", "none", "name one or more, such as marker.pdf")
+    tolerance = settle(options, VerifyKeywords)["tolerance"]
+    check_tolerance(tolerance)
+    targets = targets_of(save, json, [*files_among(marker), *paths])
+    judged = marker_of(marker)
+    _log.info("verifying %d files", len(paths))
+    checks = verify_all(judged, paths, tolerance)
+    _log.info("verified: %d of %d are as they should be", sum(check.passed for check in checks), len(checks))
+    written = Verification(checks).write(targets)
+    return Verification(checks, written)
+
+
+verify.__signature__ = signature_of(verify, VerifyKeywords)  # type: ignore[attr-defined]

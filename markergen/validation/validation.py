@@ -1,0 +1,338 @@
+"""A validation: what was found, to print, look at, save, check and reckon with."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from markergen.errors import InputError
+from markergen.files import Written, check_outputs, make_folder, sorted_by_suffix, write_all
+from markergen.model.marker import Marker
+from markergen.objectives import Setting
+from markergen.options import read_as
+from markergen.tables import Result, Table, data_frame, number
+from markergen.validation import fail_if, tables, view_tables
+from markergen.validation.bounds import budget_of
+from markergen.validation.figures import figure_bytes, new_figure
+from markergen.validation.pictures import Picture, remove_earlier
+from markergen.validation.pictures import pictures as taken
+from markergen.validation.proof import to_json
+from markergen.validation.report import check_report
+from markergen.validation.views import Shoot
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+Progress = Callable[[str, int, int], None]
+StrPath = str | PathLike[str]
+
+KINDS = {".html": "report", ".htm": "report", ".json": "json", ".svg": "plot", ".png": "plot"}
+"""What a file holds by its suffix."""
+_ANGLE = "polar_angle_deg"
+
+
+class Validation(Result):
+    """What `markergen.validate` found.
+
+    ``print(validation)`` shows what the command prints. It can be pickled, and keeps no images: those that a report or
+    a folder of pictures needs are rendered again, the same ones.
+
+    Parameters
+    ----------
+    results : mapping
+        Of `prove`, in the form that docs/validate.md describes.
+    shoot : Shoot
+        Marker, camera, poses, optics and error sources of the results.
+    written : sequence of Written
+        Files that were asked for together with the results.
+    """
+
+    def __init__(self, results: Mapping[str, Any], shoot: Shoot, written: Sequence[Written] = ()) -> None:
+        self._results = dict(results)
+        self.shoot, self.written = shoot, tuple(written)
+
+    @property
+    def results(self) -> Mapping[str, Any]:
+        """Everything as plain JSON values, see docs/validate.md; read-only."""
+        return MappingProxyType(self._results)
+
+    @property
+    def marker(self) -> Marker:
+        """The marker that was validated."""
+        return self.shoot.marker
+
+    @property
+    def setting(self) -> Setting:
+        """Camera, and the poses that see the marker whole."""
+        return Setting(self.marker.boundary, self.shoot.camera, self.shoot.poses)
+
+    @property
+    def bound(self) -> Mapping[str, Any]:
+        """RMS Cramer-Rao bounds ``rotation_deg`` and ``translation_pct``, also ``by_polar_angle``, ``by_distance``."""
+        return MappingProxyType(self._results["bound"])
+
+    @property
+    def estimators(self) -> Mapping[str, Any]:
+        """Errors in the trials by estimator, such as ``estimators["lm"]["rotation_deg"]["rms"]``; none if 0 runs."""
+        return MappingProxyType(self._results["estimators"])
+
+    @property
+    def views(self) -> Mapping[str, Any] | None:
+        """What was found in synthetic views; None if there were none."""
+        views = self._results["views"]
+        return None if views is None else MappingProxyType(views)
+
+    @property
+    def nees(self) -> Mapping[str, Any] | None:
+        """Normalized estimation error squared of LM: 6 in the mean if the covariances are right; None if 0 runs."""
+        nees = self._results["nees"]
+        return None if nees is None else MappingProxyType(nees)
+
+    @property
+    def budget(self) -> Mapping[str, Any]:
+        """RMS pose errors by source: image, print, camera, total."""
+        return MappingProxyType(self._results["budget"])
+
+    def check(self, expression: str) -> tuple[bool, str]:
+        """Evaluate what must not be, such as ``estimators.lm.rotation_deg.rms > 0.5``.
+
+        Returns
+        -------
+        passed : bool
+            False if the comparison holds, or if the value does not exist.
+        sentence : str
+            What was found.
+
+        Raises
+        ------
+        InputError
+            If the expression is malformed, or its path leads to no number; the message lists what there is.
+        """
+        if not isinstance(expression, str):
+            raise InputError("an expression", repr(expression)[:60], "write 'estimators.lm.rotation_deg.rms > 0.5'")
+        return fail_if.check(expression, self._results)
+
+    def save(
+        self,
+        *paths: StrPath,
+        json: StrPath | None = None,
+        report: StrPath | None = None,
+        pictures: StrPath | None = None,
+        progress: Progress | None = None,
+    ) -> list[Written]:
+        """Write files by suffix: .html the report, .json the results, .svg or .png the plot; all of them or none.
+
+        Parameters
+        ----------
+        json, report : path or None
+            The same under any name, and under one that browsers open.
+        pictures : path or None
+            Folder for views that failed, the worst and typical ones as .png; those of an earlier run are replaced.
+        progress : callable or None
+            Called with the stage, what is done of it, and its total.
+
+        Returns
+        -------
+        list of Written
+
+        Raises
+        ------
+        InputError
+            If a suffix is unknown, or there are no views to take pictures of.
+        OutputError
+            If a file cannot be written; nothing was changed.
+        """
+        targets = Targets.of(paths, json, report, pictures)
+        targets.check(self.shoot.count)
+        return self.write(targets, progress)
+
+    def write(self, targets: "Targets", progress: Progress | None = None) -> list[Written]:
+        """Write what was sorted and checked before, see `save`."""
+        contents = self._contents(targets, progress or (lambda *_: None))
+        write_all(contents)
+        if targets.pictures is not None:
+            remove_earlier(targets.pictures, {path.name for path in contents})
+        return [Written(path) for path in contents]
+
+    def save_pictures(self, folder: StrPath) -> list[Written]:
+        """Write views that failed, the worst and typical ones, see `save`."""
+        return self.save(pictures=folder)
+
+    def to_json(self) -> bytes:
+        """Results as JSON text."""
+        return to_json(self._results)
+
+    def to_frame(self) -> "DataFrame":
+        """Return a pandas data frame with a row for each estimator and polar angle, and one over all poses.
+
+        Its columns are ``source`` (``trials`` or ``views``), ``estimator``, ``polar_angle_deg`` (a text: an angle, a
+        bin such as ``30..40``, or ``all``), mean, std, rms, median, p95 and max of ``rotation_deg`` and
+        ``translation_pct`` (as in ``rotation_deg_rms``), each with its ``bound``, ``efficiency``, ``flip_rate`` and
+        ``failure_rate``. What does not exist is missing.
+
+        Raises
+        ------
+        MissingLibraryError
+            If pandas is not installed.
+        """
+        rows = []
+        trials = {name: {"all": row, **row["by_polar_angle"]} for name, row in self.estimators.items()}
+        views = self.views or {"estimators": {}, "by_polar_angle": {}}
+        groups = {"all": views, **views["by_polar_angle"]}
+        seen = {name: {at: group["estimators"][name] for at, group in groups.items()} for name in views["estimators"]}
+        for source, measured in (("trials", trials), ("views", seen)):
+            for name, by_angle in measured.items():
+                for angle, row in by_angle.items():
+                    bound = self._bound_at(angle) if source == "trials" else {}
+                    rows.append({"source": source, "estimator": name, _ANGLE: angle, **_columns(row, bound)})
+        return data_frame(rows)
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw the RMS rotation error of each estimator over the polar angle, with the bound beneath.
+
+        The errors are those of the trials, or, if there were none, of the synthetic views.
+
+        Parameters
+        ----------
+        ax : matplotlib axes or None
+            Where to draw; None makes a figure of its own, which is ``ax.figure``.
+        """
+        from markergen.validation.report.errors_plot import errors_over
+
+        ax = new_figure().add_subplot() if ax is None else ax
+        measured = {name: _rotation(row["by_polar_angle"]) for name, row in self.estimators.items()}
+        if self.views and not measured:
+            groups = self.views["by_polar_angle"]
+            for name in self.views["estimators"]:
+                measured[name] = _rotation({at: group["estimators"][name] for at, group in groups.items()})
+        bound = {angle: row["rotation_deg"] for angle, row in self.bound["by_polar_angle"].items()}
+        errors_over(measured, bound, ax)
+        ax.set_xlabel("polar angle, deg")
+        ax.set_ylabel("rotation error, deg")
+        return ax
+
+    def parts(self) -> list[str | Table]:
+        """Sentences and tables in the order in which the command prints them."""
+        results = self._results
+        shown: list[str | Table] = [tables.heading(results)]
+        if results["estimators"]:
+            shown += [tables.rotation_table(results), tables.translation_table(results)]
+            shown += [tables.polar_angle_table(results, key) for key in ("rotation_deg", "translation_pct")]
+            if results["homography"]:
+                shown.append(tables.homography_table(results))
+        shown += [tables.comparison_table(results), view_tables.budget_table(results)]
+        views = results["views"]
+        if views:
+            shown.append(view_tables.group_table(views))
+            if views["detected"]:
+                shown.append(view_tables.estimator_table(views))
+            if "stress" in views:
+                shown.append(view_tables.stress_table(views))
+        return [*shown, *tables.sentences(results), *view_tables.sentences(results)]
+
+    def __repr__(self) -> str:
+        results, views = self._results, self._results["views"]
+        said = [f"{len(self.marker)} dots", f"{results['poses']['count']} poses x {results['runs']} runs"]
+        if views:
+            said.append(f"{views['detected']} of {views['count']} views found")
+        measured = {"bound": self.bound, **{name: _rms(row) for name, row in self.estimators.items()}}
+        said += [
+            f"{name} {number(row['rotation_deg'])} deg {number(row['translation_pct'])} %"
+            for name, row in measured.items()
+        ]
+        return f"<Validation: {', '.join(said)}>"
+
+    def _contents(self, targets: "Targets", progress: Progress) -> dict[Path, bytes]:
+        kinds = [kind for kind, _ in targets.files]
+        shown = []
+        if self.views and (targets.pictures is not None or "report" in kinds):
+            progress("pictures", 0, 1)
+            shown = list(taken(self.shoot, self.views))
+            progress("pictures", 1, 1)
+        contents = {}
+        for kind, path in targets.files:
+            if kind == "report":
+                progress("report", 0, 1)
+                contents[path] = self._report(shown)
+                progress("report", 1, 1)
+            else:
+                contents[path] = self.to_json() if kind == "json" else figure_bytes(self._figure, path)
+        if targets.pictures is not None:
+            contents |= {targets.pictures / f"{picture.name}.png": picture.png for picture in shown}
+        return contents
+
+    def _report(self, shown: Sequence[Picture]) -> bytes:
+        from markergen.validation.report import html_report
+
+        budget = budget_of(self.shoot, self._results["noise_px"])
+        return html_report(self._results, self.marker, self.setting, shown, budget)
+
+    def _figure(self) -> "Figure":
+        figure = new_figure()
+        self.plot(figure.add_subplot())
+        return figure
+
+    def _bound_at(self, angle: str) -> Mapping[str, Any]:
+        found: Mapping[str, Any] = self.bound if angle == "all" else self.bound["by_polar_angle"][angle]
+        return found
+
+
+@dataclass(frozen=True)
+class Targets:
+    """What is to be written: files with their kinds (``json``, ``report``, ``plot``), and a folder for pictures."""
+
+    files: tuple[tuple[str, Path], ...]
+    pictures: Path | None = None
+
+    @classmethod
+    def of(cls, paths: object = (), json: object = None, report: object = None, pictures: object = None) -> "Targets":
+        """Sort paths by suffix, and take others for what they are said to be.
+
+        Raises
+        ------
+        InputError
+            If one is no path, or its suffix is unknown.
+        """
+        files = [*sorted_by_suffix(read_as("files", paths, "a file to save"), KINDS)]
+        for kind, path in (("json", read_as("file", json, "json")), ("report", read_as("file", report, "report"))):
+            files += [(kind, path)] if path is not None else []
+        for kind, path in files:
+            if kind == "report":
+                check_report(path)
+        return cls(tuple(files), read_as("file", pictures, "pictures"))
+
+    def check(self, views: int, inputs: Sequence[Path] = ()) -> None:
+        """Refuse, before any work is done, what could not be written; makes the folder for pictures.
+
+        Raises
+        ------
+        InputError
+            If there are no views to take pictures of.
+        OutputError
+            If a file cannot be written, is asked for twice, or is one of the inputs.
+        """
+        check_outputs([path for _, path in self.files], inputs)
+        if self.pictures is not None:
+            if not views:
+                raise InputError("views to take", "--views 0", "leave out --pictures, or ask for views")
+            make_folder(self.pictures)
+
+
+def _rotation(rows: Mapping[str, Any]) -> dict[str, Any]:
+    return {angle: row["rotation_deg"] for angle, row in rows.items()}
+
+
+def _rms(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: row[key]["rms"] for key in ("rotation_deg", "translation_pct")}
+
+
+def _columns(row: Mapping[str, Any], bound: Mapping[str, Any]) -> dict[str, Any]:
+    columns: dict[str, Any] = {}
+    for key in ("rotation_deg", "translation_pct"):
+        columns |= {f"{key}_{name}": row[key][name] for name in ("count", *tables.STATISTICS)}
+        columns[f"{key}_bound"] = bound.get(key)
+    return columns | {key: row.get(key) for key in ("efficiency", "flip_rate", "failure_rate")}

@@ -1,0 +1,143 @@
+import doctest
+import json
+import logging
+import pickle
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from markergen.api import verify as module
+from markergen.api.verify import verify
+from markergen.cli import main
+from markergen.errors import InputError, MissingLibraryError, OutputError
+from markergen.exporters import save
+from markergen.model.marker_json import to_json
+
+HOSTILE = "<script>[red]x.svg"
+
+
+@pytest.fixture(scope="module")
+def marker(make_ngon):
+    return make_ngon(5, 0.05, 0.012)
+
+
+@pytest.fixture
+def here(marker, make_ngon, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("marker.json").write_bytes(to_json(marker))
+    save(marker, [Path("marker.svg"), Path("marker.csv")])
+    save(make_ngon(6, 0.05, 0.012), [Path("other.svg")])
+    return tmp_path
+
+
+def test_a_check_of_each_file_in_their_order(here, marker):
+    found = verify(marker, "marker.svg", here / "other.svg", "none.svg", "marker.csv")
+    assert isinstance(found, Sequence)
+    assert [check.path for check in found] == ["marker.svg", str(here / "other.svg"), "none.svg", "marker.csv"]
+    assert [check.passed for check in found] == [True, False, False, True]
+    assert len(found[1:]) == 3
+    assert found[2].error
+    assert not found.passed
+    assert not found.usable
+    # What fails is a sequence all the same.
+    assert found
+    good = verify("marker.json", "marker.svg")
+    assert good.passed
+    assert good.usable
+    assert good[0].dots == 5
+    assert verify(json.loads(Path("marker.json").read_text()), "marker.svg").passed
+
+
+def test_a_tolerance_is_a_length(here, marker):
+    text = Path("marker.svg").read_text()
+    Path("scaled.svg").write_text(
+        text.replace('width="148mm"', 'width="147.852mm"').replace('height="210mm"', 'height="209.79mm"')
+    )
+    assert not verify(marker, "scaled.svg").passed
+    assert verify(marker, "scaled.svg", tolerance="0.1mm").passed
+    assert verify(marker, "scaled.svg", tolerance=1e-4).passed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "said"),
+    [
+        ([3, "marker.svg"], {}, "dict of marker.json"),
+        (["none.json", "marker.svg"], {}, "none.json"),
+        (["marker.json"], {}, "files to verify"),
+        (["marker.json", None], {}, "files to verify"),
+        (["marker.json", 5], {}, "a path"),
+        (["marker.json", b"marker.svg"], {}, "a path"),
+        (["marker.json", "marker.svg"], {"tolerance": 0}, "tolerance above 0"),
+        (["marker.json", "marker.svg"], {"tolerance": "much"}, "tolerance='much' (a length"),
+        (["marker.json", "marker.svg"], {"tolerence": 1}, "did you mean 'tolerance'?"),
+        (["marker.json", "marker.svg"], {"save": "found.txt"}, ".json"),
+    ],
+)
+def test_bad_input_is_our_own_error_in_one_line(here, arguments, options, said):
+    before = set(here.iterdir())
+    with pytest.raises(InputError) as caught:
+        verify(*arguments, **options)
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert set(here.iterdir()) == before
+
+
+def test_what_cannot_be_written_is_told_before_the_work(here, monkeypatch):
+    monkeypatch.setattr(module, "verify_all", None)
+    for path in ("marker.json", "marker.svg", "no/found.json"):
+        with pytest.raises(OutputError):
+            verify("marker.json", "marker.svg", json=path)
+
+
+def test_files(here, marker):
+    found = verify(marker, "marker.svg", "other.svg", save="found.json", json="plain")
+    assert [str(each) for each in found.written] == ["wrote found.json", "wrote plain"]
+    assert Path("found.json").read_bytes() == Path("plain").read_bytes() == found.to_json()
+    assert [each["passed"] for each in json.loads(found.to_json())] == [True, False]
+    found.save(here / "again.json")
+    assert Path("again.json").read_bytes() == found.to_json()
+
+
+def test_printed_it_is_what_the_command_prints(here, marker, capsys):
+    found = verify(marker, "marker.svg", "other.svg")
+    assert main(["verify", "marker.json", "marker.svg", "other.svg"]) == 1
+    assert capsys.readouterr().out == str(found) + "\n"
+    assert "WRONG" in str(found)
+    # The command tells on stderr what could not be used.
+    assert "none.svg" in str(verify(marker, "none.svg"))
+
+
+def test_short_and_escaped_whatever_files_are_called(here, marker):
+    Path("marker.svg").rename(HOSTILE)
+    found = verify(marker, *[HOSTILE] * 30, "n" * 200)
+    assert len(repr(found)) < 2000
+    assert "and 23 more" in repr(found)
+    assert "<script>" not in found._repr_html_()
+    assert "&lt;script&gt;[red]x.svg" in found._repr_html_()
+    assert HOSTILE in str(found)
+
+
+def test_rows_for_each_file(here, marker, frames, monkeypatch):
+    found = verify(marker, "marker.svg", "other.svg")
+    rows = found.to_frame()
+    assert [(row["file"], row["passed"]) for row in rows] == [("marker.svg", True), ("other.svg", False)]
+    assert rows[0]["largest_m"] < 1e-6
+    assert "another marker" in rows[1]["findings"]
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(MissingLibraryError, match="pip install pandas"):
+        found.to_frame()
+
+
+def test_it_can_be_sent_to_another_process_and_tells_the_log_alone(here, marker, caplog, capsys):
+    with caplog.at_level(logging.INFO, "markergen"):
+        found = verify(marker, "marker.svg")
+    assert str(pickle.loads(pickle.dumps(found))) == str(found)
+    assert len(caplog.records) == 2
+    captured = capsys.readouterr()
+    assert (captured.out, captured.err) == ("", "")
+
+
+def test_the_example_runs():
+    assert doctest.testmod(module).failed == 0
