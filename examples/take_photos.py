@@ -4,7 +4,7 @@ python examples/take_photos.py marker.json photos
 markergen detect photos/ --marker marker.json --camera photos/camera.yaml --overlay seen
 """
 
-import argparse
+import sys
 from pathlib import Path
 
 import cv2
@@ -15,8 +15,10 @@ from markergen.model.poses import paper
 from markergen.render import Optics, Scenery, render_view
 from markergen.render.scenery import BACKGROUNDS
 
-MATRIX, DISTORTION = [[800, 0, 320], [0, 800, 240], [0, 0, 1]], [-0.28, 0.09, 0.001, -0.0005, 0.0]
-CAMERA = mg.Camera.from_cv2(MATRIX, DISTORTION, (640, 480))
+CALIBRATION = """{image_width: 640, image_height: 480, distortion_model: plumb_bob,
+camera_matrix: {rows: 3, cols: 3, data: [800, 0, 320, 0, 800, 240, 0, 0, 1]},
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.28, 0.09, 0.001, -0.0005, 0.0]}}
+"""
 POSES = (10, 130, 190, 250, 330, 395)
 
 
@@ -24,21 +26,15 @@ def main(marker: Path, folder: Path) -> None:
     """Write six photos, each from another pose, and the camera's calibration as ROS has it."""
     found, poses = mg.Marker.load(marker), paper()
     folder.mkdir(parents=True, exist_ok=True)
+    (folder / "camera.yaml").write_text(CALIBRATION)
+    camera = mg.Camera.load(folder / "camera.yaml")
     for k in POSES:
         rng = np.random.default_rng(k)
-        scenery = Scenery(BACKGROUNDS["clutter"](CAMERA, rng))
-        image = render_view(found, CAMERA, poses.rotation[k], poses.translation[k], Optics(), rng, scenery)
+        scenery = Scenery(BACKGROUNDS["clutter"](camera, rng))
+        image = render_view(found, camera, poses.rotation[k], poses.translation[k], Optics(), rng, scenery)
         cv2.imwrite(str(folder / f"photo-{k:03d}.png"), image)
-    text = "image_width: 640\nimage_height: 480\ndistortion_model: plumb_bob\n"
-    text += (
-        f"camera_matrix: {{data: {CAMERA.matrix.ravel().tolist()}}}\ndistortion_coefficients: {{data: {DISTORTION}}}\n"
-    )
-    (folder / "camera.yaml").write_text(text)
     print(f"wrote {len(POSES)} photos and camera.yaml to {folder}")
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("marker", type=Path, nargs="?", default=Path("marker.json"))
-    parser.add_argument("folder", type=Path, nargs="?", default=Path("photos"))
-    main(**vars(parser.parse_args()))
+    main(*map(Path, sys.argv[1:] or ["marker.json", "photos"]))

@@ -28,7 +28,9 @@ def progress_bar() -> Iterator[Progress]:
         TextColumn("{task.percentage:>3.0f} %"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
+    with Progress(
+        *columns, console=Console(stderr=True), transient=True, redirect_stdout=False, disable=not sys.stderr.isatty()
+    ) as bar:
         tasks: dict[str, Any] = {}
 
         # A stage announces itself with nothing done, so that the time left is reckoned from its start.

@@ -1,5 +1,6 @@
 """``markergen detect``."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -50,50 +51,25 @@ def detect(
     Example:
       markergen detect photos/ --marker marker.json --camera camera.yaml --json found.json --overlay seen
     """
-    from markergen.cli import FAILED, UNUSABLE
     from markergen.cli.console import complain, progress_bar
-    from markergen.detect.batch import job_from_files, overlay_names, to_json
-    from markergen.detect.sentences import image_lines, summary
-    from markergen.errors import OutputError
-    from markergen.files import check_outputs, make_folder, write_atomic
-    from markergen.read.images import find_images
+    from markergen.detect.batch import detect_files
 
+    # While there is a bar, it stands in for the stream.
+    stdout = sys.stdout
     to_stdout = str(json) == "-"
-    job = job_from_files(marker, camera, camera_covariance, print_sigma, refine)
-    paths = find_images(images)
-    inputs = [*paths, *marker, *(path for path in (camera, camera_covariance) if path)]
-    drawings = [overlay / name for name in overlay_names(paths)] if overlay else []
-    if overlay:
-        make_folder(overlay)
-    check_outputs([*([json] if json and not to_stdout else []), *drawings], inputs)
-    tell = complain if to_stdout else print
-    outcomes, unwritten = [], 0
-    try:
-        with progress_bar() as progress:
-            progress("detecting", 0, len(paths))
-            for number, path in enumerate(paths):
-                outcome = job.run(path)
-                for line in image_lines(job, outcome):
-                    (complain if outcome.error else tell)(line)
-                if overlay and (drawn := job.overlay(outcome)):
-                    try:
-                        write_atomic(drawings[number], drawn)
-                    except OutputError as error:
-                        complain(f"{path}: {error}")
-                        unwritten += 1
-                # The image itself is not needed any more, and a folder of them would not fit into memory.
-                outcomes.append(outcome.without_image())
-                progress("detecting", len(outcomes), len(paths))
-    finally:
-        # Also when interrupted: what was found so far is not lost.
-        if to_stdout:
-            typer.echo(to_json(job, outcomes).decode(), nl=False)
-        elif json:
-            write_atomic(json, to_json(job, outcomes))
-            print(f"wrote {json}")
-    if len(paths) > 1:
-        tell(summary(outcomes))
-    if unwritten or any(outcome.error for outcome in outcomes):
-        raise typer.Exit(UNUSABLE)
-    if not all(outcome.found for outcome in outcomes):
-        raise typer.Exit(FAILED)
+    with progress_bar() as progress:
+        outcomes = detect_files(
+            images,
+            marker,
+            camera,
+            camera_covariance=camera_covariance,
+            print_sigma=print_sigma,
+            refine=refine,
+            json=stdout if to_stdout else json,
+            overlay=overlay,
+            progress=progress,
+            # Lines for people must not mix with data.
+            tell=complain if to_stdout else print,
+            warn=complain,
+        )
+    raise typer.Exit(outcomes.status)

@@ -1,22 +1,17 @@
-"""Many images, one after another: what cannot be read is told and does not stop the others."""
+"""Many image files, one after another: what cannot be read is told and does not stop the others."""
 
-import json
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from json import dumps
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
-from markergen.detect.detection import Detection, detect_all
-from markergen.detect.overlay import overlay
-from markergen.detect.photometric import check_refinement, refine
-from markergen.detect.record import as_dict
-from markergen.errors import InputError
-from markergen.estimators.budget import ErrorSources
+from markergen.detect.detector import CovarianceSource, Detector, Found, MarkerSource, listed
+from markergen.detect.overlay import overlay as drawn_over
+from markergen.errors import InputError, OutputError
+from markergen.files import check_outputs, make_folder, write_atomic
 from markergen.model.camera import Camera
-from markergen.model.marker import Marker, check_supported
-from markergen.model.marker_json import read_marker
-from markergen.read.cameras import read_camera, read_camera_covariance
-from markergen.read.images import Image, read_image
+from markergen.read.images import Image, find_images, read_image
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +26,8 @@ class Outcome:
         Of the image, px.
     notes : tuple of str
         What its reader has to say.
-    detections : tuple of Detection
-        Those that were found; if nothing was, one for each marker with the reason.
+    markers : tuple of Found
+        As `Detector` returns them.
     error : str
         Why the image could not be used; empty otherwise.
     """
@@ -41,116 +36,176 @@ class Outcome:
     image: Image | None
     size: tuple[int, int] | None
     notes: tuple[str, ...]
-    detections: tuple[Detection, ...]
+    markers: tuple[Found, ...]
     error: str = ""
 
     @property
     def found(self) -> bool:
         """At least one marker was found."""
-        return any(detection.found for detection in self.detections)
+        return any(each.ok for each in self.markers)
 
     def without_image(self) -> "Outcome":
         """Return the same outcome without the image itself."""
         return replace(self, image=None)
 
+    def lines(self) -> list[str]:
+        """One line for the image and each marker in it, then the notes of its reader."""
+        if self.error:
+            return [f"{self.path}: not used: {self.error}"]
+        return [*(f"{self.path}: {each}" for each in self.markers), *(f"  {note}" for note in self.notes)]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it as plain JSON values (docs/detect.md)."""
+        return {
+            "image": str(self.path),
+            "size": self.size,
+            "notes": self.notes,
+            "error": self.error or None,
+            "markers": [each.as_dict() for each in self.markers],
+        }
+
+    def overlay(self) -> bytes | None:
+        """Return the image as PNG bytes with what was found drawn in; None for one that could not be used."""
+        if self.image is None:
+            return None
+        # There is one for each marker that was looked for, at least.
+        markers, camera = self.markers[0].markers, self.markers[0].camera
+        return drawn_over(self.image.grey, markers, camera, [each.detection for each in self.markers if each.ok])
+
 
 @dataclass(frozen=True, eq=False)
-class Job:
-    """What to look for, and with what.
+class Outcomes:
+    """What became of many images.
 
     Attributes
     ----------
-    markers, names
-        The markers, and what to call each.
-    camera : Camera or None
-        None gives homographies and pixels alone.
-    errors : ErrorSources
-    photometric : bool
-        Align the rendered model with the image after the detection.
+    images : tuple of Outcome
+        In their order, without the images themselves.
+    unwritten : int
+        Overlays that could not be written.
     """
 
-    markers: tuple[Marker, ...]
-    names: tuple[str, ...]
-    camera: Camera | None
-    errors: ErrorSources
-    photometric: bool = False
+    images: tuple[Outcome, ...]
+    unwritten: int = 0
 
-    def run(self, path: Path) -> Outcome:
-        """Look at one image."""
-        try:
-            image = read_image(path)
-            self._check_size(image)
-            detections = detect_all(image.grey, self.markers, self.camera, self.errors)
-        except InputError as error:
-            return Outcome(path, None, None, (), (), str(error))
-        if self.photometric:
-            detections = [
-                refine(image.grey, self.markers[each.marker], self.camera, each, self.errors) if each.found else each
-                for each in detections
-            ]
-        return Outcome(path, image, image.grey.shape[::-1], image.notes, tuple(detections))
+    def __len__(self) -> int:
+        return len(self.images)
 
-    def _check_size(self, image: Image) -> None:
-        height, width = image.grey.shape
-        if self.camera is not None and (width, height) != (self.camera.width, self.camera.height):
-            raise InputError(
-                f"an image of the camera's {self.camera.width}x{self.camera.height} px",
-                f"{width}x{height} px",
-                "give the calibration for this size: cropped or scaled images have another",
-            )
+    def __iter__(self) -> Iterator[Outcome]:
+        return iter(self.images)
 
-    def as_dict(self, outcome: Outcome) -> dict[str, Any]:
-        """Return an outcome as plain JSON values (docs/detect.md)."""
-        return {
-            "image": str(outcome.path),
-            "size": outcome.size,
-            "notes": outcome.notes,
-            "error": outcome.error or None,
-            "markers": [as_dict(each, self.markers, self.names) for each in outcome.detections],
-        }
+    def __getitem__(self, index: int) -> Outcome:
+        return self.images[index]
 
-    def overlay(self, outcome: Outcome) -> bytes | None:
-        """Return the image as PNG bytes with what was found drawn in; None for one that could not be used."""
-        if outcome.image is None:
-            return None
-        return overlay(
-            outcome.image.grey, self.markers, self.camera, [each for each in outcome.detections if each.found]
-        )
+    def __str__(self) -> str:
+        found, unused = sum(each.found for each in self), sum(bool(each.error) for each in self)
+        line = f"found a marker in {found} of {len(self)} image{'s' * (len(self) != 1)}"
+        return f"{line}, {unused} could not be used" if unused else line
+
+    def __repr__(self) -> str:
+        return f"Outcomes({self})"
+
+    @property
+    def status(self) -> int:
+        """Exit status: 0 if every image has a marker, 1 if one has none, 2 if one could not be used or written."""
+        if self.unwritten or any(each.error for each in self):
+            return 2
+        return 0 if all(each.found for each in self) else 1
+
+    def to_json(self) -> str:
+        """One JSON array for all images (docs/detect.md)."""
+        return dumps([each.as_dict() for each in self], indent=2, allow_nan=False) + "\n"
 
 
-def job_from_files(
-    markers: Sequence[Path],
-    camera: Path | None = None,
-    camera_covariance: Path | None = None,
-    print_sigma: float = 1e-4,
-    refinement: str = "none",
-) -> Job:
-    """Read markers and calibration.
+def detect_files(
+    images: str | Path | Iterable[str | Path],
+    markers: MarkerSource | Iterable[MarkerSource],
+    camera: Camera | str | Path | None = None,
+    *,
+    camera_covariance: CovarianceSource = None,
+    print_sigma: str | float = "0.1mm",
+    refine: str = "none",
+    json: str | Path | TextIO | None = None,
+    overlay: str | Path | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+    tell: Callable[[str], None] | None = None,
+    warn: Callable[[str], None] | None = None,
+) -> Outcomes:
+    """Find markers in image files.
+
+    A file that cannot be used, or an overlay that cannot be written, does not stop the others. What was found is
+    written as JSON at the end, and also when the work is interrupted.
+
+    Parameters
+    ----------
+    images
+        Files, folders of them, or patterns such as ``*.png``.
+    markers, camera, camera_covariance, print_sigma, refine
+        As for `Detector`.
+    json
+        File for what was found, or a stream for its text.
+    overlay
+        Folder for each image with what was found drawn in.
+    progress : callable (stage, done, total)
+    tell, warn : callables
+        Take lines for people: what was found; images that cannot be used and overlays that cannot be written.
 
     Raises
     ------
     InputError
-        If a file cannot be used, the refinement is unknown, or a covariance comes without its camera.
+        If there are no images, or as `Detector` does.
+    OutputError
+        If a file cannot be written, or is one of the inputs.
     """
-    check_refinement(refinement)
-    calibration = None if camera is None else read_camera(camera)
-    covariance = None
-    if camera_covariance is not None:
-        if calibration is None:
-            raise InputError(
-                "a camera that the covariance belongs to", "--camera-covariance alone", "give its file with --camera"
-            )
-        covariance = read_camera_covariance(camera_covariance, calibration)
-    read = tuple(read_marker(path) for path in markers)
-    for marker in read:
-        check_supported(marker, "to detect")  # Not once for each image.
-    return Job(
-        read,
-        tuple(str(path) for path in markers),
-        calibration,
-        ErrorSources(print_sigma, covariance),
-        refinement == "photometric",
-    )
+    tell, warn = tell or _silent, warn or _silent
+    sought = listed(markers)
+    detector = Detector(sought, camera, camera_covariance=camera_covariance, print_sigma=print_sigma, refine=refine)
+    paths = find_images(listed(images))
+    sources = [*sought, camera, camera_covariance]
+    inputs = [*paths, *(Path(each) for each in sources if isinstance(each, str | Path))]
+    drawings = [Path(overlay) / name for name in overlay_names(paths)] if overlay else []
+    target, stream = (Path(json), None) if isinstance(json, str | Path) else (None, json)
+    if overlay:
+        make_folder(Path(overlay))
+    check_outputs([*([target] if target else []), *drawings], inputs)
+    done, unwritten = list[Outcome](), 0
+    try:
+        for number, path in enumerate(paths):
+            if progress:
+                progress("detecting", number, len(paths))
+            outcome = look_at(detector, path)
+            for line in outcome.lines():
+                (warn if outcome.error else tell)(line)
+            if overlay and (drawn := outcome.overlay()):
+                try:
+                    write_atomic(drawings[number], drawn)
+                except OutputError as error:
+                    warn(f"{path}: {error}")
+                    unwritten += 1
+            # The image itself is not needed any more, and a folder of them would not fit into memory.
+            done.append(outcome.without_image())
+        if progress:
+            progress("detecting", len(paths), len(paths))
+    finally:
+        # Also when interrupted: what was found so far is not lost.
+        outcomes = Outcomes(tuple(done), unwritten)
+        if target:
+            write_atomic(target, outcomes.to_json().encode())
+            tell(f"wrote {target}")
+        elif stream:
+            stream.write(outcomes.to_json())
+    if len(paths) > 1:
+        tell(str(outcomes))
+    return outcomes
+
+
+def look_at(detector: Detector, path: Path) -> Outcome:
+    """Look for the detector's markers in one file."""
+    try:
+        image = read_image(path)
+        return Outcome(path, image, image.grey.shape[::-1], image.notes, tuple(detector(image.grey)))
+    except InputError as error:
+        return Outcome(path, None, None, (), (), str(error))
 
 
 def overlay_names(paths: Sequence[Path]) -> list[str]:
@@ -166,6 +221,5 @@ def overlay_names(paths: Sequence[Path]) -> list[str]:
     return names
 
 
-def to_json(job: Job, outcomes: Sequence[Outcome]) -> bytes:
-    """One JSON array for all images."""
-    return (json.dumps([job.as_dict(outcome) for outcome in outcomes], indent=2, allow_nan=False) + "\n").encode()
+def _silent(line: str) -> None:
+    """Say nothing."""

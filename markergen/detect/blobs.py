@@ -9,12 +9,10 @@ from markergen.detect.ellipse import Dots, fit_dots
 from markergen.detect.noise import grey_noise
 from markergen.detect.regions import find_regions
 from markergen.errors import InputError
+from markergen.read.images import LARGEST_FRAME
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
-
-MAX_PIXELS = 400_000_000
-"""20,000 x 20,000: five seconds, and 2 GB for 16 bits."""
 
 _SAME_PLACE, _SAME_SIZE = 0.5, 1.5
 """Share of the short semi-axis, and ratio of the semi-axes, within which two fits are of one dot."""
@@ -64,15 +62,15 @@ def detect_dots(image: Image) -> Blobs:
     Raises
     ------
     InputError
-        If the image is not a grey image of uint8 or uint16, or has more than MAX_PIXELS.
+        If the image is not a grey image of uint8 or uint16, or has more than LARGEST_FRAME.
     """
     if image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
         raise InputError(
             "a grey image (h, w) of uint8 or uint16", f"{image.shape} of {image.dtype}", "convert the image to grey"
         )
-    if image.size > MAX_PIXELS:
+    if image.size > LARGEST_FRAME:
         raise InputError(
-            f"an image of at most {MAX_PIXELS // 10**6} megapixels",
+            f"an image of at most {LARGEST_FRAME // 10**6} megapixels",
             f"{image.shape[1]}x{image.shape[0]} px",
             "reduce its size, or cut out the part with the marker",
         )

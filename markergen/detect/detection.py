@@ -13,7 +13,7 @@ from markergen.detect.correction import correct_centers
 from markergen.detect.fit import outlines
 from markergen.detect.ideal import Ellipses, undo_lens
 from markergen.detect.labels import Search, ambiguity, contender, search
-from markergen.detect.layout import layout_of
+from markergen.detect.layout import Layout, layout_of
 from markergen.detect.pose import DEFAULT_ERRORS, PoseEstimate, fit_pose, outlier
 from markergen.detect.tags import CONFIRMS, NO_TAGS, Sightings, look_for_tags
 from markergen.errors import InputError
@@ -34,6 +34,25 @@ UNREAD = "the tag could not be read, and two markers fit the same dots"
 
 def _empty(*shape: int) -> Array:
     return np.zeros((0, *shape))
+
+
+@dataclass(frozen=True, eq=False)
+class Unlabeled:
+    """Dots of a marker whose labels are ambiguous, in no particular order.
+
+    Attributes
+    ----------
+    pixels : array (k, 2), px
+        Images of the dots' centers, in the image as taken, corrected from the pose or homography of the labeling that
+        fits best. Labelings that fit as well put the dots' outlines into the same places, so that the correction is
+        nearly the same; only between the two planar poses of a marker seen from afar it may differ, by up to itself.
+    covariance, ellipse_centers : arrays (k, 2, 2), px^2, and (k, 2), px
+        As those of a `Detection`.
+    """
+
+    pixels: Array
+    covariance: Array
+    ellipse_centers: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +85,8 @@ class Detection:
         Control points that were labeled, but lie farther from where the others put them than any error explains.
     tag : array (4, 2) in px, or None
         Corners of the marker's tag in the image as taken, in the order of `Tag.corners`; None if it was not read.
+    unlabeled : Unlabeled or None
+        The dots, where their labels are ambiguous and that is the reason; None otherwise.
     """
 
     found: bool
@@ -80,6 +101,44 @@ class Detection:
     rival: int | None = None
     dropped: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     tag: Array | None = None
+    unlabeled: Unlabeled | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Sought:
+    """Markers that are looked for, and what follows from them alone; made once for many images.
+
+    Attributes
+    ----------
+    markers : tuple of Marker
+    layouts : tuple of Layout
+        One for each marker; those of a family share theirs, and what is found for it.
+    families : frozenset of str
+        Of their tags.
+    """
+
+    markers: tuple[Marker, ...]
+    layouts: tuple[Layout, ...]
+    families: frozenset[str]
+
+
+def prepare(markers: Sequence[Marker], calibrated: bool) -> Sought:
+    """Check markers, and work out what the search needs to know of them; raises as `detect` does.
+
+    Parameters
+    ----------
+    calibrated : bool
+        Whether the images have a camera.
+    """
+    if not markers:
+        raise InputError("one marker or more", "none", "say what to look for")
+    for marker in markers:
+        check_supported(marker, "to detect")
+    layout_by_points = {marker.control_points: layout_of(marker) for marker in markers}
+    layouts = tuple(layout_by_points[marker.control_points] for marker in markers)
+    if not calibrated and not all(layout.flat for layout in layouts):
+        raise InputError("a camera for a marker with relief", "none", "give the camera's calibration")
+    return Sought(tuple(markers), layouts, frozenset(marker.tag.family for marker in markers if marker.tag))
 
 
 def detect(
@@ -133,20 +192,29 @@ def detect_all(
     InputError
         As `detect` does.
     """
-    for marker in markers:
-        check_supported(marker, "to detect")
     if camera is not None and image.ndim == 2 and image.shape != (camera.height, camera.width):
         sizes = f"{image.shape[1]}x{image.shape[0]} px, the camera {camera.width}x{camera.height} px"
         return [Detection(False, reason=f"the image is {sizes}", marker=k) for k in range(len(markers))]
+    return find_all(image, prepare(markers, camera is not None), camera, errors, copies)
+
+
+def find_all(
+    image: Image,
+    sought: Sought,
+    camera: Camera | None,
+    errors: ErrorSources = DEFAULT_ERRORS,
+    copies: int = MAX_COPIES,
+) -> list[Detection]:
+    """`detect_all` for markers that are prepared, in an image of the camera's size."""
     blobs = detect_dots(image)
     height, width = image.shape
-    tags = look_for_tags(image, {marker.tag.family for marker in markers if marker.tag})
-    return identify(blobs, markers, camera or made_up_camera(width, height), camera is not None, errors, copies, tags)
+    tags = look_for_tags(image, sought.families)
+    return identify(blobs, sought, camera or made_up_camera(width, height), camera is not None, errors, copies, tags)
 
 
 def identify(
     blobs: Blobs,
-    markers: Sequence[Marker],
+    markers: Sequence[Marker] | Sought,
     camera: Camera,
     calibrated: bool = True,
     errors: ErrorSources = DEFAULT_ERRORS,
@@ -160,16 +228,11 @@ def identify(
     calibrated : bool
         Whether the camera is more than a made-up one of the image's size.
     """
-    if not markers:
-        raise InputError("one marker or more", "none", "say what to look for")
-    # The markers of a family share their layout, and what is found for it.
-    layout_by_points = {marker.control_points: layout_of(marker) for marker in markers}
-    layouts = [layout_by_points[marker.control_points] for marker in markers]
-    if not calibrated and not all(layout.flat for layout in layouts):
-        raise InputError("a camera for a marker with relief", "none", "give the camera's calibration")
+    sought = markers if isinstance(markers, Sought) else prepare(markers, calibrated)
+    markers, layouts = sought.markers, sought.layouts
     ellipses = undo_lens(blobs, camera)
     left, reasons, found = dict.fromkeys(range(len(markers)), copies), dict[int, str](), list[Detection]()
-    rivals = dict[int, int]()
+    rivals, unlabeled = dict[int, int](), dict[int, Unlabeled]()
     while left:
         find = cache(find_candidates)
         searches = {
@@ -187,13 +250,14 @@ def identify(
         chosen = open_searches[best]
         doubt = ambiguity(chosen)
         claims = {} if doubt else _claims(best, open_searches)
-        if doubt:
-            reasons.setdefault(best, doubt)
-        elif claims:
-            for k, rival in claims.items():
+        if doubt or claims:
+            dots = _unlabeled(chosen, blobs, ellipses, camera)
+            for k, rival in ({best: best} if doubt else claims).items():
                 if k not in reasons:
-                    reasons[k] = UNREAD if markers[k].tag and markers[rival].tag else CLAIMED
-                    rivals[k] = rival
+                    unlabeled[k] = dots
+                    reasons[k] = doubt or (UNREAD if markers[k].tag and markers[rival].tag else CLAIMED)
+                    if not doubt:
+                        rivals[k] = rival
         else:
             corners = tags.pixels[chosen.sighting[0]] if chosen.tags[0] == CONFIRMS else None
             detection = _finish(chosen, blobs, ellipses, markers[best], camera, calibrated, errors)
@@ -205,7 +269,9 @@ def identify(
         ellipses = ellipses.take(~np.isin(np.arange(len(ellipses)), chosen.blobs))
     seen = {each.marker for each in found}
     return found + [
-        Detection(False, reason=reasons[k], marker=k, rival=rivals.get(k)) for k in range(len(markers)) if k not in seen
+        Detection(False, reason=reasons[k], marker=k, rival=rivals.get(k), unlabeled=unlabeled.get(k))
+        for k in range(len(markers))
+        if k not in seen
     ]
 
 
@@ -223,6 +289,15 @@ def _claims(best: int, searches: dict[int, Search]) -> dict[int, int]:
         if k != best and contender(searches[best], each, same_marker=False) is not None
     ]
     return {best: rivals[0], **dict.fromkeys(rivals, best)} if rivals else {}
+
+
+def _unlabeled(chosen: Search, blobs: Blobs, ellipses: Ellipses, camera: Camera) -> Unlabeled:
+    """Dots of the best labeling, without their labels."""
+    used = np.flatnonzero(chosen.blobs >= 0)
+    own, drawn = chosen.blobs[used], chosen.candidates.predicted
+    corrected = ellipses.center[own] - (drawn.center - drawn.point)[0, used]
+    index = ellipses.index[own]
+    return Unlabeled(camera.to_pixels(corrected), blobs.covariance[index], blobs.center[index])
 
 
 def _finish(

@@ -1,15 +1,18 @@
 """Images with what was found drawn in: dots with their ids, the outline of the marker, and its axes."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect.detection import Detection
+from markergen.errors import InputError
 from markergen.maths.projection import apply_homography, to_camera
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.outlines import walked
+from markergen.read.images import check_frame
 
 Array = NDArray[np.float64]
 
@@ -44,7 +47,39 @@ def overlay(
     return bytes(cv2.imencode(".png", canvas)[1])
 
 
-def _draw(canvas: NDArray[np.uint8], marker: Marker, camera: Camera | None, detection: Detection) -> None:
+def draw(frame: NDArray[Any], marker: Marker, camera: Camera | None, detection: Detection) -> NDArray[Any]:
+    """Draw a detection into an image in color, and return it; of a grey one, return a copy in color.
+
+    Parameters
+    ----------
+    frame : array (h, w, 3) BGR or (h, w, 4) BGRA, or grey (h, w) or (h, w, 1), of uint8 or uint16
+
+    Raises
+    ------
+    InputError
+        If it is none of these, or in color and read-only.
+    """
+    frame = check_frame(frame)
+    if frame.ndim == 2 or frame.shape[2] == 1:
+        frame = np.repeat(frame.reshape(*frame.shape[:2], 1), 3, axis=2)
+    elif not frame.flags.writeable:
+        raise InputError("a frame that can be drawn into", "a read-only array", "give frame.copy()")
+    if frame.dtype == np.uint8 and frame.shape[2] == 3 and frame.flags.c_contiguous:
+        _draw(frame, marker, camera, detection)
+        return frame
+    # cv2 draws smooth lines and words in 8 bits, three colors and its own memory layout alone.
+    levels = frame[..., :3] if frame.dtype == np.uint8 else frame[..., :3] >> 8
+    before = np.ascontiguousarray(levels, dtype=np.uint8)
+    canvas = before.copy()
+    _draw(canvas, marker, camera, detection)
+    changed = (canvas != before).any(axis=-1)
+    most = np.iinfo(frame.dtype).max
+    frame[changed, :3] = canvas[changed] * frame.dtype.type(most // 255)
+    frame[changed, 3:] = most
+    return frame
+
+
+def _draw(canvas: NDArray[Any], marker: Marker, camera: Camera | None, detection: Detection) -> None:
     pixels = {int(i): pixel for i, pixel in zip(detection.ids, detection.pixels, strict=True)}
     for ring in marker.boundary.outlines():
         # In short steps, since a lens bends straight edges.
@@ -63,9 +98,10 @@ def _draw(canvas: NDArray[np.uint8], marker: Marker, camera: Camera | None, dete
             pixel = _seen(ends, camera, detection)
             _polyline(canvas, pixel, color, width=2)
             _label(canvas, pixel[1], name, color)
-    for identity, pixel in pixels.items():
+    for pixel in detection.pixels if detection.unlabeled is None else detection.unlabeled.pixels:
         for arm in ((4, 0), (0, 4)):
             _polyline(canvas, pixel + np.array([arm, arm]) * [[-1], [1]], _FOUND)
+    for identity, pixel in pixels.items():
         _label(canvas, pixel, str(identity), _FOUND)
 
 
@@ -86,7 +122,7 @@ def _seen(points: Array, camera: Camera | None, detection: Detection) -> Array:
 
 
 def _polyline(
-    canvas: NDArray[np.uint8], pixels: Array, color: tuple[int, int, int], closed: bool = False, width: int = 1
+    canvas: NDArray[Any], pixels: Array, color: tuple[int, int, int], closed: bool = False, width: int = 1
 ) -> None:
     import cv2
 
@@ -96,7 +132,7 @@ def _polyline(
         cv2.polylines(canvas, [corners], closed, color, width, cv2.LINE_AA, _BITS)
 
 
-def _label(canvas: NDArray[np.uint8], pixel: Array, text: str, color: tuple[int, int, int]) -> None:
+def _label(canvas: NDArray[Any], pixel: Array, text: str, color: tuple[int, int, int]) -> None:
     import cv2
 
     if not (np.isfinite(pixel).all() and np.abs(pixel).max() < 2**15):

@@ -1,4 +1,4 @@
-"""A detection as plain JSON values."""
+"""A detection as plain JSON values, and in words."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -21,15 +21,16 @@ def as_dict(detection: Detection, markers: Sequence[Marker], names: Sequence[str
     """
     marker = markers[detection.marker]
     known = [point.id for point in marker.control_points]
+    dots = detection if detection.unlabeled is None else detection.unlabeled
     return {
         "marker": names[detection.marker],
         "found": detection.found,
         "reason": reason(detection, names),
         "ids": detection.ids.tolist(),
         "missing": sorted(set(known) - set(detection.ids.tolist())) if detection.found else known,
-        "pixels": detection.pixels.tolist(),
-        "covariance_px2": detection.covariance.tolist(),
-        "ellipse_centers": detection.ellipse_centers.tolist(),
+        "pixels": dots.pixels.tolist(),
+        "covariance_px2": dots.covariance.tolist(),
+        "ellipse_centers": dots.ellipse_centers.tolist(),
         "homography": None if detection.homography is None else detection.homography.tolist(),
         "pose": None if detection.pose is None else _pose(detection.pose),
         "tag": _tag(detection, marker),
@@ -41,6 +42,27 @@ def reason(detection: Detection, names: Sequence[str]) -> str:
     if detection.rival is None:
         return detection.reason
     return f"{detection.reason}: {names[detection.marker]} and {names[detection.rival]}"
+
+
+def in_words(detection: Detection, markers: Sequence[Marker], names: Sequence[str]) -> str:
+    """One line: the marker and how many of its dots were found, or why not; of a pose the distance, tilt and sigma."""
+    name, total = names[detection.marker], len(markers[detection.marker])
+    if not detection.found:
+        return f"{name} not found: {reason(detection, names)}"
+    line = f"{name}, {len(detection.ids)} of {total} dots"
+    if detection.pose is None:
+        return f"{line}, homography only"
+    pose = detection.pose
+    toward = -pose.rotation.T @ pose.translation
+    distance = float(np.linalg.norm(toward))
+    tilt = float(np.rad2deg(np.arccos(np.clip(toward[2] / distance, -1, 1))))
+    line += (
+        f", {distance:.4f} m away, tilted by {tilt:.2f} deg; 1 sigma: {pose.budget.rotation_deg['total']:.2g} deg, "
+        f"{1e3 * pose.budget.translation['total']:.2g} mm"
+    )
+    if pose.alternative is not None:
+        line += f"; the mirrored pose fits as well, likelihood ratio {pose.likelihood_ratio:.2g}"
+    return line
 
 
 def _tag(detection: Detection, marker: Marker) -> dict[str, Any] | None:

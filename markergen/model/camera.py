@@ -309,6 +309,15 @@ class Camera:
     def _distorted(self, normalized: Array) -> Array:
         return lens.distort(self.distortion.model, normalized, self.distortion.coefficients)
 
+    @property
+    def cv2_distortion(self) -> Array:
+        """Distortion coefficients as OpenCV takes them beside `matrix`, shape (4,), (5,) or (8,); zeros without any.
+
+        Those of the model ``equidistant`` are for `cv2.fisheye`: `cv2.projectPoints`, `cv2.solvePnP` and
+        `cv2.drawFrameAxes` know no such lens, and would take them for others.
+        """
+        return np.array(self.distortion.coefficients or (0.0,) * 5, dtype=float)
+
 
 def _number(value: object) -> int | float | None:
     """Return a number as one of Python's, also that of numpy; None for what is none."""

@@ -23,6 +23,9 @@ SUFFIXES = (".bmp", ".jpeg", ".jpg", ".pbm", ".pgm", ".png", ".pnm", ".ppm", ".t
 LARGEST_PIXELS = 100_000_000
 """Pixels of the largest image that is read: above most sensors, and still fit for memory in 16 bits and color."""
 
+LARGEST_FRAME = 400_000_000
+"""Pixels of the largest image in memory that is searched: five seconds, and 2 GB for 16 bits."""
+
 LEAST_SIDE = 16
 """Least width and height in px: four dots that can be measured do not fit into less."""
 
@@ -113,7 +116,100 @@ def read_image(path: Path) -> Image:
         # Decoders do not agree whether its colors are already multiplied by their opacity.
         raise InputError(f"an opaque image in {path}", "a transparent TIFF", "remove the transparency, or use PNG")
     notes = [ORIENTATION_NOTE] * (header.orientation != 1) + [TRANSPARENCY_NOTE] * transparent
-    return Image(_grey(pixels), tuple(notes))
+    return Image(grey_levels(pixels), tuple(notes))
+
+
+def grey_levels(pixels: NDArray[Any]) -> Grey:
+    """Luminance (h, w) of grey (h, w), (h, w, 1 or 2) or BGR (h, w, 3 or 4), the last of 2 or 4 being opacity.
+
+    0.299 R + 0.587 G + 0.114 B; what is transparent lies on white. Rows are contiguous in memory.
+    """
+    import cv2
+
+    colors = pixels if pixels.ndim == 3 else pixels[..., None]
+    if colors.shape[2] in (2, 4):
+        if _transparent(pixels):
+            most = float(np.iinfo(pixels.dtype).max)
+            white = most + colors[..., -1:] / most * (colors - most)
+            colors = np.rint(white).astype(pixels.dtype)
+        colors = colors[..., :-1]
+    colors = np.ascontiguousarray(colors)
+    grey: Grey = colors[..., 0] if colors.shape[2] == 1 else cv2.cvtColor(colors, cv2.COLOR_BGR2GRAY)
+    return grey
+
+
+def grey_frame(frame: object) -> Grey:
+    """Grey levels (h, w) of an image in memory, as `read_image` has those of a file; raises as `check_frame` does."""
+    pixels = check_frame(frame)
+    kind = pixels.dtype.newbyteorder("=")
+    return grey_levels(np.asarray(pixels, dtype=kind))
+
+
+def check_frame(frame: object) -> NDArray[Any]:
+    """Return an image in memory as it is, if it is one.
+
+    Parameters
+    ----------
+    frame : array (h, w) or (h, w, 1) grey, (h, w, 3) BGR or (h, w, 4) BGRA, of uint8 or uint16
+        In any memory layout and byte order.
+
+    Raises
+    ------
+    InputError
+        If it is something else, or has no pixels, or more than 400 million.
+    """
+    if not isinstance(frame, np.ndarray):
+        raise InputError("an image as a numpy array", _named(frame), _made_array(frame))
+    kind = frame.dtype.newbyteorder("=")
+    if kind not in (np.uint8, np.uint16):
+        raise InputError("an image of uint8 or uint16", str(kind), _made_integer(kind))
+    if not (frame.ndim == 2 or (frame.ndim == 3 and frame.shape[2] in (1, 3, 4))) or not frame.size:
+        raise InputError(
+            "a grey image (h, w), or one in color, (h, w, 3) BGR or (h, w, 4) BGRA",
+            f"shape {frame.shape}",
+            _reshaped(frame.shape),
+        )
+    height, width = frame.shape[:2]
+    if height * width > LARGEST_FRAME:
+        raise InputError(
+            f"an image of at most {LARGEST_FRAME // 10**6} megapixels",
+            f"{width}x{height} px",
+            "reduce its size, or cut out the part with the marker",
+        )
+    return frame
+
+
+def _named(value: object) -> str:
+    kind = type(value)
+    return "None" if value is None else f"{kind.__module__}.{kind.__qualname__}".removeprefix("builtins.")
+
+
+def _made_array(value: object) -> str:
+    if value is None:
+        return "cv2.imread returns None when it cannot read the file: check the path"
+    if isinstance(value, str | os.PathLike):
+        return "read the file first, with cv2.imread"
+    if isinstance(value, tuple):
+        return "cv2.VideoCapture.read returns (ok, frame): give the frame"
+    return "give what cv2.imread or cv2.VideoCapture.read gives; of another library's image, make a BGR array first"
+
+
+def _made_integer(kind: np.dtype[Any]) -> str:
+    if kind == np.bool_:
+        return "give 255 * frame.astype(np.uint8)"
+    if kind.kind == "f":
+        return "give (255 * frame).astype(np.uint8) if white is 1, or frame.astype(np.uint8) if it is 255"
+    return "give frame.astype(np.uint8) if white is 255, or frame.astype(np.uint16) if it is 65535"
+
+
+def _reshaped(shape: tuple[int, ...]) -> str:
+    if 0 in shape:
+        return "give an image with pixels; a slice may have gone past the image's edge"
+    if len(shape) == 4:
+        return "give one image at a time"
+    if len(shape) == 3 and shape[0] in (1, 3, 4):
+        return "put the colors last: frame.transpose(1, 2, 0)"
+    return "give what cv2.imread or cv2.VideoCapture.read gives"
 
 
 def find_images(patterns: Sequence[str | Path]) -> list[Path]:
@@ -236,22 +332,6 @@ def _decode(data: bytes) -> NDArray[Any]:
 
 def _transparent(pixels: NDArray[Any]) -> bool:
     return pixels.ndim == 3 and pixels.shape[2] in (2, 4) and bool((pixels[..., -1] < np.iinfo(pixels.dtype).max).any())
-
-
-def _grey(pixels: NDArray[Any]) -> Grey:
-    """Luminance (h, w) of grey (h, w), (h, w, 1 or 2) or BGR (h, w, 3 or 4), the last of 2 or 4 being opacity."""
-    import cv2
-
-    colors = pixels if pixels.ndim == 3 else pixels[..., None]
-    if colors.shape[2] in (2, 4):
-        if _transparent(pixels):
-            most = float(np.iinfo(pixels.dtype).max)
-            white = most + colors[..., -1:] / most * (colors - most)
-            colors = np.rint(white).astype(pixels.dtype)
-        colors = colors[..., :-1]
-    colors = np.ascontiguousarray(colors)
-    grey: Grey = colors[..., 0] if colors.shape[2] == 1 else cv2.cvtColor(colors, cv2.COLOR_BGR2GRAY)
-    return grey
 
 
 @contextmanager

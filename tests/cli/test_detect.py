@@ -121,16 +121,16 @@ def test_inputs_are_never_overwritten(here, capsys):
 
 
 def test_an_overlay_that_cannot_be_written_does_not_stop_the_batch(here, capsys, tmp_path, monkeypatch):
-    from markergen import files
+    from markergen.detect import batch
 
-    honest = files.write_atomic
+    honest = batch.write_atomic
 
     def full(path, data):
         if path.name == "130.png":
-            raise files.OutputError("expected to write 130.png, found: No space left on device")
+            raise batch.OutputError("expected to write 130.png, found: No space left on device")
         honest(path, data)
 
-    monkeypatch.setattr(files, "write_atomic", full)
+    monkeypatch.setattr(batch, "write_atomic", full)
     found = tmp_path / "found.json"
     assert main(["detect", "good", *ALL, "--json", str(found), "--overlay", str(tmp_path / "seen")]) == 2
     assert "No space left" in capsys.readouterr().err
@@ -139,16 +139,16 @@ def test_an_overlay_that_cannot_be_written_does_not_stop_the_batch(here, capsys,
 
 
 def test_what_was_found_before_an_interruption_is_kept(here, tmp_path, monkeypatch):
-    from markergen.detect.batch import Job
+    from markergen.detect import batch
 
-    honest = Job.run
+    honest = batch.look_at
 
-    def interrupted(job, path):
+    def interrupted(detector, path):
         if path.name == "250.png":
             raise KeyboardInterrupt
-        return honest(job, path)
+        return honest(detector, path)
 
-    monkeypatch.setattr(Job, "run", interrupted)
+    monkeypatch.setattr(batch, "look_at", interrupted)
     found = tmp_path / "found.json"
     assert main(["detect", "good", *ALL, "--json", str(found)]) == 130
     assert len(json.loads(found.read_text())) == 1

@@ -1,13 +1,13 @@
+import io
 import json
 
 import cv2
 import numpy as np
 import pytest
 
-from markergen.detect.batch import Job, job_from_files, overlay_names, to_json
-from markergen.detect.sentences import image_lines, summary
-from markergen.errors import InputError
-from markergen.estimators.budget import ErrorSources
+from markergen.detect import Detector
+from markergen.detect.batch import Outcomes, detect_files, look_at, overlay_names
+from markergen.errors import InputError, OutputError
 from markergen.maths.rotation import angle_between, exponential
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.marker_json import to_json as marker_to_json
@@ -19,8 +19,10 @@ POSE = 130
 
 
 @pytest.fixture
-def job(pentagon):
-    return Job((pentagon,), ("marker.json",), PAPER_CAMERA, ErrorSources())
+def detector(pentagon, tmp_path):
+    path = tmp_path / "marker.json"
+    path.write_bytes(marker_to_json(pentagon))
+    return Detector(path, PAPER_CAMERA)
 
 
 @pytest.fixture
@@ -32,14 +34,14 @@ def photo(tmp_path, pentagon):
     return path
 
 
-def test_photo_of_the_marker(job, photo):
-    outcome = job.run(photo)
+def test_photo_of_the_marker(detector, photo):
+    outcome = look_at(detector, photo)
     assert outcome.found
     assert outcome.size == (640, 480)
-    (entry,) = json.loads(to_json(job, [outcome.without_image()]))
+    (entry,) = json.loads(Outcomes((outcome.without_image(),)).to_json())
     assert (entry["image"], entry["size"], entry["error"]) == (str(photo), [640, 480], None)
     (found,) = entry["markers"]
-    assert (found["marker"], found["found"], found["missing"]) == ("marker.json", True, [])
+    assert (found["marker"], found["found"], found["missing"]) == (str(photo.with_name("marker.json")), True, [])
     assert found["ids"] == [10, 11, 12, 13, 14]
     pose = found["pose"]
     # Five times what the image's noise of 2 grey levels was found to cost, 0.03 deg RMS.
@@ -54,13 +56,12 @@ def test_photo_of_the_marker(job, photo):
     for parts in pose["sigma"].values():
         squares = sum(parts[source] ** 2 for source in ("image", "print", "camera"))
         assert parts["total"] ** 2 == pytest.approx(squares)
-    assert "5 of 5 dots" in image_lines(job, outcome)[0]
-    assert job.overlay(outcome).startswith(b"\x89PNG")
+    assert "5 of 5 dots" in outcome.lines()[0]
+    assert outcome.overlay().startswith(b"\x89PNG")
 
 
 def test_without_a_camera_there_is_a_homography(pentagon, photo):
-    job = Job((pentagon,), ("marker.json",), None, ErrorSources())
-    (found,) = job.as_dict(job.run(photo))["markers"]
+    (found,) = look_at(Detector(pentagon), photo).as_dict()["markers"]
     assert found["pose"] is None
     homography = np.array(found["homography"])
     origin = homography[:2, 2] / homography[2, 2]
@@ -68,40 +69,75 @@ def test_without_a_camera_there_is_a_homography(pentagon, photo):
     np.testing.assert_allclose(origin, [320, 240], atol=0.1)
 
 
-def test_one_bad_file_does_not_stop_the_others(job, photo, tmp_path):
+def test_one_bad_file_does_not_stop_the_others(detector, photo, tmp_path):
     (tmp_path / "broken.png").write_bytes(photo.read_bytes()[:200])
     cv2.imwrite(str(tmp_path / "small.png"), np.zeros((48, 64), np.uint8))
     cv2.imwrite(str(tmp_path / "empty.png"), np.full((480, 640), 200, np.uint8))
-    outcomes = [job.run(tmp_path / f"{name}.png") for name in ("broken", "small", "empty", "photo")]
+    names = ("broken", "small", "empty", "photo")
+    outcomes = Outcomes(tuple(look_at(detector, tmp_path / f"{name}.png") for name in names))
     assert [bool(each.error) for each in outcomes] == [True, True, False, False]
     assert [each.found for each in outcomes] == [False, False, False, True]
     assert "640x480" in outcomes[1].error
     assert "64x48" in outcomes[1].error
-    assert outcomes[2].detections[0].reason
-    assert job.overlay(outcomes[0]) is None
-    json.loads(to_json(job, outcomes))
-    assert summary(outcomes) == "found a marker in 1 of 4 images, 2 could not be used"
+    assert outcomes[2].markers[0].reason
+    assert outcomes[0].overlay() is None
+    json.loads(outcomes.to_json())
+    assert str(outcomes) == "found a marker in 1 of 4 images, 2 could not be used"
+    assert outcomes.status == 2
     for outcome in outcomes:
-        assert all("\n" not in line for line in image_lines(job, outcome))
+        assert all("\n" not in line for line in outcome.lines())
 
 
 def test_photometric_refinement_is_applied(pentagon, photo):
     plain, refined = (
-        Job((pentagon,), ("m",), PAPER_CAMERA, ErrorSources(), photometric).run(photo).detections[0].pixels
-        for photometric in (False, True)
+        look_at(Detector(pentagon, PAPER_CAMERA, refine=refinement), photo).markers[0].pixels
+        for refinement in ("none", "photometric")
     )
     assert 0 < np.abs(plain - refined).max() < 0.1
 
 
-def test_job_from_files(tmp_path, pentagon):
-    path = tmp_path / "marker.json"
-    path.write_bytes(marker_to_json(pentagon))
-    job = job_from_files([path], print_sigma=0.0, refinement="photometric")
-    assert (len(job.markers), job.camera, job.photometric) == (1, None, True)
+def test_files_from_python(detector, photo, tmp_path, capfd):
+    cv2.imwrite(str(tmp_path / "small.png"), np.zeros((48, 64), np.uint8))
+    images, marker, camera = [photo, str(tmp_path / "small.png")], tmp_path / "marker.json", PAPER_CAMERA
+    told, warned, steps, stream = [], [], [], io.StringIO()
+    outcomes = detect_files(
+        images,
+        marker,
+        camera,
+        json=stream,
+        overlay=str(tmp_path / "seen"),
+        progress=lambda *step: steps.append(step),
+        tell=told.append,
+        warn=warned.append,
+    )
+    assert [each.found for each in outcomes] == [True, False]
+    assert all(each.image is None for each in outcomes)
+    assert outcomes.status == 2
+    assert [each["image"] for each in json.loads(stream.getvalue())] == [str(each) for each in images]
+    assert [path.name for path in (tmp_path / "seen").iterdir()] == ["photo.png"]
+    assert told[-1] == "found a marker in 1 of 2 images, 1 could not be used" == str(outcomes)
+    assert "5 of 5 dots" in told[0]
+    assert len(warned) == 1
+    assert "small.png" in warned[0]
+    assert steps == [("detecting", done, 2) for done in range(3)]
+    # Nobody who listens: nothing is said.
+    assert detect_files(photo, [marker], camera, print_sigma=0.0).status == 0
+    assert detect_files(str(photo), marker, None).status == 0
+    cv2.imwrite(str(tmp_path / "empty.png"), np.full((480, 640), 200, np.uint8))
+    assert detect_files(tmp_path / "empty.png", marker, camera).status == 1
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_cannot_begin_is_refused(detector, photo, tmp_path):
+    marker = tmp_path / "marker.json"
     with pytest.raises(InputError, match="none or photometric"):
-        job_from_files([path], refinement="magic")
+        detect_files(photo, marker, refine="magic")
     with pytest.raises(InputError, match="--camera"):
-        job_from_files([path], camera_covariance=tmp_path / "c.txt")
+        detect_files(photo, marker, camera_covariance=tmp_path / "c.txt")
+    with pytest.raises(InputError, match="one image or more"):
+        detect_files([], marker)
+    with pytest.raises(OutputError, match="one of the inputs"):
+        detect_files(photo, marker, json=str(marker))
 
 
 def test_overlays_of_images_of_one_name_do_not_collide(tmp_path):

@@ -11,7 +11,9 @@ import pytest
 from markergen.cli import main
 from markergen.exporters.glb import write_glb
 from markergen.exporters.meshes import MeshedPart
+from markergen.model.camera import PAPER_CAMERA
 from markergen.model.marker_json import to_json
+from markergen.render import Optics, render_view
 from markergen.solid.mesh import Mesh
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -54,6 +56,40 @@ def test_take_photos_that_are_found(monkeypatch, tmp_path, make_ngon):
     marker.write_bytes(to_json(make_ngon(5, 0.1284, 0.036)))
     run("take_photos.py", marker, folder, monkeypatch=monkeypatch)
     assert main(["detect", str(folder), "--marker", str(marker), "--camera", str(folder / "camera.yaml")]) == 0
+
+
+def test_loop_over_video(monkeypatch, capsys, tmp_path, make_ngon):
+    marker, camera, video, seen = (tmp_path / name for name in ("marker.json", "camera.yaml", "video.avi", "seen.avi"))
+    pentagon, rotation = make_ngon(5, 0.1284, 0.036), np.diag([1.0, -1.0, -1.0])
+    marker.write_bytes(to_json(pentagon))
+    camera.write_text(
+        "image_width: 640\nimage_height: 480\ndistortion_model: plumb_bob\n"
+        "camera_matrix: {rows: 3, cols: 3, data: [800, 0, 320, 0, 800, 240, 0, 0, 1]}\n"
+        "distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n"
+    )
+    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 25, (640, 480))
+    for x in (-0.02, 0.0, 0.02):
+        place = np.array([x, 0, 0.9])
+        image = render_view(pentagon, PAPER_CAMERA, rotation, place, Optics(), np.random.default_rng(0))
+        writer.write(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))
+    writer.write(np.full((480, 640, 3), 200, np.uint8))
+    writer.release()
+    run("loop_over_video.py", marker, camera, video, seen, monkeypatch=monkeypatch)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 4
+    for line, x in zip(lines, (-0.02, 0.0, 0.02), strict=False):
+        place = [float(word) for word in line.split("tvec")[1].strip(" m[]").split()]
+        # JPEG blurs the dots by a hundredth of a pixel.
+        np.testing.assert_allclose(place, [x, 0, 0.9], atol=1e-3)
+    assert "found 0 dots" in lines[3]
+    read, drawn = cv2.VideoCapture(str(seen)), cv2.VideoCapture(str(video))
+    changed = [bool(cv2.absdiff(read.read()[1], drawn.read()[1]).max() > 100) for _ in range(4)]
+    assert changed == [True, True, True, False]
+    # And without a video of its own; or without one to read.
+    run("loop_over_video.py", marker, camera, video, monkeypatch=monkeypatch)
+    assert capsys.readouterr().out.splitlines() == lines
+    with pytest.raises(SystemExit, match="cannot read"):
+        run("loop_over_video.py", marker, camera, tmp_path / "none.avi", monkeypatch=monkeypatch)
 
 
 def test_one_sided_camera(monkeypatch, capsys):

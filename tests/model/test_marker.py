@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from markergen.detect.batch import job_from_files
+from markergen.detect import Detector
 from markergen.detect.detection import detect
 from markergen.errors import InputError
 from markergen.exporters import outputs_of
@@ -187,7 +187,7 @@ def test_what_cannot_be_used_yet_is_refused_at_every_door(unused, setting, tmp_p
     path.write_bytes(to_json(made))
     image = np.full((480, 640), 200, np.uint8)
     doors = {
-        "to detect": [lambda: detect(image, made), lambda: job_from_files([path])],
+        "to detect": [lambda: detect(image, made), lambda: Detector(path)],
         "to validate": [lambda: prove(made, setting, runs=0)],
         "to compare": [lambda: line_up([str(path)])],
         "to rescale": [lambda: rescale(made, Rulers(0.199, None))],

@@ -102,3 +102,13 @@ def test_arrays_that_are_no_covariance(tmp_path, write):
     ):
         with pytest.raises(InputError, match="npy of numbers at"):
             read_camera_covariance(write(bad), PAPER_CAMERA)
+
+
+def test_arrays_are_taken_as_files_are(write):
+    expected = read_camera_covariance(write("0.5 0.5 1 1"), LENS)
+    for given in ([0.5, 0.5, 1, 1], np.array([0.5, 0.5, 1, 1]), np.diag([0.25, 0.25, 1, 1])):
+        np.testing.assert_array_equal(read_camera_covariance(given, LENS), expected)
+    for given in (7.0, np.zeros((2, 2, 2)), [], ["a"], object(), [[1, 2], [3]], np.full(4, np.nan), np.ones(5)):
+        with pytest.raises(InputError) as caught:
+            read_camera_covariance(given, LENS)
+        assert "\n" not in str(caught.value)

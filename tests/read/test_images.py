@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from markergen.errors import InputError
-from markergen.read.images import ORIENTATION_NOTE, TRANSPARENCY_NOTE, find_images, read_image
+from markergen.read.images import ORIENTATION_NOTE, TRANSPARENCY_NOTE, find_images, grey_frame, read_image
 
 HEIGHT, WIDTH = 30, 40
 GREY = (np.arange(WIDTH) * 3 + np.arange(HEIGHT)[:, None] * 4).astype(np.uint8)
@@ -336,3 +336,14 @@ def test_unreadable_folder(folder, monkeypatch):
     monkeypatch.setattr(Path, "iterdir", forbidden)
     with pytest.raises(InputError, match="Permission denied"):
         find_images(["sub"])
+
+
+@pytest.mark.parametrize("depth", [np.uint8, np.uint16])
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_frames_in_memory_have_the_grey_levels_of_files(read, depth, channels):
+    rng = np.random.default_rng(channels)
+    image = rng.integers(0, np.iinfo(depth).max, (HEIGHT, WIDTH, channels), dtype=depth, endpoint=True)
+    levels = grey_frame(image)
+    assert levels.flags.c_contiguous
+    np.testing.assert_array_equal(levels, read(bytes(cv2.imencode(".png", image)[1])).grey)
+    np.testing.assert_array_equal(grey_frame(image[::-1]), levels[::-1])

@@ -17,11 +17,12 @@ TOLERANCE = 1e-6
 """How far a covariance may be from symmetric and from positive, as a correlation: files round to six digits."""
 
 
-def read_camera_covariance(path: Path | str, camera: Camera) -> Array:
+def read_camera_covariance(source: Path | str | Array, camera: Camera) -> Array:
     """Covariance (k, k) of `camera.parameter_names`: fx, fy, cx, cy in px, then the distortion coefficients.
 
-    The file is text, numbers separated by blanks or commas and comments after #, or a .npy. It holds one row of k
-    standard deviations, or k rows of a covariance; k may be 4, then the distortion counts as known exactly.
+    A file is text, numbers separated by blanks or commas and comments after #, or a .npy. It holds one row of k
+    standard deviations, or k rows of a covariance; k may be 4, then the distortion counts as known exactly. An array
+    holds the same.
 
     Raises
     ------
@@ -29,9 +30,12 @@ def read_camera_covariance(path: Path | str, camera: Camera) -> Array:
         If the file cannot be read, has another number of parameters, or is no covariance: not finite, not symmetric,
         or with a negative variance in some direction.
     """
-    path = Path(path)
-    data = read_bytes(path, "camera covariance")
-    values = _npy(path) if data.startswith(b"\x93NUMPY") else _text(Document(str(path), data))
+    if isinstance(source, Path | str):
+        name, path = str(source), Path(source)
+        data = read_bytes(path, "camera covariance")
+        values = _npy(path) if data.startswith(b"\x93NUMPY") else _text(Document(name, data))
+    else:
+        name, values = "camera_covariance", _array(source)
     names = camera.parameter_names
     counts = sorted({4, len(names)})
     # A column of standard deviations is as clear as a row.
@@ -39,28 +43,28 @@ def read_camera_covariance(path: Path | str, camera: Camera) -> Array:
     if count not in counts or values.shape not in ((1, count), (count, 1), (count, count)):
         sizes = " or ".join(f"{k} standard deviations or {k}x{k} numbers" for k in counts)
         raise InputError(
-            f"{sizes} in {path}",
+            f"{sizes} in {name}",
             f"{values.shape[0]} rows of {values.shape[1]}",
             f"the parameters are {' '.join(names)}",
         )
     if not np.isfinite(values).all():
-        raise InputError(f"finite numbers in {path}", "nan or inf", "correct the file")
+        raise InputError(f"finite numbers in {name}", "nan or inf", "correct it")
     result = np.zeros((len(names), len(names)))
-    result[:count, :count] = _of_sigmas(values.ravel(), path) if 1 in values.shape else _checked(values, path, names)
+    result[:count, :count] = _of_sigmas(values.ravel(), name) if 1 in values.shape else _checked(values, name, names)
     return result
 
 
-def _of_sigmas(sigmas: Array, path: Path) -> Array:
+def _of_sigmas(sigmas: Array, name: str) -> Array:
     if (sigmas < 0).any() or sigmas.max() > 1e100:
-        raise InputError(f"standard deviations from 0 in {path}", brief(sigmas.tolist()), "correct the file")
+        raise InputError(f"standard deviations from 0 in {name}", brief(sigmas.tolist()), "correct it")
     return np.diag(sigmas**2)
 
 
-def _checked(covariance: Array, path: Path, names: tuple[str, ...]) -> Array:
+def _checked(covariance: Array, name: str, names: tuple[str, ...]) -> Array:
     variances = np.diag(covariance)
     worst = int(np.argmin(variances))
     if variances[worst] < 0:
-        raise InputError(f"variances from 0 in {path}", f"{variances[worst]} for {names[worst]}", "correct the file")
+        raise InputError(f"variances from 0 in {name}", f"{variances[worst]} for {names[worst]}", "correct it")
     # As correlations: the parameters have units as different as px and 1.
     scale = np.sqrt(variances)
     inverse = np.divide(1, scale, out=np.zeros_like(scale), where=scale > 0)
@@ -68,12 +72,12 @@ def _checked(covariance: Array, path: Path, names: tuple[str, ...]) -> Array:
     uncertain = scale > 0
     if covariance[~uncertain].any() or covariance[:, ~uncertain].any() or np.abs(correlation).max() > 1 + TOLERANCE:
         raise InputError(
-            f"a covariance in {path}", "one beyond its two variances", "correct the file; are these correlations?"
+            f"a covariance in {name}", "one beyond its two variances", "correct it; are these correlations?"
         )
     if np.abs(correlation - correlation.T).max() > TOLERANCE:
-        raise InputError(f"a symmetric covariance in {path}", "another", "correct the file")
+        raise InputError(f"a symmetric covariance in {name}", "another", "correct it")
     if np.linalg.eigvalsh((correlation + correlation.T) / 2).min() < -TOLERANCE:
-        raise InputError(f"a positive semidefinite covariance in {path}", "a negative eigenvalue", "correct the file")
+        raise InputError(f"a positive semidefinite covariance in {name}", "a negative eigenvalue", "correct it")
     return (covariance + covariance.T) / 2
 
 
@@ -90,6 +94,23 @@ def _text(document: Document) -> Array:
             "correct the file",
         )
     return np.array(rows)
+
+
+def _array(values: object) -> Array:
+    found = ""
+    try:
+        array = np.atleast_2d(np.asarray(values, dtype=float))
+        if array.ndim != 2 or not array.size:
+            found = f"shape {array.shape}"
+    except (TypeError, ValueError):
+        found = " ".join(brief(values).split())
+    if found:
+        raise InputError(
+            "a covariance of the camera's parameters: an array, or a file's path",
+            found,
+            "give the (k, k) matrix or k standard deviations of fx, fy, cx, cy and the distortion coefficients",
+        )
+    return array
 
 
 def _npy(path: Path) -> Array:

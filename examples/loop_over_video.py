@@ -1,0 +1,40 @@
+"""Find a marker in every frame of a video, and print its pose.
+
+python examples/loop_over_video.py marker.json camera.yaml video.avi annotated.avi
+"""
+
+import argparse
+
+import cv2
+
+from markergen.detect import Detector
+
+
+def main(marker: str, camera: str, video: str, annotated: str | None) -> None:
+    """Print a line for every frame; write the video with what was found drawn in, if a file for it is named."""
+    detector = Detector(marker, camera)
+    source, target = cv2.VideoCapture(video), cv2.VideoWriter()
+    if not source.isOpened():
+        raise SystemExit(f"cannot read {video}")
+    if annotated:
+        size = (int(source.get(cv2.CAP_PROP_FRAME_WIDTH)), int(source.get(cv2.CAP_PROP_FRAME_HEIGHT)))
+        target.open(annotated, cv2.VideoWriter.fourcc(*"MJPG"), source.get(cv2.CAP_PROP_FPS), size)
+    number, (ok, frame) = 0, source.read()
+    while ok:
+        for found in detector(frame):
+            if found.rvec is not None and found.tvec is not None:
+                print(f"frame {number}: rvec {found.rvec.ravel()} tvec {found.tvec.ravel()} m")
+            else:
+                print(f"frame {number}: {found.reason}")
+            found.draw(frame)
+        target.write(frame)
+        number, (ok, frame) = number + 1, source.read()
+    target.release()
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description="Find a marker in every frame of a video.")
+    for name in ("marker", "camera", "video"):
+        parser.add_argument(name)
+    parser.add_argument("annotated", nargs="?", help="an .avi file")
+    main(**vars(parser.parse_args()))

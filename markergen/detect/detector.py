@@ -1,0 +1,418 @@
+"""The detector that is built once and used for every frame, and what it finds."""
+
+import operator
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.detect.blobs import detect_dots
+from markergen.detect.detection import MAX_COPIES, Detection, find_all, prepare
+from markergen.detect.overlay import draw
+from markergen.detect.photometric import check_refinement, refine
+from markergen.detect.pose import PoseEstimate
+from markergen.detect.record import as_dict, in_words, reason
+from markergen.errors import InputError
+from markergen.estimators.budget import ErrorSources
+from markergen.maths.rotation import logarithm
+from markergen.model.camera import Camera
+from markergen.model.findings import brief
+from markergen.model.marker import Marker
+from markergen.read.cameras import read_camera_covariance
+from markergen.read.images import grey_frame
+from markergen.units import parse_length
+
+Array = NDArray[np.float64]
+MarkerSource = Marker | str | Path | Mapping[str, Any]
+CameraSource = Camera | str | Path | Mapping[str, Any]
+CovarianceSource = str | Path | Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class SecondPose:
+    """A pose T_camera_marker that a flat marker may have as well, and how likely it is beside the first.
+
+    Attributes
+    ----------
+    rotation, translation : arrays (3, 3) and (3,), m
+    likelihood_ratio : float
+        Of this pose to the first one, 0 to 1.
+    """
+
+    rotation: Array
+    translation: Array
+    likelihood_ratio: float
+
+    @property
+    def rvec(self) -> Array:
+        """Rotation vector (3, 1), rad, as OpenCV takes it."""
+        return logarithm(self.rotation)[:, None]
+
+    @property
+    def tvec(self) -> Array:
+        """Translation (3, 1), m, as OpenCV takes it."""
+        return self.translation[:, None]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Found:
+    """What became of one marker in one frame.
+
+    Where labels are ambiguous, `pixels` has the dots all the same and `ids` is empty. Without a pose, that is without a
+    camera or if the marker was not found, all that belongs to it is None.
+
+    Attributes
+    ----------
+    detection : Detection
+        Everything there is about it.
+    markers : tuple of Marker
+        Those that were looked for.
+    names : tuple of str
+        What they are called: their file, if they came from one.
+    camera : Camera or None
+
+    Examples
+    --------
+    Whatever takes OpenCV's ``rvec`` and ``tvec`` takes these:
+
+    >>> import cv2, numpy as np
+    >>> from markergen.detect import Detector
+    >>> from markergen.model.boundary import Circle
+    >>> from markergen.model.camera import Camera
+    >>> from markergen.model.marker import dressed
+    >>> from markergen.render import Optics, render_view
+    >>> square = np.array([[0.03, 0.03], [-0.03, 0.03], [-0.03, -0.03], [0.03, -0.03]])
+    >>> marker = dressed(square, Circle(0.06), diameter=0.02, clearance=0.002)
+    >>> camera = Camera(160, 120, 200, 200, 80, 60)
+    >>> rotation, translation = np.diag([1.0, -1.0, -1.0]), np.array([0.01, 0, 0.4])
+    >>> frame = render_view(marker, camera, rotation, translation, Optics(), np.random.default_rng(0))
+    >>> (found,) = Detector(marker, camera)(frame)
+    >>> found.ids
+    array([0, 1, 2, 3])
+    >>> pixels, _ = cv2.projectPoints(found.xyz, found.rvec, found.tvec, camera.matrix, camera.cv2_distortion)
+    >>> bool(np.abs(pixels[:, 0] - found.pixels).max() < 0.1)
+    True
+    >>> found.draw(frame).shape
+    (120, 160, 3)
+    """
+
+    detection: Detection = field(repr=False)
+    markers: tuple[Marker, ...]
+    names: tuple[str, ...]
+    camera: Camera | None
+
+    @property
+    def ok(self) -> bool:
+        """Four control points or more were found, with labels that are the only ones possible."""
+        return self.detection.found
+
+    @property
+    def reason(self) -> str:
+        """Why it was not found; empty otherwise."""
+        return reason(self.detection, self.names)
+
+    @property
+    def index(self) -> int:
+        """Which of the markers that were looked for."""
+        return self.detection.marker
+
+    @property
+    def marker(self) -> Marker:
+        """The marker itself."""
+        return self.markers[self.index]
+
+    @property
+    def name(self) -> str:
+        """What the marker is called."""
+        return self.names[self.index]
+
+    @property
+    def ids(self) -> NDArray[np.intp]:
+        """Identifiers (k,) of the control points that were found; empty where labels are ambiguous."""
+        return self.detection.ids
+
+    @cached_property
+    def xyz(self) -> Array:
+        """Control points (k, 3) that belong to `ids`, m, marker frame."""
+        row = {point.id: i for i, point in enumerate(self.marker.control_points)}
+        return self.marker.xyz[[row[int(i)] for i in self.ids]]
+
+    @property
+    def pixels(self) -> Array:
+        """Images (k, 2) of the control points in the frame as taken, px; pixel centers at integer coordinates.
+
+        Where labels are ambiguous, those of all dots of the best labeling, in no particular order.
+        """
+        unlabeled = self.detection.unlabeled
+        return self.detection.pixels if unlabeled is None else unlabeled.pixels
+
+    @property
+    def pixel_covariance(self) -> Array:
+        """Covariance (k, 2, 2) of `pixels` from the image's noise, px^2."""
+        unlabeled = self.detection.unlabeled
+        return self.detection.covariance if unlabeled is None else unlabeled.covariance
+
+    @property
+    def pose(self) -> PoseEstimate | None:
+        """The pose with its error budget, chi2 and the second solution."""
+        return self.detection.pose
+
+    @property
+    def rotation(self) -> Array | None:
+        """Rotation matrix (3, 3) of T_camera_marker: X_camera = R X_marker + t."""
+        return None if self.pose is None else self.pose.rotation
+
+    @property
+    def translation(self) -> Array | None:
+        """Translation (3,) of T_camera_marker, m."""
+        return None if self.pose is None else self.pose.translation
+
+    @property
+    def rvec(self) -> Array | None:
+        """Rotation vector (3, 1), rad, as cv2.solvePnP returns it."""
+        return None if self.pose is None else logarithm(self.pose.rotation)[:, None]
+
+    @property
+    def tvec(self) -> Array | None:
+        """Translation (3, 1), m, as cv2.solvePnP returns it."""
+        return None if self.pose is None else self.pose.translation[:, None]
+
+    @property
+    def covariance(self) -> Array | None:
+        """Covariance (6, 6) of the pose from image, print and calibration, of (w, dt) in rad and m.
+
+        w and dt are a small turn and a shift in the camera frame: R <- exp([w]x) R, from the left, and t <- t + dt. It
+        is not that of `rvec`. `pose.budget` has the three parts.
+        """
+        return None if self.pose is None else self.pose.budget.total
+
+    @property
+    def second(self) -> SecondPose | None:
+        """The other pose from which a flat marker looks much the same, if it is a contender."""
+        if self.pose is None or self.pose.alternative is None:
+            return None
+        return SecondPose(*self.pose.alternative, self.pose.likelihood_ratio)
+
+    @property
+    def homography(self) -> Array | None:
+        """H (3, 3) from the marker's plane, m, to px of a camera without distortion; None for a marker with relief."""
+        return self.detection.homography
+
+    @property
+    def tag(self) -> Array | None:
+        """Corners (4, 2) of the marker's tag, px, in the order of `Tag.corners`; None if none was read."""
+        return self.detection.tag
+
+    def draw(self, frame: NDArray[Any]) -> NDArray[Any]:
+        """Draw the outline, the dots with their ids and the axes into a frame, and return it.
+
+        A frame in color is drawn into, as by OpenCV's functions; of a grey one, a copy in BGR is returned. Without a
+        pose there are no axes; of dots whose labels are ambiguous there are crosses alone.
+
+        Parameters
+        ----------
+        frame : array (h, w, 3) BGR or (h, w, 4) BGRA, or grey (h, w) or (h, w, 1), of uint8 or uint16
+
+        Raises
+        ------
+        InputError
+            If it is none of these, or in color and read-only.
+        """
+        return draw(frame, self.marker, self.camera, self.detection)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it as plain JSON values, as ``markergen detect --json`` writes them (docs/detect.md)."""
+        return as_dict(self.detection, self.markers, self.names)
+
+    def __str__(self) -> str:
+        return in_words(self.detection, self.markers, self.names)
+
+    def __repr__(self) -> str:
+        return f"<Found: {self}>"
+
+    def _repr_html_(self) -> str:
+        rows = {"marker": self.name, "found": f"{len(self.ids)} of {len(self.marker)} dots" if self.ok else self.reason}
+        if self.pose is not None:
+            sigma = self.pose.budget
+            rows["translation"] = f"{np.array2string(self.pose.translation, precision=5)} m"
+            rows["rotation vector"] = f"{np.array2string(logarithm(self.pose.rotation), precision=5)} rad"
+            rows["1 sigma"] = f"{sigma.rotation_deg['total']:.2g} deg, {1e3 * sigma.translation['total']:.2g} mm"
+        cells = "".join(f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in rows.items())
+        return f"<table>{cells}</table>"
+
+
+class Detector:
+    """Finds markers in the frames of one camera; built once, used for every frame.
+
+    What depends on markers and camera alone is checked and worked out here. It does not change after that: one detector
+    may be used by several threads, and be sent to other processes.
+
+    Parameters
+    ----------
+    markers : Marker, path of a marker.json, or its content as a dict; or several of these
+        Every copy of every one of them is found.
+    camera : Camera, path of a calibration, or None
+        Without one there are pixels and homographies, but no poses.
+    print_sigma : str or float
+        Error of each dot's place in the print, 1 sigma along an axis: a length such as ``"0.1mm"``, or m.
+    camera_covariance : array (k, k) or (k,), path, or None
+        Of the calibration's parameters: their covariance, or standard deviations; fx, fy, cx, cy and the distortion
+        coefficients, or the first four alone. None takes the calibration as exact.
+    refine : str
+        ``none``, or ``photometric``: align the rendered dots with the grey levels after the detection.
+    copies : int
+        Most copies of each marker that are looked for in a frame.
+
+    Raises
+    ------
+    InputError
+        If a marker or the camera cannot be read or is something else, a marker has fewer than four dots, dots on one
+        line, dots without size, or relief and there is no camera, or another argument is out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from markergen.detect import Detector
+    >>> from markergen.model.boundary import Circle
+    >>> from markergen.model.camera import Camera
+    >>> from markergen.model.marker import dressed
+    >>> from markergen.render import Optics, render_view
+    >>> square = np.array([[0.03, 0.03], [-0.03, 0.03], [-0.03, -0.03], [0.03, -0.03]])
+    >>> marker = dressed(square, Circle(0.06), diameter=0.02, clearance=0.002)
+    >>> camera = Camera(160, 120, 200, 200, 80, 60)
+    >>> detector = Detector(marker, camera)
+    >>> rotation, translation = np.diag([1.0, -1.0, -1.0]), np.array([0.01, 0, 0.4])
+    >>> frame = render_view(marker, camera, rotation, translation, Optics(), np.random.default_rng(0))
+    >>> for found in detector(frame):
+    ...     print(found.ok, found.ids, found.tvec.round(3).ravel())
+    True [0 1 2 3] [0.01 0.   0.4 ]
+    >>> (found,) = detector(np.full((120, 160, 3), 255, np.uint8))
+    >>> found.ok, found.reason
+    (False, "found 0 dots, and labels take 4 of the marker's 4")
+    >>> detector(None)
+    Traceback (most recent call last):
+    markergen.errors.InputError: expected an image as a numpy array, found None; cv2.imread returns None when it cannot read the file: check the path
+    """  # noqa: E501 - the error is one line
+
+    def __init__(
+        self,
+        markers: MarkerSource | Iterable[MarkerSource],
+        camera: CameraSource | None = None,
+        *,
+        print_sigma: str | float = "0.1mm",
+        camera_covariance: CovarianceSource = None,
+        refine: str = "none",
+        copies: int = MAX_COPIES,
+    ) -> None:
+        check_refinement(refine)
+        self._camera = camera if camera is None or isinstance(camera, Camera) else Camera.load(camera)
+        covariance = None
+        if camera_covariance is not None:
+            if self._camera is None:
+                raise InputError(
+                    "a camera that the covariance belongs to",
+                    "camera_covariance alone",
+                    "give its calibration as well, with --camera, or camera= from Python",
+                )
+            covariance = read_camera_covariance(camera_covariance, self._camera)
+        self._errors = ErrorSources(parse_length(print_sigma, "print_sigma"), covariance)
+        sources = listed(markers)
+        named = [_marker(each, f"marker {k}" if len(sources) > 1 else "marker") for k, each in enumerate(sources)]
+        self._names = tuple(name for _, name in named)
+        self._sought = prepare([marker for marker, _ in named], self._camera is not None)
+        self._photometric = refine == "photometric"
+        self._copies = _count(copies)
+
+    @property
+    def markers(self) -> tuple[Marker, ...]:
+        """The markers that are looked for."""
+        return self._sought.markers
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What they are called: their file, if they came from one."""
+        return self._names
+
+    @property
+    def camera(self) -> Camera | None:
+        """The camera that takes the frames."""
+        return self._camera
+
+    def __call__(self, frame: NDArray[Any]) -> list[Found]:
+        """Find the markers in a frame.
+
+        Parameters
+        ----------
+        frame : array (h, w) or (h, w, 1) grey, (h, w, 3) BGR or (h, w, 4) BGRA, of uint8 or uint16
+            As cv2.imread and cv2.VideoCapture give it, in any memory layout; it is not changed. Colors count by their
+            luminance, 0.299 R + 0.587 G + 0.114 B, what is transparent as white, as in image files.
+
+        Returns
+        -------
+        list of Found
+            Every copy that was found, best first, and then one with the reason for each marker that was not found.
+
+        Raises
+        ------
+        InputError
+            If it is no such array, or not of the camera's size.
+        """
+        grey = self._grey(frame)
+        found = find_all(grey, self._sought, self._camera, self._errors, self._copies)
+        if self._photometric:
+            # What was not found comes back as it is.
+            found = [refine(grey, self.markers[each.marker], self._camera, each, self._errors) for each in found]
+        return [Found(each, self.markers, self._names, self._camera) for each in found]
+
+    def dots(self, frame: NDArray[Any]) -> Array:
+        """Centers (m, 2) in px of the image ellipses of all dots in a frame, of a marker or not, without labels.
+
+        They are not corrected for perspective: that takes the pose. Parameters and errors are those of a call.
+        """
+        return detect_dots(self._grey(frame)).center
+
+    def __repr__(self) -> str:
+        names = ", ".join(self._names[:3]) + (f" and {len(self._names) - 3} more" if len(self._names) > 3 else "")
+        camera = f"{self._camera.width}x{self._camera.height} px" if self._camera else "no camera"
+        return f"Detector({names}; {camera})"
+
+    def _grey(self, frame: object) -> Any:
+        grey = grey_frame(frame)
+        height, width = grey.shape
+        if self._camera is not None and (width, height) != (self._camera.width, self._camera.height):
+            raise InputError(
+                f"an image of the camera's {self._camera.width}x{self._camera.height} px",
+                f"{width}x{height} px",
+                "give the calibration for this size: cropped or scaled images have another",
+            )
+        return grey
+
+
+def listed(markers: object) -> list[Any]:
+    """Sources of markers as a list, whether one was given or several."""
+    # The lines of an open file are no markers.
+    one = isinstance(markers, str | bytes | os.PathLike | Mapping) or hasattr(markers, "read")
+    return list(markers) if isinstance(markers, Iterable) and not one else [markers]
+
+
+def _marker(source: Any, name: str) -> tuple[Marker, str]:
+    """Marker, and what to call it."""
+    if isinstance(source, Marker):
+        return source, name
+    return Marker.load(source), str(Path(source)) if isinstance(source, str | os.PathLike) else name
+
+
+def _count(copies: object) -> int:
+    try:
+        count = operator.index(copies)  # type: ignore[arg-type]  # whatever is given
+    except TypeError:
+        count = 0
+    if count < 1:
+        raise InputError("one copy or more of each marker", f"copies={brief(copies)}", "give a whole number from 1")
+    return count

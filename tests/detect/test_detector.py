@@ -1,0 +1,518 @@
+"""What users of OpenCV rely on: frames of any kind in, poses that projectPoints takes out, one detector for all."""
+
+import doctest
+import json
+import logging
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from markergen.detect import Detector, detect, detector
+from markergen.errors import InputError
+from markergen.maths.rotation import angle_between
+from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
+from markergen.model.marker_json import to_json
+from markergen.model.poses import paper, paper_roll
+from markergen.model.tag import parse_tag
+from markergen.render import Optics, render_view
+
+POSES, ROLLED = paper(), paper_roll()
+CAMERAS = {
+    "none": PAPER_CAMERA,
+    "radtan": replace(PAPER_CAMERA, distortion=Distortion("radtan", (-0.28, 0.09, 0.001, -0.0005, 0.0))),
+    "rational": replace(PAPER_CAMERA, distortion=Distortion("rational", (0.1, -0.2, 1e-3, 2e-3, 0.05, 0.3, 0.1, 0.01))),
+}
+CAMERA = CAMERAS["radtan"]
+CAMERA_INFO = """\
+image_width: 640
+image_height: 480
+distortion_model: plumb_bob
+camera_matrix: {rows: 3, cols: 3, data: [800, 0, 320, 0, 800, 240, 0, 0, 1]}
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.28, 0.09, 0.001, -0.0005, 0.0]}
+"""
+
+
+def look(marker, pose=130, camera=CAMERA, optics=None, poses=POSES):
+    rng = np.random.default_rng(pose)
+    return render_view(marker, camera, poses.rotation[pose], poses.translation[pose], optics or Optics(), rng)
+
+
+def reprojected(found, camera):
+    pixels, _ = cv2.projectPoints(found.xyz, found.rvec, found.tvec, camera.matrix, camera.cv2_distortion)
+    return pixels[:, 0]
+
+
+@pytest.fixture(scope="module")
+def frame(pentagon):
+    return look(pentagon)
+
+
+@pytest.fixture(scope="module")
+def detect_pentagon(pentagon):
+    return Detector(pentagon, CAMERA)
+
+
+@pytest.fixture(scope="module")
+def hidden_ring(pentagon):
+    """A frame in which the key ring is missing."""
+    return look(replace(pentagon, control_points=pentagon.control_points[1:]))
+
+
+@pytest.mark.parametrize("lens", CAMERAS)
+def test_opencv_projects_the_pose_onto_the_pixels(pentagon, lens):
+    camera = CAMERAS[lens]
+    finder = Detector(pentagon, camera)
+    for pose in (3, 130, 277, 399):
+        (found,) = finder(look(pentagon, pose, camera, poses=ROLLED))
+        assert found.ok
+        assert found.reason == ""
+        np.testing.assert_array_equal(found.ids, [10, 11, 12, 13, 14])
+        assert found.rvec.shape == found.tvec.shape == (3, 1)
+        assert found.rvec.dtype == found.tvec.dtype == np.float64
+        # 0.005 px of noise, and what its pose leaves of it.
+        assert np.abs(reprojected(found, camera) - found.pixels).max() < 0.1
+        np.testing.assert_allclose(cv2.Rodrigues(found.rvec)[0], found.rotation, atol=1e-9)
+        np.testing.assert_array_equal(found.tvec.ravel(), found.translation)
+        assert np.rad2deg(angle_between(found.rotation, ROLLED.rotation[pose])) < 1
+        assert np.abs(found.translation - ROLLED.translation[pose]).max() < 0.01
+        # And OpenCV comes to the same pose from these pixels.
+        ok, rvec, tvec = cv2.solvePnP(
+            found.xyz, found.pixels, camera.matrix, camera.cv2_distortion, found.rvec, found.tvec, True
+        )
+        assert ok
+        assert np.abs(tvec - found.tvec).max() < 2e-3
+        assert rvec.shape == found.rvec.shape
+
+
+def test_fisheye_coefficients_are_those_of_cv2_fisheye(pentagon):
+    camera = replace(PAPER_CAMERA, fx=500.0, fy=500.0, distortion=Distortion("equidistant", (-0.02, 0.005, 0, 0)))
+    (found,) = Detector(pentagon, camera)(look(pentagon, camera=camera))
+    points = found.xyz[:, None]
+    pixels, _ = cv2.fisheye.projectPoints(points, found.rvec, found.tvec, camera.matrix, camera.cv2_distortion)
+    assert np.abs(pixels[:, 0] - found.pixels).max() < 0.1
+
+
+def test_opencv_draws_its_axes_at_the_origin(detect_pentagon, frame):
+    (found,) = detect_pentagon(frame)
+    canvas = cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR)
+    before = canvas.copy()
+    cv2.drawFrameAxes(canvas, CAMERA.matrix, CAMERA.cv2_distortion, found.rvec, found.tvec, 0.05)
+    x, y = np.rint(cv2.projectPoints(np.zeros((1, 3)), found.rvec, found.tvec, CAMERA.matrix, None)[0]).astype(int)[
+        0, 0
+    ]
+    changed = (canvas != before).any(axis=-1)
+    assert changed[y - 2 : y + 3, x - 2 : x + 3].any()
+    assert not changed[:40, :40].any()
+
+
+def test_what_is_found_is_what_detect_finds(pentagon, detect_pentagon, frame):
+    (found,), plain = detect_pentagon(frame), detect(frame, pentagon, CAMERA)
+    np.testing.assert_array_equal(found.pixels, plain.pixels)
+    np.testing.assert_array_equal(found.pixel_covariance, plain.covariance)
+    np.testing.assert_array_equal(found.covariance, plain.pose.budget.total)
+    np.testing.assert_array_equal(found.homography, plain.homography)
+    assert (found.marker, found.index, found.tag, found.pose.chi2) == (pentagon, 0, None, plain.pose.chi2)
+    refined = Detector(pentagon, CAMERA, refine="photometric")(frame)[0].pixels
+    assert 0 < np.abs(refined - found.pixels).max() < 0.1
+
+
+def test_the_covariance_is_of_a_turn_from_the_left(detect_pentagon, pentagon):
+    """The turn of the noise-free estimate between two noisy ones is exp([w]x), with w in the camera frame."""
+    from markergen.maths.rotation import logarithm
+
+    exact = Detector(pentagon, CAMERA, print_sigma=0)
+    nees = []
+    for pose in range(0, 400, 13):
+        (found,) = exact(look(pentagon, pose, poses=ROLLED))
+        turn = logarithm(ROLLED.rotation[pose] @ found.rotation.T)
+        error = np.concatenate([turn, ROLLED.translation[pose] - found.translation])
+        nees.append(error @ np.linalg.solve(found.covariance, error))
+    # Mean of 31 of chi2 with 6 degrees of freedom: 0.62 of scatter, four times that.
+    assert abs(np.mean(nees) - 6) < 2.5
+
+
+def test_colors_channels_and_memory_do_not_matter(detect_pentagon, frame):
+    (grey,) = detect_pentagon(frame)
+    color = cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR)
+    transparent = cv2.cvtColor(frame, cv2.COLOR_GRAY2BGRA)
+    wide = np.zeros((480, 1300, 3), np.uint8)
+    wide[:, 7:1287:2] = color
+    locked = color.copy()
+    locked.flags.writeable = False
+    same = {
+        "one channel": frame[..., None],
+        "BGR": color,
+        "BGRA": transparent,
+        "every second column of a larger one": wide[:, 7:1287:2],
+        "turned twice": np.rot90(np.rot90(frame).copy(), -1),
+        "mirrored twice": frame[:, ::-1].copy()[:, ::-1],
+        "columns first": np.asfortranarray(color),
+        "read-only": locked,
+        "a subclass": frame.view(np.ma.MaskedArray),
+    }
+    for name, other in same.items():
+        before = np.array(other)
+        (found,) = detect_pentagon(other)
+        np.testing.assert_array_equal(found.pixels, grey.pixels, err_msg=name)
+        np.testing.assert_array_equal(found.rvec, grey.rvec, err_msg=name)
+        np.testing.assert_array_equal(other, before, err_msg=name)
+
+
+@pytest.mark.parametrize("kind", ["<u2", ">u2"])
+def test_sixteen_bits(detect_pentagon, frame, kind):
+    (eight,) = detect_pentagon(frame)
+    for image in (frame, cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR), cv2.cvtColor(frame, cv2.COLOR_GRAY2BGRA)):
+        (found,) = detect_pentagon((image.astype(np.uint16) * 257).astype(kind))
+        # The same levels: the fit only starts a little elsewhere. Noise is 0.005 px.
+        np.testing.assert_allclose(found.pixels, eight.pixels, atol=1e-3)
+        np.testing.assert_allclose(found.pixel_covariance, eight.pixel_covariance, rtol=0.05)
+
+
+def test_colors_are_weighed_as_in_files(pentagon, frame, tmp_path):
+    """A red sheet with green dots: only with the right weights is it bright with dark dots, or the other way around."""
+    from markergen.read.images import read_image
+
+    share = frame.astype(float) / 255
+    colors = [np.array([40, 60, 200]) * share[..., None] + np.array([90, 70, 10]) * (1 - share[..., None])]
+    colors.append(np.concatenate([colors[0], 255 * (share[..., None] > 0.2)], axis=-1))
+    finder = Detector(pentagon, CAMERA)
+    for k, color in enumerate(colors):
+        image = np.rint(color).astype(np.uint8)
+        cv2.imwrite(str(tmp_path / f"{k}.png"), image)
+        from_file = finder(read_image(tmp_path / f"{k}.png").grey)
+        for one, other in zip(finder(image), from_file, strict=True):
+            assert (one.ok, one.reason) == (other.ok, other.reason)
+            np.testing.assert_array_equal(one.pixels, other.pixels)
+    assert finder(np.rint(colors[0]).astype(np.uint8))[0].ok
+
+
+@pytest.mark.parametrize(
+    ("image", "said"),
+    [
+        (None, "found None; cv2.imread returns None when it cannot read the file: check the path"),
+        ("photo.png", "found str; read the file first"),
+        (Path("photo.png"), "read the file first"),
+        ((True, np.zeros((480, 640), np.uint8)), "returns (ok, frame)"),
+        ([[1, 2], [3, 4]], "found list"),
+        (7, "found int"),
+        (np.zeros((480, 640), bool), "found bool; give 255 *"),
+        (np.zeros((480, 640, 3), np.float32), "found float32; give (255 * frame)"),
+        (np.zeros((480, 640), np.int64), "found int64"),
+        (np.zeros((480, 640), object), "found object"),
+        (np.zeros((480, 640), "U5"), "found <U5"),
+        (np.zeros((0, 640), np.uint8), "with pixels"),
+        (np.zeros((480, 640, 0), np.uint8), "with pixels"),
+        (np.zeros((3, 480, 640), np.uint8), "frame.transpose(1, 2, 0)"),
+        (np.zeros((2, 480, 640, 3), np.uint8), "one image at a time"),
+        (np.zeros((480, 640, 2), np.uint8), "shape (480, 640, 2)"),
+        (np.zeros(640, np.uint8), "shape (640,)"),
+        (np.uint8(3), "found numpy.uint8"),
+        (np.array(3, np.uint8), "shape ()"),
+        (np.broadcast_to(np.uint8(0), (10**6, 10**6)), "at most 400 megapixels, found 1000000x1000000 px"),
+        (np.broadcast_to(np.uint8(0), (10**6, 10**6, 3)), "at most 400 megapixels"),
+        (np.zeros((640, 480, 3), np.uint8), "640x480 px, found 480x640 px; give the calibration for this size"),
+    ],
+)
+def test_what_is_no_frame_is_refused_in_one_line(detect_pentagon, image, said):
+    for use in (detect_pentagon, detect_pentagon.dots):
+        with pytest.raises(InputError) as caught:
+            use(image)
+        line = str(caught.value)
+        assert said in line
+        assert "\n" not in line
+
+
+def test_markers_come_as_objects_paths_and_contents(pentagon, irregular, frame, tmp_path):
+    path = tmp_path / "marker.json"
+    path.write_bytes(to_json(pentagon))
+    content = json.loads(path.read_text())
+    for source, name in [(pentagon, "marker"), (path, str(path)), (str(path), str(path)), (content, "marker")]:
+        for given in (source, [source], (source,), iter([source])):
+            (found,) = Detector(given, CAMERA)(frame)
+            assert found.ok
+            assert found.as_dict()["marker"] == found.name == name
+    several = Detector([irregular, path], CAMERA)
+    assert (len(several.markers), several.camera) == (2, CAMERA)
+    assert several.names == ("marker 0", str(path))
+    found, missed = several(frame)
+    assert (found.ok, found.index, found.marker.xyz.tolist()) == (True, 1, pentagon.xyz.tolist())
+    assert (missed.ok, missed.index, missed.marker) == (False, 0, irregular)
+    assert missed.reason
+    assert str(missed).startswith("marker 0 not found: ")
+
+
+def test_a_camera_comes_from_a_file(pentagon, frame, tmp_path):
+    path = tmp_path / "camera.yaml"
+    path.write_text(CAMERA_INFO)
+    for source in (path, str(path)):
+        finder = Detector(pentagon, source)
+        assert finder.camera == CAMERA
+        assert finder(frame)[0].ok
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "said"),
+    [
+        ([[]], {}, "one marker or more"),
+        ([None], {}, "found NoneType None; give Marker.load"),
+        ([5], {}, "marker.json, found int 5"),
+        ([[None]], {}, "marker.json, found NoneType"),
+        ([b"marker.json"], {}, "marker.json, found bytes"),
+        (["no.json"], {}, "no.json"),
+        ([{"format": "else"}], {}, "markergen-marker"),
+        ([{"format": object()}], {}, "a marker of plain JSON values"),
+        (["pentagon", 5], {}, "a calibration, found int 5"),
+        (["pentagon", np.eye(3)], {}, "a calibration, found ndarray"),
+        (["pentagon", "no.yaml"], {}, "no.yaml"),
+        (["pentagon", CAMERA], {"print_sigma": "much"}, "print_sigma"),
+        (["pentagon", CAMERA], {"print_sigma": None}, "print_sigma"),
+        (["pentagon", CAMERA], {"print_sigma": -1e-3}, "print error of 0 to 1 m"),
+        (["pentagon"], {"camera_covariance": np.eye(4)}, "a camera that the covariance belongs to"),
+        (["pentagon", CAMERA], {"camera_covariance": np.eye(3)}, "4 standard deviations or 4x4 numbers"),
+        (["pentagon", CAMERA], {"camera_covariance": [1, 2, 3, "x"]}, "a covariance of the camera's parameters"),
+        (["pentagon", CAMERA], {"camera_covariance": -np.eye(4)}, "variances from 0"),
+        (["pentagon", CAMERA], {"refine": "magic"}, "none or photometric"),
+        (["pentagon", CAMERA], {"copies": 0}, "copies=0"),
+        (["pentagon", CAMERA], {"copies": "two"}, "copies='two'"),
+    ],
+)
+def test_what_no_detector_can_be_built_of(pentagon, arguments, options, said):
+    arguments = [pentagon if isinstance(each, str) and each == "pentagon" else each for each in arguments]
+    with pytest.raises(InputError) as caught:
+        Detector(*arguments, **options)
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_checks_are_made_when_it_is_built(ngon, make):
+    with pytest.raises(InputError, match="a camera for a marker with relief"):
+        Detector(ngon(5, heights=[0, 0, 0.01, 0, 0]))
+    with pytest.raises(InputError, match="4 or more control points"):
+        Detector(make([(0, 0), (0.1, 0), (0, 0.1)]), CAMERA)
+
+
+def test_calibration_and_print_count_in_the_covariance(pentagon, frame):
+    def sigma(**options):
+        return Detector(pentagon, CAMERA, **options)(frame)[0].pose.budget.translation
+
+    fine, coarse = sigma(print_sigma=0), sigma(print_sigma="0.5mm")
+    assert fine["print"] == 0 < coarse["print"]
+    assert fine["camera"] == 0
+    row, matrix = sigma(camera_covariance=[5.0, 5, 1, 1]), sigma(camera_covariance=np.diag([25.0, 25, 1, 1]))
+    assert row == matrix
+    # 5 of 800 px of focal length are as much of the distance.
+    assert row["camera"] == pytest.approx(5 / 800 * np.linalg.norm(POSES.translation[130]), rel=0.3)
+
+
+def test_without_a_camera(pentagon, frame):
+    (found,) = Detector(pentagon)(cv2.cvtColor(look(pentagon, camera=PAPER_CAMERA), cv2.COLOR_GRAY2BGR))
+    assert found.ok
+    pose = (found.pose, found.rvec, found.tvec, found.rotation, found.translation, found.covariance, found.second)
+    assert pose == (None,) * 7
+    assert found.homography.shape == (3, 3)
+    # Frames of any size.
+    assert not Detector(pentagon)(frame[:100, :100])[0].ok
+
+
+def test_dots_without_labels_are_all_there(detect_pentagon, hidden_ring, pentagon):
+    centers = detect_pentagon.dots(cv2.cvtColor(hidden_ring, cv2.COLOR_GRAY2BGR))
+    exact = CAMERA.project(pentagon.xyz[1:], POSES.rotation[[130]], POSES.translation[[130]])[0]
+    distance = np.linalg.norm(centers[:, None] - exact, axis=-1)
+    assert centers.shape == (4, 2)
+    # Not corrected for perspective, which is a tenth of a pixel here.
+    assert distance.min(axis=0).max() < 0.3
+    assert detect_pentagon.dots(np.full((480, 640), 200, np.uint8)).shape == (0, 2)
+
+
+@pytest.mark.parametrize("camera", [CAMERA, None])
+def test_ambiguous_dots_have_pixels_and_no_labels(ngon, camera):
+    plain = ngon(5, rings=())
+    image = look(plain, camera=CAMERA if camera else PAPER_CAMERA)
+    (found,) = Detector(plain, camera)(image)
+    assert not found.ok
+    assert "labels are ambiguous" in found.reason
+    assert (found.ids.size, found.xyz.shape) == (0, (0, 3))
+    assert found.pixels.shape == (5, 2)
+    assert found.pixel_covariance.shape == (5, 2, 2)
+    assert np.linalg.eigvalsh(found.pixel_covariance).min() > 0
+    exact = (camera or PAPER_CAMERA).project(plain.xyz, POSES.rotation[[130]], POSES.translation[[130]])[0]
+    distance = np.linalg.norm(found.pixels[:, None] - exact, axis=-1)
+    # Each is one of the dots, and corrected: plain centers of ellipses are a tenth of a pixel off here.
+    assert sorted(distance.argmin(axis=1)) == [0, 1, 2, 3, 4]
+    assert distance.min(axis=1).max() < 0.05
+    assert (found.rvec, found.homography, found.tag) == (None, None, None)
+    told = found.as_dict()
+    assert (told["found"], told["ids"], len(told["missing"])) == (False, [], 5)
+    np.testing.assert_array_equal(told["pixels"], found.pixels)
+    assert np.shape(told["ellipse_centers"]) == (5, 2)
+
+
+def test_two_markers_that_claim_the_same_dots_both_have_them(pentagon, frame):
+    both = Detector([pentagon, pentagon], CAMERA)(frame)
+    assert [each.reason[-21:] for each in both] == ["marker 0 and marker 1", "marker 1 and marker 0"]
+    assert [each.pixels.shape for each in both] == [(5, 2), (5, 2)]
+
+
+def test_a_frame_without_the_marker(detect_pentagon):
+    (found,) = detect_pentagon(np.full((480, 640), 200, np.uint8))
+    assert (found.ok, found.ids.shape, found.pixels.shape, found.rvec) == (False, (0,), (0, 2), None)
+    assert "found 0 dots" in found.reason
+    canvas = np.full((480, 640, 3), 200, np.uint8)
+    assert found.draw(canvas) is canvas
+    assert (canvas == 200).all()
+
+
+def test_second_solution(pentagon):
+    # From 3 m, tilted a little: the marker's perspective is less than what the print may be wrong by.
+    far = replace(POSES, translation=np.array([[0, 0, 3.0]] * 400))
+    (found,) = Detector(pentagon, CAMERA, print_sigma="3mm")(look(pentagon, 30, poses=far))
+    assert found.ok
+    rotation, translation = found.pose.alternative
+    np.testing.assert_array_equal(found.second.rotation, rotation)
+    np.testing.assert_array_equal(found.second.tvec, translation[:, None])
+    np.testing.assert_allclose(cv2.Rodrigues(found.second.rvec)[0], rotation, atol=1e-9)
+    assert 0.1 < found.second.likelihood_ratio <= 1
+
+
+def test_copies(pentagon):
+    turn = np.diag([1.0, -1.0, -1.0])
+    views = [
+        render_view(pentagon, PAPER_CAMERA, turn, np.array([x, 0, 1.2]), Optics(noise_grey=0), np.random.default_rng(0))
+        for x in (-0.25, 0.25)
+    ]
+    image = np.minimum(*views)
+    assert [each.ok for each in Detector(pentagon, PAPER_CAMERA)(image)] == [True, True]
+    assert [each.ok for each in Detector(pentagon, PAPER_CAMERA, copies=1)(image)] == [True]
+
+
+@pytest.mark.parametrize("scale", [1, 257])
+@pytest.mark.parametrize("camera", [CAMERA, None])
+def test_drawing(pentagon, camera, scale):
+    grey = look(pentagon, camera=camera or PAPER_CAMERA).astype(np.uint16 if scale > 1 else np.uint8) * scale
+    (found,) = Detector(pentagon, camera)(grey)
+    copy = found.draw(grey)
+    assert copy.shape == (480, 640, 3)
+    assert copy.dtype == grey.dtype
+    assert copy.max() > 240 * scale
+    changed = (copy != grey[..., None]).any(axis=-1)
+    assert all(changed[y, x] for x, y in np.rint(found.pixels).astype(int))
+    assert not changed[:40, :40].any()
+    one_channel = found.draw(grey[..., None])
+    np.testing.assert_array_equal(one_channel, copy)
+    color = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+    assert found.draw(color) is color
+    np.testing.assert_array_equal(color, copy)
+    opaque = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGRA)
+    assert found.draw(opaque) is opaque
+    np.testing.assert_array_equal(opaque[..., :3], copy)
+    assert (opaque[..., 3] == np.iinfo(grey.dtype).max).all()
+    # Views are drawn into as well.
+    plain = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+    mirrored = plain[:, ::-1].copy()[:, ::-1]
+    assert found.draw(mirrored) is mirrored
+    np.testing.assert_array_equal(mirrored, copy)
+
+
+def test_ambiguous_dots_are_drawn_as_dots_alone(detect_pentagon, hidden_ring):
+    (found,) = detect_pentagon(hidden_ring)
+    assert not found.ok
+    copy = found.draw(hidden_ring)
+    changed = (copy != hidden_ring[..., None]).any(axis=-1)
+    assert all(changed[y, x] for x, y in np.rint(found.pixels).astype(int))
+    # Crosses of nine pixels twice, smoothed, and nothing else.
+    assert changed.sum() < 4 * 60
+
+
+def test_frames_that_cannot_be_drawn_into(detect_pentagon, frame):
+    (found,) = detect_pentagon(frame)
+    locked = cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR)
+    locked.flags.writeable = False
+    with pytest.raises(InputError, match="read-only"):
+        found.draw(locked)
+    with pytest.raises(InputError, match="found None"):
+        found.draw(None)
+    grey = frame.copy()
+    grey.flags.writeable = False
+    assert found.draw(grey).shape == (480, 640, 3)
+
+
+def test_pickled(detect_pentagon, frame):
+    (found,) = detect_pentagon(frame)
+    (again,) = pickle.loads(pickle.dumps(detect_pentagon))(frame)
+    copy = pickle.loads(pickle.dumps(found))
+    for other in (again, copy):
+        np.testing.assert_array_equal(other.pixels, found.pixels)
+        np.testing.assert_array_equal(other.rvec, found.rvec)
+        assert other.as_dict() == found.as_dict()
+
+
+def test_one_detector_in_several_threads(pentagon):
+    tagged = replace(pentagon, tag=parse_tag("aruco:DICT_4X4_50:7", 0.05))
+    finder = Detector(tagged, CAMERA)
+    frames = [look(tagged, pose, poses=ROLLED) for pose in (3, 60, 130, 200, 277, 330)]
+    alone = [finder(each)[0] for each in frames]
+    with ThreadPoolExecutor(4) as pool:
+        together = [found for (found,) in pool.map(finder, frames * 4)]
+    for k, found in enumerate(together):
+        np.testing.assert_array_equal(found.pixels, alone[k % 6].pixels)
+        np.testing.assert_array_equal(found.tag, alone[k % 6].tag)
+        np.testing.assert_array_equal(found.covariance, alone[k % 6].covariance)
+
+
+def test_nothing_is_printed_or_logged(detect_pentagon, frame, hidden_ring, capfd, caplog):
+    with caplog.at_level(logging.INFO):
+        for image in (frame, hidden_ring):
+            detect_pentagon(image)[0].draw(image)
+    assert capfd.readouterr() == ("", "")
+    assert caplog.records == []
+
+
+def test_short_in_print(detect_pentagon, frame, hidden_ring, pentagon):
+    (found,), (lost,) = detect_pentagon(frame), detect_pentagon(hidden_ring)
+    assert repr(detect_pentagon) == "Detector(marker; 640x480 px)"
+    assert repr(Detector([pentagon] * 5)) == "Detector(marker 0, marker 1, marker 2 and 2 more; no camera)"
+    assert repr(found).startswith("<Found: marker, 5 of 5 dots, ")
+    assert repr(lost).startswith("<Found: marker not found: ")
+    assert max(len(repr(found)), len(repr(lost))) < 200
+    assert "5 of 5 dots" in found._repr_html_()
+    assert "ambiguous" in lost._repr_html_()
+    assert len(found._repr_html_()) < 1000
+
+
+def test_html_is_escaped(pentagon, frame, tmp_path):
+    path = tmp_path / "<b>.json"
+    path.write_bytes(to_json(pentagon))
+    assert "<b>" not in Detector(path, CAMERA)(frame)[0]._repr_html_()
+
+
+def test_examples_in_the_docstrings():
+    result = doctest.testmod(detector)
+    assert result.attempted > 20
+    assert result.failed == 0
+
+
+def test_the_loop_of_the_documentation(pentagon, frame, tmp_path, monkeypatch, capsys):
+    text = (Path(__file__).parents[2] / "docs" / "detect.md").read_text()
+    code = text.split("```python\n")[1].split("```")[0]
+    (tmp_path / "marker.json").write_bytes(to_json(pentagon))
+    (tmp_path / "camera.yaml").write_text(CAMERA_INFO)
+    writer = cv2.VideoWriter(str(tmp_path / "video.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 25, (640, 480))
+    for image in (frame, np.full((480, 640), 200, np.uint8)):
+        writer.write(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))
+    writer.release()
+    monkeypatch.chdir(tmp_path)
+    exec(compile(code, "docs/detect.md", "exec"), {})
+    found, lost = capsys.readouterr().out.splitlines()
+    assert found.startswith("[10 11 12 13 14] [")
+    assert lost.startswith("found 0 dots")
+
+
+def test_opencv_coefficients():
+    assert not Camera(640, 480, 800, 800, 320, 240).cv2_distortion.any()
+    assert CAMERA.cv2_distortion.tolist() == [-0.28, 0.09, 0.001, -0.0005, 0.0]
+    assert CAMERAS["rational"].cv2_distortion.shape == (8,)
