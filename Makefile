@@ -3,16 +3,19 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: demo test test-long lint bench docs clean
+.PHONY: demo test test-long test-package lint bench docs clean
 
 demo: $(VENV)/installed
 	@PATH="$(CURDIR)/$(BIN):$$PATH" sh examples/demo.sh out
 
 test: lint
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not long"
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not long and not package"
 
 test-long: $(VENV)/developed
 	$(BIN)/python -m pytest -m long
+
+test-package: $(VENV)/packaged
+	$(BIN)/python -m pytest -m package tests/package
 
 lint: $(VENV)/developed
 	$(BIN)/ruff check .
@@ -36,9 +39,13 @@ $(VENV)/python:
 
 $(VENV)/installed: $(VENV)/python pyproject.toml constraints.txt
 	@echo "Installing markergen and what it needs (about 2 GB the first time, a few minutes)..."
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable .
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[all]'
 	touch $@
 
 $(VENV)/developed: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --group dev
+	touch $@
+
+$(VENV)/packaged: $(VENV)/developed
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --group package
 	touch $@

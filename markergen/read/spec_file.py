@@ -4,7 +4,6 @@ import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict
-from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -20,6 +19,7 @@ from pydantic import (
 )
 
 from markergen.errors import InputError
+from markergen.files import shipped_folder
 from markergen.model.boundary import Circle
 from markergen.model.boundary_file import BoundaryFile, built
 from markergen.model.camera import LARGEST_SIDE, Camera, Distortion
@@ -293,6 +293,4 @@ def template_text(name: str) -> str:
 
 def templates() -> dict[str, Path]:
     """Shipped templates by name, whether markergen runs from a wheel or from a checkout."""
-    package = Path(str(files("markergen")))
-    folder = next((place for place in (package / "templates", package.parent / "templates") if place.is_dir()), package)
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    return {path.stem: path for path in sorted(shipped_folder("templates").glob("*.toml"))}
