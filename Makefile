@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: demo test test-long test-package lint bench docs clean
+.PHONY: demo test test-docs test-long test-outside test-package lint bench docs clean
 
 demo: $(VENV)/installed
 	@PATH="$(CURDIR)/$(BIN):$$PATH" sh examples/demo.sh out
@@ -14,6 +14,15 @@ test: lint
 test-long: $(VENV)/developed
 	$(BIN)/python -m pytest -m long
 
+# What is generated, linked and shown to readers; part of `make test`.
+test-docs: $(VENV)/developed
+	$(BIN)/python -m pytest tests/docs tests/examples tests/test_doctests.py tests/test_packaging.py
+
+# Sheets drawn by poppler, ghostscript and chromium; part of `make test` as far as they are installed.
+test-outside: $(VENV)/developed
+	$(BIN)/python -m pytest -rs tests/export/test_renderers.py
+
+# Builds, installs without and with extras, runs every command: needs the package index, and 3 GB for a while.
 test-package: $(VENV)/packaged
 	$(BIN)/python -m pytest -m package tests/package
 
@@ -38,7 +47,7 @@ $(VENV)/python:
 	touch $@
 
 $(VENV)/installed: $(VENV)/python pyproject.toml constraints.txt
-	@echo "Installing markergen and what it needs (about 2 GB the first time, a few minutes)..."
+	@echo "Installing markergen and what it needs (about 2.5 GB the first time, a few minutes)..."
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[all]'
 	touch $@
 
