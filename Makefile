@@ -20,7 +20,7 @@ test-docs: $(VENV)/developed
 
 # Sheets drawn by poppler, ghostscript and chromium; part of `make test` as far as they are installed.
 test-outside: $(VENV)/developed
-	$(BIN)/python -m pytest -rs tests/export/test_renderers.py
+	$(BIN)/python -m pytest -rs tests/exporters/test_renderers.py
 
 # Builds, installs without and with extras, runs every command: needs the package index, and 3 GB for a while.
 test-package: $(VENV)/packaged

@@ -31,10 +31,10 @@ from markergen.model.camera import PAPER_CAMERA
 from markergen.model.feature import Feature, key_ring
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.poses import PoseDistribution, paper
-from markergen.validate.bounds import pose_bounds
-from markergen.validate.pool import map_chunks, processor_count
-from markergen.validate.run import POSES_AT_ONCE, validate
-from markergen.validate.trials import Experiment, noisy_images
+from markergen.validation.bounds import pose_bounds
+from markergen.validation.pool import map_chunks, processor_count
+from markergen.validation.run import POSES_AT_ONCE, validate
+from markergen.validation.trials import Experiment, noisy_images
 
 Times = dict[str, NDArray[np.float64]]
 

@@ -6,7 +6,7 @@ python examples/own_camera.py marker.pdf
 import argparse
 from pathlib import Path
 
-from markergen.export import save
+from markergen.exporters import save
 from markergen.model.boundary import Circle
 from markergen.model.camera import Camera
 from markergen.model.spec import Spec

@@ -10,7 +10,7 @@ from markergen.detect.overlay import overlay
 from markergen.model.spec import Spec
 from markergen.optimize.design import design
 from markergen.render import Optics
-from markergen.validate.views import Shoot, take_view
+from markergen.validation.views import Shoot, take_view
 
 
 def main(path: Path) -> None:

@@ -10,8 +10,8 @@ import pytest
 ROOT = Path(__file__).parent.parent / "markergen"
 ORDER = [
     ("errors", "units", "registry", "files"), ("maths",), ("model",), ("read",), ("objectives",), ("estimators",),
-    ("optimize",), ("drawing",), ("solid",), ("export",), ("render",), ("detect",), ("validate",), ("verify",),
-    ("study",), ("cli", "__main__"),
+    ("optimize",), ("drawing",), ("solid",), ("exporters",), ("render",), ("detect",), ("validation",), ("verification",),
+    ("studies",), ("cli", "__main__"),
 ]  # fmt: skip
 LEVEL = {name: level for level, names in enumerate(ORDER) for name in names}
 MODULES = sorted(ROOT.rglob("*.py"))
@@ -57,7 +57,7 @@ def test_modules_stay_small(path):
         ("cadquery", "solid"),
         ("OCP", "solid"),
         ("findContours", "detect"),
-        ("reportlab", "export"),
+        ("reportlab", "exporters"),
     ],
 )
 def test_what_belongs_in_one_place_stays_there(call, only_in):

@@ -41,9 +41,9 @@ def compare(
     """
     from markergen.cli.console import print_table, progress_bar
     from markergen.files import check_outputs, write_atomic
-    from markergen.validate import compare_report
-    from markergen.validate.compare import compare as run
-    from markergen.validate.compare import to_json
+    from markergen.validation import compare_report
+    from markergen.validation.compare import compare as run
+    from markergen.validation.compare import to_json
 
     to_stdout = str(json) == "-"
     if plot:

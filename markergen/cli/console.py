@@ -96,7 +96,7 @@ def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]
 
 def print_criteria(table: Mapping[str, Mapping[str, float]], n: int, noise: str) -> None:
     """Print the criteria of a design beside those of the layouts that it is compared with."""
-    from markergen.validate.tables import LAYOUTS
+    from markergen.validation.tables import LAYOUTS
 
     names = {"design": "this marker", **LAYOUTS, "ngon": f"regular {n}-gon"}
     print_table(
@@ -126,7 +126,7 @@ def print_hidden(table: Sequence["HiddenDots"], noise: str) -> None:
 
 def _criteria_cells(row: Mapping[str, float]) -> list[str]:
     """Cells for `CRITERIA`; a relief lacks some."""
-    from markergen.validate.tables import number
+    from markergen.validation.tables import number
 
     return [number(row[key] * factor, 4) if key in row else "-" for key, (_, factor) in CRITERIA.items()]
 
@@ -152,7 +152,7 @@ def print_outputs(written: Sequence[tuple[Path, Sequence[str]]]) -> None:
 
 def print_results(results: Mapping[str, Any]) -> None:
     """Print what a validation found, as tables and sentences."""
-    from markergen.validate import tables, view_tables
+    from markergen.validation import tables, view_tables
 
     print(tables.heading(results))
     if results["estimators"]:

@@ -195,8 +195,8 @@ def design(
     """
     from markergen.cli import console
     from markergen.errors import InputError
-    from markergen.export import check_outputs, save, with_record
-    from markergen.export.family import family_paths, save_family
+    from markergen.exporters import check_outputs, save, with_record
+    from markergen.exporters.family import family_paths, save_family
     from markergen.files import check_outputs as check_files
     from markergen.files import write_all
     from markergen.model.tag import parse_ids

@@ -82,7 +82,7 @@ def export(
     What is said of the plate, from --thickness to --dowel, takes the place of what marker.json says.
     """
     from markergen.cli.console import busy, print_outputs
-    from markergen.export import check_outputs, save
+    from markergen.exporters import check_outputs, save
     from markergen.files import check_outputs as check_files
     from markergen.model.marker_json import read_marker
 

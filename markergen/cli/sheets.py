@@ -7,7 +7,7 @@ import typer
 from markergen.cli.console import length
 
 if TYPE_CHECKING:
-    from markergen.export import ExportOptions
+    from markergen.exporters import ExportOptions
 
 Paper = Annotated[
     str | None,
@@ -63,7 +63,7 @@ def export_options(
     """Collect what was asked for; raises `InputError` for what there is not."""
     from markergen.drawing.colors import BLACK_ON_WHITE, parse_colors
     from markergen.drawing.sheet import SheetOptions
-    from markergen.export import ExportOptions
+    from markergen.exporters import ExportOptions
 
     sheet = SheetOptions(
         paper=paper,

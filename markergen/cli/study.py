@@ -55,12 +55,12 @@ def study(
     """
     from markergen.cli.console import complain
     from markergen.errors import InputError
-    from markergen.study.engines import engine_for
-    from markergen.study.sweep import read_sweep, run_sweep
+    from markergen.studies.engines import engine_for
+    from markergen.studies.sweep import read_sweep, run_sweep
 
     engine = engine_for(workers, scheduler)
     if what == "paper":
-        from markergen.study.paper import PaperOptions, estimated_seconds, run_paper
+        from markergen.studies.paper import PaperOptions, estimated_seconds, run_paper
 
         given: dict[str, Any] = {
             key: value for key, value in {"runs": runs, "scale": scale}.items() if value is not None

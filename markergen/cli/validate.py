@@ -87,13 +87,13 @@ def validate(
     from markergen.model.marker_json import read_marker
     from markergen.read.cameras import read_camera, read_camera_covariance
     from markergen.render import optics_from_text
-    from markergen.validate.bounds import budget_of
-    from markergen.validate.fail_if import check, parse
-    from markergen.validate.pictures import pictures as taken
-    from markergen.validate.pictures import remove_earlier
-    from markergen.validate.proof import prove, setting_of, to_json
-    from markergen.validate.report import check_report, html_report
-    from markergen.validate.views import Shoot
+    from markergen.validation.bounds import budget_of
+    from markergen.validation.fail_if import check, parse
+    from markergen.validation.pictures import pictures as taken
+    from markergen.validation.pictures import remove_earlier
+    from markergen.validation.proof import prove, setting_of, to_json
+    from markergen.validation.report import check_report, html_report
+    from markergen.validation.views import Shoot
 
     for expression in fail_if or []:
         parse(expression)

@@ -39,8 +39,8 @@ def verify(
     from markergen.cli.console import complain, print_table
     from markergen.files import check_outputs, write_atomic
     from markergen.model.marker_json import read_marker
-    from markergen.verify.check import to_json, verify_all
-    from markergen.verify.words import CAPTION, header, lines, row
+    from markergen.verification.check import to_json, verify_all
+    from markergen.verification.words import CAPTION, header, lines, row
 
     to_stdout = str(json) == "-"
     if json and not to_stdout:

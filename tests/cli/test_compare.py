@@ -4,7 +4,7 @@ import pytest
 
 from markergen.cli import main
 from markergen.model.marker_json import to_json
-from markergen.validate import compare
+from markergen.validation import compare
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from markergen.cli import main
-from markergen.export import EXPORTERS, SOLIDS
+from markergen.exporters import EXPORTERS, SOLIDS
 from markergen.model.marker_json import to_json
 from markergen.model.tag import Tag
 

@@ -10,7 +10,7 @@ import pytest
 
 from markergen.cli import main
 from markergen.cli.solids import fabrication
-from markergen.export import EXPORTERS, SOLIDS, WORKSHOP
+from markergen.exporters import EXPORTERS, SOLIDS, WORKSHOP
 from markergen.model.boundary import Circle, Polygon
 from markergen.model.fabrication import Fabrication
 from markergen.model.holes import parse_dowel, parse_mount

@@ -3,7 +3,7 @@ import json
 import pytest
 
 from markergen.cli import main
-from markergen.export import save
+from markergen.exporters import save
 from markergen.model.marker_json import to_json
 
 

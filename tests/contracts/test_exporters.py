@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from markergen.errors import InputError
-from markergen.export import DRAWN, EXPORTERS, FLAT, SOLIDS, ExportOptions, Output
+from markergen.exporters import DRAWN, EXPORTERS, FLAT, SOLIDS, ExportOptions, Output
 from markergen.model.boundary import Circle
 from markergen.model.fabrication import Fabrication
 from markergen.model.feature import Feature
@@ -41,7 +41,7 @@ OPTIONS = ExportOptions(stem="board", fabrication=Fabrication(engrave=False))
 OTHER_PROCESS = """
 import sys
 from pathlib import Path
-from markergen.export import EXPORTERS, ExportOptions
+from markergen.exporters import EXPORTERS, ExportOptions
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker_json import from_json
 marker, options = from_json(sys.stdin.read()), ExportOptions(stem="board", fabrication=Fabrication(engrave=False))

@@ -13,7 +13,7 @@ from markergen.drawing.scene import Disk, Line, bounds
 from markergen.drawing.sheet import SheetOptions, pages_for, sheet_for
 from markergen.drawing.transform import clipped
 from markergen.errors import InputError
-from markergen.export.pdf import write_pdf
+from markergen.exporters.pdf import write_pdf
 from markergen.model.tag import Tag
 
 MICROMETER = 1e-3  # mm; pdfium holds coordinates as 32-bit floats, 0.03 um on A4

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from markergen.cli import main
-from markergen.export.glb import write_glb
-from markergen.export.meshes import MeshedPart
+from markergen.exporters.glb import write_glb
+from markergen.exporters.meshes import MeshedPart
 from markergen.model.marker_json import to_json
 from markergen.solid.mesh import Mesh
 

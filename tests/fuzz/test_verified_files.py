@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from mutants import FLIPS, flipped
 
 from markergen.errors import InputError
-from markergen.export import ExportOptions, save
+from markergen.exporters import ExportOptions, save
 from markergen.model.fabrication import Fabrication
-from markergen.verify import verify
-from markergen.verify.check import to_json
+from markergen.verification import verify
+from markergen.verification.check import to_json
 
 TEXTS = (".svg", ".dxf", ".step", ".csv", ".json", ".opencv.yaml", ".ros2.yaml", ".kalibr.yaml")
 SUFFIXES = (*TEXTS, ".pdf", ".png", ".stl", ".3mf", ".glb")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from markergen.export import EXPORTERS, SOLIDS, WORKSHOP
+from markergen.exporters import EXPORTERS, SOLIDS, WORKSHOP
 
 from .conftest import ROOT, call
 

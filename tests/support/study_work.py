@@ -6,7 +6,7 @@ import time
 import numpy as np
 
 from markergen.errors import InputError
-from markergen.study.cells import Cell
+from markergen.studies.cells import Cell
 
 
 def cells(count):

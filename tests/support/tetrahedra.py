@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from markergen.export.meshes import MeshedPart
+from markergen.exporters.meshes import MeshedPart
 from markergen.solid.mesh import Mesh
 
 SIDES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])

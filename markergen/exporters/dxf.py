@@ -1,0 +1,228 @@
+"""DXF R2010 in millimeters: the marker itself, without paper, for cutters, engravers and CAD."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from io import StringIO
+from math import hypot
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import markergen
+from markergen.drawing.scene import Disk, marker_dots, marker_name
+from markergen.exporters import EXPORTERS, ExportOptions, Output, only, without_paper
+from markergen.model.boundary import Boundary
+from markergen.model.fabrication import Fabrication
+from markergen.model.marker import Marker
+from markergen.solid.bodies import Path, Prism, circle
+from markergen.solid.inks import dots_of
+from markergen.solid.plate import plate_regions
+from markergen.solid.processes import PROCESSES
+from markergen.units import format_length
+
+CUT, ENGRAVE, INFO = "CUT", "ENGRAVE", "INFO"
+COLORS = {CUT: 1, ENGRAVE: 7, INFO: 5}
+"""Color index of each layer: red, black, blue."""
+
+MARKER = {
+    CUT: "the outline and the keep-outs, to be cut",
+    ENGRAVE: "outlines of the dots and the tag, to be filled black",
+    INFO: "axes, numbers of the dots and words, not to be made",
+}
+PLATE = {
+    CUT: "the plate's outline and its holes, to be cut",
+    ENGRAVE: "outlines of the dots and the tag, to be engraved dark",
+    INFO: "axes, numbers of the dots, countersinks, keep-outs and words, not to be made",
+}
+"""Meaning of each layer, of the marker alone and of a plate for the laser."""
+
+NUMBER = 0.4
+"""Height of a dot's number in radii: it stands inside the dot."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What is drawn: paths by layer, and where words go; mm.
+
+    Attributes
+    ----------
+    meaning : mapping
+        Of each layer, in words.
+    paths : sequence of (layer, path)
+    labels : sequence of (words, disk)
+        What is written into which dot.
+    box : array (2, 2)
+        Lower left and upper right corner of it all.
+    """
+
+    meaning: Mapping[str, str]
+    paths: Sequence[tuple[str, Path]]
+    labels: Sequence[tuple[str, Disk]]
+    box: Array
+
+
+@EXPORTERS.register(".dxf")
+def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
+    """Outlines of the marker as DXF (R2010, mm), to cut and engrave; of the whole plate where a laser makes it."""
+    marker = only(markers, ".dxf")
+    laser = options.fabrication.process == "laser"
+    meaning = PLATE if laser else MARKER
+    notes = (
+        "DXF units are mm; the origin is the marker's, x right and y up.",
+        *(f"Layer {name} has {words}." for name, words in meaning.items()),
+        *without_paper(options),
+    )
+    return Output(write_laser_dxf(marker, options.fabrication) if laser else write_dxf(marker), notes)
+
+
+def write_dxf(marker: Marker) -> bytes:
+    """Write a marker as DXF: every circle exact, every other outline a closed polyline; the same bytes every time."""
+    # The scene knows what a dot is; a marker that was measured is made again as it was designed.
+    designed = marker.as_designed
+    dots = marker_dots(designed)
+    bores = [hole.bore for hole in designed.substrate.holes]
+    paths = [(CUT, path) for outline in (designed.boundary, *designed.keep_outs, *bores) for path in _paths(outline)]
+    paths += [(ENGRAVE, path) for dot in dots for path in _circles(dot)]
+    paths += [(ENGRAVE, _polygon(ring)) for ring in (designed.tag.outlines if designed.tag else ())]
+    box = _box(_mm(np.concatenate(designed.boundary.outlines())))
+    return _write(designed, Drawing(MARKER, paths, [(dot.name.removeprefix("dot-"), dot) for dot in dots], box))
+
+
+def write_laser_dxf(marker: Marker, fabrication: Fabrication) -> bytes:
+    """Write a plate for a laser as DXF: outline and holes to cut, dots and tag to engrave, in plan where it has relief.
+
+    Arcs are exact. Where cells of the tag meet in a corner they are apart, as in the solid.
+
+    Raises
+    ------
+    InputError
+        If the process refuses the marker.
+    """
+    designed = marker.as_designed
+    made = PROCESSES["laser"](designed, fabrication)
+    regions = plate_regions(designed)
+    dots = [(dot, Disk(dot.x, dot.y, dot.radius, dot.inner, dot.name)) for dot in dots_of(designed)]
+    holes = [(hole, _mm([hole.x, hole.y, hole.diameter / 2, hole.sink / 2]).tolist()) for hole in
+             designed.substrate.holes]  # fmt: skip
+    paths = [(CUT, path) for region in regions for path in region]
+    paths += [(CUT, circle(radius, x, y)) for _, (x, y, radius, _) in holes]
+    paths += [(ENGRAVE, path) for _, disk in dots for path in _circles(disk)]
+    marks = [body for body in made.marked if isinstance(body, Prism)]
+    paths += [(ENGRAVE, path) for body in marks for path in (body.outer, *body.holes)]
+    paths += [(INFO, circle(sink, x, y)) for hole, (x, y, _, sink) in holes if hole.sink]
+    paths += [(INFO, path) for keep_out in designed.keep_outs for path in _paths(keep_out)]
+    labels = [
+        (f"{dot.id}, z = {format_length(dot.z / 1e3)}" if dot.raised else str(dot.id), disk) for dot, disk in dots
+    ]
+    box = _box(np.array([point for outer, *_ in regions for point in _extent(outer)]))
+    return _write(designed, Drawing(PLATE, paths, labels, box))
+
+
+def _write(marker: Marker, drawing: Drawing) -> bytes:
+    from ezdxf import units
+    from ezdxf.filemanagement import new
+
+    with _without_time():
+        document = new("R2010", units=units.MM)
+        for name, color in COLORS.items():
+            document.layers.add(name, color=color).description = drawing.meaning[name]
+        space = document.modelspace()
+        for layer, path in drawing.paths:
+            _draw(space, layer, path)
+        _inform(space, marker, drawing)
+        # ezdxf would add these in the order of a set, which is another in every process.
+        for kind in sorted(document.entitydb.dxf_types_in_use()):
+            document.classes.add_class(kind)
+        stream = StringIO()
+        document.write(stream)
+        return document.encode(stream.getvalue())
+
+
+def _draw(space: Any, layer: str, path: Path) -> None:
+    if (disk := _round(path)) is not None:
+        x, y, radius = disk
+        space.add_circle((x, y), radius, dxfattribs={"layer": layer})
+        return
+    bulges = path.bulges or (0.0,) * len(path.points)
+    points = [(x, y, bulge) for (x, y), bulge in zip(path.points, bulges, strict=True)]
+    space.add_lwpolyline(points, format="xyb", close=True, dxfattribs={"layer": layer})
+
+
+def _inform(space: Any, marker: Marker, drawing: Drawing) -> None:
+    """Add the axes, each dot's number inside of it, and below the outline which marker this is."""
+    from ezdxf.enums import TextEntityAlignment
+
+    def write(words: str, x: float, y: float, height: float, align: Any) -> None:
+        space.add_text(words, height=height, dxfattribs={"layer": INFO}).set_placement((x, y), align=align)
+
+    (left, bottom), (right, _) = drawing.box.tolist()
+    size = max(right - left, 1.0) / 50
+    arm = 4 * size
+    for name, tip, at in (("x", (arm, 0.0), (1.2 * arm, 0.0)), ("y", (0.0, arm), (0.0, 1.2 * arm))):
+        space.add_line((0, 0), tip, dxfattribs={"layer": INFO})
+        write(name, at[0], at[1], size, TextEntityAlignment.MIDDLE_CENTER)
+    for words, dot in drawing.labels:
+        height = NUMBER * dot.radius * min(1.0, 5 / len(words))
+        write(words, dot.x, dot.y, height, TextEntityAlignment.MIDDLE_CENTER)
+    words = f"{marker_name(marker)}, {len(marker)} dots, millimeters, made with markergen {markergen.__version__}"
+    write(words, left, bottom - 2 * size, size * min(1.0, 60 / len(words)), TextEntityAlignment.LEFT)
+
+
+def _paths(outline: Boundary) -> list[Path]:
+    rings, circles = outline.curves()
+    return [
+        *(_polygon(ring) for ring in rings),
+        *(circle(radius, x, y) for x, y, radius in _mm(circles[:, :3]).tolist()),
+    ]
+
+
+def _circles(dot: Disk) -> list[Path]:
+    return [circle(radius, dot.x, dot.y) for radius in (dot.radius, dot.inner_radius) if radius]
+
+
+def _polygon(ring: Array) -> Path:
+    return Path(tuple((x, y) for x, y in _mm(ring).tolist()))
+
+
+def _round(path: Path) -> tuple[float, float, float] | None:
+    """Center and radius of a path of two half turns."""
+    if len(path.points) != 2 or {abs(bulge) for bulge in path.bulges} != {1.0}:
+        return None
+    (x, y), (u, v) = path.points
+    # Sums of whole picometers, and their halves, come back as they were.
+    return round((x + u) / 2, 11), round((y + v) / 2, 11), round(hypot(x - u, y - v) / 2, 11)
+
+
+def _extent(path: Path) -> list[tuple[float, float]]:
+    """Points that have a path's box, or one that is hardly larger."""
+    if (disk := _round(path)) is not None:
+        x, y, radius = disk
+        return [(x - radius, y - radius), (x + radius, y + radius)]
+    return list(path.points)
+
+
+def _box(points: Array) -> Array:
+    return np.stack([points.min(axis=0), points.max(axis=0)])
+
+
+def _mm(meters: Any) -> Any:
+    # Whole picometers, so that 0.0036 m reads 3.6 and not 3.5999999999999996.
+    return np.round(np.asarray(meters) * 1e3, 9)
+
+
+@contextmanager
+def _without_time() -> Iterator[None]:
+    """Let ezdxf write fixed dates and identifiers instead of the present time and random ones."""
+    import ezdxf
+
+    options = vars(ezdxf)["options"]
+    before = options.write_fixed_meta_data_for_testing
+    options.write_fixed_meta_data_for_testing = True
+    try:
+        yield
+    finally:
+        options.write_fixed_meta_data_for_testing = before

@@ -1,0 +1,19 @@
+"""STEP: the marker as named and colored parts, to machine or to print in two materials."""
+
+from collections.abc import Sequence
+
+from markergen.drawing.scene import marker_name
+from markergen.exporters import EXPORTERS, ExportOptions, Output, only
+from markergen.exporters.solids import beside_solid, solid_notes
+from markergen.model.marker import Marker
+from markergen.solid.make import parts_of, solids_of
+from markergen.solid.step import write_step
+
+
+@EXPORTERS.register(".step", ".stp")
+def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
+    """One assembly of solids as STEP (AP214), in mm; the paper is without effect."""
+    marker = only(markers, ".step").as_designed
+    made = parts_of(marker, options.fabrication)
+    data = write_step(solids_of(made), marker_name(marker))
+    return Output(data, solid_notes(marker, made, options), beside_solid(marker, options))

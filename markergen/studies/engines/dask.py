@@ -1,0 +1,175 @@
+"""A running Dask cluster."""
+
+import asyncio
+import logging
+import os
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager
+from time import monotonic, sleep
+from typing import TYPE_CHECKING, Any
+
+from markergen.errors import InputError, MarkergenError, MissingLibraryError
+from markergen.studies.cells import Cell, Result, Work, versions
+from markergen.studies.engines.base import ENGINES, Engine
+from markergen.validation.pool import BLAS_THREADS
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+ANSWER_SECONDS = 5.0
+"""Within which the scheduler must answer and have a worker: somebody waits for it at a terminal."""
+
+LOST_SECONDS = 60.0
+"""For which a cluster may be without any worker: most start another one in place of one that died."""
+
+LOOK_SECONDS = 5.0
+"""Between two looks at whether there still are workers."""
+
+
+@ENGINES.register("dask")
+class Dask(Engine):
+    """Hands the cells to the scheduler at `EngineOptions.scheduler`; a worker that dies is survived.
+
+    The workers need the same versions of markergen and of what it computes with; start them with ``--nthreads 1``.
+    """
+
+    def check(self) -> None:
+        """Refuse a scheduler that does not answer, or that has no workers."""
+        try:
+            import distributed
+        except ImportError as error:
+            raise MissingLibraryError(
+                f'expected Dask for --scheduler, found: {error}; install it with pip install "markergen[cluster]"'
+            ) from None
+        del distributed
+        address = self.options.scheduler
+        try:
+            with _quiet():
+                identity = asyncio.run(asyncio.wait_for(self._identity(), ANSWER_SECONDS + 1))
+        except OSError:
+            raise self._unreached(f"no answer in {ANSWER_SECONDS:.0f} s") from None
+        except (ValueError, TypeError) as error:
+            # What is no address, or one of another kind, has words of its own.
+            raise self._unreached(str(error)) from None
+        except Exception:
+            # Dask takes whatever comes for lengths and the like, and fails in as many ways.
+            raise self._unreached("something that answers otherwise") from None
+        if not identity.get("workers"):
+            raise InputError(
+                "a Dask scheduler with workers",
+                f"{identity.get('type', 'something else')} without at {address}",
+                f"start some with: dask worker {address} --nthreads 1",
+            )
+
+    def run(self, work: Work, cells: Sequence[Cell]) -> Generator[tuple[Cell, Result], None, None]:
+        """See `Engine.run`."""
+        from distributed import as_completed
+
+        with self._client() as client:
+            wanted = versions()
+            # Not pure: a name that the scheduler chooses cannot be that of somebody else's result.
+            futures = {client.submit(_compute, work, cell, wanted, pure=False): cell for cell in cells}
+            completed = as_completed(list(futures), loop=client.loop, with_results=True, raise_errors=False)
+            while completed.count():
+                self._wait(client, completed)
+                future, result = next(completed)
+                # The state of the future does not tell: that of a result which is here already goes back to
+                # pending when the worker that had it dies.
+                if not isinstance(result, dict):
+                    raise self._failure(future)
+                yield futures.pop(future), result
+                del future, result
+
+    def _wait(self, client: "Client", completed: "as_completed") -> None:  # type: ignore[name-defined]  # noqa: F821
+        """Return when a cell is done; raises when none can be because there are no workers."""
+        looked = seen = monotonic()
+        while not completed.has_ready():
+            sleep(0.02)
+            now = monotonic()
+            if now > looked + LOOK_SECONDS:
+                looked = now
+                if client.status != "running":
+                    raise self._lost("the scheduler is gone")
+                if client.scheduler_info()["workers"]:
+                    seen = now
+                elif now > seen + LOST_SECONDS:
+                    raise self._lost(f"no worker for {LOST_SECONDS:.0f} s")
+
+    @contextmanager
+    def _client(self) -> Iterator["Client"]:
+        self.check()
+        from distributed import Client
+
+        with _quiet(), Client(self.options.scheduler, timeout=ANSWER_SECONDS, set_as_default=False) as client:
+            yield client
+
+    async def _identity(self) -> dict[str, Any]:
+        """What the scheduler says of itself, as soon as it has a worker or the time is over."""
+        from distributed.core import rpc
+
+        begin, identity = monotonic(), dict[str, Any]()
+        async with rpc(self.options.scheduler, timeout=ANSWER_SECONDS) as scheduler:
+            while True:
+                identity = await asyncio.wait_for(scheduler.identity(), begin + ANSWER_SECONDS - monotonic())
+                if identity.get("workers") or monotonic() > begin + ANSWER_SECONDS - 1:
+                    return identity
+                await asyncio.sleep(0.2)
+
+    def _unreached(self, found: str) -> InputError:
+        where = f"a Dask scheduler at {self.options.scheduler}"
+        return InputError(where, found, "start one with: dask scheduler; give tcp://HOST:PORT")
+
+    def _failure(self, future: "Future") -> Exception:  # type: ignore[name-defined]  # noqa: F821
+        from distributed import KilledWorker
+
+        if future.status != "error":
+            return self._lost("the scheduler is gone")
+        error = future.exception()
+        if isinstance(error, KilledWorker):
+            return self._lost("a cell at which several workers died, out of memory perhaps")
+        # The scheduler looks into what it hands on, and says so in words of its own.
+        if isinstance(error, ImportError) or "deserialization" in str(error):
+            return InputError(
+                "markergen where the Dask scheduler and its workers run",
+                str(error).partition(". ")[0],
+                "install the same version there",
+            )
+        return error
+
+    def _lost(self, found: str) -> MarkergenError:
+        return MarkergenError(
+            f"expected a Dask cluster at {self.options.scheduler} to the end, found: {found}; "
+            "finished cells remain: mend it, and use --resume"
+        )
+
+
+def _compute(work: Work, cell: Cell, wanted: dict[str, str]) -> Result:
+    """Compute a cell on a worker: with one thread, and with the versions that the others have."""
+    import cv2
+    from threadpoolctl import threadpool_limits
+
+    found = versions()
+    if found != wanted:
+        differing = [
+            f"{name} {found[name]} in place of {wanted[name]}" for name in wanted if found[name] != wanted[name]
+        ]
+        raise InputError("the same versions on the Dask workers", ", ".join(differing), "install the same there")
+    cv2.setNumThreads(1)
+    # What is loaded already is told so, and what the cell loads reads it from the environment.
+    os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
+    threadpool_limits(1)
+    return work(cell)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep the library's log still: what it has to say comes as an error, and that is told in one line."""
+    loggers = [logging.getLogger(name) for name in logging.root.manager.loggerDict if name.startswith("distributed")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

@@ -1,0 +1,24 @@
+"""Processes on this machine."""
+
+from collections.abc import Generator, Sequence
+from contextlib import closing
+
+from markergen.studies.cells import Cell, Result, Work
+from markergen.studies.engines.base import ENGINES, Engine
+from markergen.validation.pool import as_completed_chunks, workers_for
+
+
+@ENGINES.register("processes")
+class Processes(Engine):
+    """Computes in fresh processes; one worker is one too, so that no number of them changes a bit."""
+
+    def check(self) -> None:
+        """Refuse a number of workers that cannot be."""
+        workers_for(self.options.workers, 1)
+
+    def run(self, work: Work, cells: Sequence[Cell]) -> Generator[tuple[Cell, Result], None, None]:
+        """See `Engine.run`."""
+        workers = workers_for(self.options.workers, len(cells))
+        with closing(as_completed_chunks(work, cells, workers)) as results:
+            for index, result in results:
+                yield cells[index], result

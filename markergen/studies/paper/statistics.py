@@ -1,0 +1,153 @@
+"""The tests by which claims are judged; each of one value for each pose.
+
+The poses are given. Random are the layouts and their noise, which are drawn for each pose anew: the values of a test
+are independent of one another, while runs and layouts of the same pose, which are not, have become one value.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.validation.metrics import share_interval
+
+Array = NDArray[np.float64]
+
+LEVEL = 1e-5
+"""A test has found something below this probability of finding it by chance. There are some 1,300 tests of two sides
+each: that any of them finds what is not there has a probability below 3 %, however they depend on one another."""
+
+CONFIDENCE = 0.99
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A value, and the tests that it is so and that it is not.
+
+    Attributes
+    ----------
+    value, low, high : float
+        The value and its interval at 99 %.
+    p, p_against : float
+        Of the test for what is claimed, and of that for the opposite; both are large where too little was measured.
+    count : int
+        How many values it is the middle of.
+    """
+
+    value: float
+    low: float
+    high: float
+    p: float
+    p_against: float
+    count: int
+
+    @property
+    def holds(self) -> bool:
+        """Whether what is claimed was found."""
+        return self.p < LEVEL
+
+    @property
+    def refuted(self) -> bool:
+        """Whether the opposite was found."""
+        return self.p_against < LEVEL
+
+
+NOTHING = Judged(np.nan, np.nan, np.nan, 1.0, 1.0, 0)
+"""What is known from no values."""
+
+
+def above(values: Array, threshold: float = 0.0) -> Judged:
+    """Median of values (k,) and Wilcoxon's signed-rank test that they lie above a threshold; nan is left out."""
+    kept = values[np.isfinite(values)] - threshold
+    value, low, high = _median(kept) + threshold
+    return Judged(value, low, high, *_signed_rank(kept), len(kept))
+
+
+def below(values: Array, threshold: float = 0.0) -> Judged:
+    """`above` the other way round."""
+    found = above(values, threshold)
+    return replace(found, p=found.p_against, p_against=found.p)
+
+
+def within(values: Array, margin: float) -> Judged:
+    """Median of values (k,), and two one-sided signed-rank tests that they lie above -margin and below margin."""
+    low, high = above(values, -margin), above(values, margin)
+    return replace(low, p=max(low.p, high.p_against), p_against=min(low.p_against, high.p))
+
+
+def majority(successes: int, count: int) -> Judged:
+    """Share of successes, and the binomial test that it is more than a half."""
+    from scipy.stats import binomtest
+
+    if not count:
+        return NOTHING
+    low, high = share_interval(successes, count, CONFIDENCE)
+    p, against = (binomtest(successes, count, 0.5, alternative=side).pvalue for side in ("greater", "less"))
+    return Judged(successes / count, low, high, float(p), float(against), count)
+
+
+def never(successes: int, count: int) -> Judged:
+    """Share of successes, of which there must be none: no test, so that p is 0 or 1."""
+    if not count:
+        return NOTHING
+    low, high = share_interval(successes, count, CONFIDENCE)
+    return Judged(successes / count, low, high, float(successes > 0), float(successes == 0), count)
+
+
+def falling(rows: Array) -> Judged:
+    """Page's test that values fall along rows (k, m); the value is the median of first less last."""
+    from scipy.stats import page_trend_test
+
+    kept = rows[np.isfinite(rows).all(axis=1)]
+    if len(kept) < 2:
+        return NOTHING
+    p, against = (page_trend_test(side, method="asymptotic").pvalue for side in (-kept, kept))
+    value, low, high = _median(kept[:, 0] - kept[:, -1])
+    return Judged(value, low, high, float(p), float(against), len(kept))
+
+
+def rank_correlation(first: Array, second: Array) -> Array:
+    """Spearman's correlation (P,) of rows (P, B), over the pairs that are finite; nan for fewer than four."""
+    from scipy.stats import rankdata
+
+    result = np.full(len(first), np.nan)
+    for row, (a, b) in enumerate(zip(first, second, strict=True)):
+        kept = np.isfinite(a) & np.isfinite(b)
+        if kept.sum() >= 4 and np.ptp(a[kept]) > 0 and np.ptp(b[kept]) > 0:
+            result[row] = np.corrcoef(rankdata(a[kept]), rankdata(b[kept]))[0, 1]
+    return result
+
+
+def row_means(rows: Array) -> Array:
+    """Means (P,) of the finite values of rows (P, B); nan where there are none."""
+    finite = np.isfinite(rows)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.where(finite, rows, 0.0).sum(axis=1) / finite.sum(axis=1))
+
+
+def _signed_rank(values: Array) -> tuple[float, float]:
+    """p-values of Wilcoxon's test that values lie above 0, and that they lie below."""
+    from scipy.stats import wilcoxon
+
+    if len(values) < 2 or not values.any():
+        return 1.0, 1.0
+    # Zeros count half for either side: with them left out, a claim of no difference at all would look certain.
+    p, against = (wilcoxon(values, alternative=side, zero_method="zsplit").pvalue for side in ("greater", "less"))
+    return float(p), float(against)
+
+
+def _median(values: Array) -> Array:
+    """Median, and its interval from order statistics, which knows no distribution."""
+    if not len(values):
+        return np.full(3, np.nan)
+    ordered, rank = np.sort(values), _rank(len(values))
+    return np.array([np.median(ordered), ordered[rank - 1], ordered[-rank]])
+
+
+@cache
+def _rank(count: int) -> int:
+    """Rank from either end of the order statistics between which the median lies with `CONFIDENCE`."""
+    from scipy.stats import binom
+
+    return max(int(binom.ppf((1 - CONFIDENCE) / 2, count, 0.5)), 1)

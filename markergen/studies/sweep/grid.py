@@ -1,0 +1,334 @@
+"""The spec of a sweep: a design spec with two tables more, ``[study]`` and ``[grid]``."""
+
+import hashlib
+import itertools
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, replace
+from math import isfinite, prod
+from pathlib import Path
+from typing import Any
+
+from markergen.errors import InputError
+from markergen.estimators import ESTIMATORS
+from markergen.model.camera import PAPER_CAMERA, Camera
+from markergen.model.findings import brief, listed
+from markergen.model.spec import Spec
+from markergen.read.cameras import read_camera
+from markergen.read.outlines import read_room
+from markergen.read.spec_file import read_template, spec_from_mapping, templates
+from markergen.studies.cells import canonical
+from markergen.studies.sweep.feasible import Feasible
+
+LAYOUTS = ("designed", "ngon", "square", "random")
+"""Where the control points are: designed for the spec, regular and as large as can be, or at random. A square has four
+control points whatever n is."""
+
+RUNS, NOISE_PX = 100, 0.2
+"""Defaults: noisy trials for each pose, and their noise."""
+
+MOST_POINTS_OF_GRID, MOST_RUNS, MOST_NOISE_PX = 10_000, 2000, 1000.0
+MOST_NAME, SHOWN = 200, 200
+"""Characters of a name, and findings of a message."""
+
+_STUDY = ("name", "seed", "runs", "estimators", "noise", "layout")
+_OWN = ("noise", "layout")
+"""Axes that are no keys of a design spec."""
+
+KEYS = {"radius", *_OWN, *(field.name for field in fields(Spec))}
+"""Axes that a grid may have."""
+
+_TEXT = "the spec"
+_INVALID = f"a valid spec in {_TEXT}"
+"""What is expected where a key or the form of its value is wrong."""
+
+
+@dataclass(frozen=True)
+class GridPoint:
+    """One point of the grid.
+
+    Attributes
+    ----------
+    axes : mapping
+        Value of each axis, as it is written in the file.
+    spec : Spec
+    layout : str
+        One of `LAYOUTS`.
+    noise_px : float
+        Of the trials.
+    estimators : tuple of str
+        Those that can do with the layout.
+    """
+
+    axes: Mapping[str, Any]
+    spec: Spec
+    layout: str
+    noise_px: float
+    estimators: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep that can be run.
+
+    Attributes
+    ----------
+    name : str
+    fixed : mapping
+        Values of the keys that are the same everywhere, as plain JSON values.
+    axes : mapping
+        Values of each axis of the grid, as they are written.
+    runs : int
+        Trials for each pose.
+    points : tuple of GridPoint
+        The last axis changes fastest.
+    """
+
+    name: str
+    fixed: Mapping[str, Any]
+    axes: Mapping[str, tuple[Any, ...]]
+    runs: int
+    points: tuple[GridPoint, ...]
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What makes it this sweep and no other, as plain JSON values: all that is computed."""
+        points = [[point.spec.hash, point.layout, point.noise_px, *point.estimators] for point in self.points]
+        return {
+            "study": self.name,
+            "fixed": self.fixed,
+            "axes": {name: list(map(_plain, values)) for name, values in self.axes.items()},
+            "runs": self.runs,
+            # What files held when they were read, and what is left to defaults.
+            "points": hashlib.sha256(canonical(points).encode()).hexdigest(),
+        }
+
+
+def studies() -> dict[str, Path]:
+    """Shipped sweeps by name, whether markergen runs from a wheel or from a checkout."""
+    folder = next(iter(templates().values())).parent / "studies"
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def read_sweep(name: str, runs: int | None = None) -> Sweep:
+    """Read a sweep: the name of one that is shipped (see `studies`), or the path of a TOML file.
+
+    Paths in the file are as on the command line: from the folder that one is in. `runs` replaces what the file has.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it is no sweep; all unknown keys, unfit values and combinations that cannot be
+        are listed.
+    """
+    known = studies()
+    if not name.endswith(".toml") and name not in known:
+        raise InputError("paper, a known study, or a .toml file", repr(name), f"known: {', '.join(['paper', *known])}")
+    path = known.get(name, Path(name))
+    return sweep_from_mapping(read_template(str(path)), path.stem, runs)
+
+
+def sweep_from_mapping(values: Mapping[str, Any], name: str = "study", runs: int | None = None) -> Sweep:
+    """Make a sweep of plain values (see `read_sweep`); `name` is what it is called unless it says so itself."""
+    findings: list[str] = []
+    fixed = {key: value for key, value in values.items() if key not in ("study", "grid", "title")}
+    table = values.get("study", {})
+    if runs is not None and isinstance(table, Mapping):
+        table = {**table, "runs": runs}
+    study = _study(table, findings)
+    if "seed" in study and "seed" in fixed:
+        findings.append("seed: given twice, in [study] and outside")
+    if "seed" in study:
+        fixed["seed"] = study["seed"]
+    fixed = {key: value for key, given in fixed.items() if (value := _fit(key, given, "", findings)) is not None}
+    fixed |= {key: study[key] for key in _OWN if key in study}
+    axes = _axes(values.get("grid", {}), findings)
+    rooms = {"boundary", "radius"}
+    for key in axes:
+        if key in fixed or (key in rooms and rooms & set(fixed)):
+            findings.append(f"grid.{key}: given outside the grid, too" if key in fixed else f"grid.{key}: {_ROOM}")
+    estimators = tuple(study.get("estimators", ()))
+    count = prod(map(len, axes.values()))
+    if count > MOST_POINTS_OF_GRID:
+        findings.append(f"grid: {count} combinations, at most {MOST_POINTS_OF_GRID}")
+    points = [] if count > MOST_POINTS_OF_GRID else list(_combinations(axes, fixed, estimators, findings))
+    if findings:
+        raise InputError(f"a study that can be run in {name}", listed(findings, SHOWN), "correct these places")
+    written = {key: tuple(given for given, _ in pairs) for key, pairs in axes.items()}
+    return Sweep(study.get("name", name), _plain(fixed), written, study.get("runs", RUNS), tuple(points))
+
+
+_ROOM = "either radius or boundary, fixed or in the grid, not both"
+
+
+def _study(table: Any, findings: list[str]) -> dict[str, Any]:
+    """What is usable of the table ``[study]``."""
+    if not isinstance(table, Mapping):
+        findings.append(f"study: not a table (got {brief(table)})")
+        return {}
+    found = {}
+    for key, value in table.items():
+        if key not in _STUDY:
+            findings.append(f"study.{brief(key)[1:-1]}: unknown key (known: {', '.join(_STUDY)})")
+        elif words := _wrong(key, value):
+            findings.append(f"study.{key}: {words} (got {brief(value)})")
+        else:
+            found[key] = value
+    return found
+
+
+def _wrong(key: str, value: Any) -> str:
+    """What is wrong with a value of ``[study]``, or of an axis that no design spec knows."""
+    if key == "name":
+        fits = isinstance(value, str) and 0 < len(value) <= MOST_NAME and value.isprintable()
+        return "" if fits else f"a line of text of at most {MOST_NAME} characters"
+    if key == "runs":
+        return "" if _is_whole(value, MOST_RUNS) else f"a whole number from 0 to {MOST_RUNS}"
+    if key == "seed":
+        return "" if _is_whole(value, 2**63 - 1) else "a whole number of 0 or more"
+    if key == "noise":
+        fits = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value <= MOST_NOISE_PX
+        return "" if fits else f"a number of px above 0, at most {MOST_NOISE_PX:g}"
+    if key == "layout":
+        return "" if value in LAYOUTS else f"one of {', '.join(LAYOUTS)}"
+    known = isinstance(value, list) and all(isinstance(name, str) and name in ESTIMATORS.names() for name in value)
+    return "" if known and value else f"a list of {', '.join(ESTIMATORS)}"
+
+
+def _is_whole(value: Any, most: int) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= most
+
+
+def _axes(table: Any, findings: list[str]) -> dict[str, list[tuple[Any, Any]]]:
+    """Usable values of each axis: as they are written, and as a spec takes them."""
+    if not isinstance(table, Mapping) or not table:
+        findings.append("grid: missing; give at least one list, such as n = [4, 5, 6]")
+        return {}
+    axes = {}
+    for key, given in table.items():
+        if key not in KEYS:
+            findings.append(f"grid.{brief(key)[1:-1]}: unknown key (known: {', '.join(sorted(KEYS))})")
+            continue
+        if not isinstance(given, list) or not given:
+            findings.append(f"grid.{key}: not a list of values (got {brief(given)})")
+            continue
+        pairs, seen = [], set()
+        for value in given:
+            text = json.dumps(_plain(value), sort_keys=True)
+            if text in seen:
+                findings.append(f"grid.{key}: {brief(value)} twice")
+            elif (fitting := _fit(key, value, "grid.", findings)) is not None:
+                pairs.append((value, fitting))
+            seen.add(text)
+        if pairs:
+            axes[key] = pairs
+    return axes
+
+
+def _fit(key: str, value: Any, where: str, findings: list[str]) -> Any:
+    """A value as a spec takes it; None, and a finding, if it can be none of this key."""
+    if key in _OWN and where:
+        words = _wrong(key, value)
+        if words:
+            findings.append(f"{where}{key}: {words} (got {brief(value)})")
+        return None if words else value
+    try:
+        value = _read(key, value)
+    except InputError as error:
+        findings.append(f"{where}{key}: expected {error.args[0]}, found {error.args[1]}")
+        return None
+    try:
+        spec_from_mapping({key: value}, _TEXT)
+    except InputError as error:
+        if error.args[0] == _INVALID:
+            findings.append(where + error.args[1])
+            return None
+        # What `Spec` itself says may be mended by other keys: it is asked again for each combination.
+    return value
+
+
+def _read(key: str, value: Any) -> Any:
+    """What a text stands for: a calibration file, a drawing, or poses of a file."""
+    if key == "camera" and isinstance(value, str):
+        return named_camera(value).as_dict()
+    if key == "boundary" and isinstance(value, str):
+        room, _ = read_room(value)
+        assert room is not None
+        return room.as_dict()
+    return value
+
+
+def named_camera(text: str) -> Camera:
+    """Camera of ``paper`` or of a calibration file, with ``@2`` behind it that of twice as many pixels each way.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or the scale is none.
+    """
+    name, mark, scale = text.rpartition("@")
+    if not mark or not re.fullmatch(r"[0-9.]+", scale):
+        name, scale = text, "1"
+    camera = PAPER_CAMERA if name == "paper" else read_camera(name)
+    try:
+        factor = float(scale)
+    except ValueError:
+        factor = 0.0
+    if not (isfinite(factor) and factor > 0):
+        raise InputError("a scale above 0 behind @", repr(text), "write paper@2, for example")
+    # Pixel centers are at integers: the left edge of the image stays at -0.5.
+    return replace(
+        camera,
+        width=max(1, round(camera.width * factor)),
+        height=max(1, round(camera.height * factor)),
+        fx=camera.fx * factor,
+        fy=camera.fy * factor,
+        cx=(camera.cx + 0.5) * factor - 0.5,
+        cy=(camera.cy + 0.5) * factor - 0.5,
+    )
+
+
+def _combinations(
+    axes: Mapping[str, list[tuple[Any, Any]]],
+    fixed: Mapping[str, Any],
+    estimators: tuple[str, ...],
+    findings: list[str],
+) -> Iterator[GridPoint]:
+    """Points of the grid; those that cannot be become findings, one for each reason."""
+    impossible: dict[str, list[str]] = {}
+    feasible = Feasible()
+    for pairs in itertools.product(*axes.values()):
+        written = {key: given for key, (given, _) in zip(axes, pairs, strict=True)}
+        values = {**fixed, **{key: fit for key, (_, fit) in zip(axes, pairs, strict=True)}}
+        layout, noise = values.pop("layout", LAYOUTS[0]), values.pop("noise", NOISE_PX)
+        try:
+            spec = spec_from_mapping(values, _TEXT)
+            yield GridPoint(written, spec, layout, float(noise), feasible.check(spec, layout, estimators))
+        except InputError as error:
+            expected, found, _ = error.args
+            words = found if expected == _INVALID else f"expected {expected}, found {found}"
+            impossible.setdefault(words, []).append(_where(written))
+    for words, places in impossible.items():
+        more = f" and {len(places) - 1} more combinations" if len(places) > 2 else ""
+        findings.append(f"{places[0]}{more or ''.join(f' and {place}' for place in places[1:])}: {words}")
+
+
+def _where(written: Mapping[str, Any]) -> str:
+    return " ".join(f"{key}={axis_text(value)}" for key, value in written.items()) or "the spec"
+
+
+def axis_text(value: Any) -> str:
+    """A value of an axis as a table and a plot have it: text as it is written, what is no single value as JSON."""
+    return value if isinstance(value, str) else canonical(_plain(value))
+
+
+def _plain(value: Any) -> Any:
+    """A value of a TOML file as JSON has it; dates, which no key takes, as text."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not isfinite(value):
+        return str(value)
+    return value if isinstance(value, str | int | float | bool) else str(value)

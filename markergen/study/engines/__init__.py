@@ -1,5 +1,0 @@
-"""Engines: who computes the cells of a study. A new one is a new file."""
-
-from markergen.study.engines.base import ENGINES, Engine, EngineOptions, engine_for
-
-__all__ = ["ENGINES", "Engine", "EngineOptions", "engine_for"]

@@ -1,6 +1,0 @@
-"""Sweeps: any grid over what decides a marker, its camera and its noise, as one tidy table."""
-
-from markergen.study.sweep.grid import Sweep, read_sweep, studies, sweep_from_mapping
-from markergen.study.sweep.run import run_sweep
-
-__all__ = ["Sweep", "read_sweep", "run_sweep", "studies", "sweep_from_mapping"]

@@ -1,0 +1,117 @@
+"""Cramer-Rao bounds of a marker over a pose distribution."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.estimators.budget import PoseBudget, pose_budget
+from markergen.maths.dot_noise import dot_covariance
+from markergen.maths.information import (
+    covariance,
+    flip_separation,
+    information,
+    pose_jacobian,
+    rotation_bound,
+    translation_bound,
+)
+from markergen.maths.projection import perspective, to_camera
+from markergen.model.camera import Camera
+from markergen.model.marker import Marker
+from markergen.model.poses import PoseDistribution
+from markergen.objectives.lens import lens_blocks, through_lens
+from markergen.render import Optics
+from markergen.render.optics import FULL_SCALE, light_at
+from markergen.render.view import dot_ellipses
+from markergen.validation.views import Shoot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PoseBounds:
+    """What no unbiased estimator can beat, to first order, for each of P poses.
+
+    Attributes
+    ----------
+    information : array (P, 6, 6)
+        Fisher information of the pose for noise of 1 px.
+    rotation_deg, translation_pct : arrays (P,)
+        RMS of RE and TE that the noise allows; inf where the layout leaves the pose undetermined.
+    separation : array (P,)
+        Angle between pose and mirrored pose in units of the rotation bound.
+    """
+
+    information: Array
+    rotation_deg: Array
+    translation_pct: Array
+    separation: Array
+
+
+def pose_bounds(points: Array, camera: Camera, poses: PoseDistribution, noise_px: float) -> PoseBounds:
+    """Bounds of the pose for control points (n, 3) in m and Gaussian noise of `noise_px` on every image coordinate.
+
+    The noise is that of the image as taken, through the lens.
+    """
+    ideal = pose_jacobian(points, poses.rotation, poses.translation, camera.focal)
+    matrix = information(through_lens(ideal, points, camera, poses))
+    unit = covariance(matrix)
+    # Without noise there is no bound to measure by: every two poses are as far apart as can be.
+    separation = flip_separation(poses.rotation, poses.translation, unit) / noise_px if noise_px else np.inf
+    return PoseBounds(
+        information=matrix,
+        rotation_deg=noise_px * np.rad2deg(rotation_bound(unit)),
+        translation_pct=noise_px * 100 * translation_bound(unit, poses.translation),
+        separation=np.broadcast_to(separation, len(poses)),
+    )
+
+
+def image_covariance(
+    marker: Marker, camera: Camera, poses: PoseDistribution, optics: Optics, bare_px: float = 0.0
+) -> Array:
+    """Covariances (P, n, 2, 2) in px^2 of the dots' centers that the noise of the image allows, pose by pose.
+
+    Contrast and noise are those at each dot's place in the image; motion counts as a blur alike in all directions.
+    Bare points have no image: theirs is `bare_px` on every coordinate.
+    """
+    if not marker.dot_diameter:
+        return np.broadcast_to(bare_px**2 * np.eye(2), (len(poses), len(marker), 2, 2))
+    diameters = np.array([point.feature.diameter for point in marker.control_points])
+    ellipses = [
+        dot_ellipses(marker, camera.ideal, *pose, diameters)
+        for pose in zip(poses.rotation, poses.translation, strict=True)
+    ]
+    _, semi, angle = (np.stack(part) for part in zip(*ellipses, strict=True))
+    normalized = perspective(to_camera(marker.xyz, poses.rotation, poses.translation))
+    factor = light_at(optics, camera.to_pixels(normalized), camera.width, camera.height)
+    dark, light = (np.minimum(factor * level, FULL_SCALE) for level in (optics.dark, optics.light))
+    # Information goes with the square of contrast over noise, which is another at every dot.
+    quality = (light - dark) / optics.grey_noise((dark + light) / 2)
+    ideal = dot_covariance(semi, angle, optics.edge_blur, 1.0, 1.0, lens_blocks(camera, normalized))
+    return ideal / np.maximum(quality, 1e-9)[..., None, None] ** 2
+
+
+def budget_of(shoot: Shoot, bare_px: float = 0.0) -> PoseBudget:
+    """Error budget (P, 6, 6) of every pose of a shoot, with its optics, print and calibration."""
+    poses = shoot.poses
+    image = image_covariance(shoot.marker, shoot.camera, poses, shoot.optics, bare_px)
+    errors = shoot.errors.of(shoot.marker)
+    return pose_budget(shoot.marker.xyz, poses.rotation, poses.translation, shoot.camera, image, errors)
+
+
+def error_budget(shoot: Shoot, bare_px: float = 0.0) -> dict[str, Any]:
+    """What limits the pose, RMS over the poses: image, print, calibration, and the total, in degrees and percent."""
+    budget = budget_of(shoot, bare_px)
+    image = image_covariance(shoot.marker, shoot.camera, shoot.poses, shoot.optics, bare_px)
+    return {
+        "print_sigma_mm": 1e3 * shoot.errors.print_sigma,
+        "camera_exact": shoot.errors.camera_covariance is None,
+        "image_px": float(np.sqrt(np.mean(np.trace(image, axis1=-2, axis2=-1)))),
+        "rotation_deg": {name: _rms(part) for name, part in budget.rotation_deg.items()},
+        "translation_pct": {name: _rms(part) for name, part in budget.translation_pct(shoot.poses.translation).items()},
+    }
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,214 @@
+"""A comparison as tables and as a picture."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from markergen.errors import InputError
+from markergen.validation.tables import Table, number, percent
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_FORMATS: dict[str, dict[str, None]] = {".svg": {"Date": None, "Creator": None}, ".png": {"Software": None}}
+"""Kinds of pictures, and what to leave out of each: a time, and a version."""
+_COLORS = ("#0b5394", "#b45f06", "#38761d", "#741b47", "#674ea7", "#134f5c", "#7f6000", "#444444")
+_LINES = ("-", "--", "-.", ":")
+_MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
+
+
+def tables(results: Mapping[str, Any]) -> list[Table]:
+    """Results of `compare` as tables: what is found and how accurately, and the rotation error by tilt and distance."""
+    return [
+        _overview(results),
+        _common(results),
+        _split(results, "by_polar_angle", "deg", "polar angle"),
+        _split(results, "by_distance", "m", "distance"),
+    ]
+
+
+def heading(results: Mapping[str, Any]) -> str:
+    """What was compared, from where, through what."""
+    camera, poses, optics = results["camera"], results["poses"], results["optics"]
+    return (
+        f"{results['views']['count']} views of each from {poses['count']} poses ({poses['name']}), "
+        f"in a circle of radius {1e3 * results['radius']:g} mm\n"
+        f"camera {camera['width']}x{camera['height']}, focal length {camera['fx']:g} px, "
+        f"blur {optics['blur_px']:g} px, noise {optics['noise_grey']:g} grey levels, "
+        f"levels {optics['dark']:g} to {optics['light']:g}"
+    )
+
+
+def sentences(results: Mapping[str, Any]) -> list[str]:
+    """How large each contestant is and how it was looked for, and what was done about the print's error."""
+    lines = [f"{name}: {entry['size']}; {entry['setting']}" for name, entry in _named(results)]
+    if results["print_sigma_mm"]:
+        lines.append(
+            f"Print error {results['print_sigma_mm']:g} mm per axis, of every dot and of every corner of a square."
+        )
+    else:
+        lines.append("Without print error: it hits all alike, and hides what the image would allow.")
+    return lines
+
+
+def _overview(results: Mapping[str, Any]) -> Table:
+    rows: list[list[str]] = []
+    for name, entry in _named(results):
+        ratio = entry["ratio"]["rotation_deg"]
+        within = f" ({number(ratio['interval'][0], 2)}..{number(ratio['interval'][1], 2)})" if ratio and rows else ""
+        rows.append(
+            [
+                name,
+                percent(entry["rate"]),
+                str(entry["wrong"]),
+                *(number(entry["rotation_deg"][key]) for key in ("rms", "median")),
+                number(entry["translation_pct"]["rms"]),
+                number(entry["point_px"]["rms"]),
+                (number(ratio["rms"], 2) if ratio else "-") + within,
+            ]
+        )
+    header = ["", "found", "wrong", "RE rms", "median", "TE rms", "px rms", "ratio (95 %)"]
+    caption = (
+        "Over the views that each found; RE in deg, TE in %. "
+        f"Ratio: RMS of RE over that of {rows[0][0]}, in the views that both found."
+    )
+    return "Found, and how accurately", header, rows, caption
+
+
+def _common(results: Mapping[str, Any]) -> Table:
+    rows = [
+        [
+            name,
+            *(number(entry["common"]["rotation_deg"][key]) for key in ("rms", "median", "p95")),
+            *(number(entry["common"]["translation_pct"][key]) for key in ("rms", "median", "p95")),
+            str(entry["flips"]),
+        ]
+        for name, entry in _named(results)
+    ]
+    views = results["views"]
+    header = ["", "RE rms", "median", "p95", "TE rms", "median", "p95", "flips"]
+    title = f"Over the {views['common']} of {views['count']} views that all found"
+    return title, header, rows, "Flips are counted over all views."
+
+
+def _split(results: Mapping[str, Any], by: str, unit: str, words: str) -> Table:
+    groups = list(results["contestants"][0][by])
+    rows = [[name, *(_cell(entry[by][group]) for group in groups)] for name, entry in _named(results)]
+    title = f"RE rms, deg, by {words}"
+    caption = "Over the views that each found; in brackets how many those are, where not all."
+    return title, ["", *(f"{group} {unit}" for group in groups)], rows, caption
+
+
+def _cell(group: Mapping[str, Any]) -> str:
+    share = "" if group["rate"] == 1 else f" ({percent(group['rate'])})"
+    return number(group["rotation_deg"]["rms"]) + share
+
+
+def _named(results: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """Contestants with names that fit a column: of files without their folders, unless two would be the same."""
+    names = [entry["name"] for entry in results["contestants"]]
+    short = [Path(name).name if name.endswith(".json") else name for name in names]
+    return list(zip(short if len(set(short)) == len(short) else names, results["contestants"], strict=True))
+
+
+def check_plot(path: Path) -> None:
+    """Refuse a picture of a kind that is not drawn.
+
+    Raises
+    ------
+    InputError
+        If the path ends neither in .svg nor in .png.
+    """
+    if path.suffix.lower() not in _FORMATS:
+        raise InputError(f"a picture {' or '.join(_FORMATS)}", str(path), "choose one of these endings")
+
+
+def plot_bytes(results: Mapping[str, Any], path: Path) -> bytes:
+    """Bytes of `comparison_figure` as the path's ending says; the same results give the same bytes."""
+    from io import BytesIO
+
+    from matplotlib import rc_context
+
+    check_plot(path)
+    suffix = path.suffix.lower()
+    buffer = BytesIO()
+    with rc_context({"svg.hashsalt": "markergen", "svg.fonttype": "path"}):
+        comparison_figure(results).savefig(buffer, format=suffix[1:], dpi=150, metadata=_FORMATS[suffix])
+    return buffer.getvalue()
+
+
+def comparison_figure(results: Mapping[str, Any]) -> "Figure":
+    """Rotation errors of all contestants, and their RMS by tilt, over the views that all found; deg, logarithmic."""
+    from matplotlib.figure import Figure
+
+    entries = [entry | {"name": name} for name, entry in _named(results)]
+    figure = Figure(figsize=(10, 1.9 + 0.42 * len(entries)), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=[1, 1.15])
+    draw_errors(entries, left)
+    draw_by_tilt(entries, right)
+    views = results["views"]
+    figure.suptitle(f"Rotation error over the {views['common']} of {views['count']} views that all found", fontsize=11)
+    return figure
+
+
+def draw_errors(entries: list[dict[str, Any]], ax: "Axes") -> "Axes":
+    """Draw median, RMS and 95th percentile of each contestant's rotation error in a row of its own."""
+    looks: dict[str, dict[str, Any]] = {
+        "median": {"marker": "o", "markerfacecolor": "white"},
+        "rms": {"marker": "D", "markerfacecolor": "#222222"},
+        "p95": {"marker": "|", "markersize": 11},
+    }
+    for y, entry in enumerate(entries):
+        found = entry["common"]["rotation_deg"]
+        if not found["count"]:
+            ax.annotate("not found", (0.5, y), xycoords=("axes fraction", "data"), ha="center", va="center")
+            continue
+        ax.plot([found["median"], found["p95"]], [y, y], color=_COLORS[y % len(_COLORS)], linewidth=2, zorder=1)
+        for key, look in looks.items():
+            ax.plot(
+                found[key], y, linestyle="none", color="#222222", zorder=2, label={"p95": "95 %"}.get(key, key), **look
+            )
+        ax.annotate(number(found["rms"], 2), (found["rms"], y), (0, 6), textcoords="offset points", ha="center",
+                    fontsize=8)  # fmt: skip
+    ax.set_yticks(range(len(entries)), [entry["name"] for entry in entries])
+    ax.set_ylim(len(entries) - 0.4, -0.7)
+    _plain_log(ax, "x")
+    ax.set_xlabel("RE, deg")
+    ax.grid(axis="x", color="#dddddd")
+    handles, labels = ax.get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    ax.legend(unique.values(), unique.keys(), fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1), ncols=3)
+    return ax
+
+
+def draw_by_tilt(entries: list[dict[str, Any]], ax: "Axes") -> "Axes":
+    """Draw the RMS of each contestant's rotation error over the polar angle."""
+    groups = list(entries[0]["by_polar_angle"])
+    angles = [float(np.mean([float(end) for end in group.split("..")])) for group in groups]
+    for k, entry in enumerate(entries):
+        values = [entry["by_polar_angle"][group]["common"]["rotation_deg"]["rms"] for group in groups]
+        ax.plot(
+            angles, [value or np.nan for value in values], label=entry["name"], color=_COLORS[k % len(_COLORS)],
+            linestyle=_LINES[k % len(_LINES)], marker=_MARKS[k % len(_MARKS)], markersize=5,
+        )  # fmt: skip
+    _plain_log(ax, "y")
+    ax.set_xticks(angles, groups)
+    ax.set_xlabel("polar angle, deg")
+    ax.set_ylabel("RE rms, deg")
+    ax.grid(color="#dddddd")
+    ax.legend(fontsize=8, loc="center left", bbox_to_anchor=(1, 0.5))
+    return ax
+
+
+def _plain_log(ax: "Axes", which: str) -> None:
+    """Make an axis logarithmic, with numbers as people write them."""
+    from matplotlib.ticker import FuncFormatter, LogLocator
+
+    getattr(ax, f"set_{which}scale")("log")
+    axis = getattr(ax, f"{which}axis")
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_locator(LogLocator(subs=()))

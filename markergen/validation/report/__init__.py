@@ -1,0 +1,82 @@
+"""The report: one HTML file that holds all it shows, the same bytes from the same results."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from markergen.errors import InputError
+from markergen.estimators.budget import PoseBudget
+from markergen.model.marker import Marker
+from markergen.objectives import Setting
+
+if TYPE_CHECKING:
+    from markergen.validation.pictures import Picture
+
+__all__ = ["check_report", "html_report"]
+
+
+def html_report(
+    results: dict[str, Any],
+    marker: Marker,
+    setting: Setting,
+    pictures: "Sequence[Picture]" = (),
+    budget: PoseBudget | None = None,
+) -> bytes:
+    """Make one self-contained HTML page of the results of a validation.
+
+    Parameters
+    ----------
+    results : dict
+        In the form that docs/validate.md describes. A part that is missing or null leaves its section out, with a
+        sentence how to get it.
+    marker : Marker
+    setting : Setting
+        Camera and poses of the results; their order decides what ``pose`` means in the samples.
+    pictures : sequence of Picture
+        Sample views, worst cases, failures; shown in this order.
+    budget : PoseBudget or None
+        Covariances (P, 6, 6) of the setting's poses by source. With it the report says what to expect of the whole
+        budget, without it of image noise alone.
+
+    Returns
+    -------
+    bytes
+        UTF-8; no scripts, no dates, nothing loaded from elsewhere. What comes from files is escaped.
+    """
+    from markergen import __version__
+    from markergen.validation.report import measured, overview, words
+    from markergen.validation.report.page import data_uri, fill
+    from markergen.validation.report.subject import Subject
+
+    # A part that is null is one that is missing.
+    present = {key: part for key, part in results.items() if part is not None}
+    subject = Subject(present, marker, setting, budget)
+    camera, poses = setting.camera, setting.poses
+    return fill(
+        {
+            "title": words.title(marker),
+            "version": __version__,
+            "camera": camera,
+            "poses": poses,
+            "answer": overview.answer(subject),
+            "limits": overview.limits(subject),
+            "marker": overview.the_marker(subject),
+            "labels": overview.labels(subject),
+            "origin": overview.origin(marker),
+            "provenance": overview.provenance(marker),
+            "pose_space": overview.pose_space(subject),
+            "trials": measured.trials(subject),
+            "views": measured.views(subject),
+            "ellipses": measured.ellipses(subject),
+            "comparison": overview.comparison(subject),
+            "pictures": [(picture, data_uri(picture.png)) for picture in pictures],
+            "advice": overview.size_advice(subject),
+            "command": overview.command(subject),
+        }
+    )
+
+
+def check_report(path: Path) -> None:
+    """Refuse a path whose ending promises something else than a page."""
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise InputError("a page .html", str(path), "name the report so that a browser opens it")

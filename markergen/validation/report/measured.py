@@ -1,0 +1,283 @@
+"""Sections about what was measured: trials with noisy points, rendered views, and the errors in two dimensions."""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.render import Optics
+from markergen.validation import tables, view_tables
+from markergen.validation.bounds import image_covariance
+from markergen.validation.report.ellipses_plot import Ellipse, carried_over, draw_ellipses, share_inside
+from markergen.validation.report.errors_plot import distribution, draw_errors, errors_over, ranked
+from markergen.validation.report.expected import Cell, Expected, cells, middle, noise_of, rms
+from markergen.validation.report.page import Plot, plot
+from markergen.validation.report.subject import ERRORS, GROUPINGS, Results, Section, Subject, labeled
+from markergen.validation.report.words import number
+from markergen.validation.tables import Table
+from markergen.validation.view_records import DETECTOR
+
+Array = NDArray[np.float64]
+
+MOST_FAILURES = 20
+"""Views that were not detected, in the table."""
+_UNITS = ("px", "grey", "deg")
+
+
+def trials(subject: Subject) -> Section:
+    """What the estimators make of noisy image points."""
+    results = subject.results
+    estimators = results.get("estimators") or {}
+    if not estimators or not results.get("bound"):
+        return Section(missing="No trials were run; markergen validate runs them with --runs 1000.")
+    found = subject.bound
+    noise = f"{noise_of(results):g} px"
+    section = Section(
+        [
+            f"{results.get('runs', 0)} trials at each pose, Gaussian noise of {noise} on every image coordinate.",
+            *tables.sentences({"nees": None, **results, "views": None, "labels": None}),
+        ]
+    )
+    for group, groups, axis in GROUPINGS:
+        by_estimator = {name: row[groups] for name, row in estimators.items() if row.get(groups)}
+        for key, name, unit in ERRORS:
+            measured = {
+                estimator: {each: row[key] for each, row in rows.items()} for estimator, rows in by_estimator.items()
+            }
+            only = "" if measured else " These results hold no errors by distance, so it is the bound alone."
+            section.plots.append(
+                plot(
+                    labeled(
+                        partial(errors_over, measured, _by_group(found, groups, key)), axis, f"{name} error, {unit}"
+                    ),
+                    f"trials-{group}-{key}",
+                    f"RMS {name} error of each estimator over the {group}, with the bound below.",
+                    f"{name.capitalize()} error over the {group}, for noise of {noise}.{only}",
+                )
+            )
+    drawn = draw_errors(found.covariance)
+    for key, name, unit in ERRORS:
+        curves = {
+            estimator: (np.array(row["quantiles"][key], dtype=float), np.array(row["quantiles"]["level"], dtype=float))
+            for estimator, row in estimators.items()
+            if row.get("quantiles")
+        }
+        marks = {} if curves else {estimator: row[key] for estimator, row in estimators.items()}
+        section.plots.append(
+            plot(
+                labeled(partial(distribution, _sizes(drawn, found, key), curves, marks=marks), f"{name} error, {unit}"),
+                f"trials-cdf-{key}",
+                f"Cumulative distribution of the {name} error of each estimator and of the bound.",
+                f"Distribution of the {name} error over all trials and poses. The bound is what errors at the limit "
+                "would show.",
+            )
+        )
+    section.tables += [tables.rotation_table(results), tables.translation_table(results)]
+    section.tables += [tables.polar_angle_table(results, key) for key, _, _ in ERRORS]
+    if results.get("homography"):
+        section.tables.append(tables.homography_table(results))
+    return section
+
+
+def views(subject: Subject) -> Section:
+    """What is found in rendered images, and how accurately."""
+    seen = subject.views
+    if not seen:
+        return Section(missing="No views were rendered; markergen validate renders them with --views 100.")
+    predicted, samples = subject.predicted, seen.get("samples") or []
+    section = Section(_in_words(seen), tables=_views_tables(seen))
+    for group, groups, axis in GROUPINGS:
+        where = _column(samples, "polar_angle_deg" if group == "tilt" else "distance")
+        for key, name, unit in ERRORS:
+            measured: dict[str, dict[str, Any]] = {}
+            for each, row in (seen.get(groups) or {}).items():
+                for estimator, parts in (row.get("estimators") or {}).items():
+                    measured.setdefault(estimator, {})[each] = parts[key]
+            if not measured and not len(where):
+                continue
+            limits = {} if predicted is None else _by_group(predicted, groups, key)
+            drawing = partial(
+                errors_over, measured, limits, samples=(where, _column(samples, key)), bound_name="predicted"
+            )
+            section.plots.append(
+                plot(
+                    labeled(drawing, axis, f"{name} error, {unit}"),
+                    f"views-{group}-{key}",
+                    f"RMS {name} error in rendered images over the {group}, with single views as dots.",
+                    f"{name.capitalize()} error in rendered images over the {group}.",
+                )
+            )
+    drawn = None if predicted is None else draw_errors(predicted.covariance)
+    for key, name, unit in (*ERRORS, ("point_px_rms", "dot center", "px, RMS of a view")):
+        values = _column(samples, key)
+        values = values[np.isfinite(values)]
+        if not len(values):
+            continue
+        of_pose = key != "point_px_rms"
+        prediction = None
+        if of_pose and predicted is not None and drawn is not None:
+            prediction = _sizes(drawn, predicted, key)
+        curves = {DETECTOR if of_pose else "dots": ranked(values)}
+        section.plots.append(
+            plot(
+                labeled(partial(distribution, prediction, curves, predicted_name="predicted"), f"{name} error, {unit}"),
+                f"views-cdf-{key}",
+                f"Cumulative distribution of the {name} error in rendered images.",
+                f"Distribution of the {name} error over {len(values)} rendered views.",
+            )
+        )
+    return section
+
+
+def ellipses(subject: Subject) -> Section:
+    """Predicted 95 % ellipses of dots and poses, and the errors that there were."""
+    samples = subject.views.get("samples") or []
+    found = subject.predicted or subject.expected
+    source = (
+        "the noise and the print error that the views were made with" if subject.predicted is not None else found.source
+    )
+    section = Section([f"95 % of the errors lie inside their ellipse, if there is nothing but {source}."])
+    section.plots += _dots(subject, samples)
+    corners = _corners(cells(found))
+    camera = ("to the right, mm", "away from the camera, mm")
+    axes = ("about the camera's x, deg", "about its y, deg")
+    for name, key, rows, scale, labels in (
+        ("position", "translation_error_mm", [3, 5], 1e3, camera),
+        ("attitude", "rotation_vector_deg", [0, 1], float(np.rad2deg(1.0)), axes),
+    ):
+        covariances = scale**2 * found.covariance[:, rows][:, :, rows]
+        shown = [_of_corner(cell, covariances, samples, key, [row % 3 for row in rows]) for cell in corners]
+        if not all(np.isfinite(each.covariance).all() for each in shown):
+            continue
+        measured = any(len(each.errors) for each in shown)
+        section.plots.append(
+            plot(
+                labeled(partial(draw_ellipses, shown), *labels),
+                f"ellipse-{name}",
+                f"Predicted 95 % ellipses of the marker's {name} at " + "; ".join(each.name for each in shown) + ".",
+                f"Error of the marker's {name} in the camera frame, at the nearest and the farthest, least and most "
+                f"tilted poses{', with the errors of the views from there' if measured else ''}.",
+            )
+        )
+    return section
+
+
+def _dots(subject: Subject, samples: Sequence[Results]) -> list[Plot]:
+    """Errors of the dots' centers, each carried over from its own covariance to the mean of them."""
+    if not subject.marker.dot_diameter:
+        return []
+    kept = [each for each in samples if each.get("error_px")]
+    errors = np.array([error for each in kept for error in each["error_px"]], dtype=float).reshape(-1, 2)
+    if len(errors) < 2:
+        return []
+    optics = Optics(**(subject.views.get("optics") or {}))
+    every = image_covariance(subject.marker, subject.setting.camera, subject.setting.poses, optics)
+    ids = range(len(subject.marker))
+    own = np.concatenate([every[each["pose"]][list(each.get("dots") or ids)] for each in kept])
+    if not np.isfinite(own).all():
+        return []
+    mean = own.mean(axis=0)
+    carried = carried_over(errors, own, mean)
+    shown = [
+        Ellipse("predicted", mean, carried),
+        Ellipse("measured", carried.T @ carried / len(carried), carried[:0]),
+    ]
+    return [
+        plot(
+            labeled(partial(draw_ellipses, shown), "right, px", "down, px"),
+            "ellipse-dots",
+            "Errors of the dots' centers in the image, with the predicted and the measured 95 % ellipse.",
+            f"Errors of {len(errors)} dot centers in the image, each as many standard deviations off as it was under "
+            f"its own covariance. {100 * share_inside(carried, mean):.1f} % lie inside the predicted ellipse.",
+        )
+    ]
+
+
+def _corners(table: list[Cell]) -> list[Cell]:
+    """Cells at the ends of distance and tilt: nearest and farthest, each least and most tilted."""
+    distances = {cell.distance for cell in table}
+    chosen: dict[int, Cell] = {}
+    for distance in (min(distances, key=middle), max(distances, key=middle)):
+        there = [cell for cell in table if cell.distance == distance]
+        for cell in (min(there, key=lambda cell: middle(cell.tilt)), max(there, key=lambda cell: middle(cell.tilt))):
+            chosen[id(cell)] = cell
+    return list(chosen.values())
+
+
+def _of_corner(cell: Cell, covariances: Array, samples: Sequence[Results], key: str, rows: list[int]) -> Ellipse:
+    """Ellipse of the first pose of a cell, with the errors of all views from that cell carried over to it."""
+    target = covariances[int(np.flatnonzero(cell.poses)[0])]
+    there = [each for each in samples if each.get(key) is not None and cell.poses[each["pose"]]]
+    errors = np.array([[each[key][row] for row in rows] for each in there], dtype=float).reshape(-1, 2)
+    own = covariances[[each["pose"] for each in there]] if there else covariances[:0]
+    return Ellipse(f"{cell.distance} m, {cell.tilt} deg", target, carried_over(errors, own, target))
+
+
+def _by_group(found: Expected, groups: str, key: str) -> dict[str, float]:
+    """RMS of ``rotation_deg`` or ``translation_pct`` over each group of poses."""
+    masks = getattr(found.poses, groups)()
+    return {each: rms(getattr(found, key)[mask]) for each, mask in masks.items()}
+
+
+def _sizes(errors: Array, found: Expected, key: str) -> Array:
+    """RE in degrees or TE in percent (k,) of pose errors (P, T, 6)."""
+    if key == "rotation_deg":
+        return np.asarray(np.rad2deg(np.linalg.norm(errors[..., :3], axis=-1))).ravel()
+    distance = found.poses.distance[np.isfinite(found.covariance).all(axis=(1, 2))]
+    return np.asarray(100 * np.linalg.norm(errors[..., 3:], axis=-1) / distance[:, None]).ravel()
+
+
+def _column(samples: Sequence[Results], key: str) -> Array:
+    return np.array([np.nan if each.get(key) is None else each[key] for each in samples], dtype=float)
+
+
+def _in_words(seen: Results) -> list[str]:
+    count, detected, wrong = (seen.get(key) or 0 for key in ("count", "detected", "wrong"))
+    said = [f"{detected} of {count} rendered views detected, {wrong or 'none'} with wrong labels."]
+    point, before = (seen.get(key) or {} for key in ("point_px", "uncorrected_px"))
+    if point.get("rms") is not None:
+        line = f"The dots' centers are off by {number(point['rms'])} px RMS"
+        if seen.get("image_bound_px"):
+            ratio = point["rms"] / seen["image_bound_px"]
+            line += f", {number(ratio)} times the least that the noise of the image allows"
+        if before.get("rms") is not None:
+            line += f"; without the correction for perspective it would be {number(before['rms'])} px"
+        said.append(f"{line}.")
+    nees = seen.get("nees") or {}
+    if nees.get("coverage") is not None and nees.get("coverage_interval"):
+        low, high = (100 * end for end in nees["coverage_interval"])
+        said.append(
+            f"The truth lies inside the detector's own 95 % region in {100 * nees['coverage']:.3g} % of "
+            f"{nees['count']} views; the 99 % interval of that share is {low:.3g} to {high:.3g} %."
+        )
+    optics = [_with_unit(key, value) for key, value in (seen.get("optics") or {}).items() if value]
+    if optics:
+        said.append(f"Optics: {', '.join(optics)}.")
+    return said
+
+
+def _with_unit(key: str, value: Any) -> str:
+    """Say ``blur 0.7 px`` of blur_px = 0.7."""
+    *words, last = key.split("_")
+    unit = f" {last}" if words and last in _UNITS else ""
+    name = " ".join(words if unit else [*words, last])
+    return f"{name} {value:g}{unit}" if isinstance(value, int | float) else f"{name} {value}{unit}"
+
+
+def _views_tables(seen: Results) -> list[Table]:
+    found = [view_tables.group_table(seen)]
+    if seen["detected"]:
+        found.append(view_tables.estimator_table(seen))
+    if seen.get("stress"):
+        found.append(view_tables.stress_table(seen))
+    failures = seen["failures"]
+    if failures:
+        rows = [
+            [f"{each['polar_angle_deg']:g} deg", f"{each['distance']:.3g} m", str(each["reason"])]
+            for each in failures[:MOST_FAILURES]
+        ]
+        more = f"And {len(failures) - MOST_FAILURES} more." if len(failures) > MOST_FAILURES else ""
+        found.append(("Views that count as not detected", ["tilt", "distance", "reason"], rows, more))
+    return found

@@ -1,0 +1,272 @@
+"""Sections about the marker and its poses: what to expect, what limits it, where, beside what, and print sizes."""
+
+import json
+import shlex
+from functools import partial
+
+from markergen.model.marker import Marker
+from markergen.optimize.dots import PERCENTILE, PIXELS
+from markergen.render import DEFAULT_OPTICS
+from markergen.units import format_length
+from markergen.validation import tables
+from markergen.validation.report import advice, words
+from markergen.validation.report.budget_plot import budget_over_tilt, variance_shares
+from markergen.validation.report.comparison_plot import compared
+from markergen.validation.report.expected import middle, noise_of
+from markergen.validation.report.marker_plot import draw_marker, shows_origin
+from markergen.validation.report.page import plot
+from markergen.validation.report.poses_plot import fan, pose_sphere
+from markergen.validation.report.subject import ERRORS, Results, Section, Subject, labeled
+from markergen.validation.report.words import number
+from markergen.validation.view_tables import budget_table
+
+LONGEST_TEXT, LONGEST_PROVENANCE = 200, 4000
+"""Characters that are shown of what a marker's file says; whoever wrote it may have put anything there."""
+_WIDE, _LOW, _SQUARE = (5.8, 2.1), (4.9, 2.5), (4.9, 5.1)
+
+
+def answer(subject: Subject) -> Section:
+    """What error to expect, in words and by tilt and distance."""
+    found = subject.expected
+    distances = sorted({cell.distance for cell in subject.cells}, key=middle)
+    tilts = sorted({cell.tilt for cell in subject.cells}, key=middle)
+    by_place = {
+        (cell.distance, cell.tilt): f"{number(cell.rotation_deg, 2)} deg, {number(cell.translation_mm, 2)} mm"
+        for cell in subject.cells
+    }
+    rows = [[f"{tilt} deg", *(by_place.get((distance, tilt), "-") for distance in distances)] for tilt in tilts]
+    table = (
+        "RMS error to expect by tilt and distance",
+        ["tilt", *(f"{distance} m" for distance in distances)],
+        rows,
+        "",
+    )
+    return Section(words.answer(found, subject.cells), tables=[table])
+
+
+def limits(subject: Subject) -> Section:
+    """What the error is made of, and what to improve first."""
+    budget = subject.results.get("budget")
+    if not budget:
+        return Section(
+            missing="How much of it the print and the calibration make is not in these results; markergen validate "
+            "tells it with --print-sigma and --camera-covariance."
+        )
+    said = {name: words.in_words(words.shares(budget, key)) for key, name, _ in ERRORS}
+    section = Section(words.limits(budget), tables=[budget_table(subject.results)])
+    section.plots.append(
+        plot(
+            partial(variance_shares, budget),
+            "shares",
+            "Shares of the variance. " + "; ".join(f"{name}: {parts}" for name, parts in said.items()) + ".",
+            "What the variance of the error is made of, over all poses. Variances add up, errors do not: halving a "
+            "source that makes 10 % of the variance gains 4 % of the error.",
+            _WIDE,
+        )
+    )
+    if subject.budget is not None:
+        section.plots += [
+            plot(
+                labeled(
+                    partial(budget_over_tilt, subject.budget, subject.setting.poses, key),
+                    "tilt, deg",
+                    f"{name} error, {unit}",
+                ),
+                f"budget-{name}",
+                f"RMS {name} error by source over the tilt.",
+                f"Sources of the {name} error over the tilt, RMS.",
+            )
+            for key, name, unit in ERRORS
+        ]
+    return section
+
+
+def the_marker(subject: Subject) -> Section:
+    """The marker to scale, and its dots in numbers."""
+    marker = subject.marker
+    drawing = plot(
+        partial(draw_marker, marker),
+        "drawing",
+        f"The marker: {words.title(marker)}.",
+        "The marker to scale, seen from the front, with the ids of the dots"
+        + (
+            " and the axes of the marker frame at its origin (z comes toward the reader)."
+            if shows_origin(marker)
+            else "; the origin of the marker frame is outside of the picture."
+        ),
+        _SQUARE,
+    )
+    rows = [
+        [
+            str(point.id),
+            *(f"{1e3 * value:.2f}" for value in (point.x, point.y, point.z)),
+            point.feature.kind,
+            f"{1e3 * point.feature.diameter:.6g}",
+        ]
+        for point in marker.control_points
+    ]
+    table = ("Control points, mm", ["id", "x", "y", "z", "shape", "diameter"], rows, "")
+    return Section(plots=[drawing], tables=[table])
+
+
+def labels(subject: Subject) -> Section:
+    """How safely the dots can be told apart."""
+    found = subject.results.get("labels")
+    if not found:
+        if not subject.marker.dot_diameter:
+            return Section(missing="Bare points cannot be seen, and so not be told apart.")
+        return Section(missing="These results do not say how safely dots are told apart; markergen validate adds it.")
+    rings = [str(point.id) for point in subject.marker.control_points if point.feature.kind == "ring"]
+    if rings:
+        told = f"Rings are told from disks by their looks (here dot{'s' * (len(rings) > 1)} {', '.join(rings)})"
+    else:
+        told = "All dots look the same"
+    said = [f"{told}; dots that look the same are told apart by their places alone."]
+    said += tables.sentences({"nees": None, "labels": found})
+    return Section(said, tables=[tables.labels_table({"labels": found})])
+
+
+def origin(marker: Marker) -> list[tuple[str, str]]:
+    """Where the marker came from, as terms and what its file says of them."""
+    spec = marker.provenance.get("spec")
+    found = [
+        ("Spec hash", marker.spec_hash),
+        ("Designed for", spec.get("objective") if isinstance(spec, dict) else None),
+        ("Seed", marker.provenance.get("seed")),
+        ("Versions", marker.provenance.get("versions")),
+        ("Dots", marker.provenance.get("dots")),
+    ]
+    return [(term, _short(value)) for term, value in found if value is not None]
+
+
+def provenance(marker: Marker) -> str:
+    """All that the marker's file says of where it came from, as plain ASCII text."""
+    text = json.dumps(dict(marker.provenance), indent=2, default=str)
+    return text if len(text) <= LONGEST_PROVENANCE else text[:LONGEST_PROVENANCE] + " ..."
+
+
+def pose_space(subject: Subject) -> Section:
+    """Where the camera stands, and what to expect there."""
+    found, poses, table = subject.expected, subject.setting.poses, subject.cells
+    section = Section([f"What to expect from each of the {len(poses)} poses, with {found.source}."])
+    of_poses = (("rotation", "deg", found.rotation_deg), ("translation", "mm", found.translation_mm))
+    section.plots += [
+        plot(
+            partial(pose_sphere, subject.marker, poses, values, f"RMS {name} error, {unit}"),
+            f"sphere-{name}",
+            f"Camera positions around the marker, darker and larger where the {name} error is larger: "
+            f"{number(float(values.min()), 2)} to {number(float(values.max()), 2)} {unit}.",
+            f"Each mark is a camera that looks at the marker. The darker and larger, the larger the {name} error.",
+            (4.9, 3.2),
+        )
+        for name, unit, values in of_poses
+    ]
+    of_cells = (
+        ("rotation", "deg", [cell.rotation_deg for cell in table]),
+        ("translation", "mm", [cell.translation_mm for cell in table]),
+    )
+    section.plots += [
+        plot(
+            partial(fan, table, values, subject.marker.boundary.radius),
+            f"fan-{name}",
+            f"RMS {name} error in {unit} by distance and tilt; all numbers are in the first table.",
+            f"The same in a section: up is frontal, outward is farther away. RMS {name} error in {unit}.",
+        )
+        for name, unit, values in of_cells
+    ]
+    return section
+
+
+def comparison(subject: Subject) -> Section:
+    """The marker beside other layouts."""
+    results = subject.results
+    beside = results.get("comparisons") or {}
+    if not beside or not results.get("bound"):
+        return Section(missing="These results hold no other layouts to compare with; markergen validate adds them.")
+    layouts = {"this marker": results, **{tables.LAYOUTS.get(name, name): row for name, row in beside.items()}}
+    section = Section(
+        [
+            "The same room, poses, dot size, and noise for each layout: the regular polygon, four dots in a square, "
+            "and the median of random layouts."
+        ]
+    )
+    for key, name, unit in ERRORS:
+        bounds = {layout: row["bound"].get(key) for layout, row in layouts.items() if row.get("bound")}
+        kept = {layout: float(value) for layout, value in bounds.items() if value is not None}
+        measured = {layout: _lm_rms(row, key) for layout, row in layouts.items()}
+        section.plots.append(
+            plot(
+                labeled(partial(compared, kept, measured), f"RMS {name} error, {unit}"),
+                f"beside-{key}",
+                f"RMS {name} bound: " + ", ".join(f"{layout} {number(value)}" for layout, value in kept.items()) + ".",
+                f"Bound of the {name} error for noise of {noise_of(results):g} px, over all poses; shorter is better.",
+                _LOW,
+            )
+        )
+    if results.get("criteria") and all(row.get("criteria") for row in beside.values()):
+        section.tables.append(tables.comparison_table({"estimators": {}, **results}))
+    return section
+
+
+def size_advice(subject: Subject) -> Section:
+    """Whether the dots are large enough."""
+    marker, poses = subject.marker, subject.setting.poses
+    found = advice.advise(marker, subject.setting.camera, poses)
+    if found is None:
+        return Section(missing="Bare points have no size to print; design the marker with --dot above 0.")
+    rows = [
+        [name, *(f"{number(value)} px" for value in (each.thinnest_px, each.center_px)), format_length(each.diameter)]
+        for name, each in (("every pose", found.worst), (f"{PERCENTILE:g} % of the poses", found.most))
+    ]
+    header = ["in", "smallest dot", "at the center", f"diameter for {PIXELS:g} px"]
+    title = f"Short axis of the image of a {format_length(marker.dot_diameter)} dot"
+    return Section(advice.sentences(found, marker, poses), tables=[(title, header, rows, "")])
+
+
+def command(subject: Subject) -> str:
+    """The command that makes these results again."""
+    results, seen = subject.results, subject.views
+    budget = results.get("budget") or {}
+    sigma = budget.get("print_sigma_mm")
+    options = {
+        "--poses": subject.setting.poses.name,
+        "--runs": results.get("runs"),
+        "--noise": results.get("noise_px"),
+        "--views": seen.get("count", 0),
+        "--optics": _optics(seen.get("optics") or {}),
+        "--background": seen.get("background", "plain"),
+        "--hide": seen.get("hidden", 0),
+        "--refine": seen.get("refine", "none"),
+        "--print-sigma": None if sigma is None else f"{sigma:g}mm",
+        "--camera-covariance": "FILE" if (budget.get("rotation_deg") or {}).get("camera") else None,
+        "--seed": results.get("seed"),
+    }
+    defaults = {"--optics": "", "--background": "plain", "--hide": 0, "--refine": "none"}
+    parts = ["markergen", "validate", "marker.json"]
+    for option, value in options.items():
+        if value is not None and value != defaults.get(option):
+            parts += [option, f"{value:g}" if isinstance(value, float) else str(value)]
+    if any(row.get("estimators") for row in (results.get("comparisons") or {}).values()):
+        parts.append("--trials-for-all")
+    if seen.get("stress"):
+        parts.append("--stress")
+    return shlex.join([*parts, "--json", "results.json", "--report", "report.html"])
+
+
+def _optics(shown: Results) -> str:
+    """Optics as the option takes them: what differs from the default."""
+    default = vars(DEFAULT_OPTICS)
+    return ",".join(
+        f"{key}={value:g}" for key, value in shown.items() if value is not None and value != default.get(key)
+    )
+
+
+def _lm_rms(row: Results, key: str) -> float | None:
+    measured = (row.get("estimators") or {}).get("lm") or {}
+    value = (measured.get(key) or {}).get("rms")
+    return None if value is None else float(value)
+
+
+def _short(value: object) -> str:
+    text = ", ".join(f"{key} {item}" for key, item in value.items()) if isinstance(value, dict) else str(value)
+    return text if len(text) <= LONGEST_TEXT else text[:LONGEST_TEXT] + " ..."

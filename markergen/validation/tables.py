@@ -1,0 +1,197 @@
+"""Results as rows of text, for the terminal and any other page."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from markergen.validation.metrics import mean_nees_interval
+
+Table = tuple[str, list[str], list[list[str]], str]
+"""Title, header, rows, and a caption."""
+
+TITLES = {
+    "detect": "detection's own",
+    "epnp": "EPnP",
+    "ippe": "IPPE",
+    "lm": "LM",
+    "sqpnp": "SQPnP",
+    "dlt": "DLT",
+}
+LAYOUTS = {
+    "flat": "best without relief",
+    "ngon": "regular n-gon",
+    "square": "square, 4 dots",
+    "random": "random, median",
+}
+MOST_DOTS = 40
+"""Of more dots, a table of labels has only the least safe."""
+STATISTICS = ("mean", "std", "rms", "median", "p95", "max")
+BOUND = "bound (CRLB)"
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Write a number with that many significant digits; a dash where there is none, no digits where it is rounding."""
+    if value is None:
+        return "-"
+    return "<1e-6" if 0 < abs(value) < 1e-6 else f"{value:#.{digits}g}".rstrip(".")
+
+
+def percent(share: float | None) -> str:
+    """Write a share as a percentage with up to three digits; a dash where there is none."""
+    return "-" if share is None else f"{100 * share:.3g} %"
+
+
+def rotation_table(results: Mapping[str, Any]) -> Table:
+    """Rotation errors of each estimator over all poses, with its efficiency, and the bound below."""
+    rows = []
+    for name, row in results["estimators"].items():
+        numbers = [number(row["rotation_deg"][key]) for key in STATISTICS]
+        rows.append([TITLES.get(name, name), *numbers, number(row["efficiency"])])
+        if name == "ippe":
+            rows.append(["  nearer of both", *(number(row["nearest_rotation_deg"][key]) for key in STATISTICS), ""])
+    rows.append([BOUND, "", "", number(results["bound"]["rotation_deg"]), "", "", "", ""])
+    caption = "Without failures, with flips."
+    if "ippe" in results["estimators"]:
+        caption += " IPPE: the solution that fits better, and the truer one."
+    return "Rotation error RE, deg", ["", *STATISTICS, "effic."], rows, caption
+
+
+def translation_table(results: Mapping[str, Any]) -> Table:
+    """Translation errors of each estimator over all poses, with flips and failures, and the bound below."""
+    rows = [
+        [
+            TITLES.get(name, name),
+            *(number(row["translation_pct"][key]) for key in STATISTICS),
+            *(percent(row[key]) for key in ("flip_rate", "failure_rate")),
+        ]
+        for name, row in results["estimators"].items()
+    ]
+    rows.append([BOUND, "", "", number(results["bound"]["translation_pct"]), "", "", "", "", ""])
+    return "Translation error TE, %", ["", *STATISTICS, "flips", "failed"], rows, ""
+
+
+def polar_angle_table(results: Mapping[str, Any], key: str) -> Table:
+    """RMS of ``rotation_deg`` or ``translation_pct`` of each estimator at each polar angle, with the bound below."""
+    angles = list(results["bound"]["by_polar_angle"])
+    rows = [
+        [TITLES.get(name, name), *(number(row["by_polar_angle"][angle][key]["rms"]) for angle in angles)]
+        for name, row in results["estimators"].items()
+    ]
+    bounds = results["bound"]["by_polar_angle"]
+    rows.append([BOUND, *(number(bounds[angle][key]) for angle in angles)])
+    title = {"rotation_deg": "RE, deg", "translation_pct": "TE, %"}[key]
+    return f"{title}: rms by polar angle", ["", *(f"{angle} deg" for angle in angles)], rows, ""
+
+
+def homography_table(results: Mapping[str, Any]) -> Table:
+    """Errors of each homography estimator over the validation grid."""
+    header = ["", "mean px^2", "median", "p95", "mean px", "median", "p95"]
+    rows = [
+        [
+            TITLES.get(name, name),
+            *(number(row["he_px2"][key]) for key in ("mean", "median", "p95")),
+            *(number(row["rms_px"][key]) for key in ("mean", "median", "p95")),
+        ]
+        for name, row in results["homography"].items()
+    ]
+    caption = "HE is over a grid half as wide again as the marker; its root in px beside it."
+    return "Homography error HE, px^2, and its root, px", header, rows, caption
+
+
+def comparison_table(results: Mapping[str, Any]) -> Table:
+    """The marker's bounds and criteria beside those of the layouts of the same region, and LM's errors where run."""
+    header = ["", "RE bound", "TE bound", "LM: RE", "LM: TE", "c(A)"]
+    layouts = {
+        "this marker": {key: results[key] for key in ("criteria", "bound", "estimators")},
+        **{LAYOUTS.get(name, name): row for name, row in results["comparisons"].items()},
+    }
+    rows = []
+    for name, row in layouts.items():
+        measured = row.get("estimators", {}).get("lm", {})
+        rows.append(
+            [
+                name,
+                *(number(row["bound"][key]) for key in ("rotation_deg", "translation_pct")),
+                *(number(measured.get(key, {}).get("rms")) for key in ("rotation_deg", "translation_pct")),
+                number(row["criteria"].get("condition")),
+            ]
+        )
+    title = "Beside other layouts of the same room: deg and %, rms"
+    return title, header, rows, "--trials-for-all measures them all."
+
+
+def labels_table(results: Mapping[str, Any]) -> Table:
+    """How safely each dot can be told apart, or of many the least safe ones: from where, and for what it is taken."""
+    labels = results["labels"]
+    dots = labels["dots"]
+    title = "How safely each dot is told apart"
+    if len(dots) > MOST_DOTS:
+        dots = sorted(dots, key=lambda dot: np.inf if dot["px"] is None else dot["px"])[:MOST_DOTS]
+        title += f": the {MOST_DOTS} least safe of {len(labels['dots'])}"
+    rows = [
+        [str(dot["id"]), "-", "-", "-", "-", "never: no other dot is like it"]
+        if dot["px"] is None
+        else [
+            str(dot["id"]),
+            number(dot["px"]),
+            "<1e-6" if dot["confusion"] < 1e-6 else f"{dot['confusion']:.2g}",
+            f"{dot['tilt_deg']:.3g}",
+            f"{dot['distance_m']:.3g}",
+            dot["in_words"],
+        ]
+        for dot in dots
+    ]
+    header = [
+        "dot",
+        "safe to, px",
+        f"confused at {labels['noise_px']:g} px",
+        "tilt, deg",
+        "distance, m",
+        "then fits as well",
+    ]
+    caption = (
+        "Safe to: RMS displacement of all dots in the image up to which the true labels fit best, from every pose; "
+        f"tilt and distance of the worst one. Confused: probability that noise of {labels['noise_px']:g} px in every "
+        "coordinate makes the other labels fit better there."
+    )
+    return title, header, rows, caption
+
+
+def heading(results: Mapping[str, Any]) -> str:
+    """What was measured, from where, with what."""
+    camera, poses = results["camera"], results["poses"]
+    dropped = f", {poses['dropped']} more do not see the whole marker" if poses["dropped"] else ""
+    lens = f", {camera['distortion']['model']} lens" if "distortion" in camera else ""
+    return (
+        f"{poses['count']} poses ({poses['name']}{dropped}) x {results['runs']} runs, "
+        f"noise {results['noise_px']:g} px\n"
+        f"camera {camera['width']}x{camera['height']}, focal lengths {camera['fx']:g} and {camera['fy']:g} px, "
+        f"principal point ({camera['cx']:g}, {camera['cy']:g}){lens}"
+    )
+
+
+def sentences(results: Mapping[str, Any]) -> list[str]:
+    """What needs no table: who steps aside, how safe the labels are, and whether the covariance is calibrated."""
+    found = []
+    if "condition" not in (results.get("criteria") or {"condition": None}):
+        found.append("DLT and IPPE assume a plane and step aside, for this marker has relief; LM begins from SQPnP.")
+    found += [_sentence(line) for line in (results.get("labels") or {}).get("sentences", [])]
+    tilted = {
+        angle: row
+        for angle, row in ((results["nees"] or {}).get("by_polar_angle") or {}).items()
+        if row["mean"] is not None and float(angle.split("..")[0]) >= 17.5
+    }
+    if tilted:
+        count = sum(row["count"] for row in tilted.values())
+        mean = sum(row["mean"] * row["count"] for row in tilted.values()) / count
+        low, high = mean_nees_interval(count)
+        found.append(
+            f"Covariance of LM: mean NEES {mean:.3f} over {count} trials tilted by 17.5 deg and more; "
+            f"{low:.3f} to {high:.3f} is what 99 % of such runs give if the bound's covariance is right."
+        )
+    return found
+
+
+def _sentence(words: str) -> str:
+    return f"{words[0].upper()}{words[1:]}."

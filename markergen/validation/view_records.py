@@ -1,0 +1,274 @@
+"""What a series of synthetic views says of a marker: how often it is found, how accurately, and whether it knows."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
+from markergen.maths.rotation import logarithm
+from markergen.model.marker import Marker
+from markergen.model.poses import PoseDistribution
+from markergen.objectives.homography import validation_grid
+from markergen.validation.bounds import image_covariance
+from markergen.validation.metrics import (
+    POSE_PARAMETERS,
+    homography_error_px2,
+    mean_nees_interval,
+    pose_failed,
+    rotation_error_deg,
+    share_interval,
+    statistics,
+    translation_error_pct,
+)
+from markergen.validation.pool import map_chunks, workers_for
+from markergen.validation.views import Shoot, View, take_view
+
+Array = NDArray[np.float64]
+
+DETECTOR = "detect"
+"""The pose that the detection itself reports, from weighted image points, with its covariance."""
+
+AT_ONCE = 10
+"""Views in one chunk of work."""
+WORTH_A_WORKER = 60
+"""Views below which starting another process takes longer than it saves."""
+NOMINAL_COVERAGE = 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What remains of a view when its image is gone.
+
+    Attributes
+    ----------
+    index, pose : int
+    detected, wrong : bool
+    failure : str
+    found : array (m,) of int
+        Indices of the control points that were found; of a view that counts as not detected, none.
+    error : array (m, 2), px
+    uncorrected_px : array (m,)
+    bound_px2 : array (m,)
+        Variance of each dot's center, x and y together, that the image's noise allows.
+    poses : mapping
+        (RE in degrees, TE in percent) by estimator; of estimators that failed, none.
+    pose_error : array (6,)
+        Of the detector's pose: log(R_hat R'), rad, and t_hat - t, m, in the camera frame; nan where there is none.
+    nees : float
+        Its square by the covariance that the detector claims.
+    homography_px : float
+        Root of HE, px; nan where there is no homography.
+    """
+
+    index: int
+    pose: int
+    detected: bool
+    wrong: bool
+    failure: str
+    found: NDArray[np.intp]
+    error: Array
+    uncorrected_px: Array
+    bound_px2: Array
+    poses: Mapping[str, tuple[float, float]]
+    pose_error: Array
+    nees: float
+    homography_px: float
+
+
+def record(shoot: Shoot, view: View) -> Record:
+    """Hold a view against the truth."""
+    empty = np.zeros(0)
+    if not view.detected:
+        return Record(
+            view.index, view.pose, False, view.wrong, view.failure, np.zeros(0, dtype=np.intp), np.zeros((0, 2)),
+            empty, empty, {}, np.full(6, np.nan), np.nan, np.nan,
+        )  # fmt: skip
+    rotation, translation = shoot.poses.rotation[view.pose], shoot.poses.translation[view.pose]
+    here = PoseDistribution("here", rotation[None], translation[None])
+    covariance = image_covariance(shoot.marker, shoot.camera, here, shoot.optics)[0]
+    bound = np.trace(covariance, axis1=-2, axis2=-1)
+    poses = _pose_errors(shoot, view, rotation, translation)
+    error, nees = _own_error(view, rotation, translation)
+    return Record(
+        view.index, view.pose, True, False, "", view.found, view.error, view.uncorrected_px,
+        bound[view.found], poses, error, nees,
+        _homography_px(shoot, view, rotation, translation),
+    )  # fmt: skip
+
+
+def take_records(
+    shoot: Shoot, workers: int | None = None, progress: Callable[[int, int], None] | None = None
+) -> list[Record]:
+    """Take all views of a shoot, spread over processes; the same records for any number of them."""
+    chunks = [range(start, min(start + AT_ONCE, shoot.count)) for start in range(0, shoot.count, AT_ONCE)]
+    workers = workers_for(workers, 1 + shoot.count // WORTH_A_WORKER)
+    done = 0
+    if progress:
+        progress(0, shoot.count)
+
+    def finished(index: int) -> None:
+        nonlocal done
+        done += len(chunks[index])
+        if progress:
+            progress(done, shoot.count)
+
+    parts = map_chunks(partial(_chunk, shoot), chunks, min(workers, len(chunks)), finished)
+    return [each for part in parts for each in part]
+
+
+def _chunk(shoot: Shoot, indices: Iterable[int]) -> list[Record]:
+    return [record(shoot, take_view(shoot, k)) for k in indices]
+
+
+def summarize(shoot: Shoot, records: list[Record]) -> dict[str, Any]:
+    """Plain values of the series in the form that docs/validate.md describes; nan where a number does not exist."""
+    poses = shoot.poses
+    names = [DETECTOR, *_estimators(shoot.marker)]
+    pose = np.array([each.pose for each in records])
+    return {
+        **_summary(records, names),
+        "optics": {**vars(shoot.optics)},
+        "background": shoot.background,
+        "hidden": shoot.hidden,
+        "refine": shoot.refine,
+        "print_sigma_mm": 1e3 * shoot.errors.print_sigma,
+        "by_polar_angle": _by_group(records, names, pose, poses.by_polar_angle()),
+        "by_distance": _by_group(records, names, pose, poses.by_distance()),
+        "samples": [_sample(each, poses) for each in records if each.detected],
+        "failures": [
+            {"view": each.index, **_where(each, poses), "reason": each.failure} for each in records if not each.detected
+        ],
+    }
+
+
+def _estimators(marker: Marker) -> dict[str, PoseEstimator]:
+    """Pose estimators that can do with the marker, by name."""
+    relief = bool(marker.xyz[:, 2].any())
+    return {
+        name: estimator
+        for name in ESTIMATORS
+        if isinstance(estimator := ESTIMATORS[name], PoseEstimator) and not (relief and estimator.planar_only)
+    }
+
+
+def _by_group(
+    records: list[Record], names: Sequence[str], pose: Array, groups: Mapping[str, NDArray[np.bool_]]
+) -> dict[str, Any]:
+    return {
+        name: _summary([each for each, inside in zip(records, mask[pose], strict=True) if inside], names)
+        for name, mask in groups.items()
+        if mask[pose].any()
+    }
+
+
+def _summary(records: list[Record], names: Sequence[str]) -> dict[str, Any]:
+    kept = [each for each in records if each.detected]
+    bound = _joined(each.bound_px2 for each in kept)
+    return {
+        "count": len(records),
+        "detected": len(kept),
+        "wrong": sum(each.wrong for each in records),
+        "rate": len(kept) / len(records),
+        "point_px": statistics(np.linalg.norm(_joined((each.error for each in kept), 2), axis=-1)),
+        "bias_px": np.linalg.norm(_joined((each.error for each in kept), 2).mean(axis=0)) if kept else np.nan,
+        "uncorrected_px": statistics(_joined(each.uncorrected_px for each in kept)),
+        "image_bound_px": np.sqrt(np.mean(bound)) if len(bound) else np.nan,
+        "homography_px": statistics(_finite([each.homography_px for each in kept])),
+        "estimators": {
+            name: {
+                "rotation_deg": statistics(np.array([each.poses[name][0] for each in kept if name in each.poses])),
+                "translation_pct": statistics(np.array([each.poses[name][1] for each in kept if name in each.poses])),
+            }
+            for name in names
+        },
+        "nees": _nees(_finite([each.nees for each in kept])),
+    }
+
+
+def _nees(values: Array) -> dict[str, Any]:
+    """Mean NEES and how often the truth lies in the 95 % region, each with what 99 % of such series give."""
+    from scipy.special import gammaincinv
+
+    if not len(values):
+        return {"count": 0, "mean": None, "interval": None, "coverage": None, "coverage_interval": None}
+    limit = 2 * gammaincinv(POSE_PARAMETERS / 2, NOMINAL_COVERAGE)
+    inside = int(np.sum(values <= limit))
+    return {
+        "count": len(values),
+        "mean": values.mean(),
+        "interval": mean_nees_interval(len(values)),
+        "coverage": inside / len(values),
+        "coverage_interval": share_interval(inside, len(values)),
+    }
+
+
+def _where(each: Record, poses: PoseDistribution) -> dict[str, Any]:
+    camera_center = -poses.rotation[each.pose].T @ poses.translation[each.pose]
+    return {
+        "pose": each.pose,
+        "distance": float(poses.distance[each.pose]),
+        "polar_angle_deg": round(float(poses.polar_angle_deg[each.pose]), 2),
+        "azimuth_deg": round(float(np.rad2deg(np.arctan2(camera_center[1], camera_center[0]))), 2),
+    }
+
+
+def _sample(each: Record, poses: PoseDistribution) -> dict[str, Any]:
+    rotation_deg, translation_pct = each.poses.get(DETECTOR, (np.nan, np.nan))
+    return {
+        "view": each.index,
+        **_where(each, poses),
+        "rotation_deg": rotation_deg,
+        "translation_pct": translation_pct,
+        "nees": each.nees,
+        "rotation_vector_deg": np.rad2deg(each.pose_error[:3]).tolist(),
+        "translation_error_mm": (1e3 * each.pose_error[3:]).tolist(),
+        "point_px_rms": np.sqrt(np.mean(np.sum(each.error**2, axis=-1))),
+        "dots": each.found.tolist(),
+        "error_px": np.round(each.error, 6).tolist(),
+    }
+
+
+def _own_error(view: View, rotation: Array, translation: Array) -> tuple[Array, float]:
+    own = view.detection.pose
+    if own is None:
+        return np.full(6, np.nan), np.nan
+    error = np.concatenate([logarithm(own.rotation @ rotation.T), own.translation - translation])
+    return error, float(error @ np.linalg.solve(own.budget.total, error))
+
+
+def _pose_errors(shoot: Shoot, view: View, rotation: Array, translation: Array) -> dict[str, tuple[float, float]]:
+    camera, points = shoot.camera, shoot.marker.xyz[view.found]
+    batch = Correspondences.as_taken(points, view.detection.pixels[None], camera)
+    found: dict[str, tuple[Array, Array]] = {}
+    own = view.detection.pose
+    if own is not None:
+        found[DETECTOR] = (own.rotation[None], own.translation[None])
+    for name, estimator in _estimators(shoot.marker).items():
+        found[name] = batch.once(estimator).best
+    errors = {}
+    for name, estimate in found.items():
+        te_pct = translation_error_pct(estimate[1], translation)
+        if not pose_failed(points, *estimate, te_pct)[0]:
+            errors[name] = (float(rotation_error_deg(estimate[0], rotation)[0]), float(te_pct[0]))
+    return errors
+
+
+def _homography_px(shoot: Shoot, view: View, rotation: Array, translation: Array) -> float:
+    if view.detection.homography is None:
+        return np.nan
+    grid = validation_grid(shoot.marker.boundary.radius)
+    pixels = shoot.camera.ideal.project(grid, rotation[None], translation[None])[0]
+    return float(np.sqrt(homography_error_px2(view.detection.homography[None], grid, pixels)[0]))
+
+
+def _joined(parts: Iterable[Array], width: int = 0) -> Array:
+    return np.concatenate([np.zeros((0, width) if width else 0), *parts])
+
+
+def _finite(values: list[float]) -> Array:
+    array = np.array(values, dtype=float)
+    return array[np.isfinite(array)]

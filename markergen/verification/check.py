@@ -1,0 +1,321 @@
+"""One file held against marker.json."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError, MissingLibraryError
+from markergen.model.feature import Feature
+from markergen.model.marker import ControlPoint, Marker
+from markergen.model.tag import Tag
+from markergen.solid.surface import Surface
+from markergen.verification.dots import Dots, dots_of, expected_dots, grown
+from markergen.verification.judge import Finding, Verdict, extras, judge
+from markergen.verification.reading import Page, Reading, load, reader_of
+from markergen.verification.recess import SHEET, holds_sheet, room_of
+from markergen.verification.solids import UNITS, color_findings, dots_of_surface, hole_findings, in_unit
+from markergen.verification.tags import ABSENT, tag_findings
+
+Array = NDArray[np.float64]
+
+MOST_COPIES = 500
+
+UNTAGGED = ("scaled", "mirrored", "another marker")
+"""With these findings nothing is said about the tag, which is as wrong."""
+
+STRANGE = ("another marker", "no dots")
+"""Findings about a file whose dots are not the marker's."""
+
+Wanted = tuple[Marker, tuple[float, float], str]
+"""A marker as it may be drawn, lengths drawn over lengths meant along x and y, and a note."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """What a file holds, and whether it is the marker.
+
+    Attributes
+    ----------
+    path : str
+    kind : str
+        Of the file, such as ``PDF``.
+    dots : int
+        Dots of the marker's sizes that were found.
+    copies : int
+        Times that the marker is in the file.
+    largest : float
+        Distance in m of the dot that is farthest from where marker.json has it, by the best motion without scale; nan
+        where the dots are not the marker's.
+    worst : int or None
+        Id of that dot.
+    scale : (x, y)
+        By which the dots are apart along the marker's axes.
+    pages : tuple of (width, height) or None
+        Paper in mm.
+    tolerance : float
+        m.
+    findings : tuple of Finding
+        What is wrong; empty if the file passes.
+    notes : tuple of str
+        What its reader may want to know.
+    error : str
+        Why the file could not be used; empty otherwise.
+    """
+
+    path: str
+    kind: str = ""
+    dots: int = 0
+    copies: int = 0
+    largest: float = np.nan
+    worst: int | None = None
+    scale: tuple[float, float] = (np.nan, np.nan)
+    pages: tuple[tuple[float, float] | None, ...] = ()
+    tolerance: float = np.nan
+    findings: tuple[Finding, ...] = ()
+    notes: tuple[str, ...] = ()
+    error: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """The file could be used, and nothing is wrong with it."""
+        return not self.error and not self.findings
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values; what does not exist is null."""
+        return {
+            "file": self.path,
+            "format": self.kind or None,
+            "passed": self.passed,
+            "error": self.error or None,
+            "largest_m": _number(self.largest),
+            "worst_dot": self.worst,
+            "tolerance_m": _number(self.tolerance),
+            "scale_x": _number(self.scale[0]),
+            "scale_y": _number(self.scale[1]),
+            "dots": self.dots,
+            "copies": self.copies,
+            "pages_mm": [[_number(side) for side in page] if page else None for page in self.pages],
+            "findings": [{"kind": each.kind, "sentence": each.sentence} for each in self.findings],
+            "notes": list(self.notes),
+        }
+
+
+def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
+    """Read a file back and hold every dot in it against a marker.
+
+    The dots are brought onto the marker's by the best rotation and shift, and by nothing else: a scale or a mirror is
+    told as what it is. The file's own origin and labels are not asked.
+
+    Parameters
+    ----------
+    tolerance : float or None
+        Distance in m that is still right; None takes what the format can do: 1 um, or for pixels a quarter of one.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, its format is unknown, or the tolerance is not above 0.
+    MissingLibraryError
+        If the file is a STEP or BREP and the CAD kernel is missing.
+    """
+    if tolerance is not None and not 0 < tolerance < 1:
+        raise InputError("a tolerance above 0", f"{tolerance} m", "give a length such as 0.01mm")
+    reader = reader_of(path)
+    # What overflows in a file's numbers is not finite, and left out.
+    with np.errstate(all="ignore"):
+        reading = reader(load(path), str(path), marker)
+    allowed = reading.tolerance if tolerance is None else tolerance
+    found = _best(marker, reading, allowed)
+    if _is_strange(found) and reading.pages[0].surface is not None:
+        found = (
+            _for_a_sheet(marker, reading, reading.pages[0].surface, allowed)
+            or _in_another_unit(marker, reading, allowed)
+            or found
+        )
+    return replace(found, path=str(path))
+
+
+def verify_all(marker: Marker, paths: Sequence[Path], tolerance: float | None = None) -> list[Check]:
+    """`verify` every file; what is wrong with one that cannot be used is in its `error`."""
+    checks = []
+    for path in paths:
+        try:
+            checks.append(verify(marker, path, tolerance))
+        except (InputError, MissingLibraryError) as error:
+            checks.append(Check(str(path), error=str(error)))
+    return checks
+
+
+def to_json(checks: Sequence[Check]) -> str:
+    """One JSON array for all files."""
+    return json.dumps([check.as_dict() for check in checks], indent=2, allow_nan=False)
+
+
+def _best(marker: Marker, reading: Reading, tolerance: float) -> Check:
+    checks = [_against(each, reading, tolerance) for each in _wanted(marker, reading)]
+    return min(checks, key=lambda check: (bool(check.findings), np.nan_to_num(check.largest, nan=np.inf)))
+
+
+def _is_strange(check: Check) -> bool:
+    return any(finding.kind in STRANGE for finding in check.findings)
+
+
+def _for_a_sheet(marker: Marker, reading: Reading, surface: Surface, tolerance: float) -> Check | None:
+    """The check of a plate for a printed sheet, if it is one."""
+    if not holds_sheet(surface, marker.boundary):
+        return None
+    flaws = [Finding("solid", flaw) for flaw in reading.flaws]
+    holes = hole_findings(surface, marker.substrate.holes, (np.eye(2), np.zeros(2)), 1e3 * tolerance)
+    return Check(
+        "", reading.kind, pages=(None,), tolerance=tolerance, findings=(*flaws, *holes), notes=(SHEET,)
+    )  # fmt: skip
+
+
+def _in_another_unit(marker: Marker, reading: Reading, tolerance: float) -> Check | None:
+    """The check of a solid that was written in one unit and is read in another, if that explains it."""
+    for unit, factor in UNITS.items():
+        for times, said in ((factor, f"{unit} taken for mm"), (1 / factor, f"mm taken for {unit}")):
+            check = _best(marker, in_unit(reading, times), tolerance)
+            if not _is_strange(check):
+                finding = Finding("scaled", f"scaled by {1 / times:.6g} along x, y and z: {said}")
+                # What small numbers make of edges and cells is not said: all of that is wrong.
+                rest = tuple(each for each in check.findings if each.kind not in ("solid", "tag", "hole", "color"))
+                scale = (check.scale[0] / times, check.scale[1] / times)
+                return replace(check, largest=np.nan, worst=None, scale=scale, findings=(finding, *rest))
+    return None
+
+
+def _wanted(marker: Marker, reading: Reading) -> list[Wanted]:
+    """What the file may rightly hold: the design, its print, or a sheet that makes up for the printer."""
+    if not reading.drawn:
+        return [(marker, (1.0, 1.0), "")]
+    design = marker.as_designed
+    wanted: list[Wanted] = [(design, (1.0, 1.0), "")]
+    if marker.print_scale != (1.0, 1.0):
+        x, y = marker.print_scale
+        points = tuple(_resized(point, x, y) for point in design.control_points)
+        note = f"made for a printer that prints {100 * x:.6g} % along x and {100 * y:.6g} % along y"
+        wanted.append((replace(design, control_points=points), (1 / x, 1 / y), note))
+    return wanted
+
+
+def _resized(point: ControlPoint, x: float, y: float) -> ControlPoint:
+    mean = (x * y) ** 0.5
+    feature = Feature(point.feature.diameter / mean, point.feature.inner_diameter / mean)
+    return replace(point, x=point.x / x, y=point.y / y, feature=feature)
+
+
+def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
+    marker, factor, note = wanted
+    expected = expected_dots(marker)
+    ids = [point.id for point in marker.control_points]
+    verdicts: list[Verdict] = []
+    findings = [Finding("marks", gap) for gap in reading.gaps]
+    findings += [Finding("tag", gap) for gap in reading.tag_gaps]
+    findings += [Finding("solid", flaw) for flaw in reading.flaws]
+    holes = 1e3 * np.array([(hole.x, hole.y) for hole in marker.substrate.holes]).reshape(-1, 2)
+    count = 0
+    notes = [note] if note else []
+    for page in reading.pages:
+        found = _dots(page, expected)
+        # A page may have none: one that tells how to put others together.
+        if not len(found) and len(reading.pages) > 1:
+            continue
+        count += len(found)
+        room = room_of(page.surface, found, expected) if page.surface is not None else 0.0
+        here = _copies(grown(expected, room) if room else expected, ids, found, tolerance, reading, page)
+        if room:
+            notes.append(f"recesses for printed dots with {1e3 * room:.4g} um of room around them, and no dots")
+        elif marker.tag is not None and reading.tagged:
+            here = _tagged(here, marker.tag, factor, page, tolerance)
+        if page.surface is not None:
+            here = [_made(each, marker, page.surface, None if room else found, tolerance) for each in here]
+        verdicts += here
+        findings += extras(found, np.concatenate([each.used for each in here]), here[0].motion, holes)
+    verdicts = verdicts or [judge(expected, ids, _dots(reading.pages[0], expected), tolerance)]
+    if len(verdicts) > 1:
+        verdicts = _own_tags(verdicts)
+    worst = max(verdicts, key=lambda each: np.nan_to_num(each.largest, nan=np.inf))
+    said = [_of_copy(finding, k, verdicts) for k, each in enumerate(verdicts) for finding in each.findings]
+    return Check(
+        "", reading.kind, count, sum(len(each.used) > 0 for each in verdicts), worst.largest,
+        None if worst.worst is None else ids[worst.worst], worst.scale,
+        reading.papers or tuple(each.size for each in reading.pages),
+        tolerance, (*said, *findings), tuple(notes),
+    )  # fmt: skip
+
+
+def _dots(page: Page, expected: Dots) -> Dots:
+    return dots_of(page, expected) if page.surface is None else dots_of_surface(page.surface, expected)
+
+
+def _made(verdict: Verdict, marker: Marker, surface: Surface, found: Dots | None, tolerance: float) -> Verdict:
+    """Verdict of a solid with what is wrong with the colors of its dots, if it has any, and the holes of its plate."""
+    if verdict.motion is None or any(each.kind in UNTAGGED for each in verdict.findings):
+        return verdict
+    colors = color_findings(surface, found.take(verdict.used), verdict.names) if found is not None else []
+    holes = hole_findings(surface, marker.substrate.holes, verdict.motion, 1e3 * tolerance)
+    return replace(verdict, findings=(*verdict.findings, *colors, *holes))
+
+
+def _copies(
+    expected: Dots, ids: list[int], found: Dots, tolerance: float, reading: Reading, page: Page
+) -> list[Verdict]:
+    """Verdicts on all copies of the marker, at least one."""
+    verdicts: list[Verdict] = []
+    left = np.arange(len(found))
+    while len(verdicts) < MOST_COPIES:
+        verdict = judge(
+            expected, ids, found.take(left), tolerance,
+            ordered=reading.ordered, upright=page.upright, pixels=reading.pixels,
+        )  # fmt: skip
+        if not len(verdict.used):
+            break
+        verdict = replace(verdict, used=left[verdict.used])
+        verdicts.append(verdict)
+        left = np.setdiff1d(left, verdict.used)
+        if 2 * len(left) < len(expected) or len(left) < 3:
+            break
+    return verdicts or [verdict]
+
+
+def _tagged(
+    verdicts: list[Verdict], tag: Tag, factor: tuple[float, float], page: Page, tolerance: float
+) -> list[Verdict]:
+    """Verdicts of one page with what is wrong with the tag."""
+    judged = []
+    for verdict in verdicts:
+        # Where the dots are not the marker's there is no place to look for its tag.
+        if verdict.motion is None or any(each.kind in UNTAGGED for each in verdict.findings):
+            judged.append(verdict)
+            continue
+        rotation, shift = verdict.motion
+
+        def to_page(points: Array, rotation: Array = rotation, shift: Array = shift) -> Array:
+            return 1e3 * points * factor @ rotation.T + shift
+
+        found = tag_findings(tag, page, to_page, 1e3 * tolerance)
+        judged.append(replace(verdict, findings=(*verdict.findings, *found)))
+    return judged
+
+
+def _own_tags(verdicts: list[Verdict]) -> list[Verdict]:
+    """Verdicts that let copies have tags of their own if one has the right one: a family of markers on one sheet."""
+    wrong = [any(each.kind == "tag" for each in verdict.findings) for verdict in verdicts]
+    if all(wrong):
+        return verdicts
+    kept = [tuple(each for each in verdict.findings if not each.sentence.endswith(ABSENT)) for verdict in verdicts]
+    return [replace(verdict, findings=findings) for verdict, findings in zip(verdicts, kept, strict=True)]
+
+
+def _of_copy(finding: Finding, k: int, verdicts: list[Verdict]) -> Finding:
+    return finding if len(verdicts) == 1 else replace(finding, sentence=f"copy {k + 1}: {finding.sentence}")
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

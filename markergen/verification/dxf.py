@@ -1,0 +1,143 @@
+"""DXF: circles from the plain pairs of group code and value, without any DXF library."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from math import cos, hypot, pi, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.model.findings import brief
+from markergen.model.marker import Marker
+from markergen.verification.reading import READERS, Page, Reading, circles_of, round_shape
+
+Array = NDArray[np.float64]
+Group = tuple[int, str]
+
+MM = {1: 25.4, 2: 304.8, 4: 1.0, 5: 10.0, 6: 1000.0, 9: 0.0254, 13: 1e-3, 14: 100.0}
+"""Size in mm of the units that $INSUNITS can name."""
+
+MOST_GROUPS = 3_000_000
+
+
+@READERS.register(".dxf")
+def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (every reader is called alike)
+    """Circles of a DXF in its model space: entities CIRCLE, full ELLIPSE, round LWPOLYLINE, and edges of HATCH."""
+    groups = _groups(data, name)
+    unit = _unit(groups, name)
+    circles: list[tuple[float, float, float]] = []
+    corners: list[Array] = []
+    for kind, entity in _entities(groups):
+        if kind == "INSERT":
+            raise InputError(f"entities in place in {name}", "a block that is inserted", "explode the blocks")
+        # The plane of an entity whose extrusion points down is seen from behind.
+        flip = -1.0 if _values(entity, 230)[:1] == [-1.0] else 1.0
+        for x, y, r in _circles(kind, entity, corners, flip * unit, unit):
+            circles.append((flip * unit * x, unit * y, unit * r))
+    points = np.concatenate(corners) if corners else np.zeros((0, 2))
+    return Reading(
+        "DXF", (Page(circles_of(circles, name), None, points[np.isfinite(points).all(axis=-1)]),), tagged=True
+    )
+
+
+def _groups(data: bytes, name: str) -> list[Group]:
+    if data.startswith(b"AutoCAD Binary DXF"):
+        raise InputError(f"a DXF of text in {name}", "a binary one", "save it as ASCII DXF")
+    lines = data.decode("utf-8", "replace").splitlines()
+    if len(lines) > 2 * MOST_GROUPS:
+        raise InputError(f"at most {MOST_GROUPS} groups in {name}", "more", "verify a smaller file")
+    groups = []
+    for index in range(0, len(lines) - 1, 2):
+        code = lines[index].strip()
+        if not (code.lstrip("-").isdecimal() and len(code) < 6):
+            raise InputError(f"a group code in line {index + 1} of {name}", brief(code), "export the DXF again")
+        groups.append((int(code), lines[index + 1].strip()))
+    if not groups or groups[-1] != (0, "EOF"):
+        raise InputError(f"a complete DXF in {name}", "no EOF at its end", "export it again")
+    return groups
+
+
+def _unit(groups: list[Group], name: str) -> float:
+    for (code, key), (_, value) in pairwise(groups):
+        if (code, key) == (9, "$INSUNITS"):
+            unit = int(value) if value.isdecimal() and len(value) < 4 else -1
+            if unit not in MM:
+                raise InputError(f"a unit of length in {name}", f"$INSUNITS {brief(value)}", "save it in mm")
+            return MM[unit]
+    raise InputError(f"a unit of length in {name}", "no $INSUNITS", "save it in mm")
+
+
+def _entities(groups: list[Group]) -> Iterator[tuple[str, list[Group]]]:
+    """Kind and groups of each entity of the section ENTITIES."""
+    inside, entity = False, list[Group]()
+    starts = [index for index, (code, _) in enumerate(groups) if code == 0]
+    for start, end in zip(starts, [*starts[1:], len(groups)], strict=True):
+        kind, entity = groups[start][1], groups[start + 1 : end]
+        if kind == "SECTION":
+            inside = (2, "ENTITIES") in entity
+        elif kind == "ENDSEC":
+            inside = False
+        elif inside and not any(code == 67 and value == "1" for code, value in entity):  # paper space
+            yield kind, entity
+
+
+def _values(entity: list[Group], code: int) -> list[float]:
+    values = []
+    for key, text in entity:
+        if key == code:
+            try:
+                values.append(float(text))
+            except ValueError:
+                values.append(np.nan)
+    return values
+
+
+def _circles(
+    kind: str, entity: list[Group], corners: list[Array], unit_x: float, unit_y: float
+) -> list[tuple[float, float, float]]:
+    """Circles of one entity in its own unit and plane; corners of others are collected in mm."""
+
+    def first(*codes: int) -> list[float]:
+        return [values[0] if (values := _values(entity, code)) else np.nan for code in codes]
+
+    if kind == "CIRCLE":
+        x, y, r = first(10, 20, 40)
+        return [(x, y, r)] if r > 0 else []
+    if kind == "ELLIPSE":
+        x, y, dx, dy, ratio, start, end = first(10, 20, 11, 21, 40, 41, 42)
+        whole = abs(abs(end - start) - 2 * pi) < 1e-6 and ratio > 0.8
+        return [(x, y, hypot(dx, dy) * ratio**0.5)] if whole else []
+    if kind in ("LWPOLYLINE", "POLYLINE"):
+        points = _polyline(entity)
+        found = round_shape(points) if len(points) else None
+        if found is None and len(points) >= 3:
+            corners.append(points * [unit_x, unit_y])
+        return [found] if found else []
+    return []
+
+
+def _polyline(entity: list[Group]) -> Array:
+    """Points of a polyline; arcs are followed in steps."""
+    vertices: list[list[float]] = []
+    for code, text in entity:
+        try:
+            value = float(text) if code in (10, 20, 42) else 0.0
+        except ValueError:
+            value = np.nan
+        if code == 10:
+            vertices.append([value, np.nan, 0.0])
+        elif code in (20, 42) and vertices:
+            vertices[-1][1 if code == 20 else 2] = value
+    points: list[tuple[float, float]] = []
+    for (x, y, bulge), (u, v, _) in zip(vertices, [*vertices[1:], *vertices[:1]], strict=True):
+        points.append((x, y))
+        if bulge and np.isfinite([x, y, u, v, bulge]).all():
+            # The angle is 4 atan(bulge); the center lies beside the middle of the chord.
+            k = (1 - bulge**2) / (4 * bulge)
+            cx, cy = (x + u) / 2 - k * (v - y), (y + v) / 2 + k * (u - x)
+            sweep = 4 * float(np.arctan(bulge))
+            for step in range(1, 16):
+                c, s = cos(sweep * step / 16), sin(sweep * step / 16)
+                points.append((cx + c * (x - cx) - s * (y - cy), cy + s * (x - cx) + c * (y - cy)))
+    return np.array(points, dtype=float).reshape(-1, 2)

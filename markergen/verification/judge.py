@@ -1,0 +1,320 @@
+"""What is wrong with the dots of a file, each thing by its name."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.maths.rigid import rigid_motion, scaled_motion
+from markergen.verification.dots import Dots
+from markergen.verification.match import Match, best_match
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Off = Callable[[Array, Array, Mask, bool], Array]
+
+MOST_SUBSETS = 300
+"""Pairs or triples of dots that are asked what the others agree with."""
+
+MOST_LISTED = 8
+
+STRANGER = 0.25
+"""Share of a dot's diameter: dots that no scale explains and that are farther off belong to another marker."""
+
+DIAMETER = {False: 2.0, True: 4.0}
+"""Tolerance of a diameter in tolerances of a center, by whether the file is made of pixels."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong.
+
+    Attributes
+    ----------
+    kind : str
+        ``scaled``, ``mirrored``, ``missing``, ``extra``, ``another marker``, ``shifted``, ``diameter``, ``kind``,
+        ``height``, ``twice``, ``marks``, ``tag``, ``no dots``, and of solids ``color``, ``hole`` or ``solid``.
+    sentence : str
+    """
+
+    kind: str
+    sentence: str
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What became of the dots of one copy of a marker.
+
+    Attributes
+    ----------
+    largest : float
+        Distance in m of the dot that is farthest from where marker.json has it; nan if no labels were found.
+    worst : int or None
+        Its index.
+    scale : (x, y)
+        By which the dots are apart along the marker's axes; nan if that cannot be told.
+    findings : tuple of Finding
+    motion : (rotation (2, 2), shift (2,)) or None
+        From the marker's frame to the page, mm.
+    used : array of int
+        Found dots that are part of it.
+    names : tuple of int
+        Ids of these.
+    """
+
+    largest: float
+    worst: int | None
+    scale: tuple[float, float]
+    findings: tuple[Finding, ...]
+    motion: tuple[Array, Array] | None
+    used: NDArray[np.intp]
+    names: tuple[int, ...] = ()
+
+
+NOTHING = np.zeros(0, dtype=np.intp)
+
+
+def judge(
+    expected: Dots, ids: list[int], found: Dots, tolerance: float, *,
+    ordered: bool = True, upright: Callable[[], bool | None] | None = None, pixels: bool = False,
+) -> Verdict:  # fmt: skip
+    """Hold found dots against those expected, by the best motion of the plane without any scale.
+
+    Parameters
+    ----------
+    expected, found : Dots
+        mm.
+    ids : list of int
+        What to call the expected ones.
+    tolerance : float
+        m.
+    ordered, upright
+        See `best_match`.
+    pixels : bool
+        Whether diameters are those of pixels.
+    """
+    tol = 1e3 * tolerance
+    labels = best_match(expected, found, ordered and found.ordered, upright)
+    n = len(expected)
+    if labels is None or labels.count < 3 or 2 * labels.count < n:
+        seen = 0 if labels is None else labels.count
+        some = (
+            f"{len(found)} dots of about its sizes, of which {seen} are in its layout of {n}" if len(found) else "none"
+        )
+        kind = "another marker" if len(found) else "no dots"
+        said = f"another marker: found {some}" if len(found) else "no dots of the marker's sizes"
+        return Verdict(np.nan, None, (np.nan, np.nan), (Finding(kind, said),), None, NOTHING)
+    here = np.flatnonzero(labels.found >= 0)
+    source, own = expected.centers[here], found.take(labels.found[here])
+    agreed, scale, is_scaled = _explain(source, own.centers, labels.mirror, tol)
+    trusted = bool(agreed.any())
+    agreed = agreed if trusted else np.ones_like(agreed)
+    rotation, shift = rigid_motion(source[agreed], own.centers[agreed], labels.mirror)
+    if is_scaled:
+        rotation, shift = rigid_motion(source, own.centers, labels.mirror)
+    off = (own.centers - shift) @ rotation - source
+    distance = np.linalg.norm(off, axis=-1)
+    worst = int(np.argmax(distance))
+    names = [ids[k] for k in here]
+    findings = [Finding("mirrored", "mirrored")] if labels.mirror else []
+    factor = 1.0
+    if is_scaled:
+        turned, by, moved = scaled_motion(source[agreed], own.centers[agreed], labels.mirror)
+        factor = float(np.sqrt(by[0] * by[1]))
+        findings.append(Finding("scaled", _scaled(by, source, tol)))
+        off = ((own.centers - moved) @ turned) / by - source
+    apart = np.linalg.norm(off, axis=-1)
+    diameter = 2 * float(expected.radii.min())
+    if not trusted and (apart.max() > STRANGER * (diameter or np.inf) or len(here) < n):
+        said = f"another marker: no motion brings its dots nearer than {_mm(apart.max())} to this one's"
+        return Verdict(
+            distance[worst] / 1e3, int(here[worst]), scale, (Finding("another marker", said),), None, NOTHING
+        )
+    if is_scaled and _resized(own, expected.take(here), factor):
+        times = f"{factor:.4f}".rstrip("0")
+        said = f"another marker: its dots are as large as this one's, but {times} times as far apart"
+        findings.append(Finding("another marker", said))
+    findings += _off(names, off, apart, tol)
+    findings += _absent(ids, labels)
+    findings += _features(names, own, expected.take(here), factor, tol, DIAMETER[pixels])
+    return Verdict(
+        distance[worst] / 1e3, int(here[worst]), scale, tuple(findings), (rotation, shift), labels.found[here],
+        tuple(names),
+    )  # fmt: skip
+
+
+def extras(
+    found: Dots, used: NDArray[np.intp], motion: tuple[Array, Array] | None, holes: Array | None = None
+) -> list[Finding]:
+    """Dots that belong to no copy of the marker, by their place in its frame; in `holes` (k, 2), mm, there are none."""
+    left = np.setdiff1d(np.arange(len(found)), used)
+    if not len(left) or motion is None:
+        return []
+    rotation, shift = motion
+    places = (found.centers[left] - shift) @ rotation
+    if holes is not None and len(holes):
+        places = places[np.linalg.norm(places[:, None] - holes, axis=-1).min(axis=1) > found.radii[left] / 2]
+    if not len(places):
+        return []
+    listed = "; ".join(f"x {x:.6g}, y {y:.6g} mm" for x, y in places[:MOST_LISTED])
+    more = f" and {len(places) - MOST_LISTED} more" if len(places) > MOST_LISTED else ""
+    count = "an extra dot" if len(places) == 1 else f"{len(places)} extra dots"
+    return [Finding("extra", f"{count} at {listed}{more}, marker frame")]
+
+
+def _explain(source: Array, target: Array, mirror: bool, tol: float) -> tuple[Mask, tuple[float, float], bool]:
+    """Dots that agree with one motion, the scales that go with them, and whether it takes these to agree."""
+
+    def scales(chosen: Mask) -> tuple[float, float]:
+        if chosen.sum() < 3:
+            return np.nan, np.nan
+        x, y = scaled_motion(source[chosen], target[chosen], mirror)[1]
+        return float(x), float(y)
+
+    everything = np.ones(len(source), dtype=bool)
+    if (_rigid_off(source, target, everything, mirror) <= tol).all():
+        return everything, scales(everything), False
+    if len(source) >= 4 and (_scaled_off(source, target, everything, mirror) <= tol).all():
+        return everything, scales(everything), True
+    rigid, scaled = _rigid_consensus(source, target, mirror, tol), _scaled_consensus(source, target, mirror, tol)
+    if scaled.sum() >= 4 and 2 * scaled.sum() > len(source) and scaled.sum() > rigid.sum():
+        return scaled, scales(scaled), True
+    if rigid.sum() >= 3 and 2 * rigid.sum() > len(source):
+        return rigid, scales(rigid), False
+    # Nothing agrees: scaled if that is most of it, and none of the dots is trusted.
+    none = np.zeros(len(source), dtype=bool)
+    if len(source) >= 4:
+        off, without = (float(np.max(each(source, target, everything, mirror))) for each in (_scaled_off, _rigid_off))
+        if off < without / 4:
+            return everything, scales(everything), True
+    return none, scales(everything), False
+
+
+def _rigid_off(source: Array, target: Array, chosen: Mask, mirror: bool) -> Array:
+    rotation, shift = rigid_motion(source[chosen], target[chosen], mirror)
+    return np.linalg.norm(source @ rotation.T + shift - target, axis=-1)
+
+
+def _scaled_off(source: Array, target: Array, chosen: Mask, mirror: bool) -> Array:
+    rotation, by, shift = scaled_motion(source[chosen], target[chosen], mirror)
+    return np.nan_to_num(np.linalg.norm(source * by @ rotation.T + shift - target, axis=-1), nan=np.inf)
+
+
+def _subsets(m: int, size: int) -> list[tuple[int, ...]]:
+    if m <= 14:
+        return list(combinations(range(m), size))
+    rng = np.random.default_rng(0)
+    return [tuple(rng.choice(m, size, replace=False).tolist()) for _ in range(MOST_SUBSETS)]
+
+
+def _consensus(source: Array, target: Array, mirror: bool, tol: float, size: int, off: Off) -> Mask:
+    best = np.zeros(len(source), dtype=bool)
+    for subset in _subsets(len(source), size):
+        chosen = np.zeros(len(source), dtype=bool)
+        chosen[list(subset)] = True
+        # A few dots put the others less exactly than all that agree do.
+        near = off(source, target, chosen, mirror) <= 3 * tol
+        if near.sum() <= max(best.sum(), size):
+            continue
+        near = off(source, target, near, mirror) <= tol
+        if near.sum() > best.sum():
+            best = near
+        if best.all():
+            break
+    return best
+
+
+def _rigid_consensus(source: Array, target: Array, mirror: bool, tol: float) -> Mask:
+    return _consensus(source, target, mirror, tol, 2, _rigid_off)
+
+
+def _scaled_consensus(source: Array, target: Array, mirror: bool, tol: float) -> Mask:
+    return _consensus(source, target, mirror, tol, 3, _scaled_off)
+
+
+def _scaled(by: Array, source: Array, tol: float) -> str:
+    half = np.ptp(source, axis=0) / 2
+    exact = np.abs(by - 1) * half <= tol
+    x, y = (f"{value:.5f}".rstrip("0").rstrip(".") for value in by)
+    if abs(by[0] - by[1]) * half.max() <= 2 * tol:
+        return f"scaled by {x} along x and y"
+    if exact[1]:
+        return f"scaled by {x} along x"
+    if exact[0]:
+        return f"scaled by {y} along y"
+    return f"scaled by {x} along x and by {y} along y"
+
+
+def _resized(own: Dots, expected: Dots, factor: float) -> bool:
+    """Whether the dots keep their size where their distances do not."""
+    known = np.isfinite(own.radii) & (expected.radii > 0)
+    if not known.any():
+        return False
+    grown = float(np.median(own.radii[known] / expected.radii[known]))
+    return abs(np.log(factor)) > 0.002 and abs(np.log(grown)) < abs(np.log(factor)) / 4
+
+
+def _off(names: list[int], off: Array, apart: Array, tol: float) -> list[Finding]:
+    wrong = [k for k in np.argsort(-apart, kind="stable") if apart[k] > tol]
+    said = [
+        f"dot {names[k]} is {_mm(apart[k])} off (x {1e3 * off[k, 0]:+.4g} um, y {1e3 * off[k, 1]:+.4g} um)"
+        for k in wrong[:MOST_LISTED]
+    ]
+    if len(wrong) > MOST_LISTED:
+        said.append(f"{len(wrong) - MOST_LISTED} more dots are off by less")
+    return [Finding("shifted", each) for each in said]
+
+
+def _absent(ids: list[int], labels: Match) -> list[Finding]:
+    missing = [ids[k] for k in np.flatnonzero(labels.found < 0)]
+    if not missing:
+        return []
+    listed = ", ".join(map(str, missing[:MOST_LISTED])) + (" ..." if len(missing) > MOST_LISTED else "")
+    return [Finding("missing", f"dot {listed} is missing" if len(missing) == 1 else f"dots {listed} are missing")]
+
+
+def _features(names: list[int], own: Dots, expected: Dots, factor: float, tol: float, share: float) -> list[Finding]:
+    """Findings about diameters, kinds, heights, and circles of one dot that are apart."""
+    findings = []
+    known = np.isfinite(own.radii)
+    for k in np.flatnonzero(known & (own.rings != expected.rings))[:MOST_LISTED]:
+        is_, not_ = ("a ring", "a dot") if own.rings[k] else ("a dot", "a ring")
+        findings.append(Finding("kind", f"dot {names[k]} is {is_}, not {not_}"))
+    for what, have, want in (
+        ("a diameter", own.radii, expected.radii),
+        ("an inner diameter", own.inner, expected.inner),
+    ):
+        both = known & (have > 0) & (want > 0)
+        wrong = np.flatnonzero(both & (np.abs(have - factor * want) > share * tol / 2))
+        if len(wrong) == len(names) > 1:
+            sizes = (
+                f"{2 * have.min():.6g} to {2 * have.max():.6g} mm" if np.ptp(have) > tol else f"{2 * have[0]:.6g} mm"
+            )
+            findings.append(
+                Finding(
+                    "diameter",
+                    f"all dots have {what} of {sizes}, not {2 * want[0]:.6g} mm",
+                )
+            )
+            continue
+        for k in wrong[:MOST_LISTED]:
+            said = f"dot {names[k]} has {what} of {2 * have[k]:.6g} mm, not {2 * want[k]:.6g} mm"
+            findings.append(Finding("diameter", said))
+    for k in np.flatnonzero(known & (own.spread > tol))[:MOST_LISTED]:
+        findings.append(Finding("twice", f"the circles of dot {names[k]} are {_mm(own.spread[k])} apart"))
+    if own.heights is not None and expected.heights is not None:
+        # The origin of heights is the marker's plane in every format that has them.
+        rise = own.heights / factor - expected.heights
+        wrong = np.flatnonzero(np.abs(rise) > tol)
+        together = len(wrong) == len(names) > 1 and np.ptp(rise) <= 2 * tol
+        for k in wrong[: 1 if together else MOST_LISTED]:
+            who = "all dots are" if together else f"dot {names[k]} is"
+            way = "high" if rise[k] > 0 else "low"
+            findings.append(Finding("height", f"{who} {_mm(abs(rise[k]))} too {way}"))
+    return findings
+
+
+def _mm(value: float) -> str:
+    return f"{value:.4g} mm" if value >= 0.01 else f"{1e3 * value:.3g} um"

@@ -1,0 +1,196 @@
+"""Which dot of a file is which of the marker: no label is read, the layout and the key ring tell."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.maths.rigid import rigid_motion
+from markergen.verification.dots import Dots
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+STRETCH = 0.1
+"""Share by which distances in a file may be off; what is more is another marker."""
+
+MOST_GUESSES, CHECKED, KEPT = 20_000, 12, 60
+"""Guessed motions, dots that each is checked at first, and guesses that are checked at all dots."""
+
+BASE_PAIRS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """Labels of dots, by a motion of the plane.
+
+    Attributes
+    ----------
+    found : array (n,) of int
+        Index of the found dot for each of the marker's, -1 for none.
+    mirror : bool
+    strange : int
+        Rings in the place of disks, and the other way around.
+    rms : float
+        Distance in mm of the dots from where the best rigid motion, mirrored or not, puts them.
+    angle : float
+        By which the motion turns, rad.
+    """
+
+    found: Indices
+    mirror: bool
+    strange: int
+    rms: float
+    angle: float
+
+    @property
+    def count(self) -> int:
+        """Dots with a label, less those of the wrong kind."""
+        return int(np.sum(self.found >= 0)) - self.strange
+
+    @property
+    def ordered(self) -> bool:
+        """Whether the file has the dots in the order of the marker."""
+        return bool(np.all(np.diff(self.found[self.found >= 0]) > 0))
+
+
+def best_match(expected: Dots, found: Dots, ordered: bool, upright: Callable[[], bool | None] | None) -> Match | None:
+    """Labels of the dots, mirrored only if no others fit.
+
+    Where a layout looks the same after a turn or in a mirror, the order of the dots in the file decides, if it has one,
+    or how the page around them reads, and then the least turn.
+    """
+    plain, mirrored = (_matches(expected, found, mirror) for mirror in (False, True))
+    if not plain or not mirrored:
+        return min([*plain, *mirrored], key=_turn, default=None)
+    if mirrored[0].count != plain[0].count:
+        return min(plain if plain[0].count > mirrored[0].count else mirrored, key=_turn)
+    least = min(each.rms for each in (*plain, *mirrored))
+    alike = [each for each in (*plain, *mirrored) if each.rms <= 1.5 * least + 1e-3]
+    both = len({each.mirror for each in alike}) == 2
+    reads = upright() if both and upright is not None else None
+    if reads is not None:
+        alike = [each for each in alike if each.mirror != reads]
+    elif ordered and any(each.ordered for each in alike):
+        alike = [each for each in alike if each.ordered]
+    return min(alike, key=lambda each: (each.mirror, _turn(each)))
+
+
+def _turn(each: Match) -> tuple[float, float]:
+    return round(abs(each.angle), 3), each.rms
+
+
+def _matches(expected: Dots, found: Dots, mirror: bool) -> list[Match]:
+    """Labels by motions that are mirrored or that are not: of those with the most dots, all that fit about as well.
+
+    A pair of the marker's dots is laid on every pair of found ones that are as far apart, up to `STRETCH`; the motion
+    that this gives takes the dots nearest to where it puts the others.
+    """
+    if len(found) < 2:
+        return []
+    reach = _reach(expected)
+    matches: list[Match] = []
+    for pair in _base_pairs(expected):
+        for turn, shift in _guesses(expected, found, pair, mirror, reach):
+            candidate = _labels(expected, found, mirror, turn, shift, reach)
+            if candidate is not None:
+                matches.append(candidate)
+        if any(each.count == len(expected) for each in matches):
+            break
+    most = max((each.count for each in matches), default=0)
+    matches = [each for each in matches if each.count == most]
+    least = min((each.rms for each in matches), default=0.0)
+    # Labels that fit alike are turns of a regular layout into itself.
+    return [each for each in matches if each.rms <= 1.5 * least + 1e-3]
+
+
+def _reach(expected: Dots) -> float:
+    """How far in mm a dot may be from its place and be its own and no other's."""
+    apart = np.linalg.norm(expected.centers[:, None] - expected.centers, axis=-1)
+    np.fill_diagonal(apart, np.inf)
+    return float(min(0.4 * apart.min(), 0.03 * float(np.ptp(expected.centers, axis=0).max())))
+
+
+def _base_pairs(expected: Dots) -> list[tuple[int, int]]:
+    """Pairs of far dots, those with one ring first, no dot in more than a few: some have no missing dot."""
+    n = len(expected)
+    first, second = np.triu_indices(n, 1)
+    length = np.linalg.norm(expected.centers[first] - expected.centers[second], axis=-1)
+    one_ring = expected.rings[first] != expected.rings[second]
+    order = np.lexsort((-length, ~one_ring))
+    used = np.zeros(n, dtype=int)
+    pairs: list[tuple[int, int]] = []
+    for index in order:
+        i, j = int(first[index]), int(second[index])
+        if max(used[i], used[j]) < 2 and length[index] > 0:
+            pairs.append((i, j))
+            used[[i, j]] += 1
+        if len(pairs) == BASE_PAIRS:
+            break
+    return pairs
+
+
+def _guesses(
+    expected: Dots, found: Dots, pair: tuple[int, int], mirror: bool, reach: float
+) -> list[tuple[complex, complex]]:
+    """Motions w = turn z + shift, of conjugate z if mirrored, that fit most of a few dots."""
+    source = expected.centers @ np.array([1, -1j if mirror else 1j])
+    target = found.centers @ np.array([1, 1j])
+    across = source[pair[1]] - source[pair[0]]
+    gaps = target[None, :] - target[:, None]
+    stretch = np.abs(np.abs(gaps) / abs(across) - 1)
+    known = np.isfinite(found.radii)
+    kinds = [(found.rings == expected.rings[index]) | ~known for index in pair]
+    for wanted in (kinds[0][:, None] & kinds[1], np.ones_like(stretch, dtype=bool)):
+        a, b = np.nonzero((stretch < STRETCH) & wanted & (gaps != 0))
+        if len(a):
+            break
+    else:
+        return []
+    nearest = np.argsort(stretch[a, b], kind="stable")[:MOST_GUESSES]
+    a, b = a[nearest], b[nearest]
+    turn = gaps[a, b] / across
+    shift = target[a] - turn * source[pair[0]]
+    check = _spread(expected.centers)
+    distance = _nearest(found.centers, turn[:, None] * source[check] + shift[:, None])[0]
+    near = np.sum(distance < reach, axis=-1)
+    order = np.lexsort((np.minimum(distance, reach).sum(axis=-1), -near))[:KEPT]
+    return [(complex(turn[k]), complex(shift[k])) for k in order]
+
+
+def _spread(points: Array) -> Indices:
+    """Some points far from each other."""
+    chosen = [0]
+    gap = np.linalg.norm(points - points[0], axis=-1)
+    while len(chosen) < min(CHECKED, len(points)):
+        chosen.append(int(np.argmax(gap)))
+        gap = np.minimum(gap, np.linalg.norm(points - points[chosen[-1]], axis=-1))
+    return np.array(chosen)
+
+
+def _nearest(points: Array, places: NDArray[np.complex128]) -> tuple[Array, Indices]:
+    from scipy.spatial import cKDTree
+
+    distance, index = cKDTree(points).query(np.stack([places.real, places.imag], axis=-1))
+    return distance, index
+
+
+def _labels(expected: Dots, found: Dots, mirror: bool, turn: complex, shift: complex, reach: float) -> Match | None:
+    source = expected.centers @ np.array([1, -1j if mirror else 1j])
+    distance, index = _nearest(found.centers, turn * source + shift)
+    index = np.where(distance < reach, index, -1)
+    # A found dot that is nearest to several places goes to the nearest of them.
+    for dot in np.unique(index[index >= 0]):
+        claims = np.flatnonzero(index == dot)
+        index[claims[claims != claims[np.argmin(distance[claims])]]] = -1
+    used = index >= 0
+    if np.sum(used) < 2:
+        return None
+    rotation, moved = rigid_motion(expected.centers[used], found.centers[index[used]], mirror)
+    off = expected.centers[used] @ rotation.T + moved - found.centers[index[used]]
+    known = np.isfinite(found.radii[index[used]])
+    strange = int(np.sum(known & (found.rings[index[used]] != expected.rings[used])))
+    rms = float(np.sqrt(np.mean(np.sum(off**2, axis=-1))))
+    angle = float(np.arctan2(*(rotation[[1, 0], 0] * (-1 if mirror else 1))))
+    return Match(index.astype(np.intp), mirror, strange, rms, angle)

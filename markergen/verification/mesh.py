@@ -1,0 +1,312 @@
+"""Triangles of a mesh made into what a solid shows from above: its shells, their level faces, circles and balls."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.solid.surface import Ball, Color, Face, Loop, SolidPart, Surface
+from markergen.verification.reading import round_shape
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+TOLERANCE = 5e-6
+"""How exact a mesh is to be, m."""
+
+MOST_TRIANGLES = 4_000_000
+
+LEVEL = 1e-4
+"""Difference of heights in mm within a level triangle: single precision of a plate of a meter, turned or not."""
+
+ANGLE = 1e-3
+"""Triangles around an edge in directions nearer than this, rad, touch."""
+
+STEEPEST, FLATTEST = 0.02, 0.9995
+"""z of the normals of triangles that may be of a ball; others are of walls and level faces."""
+
+BALL = 1e-3
+"""Share of its radius by which corners may be off a ball."""
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """Triangles of one object of a file, in mm, z out of the printed face.
+
+    Attributes
+    ----------
+    corners : array (m, 3, 3)
+        Counterclockwise seen from outside.
+    name : str
+    color : (red, green, blue) or None
+    paints : array (m,) of int
+        Index of each triangle's own color in `palette`, -1 for the object's.
+    palette : sequence of colors
+    """
+
+    corners: Array
+    name: str = ""
+    color: Color | None = None
+    paints: NDArray[np.int64] | None = None
+    palette: Sequence[Color] = ()
+
+
+def surface_of(objects: Sequence[Triangles], name: str) -> Surface:
+    """Surface of the objects of a file, each shell as a part of its own.
+
+    Raises
+    ------
+    InputError
+        If there are no triangles, too many, or corners that are no places.
+    """
+    count = sum(len(each.corners) for each in objects)
+    if not count:
+        raise InputError(f"triangles in {name}", "none", "export it again")
+    if count > MOST_TRIANGLES:
+        raise InputError(f"at most {MOST_TRIANGLES} triangles in {name}", str(count), "export it with more tolerance")
+    if not all((np.abs(each.corners) < 1e7).all() for each in objects):
+        raise InputError(f"corners within 10 km in {name}", "numbers beyond that or not finite", "export it again")
+    return Surface(tuple(part for each in objects for part in _parts(each)))
+
+
+def _parts(each: Triangles) -> list[SolidPart]:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    # 0.0 and -0.0 are one place.
+    places, index = np.unique(each.corners.reshape(-1, 3) + 0.0, axis=0, return_inverse=True)
+    triangles = index.reshape(-1, 3)
+    a, b, c = triangles.T
+    proper = (a != b) & (b != c) & (c != a)
+    triangles = triangles[proper]
+    paints = np.full(len(proper), -1) if each.paints is None else each.paints
+    paints = paints[proper]
+    if not len(triangles):
+        return []
+    p, q, r = np.moveaxis(places[triangles], 1, 0)
+    inside_out = bool(np.einsum("ij,ij->", p - p[0], np.cross(q - p[0], r - p[0])) < 0)
+    if inside_out:
+        triangles = triangles[:, ::-1]
+    neighbors = _neighbors(places, triangles)
+    m = len(triangles)
+    known = neighbors >= 0
+    rows = np.repeat(np.arange(m), 3).reshape(m, 3)[known]
+    links = coo_array((np.ones(len(rows), dtype=np.int8), (rows, neighbors[known])), shape=(m, m))
+    total, shell = connected_components(links, directed=False)
+    order = np.argsort(shell, kind="stable")
+    groups = np.split(order, np.searchsorted(shell[order], np.arange(1, total)))
+    level = _level(places, triangles)
+    parts = []
+    for group in groups:
+        corners = places[triangles[group]]
+        p, q, r = np.moveaxis(corners, 1, 0)
+        volume = float(np.einsum("ij,ij->", p, np.cross(q, r)) / 6)
+        faces = _faces(places, triangles, neighbors, level, paints, group, each.palette)
+        low, high = corners.min(axis=(0, 1)).tolist(), corners.max(axis=(0, 1)).tolist()
+        closed = bool(known[group].all())
+        balls = _balls(places, triangles, neighbors, group, paints, each.palette)
+        parts.append(
+            SolidPart(
+                each.name, each.color, volume, closed and not inside_out, closed,
+                (low[0], low[1], low[2]), (high[0], high[1], high[2]), faces, balls,
+            )
+        )  # fmt: skip
+    return parts
+
+
+def _neighbors(places: Array, triangles: Indices) -> Indices:
+    """The triangle (m, 3) across each edge (first to second corner, second to third, third to first); -1 for none.
+
+    Where solids touch, four triangles meet at an edge: those are neighbors between which there is material.
+    """
+    m = len(triangles)
+    start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    owner = np.repeat(np.arange(m), 3)
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    key = low * (int(triangles.max()) + 1) + high
+    order = np.argsort(key, kind="stable")
+    first = np.flatnonzero(np.r_[True, np.diff(key[order]) > 0])
+    size = np.diff(np.r_[first, len(order)])
+    found = np.full(3 * m, -1, dtype=np.int64)
+    pair = first[size == 2]
+    one, two = order[pair], order[pair + 1]
+    opposed = start[one] != start[two]
+    one, two = one[opposed], two[opposed]
+    found[one], found[two] = owner[two], owner[one]
+    for where, many in zip(first[size > 2], size[size > 2], strict=True):
+        sides = order[where : where + many]
+        for closing, opening in _wedges(places, triangles, sides, low[sides[0]], high[sides[0]], start, owner):
+            found[closing], found[opening] = owner[opening], owner[closing]
+    return found.reshape(m, 3)
+
+
+def _wedges(
+    places: Array, triangles: Indices, sides: Indices, low: int, high: int, start: Indices, owner: Indices
+) -> list[tuple[int, int]]:
+    """Pairs of sides of one edge with material between their triangles.
+
+    Seen along the edge, material lies counterclockwise of a triangle that runs against it, up to the next one that
+    runs with it. Where two touch, what ends comes before what begins.
+    """
+    along = places[high] - places[low]
+    along = along / np.linalg.norm(along)
+    third = triangles[owner[sides]].sum(axis=1) - low - high
+    away = places[third] - places[low]
+    away -= np.outer(away @ along, along)
+    u = away[0] / np.linalg.norm(away[0])
+    angle = np.arctan2(away @ np.cross(along, u), away @ u)
+    order = np.argsort(angle)
+    # Directions that are nearly the same are one; the first is that of 0 and of a full turn.
+    step = np.cumsum(np.r_[0, np.diff(angle[order]) > ANGLE])
+    if 2 * np.pi - angle[order[-1]] + angle[order[0]] < ANGLE:
+        step[step == step[-1]] = 0
+    begins = start[sides[order]] != low
+    order = order[np.lexsort((begins, step))]
+    begins = start[sides[order]] != low
+    pairs, waiting = [], []
+    for k in [*order[_from(begins) :], *order[: _from(begins)]]:
+        if start[sides[k]] != low:
+            waiting.append(k)
+        elif waiting:
+            pairs.append((int(sides[k]), int(sides[waiting.pop()])))
+    return pairs
+
+
+def _from(begins: NDArray[np.bool_]) -> int:
+    """First place after one where material ends and before one where it begins."""
+    starts = np.flatnonzero(begins & ~np.roll(begins, 1))
+    return int(starts[0]) if len(starts) else 0
+
+
+def _level(places: Array, triangles: Indices) -> NDArray[np.bool_]:
+    """Which triangles are level and look up."""
+    p, q, r = np.moveaxis(places[triangles], 1, 0)
+    z = places[triangles, 2]
+    u, v = (q - p)[:, :2], (r - p)[:, :2]
+    return np.asarray((np.ptp(z, axis=1) < LEVEL) & (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0] > 0))
+
+
+def _faces(
+    places: Array, triangles: Indices, neighbors: Indices, level: NDArray[np.bool_], paints: Indices, group: Indices,
+    palette: Sequence[Color],
+) -> tuple[Face, ...]:  # fmt: skip
+    """Level faces of one shell: neighboring level triangles of one color."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    mine = group[level[group]]
+    if not len(mine):
+        return ()
+    place = np.full(len(triangles), -1)
+    place[mine] = np.arange(len(mine))
+    across = neighbors[mine]
+    inner = (across >= 0) & level[across] & (paints[across] == paints[mine][:, None])
+    rows, _ = np.nonzero(inner)
+    links = coo_array((np.ones(len(rows), dtype=np.int8), (rows, place[across[inner]])), shape=(len(mine),) * 2)
+    total, face = connected_components(links, directed=False)
+    starts = triangles[mine][~inner]
+    ends = np.roll(triangles[mine], -1, axis=1)[~inner]
+    of = face[np.nonzero(~inner)[0]]
+    order = np.argsort(of, kind="stable")
+    borders = np.split(order, np.searchsorted(of[order], np.arange(1, total)))
+    found = []
+    for number, border in enumerate(borders):
+        member = mine[face == number] if total < 50 else mine[np.flatnonzero(face == number)]
+        loops = [_loop(places[ring, :2]) for ring in _rings(starts[border], ends[border])]
+        loops.sort(key=lambda loop: -loop.area)
+        paint = int(paints[member[0]])
+        if loops:
+            z = float(np.median(places[triangles[member], 2]))
+            found.append(Face(z, tuple(loops), palette[paint] if paint >= 0 else None))
+    return tuple(found)
+
+
+def _rings(starts: Indices, ends: Indices) -> list[Indices]:
+    """Closed runs of edges, as indices of places."""
+    following: dict[int, list[int]] = {}
+    for a, b in zip(starts.tolist(), ends.tolist(), strict=True):
+        following.setdefault(a, []).append(b)
+    rings = []
+    while following:
+        first = next(iter(following))
+        ring, at = [first], first
+        while at in following:
+            nexts = following[at]
+            to = nexts.pop()
+            if not nexts:
+                del following[at]
+            at = to
+            if at == first:
+                break
+            ring.append(at)
+        if at == first and len(ring) > 2:
+            rings.append(np.array(ring))
+    return rings
+
+
+def _loop(points: Array) -> Loop:
+    return Loop(points, round_shape(points))
+
+
+def _balls(
+    places: Array, triangles: Indices, neighbors: Indices, group: Indices, paints: Indices, palette: Sequence[Color]
+) -> tuple[Ball, ...]:
+    """The ball whose surface is what of a shell is neither level nor upright; none if that is no ball."""
+    p, q, r = np.moveaxis(places[triangles[group]], 1, 0)
+    normal = np.cross(q - p, r - p)
+    up = normal[:, 2] / np.maximum(np.linalg.norm(normal, axis=-1), np.finfo(float).tiny)
+    # The upper half of a ball bulges up: its neck or what it stands on does not.
+    chosen = group[(up > STEEPEST) & (up < FLATTEST)]
+    if len(chosen) < 12:
+        return ()
+    corners = np.unique(triangles[chosen])
+    points = places[corners]
+    # Any two circles around one axis lie on a ball.
+    if len(np.unique(np.round(points[:, 2], 3))) < 4:
+        return ()
+    middle = points.mean(axis=0)
+    offset = points - middle
+    rows = np.column_stack([2 * offset, np.ones(len(offset))])
+    solved, *_ = np.linalg.lstsq(rows, (offset**2).sum(axis=-1), rcond=None)
+    square = solved[3] + solved[:3] @ solved[:3]
+    if not square > 0:
+        return ()
+    radius, center = float(np.sqrt(square)), middle + solved[:3]
+    if np.abs(np.linalg.norm(points - center, axis=-1) - radius).max() > BALL * radius:
+        return ()
+    x, y, z = center.tolist()
+    top = float(points[:, 2].max()) - z
+    bottom = max(float(points[:, 2].min()) - z, 0.0)
+    if top <= 0:
+        return ()
+    hole = _top_edge(places, triangles, neighbors, chosen, center, radius)
+    rim = float(np.sqrt(max(radius**2 - bottom**2, 0.0)))
+    paint = int(paints[chosen[0]])
+    return (Ball(x, y, z, radius, hole, rim if rim > hole else radius, palette[paint] if paint >= 0 else None),)
+
+
+def _top_edge(
+    places: Array, triangles: Indices, neighbors: Indices, chosen: Indices, center: Array, radius: float
+) -> float:
+    """Radius of the upper edge of a piece of a ball, 0 where it is whole up to the pole."""
+    inside = np.zeros(len(triangles), dtype=bool)
+    inside[chosen] = True
+    # Near the pole triangles are nearly level, and yet of the ball.
+    on = np.abs(np.linalg.norm(places - center, axis=-1) - radius) < BALL * radius
+    p, q, r = np.moveaxis(places[triangles], 1, 0)
+    upright = np.abs(np.cross(q - p, r - p)[:, 2]) < STEEPEST * np.linalg.norm(np.cross(q - p, r - p), axis=-1)
+    inside |= on[triangles].all(axis=1) & ~upright
+    across = neighbors[chosen]
+    edge = (across < 0) | ~inside[across]
+    rows, columns = np.nonzero(edge)
+    if not len(rows):
+        return 0.0
+    starts, ends = triangles[chosen[rows], columns], triangles[chosen[rows], (columns + 1) % 3]
+    middles = (places[starts] + places[ends]) / 2
+    high = middles[:, 2] - center[2] > 0.2 * radius
+    if not high.any():
+        return 0.0
+    corner = places[starts[high]]
+    return float(np.median(np.linalg.norm(corner[:, :2] - center[:2], axis=-1)))

@@ -1,0 +1,239 @@
+"""PNG: dots as blobs of ink, each measured by its grey-weighted moments; the resolution is the one the file states."""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.model.findings import brief
+from markergen.model.marker import Marker
+from markergen.verification.dots import ALIKE
+from markergen.verification.glyphs import reads_upright
+from markergen.verification.reading import FLATTEST, READERS, ROUND, Page, Reading, circles_of
+
+Array = NDArray[np.float64]
+Grey = NDArray[np.uint8]
+
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+MOST_PIXELS = 1_000_000_000
+
+COARSE = 14
+"""Pixels across the smallest dot in the reduced image that dots are sought in."""
+
+GAP = 1.5
+"""Pixels of that image between the nearest two dots, at least, so that they do not run into one."""
+
+SOFT = 2
+"""Pixels beyond a blob's middle grey that its rim may reach; what lies farther out is another's."""
+
+TOLERANCE_PX = 10e-3 * 600 / 25.4
+"""Default tolerance in pixels: 10 um at 600 dpi."""
+
+CORE, RIM = 0.93, 1.3
+"""Shares of a dot's radius: what is within is ink or a ring's hole, what is beyond does not belong to it."""
+
+MOST_BLOBS = 2000
+
+
+@dataclass(frozen=True)
+class _Header:
+    width: int
+    height: int
+    per_mm: tuple[float, float]
+
+
+@READERS.register(".png")
+def read(data: bytes, name: str, marker: Marker) -> Reading:
+    """Round blobs of a PNG, dark or light, as circles in mm."""
+    header = _header(data, name)
+    grey = _decode(data, header, name)
+    sizes = np.array([1e3 * size for p in marker.control_points for size in
+                      (p.feature.diameter, p.feature.inner_diameter) if size])  # fmt: skip
+    scale = np.array(header.per_mm)
+    circles = []
+    if len(sizes):
+        for box, dark in _blobs(grey, scale, sizes, _least_gap(marker)):
+            found = _measure(grey, box, dark, scale)
+            if found is not None:
+                circles.append(found)
+    size = header.width / scale[0], header.height / scale[1]
+    page = Page(
+        circles_of(circles, name),
+        size,
+        upright=partial(reads_upright, grey, scale),
+        sample=partial(_sample, grey, scale),
+    )
+    tolerance = 1e-3 * TOLERANCE_PX / float(scale.mean())
+    return Reading("PNG", (page,), tolerance, ordered=False, pixels=True, tagged=True)
+
+
+def _sample(grey: Grey, scale: Array, points: Array) -> Array:
+    """Grey levels between pixels, at points in mm, y up from the image's top edge; white outside."""
+    import cv2
+
+    places = (points * [1, -1] * scale - 0.5).astype(np.float32)
+    low = np.floor(places.min(axis=0)).astype(int) - 1
+    high = np.ceil(places.max(axis=0)).astype(int) + 2
+    low, high = np.maximum(low, 0), np.minimum(high, grey.shape[::-1])
+    if (high <= low).any():
+        return np.full(len(points), 255.0)
+    # remap takes images of up to 32767 pixels a side, and as many points a row.
+    window = grey[low[1] : high[1], low[0] : high[0]].astype(np.float32)
+    x, y = (places - low).astype(np.float32).T
+    if max(window.shape) > 32000:
+        return np.full(len(points), 255.0)
+    return np.asarray(cv2.remap(window, x[:, None], y[:, None], cv2.INTER_LINEAR, borderValue=255.0)[:, 0], dtype=float)
+
+
+def _header(data: bytes, name: str) -> _Header:
+    """Size and resolution, once every chunk is known to be whole."""
+    chunks: dict[bytes, bytes] = {}
+    packed = 0
+    for kind, body in _chunks(data, name):
+        chunks.setdefault(kind, body if kind != b"IDAT" else b"")
+        packed += len(body) if kind == b"IDAT" else 0
+    if len(chunks.get(b"IHDR", b"")) != 13 or b"IDAT" not in chunks or b"IEND" not in chunks:
+        raise InputError(f"a complete PNG in {name}", "chunks missing", "export it again")
+    width, height = struct.unpack(">II", chunks[b"IHDR"][:8])
+    if not 0 < width * height <= MOST_PIXELS:
+        raise InputError(
+            f"1 to {MOST_PIXELS // 10**6} million pixels in {name}", f"{width} x {height}", "use a lower dpi"
+        )
+    # Deflate packs by 1032 at most: a header that promises more lies, and would take memory for it.
+    if width * height / 8 > 1032 * packed + 1000:
+        raise InputError(f"{width} x {height} pixels in {name}", "data for fewer", "export it again")
+    density = chunks.get(b"pHYs", b"")
+    if len(density) != 9 or density[8] != 1:
+        raise InputError(f"a resolution in {name}", "none: no pHYs in meters", "export it again, with its dpi")
+    x, y = struct.unpack(">II", density[:8])
+    if not 100 <= min(x, y) <= max(x, y) <= 10_000_000:
+        raise InputError(f"a resolution of 100 to 10 million pixels a meter in {name}", f"{x} x {y}", "export it again")
+    return _Header(width, height, (x / 1e3, y / 1e3))
+
+
+def _chunks(data: bytes, name: str) -> Iterator[tuple[bytes, bytes]]:
+    if not data.startswith(SIGNATURE):
+        raise InputError(f"a PNG in {name}", "another kind of file", "check the path")
+    place = len(SIGNATURE)
+    while place + 12 <= len(data):
+        length = int.from_bytes(data[place : place + 4], "big")
+        kind, body = data[place + 4 : place + 8], data[place + 8 : place + 8 + length]
+        check = data[place + 8 + length : place + 12 + length]
+        if len(check) < 4 or zlib.crc32(body, zlib.crc32(kind)) != int.from_bytes(check, "big"):
+            raise InputError(f"a whole PNG in {name}", f"a damaged chunk {brief(kind)}", "export it again")
+        yield kind, body
+        place += 12 + length
+
+
+def _decode(data: bytes, header: _Header, name: str) -> Grey:
+    import cv2
+
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        grey = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    except (cv2.error, MemoryError) as error:
+        raise InputError(f"a PNG that can be decoded in {name}", brief(str(error)), "export it again") from None
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+    if grey is None or grey.shape != (header.height, header.width):
+        raise InputError(f"a PNG that can be decoded in {name}", "damaged pixels", "export it again")
+    return np.asarray(grey, dtype=np.uint8)
+
+
+def _least_gap(marker: Marker) -> float:
+    """Between the nearest two dots, mm."""
+    xy, radii = marker.xyz[:, :2], np.array([p.feature.diameter / 2 for p in marker.control_points])
+    first, second = np.triu_indices(len(marker), 1)
+    gaps = np.linalg.norm(xy[first] - xy[second], axis=-1) - radii[first] - radii[second]
+    return 1e3 * float(gaps.min(initial=np.inf))
+
+
+def _blobs(grey: Grey, scale: Array, sizes: Array, gap: float) -> Iterator[tuple[tuple[int, int, int, int], bool]]:
+    """Boxes (left, top, right, bottom) in pixels around blobs that may be dots or holes of rings, and whether dark."""
+    import cv2
+
+    step = int(np.clip(min(sizes.min() / COARSE, gap / GAP) * scale.min(), 1, 32))
+    height, width = (side // step for side in grey.shape)
+    if min(height, width) < 4:
+        return
+    coarse = cv2.resize(grey[: height * step, : width * step], (width, height), interpolation=cv2.INTER_AREA)
+    low, high = int(coarse.min()), int(coarse.max())
+    if high - low < 16:
+        return
+    count = 0
+    for dark in (True, False):
+        mask = (coarse < (low + high) / 2) == dark
+        _, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
+        sides = stats[1:, 2:4] * step / scale
+        size = np.sqrt(sides.prod(axis=1))
+        near = np.abs(np.log(size[:, None] / sizes)).min(axis=1) < np.log(1.2 * ALIKE)
+        even = sides.min(axis=1) > 0.7 * sides.max(axis=1)
+        share = stats[1:, 4] / (np.pi / 4 * stats[1:, 2:4].prod(axis=1))
+        for left, top, across, down, _ in stats[1:][near & even & (share > 0.15) & (share < 1.2)].tolist():
+            count += 1
+            if count > MOST_BLOBS:
+                return
+            yield (left * step, top * step, (left + across) * step, (top + down) * step), dark
+
+
+def _measure(grey: Grey, box: tuple[int, int, int, int], dark: bool, scale: Array) -> tuple[float, float, float] | None:
+    """Center and radius in mm, y up from the image's top edge, of a blob that is round; None if it is not."""
+    left, top, right, bottom = box
+    center = np.array([(left + right - 1) / 2, (top + bottom - 1) / 2])
+    half = np.array([right - left, bottom - top]) / 2
+    moments = None
+    # The box is as coarse as the image it was found in; what is found at first makes it fine.
+    for core in (0.75, CORE):
+        moments = _moments(grey, center, half, dark, core)
+        if moments is None:
+            return None
+        _, center, spread = moments
+        half = 2 * np.sqrt(np.maximum(np.diag(spread), 1e-6))
+    area, center, spread = moments if moments is not None else (0.0, center, np.eye(2))
+    ellipse = 4 * np.pi * float(np.sqrt(max(np.linalg.det(spread), 1e-12)))
+    stretched = np.sqrt(np.linalg.eigvalsh(spread / np.outer(scale, scale)))
+    # An area of few pixels is uncertain by its rim; a square's is 0.045 off.
+    if abs(area / ellipse - 1) > ROUND + 0.3 / half.min() or stretched[0] < FLATTEST * stretched[1]:
+        return None
+    x, y = (center + 0.5) / scale
+    return float(x), float(-y), float(np.sqrt(area / np.pi / scale.prod()))
+
+
+def _moments(grey: Grey, center: Array, half: Array, dark: bool, core: float) -> tuple[float, Array, Array] | None:
+    """Area, centroid and second moments of a blob in pixels, a ring's hole filled up, without its neighbors."""
+    import cv2
+
+    reach = 1.1 * RIM * half + 2
+    low = np.maximum(np.floor(center - reach), 0).astype(int)
+    high = np.minimum(np.ceil(center + reach) + 1, grey.shape[::-1]).astype(int)
+    if (high - low < 3).any():
+        return None
+    window = grey[low[1] : high[1], low[0] : high[0]].astype(np.float32)
+    x, y = (np.arange(low[k], high[k], dtype=np.float32) - np.float32(center[k]) for k in (0, 1))
+    distance = np.hypot((x / np.float32(half[0]))[None, :], (y / np.float32(half[1]))[:, None])
+    around, inside = (distance > (1 + RIM) / 2) & (distance < 1.05 * RIM), distance < core
+    if not around.any() or not inside.any():
+        return None
+    # Neighbors may fill most of the way around.
+    ground = float(np.percentile(window[around], 90 if dark else 10))
+    ink = float(np.percentile(window[inside], 5 if dark else 95))
+    if (ground - ink if dark else ink - ground) < 16:
+        return None
+    covered = np.clip((ground - window) / (ground - ink), 0, 1)
+    covered[inside] = 1
+    _, parts = cv2.connectedComponents((covered > 0.5).astype(np.uint8), connectivity=4)
+    own = (parts == parts[inside][0]).astype(np.uint8)
+    covered[cv2.dilate(own, np.ones((2 * SOFT + 1, 2 * SOFT + 1), np.uint8)) == 0] = 0
+    area = float(covered.sum(dtype=float))
+    across, down = covered.sum(axis=0, dtype=float), covered.sum(axis=1, dtype=float)
+    mx, my = float(across @ x) / area, float(down @ y) / area
+    xx, yy = float(across @ (x - mx) ** 2) / area, float(down @ (y - my) ** 2) / area
+    xy = float((y - my) @ covered.astype(float) @ (x - mx)) / area
+    # A pixel is a square, not a point.
+    return area, center + [mx, my], np.array([[xx, xy], [xy, yy]]) + np.eye(2) / 12

@@ -1,0 +1,149 @@
+"""Lists of points: marker.json, tables and configurations of detectors, read as plain text, JSON or YAML."""
+
+import json
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from markergen.errors import InputError
+from markergen.model.findings import brief
+from markergen.model.marker import Marker
+from markergen.model.tag import FAMILIES
+from markergen.verification.reading import READERS, Page, Reading, circles_of
+
+LARGEST_LIST = 10_000_000
+
+Told = tuple[object, object, object]
+"""Family, id and corners of a tag as a file tells them."""
+
+TAG_TOLERANCE = 1e-6
+"""How far a listed corner of a tag may be off, m."""
+
+
+@READERS.register(".csv")
+def read_csv(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (every reader is called alike)
+    """Places of a table with the columns x_m, y_m, z_m."""
+    lines = [line for line in _text(data, name).splitlines() if line.strip() and not line.startswith("#")]
+    header = [word.strip() for word in lines[0].split(",")] if lines else []
+    try:
+        columns = [header.index(key) for key in ("x_m", "y_m", "z_m")]
+        rows = [[line.split(",")[column] for column in columns] for line in lines[1:]]
+    except (ValueError, IndexError):
+        raise InputError(
+            f"columns x_m, y_m and z_m in {name}", brief(lines[0] if lines else ""), "export it again"
+        ) from None
+    return _reading("CSV", rows, name)
+
+
+@READERS.register(".json")
+def read_json(data: bytes, name: str, marker: Marker) -> Reading:
+    """Control points of a marker.json."""
+    try:
+        content = json.loads(_text(data, name))
+        rows = [[point[key] for key in "xyz"] for point in content["control_points"]]
+        tag = content.get("tag")
+        told = tag and (tag["family"], tag["id"], [corner[:2] for corner in tag["corners"]])
+    except (ValueError, RecursionError, KeyError, TypeError):
+        raise InputError(f"a marker.json in {name}", "something else", "export it again") from None
+    # Its tag is the one that was designed, whatever was measured on a print.
+    return _reading("JSON", rows, name, _tag_gaps(marker.as_designed, marker.tag.family if marker.tag else None, told))
+
+
+@READERS.register(".opencv.yaml")
+def read_opencv(data: bytes, name: str, marker: Marker) -> Reading:
+    """Object points and tag of an OpenCV FileStorage."""
+    text = _text(data, name)
+    values = _matrix(text, "object_points")
+    if not values or len(values) % 3:
+        raise InputError(f"object_points of three columns in {name}", "none", "export it again")
+    family = re.search(r'^tag_dictionary_name: *"(\w+)"', text, re.MULTILINE)
+    corners = _matrix(text, "tag_corners")
+    told = (
+        (family[1], ",".join(_matrix(text, "tag_ids")).strip(), [corners[k : k + 2] for k in range(0, len(corners), 3)])
+        if family
+        else None
+    )
+    gaps = _tag_gaps(marker, FAMILIES[marker.tag.family] if marker.tag else None, told)
+    return _reading("OpenCV", [values[k : k + 3] for k in range(0, len(values), 3)], name, gaps)
+
+
+@READERS.register(".kalibr.yaml")
+def read_kalibr(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001
+    """Points of a target in the style of Kalibr."""
+    try:
+        rows = [[point[key] for key in "xyz"] for point in _yaml(data, name)["points"]]
+    except (KeyError, TypeError):
+        raise InputError(f"points with x, y and z in {name}", "something else", "export it again") from None
+    return _reading("Kalibr", rows, name)
+
+
+@READERS.register(".ros2.yaml")
+def read_ros2(data: bytes, name: str, marker: Marker) -> Reading:
+    """Landmarks and tag of ROS 2 parameters."""
+    try:
+        nodes = [node["ros__parameters"] for node in _yaml(data, name).values()]
+        (landmarks,) = [node for node in nodes if "ids" in node]
+        rows = list(zip(*(landmarks[key] for key in "xyz"), strict=True))
+        tag = landmarks.get("tag")
+        told = tag and (tag["family"], tag["id"], list(zip(tag["corner_x"], tag["corner_y"], strict=True)))
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise InputError(f"landmarks with x, y and z in {name}", "something else", "export it again") from None
+    return _reading("ROS 2", rows, name, _tag_gaps(marker, marker.tag.family if marker.tag else None, told))
+
+
+def _matrix(text: str, key: str) -> list[str]:
+    """Numbers of a matrix of FileStorage, row by row; none without it."""
+    match = re.search(rf"^{key}:[^\[]*\[([^\]]*)\]", text, re.MULTILINE)
+    return match[1].split(",") if match else []
+
+
+def _tag_gaps(marker: Marker, family: str | None, told: Told | None) -> tuple[str, ...]:
+    """What is wrong with a tag as a file tells it, whose word for the marker's family is given."""
+    tag = marker.tag
+    if tag is None or not told:
+        return () if (tag is None) == (not told) else (f"the tag {tag} is missing" if tag else "an extra tag",)
+    if (told[0], str(told[1])) != (family, str(tag.id)):
+        return (f"its tag is {brief(str(told[0]))}:{brief(str(told[1]))}, not {family}:{tag.id}",)
+    try:
+        corners = np.array(told[2], dtype=float)
+    except (ValueError, TypeError, OverflowError):
+        return ("the corners of the tag are no numbers",)
+    # Not within, rather than beyond, so that nan is wrong, too.
+    if (
+        corners.shape != (4, 2)
+        or not (np.abs(corners - tag.corners[:, :2] * marker.print_scale) <= TAG_TOLERANCE).all()
+    ):
+        return (f"the corners of the tag {tag} are elsewhere",)
+    return ()
+
+
+def _text(data: bytes, name: str) -> str:
+    if len(data) > LARGEST_LIST:
+        raise InputError(f"a list of at most {LARGEST_LIST // 10**6} MB in {name}", "a larger one", "check the path")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"text in {name}", "bytes that are not UTF-8 text", "check the path") from None
+
+
+def _yaml(data: bytes, name: str) -> Any:
+    import yaml
+
+    try:
+        return yaml.safe_load(_text(data, name))
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        raise InputError(f"complete YAML in {name}", brief(str(error)), "export it again") from None
+
+
+def _reading(kind: str, rows: Sequence[Sequence[Any]], name: str, tag_gaps: tuple[str, ...] = ()) -> Reading:
+    try:
+        places = 1e3 * np.array([[float(value) for value in row] for row in rows], dtype=float).reshape(-1, 3)
+    except (ValueError, TypeError, OverflowError):
+        raise InputError(f"numbers in {name}", "something else", "export it again") from None
+    if not len(places) or not (np.abs(places) < 1e7).all():
+        raise InputError(f"places in m in {name}", "none, or numbers that are not finite", "export it again")
+    bare = np.column_stack([places[:, :2], np.full(len(places), np.nan)])
+    circles = circles_of([tuple(row) for row in bare.tolist()], name)
+    return Reading(kind, (Page(circles, heights=places[:, 2]),), drawn=False, tag_gaps=tag_gaps)

@@ -1,0 +1,229 @@
+"""Dots, colors and holes of a solid, from what it shows from above; no process is asked for."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.model.substrate import Hole
+from markergen.solid.surface import Ball, Color, SolidPart, Surface
+from markergen.verification.dots import ALIKE, CONCENTRIC, Dots
+from markergen.verification.judge import MOST_LISTED, Finding
+from markergen.verification.reading import Page, Reading
+
+Array = NDArray[np.float64]
+
+FLUSH = 1e-3
+"""Difference of heights in mm between edges of one face of a dot."""
+
+CONTRAST = 0.2
+"""Least difference of lightness between a dot and the plate, of 1 between black and white."""
+
+LUMA = np.array([0.2126, 0.7152, 0.0722])
+
+HOLE = 2.0
+"""How far in mm a hole may be from its place and still be that hole."""
+
+UNITS = {"m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3}
+"""Units that files may have been written in which are then read as mm."""
+
+
+def dots_of_surface(surface: Surface, expected: Dots) -> Dots:
+    """Dots of a solid, each at the height of its face, or of the middle of its ball.
+
+    A dot is a part of its own, of about its size, whose highest level face is round; or a ball; or, of pockets and
+    engraving, a round edge of a level face: of several around one axis the highest.
+    """
+    edges = _edges(surface)
+    balls = [(k, ball) for k, part in enumerate(surface.parts) for ball in part.balls]
+    radii = np.unique(expected.radii)
+    places = np.concatenate([edges[:, :3], np.array([[b.x, b.y, b.radius] for _, b in balls]).reshape(-1, 3)])
+    near = np.abs(np.log(np.maximum(places[:, 2:], 1e-12) / radii)).min(axis=-1) < np.log(ALIKE)
+    free, rows, first = near.copy(), [], []
+    for index in np.flatnonzero(near):
+        if not free[index]:
+            continue
+        away = np.linalg.norm(places[:, :2] - places[index, :2], axis=-1)
+        mine = away <= CONCENTRIC * np.minimum(places[:, 2], places[index, 2])
+        free &= ~(mine & near)
+        pieces = [ball for ball, own in zip(balls, (mine & near)[len(edges) :], strict=True) if own]
+        around = edges[mine[: len(edges)]]
+        row, part = _of_balls(pieces, radii) if pieces else _of_edges(surface, around, radii)
+        rows.append(row)
+        first.append(part)
+    table = np.array(rows, dtype=float).reshape(-1, 6)
+    # Parts stand in the order of the marker; the edges of one part do not.
+    ordered = len(set(first)) == len(first)
+    table = table[np.argsort(first, kind="stable")] if ordered else table
+    return Dots(table[:, :2], table[:, 2], table[:, 3], table[:, 4], table[:, 5], ordered)
+
+
+def _edges(surface: Surface) -> Array:
+    """Round edges (k, 7) of level faces: x, y, radius, z, part, face, and 1 for the outer one of its face."""
+    found = [
+        (*loop.circle, face.z, part, number, float(place == 0))
+        for part, each in enumerate(surface.parts)
+        for number, face in enumerate(each.faces)
+        for place, loop in enumerate(face.loops)
+        if loop.circle
+    ]
+    return np.array(found, dtype=float).reshape(-1, 7)
+
+
+def _of_balls(pieces: list[tuple[int, Ball]], radii: Array) -> tuple[tuple[float, ...], int]:
+    """Row (x, y, radius, inner radius, spread, z) of a dot that is a ball, and its part."""
+    part, best = min(pieces, key=lambda piece: np.abs(np.log(piece[1].radius / radii)).min())
+    inner = max(ball.hole for _, ball in pieces)
+    spread = max(float(np.hypot(ball.x - best.x, ball.y - best.y)) for _, ball in pieces)
+    return (best.x, best.y, best.radius, inner, spread, best.z), part
+
+
+def _of_edges(surface: Surface, around: Array, radii: Array) -> tuple[tuple[float, ...], int]:
+    """Row of a dot with edges around one axis, and its part."""
+    misfit = np.abs(np.log(around[:, 2:3] / radii)).min(axis=-1)
+    near = misfit < np.log(ALIKE)
+    parts = surface.parts
+    own = near & (around[:, 6] == 1)
+    own[own] = [_is_dot(parts[int(part)], *row) for *row, part in around[own][:, [0, 1, 2, 4]]]
+    chosen = own if own.any() else near
+    top = around[chosen, 3].max()
+    level = np.abs(around[:, 3] - top) <= FLUSH
+    candidates = np.flatnonzero(chosen & level)
+    best = around[candidates[np.argmin(misfit[candidates])]]
+    within = level & (around[:, 2] < best[2] / ALIKE)
+    if own.any():
+        # What is in the middle of a ring has an edge of its own, which the ring's gap keeps off.
+        within &= (around[:, 4] == best[4]) & (around[:, 5] == best[5])
+    inner = around[within]
+    alike = around[near & level & (np.abs(around[:, 2] / best[2] - 1) < 0.05)]
+    others = np.concatenate([alike, inner])[:, :2] - best[:2]
+    spread = float(np.linalg.norm(others, axis=-1).max(initial=0.0))
+    return (best[0], best[1], best[2], float(inner[:, 2].max(initial=0.0)), spread, top), int(best[4])
+
+
+def _is_dot(part: SolidPart, x: float, y: float, radius: float) -> bool:
+    """Whether a part is no larger, seen from above, than a dot with this edge may be."""
+    reach = ALIKE * radius
+    return x - part.low[0] < reach > part.high[0] - x and y - part.low[1] < reach > part.high[1] - y
+
+
+def plate_of(surface: Surface) -> int:
+    """Index of the part that is largest as seen from above."""
+    return int(np.argmax([(p.high[0] - p.low[0]) * (p.high[1] - p.low[1]) for p in surface.parts]))
+
+
+def differ(color: Color | None, plate: Color | None) -> bool | None:
+    """Whether two colors tell a dot from the plate; None if one is not known."""
+    if color is None or plate is None:
+        return None
+    return bool(abs(LUMA @ (np.array(color) - plate)) >= CONTRAST)
+
+
+def is_ink(surface: Surface, places: Array) -> NDArray[np.bool_]:
+    """Tell which places (m, 2) are of the other color than the plate: by its color, or as another part, or deeper."""
+    plate = plate_of(surface)
+    part, z, colors = surface.look(places)
+    own = surface.parts[plate].color
+    face = np.median(z[part == plate]) if (part == plate).any() else 0.0
+    told = [differ(color, own) for color in colors]
+    other = (part != plate) | (z < face - FLUSH)
+    return np.array([bool(other[k]) if told[k] is None else told[k] for k in range(len(places))])
+
+
+def straight_edges(surface: Surface, plate: bool) -> tuple[Array, Array]:
+    """Beginnings and ends (k, 2) of the straight edges of level faces, of the plate or of all other parts."""
+    main = plate_of(surface)
+    parts = [part for index, part in enumerate(surface.parts) if (index == main) == plate]
+    loops = [loop for part in parts for face in part.faces for loop in face.loops if not loop.circle]
+    starts, ends = [np.zeros((0, 2))], [np.zeros((0, 2))]
+    for loop in loops:
+        before, after = (loop.points - np.roll(loop.points, k, axis=0) for k in (1, -1))
+        # What lies on a straight line is no corner.
+        cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+        length = np.linalg.norm(before, axis=-1) * np.linalg.norm(after, axis=-1)
+        corners = loop.points[np.abs(cross) > 1e-6 * length]
+        starts.append(corners)
+        ends.append(np.roll(corners, -1, axis=0))
+    return np.concatenate(starts), np.concatenate(ends)
+
+
+def color_findings(surface: Surface, dots: Dots, names: tuple[int, ...]) -> list[Finding]:
+    """Dots of the plate's color, and rings whose middle is not; nothing of what a file does not color."""
+    plate = surface.parts[plate_of(surface)].color
+    if plate is None or not len(dots):
+        return []
+    angle = np.pi * (np.arange(8) + 0.25) / 4
+    turn = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    dark, middle = [], []
+    on_dots = dots.centers[:, None] + ((dots.radii + dots.inner) / 2)[:, None, None] * turn
+    in_rings = dots.centers[:, None] + (dots.inner / 2)[:, None, None] * turn
+    seen, _, colors = surface.look(np.concatenate([on_dots, in_rings]).reshape(-1, 2))
+    told = [differ(color, plate) if part >= 0 else None for part, color in zip(seen, colors, strict=True)]
+    for k, name in enumerate(names):
+        ink, core = told[8 * k : 8 * k + 8], told[8 * (len(dots) + k) : 8 * (len(dots) + k) + 8]
+        if False in ink:
+            dark.append(name)
+        if dots.inner[k] > 0 and True in core:
+            middle.append(name)
+    return [
+        *(Finding("color", f"dot {name} has the color of the plate") for name in dark[:MOST_LISTED]),
+        *(
+            Finding("color", f"the middle of dot {name} has not the color of the plate")
+            for name in middle[:MOST_LISTED]
+        ),
+    ]
+
+
+def hole_findings(
+    surface: Surface, holes: tuple[Hole, ...], motion: tuple[Array, Array], tolerance: float
+) -> list[Finding]:
+    """Holes of the plate that are missing, out of place or of another size; tolerance in mm."""
+    rotation, shift = motion
+    edges = _edges(surface)
+    findings = []
+    for hole in holes:
+        called = f"the hole {hole.name}".rstrip() + f" at x {1e3 * hole.x:.6g}, y {1e3 * hole.y:.6g} mm"
+        radius = 500 * (hole.sink or hole.diameter)
+        offset = (edges[:, :2] - shift) @ rotation - 1e3 * np.array([hole.x, hole.y])
+        away = np.linalg.norm(offset, axis=-1)
+        there = (away < HOLE) & (np.abs(np.log(np.maximum(edges[:, 2], 1e-12) / radius)) < np.log(ALIKE))
+        if not there.any():
+            findings.append(Finding("hole", f"{called} is missing"))
+            continue
+        best = np.flatnonzero(there)[np.argmin((away + np.abs(edges[:, 2] - radius))[there])]
+        if away[best] > tolerance:
+            findings.append(Finding("hole", f"{called} is {_mm(away[best])} off"))
+        if abs(edges[best, 2] - radius) > tolerance:
+            said = f"has a diameter of {2 * edges[best, 2]:.6g} mm, not {2 * radius:.6g} mm"
+            findings.append(Finding("hole", f"{called} {said}"))
+    return findings
+
+
+def flaws_of(surface: Surface) -> tuple[str, ...]:
+    """What is wrong with the solids themselves."""
+    flaws = []
+    for number, part in enumerate(surface.parts, 1):
+        name = f"the part {part.name}" if part.name else f"part {number}"
+        if not part.closed:
+            flaws.append(f"{name} has open edges: it encloses no volume")
+        elif not part.valid:
+            flaws.append(f"{name} is no valid solid: it is inside out, or crosses itself")
+    return tuple(flaws[:MOST_LISTED])
+
+
+def reading_of(kind: str, surface: Surface, tolerance: float = 1e-6) -> Reading:
+    """Reading of a solid in mm, whose centers are to be right within `tolerance` m."""
+    page = Page(np.zeros((0, 3)), surface=surface)
+    return Reading(kind, (page,), tolerance, tagged=True, flaws=flaws_of(surface))
+
+
+def in_unit(reading: Reading, factor: float) -> Reading:
+    """The reading with everything a factor as large."""
+    pages = tuple(
+        replace(page, surface=page.surface.scaled(factor)) if page.surface else page for page in reading.pages
+    )
+    return replace(reading, pages=pages)
+
+
+def _mm(value: float) -> str:
+    return f"{value:.4g} mm" if value >= 0.01 else f"{1e3 * value:.3g} um"

@@ -1,0 +1,76 @@
+"""SVG: circles through all transforms and units, by the reader of outlines, which shares nothing with the writer."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.model.marker import Marker
+from markergen.read.outlines.curves import Arc, Bezier, Curve
+from markergen.read.outlines.drawing import OutlineFile
+from markergen.read.outlines.formats import OUTLINE_FORMATS
+from markergen.read.outlines.svg_tree import parse
+from markergen.verification.reading import READERS, Page, Reading, circles_of, round_shape
+
+Array = NDArray[np.float64]
+
+PATIENCE = 30
+"""Times as much path data as an outline may have: sheets carry their text as outlines."""
+
+LARGEST_SVG = 10_000_000
+
+
+@READERS.register(".svg")
+def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (every reader is called alike)
+    """Circles and corners of an SVG."""
+    if len(data) > LARGEST_SVG:
+        raise InputError(f"an SVG of at most {LARGEST_SVG // 10**6} MB in {name}", "a larger one", "verify the PDF")
+    file = OutlineFile(name, data, PATIENCE)
+    with np.errstate(all="ignore"):
+        drawing = OUTLINE_FORMATS["svg"].read(file, None)
+        if drawing.scale is None:
+            raise InputError(f"a width and height with units in {name}", "none", "save it with its size in mm")
+        factor = np.array([1e3, -1e3]) * drawing.scale
+        circles, corners = [], []
+        for piece in drawing.pieces:
+            points = np.concatenate([_points(curve) for curve in piece.curves]) * factor
+            found = round_shape(points)
+            if found:
+                circles.append(found)
+            elif len(points) >= 3:
+                corners.append(points)
+    root = parse(file)
+    return Reading(
+        "SVG",
+        (Page(circles_of(circles, name), _size(root.get("width"), root.get("height")), _joined(corners)),),
+        tagged=True,
+    )
+
+
+def _points(curve: Curve) -> Array:
+    """Points on a curve: of those that are bent, as many that the curve's shape is known."""
+    if isinstance(curve, Arc):
+        t = np.linspace(curve.start, curve.start + curve.sweep, 33)[:-1, None]
+        return np.asarray(curve.center + curve.u * np.cos(t) + curve.v * np.sin(t))
+    if isinstance(curve, Bezier):
+        t = np.linspace(0, 1, 5)[:-1, None, None]
+        points = np.broadcast_to(curve.points, (len(t), *curve.points.shape))
+        while points.shape[1] > 1:
+            points = (1 - t) * points[:, :-1] + t * points[:, 1:]
+        return points[:, 0]
+    return curve.sketch()
+
+
+def _joined(corners: list[Array]) -> Array:
+    points = np.concatenate(corners) if corners else np.zeros((0, 2))
+    return points[np.isfinite(points).all(axis=-1)]
+
+
+def _size(width: str | None, height: str | None) -> tuple[float, float] | None:
+    from svgelements import Length
+
+    try:
+        # At 25.4 px an inch a px is a mm.
+        found = tuple(float(Length(text or "").value(ppi=25.4)) for text in (width, height))
+    except (ValueError, TypeError, AttributeError):
+        return None
+    return (found[0], found[1]) if np.isfinite(found).all() else None

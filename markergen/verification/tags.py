@@ -1,0 +1,158 @@
+"""The tag of a marker in a file: the corners of its outlines, or its cells among pixels."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.model.tag import Tag
+from markergen.solid.surface import Surface
+from markergen.verification.judge import Finding
+from markergen.verification.reading import Page
+from markergen.verification.solids import is_ink, straight_edges
+
+Array = NDArray[np.float64]
+Map = Callable[[Array], Array]
+
+NAMES = ("top left", "top right", "bottom right", "bottom left")
+
+ABSENT = "is not in its place"
+
+SPOT = 0.15
+"""Share of a cell by which the places off its middle are apart from that where a solid is looked at."""
+
+NEAR = 0.25
+"""Share of a cell within which a corner is one of the tag's."""
+
+
+def tag_findings(tag: Tag, page: Page, to_page: Map, tolerance: float) -> list[Finding]:
+    """What is wrong with a tag.
+
+    Parameters
+    ----------
+    to_page : callable
+        From the marker frame in m, points (k, 2), to the page in mm.
+    tolerance : float
+        mm.
+    """
+    if page.sample is not None:
+        return _in_pixels(tag, page.sample, to_page, tolerance)
+    if page.surface is not None:
+        return _in_solid(tag, page.surface, to_page, tolerance)
+    return _in_outlines(tag, page.corners, to_page, tolerance)
+
+
+def _in_outlines(tag: Tag, found: Array, to_page: Map, tolerance: float) -> list[Finding]:
+    from scipy.spatial import cKDTree
+
+    cell = float(np.linalg.norm(np.diff(to_page(tag.corners[:2]), axis=0))) / tag.cells
+    wanted = to_page(np.concatenate(tag.outlines))
+    if not len(found):
+        return [_not_there(tag)]
+    tree = cKDTree(found)
+    strange = tree.query(wanted)[0] > NEAR * cell
+    # What is inside of its black square and no corner of its own belongs to another one.
+    corners = to_page(tag.corners)
+    sides = [corners[1] - corners[0], corners[3] - corners[0]]
+    place = np.stack([(found - corners[0]) @ side / (side @ side) for side in sides], axis=-1)
+    inside = found[((place > 0) & (place < 1)).all(axis=-1)]
+    more = len(inside) > 0 and bool((cKDTree(wanted).query(inside)[0] > NEAR * cell).any())
+    if strange.any() or more:
+        return [_not_there(tag)]
+    nearest = found[tree.query(corners)[1]]
+    return _off(corners, nearest, tolerance)
+
+
+def _in_pixels(tag: Tag, sample: Map, to_page: Map, tolerance: float) -> list[Finding]:
+    cells = tag.cells
+    grid = (np.arange(-1, cells + 1) + 0.5) / cells - 0.5
+    x, y = np.meshgrid(grid, -grid)
+    seen = sample(to_page(tag.side * np.stack([x.ravel(), y.ravel()], axis=-1) + tag.center)).reshape(x.shape)
+    level = (seen.min() + seen.max()) / 2
+    ink = np.pad(tag.ink, 1)
+    dark = seen < level
+    if np.ptp(seen) < 32 or not (np.array_equal(dark, ink) or np.array_equal(~dark, ink)):
+        return [_not_there(tag)]
+    corners = to_page(tag.corners)
+    return _off(corners, _edges(corners, sample, cells), tolerance)
+
+
+def _in_solid(tag: Tag, surface: Surface, to_page: Map, tolerance: float) -> list[Finding]:
+    """By the cells, which are parts or engraved, and the four straight edges: corners may be rounded by a tool."""
+    cells = tag.cells
+    grid = (np.arange(-1, cells + 1) + 0.5) / cells - 0.5
+    x, y = np.meshgrid(grid, -grid)
+    middles = tag.side * np.stack([x.ravel(), y.ravel()], axis=-1) + tag.center
+    spots = tag.side / cells * SPOT * np.array([[0, 0], [1, 1], [-1, 1], [-1, -1], [1, -1]])
+    ink = is_ink(surface, to_page((middles[:, None] + spots).reshape(-1, 2))).reshape(*x.shape, len(spots))
+    if not (ink == np.pad(tag.ink, 1)[..., None]).all():
+        return [_not_there(tag)]
+    corners = to_page(tag.corners)
+    cell = float(np.linalg.norm(corners[1] - corners[0])) / cells
+    # Inlays have the tag's size, and their pockets more; what is engraved has no inlays.
+    for edges in (straight_edges(surface, plate=False), straight_edges(surface, plate=True)):
+        sides = [_side(corners[k], corners[(k + 1) % 4], *edges, NEAR * cell) for k in range(4)]
+        lines = [side for side in sides if side is not None]
+        if len(lines) == 4:
+            return _off(corners, _crossings(lines), tolerance)
+    return [_not_there(tag)]
+
+
+def _side(start: Array, end: Array, starts: Array, ends: Array, near: float) -> tuple[Array, Array] | None:
+    """Point and direction of the straight edge that is nearest to a side, and half as long at least."""
+    length = float(np.linalg.norm(end - start))
+    along = (end - start) / length
+    outward = np.array([along[1], -along[0]])
+    off = np.stack([(each - start) @ outward for each in (starts, ends)])
+    place = np.stack([(each - start) @ along for each in (starts, ends)])
+    low, high = place.min(axis=0), place.max(axis=0)
+    there = (np.abs(off) < near).all(axis=0) & (low > -near) & (high < length + near) & (high - low > length / 2)
+    if not there.any():
+        return None
+    best = np.flatnonzero(there)[np.argmin(np.abs(off).max(axis=0)[there])]
+    direction = (ends[best] - starts[best]) / np.linalg.norm(ends[best] - starts[best])
+    return starts[best], direction
+
+
+def _crossings(lines: list[tuple[Array, Array]]) -> Array:
+    """Where each line meets the one before it."""
+    found = []
+    for k in range(len(lines)):
+        (a, u), (b, v) = lines[k - 1], lines[k]
+        step = np.linalg.solve(np.stack([u, -v], axis=-1), b - a)
+        found.append(a + step[0] * u)
+    return np.array(found)
+
+
+def _edges(corners: Array, sample: Map, cells: int) -> Array:
+    """Corners (4, 2) where the lines meet along which the ink of the border ends."""
+    lines = []
+    for k in range(4):
+        start, end = corners[k], corners[(k + 1) % 4]
+        along = (end - start) / np.linalg.norm(end - start)
+        outward = np.array([-along[1], along[0]])
+        if outward @ (start - corners.mean(axis=0)) < 0:
+            outward = -outward
+        half = 0.5 * float(np.linalg.norm(end - start)) / cells
+        steps = (np.arange(200) + 0.5) / 200 * 2 * half - half
+        feet = start + np.linspace(0.15, 0.85, 15)[:, None] * (end - start)
+        values = sample((feet[:, None] + steps[:, None] * outward).reshape(-1, 2)).reshape(15, 200)
+        inner, outer = values[:, :20].mean(axis=1), values[:, -20:].mean(axis=1)
+        share = (values.mean(axis=1) - outer) / (inner - outer)
+        points = feet + (2 * half * share - half)[:, None] * outward
+        middle = points.mean(axis=0)
+        direction = np.linalg.svd(points - middle)[2][0]
+        lines.append((middle, direction))
+    return _crossings(lines)
+
+
+def _off(wanted: Array, found: Array, tolerance: float) -> list[Finding]:
+    off = np.linalg.norm(found - wanted, axis=-1)
+    return [
+        Finding("tag", f"the {NAMES[k]} corner of the tag is {1e3 * off[k]:.4g} um off")
+        for k in np.flatnonzero(off > tolerance)
+    ]
+
+
+def _not_there(tag: Tag) -> Finding:
+    return Finding("tag", f"the tag {tag} {ABSENT}")

@@ -1,0 +1,119 @@
+"""Tags on printed sheets, read back from pixels by cv2.aruco; and families of markers on one sheet."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from markergen.detect.fiducials import FiducialSettings, find_tags
+from markergen.drawing.paper import ISO
+from markergen.drawing.sheet import SheetOptions, pages_for
+from markergen.errors import InputError
+from markergen.exporters import ExportOptions
+from markergen.exporters.family import family_paths, save_family
+from markergen.exporters.pdf import write_pdf
+from markergen.model.boundary import Circle
+from markergen.model.marker import dressed
+from markergen.model.marker_json import from_json, read_marker, to_json
+from markergen.model.tag import parse_tag, place_tag
+
+CORNER_PX = 0.3
+"""cornerSubPix finds the corner of two edges drawn with smoothing; measured are 0.20 px at most."""
+
+
+def pentagon(radius, diameter, tag):
+    angle = np.pi / 2 + 2 * np.pi * np.arange(5) / 5
+    reach = radius - 0.6 * diameter
+    marker = dressed(reach * np.stack([np.cos(angle), np.sin(angle)], axis=-1), Circle(radius), diameter, diameter / 10)
+    return replace(marker, tag=place_tag(tag, None, marker.boundary))
+
+
+def family(count=10):
+    return [pentagon(0.04, 0.016, f"aruco:DICT_4X4_50:{k}") for k in range(count)]
+
+
+def corner_errors(markers, options=None):
+    """Largest distance (k,) in px of each marker's tag from where its marker.json and the page have it, at 150 dpi."""
+    import pypdfium2
+
+    markers = [from_json(to_json(marker).decode()) for marker in markers]
+    sheets = pages_for(markers, options or SheetOptions())
+    document = pypdfium2.PdfDocument(write_pdf(sheets))
+    left, errors = list(markers), []
+    for sheet, page in zip(sheets, document, strict=True):
+        image = page.render(scale=150 / 72, grayscale=True).to_numpy().squeeze()
+        # The picture has whole pixels: in a page's width are not exactly 150 to the inch.
+        pitch = np.array([sheet.paper.width / image.shape[1], sheet.paper.height / image.shape[0]])
+        found = find_tags(image, markers[0].tag.family, FiducialSettings("subpix"))
+        assert len(found) == len(sheet.origins_mm)
+        for origin in sheet.origins_mm:
+            marker = left.pop(0)
+            x, y = (1e3 * marker.tag.corners + origin).T
+            exact = np.stack([x, sheet.paper.height - y], axis=-1) / pitch - 0.5
+            (corners,) = (quad for number, quad in found if number == marker.tag.id)
+            errors.append(np.linalg.norm(corners - exact, axis=-1).max())
+    document.close()
+    assert not left
+    return errors
+
+
+@pytest.mark.parametrize(
+    "tag",
+    ["aruco:DICT_4X4_50:7", "aruco:DICT_5X5_100:42", "aruco:DICT_6X6_250:200", "apriltag:36h11:3", "apriltag:16h5:5"],
+)
+def test_a_printed_tag_is_read_where_marker_json_has_it(tag):
+    marker = pentagon(0.1, 0.03, tag)
+    assert str(marker.tag) == tag
+    assert max(corner_errors([marker])) < CORNER_PX
+
+
+def test_ten_on_one_sheet_are_read():
+    errors = corner_errors(family(), SheetOptions(paper="A1"))
+    assert len(errors) == 10
+    assert max(errors) < CORNER_PX
+
+
+def test_a_family_is_one_sheet_and_a_file_for_each(tmp_path):
+    markers = family(3)
+    paths = [tmp_path / "some.pdf", tmp_path / "some.json", tmp_path / "some.svg"]
+    written = save_family(markers, paths, ExportOptions(SheetOptions(paper="A2")))
+    names = ["some.pdf", "some.svg", "some-0.json", "some-1.json", "some-2.json"]
+    assert [path.name for path, _ in written] == names
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
+    assert [read_marker(tmp_path / name).tag.id for name in names[2:]] == [0, 1, 2]
+    assert sorted(family_paths(paths, [0, 1, 2])) == sorted(path for path, _ in written)
+
+
+def test_without_a_paper_all_stand_on_one_page(tmp_path):
+    markers = family()
+    ((_, notes),) = save_family(markers, [tmp_path / "ten.svg"], ExportOptions())
+    names = [paper.name for paper in ISO]
+    smallest = names.index(notes[0].split("10 markers stand on one page of ")[1].split()[0].removesuffix("-landscape"))
+    assert len(pages_for(markers, SheetOptions(paper=names[smallest]))) == 1
+    assert len(pages_for(markers, SheetOptions(paper=names[smallest - 1]))) > 1
+    ((_, notes),) = save_family(markers, [tmp_path / "ten.pdf"], ExportOptions(SheetOptions(paper="A4")))
+    assert "pages of A4" in notes[0]
+
+
+def test_names_of_files_for_each_keep_their_suffixes():
+    assert family_paths([Path("a.opencv.yaml"), Path("b.JSON")], [4, 12]) == [
+        Path("a-4.opencv.yaml"),
+        Path("a-12.opencv.yaml"),
+        Path("b-4.JSON"),
+        Path("b-12.JSON"),
+    ]
+
+
+def test_nothing_is_written_when_a_sheet_is_refused(tmp_path):
+    with pytest.raises(InputError, match="page"):
+        save_family(family(), [tmp_path / "a.svg", tmp_path / "a.json"], ExportOptions(SheetOptions(paper="A4")))
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(InputError, match="markers with tags"):
+        save_family([replace(family(1)[0], tag=None)], [tmp_path / "a.json"], ExportOptions())
+
+
+def test_a_tag_of_its_own_place():
+    marker = pentagon(0.1, 0.03, "aruco:DICT_4X4_50:7")
+    marker = replace(marker, tag=replace(parse_tag("aruco:DICT_4X4_50:9", 0.04), center=(0.01, -0.005)))
+    assert max(corner_errors([marker])) < CORNER_PX

@@ -1,0 +1,80 @@
+"""What a report says of labels, and that markers whose layout tells them are found with the right ones."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from markergen.detect import detect
+from markergen.model.camera import PAPER_CAMERA
+from markergen.model.feature import Feature
+from markergen.model.poses import paper
+from markergen.objectives import Setting
+from markergen.optimize.label_safety import label_safety
+from markergen.render import DEFAULT_OPTICS, render_view
+from markergen.validation.report import overview
+from markergen.validation.report.subject import Subject
+from markergen.validation.views import Shoot, take_view
+
+POSES = paper()
+SAFE = 1e-3 * np.array([[-119.8, 46.2], [-103.4, -76.1], [2.7, -128.4], [128.3, -4.9], [13.9, 127.6]])
+"""What `design` makes of five dots and --asymmetric 3."""
+
+
+def without_ring(marker):
+    disks = tuple(replace(point, feature=Feature(point.feature.diameter)) for point in marker.control_points)
+    return replace(marker, control_points=disks)
+
+
+@pytest.fixture(scope="module")
+def safe(make_marker):
+    return without_ring(make_marker(SAFE, 0.15, 0.036))
+
+
+def test_a_section_on_telling_the_dots_apart(pentagon, setting):
+    few = Setting(setting.boundary, setting.camera, POSES.taken(np.arange(0, 400, 40), 0))
+
+    def section(marker, known=True):
+        results = {"labels": label_safety(marker, few).as_dict(0.2)} if known else {}
+        return overview.labels(Subject(results, marker, few, None))
+
+    keyed, symmetric = section(pentagon), section(without_ring(pentagon))
+    assert keyed.sentences[0].startswith("Rings are told from disks by their looks (here dot 0)")
+    assert [row[1] for row in keyed.tables[0][2]].count("-") == 1
+    assert "ring" not in symmetric.sentences[0].lower()
+    assert symmetric.sentences[1].startswith("Labels are ambiguous")
+    assert {row[2] for row in symmetric.tables[0][2]} == {"0.5"}
+    assert "markergen validate" in section(pentagon, known=False).missing
+    bare = replace(pentagon, control_points=tuple(replace(p, feature=Feature(0.0)) for p in pentagon.control_points))
+    assert "Bare points" in section(bare, known=False).missing
+
+
+@pytest.mark.parametrize("hidden", [0, 1])
+def test_without_a_ring_the_layout_tells_the_labels(safe, hidden):
+    shoot = Shoot(safe, PAPER_CAMERA, POSES, count=12, hidden=hidden)
+    for k in range(shoot.count):
+        view = take_view(shoot, k)
+        assert view.detected, view.failure
+        unaided = detect(view.image, safe)
+        # Four dots have a homography with any labels.
+        assert unaided.found == (not hidden)
+        if unaided.found:
+            # Hundredths of a pixel; another dot is dozens away.
+            np.testing.assert_allclose(unaided.pixels, view.truth[unaided.ids], atol=0.5)
+
+
+@pytest.mark.parametrize("camera", [PAPER_CAMERA, None])
+def test_a_symmetric_layout_without_a_ring_is_refused(pentagon, camera):
+    marker = without_ring(pentagon)
+    for pose in (0, 130, 250):
+        image = render_view(
+            marker,
+            PAPER_CAMERA,
+            POSES.rotation[pose],
+            POSES.translation[pose],
+            DEFAULT_OPTICS,
+            np.random.default_rng(0),
+        )
+        found = detect(image, marker, camera)
+        assert not found.found
+        assert found.reason.startswith("labels are ambiguous: two labelings fit")

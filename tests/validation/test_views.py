@@ -1,0 +1,113 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from markergen.errors import InputError
+from markergen.estimators.budget import ErrorSources
+from markergen.model.camera import PAPER_CAMERA
+from markergen.model.poses import PoseDistribution, paper
+from markergen.render import Optics
+from markergen.validation.views import Shoot, take_view
+
+POSES = paper()
+
+
+@pytest.fixture(scope="module")
+def shoot(ngon):
+    return Shoot(ngon(), PAPER_CAMERA, POSES, count=20)
+
+
+def test_views_are_spread_evenly_over_the_poses(shoot):
+    # 400 poses in 20 stretches: each polar angle of each distance once.
+    chosen = [shoot.pose_of(k) for k in range(20)]
+    assert [pose // 20 for pose in chosen] == list(range(20))
+
+
+def test_more_views_than_poses(ngon):
+    few = PoseDistribution("two", POSES.rotation[[0, 130]], POSES.translation[[0, 130]])
+    shoot = Shoot(ngon(), PAPER_CAMERA, few, count=6)
+    assert [shoot.pose_of(k) for k in range(6)] == [0, 0, 0, 1, 1, 1]
+    # The same pose again, with other noise.
+    assert (take_view(shoot, 0).image != take_view(shoot, 1).image).any()
+
+
+def test_same_view_same_image_other_seed_another(shoot):
+    first, again = take_view(shoot, 7), take_view(shoot, 7)
+    np.testing.assert_array_equal(first.image, again.image)
+    other = take_view(replace(shoot, seed=1), 7)
+    assert (first.image != other.image).any()
+
+
+def test_truth_is_where_the_dots_are(shoot):
+    view = take_view(shoot, 13)
+    assert view.detected
+    assert not view.failure
+    # Measured 0.0044 px RMS over all poses; a dot ten times as far off would be another's.
+    assert view.error_px.max() < 0.05
+    assert view.uncorrected_px.max() > view.error_px.max()
+
+
+def test_print_error_moves_dots_and_truth_alike(shoot):
+    exact, printed = take_view(shoot, 13), take_view(replace(shoot, errors=ErrorSources(print_sigma=1e-3)), 13)
+    # A millimeter is 0.5 to 1.3 px in these poses.
+    assert 0.05 < np.abs(exact.truth - printed.truth).max() < 10
+    assert printed.error_px.max() < 0.05
+
+
+def test_hidden_dots_are_not_found_and_the_others_are(shoot):
+    views = [take_view(replace(shoot, hidden=1), k) for k in range(6, 14)]
+    assert len({int(view.hidden[0]) for view in views}) > 1
+    for view in views:
+        assert len(view.hidden) == 1
+        if view.hidden[0] == 0:
+            # Without its key a regular pentagon has five labelings.
+            assert not view.detected
+            assert "ambiguous" in view.failure or "key" in view.failure
+        else:
+            assert view.detected
+            assert set(view.found) == set(range(5)) - set(view.hidden)
+            assert view.error_px.max() < 0.05
+
+
+@pytest.mark.parametrize("background", ["clutter", "photo"])
+def test_background_is_behind_the_marker(shoot, background):
+    plain, before = take_view(shoot, 3), take_view(replace(shoot, background=background), 3)
+    assert (plain.image != before.image).mean() > 0.2
+    inside = np.rint(plain.truth.mean(axis=0)).astype(int)
+    # The middle of a pentagon is substrate; its noise has 2 grey levels.
+    assert abs(int(before.image[inside[1], inside[0]]) - 225) < 15
+
+
+def test_optics_are_used(ngon):
+    quiet = take_view(Shoot(ngon(), PAPER_CAMERA, POSES, optics=Optics(noise_grey=0)), 0)
+    noisy = take_view(Shoot(ngon(), PAPER_CAMERA, POSES, optics=Optics(noise_grey=8)), 0)
+    corner = (slice(0, 20), slice(0, 20))
+    assert quiet.image[corner].std() == 0
+    # 400 samples know their standard deviation to 3.5 %.
+    assert noisy.image[corner].std() == pytest.approx(8, rel=0.2)
+
+
+def test_photometric_refinement_is_applied(shoot):
+    plain, refined = take_view(shoot, 3), take_view(replace(shoot, refine="photometric"), 3)
+    assert 0 < np.abs(plain.detection.pixels - refined.detection.pixels).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"count": -1}, "0 to 1000000 views"),
+        ({"seed": -1}, "seed"),
+        ({"hidden": 6}, "0 to 5 hidden"),
+        ({"background": "fog"}, "clutter"),
+        ({"refine": "magic"}, "photometric"),
+    ],
+)
+def test_impossible_shoots_are_refused(ngon, options, said):
+    with pytest.raises(InputError, match=said):
+        Shoot(ngon(), PAPER_CAMERA, POSES, **options)
+
+
+def test_bare_points_cannot_be_seen(ngon):
+    with pytest.raises(InputError, match="diameter 0"):
+        Shoot(ngon(key=False, diameter=0.0), PAPER_CAMERA, POSES)

@@ -1,0 +1,235 @@
+"""What stands in files of solids, and one line about those that lie."""
+
+import json
+import struct
+import subprocess
+import sys
+import time
+import zipfile
+from io import BytesIO
+
+import numpy as np
+import pytest
+from spoiled_solids import glb, gltf, model, stl, with_model
+
+from markergen.errors import InputError, MissingLibraryError
+from markergen.exporters import ExportOptions, save
+from markergen.model.fabrication import Fabrication
+from markergen.solid import reading
+from markergen.solid.bodies import part_volume
+from markergen.solid.make import parts_of
+from markergen.solid.reading import read_brep, read_step
+from markergen.solid.surface import Ball, Face, Loop, SolidPart, Surface
+from markergen.verification import verify
+from markergen.verification.check import verify_all
+from markergen.verification.mesh import Triangles, surface_of
+
+SMALL = Fabrication(engrave=False, tolerance=1e-4)
+
+
+@pytest.fixture(scope="module")
+def marker(make_ngon):
+    return make_ngon(4, 0.05, 0.012)
+
+
+@pytest.fixture(scope="module")
+def data(marker, tmp_path_factory):
+    """Bytes of the marker's file by suffix."""
+    folder = tmp_path_factory.mktemp("data")
+    suffixes = (".step", ".brep", ".stl", ".3mf", ".glb")
+    save(marker, [folder / f"a{suffix}" for suffix in suffixes], ExportOptions(fabrication=SMALL))
+    return {suffix: (folder / f"a{suffix}").read_bytes() for suffix in suffixes}
+
+
+def test_names_colors_and_volumes_of_a_step(marker, data):
+    parts = parts_of(marker, SMALL).parts
+    found = read_step(data[".step"])
+    assert [part.name for part in found] == [part.name for part in parts]
+    for part, wanted in zip(found, parts, strict=True):
+        assert part.valid
+        assert part.closed
+        # What the writer's fifteen digits leave of closed forms.
+        assert part.volume == pytest.approx(part_volume(wanted), rel=1e-9)
+        assert part.color == pytest.approx((1, 1, 1) if wanted.material == "light" else (0.05, 0.05, 0.05), abs=1e-6)
+    ring = found[[part.name for part in found].index("dot-0")]
+    place = 1e3 * marker.xyz[0]
+    np.testing.assert_allclose(sorted(ring.circles), [(*place, 3), (*place, 6)], atol=1e-9)
+    bare = read_brep(data[".brep"])
+    assert [part.volume for part in bare] == pytest.approx([part.volume for part in found], rel=1e-9)
+    assert {(part.name, part.color) for part in bare} == {("", None)}
+
+
+def refused(marker, folder, suffix, content):
+    """The one line about a file."""
+    path = folder / f"bad{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(InputError) as error:
+        verify(marker, path)
+    assert len(str(error.value).splitlines()) == 1
+    return str(error.value)
+
+
+def test_stl_that_lie(marker, data, tmp_path):
+    good = data[".stl"]
+    assert "bytes that say" in refused(marker, tmp_path, ".stl", good[:-1])
+    assert "bytes that say" in refused(marker, tmp_path, ".stl", good[:80] + b"\xff" * 4 + good[84:])
+    assert "found none" in refused(marker, tmp_path, ".stl", bytes(84))
+    corners = np.zeros((1, 3, 3))
+    corners[0, 0, 0] = np.nan
+    assert "not finite" in refused(marker, tmp_path, ".stl", stl(corners))
+    assert "not of one" in refused(marker, tmp_path, ".stl", b"solid x\nvortex 1 2 3\nendsolid x\n")
+    assert "no end" in refused(marker, tmp_path, ".stl", b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 1 2 3\n")
+    three = b"vertex 1 2 3\nvertex 4 5 x\nvertex 7 8 9\n"
+    assert "numbers" in refused(marker, tmp_path, ".stl", b"solid\nouter loop\n" + three + b"endfacet\nendsolid\n")
+
+
+def test_3mf_that_lie(marker, data, tmp_path):
+    good = data[".3mf"]
+    text = model(good)
+
+    def said(changed):
+        assert changed != text
+        return refused(marker, tmp_path, ".3mf", with_model(good, changed))
+
+    assert "package" in refused(marker, tmp_path, ".3mf", good[:-30])
+    assert "package" in refused(marker, tmp_path, ".3mf", b"PK\3\4 nothing")
+    empty = BytesIO()
+    with zipfile.ZipFile(empty, "w") as package:
+        package.writestr("a.txt", "")
+    assert "without a model" in refused(marker, tmp_path, ".3mf", empty.getvalue())
+    assert "complete XML" in said(text[:-20])
+    assert "a document type" in said(text.replace("<model", '<!DOCTYPE x [<!ENTITY a "b">]><model', 1))
+    assert "a unit of length" in said(text.replace('unit="millimeter"', 'unit="furlong"'))
+    assert "numbers" in said(text.replace('v1="', 'v1="x', 1))
+    assert "a corner that is missing" in said(text.replace('v1="', 'v1="99999', 1))
+    assert "found object '99" in said(text.replace('<item objectid="', '<item objectid="99'))
+    whole = text.split('<item objectid="')[1].split('"')[0]
+    # An object of itself.
+    circle = f'<component objectid="{whole}"/><component objectid='
+    assert "objects that there are" in said(text.replace("<component objectid=", circle, 1))
+
+
+def test_glb_that_lie(marker, data, tmp_path):
+    good = data[".glb"]
+
+    def said(change):
+        document, rest = gltf(good)
+        change(document)
+        return refused(marker, tmp_path, ".glb", glb(document, rest))
+
+    assert "a GLB of glTF 2.0" in refused(marker, tmp_path, ".glb", b"glTX" + good[4:])
+    assert "a complete GLB" in refused(marker, tmp_path, ".glb", good[:-8])
+    assert "a circle of them" in said(lambda g: g["nodes"][0].update(children=[0]))
+    assert "extensions" in said(lambda g: g.update(extensionsRequired=["KHR_draco_mesh_compression"]))
+    assert "do not fit" in said(lambda g: g["accessors"][0].update(count=10**9))
+    assert "do not fit" in said(lambda g: g["accessors"][0].update(bufferView=-1))
+    assert "do not fit" in said(lambda g: g["bufferViews"][0].update(byteOffset=-4))
+    assert "do not fit" in said(lambda g: g["meshes"][0]["primitives"][0].pop("attributes"))
+    assert "do not fit" in said(lambda g: g.pop("scenes"))
+    assert "beside it" in said(lambda g: g["buffers"][0].update(uri="a.bin"))
+    assert "found none" in said(lambda g: [each["primitives"][0].update(mode=1) for each in g["meshes"]])
+    assert "do not fit" in said(lambda g: [n.update(matrix=["x"] * 16) for n in g["nodes"]])
+
+
+@pytest.mark.parametrize("suffix", [".sdf", ".urdf"])
+def test_models_of_simulators_name_what_to_verify(marker, tmp_path, suffix):
+    assert "verify the .glb" in refused(marker, tmp_path, suffix, b"<sdf/>")
+
+
+def test_steps_that_lie_and_what_comes_after_them(marker, data, tmp_path):
+    good = data[".step"]
+    assert "no beginning or end" in refused(marker, tmp_path, ".step", good[: len(good) // 2])
+    assert "no beginning or end" in refused(marker, tmp_path, ".step", b"\x89PNG" + good)
+    assert "10 000 km" in refused(marker, tmp_path, ".step", good.replace(b"42.8", b"1e39"))
+    nothing = good.partition(b"DATA;\n")[0] + b"DATA;\nENDSEC;\nEND-ISO-10303-21;\n"
+    assert "STEP" in refused(marker, tmp_path, ".step", nothing)
+    assert "something else" in refused(marker, tmp_path, ".brep", good)
+    (tmp_path / "a.step").write_bytes(good)
+    assert verify(marker, tmp_path / "a.step").passed
+
+
+@pytest.fixture
+def other_worker(monkeypatch, tmp_path):
+    """Another script in place of the one that reads; the one that runs is let go before and after."""
+
+    def use(code):
+        reading._end()
+        (tmp_path / "worker.py").write_text(code)
+        monkeypatch.setattr(reading, "WORKER", tmp_path / "worker.py")
+
+    yield use
+    reading._end()
+
+
+HELLO = "import sys, time\nsys.stdout.buffer.write((2).to_bytes(8, 'big') + b'{}')\nsys.stdout.flush()\n"
+
+
+def test_a_kernel_that_crashes_or_never_ends(marker, data, tmp_path, other_worker, monkeypatch):
+    other_worker(HELLO + "sys.stdin.buffer.read(100)\n")
+    assert "one that breaks it" in refused(marker, tmp_path, ".step", data[".step"])
+    monkeypatch.setattr(reading, "PATIENCE", 0.5)
+    other_worker(HELLO + "time.sleep(100)\n")
+    start = time.perf_counter()
+    assert "one that breaks it" in refused(marker, tmp_path, ".step", data[".step"])
+    assert time.perf_counter() - start < 20
+
+
+def test_a_kernel_that_is_not_there(marker, data, tmp_path, other_worker):
+    text = json.dumps({"missing": "libGL.so.1: cannot open shared object file"}).encode()
+    other_worker(f"import sys\nsys.stdout.buffer.write(({len(text)}).to_bytes(8, 'big') + {text!r})\n")
+    (tmp_path / "a.step").write_bytes(data[".step"])
+    (tmp_path / "a.stl").write_bytes(data[".stl"])
+    with pytest.raises(MissingLibraryError, match=r"libGL\.so\.1.*pip install 'markergen\[solids\]'"):
+        verify(marker, tmp_path / "a.step")
+    # Other files are verified all the same.
+    step, mesh = verify_all(marker, [tmp_path / "a.step", tmp_path / "a.stl"])
+    assert "libGL" in step.error
+    assert mesh.passed
+
+
+def test_the_worker_says_what_is_missing():
+    code = "import runpy, sys; sys.modules['OCP'] = None; runpy.run_path(sys.argv[1], run_name='__main__')"
+    run = subprocess.run([sys.executable, "-c", code, reading.WORKER], input=b"", capture_output=True, check=True)
+    assert struct.unpack(">Q", run.stdout[:8])[0] == len(run.stdout) - 8
+    assert "OCP" in json.loads(run.stdout[8:])["missing"]
+
+
+def test_what_is_seen_from_above():
+    square = Loop(np.array([[0.0, 0], [4, 0], [4, 4], [0, 4]]))
+    hole = Loop(np.array([[2.0, 1], [1, 2], [2, 3], [3, 2]]), (2.0, 2.0, 1.0))
+    low, high = (0.0, 0.0, -1.0), (4.0, 4.0, 1.0)
+    plate = SolidPart(
+        "plate", (1, 1, 1), 10.0, True, True, low, high, (Face(0.0, (square, hole)), Face(-1.0, (square,)))
+    )
+    ball = SolidPart("ball", (0, 0, 0), 1.0, True, True, low, high, (), (Ball(1.0, 1.0, 0.0, 1.0, 0.2, 1.0),))
+    places = np.array([[0.5, 3.5], [2.0, 2.0], [1.5, 1.0], [1.1, 1.0], [9.0, 9.0]])
+    part, z, colors = Surface((plate, ball)).look(places)
+    assert part.tolist() == [0, 0, 1, 0, -1]
+    np.testing.assert_allclose(z, [0, -1, np.sqrt(0.75), 0, -np.inf])
+    assert colors == [(1, 1, 1), (1, 1, 1), (0, 0, 0), (1, 1, 1), None]
+    assert square.area == 16
+    assert hole.area == pytest.approx(np.pi)
+    twice = Surface((plate, ball)).scaled(2.0)
+    assert twice.look(2 * places)[0].tolist() == part.tolist()
+    assert [part.volume for part in twice.parts] == [80, 8]
+
+
+def test_shells_of_a_mesh_are_told_apart_where_they_touch():
+    from trimesh.creation import box
+
+    boxes = [box((2, 2, 1)), box((2, 2, 1)).apply_translation((2, 0, 0)), box((2, 2, 1)).apply_translation((0, 0, 1))]
+    corners = np.concatenate([np.asarray(each.triangles, dtype=float) for each in boxes])
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        turn = rng.random() * 2 * np.pi
+        matrix = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+        some = rng.permutation(corners @ matrix.T)
+        # The same corner is the same number in every triangle.
+        surface = surface_of([Triangles(np.round(some, 6))], "boxes")
+        assert sorted(part.volume for part in surface.parts) == pytest.approx([4, 4, 4], rel=1e-5)
+        assert all(part.closed and part.valid for part in surface.parts)
+        assert sorted(len(part.faces) for part in surface.parts) == [1, 1, 1]
+    inside_out = surface_of([Triangles(corners[:12, ::-1])], "box")
+    assert [(part.closed, part.valid) for part in inside_out.parts] == [(True, False)]
+    opened = surface_of([Triangles(corners[1:12])], "box")
+    assert not opened.parts[0].closed

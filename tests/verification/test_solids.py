@@ -1,0 +1,443 @@
+"""Solids of every process in every format: what is right passes, and what is wrong is called by its name."""
+
+import re
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from spoiled_solids import SOLIDS, glb, gltf, model, resized, stl, stl_of_text, triangles, with_model
+
+from markergen.exporters import ExportOptions, save
+from markergen.model.fabrication import Fabrication
+from markergen.model.feature import Feature
+from markergen.model.substrate import Hole, Substrate
+from markergen.model.tag import Tag
+from markergen.verification import verify
+from markergen.verification.recess import SHEET
+
+FABRICATIONS = {
+    "fdm": Fabrication(),
+    "fdm with a gap": Fabrication(gap=1e-4),
+    "slip": Fabrication("cnc"),
+    "through": Fabrication("cnc", through=True),
+    "laser": Fabrication("laser"),
+    "half-balls": Fabrication("dome"),
+    "balls": Fabrication("dome", dome="ball"),
+}
+# What is promised: 1 um of a STEP, 5 um of a mesh; what is found is rounding, half a grain of a grid of 15 nm.
+LIMIT = {".step": 1e-9, ".brep": 1e-9, ".stl": 2e-8, ".3mf": 2e-8, ".glb": 2e-8}
+TOLERANCE = {".step": 1e-6, ".brep": 1e-6, ".stl": 5e-6, ".3mf": 5e-6, ".glb": 5e-6}
+
+
+def plain(fabrication):
+    """Without engraving and fillets, and as coarse as circles stay circles: small files."""
+    return ExportOptions(fabrication=replace(fabrication, engrave=False, foot=0.0, tolerance=1e-4))
+
+
+def raised(marker, heights=(0.0, 0.006, 0.012)):
+    points = tuple(replace(p, z=heights[k % len(heights)]) for k, p in enumerate(marker.control_points))
+    return replace(marker, control_points=points)
+
+
+@pytest.fixture(scope="module")
+def skew(make_marker):
+    """No motion but one brings its dots onto each other."""
+    points = np.array([[0.03, 0.02], [-0.035, 0.018], [-0.01, -0.03], [0.036, -0.012], [0.0, 0.035]])
+    return make_marker(points, 0.05, 0.012)
+
+
+@pytest.fixture(scope="module")
+def variants(skew):
+    """Marker by what it has and how it is made."""
+    holes = (Hole(-0.022, -0.008, 0.0034, name="M3"), Hole(0.016, -0.024, 0.0034, 0.0065, name="M3"))
+    full = replace(raised(skew), substrate=Substrate(thickness=0.004, holes=holes))
+
+    def get(name, made):
+        # Balls stand before a plate below the plane of a tag.
+        tag = None if made == "balls" else Tag("aruco:DICT_4X4_50", 7, 0.02)
+        return skew if name == "plain" else replace(full, tag=tag)
+
+    return get
+
+
+@pytest.fixture(scope="module")
+def files(variants, tmp_path_factory):
+    """Path of the file of a variant, by its name, that of the fabrication, and suffix; written once."""
+    folder = tmp_path_factory.mktemp("solids")
+
+    def get(name, made, suffix):
+        path = folder / f"{name}-{made}{suffix}".replace(" ", "-")
+        if not path.exists():
+            save(variants(name, made), [path], plain(FABRICATIONS[made]))
+        return path
+
+    return get
+
+
+def rounded(check):
+    """Sentences with their numbers to two decimals: the grid of meshes is 15 nm and finer."""
+    return [re.sub(r"\d+\.\d+", lambda number: f"{float(number[0]):.2f}", said) for said in sentences(check)]
+
+
+def kinds(check):
+    return [finding.kind for finding in check.findings]
+
+
+def sentences(check):
+    return [finding.sentence for finding in check.findings]
+
+
+def either(quick, slow):
+    """Cases of which some are left to `make test-long`."""
+    return [*quick, *(pytest.param(*case, marks=pytest.mark.long) for case in slow)]
+
+
+EVERY = list(product(["plain", "full"], FABRICATIONS, [*SOLIDS, ".brep"]))
+QUICK = [
+    case
+    for case in EVERY
+    if case[:2] in [("full", "fdm"), ("plain", "laser")] or case[::2] in [("full", ".step"), ("full", ".stl")]
+]
+"""Every process and every format, and every process in a format that is exact and in a mesh."""
+
+
+@pytest.mark.parametrize(("name", "made", "suffix"), either(QUICK, [case for case in EVERY if case not in QUICK]))
+def test_what_was_exported_is_right(variants, files, name, made, suffix):
+    check = verify(variants(name, made), files(name, made, suffix))
+    assert check.passed, check.findings
+    assert (check.dots, check.copies) == (5, 1)
+    assert check.largest < LIMIT[suffix]
+    assert check.tolerance == TOLERANCE[suffix]
+    np.testing.assert_allclose(check.scale, 1, atol=1e-6)
+    assert not check.notes
+
+
+def edited(marker, index=3, **changes):
+    points = list(marker.control_points)
+    points[index] = replace(points[index], **changes)
+    return replace(marker, control_points=tuple(points))
+
+
+def checks(marker, drawn, folder, fabrication):
+    """Checks of a marker against files of every format that another one is made as."""
+    paths = [folder / f"wrong{suffix}" for suffix in SOLIDS]
+    save(drawn, paths, plain(fabrication))
+    return [verify(marker, path) for path in paths]
+
+
+@pytest.mark.parametrize("made", either(["slip"], [["laser"], ["half-balls"]]))
+def test_dots_of_another_place_height_or_size_are_named(skew, tmp_path, made):
+    marker = raised(skew)
+    drawn = edited(marker, x=marker.control_points[3].x + 2e-4)
+    drawn = edited(edited(drawn, index=1, z=5.9e-3), index=4, feature=Feature(0.0121))
+    for check in checks(marker, drawn, tmp_path, FABRICATIONS[made]):
+        shifted, diameter, height = rounded(check)
+        assert re.match(r"dot 3 is 0.20? mm off \(x \+(200|199.99|200.0\d) um, y", shifted)
+        assert re.match(r"dot 4 has a diameter of 12.10? mm, not 12 mm", diameter)
+        assert re.match(r"dot 1 is 0.10? mm too low", height)
+        assert check.worst == 3
+
+
+@pytest.mark.parametrize("made", either(["laser"], [["fdm"], ["half-balls"]]))
+def test_dots_of_another_kind_are_named(skew, tmp_path, made):
+    drawn = edited(edited(skew, index=0, feature=Feature(0.012)), feature=Feature(0.012, 0.006))
+    for check in checks(skew, drawn, tmp_path, FABRICATIONS[made]):
+        assert sentences(check) == ["dot 0 is a dot, not a ring", "dot 3 is a ring, not a dot"]
+
+
+@pytest.mark.parametrize("made", either(["laser"], [["fdm"]]))
+def test_dots_too_few_or_too_many_and_other_markers_are_named(skew, make_ngon, tmp_path, made):
+    points = skew.control_points
+    fewer = replace(skew, control_points=(*points[:2], *points[3:]))
+    more = replace(skew, control_points=(*points, replace(points[1], id=9, x=0.0, y=0.0)))
+    for drawn, kind in [
+        (fewer, "missing"), (more, "extra"), (make_ngon(7, 0.05, 0.012), "another marker"),
+        (make_ngon(5, 0.05, 0.005), "no dots"),
+    ]:  # fmt: skip
+        for check in checks(skew, drawn, tmp_path, FABRICATIONS[made]):
+            assert kinds(check) == [kind], check
+
+
+def test_a_marker_without_its_relief_and_the_other_way_around(skew, tmp_path):
+    for check in checks(raised(skew), skew, tmp_path, Fabrication()):
+        assert sentences(check) == ["dot 1 is 6 mm too low", "dot 2 is 12 mm too low", "dot 4 is 6 mm too low"]
+    for check in checks(skew, raised(skew), tmp_path, Fabrication()):
+        assert kinds(check) == ["height"] * 3
+
+
+@pytest.mark.parametrize("suffix", SOLIDS)
+@pytest.mark.parametrize("made", either(["fdm", "laser"], [["balls"]]))
+def test_a_scale_is_named(variants, files, tmp_path, made, suffix):
+    path = tmp_path / f"scaled{suffix}"
+    path.write_bytes(resized(files("full", made, suffix).read_bytes(), suffix, 0.998))
+    check = verify(variants("full", made), path)
+    assert sentences(check) == ["scaled by 0.998 along x and y"]
+    np.testing.assert_allclose(check.scale, 0.998, atol=1e-6)
+    if suffix == ".step":
+        return
+    path.write_bytes(resized(files("plain", "fdm", suffix).read_bytes(), suffix, 1.0, 0.998, 1.0))
+    # Circles that are stretched are no circles: their diameters are off by half as much.
+    assert sentences(verify(variants("plain", "fdm"), path))[0] == "scaled by 0.998 along y"
+
+
+@pytest.mark.parametrize("suffix", SOLIDS)
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        (1e-3, "scaled by 0.001 along x, y and z: m taken for mm"),
+        (1 / 25.4, "scaled by 0.0393701 along x, y and z: inch taken for mm"),
+        (1e3, "scaled by 1000 along x, y and z: mm taken for m"),
+    ],
+)
+@pytest.mark.parametrize("name", either(["full"], [["plain"]]))
+def test_a_wrong_unit_is_named(variants, files, tmp_path, name, suffix, factor, said):
+    path = tmp_path / f"unit{suffix}"
+    path.write_bytes(resized(files(name, "fdm", suffix).read_bytes(), suffix, factor))
+    check = verify(variants(name, "fdm"), path)
+    assert sentences(check) == [said]
+    np.testing.assert_allclose(check.scale, factor, rtol=1e-4)
+    assert np.isnan(check.largest)
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".3mf", ".glb"])
+@pytest.mark.parametrize("made", ["fdm", "laser"])
+def test_a_mirrored_mesh_is_named(variants, files, tmp_path, made, suffix):
+    path = tmp_path / f"mirrored{suffix}"
+    data = files("plain", made, suffix).read_bytes()
+    if suffix == ".stl":
+        path.write_bytes(stl(triangles(data)[:, ::-1] * [-1, 1, 1]))
+    else:
+        path.write_bytes(resized(data, suffix, -1.0, 1.0, 1.0))
+    assert kinds(verify(variants("plain", "fdm"), path)) == ["mirrored"]
+
+
+@pytest.mark.parametrize("suffix", SOLIDS)
+def test_holes_are_looked_at(variants, files, tmp_path, suffix):
+    marker = variants("full", "fdm")
+    first, second = marker.substrate.holes
+
+    def found(*holes):
+        wanted = replace(marker, substrate=replace(marker.substrate, holes=holes))
+        return rounded(verify(wanted, files("full", "fdm", suffix)))
+
+    assert not found(first, second)
+    # What else there is in the plate is not the marker's business.
+    assert not found(first)
+    (moved,) = found(replace(first, x=-0.0221))
+    assert re.fullmatch(r"the hole M3 at x -22.10, y -8 mm is 0.10? mm off", moved)
+    (wider,) = found(replace(first, diameter=0.0035))
+    assert re.fullmatch(r"the hole M3 at x -22, y -8 mm has a diameter of 3.40 mm, not 3.50 mm", wider)
+    (wider,) = found(replace(second, sink=0.0066))
+    assert re.search(r"has a diameter of 6.50 mm, not 6.60 mm", wider)
+    assert found(replace(first, x=0.0)) == ["the hole M3 at x 0, y -8 mm is missing"]
+
+
+def test_a_hole_as_large_as_a_dot_is_no_dot(skew, tmp_path):
+    marker = replace(skew, substrate=Substrate(holes=(Hole(0.0, 0.0, 0.012, name="post"),)))
+    for check in checks(marker, marker, tmp_path, Fabrication("laser")):
+        assert check.passed, check.findings
+
+
+@pytest.mark.parametrize("suffix", SOLIDS)
+@pytest.mark.parametrize("made", either(["fdm with a gap", "laser"], [["slip"]]))
+def test_the_tag_is_looked_at(variants, files, made, suffix):
+    marker, path = variants("full", made), files("full", made, suffix)
+    other = replace(marker, tag=replace(marker.tag, id=8))
+    assert sentences(verify(other, path)) == ["the tag aruco:DICT_4X4_50:8 is not in its place"]
+    moved = verify(replace(marker, tag=replace(marker.tag, center=(1e-5, 0.0))), path)
+    assert kinds(moved) == ["tag"] * 4
+    # Where solids would touch, an STL has 0.1 um between them.
+    assert [float(said.split()[-3]) for said in sentences(moved)] == pytest.approx([10.0] * 4, abs=0.2)
+    larger = verify(replace(marker, tag=replace(marker.tag, side=0.0201)), path)
+    assert set(kinds(larger)) == {"tag"}
+
+
+@pytest.mark.parametrize("suffix", SOLIDS)
+@pytest.mark.parametrize("made", ["slip", "laser"])
+def test_a_tag_that_is_not_there(variants, files, made, suffix):
+    marker = replace(variants("plain", made), tag=variants("full", made).tag)
+    check = verify(marker, files("plain", made, suffix))
+    assert sentences(check) == ["the tag aruco:DICT_4X4_50:7 is not in its place"]
+
+
+def test_plates_for_sheets_have_no_dots(variants, make_in, shapes, tmp_path):
+    marker = variants("plain", "fdm")
+    full = replace(variants("full", "fdm"), control_points=marker.control_points)
+    for each in (marker, full):
+        for check in checks(each, each, tmp_path, Fabrication("print")):
+            assert check.passed, check.findings
+            assert check.dots == check.copies == 0
+            assert check.notes == (SHEET,)
+    other = replace(marker, boundary=make_in(shapes["L"], 5, 0.012).boundary)
+    for suffix in SOLIDS:
+        assert kinds(verify(other, tmp_path / f"wrong{suffix}")) == ["no dots"]
+
+
+def test_recesses_for_printed_dots_are_no_dots(variants, tmp_path):
+    marker = variants("full", "fdm")
+    for check in checks(marker, marker, tmp_path, Fabrication("print")):
+        assert check.passed, check.findings
+        assert check.notes == ("recesses for printed dots with 50 um of room around them, and no dots",)
+    moved = edited(marker, x=marker.control_points[3].x + 1e-4)
+    for suffix in SOLIDS:
+        assert kinds(verify(moved, tmp_path / f"wrong{suffix}")) == ["shifted"]
+
+
+@pytest.mark.parametrize("name", ["L", "two squares"])
+def test_plates_for_sheets_of_other_outlines(make_in, shapes, tmp_path, name):
+    marker = make_in(shapes[name], 5, 0.012)
+    save(marker, [tmp_path / "a.step"], plain(Fabrication("print")))
+    check = verify(marker, tmp_path / "a.step")
+    assert check.passed, check.findings
+    assert "no dots of its own" in check.notes[0]
+
+
+@pytest.mark.parametrize("made", ["fdm", "laser"])
+def test_colors_are_looked_at_in_a_step(variants, files, tmp_path, made):
+    text = files("plain", made, ".step").read_text()
+    white = re.sub(r"(COLOUR_RGB\('',)[^;]*;", r"\g<1>1.,1.,1.);", text)
+    assert white != text
+    (tmp_path / "a.step").write_text(white)
+    check = verify(variants("plain", made), tmp_path / "a.step")
+    assert sentences(check) == [f"dot {k} has the color of the plate" for k in range(5)]
+
+
+def test_colors_are_looked_at_in_meshes(variants, files, tmp_path):
+    marker = variants("plain", "fdm")
+    for made in ("fdm", "laser"):
+        document, rest = gltf(files("plain", made, ".glb").read_bytes())
+        for material in document["materials"]:
+            material["pbrMetallicRoughness"]["baseColorFactor"] = [1, 1, 1, 1]
+        (tmp_path / "a.glb").write_bytes(glb(document, rest))
+        assert set(kinds(verify(marker, tmp_path / "a.glb"))) == {"color"}
+        data = files("plain", made, ".3mf").read_bytes()
+        text = model(data)
+        first = text.index("displaycolor=") + 14
+        second = text.index("displaycolor=", first) + 14
+        swapped = text[:second] + text[first : first + 9] + text[second + 9 :]
+        (tmp_path / "a.3mf").write_bytes(with_model(data, swapped))
+        assert set(kinds(verify(marker, tmp_path / "a.3mf"))) == {"color"}
+
+
+def test_what_does_not_close_is_named(variants, files, tmp_path):
+    corners = triangles(files("plain", "fdm", ".stl").read_bytes())
+    # Of the plate's lower face: no dot is touched.
+    low = np.flatnonzero(corners[:, :, 2].max(axis=1) < -2.9)
+    (tmp_path / "a.stl").write_bytes(stl(np.delete(corners, low[3], axis=0)))
+    check = verify(variants("plain", "fdm"), tmp_path / "a.stl")
+    assert kinds(check) == ["solid"]
+    assert check.findings[0].sentence.endswith("has open edges: it encloses no volume")
+
+
+def test_an_inlay_that_is_not_flush_is_named(variants, files, tmp_path):
+    for name, made in (("plain", "fdm"), ("full", "slip")):
+        document, rest = gltf(files(name, made, ".glb").read_bytes())
+        (node,) = [each for each in document["nodes"] if each.get("name") == "dot-3"]
+        for z, said in ((2e-4, "0.2 mm too high"), (-2e-4, "0.2 mm too low")):
+            node["translation"] = [0, 0, z]
+            (tmp_path / "a.glb").write_bytes(glb(document, rest))
+            assert sentences(verify(variants(name, made), tmp_path / "a.glb")) == [f"dot 3 is {said}"]
+        node["translation"] = [1e-4, 0, 0]
+        (tmp_path / "a.glb").write_bytes(glb(document, rest))
+        assert "dot 3 is 0.1 mm off (x +100 um, y" in sentences(verify(variants(name, made), tmp_path / "a.glb"))[0]
+
+
+@pytest.mark.parametrize("suffix", SOLIDS)
+def test_a_file_that_was_moved_up_is_told_once(variants, files, tmp_path, suffix):
+    path = tmp_path / f"up{suffix}"
+    data = files("full", "fdm", suffix).read_bytes()
+    if suffix == ".stl":
+        path.write_bytes(stl(triangles(data) + [5, -7, 3]))
+    elif suffix == ".3mf":
+        text = model(data).replace("<item ", '<item transform="1 0 0 0 1 0 0 0 1 5 -7 3" ')
+        path.write_bytes(with_model(data, text))
+    elif suffix == ".glb":
+        document, rest = gltf(data)
+        for child in document["nodes"][0]["children"]:
+            document["nodes"][child]["translation"] = [5e-3, -7e-3, 3e-3]
+        path.write_bytes(glb(document, rest))
+    else:
+        path.write_bytes(assembled(data, tmp_path, (5, -7, 3), 30))
+    assert sentences(verify(variants("full", "fdm"), path)) == ["all dots are 3 mm too high"]
+
+
+def assembled(data, folder, shift, degrees, move=None):
+    """STEP of an assembly of the parts of another one, each moved by the assembly."""
+    import cadquery
+
+    (folder / "in.step").write_bytes(data)
+    solids = cadquery.importers.importStep(str(folder / "in.step")).solids().vals()
+    assembly = cadquery.Assembly(name="moved")
+    for number, solid in enumerate(solids):
+        by = move if move and number == 3 else (0, 0, 0)
+        # Plate and core of the ring are light. Away from where it is made, and back.
+        back = cadquery.Location(cadquery.Vector(40, 30, 20))
+        place = cadquery.Location(cadquery.Vector(*shift), cadquery.Vector(0, 0, 1), degrees)
+        own = cadquery.Location(cadquery.Vector(*by))
+        color = cadquery.Color(1, 1, 1) if number in (0, 2) else cadquery.Color(0.05, 0.05, 0.05)
+        assembly.add(solid.moved(back), loc=place * own * back.inverse, name=f"part {number}", color=color)
+    assembly.export(str(folder / "out.step"))
+    return (folder / "out.step").read_bytes()
+
+
+def test_assemblies_that_move_parts_are_followed(variants, files, tmp_path):
+    data = files("plain", "fdm", ".step").read_bytes()
+    path = tmp_path / "a.step"
+    path.write_bytes(assembled(data, tmp_path, (50, -20, 0), 75))
+    check = verify(variants("plain", "fdm"), path)
+    assert check.passed, check.findings
+    path.write_bytes(assembled(data, tmp_path, (50, -20, 0), 75, move=(0.2, 0, 0)))
+    check = verify(variants("plain", "fdm"), path)
+    assert "is 0.2 mm off" in check.findings[0].sentence
+
+
+def test_a_step_in_meters_or_inches_is_as_large(variants, files, tmp_path):
+    data = files("full", "fdm", ".step").read_bytes()
+    meters = resized(data, ".step", 1e-3).replace(b"SI_UNIT(.MILLI.,.METRE.)", b"SI_UNIT($,.METRE.)")
+    (tmp_path / "a.step").write_bytes(meters)
+    check = verify(variants("full", "fdm"), tmp_path / "a.step")
+    # Digits of a file in meters.
+    assert check.largest < 1e-8
+    assert not [each for each in kinds(check) if each != "solid"]
+
+
+def test_a_text_stl_is_read_as_well(variants, files, tmp_path):
+    corners = triangles(files("full", "slip", ".stl").read_bytes())
+    (tmp_path / "a.stl").write_bytes(stl_of_text(corners))
+    check = verify(variants("full", "fdm"), tmp_path / "a.stl")
+    assert check.passed, check.findings
+
+
+@pytest.mark.parametrize("made", either(["fdm"], [["slip"], ["laser"]]))
+@pytest.mark.parametrize("name", ["plain", "full"])
+def test_solids_that_share_corners_are_told_apart(variants, files, tmp_path, name, made):
+    # As other programs write an STL: what touches has the same corners, and edges have four triangles.
+    parts = []
+    document, rest = gltf(files(name, made, ".glb").read_bytes())
+    from trimesh import load_scene
+
+    (tmp_path / "a.glb").write_bytes(glb(document, rest))
+    scene = load_scene(tmp_path / "a.glb")
+    for node in scene.graph.nodes_geometry:
+        transform, geometry = scene.graph[node]
+        mesh = scene.geometry[geometry].copy()
+        mesh.apply_transform(transform)
+        x, y, z = np.moveaxis(1e3 * mesh.triangles, -1, 0)
+        parts.append(np.round(np.stack([x, -z, y], axis=-1), 4))
+    order = np.random.default_rng(0).permutation(sum(map(len, parts)))
+    (tmp_path / "a.stl").write_bytes(stl(np.concatenate(parts)[order]))
+    check = verify(variants(name, made), tmp_path / "a.stl")
+    # Rounded to a tenth of a micrometer.
+    assert check.passed, check.findings
+    assert check.largest < 2e-7
+
+
+def test_balls_are_measured_by_their_surface(variants, files, tmp_path):
+    marker = variants("full", "balls")
+    corners = triangles(files("full", "balls", ".stl").read_bytes())
+    ball = np.linalg.norm(corners - 1e3 * marker.xyz[3], axis=-1).max(axis=1) < 6.001
+    corners[ball] += [0.05, 0, 0]
+    (tmp_path / "a.stl").write_bytes(stl(corners))
+    check = verify(marker, tmp_path / "a.stl")
+    assert any(said.startswith("dot 3 is 0.05 mm off (x +") for said in rounded(check))
