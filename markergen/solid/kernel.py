@@ -20,12 +20,16 @@ def import_cadquery() -> ModuleType:
     try:
         import cadquery
     except ImportError as error:
-        found = " ".join(str(error).split())
-        raise MissingLibraryError(
-            f"solids need the library cadquery with the system's libGL and libX11, found: {found}; "
-            "install them with: pip install cadquery && apt-get install libgl1 libx11-6"
-        ) from None
+        raise missing_kernel("solids need", " ".join(str(error).split())) from None
     return cadquery
+
+
+def missing_kernel(need: str, found: str) -> MissingLibraryError:
+    """Error that says what is needed for, what was found, and what to install."""
+    return MissingLibraryError(
+        f"{need} the library cadquery with the system's libGL and libX11, found: {found}; "
+        "install them with: pip install 'markergen[solids]' && apt-get install libgl1 libx11-6"
+    )
 
 
 def solid_of(body: Body) -> Any:

@@ -217,6 +217,6 @@ def test_without_the_kernel_every_solid_is_one_line_and_all_else_works(here):
     assert statuses == ["2"] * (len(made) + 1)
     for complaint in complaints:
         assert "libGL.so.1: cannot open shared object file" in complaint
-        assert "apt-get install libgl1 libx11-6" in complaint
+        assert "pip install 'markergen[solids]' && apt-get install libgl1 libx11-6" in complaint
     written = {path.name for path in here.iterdir()} - {"marker.json", "plate.geojson"}
     assert written == {f"m{suffix}" for suffix in (*drawn, WORKSHOP)}

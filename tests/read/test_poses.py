@@ -88,11 +88,11 @@ def write(tmp_path):
 
 
 @pytest.mark.parametrize("kind", WRITERS)
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 5))
 def test_every_format_gives_back_the_poses_that_were_written(write, kind, seed, count):
     rng = np.random.default_rng(seed)
-    rotation = Rotation.random(count, rng=rng).as_matrix()
+    rotation = Rotation.from_quat(rng.normal(size=(count, 4))).as_matrix()
     translation = rng.normal(size=(count, 3))
     poses = read_poses(write(WRITERS[kind](rotation, translation)))
     # Numbers are kept to 12 decimals; a trajectory's are turned by a rotation rounded so.

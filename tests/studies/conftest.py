@@ -1,3 +1,4 @@
+import asyncio
 import json
 import os
 import socket
@@ -20,11 +21,20 @@ class Cluster:
         self.file = folder / "scheduler.json"
         self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
         self.workers = [self.add_worker() for _ in range(workers)]
-        limit = time.monotonic() + 40
+        limit = time.monotonic() + 120
         while not self.file.exists():
             assert time.monotonic() < limit
             time.sleep(0.05)
         self.address = json.loads(self.file.read_text())["address"]
+        # On a busy machine workers need longer to start than a user waits for them.
+        asyncio.run(asyncio.wait_for(self._joined(workers), 120))
+
+    async def _joined(self, workers):
+        from distributed.core import rpc
+
+        async with rpc(self.address) as scheduler:
+            while len((await scheduler.identity())["workers"]) < workers:
+                await asyncio.sleep(0.1)
 
     def add_worker(self):
         return self._start("worker", "--nthreads", "1", "--no-nanny", "--no-dashboard")
