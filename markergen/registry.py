@@ -40,7 +40,7 @@ class Registry(Generic[T]):
 
     A look-up of an entry of markergen's own never reads the entry points. One that does not work (it cannot be
     imported, is no such entry, or has a name that is taken) is no entry: a warning is logged under ``markergen``, and
-    whoever asks for its name is told why. What is in the table first stays: no plug-in takes the place of another entry.
+    whoever asks for its name is told why. No plug-in takes the place of an entry of markergen's own.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Registry(Generic[T]):
     entry_points : str
         Group of the entry points that add entries; empty for a table that is closed.
     entry : type
-        What an entry is: a class or a union of classes, of which it is an instance, or ``type[C]``, for a subclass of C.
+        What an entry is an instance of, or ``type[C]`` where it is a subclass of C.
 
     Examples
     --------

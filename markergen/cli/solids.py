@@ -116,13 +116,10 @@ def fabrication(
     tolerance: float | None = None,
 ) -> "Fabrication":
     """Collect what was asked for; raises `InputError` for what there is not."""
-    from markergen.errors import InputError
-    from markergen.model.fabrication import Fabrication
+    from markergen.model.fabrication import DEFAULT_PROCESS, Fabrication, check_choice
 
-    if dome is not None and process != "dome":
-        raise InputError(
-            "--dome with --process dome", f"--process {process or 'fdm'}", "leave out --dome, or change it"
-        )
+    if dome is not None:
+        check_choice(process or DEFAULT_PROCESS, "dome", "--dome")
     given = {
         "process": process, "depth": depth, "gap": gap, "fit": fit, "through": through, "tool": tool, "dome": dome,
         "draft": None if draft is None else radians(draft), "foot": foot, "engrave": engrave, "tolerance": tolerance,

@@ -50,7 +50,7 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
     return Workpiece(
         name=marker_name(marker),
         title=f"Fiducial marker, {len(dots)} dot{'s' * (len(dots) > 1)}, {size_words(marker.boundary)}",
-        process=PROCESSES[fabrication.process],
+        process=PROCESSES[fabrication.process].label,
         materials=_materials(parts),
         front=(*seen(parts), *_printed(marker, dots, parts)),
         side=elevation(parts),
@@ -113,7 +113,7 @@ def _dot_callouts(dots: Sequence[Dot], fabrication: Fabrication) -> list[Callout
     for (radius, inner), some in kinds:
         count = f"{len(some)}x " if len(some) > 1 else ""
         # S stands for a sphere (ISO 129).
-        sphere = "S" if fabrication.process == "dome" else ""
+        sphere = "S" if PROCESSES[fabrication.process].balls else ""
         size = f"{sphere}{DIAMETER}{millimeters(2 * radius)}"
         ring = f" / {DIAMETER}{millimeters(2 * inner)}" if inner else ""
         which = "ring" if inner else "dot"

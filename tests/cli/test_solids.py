@@ -85,7 +85,7 @@ def test_choices_reach_the_exporter(here, monkeypatch):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("--process casting", "known: fdm, cnc, laser, print, dome"),
+        ("--process casting", "known: cnc, dome, fdm, laser, print"),
         ("--gap -0.1mm", "a gap of 0 or more, found gap=-0.0001 m"),
         ("--depth 0mm", "a depth above 0"),
         ("--depth deep", "--depth"),

@@ -166,7 +166,7 @@ def test_long_tables_go_on_with_their_headings():
     assert len(headings) == 2
 
 
-@pytest.mark.parametrize("process", PROCESSES)
+@pytest.mark.parametrize("process", list(PROCESSES))
 def test_pages_are_read_by_another_program(process):
     marker = MARKERS["disk"]
     output = EXPORTERS[".fab.pdf"]([marker], ExportOptions(fabrication=Fabrication(process=process)))

@@ -72,7 +72,8 @@ class LensModel(ABC):
         """Derivatives of x', y' by x, y."""
         step = _STEP * (1 + np.hypot(x, y))
         columns = [
-            _difference(lambda dx, dy: self.map(x + dx, y + dy, coefficients), step, along) for along in ((1, 0), (0, 1))
+            _difference(lambda dx, dy: self.map(x + dx, y + dy, coefficients), step, along)
+            for along in ((1, 0), (0, 1))
         ]
         return columns[0][0], columns[1][0], columns[0][1], columns[1][1]
 
@@ -101,7 +102,7 @@ class LensModel(ABC):
     # What follows serves Newton's method in `markergen.maths.distortion`.
 
     def profile(self, radius: Array, coefficients: Coefficients) -> Array:
-        """About the radius after the lens of points at these radii before it: where the search for the inverse starts."""
+        """About the radii after the lens of points at these radii before it: there the search for the inverse starts."""
         around = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
         mapped = self.map(radius[:, None] * np.cos(around), radius[:, None] * np.sin(around), coefficients)
         return np.hypot(*mapped).mean(axis=-1)

@@ -50,6 +50,7 @@ class Equidistant(RadialModel):
 
     def scale_by_coefficients(self, square: Array, coefficients: Coefficients) -> Sequence[Array]:
         """See `RadialModel.scale_by_coefficients`."""
+        del coefficients
         angle2 = np.arctan(np.sqrt(square)) ** 2
         unit = self.scale(square, (0.0,) * 4)
         return [unit * angle2**i for i in range(1, 5)]

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,8 +17,8 @@ class RadialTangential(RadialModel):
     them by 6 |p| r at most, so the domain ends at the first r at which min((s r)', s) = 6 |p| r.
     """
 
-    coefficients: tuple[tuple[str, ...], ...] = (("k1", "k2", "p1", "p2"), ("k1", "k2", "p1", "p2", "k3"))
-    aliases: tuple[str, ...] = ("plumb_bob",)
+    coefficients: ClassVar[tuple[tuple[str, ...], ...]] = (("k1", "k2", "p1", "p2"), ("k1", "k2", "p1", "p2", "k3"))
+    aliases: ClassVar[tuple[str, ...]] = ("plumb_bob",)
     opencv = True
 
     def scale(self, square: Array, coefficients: Coefficients) -> Array:
