@@ -106,6 +106,11 @@ class Registry(Generic[T]):
                 self._plug_in(name)
         return sorted(self._entries)
 
+    def items(self) -> list[tuple[str, T]]:
+        """Return names and entries in the order in which they came."""
+        self.names()
+        return list(self._entries.items())
+
     def __iter__(self) -> Iterator[str]:
         return iter(self.names())
 

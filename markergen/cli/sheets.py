@@ -62,7 +62,7 @@ def export_options(
 ) -> "ExportOptions":
     """Collect what was asked for; raises `InputError` for what there is not."""
     from markergen.drawing.colors import BLACK_ON_WHITE, parse_colors
-    from markergen.drawing.sheet import SheetOptions
+    from markergen.drawing.options import SheetOptions
     from markergen.export import ExportOptions
 
     sheet = SheetOptions(

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import markergen
-from markergen.drawing.scene import Disk, marker_dots, marker_name
-from markergen.export import EXPORTERS, ExportOptions, Output, only, without_paper
+from markergen.drawing.scene import Disk, marker_dots
+from markergen.export import ExportOptions, Output, only, without_paper
 from markergen.model.boundary import Boundary
 from markergen.model.fabrication import PROCESSES, Fabrication
-from markergen.model.marker import Marker
+from markergen.model.marker import Marker, marker_name
 from markergen.solid.bodies import Path, Prism, circle
 from markergen.solid.inks import dots_of
 from markergen.solid.plate import plate_regions
@@ -65,7 +65,6 @@ class Drawing:
     box: Array
 
 
-@EXPORTERS.register(".dxf")
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
     """Outlines of the marker as DXF (R2010, mm), to cut and engrave; of the whole plate where that is engraved."""
     marker = only(markers, ".dxf")

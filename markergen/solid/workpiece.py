@@ -6,11 +6,10 @@ from itertools import groupby
 from math import hypot
 
 from markergen.drawing.figure import size_words
-from markergen.drawing.scene import marker_name
 from markergen.drawing.workshop import Callout, Face, Label, Span, Workpiece
 from markergen.drawing.workshop_front import millimeters
 from markergen.model.fabrication import PROCESSES, Fabrication
-from markergen.model.marker import Marker
+from markergen.model.marker import Marker, marker_name
 from markergen.model.substrate import Hole
 from markergen.solid.bodies import OTHER, Part, cylinder, mm, span
 from markergen.solid.inks import Dot, dots_of

@@ -10,7 +10,7 @@ import pypdfium2
 import pypdfium2.raw as pdfium
 import pytest
 
-from markergen.drawing.page import SheetOptions
+from markergen.drawing.options import SheetOptions
 from markergen.drawing.scene import Line, Outline, bounds
 from markergen.drawing.workshop_lines import DARK
 from markergen.drawing.workshop_pages import fabrication_sheets

@@ -102,7 +102,7 @@ class LensModel(ABC):
     # What follows serves Newton's method in `markergen.maths.distortion`.
 
     def profile(self, radius: Array, coefficients: Coefficients) -> Array:
-        """About the radii after the lens of points at these radii before it: there the search for the inverse starts."""
+        """Roughly the radii after the lens of points at these radii before it: there Newton's method starts."""
         around = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
         mapped = self.map(radius[:, None] * np.cos(around), radius[:, None] * np.sin(around), coefficients)
         return np.hypot(*mapped).mean(axis=-1)
