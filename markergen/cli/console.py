@@ -11,15 +11,6 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str, int, int], None]
 
-CRITERIA = {
-    "pose_m": ("pose mm", 1e3),
-    "rotation_deg": ("rotation deg", 1.0),
-    "translation_pct": ("translation %", 1.0),
-    "homography_px": ("homography px", 1.0),
-    "condition": ("c(A)", 1.0),
-}
-"""Column title and factor of each criterion."""
-
 
 @contextmanager
 def progress_bar() -> Iterator[Progress]:
@@ -96,19 +87,23 @@ def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]
 
 def print_criteria(table: Mapping[str, Mapping[str, float]], n: int, noise: str) -> None:
     """Print the criteria of a design beside those of the layouts that it is compared with."""
+    from markergen.objectives.criteria import columns
     from markergen.validate.tables import LAYOUTS
 
+    but = " and ".join(each.title for each in columns().values() if not each.proportional)
     names = {"design": "this marker", **LAYOUTS, "ngon": f"regular {n}-gon"}
     print_table(
         f"What the layout allows, for {noise}",
-        ["", *(title for title, _ in CRITERIA.values())],
+        ["", *(each.title for each in columns().values())],
         [[names[name], *_criteria_cells(row)] for name, row in table.items()],
-        "RMS over the poses; proportional to the noise but for c(A).",
+        f"RMS over the poses; proportional to the noise but for {but}.",
     )
 
 
 def print_hidden(table: Sequence["HiddenDots"], noise: str) -> None:
     """Print the criteria of a marker with none, one and more of its dots hidden."""
+    from markergen.objectives.criteria import columns
+
     rows = []
     for row in table:
         worst = f"dot{'s' * (row.hidden > 1)} {', '.join(map(str, row.worst_dots))}"
@@ -118,17 +113,18 @@ def print_hidden(table: Sequence["HiddenDots"], noise: str) -> None:
             rows.append([f"mean of any {row.hidden} hidden", *_criteria_cells(row.mean)])
     print_table(
         f"With dots hidden, for {noise}",
-        ["", *(title for title, _ in CRITERIA.values())],
+        ["", *(each.title for each in columns().values())],
         rows,
         "Each criterion after the loss that is worst for it; dots named are those whose loss is worst for the pose.",
     )
 
 
 def _criteria_cells(row: Mapping[str, float]) -> list[str]:
-    """Cells for `CRITERIA`; a relief lacks some."""
+    """Cells for the columns of criteria; a relief lacks some."""
+    from markergen.objectives.criteria import columns
     from markergen.validate.tables import number
 
-    return [number(row[key] * factor, 4) if key in row else "-" for key, (_, factor) in CRITERIA.items()]
+    return [number(row[each.key] * each.factor, 4) if each.key in row else "-" for each in columns().values()]
 
 
 def print_effort(seconds: float) -> None:
