@@ -11,6 +11,7 @@ from contextlib import closing, contextmanager
 from typing import TypeVar
 
 from markergen.errors import InputError, MarkergenError
+from markergen.registry import Luggage, outside, receive
 
 C = TypeVar("C")
 R = TypeVar("R")
@@ -75,7 +76,8 @@ def as_completed_chunks(
     """
     others = set(multiprocessing.active_children())
     # A fresh interpreter, because fork would copy the locks that threads of BLAS and OpenCV hold at that moment.
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_start_worker)
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(workers, context, initializer=_start_worker, initargs=(outside(),))
     try:
         with _inherited_by_workers():
             futures = {pool.submit(function, chunk): index for index, chunk in enumerate(chunks)}
@@ -119,9 +121,10 @@ def _inherited_by_workers() -> Iterator[None]:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def _start_worker() -> None:
+def _start_worker(luggage: Luggage) -> None:
     import cv2
 
+    receive(luggage)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     cv2.setNumThreads(1)
     threading.Thread(target=_end_with_parent, daemon=True).start()
