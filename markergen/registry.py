@@ -68,6 +68,7 @@ class Registry(Generic[T]):
         self._broken: dict[str, str] = {}
         """What is wrong with a plug-in, by its name."""
         self._loaded = self._listed = False
+        self.__module__ = _caller()
         if entry_points:
             _TABLES[entry_points] = self
 
@@ -77,7 +78,7 @@ class Registry(Generic[T]):
         In a script or a module of yours, the entry is known to worker processes as well, provided that it can be
         pickled: define it at the top level. A notebook's cell may be run again.
         """
-        module = str(sys._getframe(1).f_globals.get("__name__", ""))
+        module = _caller()
         mine = module.partition(".")[0] != "markergen"
         if mine:
             # So that the name is told to be taken here, and not when the table's own module is imported.
@@ -138,6 +139,10 @@ class Registry(Generic[T]):
         near = get_close_matches(name, known, n=1)
         hint = f"did you mean {near[0]!r}? Known: " if near else "known: "
         raise InputError(f"a known {self.kind}", repr(name), hint + ", ".join(known))
+
+    def __reduce__(self) -> str:
+        # By reference: entries that use a table must not take all of it along.
+        return next((name for name, value in vars(sys.modules[self.__module__]).items() if value is self), self.kind)
 
     def _load(self) -> None:
         if not self._loaded:
@@ -229,6 +234,11 @@ def outside() -> Luggage:
 def receive(luggage: Luggage) -> None:
     """Take what `outside` packed in the process that hands out work; unpacked when its table is first looked at."""
     _RECEIVED.update(luggage)
+
+
+def _caller() -> str:
+    """Name of the module that calls whoever calls this."""
+    return str(sys._getframe(2).f_globals.get("__name__", ""))
 
 
 def _pickler() -> Callable[[object], bytes]:
