@@ -105,6 +105,7 @@ class Registry(Generic[T]):
             self._listed = True
             for name in self._installed():
                 self._plug_in(name)
+            self._complain()
         return sorted(self._entries)
 
     def items(self) -> list[tuple[str, T]]:
@@ -134,7 +135,7 @@ class Registry(Generic[T]):
         if name in self._entries:
             return self._entries[name]
         if name in self._broken:
-            raise InputError(f"a {self.kind} {name!r} that works", self._broken[name], "mend or uninstall the plug-in")
+            raise InputError(f"a working {self.kind} {name!r}", self._broken[name], "fix or uninstall the plug-in")
         known = self.names()
         near = get_close_matches(name, known, n=1)
         hint = f"did you mean {near[0]!r}? Known: " if near else "known: "
@@ -159,28 +160,32 @@ class Registry(Generic[T]):
     def _plug_in(self, name: str) -> None:
         """Load the entry point of that name, if there is one that has not been loaded."""
         found = self._installed().get(name, ())
-        if not found or name in self._broken:
+        if not found or name in self._entries or name in self._broken:
             return
-        if name in self._entries:
-            # What has been loaded from one of these entry points is no other.
-            if name not in self._outside:
-                self._complain(name, f"{_words(found[0])}, but markergen has one of that name: the plug-in is ignored")
-            return
-        if len(found) > 1:
-            self._refuse(name, f"it in {' and in '.join(map(_words, found))}")
-            return
-        try:
-            entry = found[0].load()
-            wrong = self._wrong(name, entry)
-        # Another package's code: it may raise anything.
-        except Exception as error:
-            wrong = f"fails with {type(error).__name__}: {error}"
+        wrong = f"it in {' and in '.join(map(_words, found))}" if len(found) > 1 else ""
+        if not wrong:
+            try:
+                entry = found[0].load()
+                wrong = self._wrong(name, entry)
+            # Another package's code: it may raise anything.
+            except Exception as error:
+                wrong = f"fails with {type(error).__name__}: {error}"
+            wrong = wrong and f"{_words(found[0])} {wrong}"
         if wrong:
-            self._refuse(name, f"{_words(found[0])} {wrong}")
+            self._broken[name] = " ".join(wrong.split())
         elif name not in self._entries:
             # Loading it may have registered it as well.
             self._entries[name] = entry
             self._outside[name] = ""
+
+    def _complain(self) -> None:
+        """Warn of what is left out."""
+        for name, found in self._installed().items():
+            words = self._broken.get(name)
+            if name in self._entries and name not in self._outside:
+                words = f"{_words(found[0])}, but markergen has one of that name"
+            if words:
+                LOG.warning("left out a plug-in, the %s %r: %s", self.kind, name, words)
 
     def _wrong(self, name: str, entry: object) -> str:
         """What keeps an object from being an entry; empty if nothing."""
@@ -195,13 +200,6 @@ class Registry(Generic[T]):
             return f"is {type(entry).__name__} {getattr(entry, '__name__', '')}".rstrip() + f", and not {wanted}"
         own = getattr(entry, "name", name)
         return "" if own == name else f"calls itself {own!r}"
-
-    def _refuse(self, name: str, words: str) -> None:
-        self._broken[name] = " ".join(words.split())
-        self._complain(name, words)
-
-    def _complain(self, name: str, words: str) -> None:
-        LOG.warning("plug-in for the %s %r: %s", self.kind, name, " ".join(words.split()))
 
     def _pack(self) -> list[tuple[str, bytes]]:
         """Entries that were registered outside of markergen, without those that any process finds by entry points."""

@@ -102,7 +102,7 @@ def test_those_that_do_not_work_are_left_out_with_a_warning(plugged, caplog):
 def test_whoever_asks_for_one_is_told_why(plugged, name, words):
     assert name in plugged
     for _ in range(2):
-        with pytest.raises(InputError, match=f"a number '{name}' that works") as caught:
+        with pytest.raises(InputError, match=f"a working number '{name}'") as caught:
             plugged[name]
         assert words in str(caught.value)
         assert "\n" not in str(caught.value)

@@ -10,11 +10,20 @@ import pytest
 from dask_cluster import Cluster
 from installed import PLUGIN, ROOT, environment, install
 
+from markergen.estimators import ESTIMATORS
+from markergen.export import EXPORTERS
+from markergen.maths.lenses import LENSES
 from markergen.model.boundary import Circle
+from markergen.model.fabrication import PROCESSES
 from markergen.model.feature import Feature
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.marker_json import to_json
+from markergen.model.poses import POSES
+from markergen.objectives import OBJECTIVES
 from markergen.objectives.criteria import regular_polygon
+from markergen.read.cameras import CAMERA_FORMATS
+from markergen.read.outlines import OUTLINE_FORMATS
+from markergen.read.poses import POSE_FORMATS
 
 GROUPS = tomllib.loads((PLUGIN / "pyproject.toml").read_text())["project"]["entry-points"]
 SWEEP = """
@@ -77,6 +86,17 @@ def test_the_example_has_one_of_each():
     }
     for file in (PLUGIN / "markergen_extras").glob("*.py"):
         assert len(file.read_text().splitlines()) <= 40, file.name
+
+
+def test_every_table_that_is_open_is_described():
+    text = (ROOT / "docs" / "plugins.md").read_text()
+    tables = OBJECTIVES, ESTIMATORS, EXPORTERS, LENSES, PROCESSES, POSES
+    assert {table._group for table in tables} == set(GROUPS)
+    for table in (*tables, CAMERA_FORMATS, POSE_FORMATS, OUTLINE_FORMATS):
+        assert f"`{table._group}`" in text
+    for group, points in GROUPS.items():
+        assert group in text
+        assert all(value.startswith("markergen_extras.") for value in points.values())
 
 
 def test_a_design_with_objective_and_poses_of_a_package(run, here):
