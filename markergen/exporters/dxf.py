@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 import markergen
-from markergen.drawing.scene import Disk, marker_dots, marker_name
-from markergen.exporters import EXPORTERS, ExportOptions, Output, only, without_paper
+from markergen.drawing.scene import Disk, marker_dots
+from markergen.exporters import ExportOptions, Output, only, without_paper
 from markergen.model.boundary import Boundary
-from markergen.model.fabrication import Fabrication
-from markergen.model.marker import Marker
+from markergen.model.fabrication import PROCESSES, Fabrication
+from markergen.model.marker import Marker, marker_name
 from markergen.solid.bodies import Path, Prism, circle
 from markergen.solid.inks import dots_of
 from markergen.solid.plate import plate_regions
-from markergen.solid.processes import PROCESSES
+from markergen.solid.processes import Made
 from markergen.units import format_length
 
 CUT, ENGRAVE, INFO = "CUT", "ENGRAVE", "INFO"
@@ -65,18 +65,17 @@ class Drawing:
     box: Array
 
 
-@EXPORTERS.register(".dxf")
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
-    """Outlines of the marker as DXF (R2010, mm), to cut and engrave; of the whole plate where a laser makes it."""
+    """Outlines of the marker as DXF (R2010, mm), to cut and engrave; of the whole plate where that is engraved."""
     marker = only(markers, ".dxf")
-    laser = options.fabrication.process == "laser"
-    meaning = PLATE if laser else MARKER
+    engraved = PROCESSES[options.fabrication.process].engraved
+    meaning = PLATE if engraved else MARKER
     notes = (
         "DXF units are mm; the origin is the marker's, x right and y up.",
         *(f"Layer {name} has {words}." for name, words in meaning.items()),
         *without_paper(options),
     )
-    return Output(write_laser_dxf(marker, options.fabrication) if laser else write_dxf(marker), notes)
+    return Output(write_laser_dxf(marker, options.fabrication) if engraved else write_dxf(marker), notes)
 
 
 def write_dxf(marker: Marker) -> bytes:
@@ -103,7 +102,7 @@ def write_laser_dxf(marker: Marker, fabrication: Fabrication) -> bytes:
         If the process refuses the marker.
     """
     designed = marker.as_designed
-    made = PROCESSES["laser"](designed, fabrication)
+    made: Made = PROCESSES[fabrication.process](designed, fabrication)
     regions = plate_regions(designed)
     dots = [(dot, Disk(dot.x, dot.y, dot.radius, dot.inner, dot.name)) for dot in dots_of(designed)]
     holes = [(hole, _mm([hole.x, hole.y, hole.diameter / 2, hole.sink / 2]).tolist()) for hole in

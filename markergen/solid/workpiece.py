@@ -6,11 +6,10 @@ from itertools import groupby
 from math import hypot
 
 from markergen.drawing.figure import size_words
-from markergen.drawing.scene import marker_name
 from markergen.drawing.workshop import Callout, Face, Label, Span, Workpiece
 from markergen.drawing.workshop_front import millimeters
 from markergen.model.fabrication import PROCESSES, Fabrication
-from markergen.model.marker import Marker
+from markergen.model.marker import Marker, marker_name
 from markergen.model.substrate import Hole
 from markergen.solid.bodies import OTHER, Part, cylinder, mm, span
 from markergen.solid.inks import Dot, dots_of
@@ -50,7 +49,7 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
     return Workpiece(
         name=marker_name(marker),
         title=f"Fiducial marker, {len(dots)} dot{'s' * (len(dots) > 1)}, {size_words(marker.boundary)}",
-        process=PROCESSES[fabrication.process],
+        process=PROCESSES[fabrication.process].label,
         materials=_materials(parts),
         front=(*seen(parts), *_printed(marker, dots, parts)),
         side=elevation(parts),
@@ -113,7 +112,7 @@ def _dot_callouts(dots: Sequence[Dot], fabrication: Fabrication) -> list[Callout
     for (radius, inner), some in kinds:
         count = f"{len(some)}x " if len(some) > 1 else ""
         # S stands for a sphere (ISO 129).
-        sphere = "S" if fabrication.process == "dome" else ""
+        sphere = "S" if PROCESSES[fabrication.process].balls else ""
         size = f"{sphere}{DIAMETER}{millimeters(2 * radius)}"
         ring = f" / {DIAMETER}{millimeters(2 * inner)}" if inner else ""
         which = "ring" if inner else "dot"

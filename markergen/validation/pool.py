@@ -14,6 +14,7 @@ from traceback import format_exception
 from typing import Any, TypeVar
 
 from markergen.errors import InputError, MarkergenError
+from markergen.registry import Luggage, outside, receive
 
 C = TypeVar("C")
 R = TypeVar("R")
@@ -82,6 +83,7 @@ def as_completed_chunks(
     """
     # A fresh interpreter, because fork would copy the locks that threads of BLAS and OpenCV hold at that moment.
     context = multiprocessing.get_context("spawn")
+    luggage = outside()
     team: dict[Connection, SpawnProcess] = {}
     busy: dict[Connection, int] = {}
     waiting = iter(enumerate(chunks))
@@ -95,7 +97,7 @@ def as_completed_chunks(
         with _inherited_by_workers():
             for _ in range(min(workers, len(chunks))):
                 ours, theirs = context.Pipe()
-                worker = context.Process(target=_work, args=(theirs,))
+                worker = context.Process(target=_work, args=(theirs, luggage))
                 worker.start()
                 team[ours] = worker
                 # Now the worker alone has that end, and ours tells when it dies.
@@ -158,10 +160,11 @@ def _unless_dead(talk: Callable[..., Any], *words: Any) -> Any:
         ) from error
 
 
-def _work(pipe: Connection) -> None:
+def _work(pipe: Connection, luggage: Luggage) -> None:
     """Answer every (function, chunk) with (False, result) or (True, error), until the parent closes the pipe."""
     import cv2
 
+    receive(luggage)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     cv2.setNumThreads(1)
     threading.Thread(target=_end_with_parent, daemon=True).start()

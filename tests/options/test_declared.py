@@ -8,7 +8,7 @@ import pytest
 from markergen.cli.app import app
 from markergen.cli.options import TYPES
 from markergen.drawing.colors import BLACK_ON_WHITE, parse_colors
-from markergen.drawing.sheet import SheetOptions
+from markergen.drawing.options import SheetOptions
 from markergen.model.boundary import Circle
 from markergen.model.fabrication import Fabrication
 from markergen.model.poses import named_poses

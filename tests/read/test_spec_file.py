@@ -129,7 +129,7 @@ def test_what_is_no_table_is_refused(values):
         ({"camera": CAMERA | {"distortion": {"model": "radtan"}}}, "camera.distortion.coefficients: missing"),
         (
             {"camera": CAMERA | {"distortion": {"model": "omni", "coefficients": []}}},
-            "camera.distortion: expected a known distortion model, found 'omni'; known: none, radtan",
+            "camera.distortion: expected a known distortion model, found 'omni'; known: equidistant, none, radtan",
         ),
         (
             {"camera": CAMERA | {"distortion": {"model": "radtan", "coefficients": [0.1]}}},

@@ -8,13 +8,13 @@ import pytest
 
 from markergen.errors import InputError
 from markergen.model.boundary import Circle, polygon_from
-from markergen.model.fabrication import Fabrication
+from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.solid.fits import STEPS, fit
 from markergen.solid.limits import Face, Footprint, depth_of, gaps
-from markergen.solid.processes import PROCESSES, Made
+from markergen.solid.processes import Made
 
 
 def make(marker: Marker, fabrication: Fabrication) -> Made:

@@ -30,7 +30,7 @@ def described(marker, **choices):
     return workpiece(marker, fabrication, made), made
 
 
-@pytest.mark.parametrize("process", PROCESSES)
+@pytest.mark.parametrize("process", list(PROCESSES))
 def test_tables_say_what_the_marker_says(process):
     marker = make()
     work, made = described(marker, process=process)
@@ -51,7 +51,7 @@ def test_tables_say_what_the_marker_says(process):
     assert set(made.lines) <= set(work.notes)
 
 
-@pytest.mark.parametrize("process", PROCESSES)
+@pytest.mark.parametrize("process", list(PROCESSES))
 @pytest.mark.parametrize("heights", [(0.0,) * 5, (0.0, 0.01, 0.02, 0.0, 0.0)], ids=["flat", "relief"])
 def test_the_front_shows_every_dot_whatever_it_is_made_of(process, heights):
     work, _ = described(make(heights), process=process)
