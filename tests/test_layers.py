@@ -9,9 +9,9 @@ import pytest
 
 ROOT = Path(__file__).parent.parent / "markergen"
 ORDER = [
-    ("errors", "units", "registry", "files"), ("maths",), ("model",), ("read",), ("objectives",), ("estimators",),
-    ("optimize",), ("drawing",), ("solid",), ("export",), ("render",), ("detect",), ("validate",), ("verify",),
-    ("study",), ("cli", "__main__"),
+    ("errors", "units", "registry", "files"), ("geometry",), ("maths",), ("model",), ("read",), ("objectives",),
+    ("estimators",), ("optimize",), ("drawing",), ("solid",), ("export",), ("render",), ("detect",), ("validate",),
+    ("verify",), ("study",), ("cli", "__main__"),
 ]  # fmt: skip
 LEVEL = {name: level for level, names in enumerate(ORDER) for name in names}
 MODULES = sorted(ROOT.rglob("*.py"))

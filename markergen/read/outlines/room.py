@@ -5,6 +5,7 @@ from pathlib import Path
 
 from markergen.errors import InputError
 from markergen.files import exists
+from markergen.geometry.contour import placed
 from markergen.model.boundary import Boundary, polygon_from
 from markergen.read.outlines.boundary import is_drawing, parse_boundary
 
@@ -44,7 +45,7 @@ def read_room(
     found = parse_boundary(boundary, unit if drawn else None, layer, "file" if drawn else origin)
     shift = found.center if drawn and origin == "center" else (0.0, 0.0)
     if drawn:
-        found = polygon_from(found.outlines(), origin)
+        found = polygon_from(found.contours(), origin)
     return found, tuple(_keep_out(text, unit, shift) for text in keep_outs)
 
 
@@ -53,7 +54,7 @@ def _keep_out(text: str, unit: str | None, shift: tuple[float, float]) -> Bounda
     if not is_drawing(path):
         return parse_boundary(text, origin="file")
     drawn = parse_boundary(path, unit, layer, "file")
-    return polygon_from([outline - shift for outline in drawn.outlines()], "file")
+    return polygon_from([placed(contour, 1.0, shift, 12) for contour in drawn.contours()], "file")
 
 
 def _split(text: str) -> tuple[str, str | None]:
