@@ -206,7 +206,7 @@ def design(
     from markergen.optimize.family import members
     from markergen.optimize.trace import check_trace_path, trace_bytes
     from markergen.read.cameras import read_camera
-    from markergen.read.outlines import read_room
+    from markergen.read.outlines import drawn_plate, is_drawing, read_room
     from markergen.read.spec_file import read_template, spec_from_mapping
 
     if radius is not None and boundary is not None:
@@ -235,8 +235,9 @@ def design(
         options["keep_outs"] = [shape.as_dict() for shape in keep_outs]
     if camera is not None:
         options["camera"] = read_camera(camera).as_dict()
-    if plate and isinstance(before := values.get("substrate", {}), dict):
-        options["substrate"] = {**before, **plate}
+    drawn = boundary is not None and is_drawing(boundary)
+    if (plate or drawn) and isinstance(before := values.get("substrate", {}), dict):
+        options["substrate"] = drawn_plate({**before, **plate}) if drawn else {**before, **plate}
     values.update({key: value for key, value in options.items() if value is not None})
     spec = spec_from_mapping(values, template or "the options")
     if ids is not None and not spec.tag:

@@ -18,7 +18,9 @@ Thickness = Annotated[
 Edge = Annotated[
     float | None,
     typer.Option(
-        parser=length, metavar="LENGTH", help="Least width of the plate outside of the boundary. [default: 2mm]"
+        parser=length,
+        metavar="LENGTH",
+        help="Least width of the plate outside of a disk or a rectangle; a drawing is the plate. [default: 2mm]",
     ),
 ]
 CornerRadius = Annotated[
@@ -33,7 +35,7 @@ Outline = Annotated[
     str | None,
     typer.Option(
         metavar="SHAPE|FILE[#LAYER]",
-        help="The plate's own outline, holes and all, instead of the boundary with its edge: rect:0.3x0.2, or a "
+        help="The plate's own outline, holes and all, instead of the boundary's: rect:0.3x0.2, or a "
         "drawing in the marker frame, which moves with the boundary that --boundary takes from one.",
     ),
 ]
@@ -157,7 +159,7 @@ def with_plate(marker: "Marker", values: dict[str, Any], outline: str | None, un
         For what there is not, and for a plate that the marker's dots do not allow.
     """
     from markergen.model.holes import parse_dowel, parse_mount
-    from markergen.model.substrate_checks import check_holes
+    from markergen.model.substrate_checks import check_edge, check_holes
     from markergen.read.outlines import read_room
 
     measures = {name: value for name, value in values.items() if name not in ("mount", "dowel")}
@@ -170,6 +172,8 @@ def with_plate(marker: "Marker", values: dict[str, Any], outline: str | None, un
     # As a design lists them.
     holes.sort(key=lambda hole: hole.use == "dowel")
     plate = replace(marker.substrate, **measures, holes=tuple(holes), outline=(*shapes, marker.substrate.outline)[0])
+    if "edge" in values:
+        check_edge(plate, marker.boundary)
     changed = replace(marker, substrate=plate)
     check_holes(changed)
     return changed

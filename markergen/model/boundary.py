@@ -86,6 +86,14 @@ class Boundary(ABC):
         """Whether it has arcs that `as_dict` tells as bulges, which programs before there were any cannot read."""
         return False
 
+    @property
+    def has_measures(self) -> bool:
+        """Whether it is a disk, or an upright rectangle about the origin: what is written with its measures.
+
+        Any other outline is taken for one that was drawn, which is that of the plate (see `Substrate.edge_around`).
+        """
+        return False
+
     @abstractmethod
     def curves(self) -> tuple[tuple[Array, ...], Array]:
         """What depth and search take the outline for: closed polygons as in `outlines`, and circles (c, 4).
@@ -165,6 +173,11 @@ class Circle(Boundary):
     def contours(self) -> tuple[Contour, ...]:
         """See `Boundary.contours`."""
         return (circle(self.size, *self.center),)
+
+    @property
+    def has_measures(self) -> bool:
+        """See `Boundary.has_measures`."""
+        return True
 
     def curves(self) -> tuple[tuple[Array, ...], Array]:
         """See `Boundary.curves`."""
@@ -301,6 +314,12 @@ class Polygon(_Drawn):
     def has_arcs(self) -> bool:
         """See `Boundary.has_arcs`."""
         return bool(self.bulges)
+
+    @property
+    def has_measures(self) -> bool:
+        """See `Boundary.has_measures`."""
+        x, y = ({abs(corner[axis]) for corner in self.rings[0]} for axis in (0, 1))
+        return len(self.rings) == 1 and len(self.rings[0]) == 4 and len(x) == len(y) == 1 and not self.has_arcs
 
     def curves(self) -> tuple[tuple[Array, ...], Array]:
         """See `Boundary.curves`."""

@@ -1,4 +1,4 @@
-"""Boundaries and keep-outs in files: a circle, or a polygon, with arcs or without, checked with every finding's path."""
+"""Boundaries and keep-outs in files: a circle, or a polygon with or without arcs, checked with every finding's path."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal

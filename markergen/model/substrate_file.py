@@ -38,7 +38,9 @@ class SubstrateFile(_Strict):
     """The plate that carries the dots when the marker is made as a solid; its upper face is z = 0."""
 
     thickness: Annotated[float, Field(ge=THINNEST, le=LARGEST)] = Substrate.thickness
-    edge: Annotated[Width, Field(description="Least width outside of the boundary.")] = Substrate.edge
+    edge: Annotated[
+        Width | None, Field(description="Least width outside of a disk or a rectangle; null is 2 mm. Others have none.")
+    ] = Substrate.edge
     corner_radius: Annotated[Width, Field(description="Of the outline, seen from above.")] = Substrate.corner_radius
     chamfer: Annotated[Width, Field(description="Around the upper face.")] = Substrate.chamfer
     outline: Annotated[BoundaryFile | None, Field(description="Instead of the boundary with its edge.")] = None

@@ -3,7 +3,7 @@
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -248,6 +248,9 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
         given["keep_outs"] = built(table.keep_outs)
     if "substrate" in given:
         given["substrate"] = table.substrate.build()
+        # Markers that were made before outlines from drawings were the plate's may have an edge around one.
+        if stored and not given.get("boundary", Spec.boundary).has_measures:
+            given["substrate"] = replace(given["substrate"], edge=None)
     return Spec(**given)
 
 

@@ -1,7 +1,8 @@
 """The room for a marker's dots: its boundary and what to keep out of, brought into the marker frame together."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from markergen.errors import InputError
 from markergen.files import exists
@@ -47,6 +48,27 @@ def read_room(
     if drawn:
         found = polygon_from(found.contours(), origin)
     return found, tuple(_keep_out(text, unit, shift) for text in keep_outs)
+
+
+def drawn_plate(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Table of the substrate for a boundary from a drawing: the drawing is the plate, and has no edge.
+
+    That is written down, since a rectangle that was drawn is like one that was written with its measures.
+
+    Raises
+    ------
+    InputError
+        If there is an edge, and no outline for the plate.
+    """
+    if values.get("outline") is not None:
+        return dict(values)
+    if values.get("edge"):
+        raise InputError(
+            "an edge around a disk or a rectangle alone",
+            "--edge with a drawing, whose outline is the plate's",
+            "leave out --edge, or draw the plate and give it as --outline",
+        )
+    return {**values, "edge": 0.0}
 
 
 def _keep_out(text: str, unit: str | None, shift: tuple[float, float]) -> Boundary:
