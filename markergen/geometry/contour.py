@@ -212,18 +212,20 @@ def inset(contour: Contour, distance: float) -> Contour:
 
 def backward(contour: Contour) -> Contour:
     """Contour the other way around, from its last corner on."""
-    return Contour(contour.points[::-1], (*(-b for b in contour.bulges[-2::-1]), *(-b for b in contour.bulges[-1:])))
+    return Contour(
+        contour.points[::-1], (*(0.0 - b for b in contour.bulges[-2::-1]), *(0.0 - b for b in contour.bulges[-1:]))
+    )
 
 
 def turned_over(contour: Contour) -> Contour:
     """Contour the other way around, from the same corner on."""
     points, bulges = contour.points, contour.bulges
-    return Contour((*points[:1], *points[:0:-1]), tuple(-bulge for bulge in bulges[::-1]))
+    return Contour((*points[:1], *points[:0:-1]), tuple(0.0 - bulge for bulge in bulges[::-1]))
 
 
 def mirrored(contour: Contour) -> Contour:
     """Contour with y for -y."""
-    return Contour(tuple((x, -y) for x, y in contour.points), tuple(-bulge for bulge in contour.bulges))
+    return Contour(tuple((x, -y) for x, y in contour.points), tuple(0.0 - bulge for bulge in contour.bulges))
 
 
 def placed(

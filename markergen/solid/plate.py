@@ -100,7 +100,10 @@ def plate_size(marker: Marker) -> str:
         return size_words(marker.substrate.outline)
     if isinstance(marker.boundary, Circle):
         return f"{2 * plate_radius(marker):.6g} mm across"
-    boxes = np.array([box(outer) for outer, *_ in plate_regions(marker)])
+    regions = plate_regions(marker)
+    if len(regions) == 1 and (whole := regions[0][0].as_circle):
+        return f"{2 * whole[2]:.6g} mm across"
+    boxes = np.array([box(outer) for outer, *_ in regions])
     width, height = boxes[:, 2:].max(axis=0) - boxes[:, :2].min(axis=0)
     return f"{width:.6g} x {height:.6g} mm"
 
