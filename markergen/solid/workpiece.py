@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import groupby
-from math import hypot
+from math import dist, hypot
 
 from markergen.drawing.figure import size_words
 from markergen.drawing.scene import marker_name
 from markergen.drawing.workshop import Callout, Face, Label, Span, Workpiece
 from markergen.drawing.workshop_front import millimeters
-from markergen.geometry.contour import radius_of
+from markergen.geometry.contour import center_of, radius_of
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole
@@ -173,8 +173,10 @@ def _drawn_callouts(marker: Marker) -> list[Callout]:
         holes.setdefault((round(r, 6), round(hypot(x, y), 6)), []).append((x, y, r))
     arcs: dict[float, list[tuple[float, float, float]]] = {}
     for contour in drawn_contours(marker):
-        for side in contour.sides if not contour.is_circle else ():
-            if side[2]:
+        sides = contour.sides
+        for k, side in enumerate(sides) if not contour.is_circle else ():
+            # Of one circle two arcs in a row, as of more than half a turn, count once.
+            if side[2] and not (sides[k - 1][2] and dist(center_of(side), center_of(sides[k - 1])) < SAME):
                 (x, y), (u, v), bulge = side
                 middle = (x + u) / 2 + bulge / 2 * (v - y), (y + v) / 2 - bulge / 2 * (u - x), 0.0
                 arcs.setdefault(round(radius_of(side), 4), []).append(middle)
@@ -182,9 +184,8 @@ def _drawn_callouts(marker: Marker) -> list[Callout]:
     for (r, pitch), places in sorted(holes.items()):
         pitch = pitch if len(places) > 1 else 0.0
         circle = (f"on a pitch circle {DIAMETER}{millimeters(2 * pitch)}",) if pitch else ()
-        found.append(
-            Callout((f"{_times(places)}{DIAMETER}{millimeters(2 * r)} through", *circle), tuple(places), pitch)
-        )
+        words = f"{_times(places)}{DIAMETER}{millimeters(2 * r)} through"
+        found.append(Callout((words, *circle), tuple(places), pitch))
     if len(holes) > MOST_KINDS:
         places = [place for some in holes.values() for place in some]
         found = [Callout((f"{len(places)} holes of the outline", "see the table"), tuple(places))]

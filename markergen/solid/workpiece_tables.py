@@ -51,7 +51,7 @@ def tables_of(marker: Marker, made: Made) -> tuple[Table, ...]:
             )
             for hole in marker.substrate.holes
         )
-        rows += tuple((*(f"{at:.4f}" for at in (x, y)), millimeters(2 * r), "-", DRAWN) for x, y, r in drawn)
+        rows += tuple((f"{x:.4f}", f"{y:.4f}", millimeters(2 * r), "-", DRAWN) for x, y, r in drawn)
         tables.append(Table("Holes through the plate, mm", ("x", "y", "diameter", "sink", "use"), rows, (4,)))
     if marker.tag:
         names = ("top left", "top right", "bottom right", "bottom left")
