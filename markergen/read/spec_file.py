@@ -249,7 +249,7 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
     if "substrate" in given:
         given["substrate"] = table.substrate.build()
         # Markers that were made before outlines from drawings were the plate's may have an edge around one.
-        if stored and not given.get("boundary", Spec.boundary).has_measures:
+        if stored and given["substrate"].edge and not given.get("boundary", Spec.boundary).has_measures:
             given["substrate"] = replace(given["substrate"], edge=None)
     return Spec(**given)
 
