@@ -16,7 +16,7 @@ from markergen.files import check_outputs as check_files
 from markergen.model.fabrication import DEFAULT_PROCESS, Fabrication, check_choice
 from markergen.model.holes import parse_dowel, parse_mount
 from markergen.model.marker import Marker
-from markergen.model.substrate_checks import check_holes
+from markergen.model.substrate_checks import check_edge, check_holes
 from markergen.options import ExportKeywords, PlateKeywords, declared, given, signature_of
 from markergen.read.outlines import read_room
 
@@ -110,6 +110,9 @@ def with_plate(marker: Marker, asked: Mapping[str, Any]) -> Marker:
     holes += [hole for text in values.pop("dowel", ()) for hole in parse_dowel(text)]
     # As a design lists them.
     holes.sort(key=lambda hole: hole.use == "dowel")
-    changed = replace(marker, substrate=replace(marker.substrate, **values, holes=tuple(holes)))
+    plate = replace(marker.substrate, **values, holes=tuple(holes))
+    if "edge" in values:
+        check_edge(plate, marker.boundary)
+    changed = replace(marker, substrate=plate)
     check_holes(changed)
     return changed

@@ -100,12 +100,12 @@ def _recesses(marker: Marker, tool: Tool, depth: float, gap: float) -> tuple[Pri
     for path, holes, shape in _regions(marker, gap):
         room = float(face.inside(shape))
         if room < tool.wall - FLATTENING:
-            edge = marker.substrate.edge * 1e3 + tool.wall - room
+            edge = marker.substrate.edge_around(marker.boundary) * 1e3 + tool.wall - room
             raise InputError(
                 f"at least {tool.wall:.6g} mm of the plate around the recess for the sheet",
                 found_room(room) if room > ROUNDING else "a recess that reaches over its edge",
                 "use a larger --outline, without holes in the recess"
-                if marker.substrate.outline is not None
+                if marker.substrate.outline is not None or not marker.boundary.has_measures
                 else f"use --edge {up(edge)} or more"
                 if room > ROUNDING
                 else "use a larger --edge, or a smaller --corner-radius and --chamfer",
