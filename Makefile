@@ -3,16 +3,28 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: demo test test-long lint bench docs clean
+.PHONY: demo test test-docs test-long test-outside test-package lint bench docs clean
 
 demo: $(VENV)/installed
 	@PATH="$(CURDIR)/$(BIN):$$PATH" sh examples/demo.sh out
 
 test: lint
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not long"
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not long and not package"
 
 test-long: $(VENV)/developed
 	$(BIN)/python -m pytest -m long
+
+# What is generated, linked and shown to readers; part of `make test`.
+test-docs: $(VENV)/developed
+	$(BIN)/python -m pytest tests/docs tests/examples tests/test_doctests.py tests/test_packaging.py
+
+# Sheets drawn by poppler, ghostscript and chromium; part of `make test` as far as they are installed.
+test-outside: $(VENV)/developed
+	$(BIN)/python -m pytest -rs tests/exporters/test_renderers.py
+
+# Builds, installs without and with extras, runs every command: needs the package index, and 3 GB for a while.
+test-package: $(VENV)/packaged
+	$(BIN)/python -m pytest -m package tests/package
 
 lint: $(VENV)/developed
 	$(BIN)/ruff check .
@@ -35,10 +47,14 @@ $(VENV)/python:
 	touch $@
 
 $(VENV)/installed: $(VENV)/python pyproject.toml constraints.txt
-	@echo "Installing markergen and what it needs (about 2 GB the first time, a few minutes)..."
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable .
+	@echo "Installing markergen and what it needs (about 2.5 GB the first time, a few minutes)..."
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[all]'
 	touch $@
 
 $(VENV)/developed: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --group dev
+	touch $@
+
+$(VENV)/packaged: $(VENV)/developed
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --group package
 	touch $@

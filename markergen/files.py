@@ -22,6 +22,29 @@ class Written(NamedTuple):
         return "\n  ".join([f"wrote {self.path}", *self.notes])
 
 
+_IN_CHECKOUT = {"templates": "templates", "schemas": "docs"}
+"""Folders of a checkout by their name in the wheel."""
+
+
+def shipped_folder(name: str) -> Path:
+    """Folder of files that come with markergen, ``templates`` or ``schemas``, from a wheel or from a checkout."""
+    package = Path(__file__).parent
+    folder = package / name
+    return folder if folder.is_dir() else package.parent / _IN_CHECKOUT[name]
+
+
+def schemas() -> dict[str, Path]:
+    """Published JSON Schemas of markergen's files, by name.
+
+    Examples
+    --------
+    >>> schemas()["marker-v1"].name
+    'marker-v1.schema.json'
+    """
+    ending = ".schema.json"
+    return {path.name.removesuffix(ending): path for path in sorted(shipped_folder("schemas").glob(f"*{ending}"))}
+
+
 def read_start(path: Path, count: int) -> bytes:
     """First `count` bytes of a regular file, fewer if it has not as many.
 

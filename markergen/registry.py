@@ -1,18 +1,46 @@
-"""Tables of named things (objectives, estimators, exporters): a new entry is a new file."""
+"""Tables of named things (objectives, estimators, exporters): a new entry is a new file, here or in another package.
+
+An entry comes from one of three places:
+
+- a module of the table's own package, which registers it when it is imported;
+- an entry point of another distribution, whose name is the entry's name and whose object is the entry;
+- a user's own script, which calls `Registry.register`. Such entries travel to worker processes (`outside`, `receive`).
+"""
 
 import importlib
+import logging
+import pickle
 import pkgutil
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
-from typing import Generic, TypeVar
+from functools import cache
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, get_args, get_origin
 
 from markergen.errors import InputError
 
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
 T = TypeVar("T")
+Luggage = Mapping[str, Sequence[tuple[str, bytes]]]
+"""Names and pickled entries by the entry-point group of their table."""
+
+LOG = logging.getLogger("markergen")
+
+_TABLES: dict[str, "Registry[Any]"] = {}
+"""Tables that other packages may add to, by their entry-point group."""
+
+_RECEIVED: dict[str, Sequence[tuple[str, bytes]]] = {}
+"""What came with the work of this process and has not been looked at yet."""
 
 
 class Registry(Generic[T]):
-    """Entries that register themselves when the modules of one package are imported.
+    """Entries by name; nothing is imported before the first look-up.
+
+    A look-up of an entry of markergen's own never reads the entry points. One that does not work (it cannot be
+    imported, is no such entry, or has a name that is taken) is no entry: a warning is logged under ``markergen``, and
+    whoever asks for its name is told why. No plug-in takes the place of an entry of markergen's own.
 
     Parameters
     ----------
@@ -20,32 +48,77 @@ class Registry(Generic[T]):
         What an entry is called in messages ("objective").
     package : str
         Dotted name of the package (or single module) that holds the entries; imported at the first look-up.
+    entry_points : str
+        Group of the entry points that add entries; empty for a table that is closed.
+    entry : type
+        What an entry is an instance of, or ``type[C]`` where it is a subclass of C.
+
+    Examples
+    --------
+    >>> from markergen.objectives import OBJECTIVES
+    >>> "pose" in OBJECTIVES
+    True
     """
 
-    def __init__(self, kind: str, package: str) -> None:
-        self.kind, self._package = kind, package
+    def __init__(self, kind: str, package: str, entry_points: str = "", entry: Any = object) -> None:
+        self.kind, self._package, self._group, self._entry = kind, package, entry_points, entry
         self._entries: dict[str, T] = {}
-        self._loaded = False
+        self._outside: dict[str, str] = {}
+        """Modules outside of markergen that registered an entry, by its name."""
+        self._broken: dict[str, str] = {}
+        """What is wrong with a plug-in, by its name."""
+        self._loaded = self._listed = False
+        self.__module__ = _caller()
+        if entry_points:
+            _TABLES[entry_points] = self
 
     def register(self, *names: str) -> Callable[[T], T]:
-        """Decorate an entry to add it under each name; a name that is taken is a programming error."""
+        """Decorate an entry to add it under each name; a name that is taken is a programming error.
+
+        In a script or a module of yours, the entry is known to worker processes as well, provided that it can be
+        pickled: define it at the top level. A notebook's cell may be run again.
+        """
+        module = _caller()
+        mine = module.partition(".")[0] != "markergen"
+        if mine:
+            # So that the name is told to be taken here, and not when the table's own module is imported.
+            self._load()
 
         def add(entry: T) -> T:
             for name in names:
-                if name in self._entries:
+                again = module == "__main__" == self._outside.get(name)
+                if name in self._entries and not again:
                     raise ValueError(f"{self.kind} {name!r} is registered twice")
+                if mine and (wrong := self._wrong(name, entry)):
+                    raise ValueError(f"{self.kind} {name!r} {wrong}")
                 self._entries[name] = entry
+                if mine:
+                    self._outside[name] = module
             return entry
 
         return add
 
     def names(self) -> list[str]:
-        """Return all names, sorted."""
+        """Return all names, sorted; those of plug-ins that do not work are not among them."""
         self._load()
+        if not self._listed:
+            self._listed = True
+            for name in self._installed():
+                self._plug_in(name)
+            self._complain()
         return sorted(self._entries)
+
+    def items(self) -> list[tuple[str, T]]:
+        """Return names and entries in the order in which they came."""
+        self.names()
+        return list(self._entries.items())
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.names())
+
+    def __contains__(self, name: object) -> bool:
+        self._load()
+        return name in self._entries or name in self._broken or name in self._installed()
 
     def __getitem__(self, name: str) -> T:
         """Return the entry of that name.
@@ -53,19 +126,139 @@ class Registry(Generic[T]):
         Raises
         ------
         InputError
-            If there is none; the message lists the known names and the nearest.
+            If there is none, and the message lists the known names and the nearest; or if it is that of a plug-in
+            which does not work, and the message says why.
         """
         self._load()
+        if name not in self._entries:
+            self._plug_in(name)
         if name in self._entries:
             return self._entries[name]
-        near = get_close_matches(name, self._entries, n=1)
+        if name in self._broken:
+            raise InputError(f"a working {self.kind} {name!r}", self._broken[name], "fix or uninstall the plug-in")
+        known = self.names()
+        near = get_close_matches(name, known, n=1)
         hint = f"did you mean {near[0]!r}? Known: " if near else "known: "
-        raise InputError(f"a known {self.kind}", repr(name), hint + ", ".join(self.names()))
+        raise InputError(f"a known {self.kind}", repr(name), hint + ", ".join(known))
+
+    def __reduce__(self) -> str:
+        # By reference: entries that use a table must not take all of it along.
+        return next((name for name, value in vars(sys.modules[self.__module__]).items() if value is self), self.kind)
 
     def _load(self) -> None:
-        if self._loaded:
+        if not self._loaded:
+            package = importlib.import_module(self._package)
+            for module in pkgutil.iter_modules(getattr(package, "__path__", [])):
+                importlib.import_module(f"{self._package}.{module.name}")
+            self._loaded = True
+        for name, data in _RECEIVED.pop(self._group, ()):
+            self._unpack(name, data)
+
+    def _installed(self) -> "Mapping[str, Sequence[EntryPoint]]":
+        return _installed(self._group) if self._group else {}
+
+    def _plug_in(self, name: str) -> None:
+        """Load the entry point of that name, if there is one that has not been loaded."""
+        found = self._installed().get(name, ())
+        if not found or name in self._entries or name in self._broken:
             return
-        package = importlib.import_module(self._package)
-        for module in pkgutil.iter_modules(getattr(package, "__path__", [])):
-            importlib.import_module(f"{self._package}.{module.name}")
-        self._loaded = True
+        wrong = f"it in {' and in '.join(map(_words, found))}" if len(found) > 1 else ""
+        if not wrong:
+            try:
+                entry = found[0].load()
+                wrong = self._wrong(name, entry)
+            # Another package's code: it may raise anything.
+            except Exception as error:
+                wrong = f"fails with {type(error).__name__}: {error}"
+            wrong = wrong and f"{_words(found[0])} {wrong}"
+        if wrong:
+            self._broken[name] = " ".join(wrong.split())
+        elif name not in self._entries:
+            # Loading it may have registered it as well.
+            self._entries[name] = entry
+            self._outside[name] = ""
+
+    def _complain(self) -> None:
+        """Warn of what is left out."""
+        for name, found in self._installed().items():
+            words = self._broken.get(name)
+            if name in self._entries and name not in self._outside:
+                words = f"{_words(found[0])}, but markergen has one of that name"
+            if words:
+                LOG.warning("left out a plug-in, the %s %r: %s", self.kind, name, words)
+
+    def _wrong(self, name: str, entry: object) -> str:
+        """What keeps an object from being an entry; empty if nothing."""
+        if get_origin(self._entry) is type:
+            (base,) = get_args(self._entry)
+            fits, wanted = isinstance(entry, type) and issubclass(entry, base), f"a subclass of {base.__name__}"
+        else:
+            fits = isinstance(entry, self._entry)
+            kinds = get_args(self._entry) or (self._entry,)
+            wanted = f"an instance of {' or '.join(kind.__name__ for kind in kinds)}"
+        if not fits:
+            return f"is {type(entry).__name__} {getattr(entry, '__name__', '')}".rstrip() + f", and not {wanted}"
+        own = getattr(entry, "name", name)
+        return "" if own == name else f"calls itself {own!r}"
+
+    def _pack(self) -> list[tuple[str, bytes]]:
+        """Entries that were registered outside of markergen, without those that any process finds by entry points."""
+        packed = []
+        for name, module in self._outside.items():
+            if module:
+                try:
+                    packed.append((name, _pickler()(self._entries[name])))
+                except Exception:  # What cannot be pickled is missed where it is asked for.
+                    LOG.debug("the %s %r stays in this process", self.kind, name, exc_info=True)
+        return packed
+
+    def _unpack(self, name: str, data: bytes) -> None:
+        if name in self._entries:  # The script itself was imported here, too.
+            return
+        try:
+            entry = pickle.loads(data)
+        except Exception as error:
+            self._broken[name] = f"it in no module that a worker process can import ({error})"
+            return
+        # Importing its module may have registered it.
+        self._entries.setdefault(name, entry)
+
+
+def outside() -> Luggage:
+    """Pack what was registered outside of markergen, for worker processes to `receive`."""
+    return {group: packed for group, table in _TABLES.items() if (packed := table._pack())}
+
+
+def receive(luggage: Luggage) -> None:
+    """Take what `outside` packed in the process that hands out work; unpacked when its table is first looked at."""
+    _RECEIVED.update(luggage)
+
+
+def _caller() -> str:
+    """Name of the module that calls whoever calls this."""
+    return str(sys._getframe(2).f_globals.get("__name__", ""))
+
+
+def _pickler() -> Callable[[object], bytes]:
+    try:
+        # Comes with Dask, whose workers do not import the script that they work for.
+        import cloudpickle
+    except ImportError:
+        return pickle.dumps
+    return cloudpickle.dumps
+
+
+@cache
+def _installed(group: str) -> "dict[str, list[EntryPoint]]":
+    """Entry points of installed distributions in a group, by name; read once."""
+    from importlib.metadata import entry_points
+
+    found: dict[str, list[EntryPoint]] = {}
+    for point in sorted(entry_points(group=group), key=lambda point: (point.name, point.value)):
+        found.setdefault(point.name, []).append(point)
+    return found
+
+
+def _words(point: "EntryPoint") -> str:
+    """``pkg.module:object of the package dist``."""
+    return f"{point.value}{f' of the package {point.dist.name}' if point.dist else ''}"

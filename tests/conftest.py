@@ -8,7 +8,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from markergen.model.boundary import Boundary, Circle, Polygon, area_without, polygon_from
 from markergen.model.camera import PAPER_CAMERA
@@ -19,8 +19,9 @@ from markergen.objectives import Setting
 from markergen.objectives.criteria import regular_polygon
 
 # What is to land is judged by the same examples every time; people at work get fresh ones.
-settings.register_profile("ci", derandomize=True, deadline=None)
-settings.register_profile("work", deadline=None)
+# How long it takes to draw one says how busy the machine is.
+settings.register_profile("ci", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("work", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("ci" if os.environ.get("CI") else "work")
 
 

@@ -10,9 +10,9 @@ import pytest
 
 ROOT = Path(__file__).parent.parent / "markergen"
 ORDER = [
-    ("errors", "units", "registry", "files", "tables"), ("options",), ("maths",), ("model",), ("read",),
-    ("objectives",), ("estimators",), ("optimize",), ("drawing",), ("solid",), ("exporters",), ("render",), ("detect",),
-    ("validation",), ("verification",), ("studies",), ("api",), ("cli", "__main__"),
+    ("errors", "units", "registry", "files", "tables"), ("options",), ("geometry",), ("maths",), ("model",),
+    ("read",), ("objectives",), ("estimators",), ("optimize",), ("drawing",), ("solid",), ("exporters",), ("render",),
+    ("detect",), ("validation",), ("verification",), ("studies",), ("api",), ("cli", "__main__"),
 ]  # fmt: skip
 DOORS = {
     # A class is loaded by its own name, from what is read a layer above; imported when called, and nowhere else.

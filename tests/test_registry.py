@@ -1,7 +1,17 @@
-import pytest
+import importlib
+import logging
+import pickle
+import sys
 
+import pytest
+from installed import describe
+
+import markergen.registry
 from markergen.errors import InputError
-from markergen.registry import Registry
+from markergen.registry import Registry, outside, receive
+from markergen.studies.engines import ENGINES
+
+GROUP = "markergen.numbers"
 
 
 def test_names_are_looked_up_and_a_wrong_one_gets_help():
@@ -20,3 +30,108 @@ def test_a_taken_name_is_refused():
     registry.register("one")(1)
     with pytest.raises(ValueError, match="registered twice"):
         registry.register("one")(2)
+
+
+def test_what_is_no_entry_is_refused():
+    registry: Registry[int] = Registry("number", "markergen.registry", entry=int)
+    with pytest.raises(ValueError, match="number 'two' is str, and not an instance of int"):
+        registry.register("two")("2")
+    kinds: Registry[type[ArithmeticError]] = Registry("error", "markergen.registry", entry=type[ArithmeticError])
+    kinds.register("zero")(ZeroDivisionError)
+    with pytest.raises(ValueError, match="is type KeyError, and not a subclass of ArithmeticError"):
+        kinds.register("key")(KeyError)
+
+
+@pytest.fixture
+def plugged(tmp_path, monkeypatch):
+    """A table whose own entry is one, and packages that add to it."""
+    modules = {
+        "good_numbers": "two = 2\nthree = 3",
+        "bad_numbers": "raise RuntimeError('broken\\ninside')",
+        "odd_numbers": "one = 11\nfive = 'five'\ntwo = 22\nthree = 33",
+    }
+    for name, text in modules.items():
+        (tmp_path / f"{name}.py").write_text(text)
+    describe(tmp_path, "good-numbers", {GROUP: {"two": "good_numbers:two", "three": "good_numbers:three"}})
+    describe(tmp_path, "bad-numbers", {GROUP: {"four": "bad_numbers:four", "six": "no_such_module:six"}})
+    odd = {"one": "odd_numbers:one", "five": "odd_numbers:five", "three": "odd_numbers:three"}
+    describe(tmp_path, "odd-numbers", {GROUP: odd | {"seven": "odd_numbers:seven"}})
+    monkeypatch.syspath_prepend(tmp_path)
+    importlib.invalidate_caches()
+    monkeypatch.setattr(markergen.registry, "_TABLES", {})
+    markergen.registry._installed.cache_clear()
+    registry: Registry[int] = Registry("number", "markergen.registry", GROUP, int)
+    registry._entries["one"] = 1
+    yield registry
+    markergen.registry._installed.cache_clear()
+    for name in modules:
+        sys.modules.pop(name, None)
+
+
+def test_entries_of_packages_are_loaded_when_they_are_asked_for(plugged):
+    assert plugged["one"] == 1
+    assert "good_numbers" not in sys.modules
+    assert "two" in plugged
+    assert "good_numbers" not in sys.modules
+    assert plugged["two"] == 2
+    assert "bad_numbers" not in sys.modules
+
+
+def test_those_that_do_not_work_are_left_out_with_a_warning(plugged, caplog):
+    with caplog.at_level(logging.WARNING, "markergen"):
+        assert list(plugged) == ["one", "two"]
+        assert list(plugged) == ["one", "two"]
+    said = [record.getMessage() for record in caplog.records if record.name == "markergen"]
+    assert len(said) == 6
+    assert all("\n" not in words for words in said)
+    taken = next(words for words in said if "'one'" in words)
+    assert "odd_numbers:one of the package odd-numbers, but markergen has one of that name" in taken
+    assert plugged["one"] == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("four", "bad_numbers:four of the package bad-numbers fails with RuntimeError: broken inside"),
+        ("five", "odd_numbers:five of the package odd-numbers is str, and not an instance of int"),
+        ("six", "fails with ModuleNotFoundError: No module named 'no_such_module'"),
+        ("seven", "fails with AttributeError"),
+        ("three", "it in good_numbers:three of the package good-numbers and in odd_numbers:three of the package odd"),
+    ],
+)
+def test_whoever_asks_for_one_is_told_why(plugged, name, words):
+    assert name in plugged
+    for _ in range(2):
+        with pytest.raises(InputError, match=f"a working number '{name}'") as caught:
+            plugged[name]
+        assert words in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+
+def test_an_unknown_name_hears_of_those_of_packages_that_work(plugged):
+    with pytest.raises(InputError, match=r"known: one, two$"):
+        plugged["eleventy"]
+
+
+def test_what_a_script_registers_travels(plugged):
+    plugged.register("answer")(42)
+    # What comes with an installed package is found there, and not sent.
+    assert plugged["two"] == 2
+    luggage = outside()
+    assert {group: [name for name, _ in packed] for group, packed in luggage.items()} == {GROUP: ["answer"]}
+    elsewhere: Registry[int] = Registry("number", "markergen.registry", GROUP, int)
+    assert "answer" not in elsewhere
+    receive(luggage)
+    assert elsewhere["answer"] == 42
+
+
+def test_a_table_is_pickled_by_reference():
+    assert pickle.loads(pickle.dumps(ENGINES)) is ENGINES
+
+
+def test_what_cannot_be_unpacked_is_told_when_it_is_asked_for(plugged):
+    receive({GROUP: [("lost", b"cnowhere\nThing\n."), ("answer", b"I42\n.")]})
+    assert plugged["answer"] == 42
+    assert "lost" not in list(plugged)
+    with pytest.raises(InputError, match="in no module that a worker process can import"):
+        plugged["lost"]

@@ -9,15 +9,14 @@ from typing import Any, Unpack
 
 from markergen.api.loose import MarkerLike, marker_of, markers_in, paths_of
 from markergen.drawing.colors import parse_colors
-from markergen.drawing.sheet import SheetOptions
-from markergen.errors import InputError
+from markergen.drawing.options import SheetOptions
 from markergen.exporters import ExportOptions, check_outputs, save
 from markergen.files import Written
 from markergen.files import check_outputs as check_files
-from markergen.model.fabrication import Fabrication
+from markergen.model.fabrication import DEFAULT_PROCESS, Fabrication, check_choice
 from markergen.model.holes import parse_dowel, parse_mount
 from markergen.model.marker import Marker
-from markergen.model.substrate_checks import check_holes
+from markergen.model.substrate_checks import check_edge, check_holes
 from markergen.options import ExportKeywords, PlateKeywords, declared, given, signature_of
 from markergen.read.outlines import read_room
 
@@ -80,10 +79,8 @@ def choices_of(asked: Mapping[str, Any]) -> ExportOptions:
     if "colors" in asked:
         laid["colors"] = parse_colors(asked["colors"])
     making = {name: asked[name] for name in MADE if name in asked}
-    if "dome" in making and making.get("process") != "dome":
-        raise InputError(
-            "--dome with --process dome", f"--process {making.get('process', 'fdm')}", "leave out --dome, or change it"
-        )
+    if "dome" in making:  # Asked for, even where it is what others would not ask for: half.
+        check_choice(making.get("process", DEFAULT_PROCESS), "dome", "--dome")
     if "draft" in making:
         making["draft"] = radians(making["draft"])
     dpi = {"dpi": asked["dpi"]} if "dpi" in asked else {}
@@ -113,6 +110,9 @@ def with_plate(marker: Marker, asked: Mapping[str, Any]) -> Marker:
     holes += [hole for text in values.pop("dowel", ()) for hole in parse_dowel(text)]
     # As a design lists them.
     holes.sort(key=lambda hole: hole.use == "dowel")
-    changed = replace(marker, substrate=replace(marker.substrate, **values, holes=tuple(holes)))
+    plate = replace(marker.substrate, **values, holes=tuple(holes))
+    if "edge" in values:
+        check_edge(plate, marker.boundary)
+    changed = replace(marker, substrate=plate)
     check_holes(changed)
     return changed

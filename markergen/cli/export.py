@@ -9,7 +9,13 @@ from markergen.cli.options import with_options
 from markergen.options import ExportKeywords
 
 
-@with_options(ExportKeywords)
+def _suffixes() -> list[tuple[str, str]]:
+    from markergen.exporters import catalog
+
+    return [(" ".join(suffixes), words) for suffixes, words in catalog()]
+
+
+@with_options(ExportKeywords, listed=("Suffixes", _suffixes))
 def export(
     marker: Annotated[
         list[Path],
@@ -24,26 +30,6 @@ def export(
     **options: Any,
 ) -> None:
     """Write a marker at true size to print, as drawing or solid to make, or as configuration for what detects it.
-
-    \b
-    Suffixes:
-      .pdf            to print, all pages; with layers and trim box
-      .svg            to print or edit, one page
-      .png            pixels, one page; see --dpi
-      .dxf            to cut and engrave, R2010 in mm; see --process laser
-      .step .stp      solids, named and colored, in mm, to machine or to print
-      .brep           the same for Open CASCADE
-      .stl            mesh in mm, all in one, and one more for each material
-      .3mf            mesh with materials, for slicers
-      .glb            mesh with materials, in m, to look at
-      .sdf .urdf      model for simulators, with the .glb that it shows
-      .fab.pdf        drawing with dimensions and a table of the dots, for the workshop
-      .json           the marker itself
-      .csv            table of the dots, in m
-      .opencv.yaml    OpenCV: object points and ids, tag as an ArUco board
-      .ros2.yaml      ROS 2: static transform and landmarks
-      .kalibr.yaml    target in the style of Kalibr
-      .apriltag.yaml  apriltag_ros: bundle of an AprilTag
 
     \b
     Example:

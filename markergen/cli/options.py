@@ -12,6 +12,8 @@ from typer.core import TyperCommand
 from markergen.cli.console import length
 from markergen.options import Option, declared
 
+Rows = list[tuple[str, str]]
+
 TYPES: dict[str, Any] = {
     "int": int,
     "float": float,
@@ -30,17 +32,23 @@ TYPES: dict[str, Any] = {
 """What typer reads for each kind of value."""
 
 
-def with_options(table: type, *without: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def with_options(
+    table: type, listed: tuple[str, Callable[[], Rows]] | None = None
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Decorate a command so that its ``**options`` are those of a table; what is not given is not passed on.
 
-    `without` names options that the command does not have.
+    Parameters
+    ----------
+    table : type
+        One of `markergen.options`.
+    listed : (title, callable), optional
+        Rows of two columns that its help shows under a title, made when they are asked for.
     """
-    options = {name: option for name, option in declared(table).items() if name not in without}
 
     def decorate(body: Callable[..., None]) -> Callable[..., None]:
         own = [each for each in signature(body).parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
         named = {each.name for each in own}
-        more = [_parameter(option) for name, option in options.items() if name not in named]
+        more = [_parameter(option) for name, option in declared(table).items() if name not in named]
 
         @wraps(body)
         def command(**given: Any) -> None:
@@ -48,6 +56,7 @@ def with_options(table: type, *without: str) -> Callable[[Callable[..., None]], 
             body(**{name: value for name, value in given.items() if name in named or value not in (None, [])})
 
         command.__signature__ = Signature([*own, *more])  # type: ignore[attr-defined]
+        command.__dict__["listed"] = listed
         command.__annotations__ = {each.name: each.annotation for each in (*own, *more)}
         return command
 
@@ -71,7 +80,7 @@ class GroupedCommand(TyperCommand):
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write arguments, then each group of options."""
-        groups: dict[str, list[tuple[str, str]]] = {}
+        groups: dict[str, Rows] = {}
         own = []
         for param in self.get_params(ctx):
             record = param.get_help_record(ctx)
@@ -84,6 +93,8 @@ class GroupedCommand(TyperCommand):
                 groups.setdefault(group, []).append(record)
             else:
                 own.append(record)
+        if listed := getattr(self.callback, "listed", None):
+            groups = {listed[0]: listed[1](), **groups}
         for title, records in {**groups, "Options": own}.items():
             with formatter.section(title):
                 formatter.write_dl(records)

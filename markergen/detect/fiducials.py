@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
+from markergen.maths.lenses import LENSES
 from markergen.model.board import Board
 from markergen.model.camera import Camera
 from markergen.model.tag import FAMILIES, Tag
@@ -273,7 +274,7 @@ def _board_detector(board: Board, settings: FiducialSettings, camera: Camera | N
     parameters = cv2.aruco.CharucoParameters()
     parameters.minMarkers = settings.min_tags
     parameters.tryRefineMarkers = settings.calibrated
-    if camera is not None and camera.distortion.model != "equidistant":
+    if camera is not None and LENSES[camera.distortion.model].opencv:
         k = settings.enlarge
         matrix = camera.matrix
         matrix[:2] *= k

@@ -12,10 +12,11 @@ from markergen.drawing.figure import Figure, size_words
 from markergen.drawing.furniture import FINE, GRAY, LIGHT
 from markergen.drawing.outline import HAIRLINE, boundary_lines
 from markergen.drawing.page import Sheet, scene_of
-from markergen.drawing.scene import BLACK, Box, Line, Outline, Point, Shape, marker_name
+from markergen.drawing.scene import BLACK, Box, Line, Outline, Point, Shape
 from markergen.drawing.text import text, text_width, wrap
 from markergen.drawing.tiling import Tiling
 from markergen.drawing.transform import polygon
+from markergen.model.marker import marker_name
 
 PALE = "#c8c8c8"
 """Color of the dots in the picture: nobody takes it for the marker."""

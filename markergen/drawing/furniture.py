@@ -13,11 +13,11 @@ from markergen.drawing.figure import is_disk, size_words
 from markergen.drawing.numbers import quiet_radius
 from markergen.drawing.outline import AIR, HAIRLINE, HEADINGS
 from markergen.drawing.paper import Paper
-from markergen.drawing.scene import BLACK, Box, Disk, Line, Point, Shape, marker_name
+from markergen.drawing.scene import BLACK, Box, Disk, Line, Point, Shape
 from markergen.drawing.text import text, text_width, wrap
 from markergen.drawing.transform import polygon
 from markergen.errors import InputError
-from markergen.model.marker import Marker
+from markergen.model.marker import Marker, marker_name
 
 Array = NDArray[np.float64]
 Drawn = tuple[list[Shape], list[Shape]]

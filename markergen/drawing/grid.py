@@ -8,10 +8,11 @@ from markergen.drawing import checks
 from markergen.drawing.face import draw_face
 from markergen.drawing.figure import Figure, size_words, union
 from markergen.drawing.furniture import TICK, Frame, paragraph
-from markergen.drawing.page import Sheet, SheetOptions, compensated_note, footer, moved_layers, nameless_note, scene_of
-from markergen.drawing.scene import BLACK, Box, Point, Shape, marker_name
+from markergen.drawing.options import SheetOptions
+from markergen.drawing.page import Sheet, compensated_note, footer, moved_layers, nameless_note, scene_of
+from markergen.drawing.scene import BLACK, Box, Point, Shape
 from markergen.drawing.transform import renamed
-from markergen.model.marker import Marker
+from markergen.model.marker import Marker, marker_name
 
 CAPTION, CAPTION_LINES = 1.7, 3
 """Height of a capital in captions in mm on A4, and their lines."""

@@ -9,6 +9,7 @@ from markergen.drawing.colors import BLACK_ON_WHITE, Colors
 from markergen.drawing.figure import Figure
 from markergen.drawing.numbers import quiet_radius
 from markergen.drawing.scene import Line
+from markergen.geometry.contour import flattened
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.outlines import walked
 
@@ -45,11 +46,15 @@ def boundary_lines(figure: Figure, colors: Colors) -> list[Line]:
 def _lines(
     figure: Figure, shape: Boundary, name: str, color: str, closed: bool, within: Boundary | None = None
 ) -> list[Line]:
-    rings, circles = shape.curves()
-    paths = [walked(ring * 1e3, 1.0) for ring in rings]
-    for x, y, radius, _ in circles:
-        count = max(ceil(2 * pi * radius * 1e3), ceil(pi * sqrt(radius * 1e3 / (2 * TRUE))), 360)
-        paths.append((Circle(radius, (x, y)).rim(count) * 1e3, np.ones(count, dtype=bool)))
+    paths = []
+    for contour in shape.contours():
+        if (whole := contour.as_circle) is not None:
+            x, y, radius = whole
+            count = max(ceil(2 * pi * radius * 1e3), ceil(pi * sqrt(radius * 1e3 / (2 * TRUE))), 360)
+            paths.append((Circle(radius, (x, y)).rim(count) * 1e3, np.ones(count, dtype=bool)))
+        else:
+            ring = np.array(flattened(contour, TRUE / 1e3) if contour.has_arcs else contour.points)
+            paths.append(walked(ring * 1e3, 1.0))
     runs: list[Array] = []
     for points, corner in paths:
         rim = points * figure.factor

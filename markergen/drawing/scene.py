@@ -1,6 +1,5 @@
 """The scene: a display list in millimeters, y up, that every file format replays. No format knows what a marker is."""
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -161,11 +160,6 @@ def marker_tag(marker: Marker) -> tuple[Outline, ...]:
 def moved(disk: Disk, dx: float, dy: float) -> Disk:
     """Disk shifted by (dx, dy) mm."""
     return replace(disk, x=disk.x + dx, y=disk.y + dy)
-
-
-def marker_name(marker: Marker) -> str:
-    """``markergen-<spec hash>``, safe in file headers, XML and on paper whatever the provenance holds."""
-    return "markergen-" + re.sub(r"[^0-9A-Za-z_.-]", "", marker.spec_hash)[:16]
 
 
 def _mm(meters: float) -> float:

@@ -6,7 +6,8 @@ from math import ceil, inf
 from markergen.drawing.figure import Figure, drawn_box, size_words
 from markergen.drawing.furniture import Frame
 from markergen.drawing.grid import grid_pages
-from markergen.drawing.page import Reach, Sheet, SheetOptions, needs, origin_on, reach_of, single
+from markergen.drawing.options import SheetOptions
+from markergen.drawing.page import Reach, Sheet, needs, origin_on, reach_of, single
 from markergen.drawing.paper import ISO, PAPERS, Paper, find_paper, oriented
 from markergen.drawing.scene import Point
 from markergen.drawing.tiles import tiled

@@ -7,12 +7,14 @@ from markergen.drawing.assembly import plan
 from markergen.drawing.face import draw_face
 from markergen.drawing.figure import Figure, is_disk, size_words
 from markergen.drawing.furniture import LIGHT, Frame
+from markergen.drawing.options import SheetOptions
 from markergen.drawing.outline import HAIRLINE
-from markergen.drawing.page import Sheet, SheetOptions, compensated_note, moved_layers, nameless_note, scene_of
-from markergen.drawing.scene import Box, Disk, Line, Shape, bounds, marker_name
+from markergen.drawing.page import Sheet, compensated_note, moved_layers, nameless_note, scene_of
+from markergen.drawing.scene import Box, Disk, Line, Shape, bounds
 from markergen.drawing.tiling import CENTER, LEAST_ARM, STRIP, Tile, Tiling, cut_dots, registration, tiling
 from markergen.drawing.transform import clipped, rectangle
 from markergen.errors import InputError
+from markergen.model.marker import marker_name
 
 MOST_TILES = 100
 """Of one marker; more, and nobody glues them together."""

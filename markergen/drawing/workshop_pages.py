@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import markergen
 from markergen.drawing.furniture import GRAY, LEAST_ROOM, Frame
-from markergen.drawing.page import Sheet, SheetOptions
+from markergen.drawing.options import SheetOptions
+from markergen.drawing.page import Sheet
 from markergen.drawing.paper import PAPERS, Paper, find_paper, oriented
 from markergen.drawing.scene import Box, Layer, Line, Scene, Shape
 from markergen.drawing.text import text, text_width

@@ -14,7 +14,7 @@ from markergen.registry import Registry
 
 AnyEstimator = PoseEstimator | HomographyEstimator
 
-ESTIMATORS: Registry[AnyEstimator] = Registry("estimator", "markergen.estimators")
+ESTIMATORS: Registry[AnyEstimator] = Registry("estimator", "markergen.estimators", "markergen.estimators", AnyEstimator)
 """Estimators by name."""
 
 __all__ = [

@@ -2,19 +2,23 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
-from markergen.drawing.paper import find_paper
-from markergen.drawing.sheet import Sheet, SheetOptions, check_paper, pages_for
+from markergen.drawing.options import SheetOptions
 from markergen.errors import InputError, OutputError
 from markergen.files import Written, check_folder, folders_for, write_all
 from markergen.files import check_outputs as check_files
 from markergen.model.fabrication import Fabrication
-from markergen.model.marker import Marker, check_supported
-from markergen.model.spec import Spec
+from markergen.model.marker import check_supported
 from markergen.registry import Registry
-from markergen.solid.kernel import import_cadquery
 from markergen.units import format_length
+
+if TYPE_CHECKING:
+    from markergen.drawing.sheet import Sheet
+    from markergen.model.marker import Marker
+    from markergen.model.spec import Spec
 
 
 @dataclass(frozen=True)
@@ -56,33 +60,81 @@ class Output:
     beside: Mapping[str, bytes] = field(default_factory=dict)
 
 
-Exporter = Callable[[Sequence[Marker], ExportOptions], Output]
-"""Makes one file's bytes, always the same ones for the same markers; refuses what its format cannot hold."""
+@dataclass(frozen=True)
+class Exporter:
+    """A format: how it is written, and what it holds.
 
-EXPORTERS: Registry[Exporter] = Registry("output suffix", __name__)
-"""Exporters by suffix with its dot; a suffix may have two parts (``.opencv.yaml``)."""
+    Attributes
+    ----------
+    write : callable or str
+        Make one file's bytes of markers and `ExportOptions`, an `Output`, always the same ones for the same markers;
+        refuse what the format cannot hold. As text, ``module:function``, which is imported when it is first needed.
+    description : str
+        What it is for, in a few words for a list of formats: "table of the dots, in m".
+    holds : {"points", "flat", "solid"}
+        Points with or without dots and relief; shapes in one plane, without relief; or the marker as a solid, or the
+        drawing of one, which `ExportOptions.fabrication` is for.
+    sheet : bool
+        Whether it is printed on paper: several markers share it, and `ExportOptions.sheet` is for it.
+    many_pages : bool
+        Whether it holds several sheets.
+    kernel : bool
+        Whether it needs the CAD kernel.
+    check : callable, str or None
+        Refuse `ExportOptions` before any work is done; as text like `write`.
+    """
+
+    write: Callable[[Sequence["Marker"], "ExportOptions"], "Output"] | str
+    description: str
+    holds: Literal["points", "flat", "solid"] = "points"
+    sheet: bool = False
+    many_pages: bool = False
+    kernel: bool = False
+    check: Callable[["ExportOptions"], None] | str | None = None
+
+    def __call__(self, markers: Sequence["Marker"], options: "ExportOptions") -> "Output":
+        """See `write`."""
+        made: Output = _function(self.write)(markers, options)
+        return made
+
+    def refuse(self, options: "ExportOptions") -> None:
+        """See `check`."""
+        if self.check is not None:
+            _function(self.check)(options)
+
+    @property
+    def _rank(self) -> int:
+        """Place in a list of formats: on paper, in a plane, by the kernel, other solids, points."""
+        return 0 if self.sheet else {"flat": 1, "solid": 3 - self.kernel, "points": 4}[self.holds]
+
+
+def _function(named: Callable[..., Any] | str) -> Callable[..., Any]:
+    if not isinstance(named, str):
+        return named
+    module, _, name = named.partition(":")
+    function: Callable[..., Any] = getattr(import_module(module), name)
+    return function
+
+
+EXPORTERS: Registry[Exporter] = Registry(
+    "output suffix", "markergen.exporters.formats", "markergen.exporters", Exporter
+)
+"""Exporters by suffix with its dot, in lower case; a suffix may have two parts (``.opencv.yaml``)."""
 
 RECORD = ".json"
 """The one format that holds all of a marker."""
 
-SHEETS = (".pdf", ".svg", ".png")
-"""Formats that are printed on paper; all but the first hold one page."""
 
-FLAT = (*SHEETS, ".dxf")
-"""Formats that hold shapes in one plane: no relief."""
-
-WORKSHOP = ".fab.pdf"
-"""The drawing that goes with a solid; it needs no CAD kernel."""
-
-SOLIDS = (".step", ".stp", ".brep", ".stl", ".3mf", ".glb", ".sdf", ".urdf", WORKSHOP)
-"""Formats of solids, and of the drawing that goes with them: `ExportOptions.fabrication` is for these."""
-
-DRAWN = (*FLAT, *SOLIDS)
-"""Formats that hold shapes: no bare points."""
+def catalog() -> list[tuple[tuple[str, ...], str]]:
+    """Suffixes and what they are for, one row for each description, sheets first; loads nothing that writes them."""
+    rows: dict[tuple[int, str], list[str]] = {}
+    for suffix, exporter in EXPORTERS.items():
+        rows.setdefault((exporter._rank, exporter.description), []).append(suffix)
+    return [(tuple(suffixes), words) for (_, words), suffixes in sorted(rows.items(), key=lambda row: row[0][0])]
 
 
 def save(
-    markers: Marker | Sequence[Marker],
+    markers: "Marker | Sequence[Marker]",
     paths: Sequence[Path],
     options: ExportOptions | None = None,
     inputs: Sequence[Path] = (),
@@ -114,11 +166,11 @@ def save(
 
 
 def outputs_of(
-    markers: Marker | Sequence[Marker], paths: Sequence[Path], options: ExportOptions | None = None
+    markers: "Marker | Sequence[Marker]", paths: Sequence[Path], options: ExportOptions | None = None
 ) -> dict[Path, Output]:
     """Make what `save` writes, by path; raises as `save` does."""
     choices = options or ExportOptions()
-    every = (markers,) if isinstance(markers, Marker) else tuple(markers)
+    every = tuple(markers) if isinstance(markers, Sequence) else (markers,)
     check_outputs(paths, choices)
     for path in paths:
         if suffix_of(path) != RECORD:
@@ -181,7 +233,7 @@ def stem_of(path: Path) -> str:
     return path.name[: -len(suffix_of(path))]
 
 
-def only(markers: Sequence[Marker], suffix: str = "this format") -> Marker:
+def only(markers: Sequence["Marker"], suffix: str = "this format") -> "Marker":
     """Return the one marker of a format that holds no more.
 
     Raises
@@ -194,7 +246,7 @@ def only(markers: Sequence[Marker], suffix: str = "this format") -> Marker:
     return markers[0]
 
 
-def one_page(markers: Sequence[Marker], options: ExportOptions, suffix: str) -> Sheet:
+def one_page(markers: Sequence["Marker"], options: ExportOptions, suffix: str) -> "Sheet":
     """Lay markers out on the single page that a format holds.
 
     Raises
@@ -202,6 +254,8 @@ def one_page(markers: Sequence[Marker], options: ExportOptions, suffix: str) -> 
     InputError
         If they need several; also as `pages_for` does.
     """
+    from markergen.drawing.sheet import pages_for
+
     pages = pages_for(markers, options.sheet)
     if len(pages) != 1:
         raise InputError(
@@ -232,7 +286,7 @@ def without_paper(options: ExportOptions) -> tuple[str, ...]:
     return ("Drawn as designed: --compensate is for sheets.",) if options.sheet.compensate else ()
 
 
-def check_outputs(paths: Sequence[Path], options: ExportOptions, spec: Spec | None = None) -> None:
+def check_outputs(paths: Sequence[Path], options: ExportOptions, spec: "Spec | None" = None) -> None:
     """Refuse what cannot be written before any work is done; raises as `save` does.
 
     With a spec, also formats that cannot hold what it asks for, or that need a library that is missing.
@@ -244,27 +298,29 @@ def check_outputs(paths: Sequence[Path], options: ExportOptions, spec: Spec | No
             raise InputError("each output path once", f"{path} twice", "give every -o another name")
         seen.add(path.resolve())
         check_folder(path)
-        if spec and suffix in DRAWN and spec.dot == 0:
+        exporter = EXPORTERS[suffix]
+        if spec and exporter.holds != "points" and spec.dot == 0:
             remedy = "write it to marker.json, or leave out --dot 0"
             raise InputError("dots for a drawing or a solid", f"bare points for {path}", remedy)
-        if spec and suffix in FLAT and spec.relief:
+        if spec and exporter.holds == "flat" and spec.relief:
             remedy = "write it to marker.json or as a solid such as .step, or leave out --relief"
             raise InputError("dots in one plane", f"a relief of {format_length(spec.relief)} for {path}", remedy)
-        if spec and suffix in SOLIDS and suffix != WORKSHOP:
+        if spec and exporter.kernel:
+            from markergen.solid.kernel import import_cadquery
+
             import_cadquery()  # Not after minutes of search.
-        if suffix in SHEETS:
-            _check_sheet(suffix, options, spec)
+        exporter.refuse(options)
+        if exporter.sheet:
+            _check_sheet(exporter, options, spec)
 
 
-def _check_sheet(suffix: str, options: ExportOptions, spec: Spec | None) -> None:
+def _check_sheet(exporter: Exporter, options: ExportOptions, spec: "Spec | None") -> None:
+    from markergen.drawing.paper import find_paper
+    from markergen.drawing.sheet import check_paper
+
     sheet = options.sheet
-    paper = None if sheet.paper is None else find_paper(sheet.paper, sheet.orientation)
-    if suffix == ".png":
-        from markergen.exporters.png import image_size, pixels_per_meter
-
-        pixels_per_meter(options.dpi)
-        if paper is not None:
-            image_size(paper, options.dpi)
+    if sheet.paper is not None:
+        find_paper(sheet.paper, sheet.orientation)
     if spec is not None:
         # What holds one page holds no tiles either.
-        check_paper(spec.boundary, sheet if suffix == ".pdf" else replace(sheet, tile=False))
+        check_paper(spec.boundary, sheet if exporter.many_pages else replace(sheet, tile=False))

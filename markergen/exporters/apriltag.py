@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from markergen.errors import InputError
-from markergen.exporters import EXPORTERS, ExportOptions, Output, only
+from markergen.exporters import ExportOptions, Output, only
 from markergen.exporters.configuration import frame_name, heading, picometers, yaml_text
 from markergen.model.marker import Marker
 
@@ -12,7 +12,6 @@ SUFFIX = ".apriltag.yaml"
 FAMILY = "apriltag:"
 
 
-@EXPORTERS.register(SUFFIX)
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:  # noqa: ARG001  (every exporter is called alike)
     """Tag bundle for apriltag_ros; needs an AprilTag."""
     return Output(write_bundle(only(markers, SUFFIX)).encode())

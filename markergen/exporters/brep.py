@@ -2,14 +2,13 @@
 
 from collections.abc import Sequence
 
-from markergen.exporters import EXPORTERS, ExportOptions, Output, only
+from markergen.exporters import ExportOptions, Output, only
 from markergen.exporters.solids import beside_solid, solid_notes
 from markergen.model.marker import Marker
 from markergen.solid.brep import write_brep
 from markergen.solid.make import parts_of, solids_of
 
 
-@EXPORTERS.register(".brep")
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
     """One compound of solids as BREP text, in mm; the paper is without effect."""
     marker = only(markers, ".brep").as_designed

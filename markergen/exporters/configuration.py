@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import markergen
-from markergen.drawing.scene import marker_name
-from markergen.model.marker import Marker
+from markergen.model.marker import Marker, marker_name
 
 Array = NDArray[np.float64]
 

@@ -4,22 +4,23 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import StringIO
-from math import hypot
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import markergen
-from markergen.drawing.scene import Disk, marker_dots, marker_name
-from markergen.exporters import EXPORTERS, ExportOptions, Output, only, without_paper
+from markergen.drawing.scene import Disk, marker_dots
+from markergen.exporters import ExportOptions, Output, only, without_paper
+from markergen.geometry.contour import box as contour_box
+from markergen.geometry.contour import placed
 from markergen.model.boundary import Boundary
-from markergen.model.fabrication import Fabrication
-from markergen.model.marker import Marker
+from markergen.model.fabrication import PROCESSES, Fabrication
+from markergen.model.marker import Marker, marker_name
 from markergen.solid.bodies import Path, Prism, circle
 from markergen.solid.inks import dots_of
 from markergen.solid.plate import plate_regions
-from markergen.solid.processes import PROCESSES
+from markergen.solid.processes import Made
 from markergen.units import format_length
 
 CUT, ENGRAVE, INFO = "CUT", "ENGRAVE", "INFO"
@@ -65,22 +66,21 @@ class Drawing:
     box: Array
 
 
-@EXPORTERS.register(".dxf")
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
-    """Outlines of the marker as DXF (R2010, mm), to cut and engrave; of the whole plate where a laser makes it."""
+    """Outlines of the marker as DXF (R2010, mm), to cut and engrave; of the whole plate where that is engraved."""
     marker = only(markers, ".dxf")
-    laser = options.fabrication.process == "laser"
-    meaning = PLATE if laser else MARKER
+    engraved = PROCESSES[options.fabrication.process].engraved
+    meaning = PLATE if engraved else MARKER
     notes = (
         "DXF units are mm; the origin is the marker's, x right and y up.",
         *(f"Layer {name} has {words}." for name, words in meaning.items()),
         *without_paper(options),
     )
-    return Output(write_laser_dxf(marker, options.fabrication) if laser else write_dxf(marker), notes)
+    return Output(write_laser_dxf(marker, options.fabrication) if engraved else write_dxf(marker), notes)
 
 
 def write_dxf(marker: Marker) -> bytes:
-    """Write a marker as DXF: every circle exact, every other outline a closed polyline; the same bytes every time."""
+    """Write a marker as DXF: circles and arcs exact, what is no circle a closed polyline; the same bytes every time."""
     # The scene knows what a dot is; a marker that was measured is made again as it was designed.
     designed = marker.as_designed
     dots = marker_dots(designed)
@@ -103,7 +103,7 @@ def write_laser_dxf(marker: Marker, fabrication: Fabrication) -> bytes:
         If the process refuses the marker.
     """
     designed = marker.as_designed
-    made = PROCESSES["laser"](designed, fabrication)
+    made: Made = PROCESSES[fabrication.process](designed, fabrication)
     regions = plate_regions(designed)
     dots = [(dot, Disk(dot.x, dot.y, dot.radius, dot.inner, dot.name)) for dot in dots_of(designed)]
     holes = [(hole, _mm([hole.x, hole.y, hole.diameter / 2, hole.sink / 2]).tolist()) for hole in
@@ -173,11 +173,7 @@ def _inform(space: Any, marker: Marker, drawing: Drawing) -> None:
 
 
 def _paths(outline: Boundary) -> list[Path]:
-    rings, circles = outline.curves()
-    return [
-        *(_polygon(ring) for ring in rings),
-        *(circle(radius, x, y) for x, y, radius in _mm(circles[:, :3]).tolist()),
-    ]
+    return [placed(contour, 1e3, digits=9) for contour in outline.contours()]
 
 
 def _circles(dot: Disk) -> list[Path]:
@@ -190,19 +186,20 @@ def _polygon(ring: Array) -> Path:
 
 def _round(path: Path) -> tuple[float, float, float] | None:
     """Center and radius of a path of two half turns."""
-    if len(path.points) != 2 or {abs(bulge) for bulge in path.bulges} != {1.0}:
+    if (whole := path.as_circle) is None:
         return None
-    (x, y), (u, v) = path.points
     # Sums of whole picometers, and their halves, come back as they were.
-    return round((x + u) / 2, 11), round((y + v) / 2, 11), round(hypot(x - u, y - v) / 2, 11)
+    x, y, radius = (round(value, 11) for value in whole)
+    return x, y, radius
 
 
 def _extent(path: Path) -> list[tuple[float, float]]:
-    """Points that have a path's box, or one that is hardly larger."""
+    """Points that have a path's box."""
     if (disk := _round(path)) is not None:
         x, y, radius = disk
         return [(x - radius, y - radius), (x + radius, y + radius)]
-    return list(path.points)
+    left, bottom, right, top = contour_box(path)
+    return [(left, bottom), (right, top)]
 
 
 def _box(points: Array) -> Array:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from markergen.drawing.workshop_pages import fabrication_sheets
-from markergen.exporters import EXPORTERS, ExportOptions, Output, only
+from markergen.exporters import ExportOptions, Output, only
 from markergen.exporters.pdf import write_pdf
 from markergen.exporters.solids import solid_notes
 from markergen.model.marker import Marker
@@ -11,7 +11,6 @@ from markergen.solid.make import parts_of
 from markergen.solid.workpiece import workpiece
 
 
-@EXPORTERS.register(".fab.pdf")
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
     """Drawing to scale with dimensions, coordinates, parts, tolerances and notes; it needs no CAD kernel."""
     marker = only(markers, ".fab.pdf").as_designed

@@ -7,7 +7,7 @@ from pathlib import Path
 from markergen.drawing.paper import ISO
 from markergen.drawing.sheet import pages_for
 from markergen.errors import InputError
-from markergen.exporters import SHEETS, ExportOptions, outputs_of, suffix_of, write
+from markergen.exporters import EXPORTERS, ExportOptions, outputs_of, suffix_of, write
 from markergen.files import Written
 from markergen.model.marker import Marker
 
@@ -49,7 +49,7 @@ def _on_one_page(markers: Sequence[Marker], options: ExportOptions) -> ExportOpt
 
 
 def _is_sheet(path: Path) -> bool:
-    return suffix_of(path) in SHEETS
+    return EXPORTERS[suffix_of(path)].sheet
 
 
 def _own(path: Path, number: int) -> Path:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import markergen
-from markergen.exporters import EXPORTERS, ExportOptions, Output
+from markergen.exporters import ExportOptions, Output
 from markergen.exporters.meshes import MATERIALS, MeshedPart, meshed
 from markergen.model.marker import Marker
 from markergen.solid.bodies import OTHER
@@ -25,7 +25,6 @@ ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 FLOAT, UNSIGNED_INT = 5126, 5125
 
 
-@EXPORTERS.register(".glb")
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
     """All parts as GLB in meters, y up."""
     made = meshed(markers, options, ".glb")

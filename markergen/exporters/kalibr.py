@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from markergen.exporters import EXPORTERS, ExportOptions, Output, only
+from markergen.exporters import ExportOptions, Output, only
 from markergen.exporters.configuration import heading, tag_corners, yaml_text
 from markergen.model.marker import Marker
 
@@ -14,7 +14,6 @@ NOT_KALIBR = "Kalibr knows three targets: checkerboard, circlegrid and aprilgrid
 which the key ring is not."""
 
 
-@EXPORTERS.register(SUFFIX)
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:  # noqa: ARG001  (every exporter is called alike)
     """Target in the style of Kalibr, with the type custom."""
     return Output(write_kalibr(only(markers, SUFFIX)).encode(), (NOT_KALIBR,))

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-from markergen.drawing.scene import marker_name
 from markergen.exporters import ExportOptions, only
 from markergen.exporters.solids import solid_notes
-from markergen.model.marker import Marker
+from markergen.model.marker import Marker, marker_name
 from markergen.solid.build import COLORS
 from markergen.solid.make import parts_of, solids_of
 from markergen.solid.mesh import Mesh, mesh_of

@@ -2,10 +2,9 @@
 
 from collections.abc import Sequence
 
-from markergen.drawing.scene import marker_name
-from markergen.exporters import EXPORTERS, ExportOptions, Output, only
+from markergen.exporters import ExportOptions, Output, only
 from markergen.exporters.configuration import diameters, heading, ids, points, tag_corners
-from markergen.model.marker import Marker
+from markergen.model.marker import Marker, marker_name
 from markergen.model.tag import FAMILIES
 
 SUFFIX = ".opencv.yaml"
@@ -16,7 +15,6 @@ BOARD = (
 )
 
 
-@EXPORTERS.register(SUFFIX)
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:  # noqa: ARG001  (every exporter is called alike)
     """Object points and ids for OpenCV's FileStorage, with the tag as an ArUco board."""
     marker = only(markers, SUFFIX)

@@ -10,7 +10,7 @@ from markergen.drawing.colors import channels, spot_name
 from markergen.drawing.scene import Disk, Line, Point, Segment, Shape
 from markergen.drawing.sheet import Sheet, pages_for
 from markergen.errors import InputError
-from markergen.exporters import EXPORTERS, ExportOptions, Output
+from markergen.exporters import ExportOptions, Output
 from markergen.model.marker import Marker
 
 POINTS_PER_MM = 72 / 25.4
@@ -23,7 +23,6 @@ MOST_POINTS = 14400
 """Longest side of a page that readers must accept, 5.08 m (PDF's appendix on limits)."""
 
 
-@EXPORTERS.register(".pdf")
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
     """Sheets of the markers as PDF, to print: all pages, text as outlines, with layers and trim box."""
     sheets = pages_for(markers, options.sheet)

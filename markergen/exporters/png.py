@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 import markergen
 from markergen.drawing.colors import channels, is_grey
-from markergen.drawing.paper import Paper
+from markergen.drawing.paper import Paper, find_paper
 from markergen.drawing.sheet import Sheet
 from markergen.errors import InputError
-from markergen.exporters import EXPORTERS, ExportOptions, Output, one_page
+from markergen.exporters import ExportOptions, Output, one_page
 from markergen.exporters.coverage import Spans, spans
 from markergen.model.marker import Marker
 
@@ -28,14 +28,26 @@ MILLIMETERS_PER_INCH = 25.4
 LEAST_DPI, MOST_DPI = 10, 10_000
 
 
-@EXPORTERS.register(".png")
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
     """Sheet of the markers as PNG, in grey levels or RGB."""
-    pixels_per_meter(options.dpi)
+    check_image(options)
     sheet = one_page(markers, options, ".png")
     width, height = image_size(sheet.paper, options.dpi)
     note = f"The image has {width} x {height} pixels and says that they are {options.dpi} to the inch."
     return Output(write_png(sheet, options.dpi), (*sheet.notes, note))
+
+
+def check_image(options: ExportOptions) -> None:
+    """Refuse a resolution that there is not, or that makes the paper asked for too large an image.
+
+    Raises
+    ------
+    InputError
+        As `pixels_per_meter` and `image_size` do, or if there is no such paper.
+    """
+    pixels_per_meter(options.dpi)
+    if options.sheet.paper is not None:
+        image_size(find_paper(options.sheet.paper, options.sheet.orientation), options.dpi)
 
 
 def write_png(sheet: Sheet, dpi: float) -> bytes:

@@ -4,7 +4,7 @@ import csv
 from collections.abc import Sequence
 from io import StringIO
 
-from markergen.exporters import EXPORTERS, ExportOptions, Output, only
+from markergen.exporters import ExportOptions, Output, only
 from markergen.exporters.configuration import heading, tag_corners
 from markergen.model.marker import Marker
 
@@ -12,7 +12,6 @@ COLUMNS = ("id", "x_m", "y_m", "z_m", "diameter_m", "inner_diameter_m", "feature
 MEASURED = ("var_x_m2", "cov_xy_m2", "var_y_m2")
 
 
-@EXPORTERS.register(".csv")
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:  # noqa: ARG001  (every exporter is called alike)
     """Table of the control points."""
     return Output(write_table(only(markers, ".csv")).encode())

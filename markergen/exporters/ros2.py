@@ -3,14 +3,13 @@
 from collections.abc import Sequence
 from typing import Any
 
-from markergen.exporters import EXPORTERS, ExportOptions, Output, only
+from markergen.exporters import ExportOptions, Output, only
 from markergen.exporters.configuration import diameters, frame_name, heading, ids, points, tag_corners, yaml_text
 from markergen.model.marker import Marker
 
 SUFFIX = ".ros2.yaml"
 
 
-@EXPORTERS.register(SUFFIX)
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:  # noqa: ARG001  (every exporter is called alike)
     """Static transform and landmarks as ROS 2 parameters."""
     note = "The transform from map is the identity: set it to where the marker hangs."

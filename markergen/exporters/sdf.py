@@ -8,12 +8,11 @@ from math import pi
 from xml.sax.saxutils import escape
 
 import markergen
-from markergen.exporters import EXPORTERS, ExportOptions, Output
+from markergen.exporters import ExportOptions, Output
 from markergen.exporters.simulator import Simulated, number, numbers
 from markergen.model.marker import Marker
 
 
-@EXPORTERS.register(".sdf")
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
     """Write a model of one link; beside it ``model.config`` and ``meshes/<stem>.glb``."""
     body = Simulated.of(markers, options, ".sdf")

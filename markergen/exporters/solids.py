@@ -15,12 +15,12 @@ def solid_notes(marker: Marker, made: Made, options: ExportOptions) -> tuple[str
     thick = f"{marker.substrate.thickness * 1e3:.6g} mm thick"
     rest = f", and {others} part{'s' * (others > 1)} to go with {'it' if plates == 1 else 'them'}" if others else ""
     process = options.fabrication.process
-    sentence = f"Made as {what} and {thick}{rest} ({process}: {PROCESSES[process]})."
+    sentence = f"Made as {what} and {thick}{rest} ({process}: {PROCESSES[process].label})."
     return (sentence, *made.notes, *without_paper(options))
 
 
 def beside_solid(marker: Marker, options: ExportOptions) -> dict[str, bytes]:
-    """What comes with a solid: of an engraved plate the DXF that the laser works from."""
-    if options.fabrication.process != "laser":
+    """What comes with a solid: of an engraved plate the DXF that the machine works from."""
+    if not PROCESSES[options.fabrication.process].engraved:
         return {}
     return {f"{options.stem}.dxf": EXPORTERS[".dxf"]((marker,), options).data}

@@ -2,15 +2,13 @@
 
 from collections.abc import Sequence
 
-from markergen.drawing.scene import marker_name
-from markergen.exporters import EXPORTERS, ExportOptions, Output, only
+from markergen.exporters import ExportOptions, Output, only
 from markergen.exporters.solids import beside_solid, solid_notes
-from markergen.model.marker import Marker
+from markergen.model.marker import Marker, marker_name
 from markergen.solid.make import parts_of, solids_of
 from markergen.solid.step import write_step
 
 
-@EXPORTERS.register(".step", ".stp")
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
     """One assembly of solids as STEP (AP214), in mm; the paper is without effect."""
     marker = only(markers, ".step").as_designed

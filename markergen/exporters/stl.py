@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 import markergen
-from markergen.exporters import EXPORTERS, ExportOptions, Output
+from markergen.exporters import ExportOptions, Output
 from markergen.exporters.meshes import MATERIALS, MeshedPart, meshed
 from markergen.model.marker import Marker
 from markergen.solid.mesh import kept_apart
@@ -13,7 +13,6 @@ from markergen.solid.mesh import kept_apart
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
-@EXPORTERS.register(".stl")
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
     """All parts as one STL in mm; where they are of two materials also ``<stem>-light.stl`` and ``<stem>-dark.stl``."""
     made = meshed(markers, options, ".stl")

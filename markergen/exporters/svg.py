@@ -7,11 +7,10 @@ from xml.etree.ElementTree import Element, SubElement
 from markergen.drawing.colors import rgb, spot_name
 from markergen.drawing.scene import Disk, Line, Outline, Shape
 from markergen.drawing.sheet import Sheet
-from markergen.exporters import EXPORTERS, ExportOptions, Output, one_page
+from markergen.exporters import ExportOptions, Output, one_page
 from markergen.model.marker import Marker
 
 
-@EXPORTERS.register(".svg")
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
     """Sheet of the markers as SVG, to print or to edit."""
     sheet = one_page(markers, options, ".svg")

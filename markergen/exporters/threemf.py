@@ -6,7 +6,7 @@ from io import BytesIO
 from xml.sax.saxutils import quoteattr
 
 import markergen
-from markergen.exporters import EXPORTERS, ExportOptions, Output
+from markergen.exporters import ExportOptions, Output
 from markergen.exporters.meshes import MATERIALS, MeshedPart, meshed
 from markergen.model.marker import Marker
 from markergen.solid.bodies import OTHER
@@ -31,7 +31,6 @@ EPOCH = (1980, 1, 1, 0, 0, 0)
 """The earliest time that a zip file can hold: the same in every file."""
 
 
-@EXPORTERS.register(".3mf")
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
     """All parts as 3MF in mm, with their materials; slicers load them as the parts of one object."""
     made = meshed(markers, options, ".3mf")

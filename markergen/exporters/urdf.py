@@ -7,12 +7,11 @@ it: either way the mesh is in the marker frame as it stands. Gazebo does neither
 from collections.abc import Sequence
 from xml.sax.saxutils import quoteattr
 
-from markergen.exporters import EXPORTERS, ExportOptions, Output
+from markergen.exporters import ExportOptions, Output
 from markergen.exporters.simulator import Simulated, number, numbers
 from markergen.model.marker import Marker
 
 
-@EXPORTERS.register(".urdf")
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
     """Write a robot of one link; beside it ``meshes/<stem>.glb``."""
     body = Simulated.of(markers, options, ".urdf")

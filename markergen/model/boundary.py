@@ -11,9 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
+from markergen.geometry.contour import Contour, area, backward, circle, placed
+from markergen.model.edges import Edges
 from markergen.model.interior import inset_of, scatter, shape_of
-from markergen.model.outlines import Ring, canonical, enclosing_circle, signed_area
-from markergen.model.segments import Index, Mask, Segments
+from markergen.model.outlines import (
+    Ring,
+    canonical_contours,
+    enclosing_circle,
+    polygons_of,
+    signed_area,
+)
 from markergen.units import format_length
 
 Array = NDArray[np.float64]
@@ -71,8 +78,25 @@ class Boundary(ABC):
         """Closed polygons (m, 2) in m, outer ones counterclockwise and holes clockwise; a circle's is a fine one."""
 
     @abstractmethod
+    def contours(self) -> tuple[Contour, ...]:
+        """The outline exactly as it is: closed contours in m of lines and arcs, with the region to their left."""
+
+    @property
+    def has_arcs(self) -> bool:
+        """Whether it has arcs that `as_dict` tells as bulges, which programs before there were any cannot read."""
+        return False
+
+    @property
+    def has_measures(self) -> bool:
+        """Whether it is a disk, or an upright rectangle about the origin: what is written with its measures.
+
+        Any other outline is taken for one that was drawn, which is that of the plate (see `Substrate.edge_around`).
+        """
+        return False
+
+    @abstractmethod
     def curves(self) -> tuple[tuple[Array, ...], Array]:
-        """What the outline consists of exactly: closed polygons as in `outlines`, and circles (c, 4).
+        """What depth and search take the outline for: closed polygons as in `outlines`, and circles (c, 4).
 
         Of a circle the center x, y and the radius in m, and 1 with the region inside it or -1 with the region outside.
         """
@@ -146,6 +170,15 @@ class Circle(Boundary):
         """See `Boundary.outlines`."""
         return (self.rim(CIRCLE_CORNERS),)
 
+    def contours(self) -> tuple[Contour, ...]:
+        """See `Boundary.contours`."""
+        return (circle(self.size, *self.center),)
+
+    @property
+    def has_measures(self) -> bool:
+        """See `Boundary.has_measures`."""
+        return True
+
     def curves(self) -> tuple[tuple[Array, ...], Array]:
         """See `Boundary.curves`."""
         return (), np.array([[*self.center, self.size, 1.0]])
@@ -179,47 +212,56 @@ class _Drawn(Boundary):
 
 @dataclass(frozen=True)
 class Polygon(_Drawn):
-    """One or more regions with straight edges, each with or without holes.
+    """One or more regions with edges that are straight or arcs, each with or without holes.
+
+    Depth, projection and search take arcs for fine polygons within the region (see `polygons_of`).
 
     Attributes
     ----------
     rings : tuple of tuple of (x, y)
-        Closed outlines in m, marker frame, without the first corner again at the end. An outline within another is a
-        hole in it, one within the hole a region again; which way they are drawn does not matter, and is made to be
-        counterclockwise for outer ones and clockwise for holes.
+        Corners of closed outlines in m, marker frame, without the first corner again at the end. An outline within
+        another is a hole in it, one within the hole a region again; which way they are drawn does not matter, and is
+        made to be counterclockwise for outer ones and clockwise for holes.
+    bulges : tuple of tuple of float
+        Of the edges from each corner to the next one, as in `Contour`; empty where all are straight.
 
     Raises
     ------
     InputError
-        See `canonical`.
+        See `canonical_contours`.
     """
 
     rings: tuple[Ring, ...]
+    bulges: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "rings", canonical(self.rings))
+        contours = canonical_contours(self.rings, self.bulges)
+        arcs = any(contour.has_arcs for contour in contours)
+        bulges = tuple(contour.bulges or (0.0,) * len(contour.points) for contour in contours) if arcs else ()
+        object.__setattr__(self, "rings", tuple(contour.points for contour in contours))
+        object.__setattr__(self, "bulges", bulges)
 
     def __hash__(self) -> int:
         return self._hash
 
     def __getstate__(self) -> dict[str, Any]:
         # What follows from the corners is not sent to other processes.
-        return {"rings": self.rings}
+        return {"rings": self.rings, "bulges": self.bulges}
 
     @cached_property
     def _hash(self) -> int:
-        return hash(self.rings)
+        return hash((self.rings, self.bulges))
 
     @cached_property
     def _arrays(self) -> tuple[Array, ...]:
-        arrays = tuple(np.array(ring) for ring in self.rings)
+        arrays = polygons_of(self.contours())
         for array in arrays:
             array.setflags(write=False)
         return arrays
 
     @cached_property
-    def _edges(self) -> Segments:
-        return Segments(np.concatenate(self._arrays), np.concatenate([np.roll(r, -1, axis=0) for r in self._arrays]))
+    def _edges(self) -> Edges:
+        return Edges(self._arrays, self.radius)
 
     @cached_property
     def _circle(self) -> tuple[Array, float]:
@@ -237,77 +279,16 @@ class Polygon(_Drawn):
 
     @cached_property
     def area(self) -> float:
-        """See `Boundary.area`."""
-        return sum(map(signed_area, self._arrays))
+        """See `Boundary.area`; with its arcs."""
+        return sum(map(area, self.contours())) if self.has_arcs else sum(map(signed_area, self._arrays))
 
     def depth(self, points: Array) -> Array:
         """See `Boundary.depth`."""
-        flat = points.reshape(-1, 2)
-        sign, offset, _, _ = self._seen_from(flat)
-        return (sign * np.hypot(*offset.T)).reshape(points.shape[:-1])
+        return self._edges.depth(points.reshape(-1, 2)).reshape(points.shape[:-1])
 
     def depth_gradient(self, points: Array) -> Array:
         """See `Boundary.depth_gradient`; where several edges are nearest, one of them decides."""
-        flat = points.reshape(-1, 2)
-        sign, offset, index, at_corner = self._seen_from(flat)
-        distance = np.hypot(*offset.T)
-        apart = distance > 1e-12 * self.radius
-        # Beside an edge this is its normal, which has no rounding even on the outline; in a corner the mean of two.
-        gradient = self._edges.normal[index]
-        within = at_corner & ~apart
-        gradient[within] = self._bisectors[self._corner(flat[within], index[within])]
-        around = at_corner & apart
-        gradient[around] = offset[around] * (sign[around] / distance[around])[:, None]
-        return gradient.reshape(points.shape)
-
-    def _seen_from(self, points: Array) -> tuple[Array, Array, Index, Mask]:
-        """Sign (P,), 1 inside and -1 outside, offset (P, 2) from the nearest point, its edge, and whether at a corner.
-
-        The side of the nearest edge tells inside from outside; at a corner the sides of both its edges do, unless
-        outlines touch there: then all edges have a say.
-        """
-        edges, (before, _, sharp, touching) = self._edges, self._corners
-        index = edges.nearest(points)
-        place = edges.place(points, index)
-        left = self._left_of(points, index)
-        at_corner = (place <= 0) | (place >= 1)
-        if at_corner.any():
-            where = np.flatnonzero(at_corner)
-            corner = self._corner(points[where], index[where])
-            one, other = (self._left_of(points[where], edge) for edge in (corner, before[corner]))
-            left[where] = np.where(sharp[corner], one & other, one | other)
-            where = where[touching[corner]]
-            left[where] = edges.surround(points[where])
-        return np.where(left, 1.0, -1.0), points - edges.at(index, place), index, at_corner
-
-    def _corner(self, points: Array, index: Index) -> Index:
-        """Corners (P,), those ends of edges that are nearer."""
-        return np.where(self._edges.place(points, index) > 0.5, self._corners[1][index], index)
-
-    @cached_property
-    def _bisectors(self) -> Array:
-        normal = self._edges.normal
-        both = normal + normal[self._corners[0]]
-        return both / np.maximum(np.linalg.norm(both, axis=-1, keepdims=True), np.finfo(float).tiny)
-
-    def _left_of(self, points: Array, index: Index) -> Mask:
-        step, offset = self._edges.step[index], points - self._edges.start[index]
-        return step[:, 0] * offset[:, 1] >= step[:, 1] * offset[:, 0]
-
-    @cached_property
-    def _corners(self) -> tuple[Index, Index, Mask, Mask]:
-        """Of every corner: the one before it, the one after it, whether it turns left, and whether outlines touch."""
-        import shapely
-
-        sizes = [len(ring) for ring in self._arrays]
-        first = np.cumsum([0, *sizes[:-1]])
-        numbers = [start + np.arange(size) for start, size in zip(first, sizes, strict=True)]
-        before, after = (np.concatenate([np.roll(ring, turn) for ring in numbers]) for turn in (1, -1))
-        edges = self._edges
-        sharp = edges.step[before, 0] * edges.step[:, 1] > edges.step[before, 1] * edges.step[:, 0]
-        tree = shapely.STRtree(shapely.linestrings(np.stack([edges.start, edges.end], axis=1)))
-        near, _ = tree.query(shapely.points(edges.start), predicate="dwithin", distance=1e-9 * self.radius)
-        return before, after, sharp, np.bincount(near, minlength=len(edges)) > 2
+        return self._edges.depth_gradient(points.reshape(-1, 2)).reshape(points.shape)
 
     def rim(self, count: int) -> Array:
         """See `Boundary.rim`; even by length over all outer outlines, from half a step behind the first corner on."""
@@ -324,13 +305,30 @@ class Polygon(_Drawn):
         """See `Boundary.outlines`."""
         return self._arrays
 
+    def contours(self) -> tuple[Contour, ...]:
+        """See `Boundary.contours`."""
+        bulges = self.bulges or ((),) * len(self.rings)
+        return tuple(Contour(ring, row) for ring, row in zip(self.rings, bulges, strict=True))
+
+    @property
+    def has_arcs(self) -> bool:
+        """See `Boundary.has_arcs`."""
+        return bool(self.bulges)
+
+    @property
+    def has_measures(self) -> bool:
+        """See `Boundary.has_measures`."""
+        x, y = ({abs(corner[axis]) for corner in self.rings[0]} for axis in (0, 1))
+        return len(self.rings) == 1 and len(self.rings[0]) == 4 and len(x) == len(y) == 1 and not self.has_arcs
+
     def curves(self) -> tuple[tuple[Array, ...], Array]:
         """See `Boundary.curves`."""
         return self._arrays, np.zeros((0, 4))
 
     def as_dict(self) -> dict[str, Any]:
-        """See `Boundary.as_dict`."""
-        return {"kind": "polygon", "outlines": [[list(corner) for corner in ring] for ring in self.rings]}
+        """See `Boundary.as_dict`; with bulges where there are arcs."""
+        bulges = {"bulges": [list(row) for row in self.bulges]} if self.bulges else {}
+        return {"kind": "polygon", "outlines": [[list(corner) for corner in ring] for ring in self.rings], **bulges}
 
     def __str__(self) -> str:
         points = np.concatenate(self._arrays)
@@ -400,6 +398,11 @@ class Without(_Drawn):
         rings = shapely.get_rings(shapely.get_parts(shapely.orient_polygons(left)))
         return tuple(shapely.get_coordinates(ring)[:-1] for ring in rings)
 
+    def contours(self) -> tuple[Contour, ...]:
+        """See `Boundary.contours`; parts that lie outside of the region are among them."""
+        taken = (contour for keep_out in self.keep_outs for contour in keep_out.contours())
+        return (*self.boundary.contours(), *map(backward, taken))
+
     def curves(self) -> tuple[tuple[Array, ...], Array]:
         """See `Boundary.curves`; parts that lie outside of the region are among them."""
         rings, circles = self.boundary.curves()
@@ -422,14 +425,14 @@ class Without(_Drawn):
         return f"{self.boundary} with {count} keep-out{'s' * (count > 1)}"
 
 
-def polygon_from(outlines: Sequence[Array], origin: str = "center") -> Polygon:
-    """Polygon of outlines (m, 2) in m, with the origin moved to the center of the smallest enclosing circle.
+def polygon_from(outlines: Sequence[Array | Contour], origin: str = "center") -> Polygon:
+    """Polygon of outlines in m, with the origin moved to the center of the smallest enclosing circle.
 
     Coordinates are rounded to whole picometers, so that a shift leaves no rounding dust.
 
     Parameters
     ----------
-    outlines : sequence of array (m, 2)
+    outlines : sequence of array (m, 2) or Contour
     origin : {"center", "file"}
         ``file`` leaves the origin where it is.
 
@@ -440,10 +443,12 @@ def polygon_from(outlines: Sequence[Array], origin: str = "center") -> Polygon:
     """
     if origin not in ("center", "file"):
         raise InputError("an origin of center or file", repr(origin), "use --origin center or --origin file")
-    rings = canonical(outlines)
-    shift = enclosing_circle([np.array(ring) for ring in rings])[0] if origin == "center" else np.zeros(2)
-    # Adding 0 makes -0 a plain 0.
-    return Polygon(tuple(tuple(map(tuple, np.round(np.array(ring) - shift, 12) + 0.0)) for ring in rings))
+    corners = [each.points if isinstance(each, Contour) else each for each in outlines]
+    bulges = [each.bulges if isinstance(each, Contour) else () for each in outlines]
+    contours = canonical_contours(corners, bulges)
+    shift = enclosing_circle(polygons_of(contours))[0] if origin == "center" else np.zeros(2)
+    moved = [placed(contour, 1.0, shift, 12) for contour in contours]
+    return Polygon(tuple(contour.points for contour in moved), tuple(contour.bulges for contour in moved))
 
 
 def area_without(boundary: Boundary, keep_outs: Sequence[Boundary]) -> Boundary:

@@ -1,4 +1,4 @@
-"""Boundaries and keep-outs in files: a circle, or a polygon with its outlines, checked with every finding's path."""
+"""Boundaries and keep-outs in files: a circle, or a polygon with or without arcs, checked with every finding's path."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_val
 from markergen.errors import InputError
 from markergen.model.boundary import Boundary, Circle, Polygon
 from markergen.model.findings import UNNAMED
+from markergen.model.outlines import Ring
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -39,24 +40,62 @@ class PolygonFile(_Strict):
 
     @model_validator(mode="after")
     def _valid(self) -> "PolygonFile":
-        try:
-            self.build()
-        except InputError as error:
-            raise ValueError(str(error)) from None
-        return self
+        return _checked(self)
 
     def build(self) -> Boundary:
         """Make the boundary."""
-        return Polygon(tuple(tuple((x, y) for x, y in outline) for outline in self.outlines))
+        return Polygon(_corners(self.outlines))
+
+
+class ArcsFile(_Strict):
+    """A polygon some of whose edges are arcs of circles, a full circle being two.
+
+    Bulges are one for each corner of each outline: the tangent of a quarter of the angle by which the edge to the next
+    corner turns, counterclockwise positive, 0 where it is straight.
+    """
+
+    # Since version 2 of marker.json, whose forms are made a layer above.
+    model_config = ConfigDict(json_schema_extra={"x-since": 2})
+
+    kind: Literal["polygon"]
+    outlines: Annotated[list[Annotated[list[Point], Field(min_length=2)]], Field(min_length=1)]
+    bulges: Annotated[
+        list[Annotated[list[Annotated[float, Field(ge=-1, le=1)]], Field(min_length=2)]],
+        Field(min_length=1, json_schema_extra={"x-since": 2}),
+    ]
+
+    @model_validator(mode="after")
+    def _valid(self) -> "ArcsFile":
+        return _checked(self)
+
+    def build(self) -> Boundary:
+        """Make the boundary."""
+        return Polygon(_corners(self.outlines), tuple(map(tuple, self.bulges)))
+
+
+def _corners(outlines: list[list[Point]]) -> tuple[Ring, ...]:
+    return tuple(tuple((x, y) for x, y in outline) for outline in outlines)
+
+
+def _checked(file: Any) -> Any:
+    """Tell what is wrong with a shape as pydantic tells what is wrong with a value."""
+    try:
+        file.build()
+    except InputError as error:
+        raise ValueError(str(error)) from None
+    return file
 
 
 def _kind(value: object) -> str | None:
     kind = value.get("kind") if isinstance(value, Mapping) else getattr(value, "kind", None)
-    return UNNAMED + kind if isinstance(kind, str) else None
+    arcs = kind == "polygon" and (isinstance(value, ArcsFile) or (isinstance(value, Mapping) and "bulges" in value))
+    return UNNAMED + ("arcs" if arcs else kind) if isinstance(kind, str) else None
 
 
 BoundaryFile = Annotated[
-    Annotated[CircleFile, Tag(UNNAMED + "circle")] | Annotated[PolygonFile, Tag(UNNAMED + "polygon")],
+    Annotated[CircleFile, Tag(UNNAMED + "circle")]
+    | Annotated[PolygonFile, Tag(UNNAMED + "polygon")]
+    | Annotated[ArcsFile, Tag(UNNAMED + "arcs")],
     Discriminator(
         _kind, custom_error_type="kind", custom_error_message="Input should be a table with kind circle or polygon"
     ),

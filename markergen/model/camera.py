@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.maths import distortion as lens
+from markergen.maths.lenses import LENSES
 from markergen.maths.projection import from_pixels, perspective, to_camera, to_pixels
 from markergen.model.findings import brief
 
@@ -32,7 +33,8 @@ class Distortion:
     Attributes
     ----------
     model : str
-        ``none``, ``radtan`` (Brown-Conrady), ``rational`` or ``equidistant`` (the fisheye of OpenCV and Kalibr).
+        ``none``, ``radtan`` (Brown-Conrady), ``rational``, ``equidistant`` (the fisheye of OpenCV and Kalibr), or
+        another one of `markergen.maths.lenses.LENSES`.
     coefficients : tuple of float
         In OpenCV's order: radtan k1 k2 p1 p2 [k3]; rational k1 k2 p1 p2 k3 k4 k5 k6; equidistant k1 k2 k3 k4.
 
@@ -51,17 +53,17 @@ class Distortion:
     coefficients: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if not isinstance(self.model, str) or self.model not in lens.NAMES:
-            raise InputError("a known distortion model", brief(self.model), f"known: {', '.join(lens.NAMES)}")
+        if not isinstance(self.model, str) or self.model not in LENSES:
+            raise InputError("a known distortion model", brief(self.model), f"known: {', '.join(LENSES)}")
         if isinstance(self.coefficients, str | bytes | Mapping) or not hasattr(self.coefficients, "__iter__"):
             raise InputError("a list of distortion coefficients", brief(self.coefficients), "give numbers")
         object.__setattr__(self, "coefficients", tuple(self.coefficients))
-        counts = [len(names) for names in lens.NAMES[self.model]]
+        counts = [len(names) for names in LENSES[self.model].coefficients]
         if len(self.coefficients) not in counts:
             raise InputError(
                 f"{' or '.join(map(str, counts))} coefficients of the distortion model {self.model!r}",
                 str(len(self.coefficients)),
-                f"give {' or '.join(' '.join(names) or 'none' for names in lens.NAMES[self.model])}",
+                f"give {' or '.join(' '.join(names) or 'none' for names in LENSES[self.model].coefficients)}",
             )
         for name, value in zip(self.names, self.coefficients, strict=True):
             number = _number(value)
@@ -72,7 +74,7 @@ class Distortion:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the coefficients, in their order."""
-        return next(names for names in lens.NAMES[self.model] if len(names) == len(self.coefficients))
+        return next(names for names in LENSES[self.model].coefficients if len(names) == len(self.coefficients))
 
 
 NO_DISTORTION = Distortion()

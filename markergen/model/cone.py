@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from markergen.errors import InputError
 from markergen.maths.rotation import exponential, turn_z
 from markergen.model.findings import brief
+from markergen.model.poses import pose_arguments
 from markergen.units import parse_length
 
 Array = NDArray[np.float64]
@@ -104,18 +105,12 @@ class Cone:
         InputError
             If the text does not have this form, or as the class says.
         """
-        head, _, rest = text.partition(":")
-        if head.strip() != "cone":
+        if text.partition(":")[0].strip() != "cone":
             raise InputError("a cone of poses", brief(text), f"write {FORM}")
-        known = [field.name for field in fields(Cone)]
-        given: dict[str, Any] = {}
-        for item in rest.split(",") if rest.strip() else []:
-            key, equals, value = (part.strip() for part in item.partition("="))
-            if not equals or key not in known:
-                raise InputError(f"a key of cone: {', '.join(known)}", brief(item), f"write {FORM}")
-            if key in given:
-                raise InputError(f"{key} once in a cone", f"{key} twice", "leave one out")
-            given[key] = _value(key, value)
+        given: dict[str, Any] = {
+            key: _value(key, value)
+            for key, value in pose_arguments(text, [field.name for field in fields(Cone)], FORM).items()
+        }
         return Cone(**given)
 
     def __str__(self) -> str:

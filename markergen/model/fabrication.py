@@ -1,19 +1,55 @@
 """How a marker is made as a solid: the process, and what of it a user may choose."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import degrees, isfinite, pi
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from markergen.errors import InputError
+from markergen.registry import Registry
 
-PROCESSES = {
-    "fdm": "3-D print in two materials",
-    "cnc": "milled",
-    "laser": "engraved plate",
-    "print": "plate with a recess for a printed sheet",
-    "dome": "balls on a plate",
-}
-"""Processes, and what they are called on screen and paper."""
+if TYPE_CHECKING:
+    from markergen.model.marker import Marker
+
+
+@dataclass(frozen=True)
+class Process:
+    """A way to make the dots, the tag and the pillars of a marker.
+
+    Attributes
+    ----------
+    make : callable
+        Make a `markergen.solid.processes.Made` of a marker as it was designed and the `Fabrication` that was asked for,
+        or refuse it in one line (InputError).
+    label : str
+        What it is called on screen and paper, beside its name: "milled".
+    choices : tuple of str
+        Which of `CHOICES` it knows.
+    balls : bool
+        Whether dots are balls, whose diameters a drawing marks with an S.
+    engraved : bool
+        Whether the machine works from a drawing: a .dxf of the whole plate, with what is `Made.marked`, then comes
+        beside solids.
+    """
+
+    make: Callable[["Marker", "Fabrication"], Any]
+    label: str
+    choices: tuple[str, ...] = ()
+    balls: bool = False
+    engraved: bool = False
+
+    def __call__(self, marker: "Marker", fabrication: "Fabrication") -> Any:
+        """See `make`."""
+        return self.make(marker, fabrication)
+
+
+PROCESSES: Registry[Process] = Registry("process", "markergen.solid.processes", "markergen.processes", Process)
+"""Processes by name. Their modules stand above this one, and are imported when one is asked for."""
+
+DEFAULT_PROCESS = "fdm"
+
+CHOICES = {"fit": "--fit", "through": "--through", "dome": "--dome ball"}
+"""Choices that only some processes know, and the options that make them."""
 
 SMALLEST_TOLERANCE, LARGEST_TOLERANCE = 1e-7, 1e-3
 """Of a mesh in m: finer ones have no end of triangles, coarser ones show no dots."""
@@ -26,7 +62,7 @@ class Fabrication:
     Attributes
     ----------
     process : str
-        One of `PROCESSES`.
+        Name of one of `PROCESSES`.
     depth : float or None
         Of pockets, of what is engraved, or of the recess, m.
     gap : float or None
@@ -54,7 +90,7 @@ class Fabrication:
         process is for.
     """
 
-    process: str = "fdm"
+    process: str = DEFAULT_PROCESS
     depth: float | None = None
     gap: float | None = None
     fit: Literal["", "slip", "press"] = ""
@@ -67,21 +103,16 @@ class Fabrication:
     tolerance: float = 5e-6
 
     def __post_init__(self) -> None:
-        if self.process not in PROCESSES:
-            raise InputError("a known process", repr(self.process), f"known: {', '.join(PROCESSES)}")
+        # Formats that hold no solids need no process: the default is there without a look.
+        if self.process != DEFAULT_PROCESS:
+            PROCESSES[self.process]
         if self.fit not in ("", "slip", "press"):
             raise InputError("a fit of slip or press", repr(self.fit), "use --fit slip or --fit press")
         if self.dome not in ("half", "ball"):
             raise InputError("domes of half or ball", repr(self.dome), "use --dome half or --dome ball")
-        for name, given, process in (
-            ("--fit", self.fit, "cnc"),
-            ("--through", self.through, "cnc"),
-            ("--dome ball", self.dome == "ball", "dome"),
-        ):
-            if given and self.process != process:
-                raise InputError(
-                    f"{name} with --process {process}", f"--process {self.process}", f"leave out {name}, or change it"
-                )
+        for choice, option in CHOICES.items():
+            if getattr(self, choice) != getattr(Fabrication, choice):
+                check_choice(self.process, choice, option)
         for name, zero, example in (
             ("depth", False, "0.6mm"),
             ("gap", True, "0.1mm"),
@@ -100,3 +131,16 @@ class Fabrication:
                 f"tolerance={self.tolerance * 1e6:.6g} um",
                 "use --tolerance 5um",
             )
+
+
+def check_choice(process: str, choice: str, option: str) -> None:
+    """Refuse one of `CHOICES`, made by that option, for a process that does not know it.
+
+    Raises
+    ------
+    InputError
+        If it does not, or there is no such process.
+    """
+    if choice not in PROCESSES[process].choices:
+        able = " or ".join(name for name in PROCESSES if choice in PROCESSES[name].choices)
+        raise InputError(f"{option} with --process {able}", f"--process {process}", f"leave out {option}, or change it")

@@ -1,6 +1,7 @@
 """The marker: control points with their features inside a boundary, and where they came from."""
 
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -431,3 +432,8 @@ def dressed(points: Array, boundary: Boundary, diameter: float, clearance: float
         for i, ((x, y, *z), feature) in enumerate(zip(points, features, strict=True))
     )
     return Marker(control_points, boundary, clearance)
+
+
+def marker_name(marker: Marker) -> str:
+    """``markergen-<spec hash>``, safe in file headers, XML and on paper whatever the provenance holds."""
+    return "markergen-" + re.sub(r"[^0-9A-Za-z_.-]", "", marker.spec_hash)[:16]

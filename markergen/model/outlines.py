@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
+from markergen.geometry.contour import Contour, area, box, inner_polygon, turned_over
 from markergen.units import format_length
 
 Array = NDArray[np.float64]
@@ -13,6 +14,12 @@ Ring = tuple[tuple[float, float], ...]
 
 MOST_CORNERS = 10_000
 """Of all outlines together; 5 um is kept with a few hundred for any marker on a table."""
+
+TOLERANCE = 4.5e-6
+"""m between an arc and its polygon, at most; what is left to 5 um goes to joining ends and points of drawings."""
+
+SHALLOWEST = 1e-6
+"""Smallest bulge: what is less is a straight line."""
 
 MOST_PAIRS = 50_000
 """Of outlines that touch or lie in each other: a plate with all the holes that there may be has 3,333."""
@@ -44,6 +51,50 @@ def canonical(outlines: Sequence[Sequence[Sequence[float]] | Array]) -> tuple[Ri
         for ring, depth in zip(rings, inside, strict=True)
     ]
     return tuple(tuple((float(x), float(y)) for x, y in ring) for ring in turned)
+
+
+def canonical_contours(
+    outlines: Sequence[Sequence[Sequence[float]] | Array], bulges: Sequence[Sequence[float]] = ()
+) -> tuple[Contour, ...]:
+    """Contours from corners in m and the bulges of their sides, with what they enclose to their left, as `canonical`.
+
+    Parameters
+    ----------
+    bulges : sequence of sequence of float
+        For each outline those of its sides, or none where all are straight; or nothing.
+
+    Raises
+    ------
+    InputError
+        As `canonical` does, for arcs by their polygons (see `polygons_of`); or if the bulges are not one for each
+        corner, not finite, above 1, or below `SHALLOWEST` and not 0.
+    """
+    if not any(map(any, bulges)):
+        return tuple(map(Contour, canonical(outlines)))
+    if len(bulges) != len(outlines):
+        raise InputError("bulges for each outline", f"{len(bulges)} for {len(outlines)}", "give 0 for straight sides")
+    every = enumerate(zip(outlines, bulges, strict=True), 1)
+    clean = [_contour(outline, row, f"outline {i}") for i, (outline, row) in every]
+    clean = [contour if area(contour) > 0 else turned_over(contour) for contour in clean]
+    outer = [signed_area(np.array(ring)) > 0 for ring in canonical(polygons_of(clean))]
+    found = tuple(c if is_outer else turned_over(c) for c, is_outer in zip(clean, outer, strict=True))
+    # As holes they have other polygons.
+    canonical(polygons_of(found))
+    return found
+
+
+def polygons_of(contours: Sequence[Contour]) -> tuple[Array, ...]:
+    """Polygons (m, 2) in m of contours with what they enclose to their left, within `TOLERANCE`, or 1e-4 of their size.
+
+    They are on the inner side of arcs, in whole picometers: what has some depth in them has it in the contours. Without
+    arcs they are the corners.
+    """
+    if not any(contour.has_arcs for contour in contours):
+        return tuple(np.array(contour.points) for contour in contours)
+    boxes = np.array([box(contour) for contour in contours])
+    size = float(np.hypot(*(boxes[:, 2:].max(axis=0) - boxes[:, :2].min(axis=0))))
+    off = min(TOLERANCE, 1e-4 * size)
+    return tuple(np.round(inner_polygon(contour, off), 12) + 0.0 for contour in contours)
 
 
 def signed_area(ring: Array) -> float:
@@ -94,6 +145,33 @@ def _corners(outline: Sequence[Sequence[float]] | Array, name: str) -> Array:
     if spread[1] <= 1e-9 * spread[0]:
         raise InputError(f"an area in {name}", f"{len(ring)} corners on a line", "give a closed outline with an inside")
     return ring
+
+
+def _contour(outline: Sequence[Sequence[float]] | Array, row: Sequence[float], name: str) -> Contour:
+    """Contour of numbers that are fit, without sides that have no length."""
+    points, bulges = np.asarray(outline, dtype=float), np.asarray(row or [0.0] * len(outline), dtype=float)
+    if points.shape != (len(bulges), 2) or not len(bulges):
+        raise InputError(
+            f"pairs x, y for {name}, and a bulge for each",
+            f"arrays of shape {points.shape} and {bulges.shape}",
+            "give 0 for a straight side",
+        )
+    size = np.abs(bulges)
+    if not (np.isfinite(points).all() and np.isfinite(bulges).all()):
+        raise InputError(f"finite numbers in {name}", "nan or infinity", "correct the outline")
+    odd = (size > 1) | ((size > 0) & (size < SHALLOWEST))
+    if odd.any():
+        raise InputError(
+            f"bulges of {SHALLOWEST:g} to 1 to either side in {name}, or 0",
+            f"{bulges[odd][0]:.6g}",
+            "draw an arc of more than half a turn as two, and a shallower one as a line",
+        )
+    # Where corners are equal the first one stays, with the side that leaves the last.
+    kept = np.any(points != np.roll(points, -1, axis=0), axis=1)
+    corners = np.count_nonzero(kept)
+    if corners < 2 or (corners == 2 and not bulges[kept].any()):
+        raise InputError(f"an area in {name}", f"{corners} corners on a line", "give a closed outline with an inside")
+    return Contour(tuple((x, y) for x, y in points[kept].tolist()), tuple(bulges[kept].tolist()))
 
 
 def _nesting(rings: list[Array]) -> list[int]:

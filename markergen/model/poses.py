@@ -1,8 +1,9 @@
 """Pose distributions: from where the camera looks at the marker."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from typing import Self
 
 import numpy as np
@@ -12,12 +13,22 @@ from markergen.errors import InputError
 from markergen.maths.rotation import turn_z
 from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
-from markergen.model.cone import FORM, Cone
 from markergen.model.findings import brief
 from markergen.model.visibility import REASONS, RIM_POINTS, SEEN, raised, silhouette, visibility
 from markergen.registry import Registry
 
-__all__ = ["PRESETS", "RIM_POINTS", "PoseDistribution", "is_named", "named_poses", "paper", "paper_roll"]
+__all__ = [
+    "POSES",
+    "RIM_POINTS",
+    "PoseDistribution",
+    "PoseSource",
+    "is_named",
+    "named_poses",
+    "paper",
+    "paper_roll",
+    "pose_arguments",
+    "pose_forms",
+]
 
 Array = NDArray[np.float64]
 
@@ -113,11 +124,29 @@ class PoseDistribution:
         return ""
 
 
-PRESETS: Registry[Callable[[], PoseDistribution]] = Registry("pose distribution", __name__)
-"""Pose distributions by name."""
+@dataclass(frozen=True)
+class PoseSource:
+    """A pose distribution that is asked for by a text: its name in the table, or ``name:arguments``.
+
+    Attributes
+    ----------
+    make : callable
+        Make the poses of the whole text, or refuse it (InputError). The name of what it makes is a text as well, which
+        makes the same poses: a marker.json keeps it.
+    form : str
+        How the text is written, such as ``cone:tilt=A..B,count=N``; empty where the name is all of it.
+    """
+
+    make: Callable[[str], PoseDistribution]
+    form: str = ""
 
 
-@PRESETS.register("paper")
+POSES: Registry[PoseSource] = Registry(
+    "pose distribution", "markergen.model.pose_sources", "markergen.poses", PoseSource
+)
+"""Pose distributions by the name that their text begins with."""
+
+
 def paper() -> PoseDistribution:
     """The 400 poses of Acuna & Willert (2018): 4 distances x 5 polar angles x 20 azimuths, looking at the center.
 
@@ -143,7 +172,6 @@ def paper() -> PoseDistribution:
     return PoseDistribution("paper", rotation, np.stack([zero, zero, distance], axis=-1))
 
 
-@PRESETS.register("paper-roll")
 def paper_roll() -> PoseDistribution:
     """The poses of `paper`, each with the camera rolled about its optical axis by a uniform angle, always the same."""
     plain = paper()
@@ -152,30 +180,54 @@ def paper_roll() -> PoseDistribution:
 
 
 def named_poses(text: str) -> PoseDistribution:
-    """Poses of a preset, or of a cone as `Cone.parse` reads it.
+    """Poses of a text for one of `POSES`.
 
     Raises
     ------
     InputError
-        If the text is neither.
+        If there is none of that name, or its arguments are unfit.
     """
-    if _is_cone(text):
-        cone = Cone.parse(text)
-        return PoseDistribution(str(cone), *cone.sample())
-    try:
-        return PRESETS[text.strip()]()
-    except InputError as error:
-        expected, _, known = error.args
-        raise InputError(expected, brief(text), f"{known}, {FORM}") from None
+    name, colon, _ = text.partition(":")
+    name = name.strip()
+    if name not in POSES:
+        near = get_close_matches(name, POSES, n=1)
+        hint = f"did you mean {near[0]!r}? Known" if near else "known"
+        raise InputError("a known pose distribution", brief(text), f"{hint}: {', '.join(pose_forms())}")
+    source = POSES[name]
+    if colon and not source.form:
+        raise InputError(f"nothing behind {name}", brief(text), f"write {name}")
+    return source.make(text)
 
 
 def is_named(text: str) -> bool:
-    """Tell whether a text is meant for `named_poses`: a preset's name, or what begins as a cone does."""
-    return text.strip() in PRESETS or _is_cone(text)
+    """Tell whether a text is meant for `named_poses`: it begins with a name of `POSES`."""
+    return text.partition(":")[0].strip() in POSES
 
 
-def _is_cone(text: str) -> bool:
-    return text.partition(":")[0].strip() == "cone"
+def pose_forms() -> list[str]:
+    """How the text of each of `POSES` is written, those that are a mere name first."""
+    forms = {name: POSES[name].form for name in POSES}
+    return [*(name for name, form in forms.items() if not form), *filter(None, forms.values())]
+
+
+def pose_arguments(text: str, known: Sequence[str], form: str) -> dict[str, str]:
+    """Arguments of a text ``name:key=value,key=value``, by their keys.
+
+    Raises
+    ------
+    InputError
+        If a key is not one of the `known`, or stands there twice; the message has the `form` to write.
+    """
+    name, _, rest = text.partition(":")
+    given: dict[str, str] = {}
+    for item in rest.split(",") if rest.strip() else []:
+        key, equals, value = (part.strip() for part in item.partition("="))
+        if not equals or key not in known:
+            raise InputError(f"a key of {name.strip()}: {', '.join(known)}", brief(item), f"write {form}")
+        if key in given:
+            raise InputError(f"{key} once in a {name.strip()}", f"{key} twice", "leave one out")
+        given[key] = value
+    return given
 
 
 def _groups(values: Array, width: float) -> dict[str, NDArray[np.bool_]]:

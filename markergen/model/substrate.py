@@ -11,6 +11,9 @@ from markergen.units import format_length
 THINNEST, LARGEST = 1e-5, 1.0
 """Of a plate's thickness and its other measures in m; beyond these a unit is missing."""
 
+EDGE = 0.002
+"""Width in m of the plate around a disk or a rectangle, unless another is given."""
+
 MOST_HOLES = 200
 
 
@@ -89,14 +92,15 @@ class Substrate:
     ----------
     thickness : float
         m.
-    edge : float
-        Least width in m of the plate outside of the boundary; without effect where an outline is given.
+    edge : float or None
+        Least width in m of the plate outside of a boundary that is a disk or a rectangle, None for `EDGE`; without
+        effect on others, and where an outline is given (see `edge_around`).
     corner_radius : float
         Of the outline's corners seen from above, m.
     chamfer : float
         Of the edge around the upper face, 45 degrees, m.
     outline : Boundary or None
-        The plate's own outline; None is the boundary with its edge around it.
+        The plate's own outline; None is the boundary, with an edge around a disk or a rectangle.
     holes : tuple of Hole
 
     Raises
@@ -107,7 +111,7 @@ class Substrate:
     """
 
     thickness: float = 0.003
-    edge: float = 0.002
+    edge: float | None = None
     corner_radius: float = 0.0
     chamfer: float = 0.0
     outline: Boundary | None = None
@@ -121,7 +125,7 @@ class Substrate:
                 "give --thickness a length such as 3mm",
             )
         for name, option in (("edge", "--edge 2mm"), ("corner_radius", "--corner-radius 5mm")):
-            if not 0 <= getattr(self, name) <= LARGEST:
+            if getattr(self, name) is not None and not 0 <= getattr(self, name) <= LARGEST:
                 raise InputError(
                     f"a plate's {name.replace('_', ' ')} of 0 to {format_length(LARGEST)}",
                     f"{name}={getattr(self, name)} m",
@@ -140,6 +144,16 @@ class Substrate:
     def rims(self) -> tuple[Circle, ...]:
         """Where the upper face has its holes."""
         return tuple(hole.rim for hole in self.holes)
+
+    def edge_around(self, boundary: Boundary) -> float:
+        """Width in m of the plate outside of a boundary.
+
+        A disk and a rectangle are where the dots lie, and the plate is larger. An outline that was drawn is the plate,
+        holes and all: nothing is added to it. Nor is anything where the plate has an outline of its own.
+        """
+        if self.outline is not None or not boundary.has_measures:
+            return 0.0
+        return EDGE if self.edge is None else self.edge
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values, lengths in m: the thickness, and of all else what is not the default."""

@@ -69,7 +69,7 @@ def check_holes(marker: Marker, face: Any = None) -> None:
     over = {name: radius - _depth(face, x, y) for name, (x, y, radius) in dots.items()}
     lost = [f"{name} is {_mm(by)} over its edge" for name, by in over.items() if by > FLATTENING]
     if lost:
-        larger = "--edge" if plate.outline is None else "--outline"
+        larger = "--edge" if plate.outline is None and marker.boundary.has_measures else "--outline"
         raise InputError(
             "a plate whose upper face holds all dots",
             listed(lost),
@@ -92,10 +92,11 @@ def check_plate(
     Raises
     ------
     InputError
-        Also for holes, as `check_holes` does.
+        Also for holes, as `check_holes` does, and as `check_edge` does.
     """
     import shapely
 
+    check_edge(substrate, boundary)
     if substrate.outline is not None:
         # The chamfer is taken from the face, but not from what dots need.
         room = shape_of(area_without(boundary, blocked).outlines())
@@ -115,6 +116,21 @@ def check_plate(
             *cut_open(substrate.holes, plate_face(substrate, boundary, [rim])),
             *sunk(substrate),
         ])  # fmt: skip
+
+
+def check_edge(substrate: Substrate, boundary: Boundary) -> None:
+    """Refuse an edge around an outline that was drawn: it is the plate's, and its holes would become smaller.
+
+    Raises
+    ------
+    InputError
+    """
+    if substrate.edge and substrate.outline is None and not boundary.has_measures:
+        raise InputError(
+            "an edge around a disk or a rectangle alone",
+            f"edge={format_length(substrate.edge)} around a {boundary}, whose outline is the plate's",
+            "leave out --edge, or draw the plate and give it as --outline",
+        )
 
 
 def _refuse(holes: Sequence[Hole], misfits: Sequence[Misfit]) -> None:
@@ -172,8 +188,8 @@ def sunk(substrate: Substrate) -> list[Misfit]:
 def plate_face(substrate: Substrate, boundary: Boundary, dots: Sequence[Disk] = ()) -> Any:
     """Upper face of the plate without its holes, a shapely geometry in m.
 
-    It is what is outlined, or the boundary and its edge, around a disk also every dot's quiet zone, half a dot wide;
-    with its corners rounded, and less the chamfer.
+    It is what is outlined, or the boundary, with the edge around a disk and a rectangle, around a disk also every dot's
+    quiet zone, half a dot wide; with its corners rounded, and less the chamfer.
 
     Raises
     ------
@@ -185,7 +201,9 @@ def plate_face(substrate: Substrate, boundary: Boundary, dots: Sequence[Disk] = 
     elif isinstance(boundary, Circle):
         shape = shape_of(Circle(disk_radius(substrate, boundary, dots), boundary.center).outlines())
     else:
-        shape = shape_of(boundary.outlines()).buffer(substrate.edge, join_style="mitre")
+        shape = shape_of(boundary.outlines())
+        if edge := substrate.edge_around(boundary):
+            shape = shape.buffer(edge, join_style="mitre")
     if substrate.corner_radius:
         # What a disk of that radius reaches from inside.
         shape = shape.buffer(-substrate.corner_radius).buffer(substrate.corner_radius, quad_segs=64)
@@ -203,7 +221,7 @@ def disk_radius(substrate: Substrate, boundary: Boundary, dots: Sequence[Disk]) 
     """Radius in m of the plate of a disk: the boundary and its edge, or what the dots' quiet zones need."""
     x, y = boundary.center
     reach = max((hypot(u - x, v - y) + 2 * radius for u, v, radius in dots), default=0.0)
-    return max(boundary.radius + substrate.edge, reach)
+    return max(boundary.radius + substrate.edge_around(boundary), reach)
 
 
 def _depth(face: Any, x: float, y: float) -> float:

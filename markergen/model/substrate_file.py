@@ -3,10 +3,11 @@
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic.json_schema import SkipJsonSchema
 
 from markergen.errors import InputError
 from markergen.model.boundary_file import BoundaryFile, Finite
-from markergen.model.substrate import LARGEST, MOST_HOLES, THINNEST, Hole, Substrate
+from markergen.model.substrate import EDGE, LARGEST, MOST_HOLES, THINNEST, Hole, Substrate
 
 Width = Annotated[float, Field(ge=0, le=LARGEST)]
 
@@ -39,7 +40,10 @@ class SubstrateFile(_Strict):
     """The plate that carries the dots when the marker is made as a solid; its upper face is z = 0."""
 
     thickness: Annotated[float, Field(ge=THINNEST, le=LARGEST)] = Substrate.thickness
-    edge: Annotated[Width, Field(description="Least width outside of the boundary.")] = Substrate.edge
+    edge: Annotated[
+        Width | SkipJsonSchema[None],
+        Field(description="Least width outside of the boundary.", json_schema_extra={"default": EDGE}),
+    ] = Substrate.edge
     corner_radius: Annotated[Width, Field(description="Of the outline, seen from above.")] = Substrate.corner_radius
     chamfer: Annotated[Width, Field(description="Around the upper face.")] = Substrate.chamfer
     outline: Annotated[BoundaryFile | None, Field(description="Instead of the boundary with its edge.")] = None

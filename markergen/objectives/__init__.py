@@ -3,6 +3,6 @@
 An entry is a class registered in `OBJECTIVES` by a module of this package; it is built from a `Setting`.
 """
 
-from markergen.objectives.base import OBJECTIVES, Objective, Setting
+from markergen.objectives.base import OBJECTIVES, Criterion, Objective, Setting
 
-__all__ = ["OBJECTIVES", "Objective", "Setting"]
+__all__ = ["OBJECTIVES", "Criterion", "Objective", "Setting"]

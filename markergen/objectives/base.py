@@ -2,11 +2,11 @@
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +63,41 @@ class Setting:
         return str(self.noise) if self.noise else "image noise of 1 px"
 
 
+@dataclass(frozen=True)
+class Criterion:
+    """How an objective appears in the tables that every design and study prints.
+
+    Attributes
+    ----------
+    key : str
+        Of its values in files: name and unit, such as ``pose_m``.
+    title : str
+        Of its column, with the unit after the factor: ``pose mm``.
+    factor : float
+        From the objective's unit to that of the column.
+    place : int
+        Smaller ones stand farther to the left.
+    bound : callable or None
+        Values (B, P) from the covariance (B, P, 6, 6) of the pose (w, dt) for the noise of the setting, and the poses.
+        Criteria that have it share one covariance, and come out as the bounds do that estimators are held against:
+        their RMS over the poses is printed.
+    proportional : bool
+        Whether it is proportional to the noise.
+    """
+
+    key: str
+    title: str
+    factor: float = 1.0
+    place: int = 100
+    bound: Callable[[Array, PoseDistribution], Array] | None = None
+    proportional: bool = True
+
+    @property
+    def column(self) -> str:
+        """Name of its column in a table of plain text: ``pose_mm``."""
+        return self.title.replace(" ", "_") if self.factor != 1 else self.key
+
+
 class Objective(ABC):
     """A criterion of layouts, smaller is better.
 
@@ -87,18 +122,25 @@ class Objective(ABC):
         The aggregate: takes values (..., P) and a softness, returns (...) and its derivative.
     planar_only : bool
         Whether it knows only points in one plane, as a homography does.
+    knows_noise : bool
+        Whether it depends on `Setting.noise`.
+    criterion : Criterion or None
+        Its column in the tables; None where it has none.
     """
 
-    unit: str
+    unit: str = ""
     default_aggregate: str = "rms"
     coordinates: tuple[str, ...] = ("unit",)
     has_kinks: bool = False
     planar_only: bool = False
-    default_restarts: int
+    knows_noise: bool = True
+    default_restarts: int = 16
+    criterion: ClassVar[Criterion | None] = None
 
     def __init__(self, setting: Setting, aggregate: str = "", coordinates: str = "unit") -> None:
         if coordinates not in self.coordinates:
-            remedy = f"known: {', '.join(self.coordinates)}; only --objective condition depends on them"
+            several = ", ".join(name for name in OBJECTIVES if len(OBJECTIVES[name].coordinates) > 1)
+            remedy = f"known: {', '.join(self.coordinates)}; only --objective {several} depends on them"
             raise InputError("coordinates that the objective knows", repr(coordinates), remedy)
         self.setting = setting
         self.aggregate = aggregate or self.default_aggregate
@@ -164,7 +206,7 @@ class Objective(ABC):
             raise InputError(
                 "control points in the marker's plane for this objective",
                 "a relief",
-                "use --objective pose, rotation or translation",
+                f"use --objective {either(name for name in OBJECTIVES if not OBJECTIVES[name].planar_only)}",
             )
         size = max(1, POINTS_AT_ONCE // (len(self.setting.poses) * points.shape[1]))
         chunks = [points[start : start + size] for start in range(0, len(points), size)]
@@ -207,6 +249,18 @@ class TraceObjective(Objective):
         """C (B, P, k, k) for layouts (B, n, .) in m; inf where a layout determines nothing."""
         found = covariance(self._information(self._taken(points)[0])[0])
         return np.where(np.isnan(found), np.inf, found)
+
+    def information(self, points: Array) -> tuple[Array, Pullback]:
+        """M (B, P, k, k) of layouts (B, n, .) in m, and its pullback: a cotangent (B, P, k, k) to the points."""
+        jacobian, to_points = self._taken(points)
+        matrix, through_weights = self._information(jacobian)
+
+        def pullback(cotangent: Array) -> Array:
+            # What is passed on is the gradient of half of <S, dM>, for a symmetric S.
+            sensitivity = cotangent + cotangent.swapaxes(-1, -2)
+            return to_points(through_weights(jacobian @ sensitivity)).sum(axis=1)
+
+        return matrix, pullback
 
     def linearize(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
         """See `Objective.linearize`; smooth everywhere, so softness changes nothing."""
@@ -282,5 +336,13 @@ class TraceObjective(Objective):
         return self._dots(jacobian) if self._dots else (jacobian, lambda turned: turned)
 
 
-OBJECTIVES: Registry[type[Objective]] = Registry("objective", "markergen.objectives")
-"""Objectives by name."""
+OBJECTIVES: Registry[type[Objective]] = Registry(
+    "objective", "markergen.objectives", "markergen.objectives", type[Objective]
+)
+"""Objectives by name; an entry is a subclass of `Objective`."""
+
+
+def either(names: Iterable[str]) -> str:
+    """``a, b or c``."""
+    *others, last = names
+    return f"{', '.join(others)} or {last}" if others else last

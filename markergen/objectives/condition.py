@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from markergen.maths import dlt
 from markergen.maths.projection import to_camera
-from markergen.objectives.base import OBJECTIVES, Objective, Pullback, Setting
+from markergen.objectives.base import OBJECTIVES, Criterion, Objective, Pullback, Setting
 
 Array = NDArray[np.float64]
 
@@ -51,6 +51,8 @@ class ConditionObjective(Objective):
     """
 
     unit = ""
+    criterion = Criterion("condition", "c(A)", place=5, proportional=False)
+    knows_noise = False
     default_aggregate = "logmean"
     coordinates = ("unit", "metric", "pixel", "hartley")
     has_kinks = True

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.maths.information import homography_jacobian, homography_jacobian_pullback, information
-from markergen.objectives.base import OBJECTIVES, TraceObjective
+from markergen.objectives.base import OBJECTIVES, Criterion, TraceObjective
 
 Array = NDArray[np.float64]
 
@@ -28,6 +28,7 @@ class HomographyObjective(TraceObjective):
     """
 
     unit = "px"
+    criterion = Criterion("homography_px", "homography px", place=4)
     planar_only = True
     default_restarts = 16
 

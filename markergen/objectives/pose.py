@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from markergen.maths.information import displacement_weight, pose_jacobian, pose_jacobian_pullback
 from markergen.model.poses import RIM_POINTS
-from markergen.objectives.base import OBJECTIVES, TraceObjective
+from markergen.objectives.base import OBJECTIVES, Criterion, TraceObjective
 
 Array = NDArray[np.float64]
 
@@ -38,6 +38,7 @@ class PoseObjective(PoseCovarianceObjective):
     """
 
     unit = "m"
+    criterion = Criterion("pose_m", "pose mm", 1e3, place=1)
 
     def _weight(self) -> Array:
         return displacement_weight(self.setting.boundary.rim(RIM_POINTS), self.setting.poses.rotation)

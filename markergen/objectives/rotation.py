@@ -3,10 +3,17 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.objectives.base import OBJECTIVES
+from markergen.maths.information import rotation_bound
+from markergen.model.poses import PoseDistribution
+from markergen.objectives.base import OBJECTIVES, Criterion
 from markergen.objectives.pose import PoseCovarianceObjective
 
 Array = NDArray[np.float64]
+
+
+def _bound(covariance: Array, poses: PoseDistribution) -> Array:
+    del poses
+    return np.rad2deg(rotation_bound(covariance))
 
 
 @OBJECTIVES.register("rotation")
@@ -14,6 +21,7 @@ class RotationObjective(PoseCovarianceObjective):
     """RMS rotation angle in degrees that the noise of the setting allows (`markergen.maths.information`)."""
 
     unit = "deg"
+    criterion = Criterion("rotation_deg", "rotation deg", place=2, bound=_bound)
     # Dots in pairs and triples are local optima, which half of the starts end in.
     default_restarts = 32
 

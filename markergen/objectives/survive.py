@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from markergen.model.spec import check_losses
 from markergen.objectives.aggregates import AGGREGATES
 from markergen.objectives.base import OBJECTIVES, Losses, Objective, Pullback, Setting
-from markergen.objectives.criteria import NAMES, Criteria, keys_for, without_height
+from markergen.objectives.criteria import Criteria, criteria_for, without_height
 
 Array = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ class SurvivalObjective(Objective):
         self.setting, self.aggregate, self.aggregated = objective.setting, objective.aggregate, objective.aggregated
         self.unit, self.default_restarts = objective.unit, objective.default_restarts
         self.default_aggregate, self.coordinates = objective.default_aggregate, objective.coordinates
-        self.planar_only = objective.planar_only
+        self.planar_only, self.knows_noise = objective.planar_only, objective.knows_noise
 
     @property
     def kinked(self) -> bool:
@@ -105,7 +105,7 @@ class HiddenDots:
 def hidden_dot_errors(points: Array, setting: Setting, lost: int) -> list[HiddenDots]:
     """Criteria of a layout (n, 2 or 3) with 0, 1, .. `lost` dots hidden, see `markergen.objectives.criteria`."""
     points = without_height(points)[None]
-    objectives = {key: OBJECTIVES[NAMES[key]](setting) for key in keys_for(points)}
+    objectives = {each.key: OBJECTIVES[name](setting) for name, each in criteria_for(points).items()}
     result = []
     for hidden in range(lost + 1):
         sets = losses(points.shape[1], hidden)

@@ -3,10 +3,16 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.objectives.base import OBJECTIVES
+from markergen.maths.information import translation_bound
+from markergen.model.poses import PoseDistribution
+from markergen.objectives.base import OBJECTIVES, Criterion
 from markergen.objectives.pose import PoseCovarianceObjective
 
 Array = NDArray[np.float64]
+
+
+def _bound(covariance: Array, poses: PoseDistribution) -> Array:
+    return 100 * translation_bound(covariance, poses.translation)
 
 
 @OBJECTIVES.register("translation")
@@ -14,6 +20,7 @@ class TranslationObjective(PoseCovarianceObjective):
     """RMS translation error in percent of the distance |t| that the noise of the setting allows."""
 
     unit = "%"
+    criterion = Criterion("translation_pct", "translation %", place=3, bound=_bound)
 
     def _weight(self) -> Array:
         share = 100 / self.setting.poses.distance

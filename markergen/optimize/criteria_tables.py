@@ -2,17 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 
+from markergen.objectives.criteria import columns
 from markergen.objectives.survive import HiddenDots
 from markergen.tables import Table, number
 
-CRITERIA = {
-    "pose_m": ("pose mm", 1e3),
-    "rotation_deg": ("rotation deg", 1.0),
-    "translation_pct": ("translation %", 1.0),
-    "homography_px": ("homography px", 1.0),
-    "condition": ("c(A)", 1.0),
-}
-"""Column title and factor of each criterion."""
 LAYOUTS = {
     "flat": "best without relief",
     "ngon": "regular n-gon",
@@ -20,8 +13,6 @@ LAYOUTS = {
     "random": "random, median",
 }
 """Names of the layouts that a marker is compared with."""
-
-_HEADER = ["", *(title for title, _ in CRITERIA.values())]
 
 
 def criteria_table(criteria: Mapping[str, Mapping[str, float]], n: int, noise: str) -> Table:
@@ -34,12 +25,13 @@ def criteria_table(criteria: Mapping[str, Mapping[str, float]], n: int, noise: s
     noise : str
         What they are for, in words.
     """
+    but = " and ".join(each.title for each in columns().values() if not each.proportional)
     names = {"design": "this marker", **LAYOUTS, "ngon": f"regular {n}-gon"}
     return Table(
         f"What the layout allows, for {noise}",
-        _HEADER,
+        _header(),
         [[names[name], *_cells(row)] for name, row in criteria.items()],
-        "RMS over the poses; proportional to the noise but for c(A).",
+        f"RMS over the poses; proportional to the noise but for {but}.",
     )
 
 
@@ -54,12 +46,16 @@ def hidden_table(errors: Sequence[HiddenDots], noise: str) -> Table:
             rows.append([f"mean of any {row.hidden} hidden", *_cells(row.mean)])
     return Table(
         f"With dots hidden, for {noise}",
-        _HEADER,
+        _header(),
         rows,
         "Each criterion after the loss that is worst for it; dots named are those whose loss is worst for the pose.",
     )
 
 
+def _header() -> list[str]:
+    return ["", *(each.title for each in columns().values())]
+
+
 def _cells(row: Mapping[str, float]) -> list[str]:
-    """Cells for `CRITERIA`; a relief lacks some."""
-    return [number(row[key] * factor, 4) if key in row else "-" for key, (_, factor) in CRITERIA.items()]
+    """Cells for the columns of criteria; a relief lacks some."""
+    return [number(row[each.key] * each.factor, 4) if each.key in row else "-" for each in columns().values()]

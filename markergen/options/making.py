@@ -69,14 +69,16 @@ class PlateKeywords(TypedDict, total=False):
     """The plate that carries the dots of a solid."""
 
     thickness: Annotated[Length, Option(SOLID, "Thickness of the plate.", "3mm")]
-    edge: Annotated[Length, Option(SOLID, "Least width of the plate outside the boundary.", "2mm")]
+    edge: Annotated[
+        Length, Option(SOLID, "Least width of the plate outside a disk or a rectangle; a drawing is the plate.", "2mm")
+    ]
     corner_radius: Annotated[Length, Option(SOLID, "Radius of the plate's corners, seen from above.", "0mm")]
     chamfer: Annotated[Length, Option(SOLID, "Chamfer around the plate's upper face, at 45 degrees.", "0mm")]
     outline: Annotated[
         Shape,
         Option(
             SOLID,
-            "Outline of the plate, holes and all, instead of the boundary with its edge: rect:0.3x0.2, or a drawing in "
+            "Outline of the plate, holes and all, instead of the boundary's: rect:0.3x0.2, or a drawing in "
             "the marker frame, which moves with the boundary that --boundary takes from one.",
             metavar="SHAPE|FILE[#LAYER]",
         ),

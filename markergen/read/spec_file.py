@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -34,7 +34,7 @@ from markergen.model.substrate import Hole
 from markergen.model.substrate_file import SubstrateFile
 from markergen.options import OUTSIDE_FILES, DesignKeywords, PlateKeywords, declared
 from markergen.read.cameras import read_camera
-from markergen.read.outlines import is_drawing, parse_boundary, read_room
+from markergen.read.outlines import drawn_plate, is_drawing, parse_boundary, read_room
 from markergen.read.poses import settled
 from markergen.read.poses.numbers import numbers_of_rows
 from markergen.units import parse_length
@@ -276,6 +276,9 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
         given["keep_outs"] = built(table.keep_outs)
     if "substrate" in given:
         given["substrate"] = table.substrate.build()
+        # Markers that were made before outlines from drawings were the plate's may have an edge around one.
+        if stored and given["substrate"].edge and not given.get("boundary", Spec.boundary).has_measures:
+            given["substrate"] = replace(given["substrate"], edge=None)
     return Spec(**given)
 
 
@@ -302,7 +305,7 @@ def _with_files_read(values: dict[Any, Any]) -> dict[Any, Any]:
 
 def _rooms(values: Mapping[Any, Any]) -> dict[str, Any]:
     """Boundary, keep-outs and outline of the plate as tables, where a drawing or an object gives them."""
-    plate = values.get("substrate")
+    plate = values.get("substrate", {})
     outline = plate.get("outline") if isinstance(plate, Mapping) else None
     keep_outs = values.get("keep_outs", [])
     keep_outs = keep_outs if isinstance(keep_outs, list | tuple) else [keep_outs]
@@ -321,8 +324,9 @@ def _rooms(values: Mapping[Any, Any]) -> dict[str, Any]:
         rooms["boundary"] = _table_of(area or boundary)
     if keep_outs:
         rooms["keep_outs"] = [_table_of(each) for each in keep_outs]
-    if isinstance(plate, Mapping) and outline is not None:
-        rooms["substrate"] = {**plate, "outline": _table_of(outline)}
+    if isinstance(plate, Mapping):
+        made = plate if outline is None else {**plate, "outline": _table_of(outline)}
+        rooms["substrate"] = made if room is None else drawn_plate(made)
     return rooms
 
 

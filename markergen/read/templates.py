@@ -1,11 +1,11 @@
 """Ready-made specs: those that are shipped, and TOML files of a user's own."""
 
 import tomllib
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from markergen.errors import InputError
+from markergen.files import shipped_folder
 
 LARGEST_SPEC = 10_000
 """Characters; one dotted key of ten times as many keeps a TOML reader busy for a minute."""
@@ -46,6 +46,4 @@ def template_text(name: str) -> str:
 
 def templates() -> dict[str, Path]:
     """Shipped templates by name, whether markergen runs from a wheel or from a checkout."""
-    package = Path(str(files("markergen")))
-    folder = next((place for place in (package / "templates", package.parent / "templates") if place.is_dir()), package)
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    return {path.stem: path for path in sorted(shipped_folder("templates").glob("*.toml"))}

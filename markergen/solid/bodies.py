@@ -1,43 +1,28 @@
 """Bodies as plain data, in mm in the marker frame: what a solid is made of before any CAD kernel sees it.
 
-Volumes are closed forms, so that what the kernel makes of a body can be held against them.
+Paths are contours in mm. Volumes are closed forms, so that what the kernel makes of a body can be held against them.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import acos, atan, ceil, cos, hypot, pi, sin
+from math import atan, pi, sin
 from typing import Any
 
-Point = tuple[float, float]
-Side = tuple[Point, Point, float]
+from markergen.geometry import contour
+from markergen.geometry.contour import Contour, Point, Side, area, center_of, circle, inset
+
+__all__ = [
+    "OFF", "OTHER", "Body", "Part", "Path", "Point", "Prism", "Revolved", "Side", "area", "center_of", "circle",
+    "cylinder", "flattened", "inset", "mm", "part_volume", "polygon_of", "span", "volume",
+]  # fmt: skip
+
+Path = Contour
 
 OFF = 2e-3
 """mm that a polygon may be off the arcs that it stands for: a tenth of what is seen on paper."""
 
 OTHER = {"light": "dark", "dark": "light"}
 """Material that marked floors look like."""
-
-
-@dataclass(frozen=True)
-class Path:
-    """A closed path of straight lines and arcs.
-
-    Attributes
-    ----------
-    points : tuple of (x, y)
-        Counterclockwise, or clockwise around a hole.
-    bulges : tuple of float
-        Tangent of a quarter of the angle that the arc from each point to the next one turns by, counterclockwise
-        positive; 0 is a straight line. Empty: all are straight.
-    """
-
-    points: tuple[Point, ...]
-    bulges: tuple[float, ...] = ()
-
-    @property
-    def is_circle(self) -> bool:
-        """Whether it is two half turns."""
-        return self.bulges in ((1.0, 1.0), (-1.0, -1.0))
 
 
 @dataclass(frozen=True)
@@ -114,18 +99,6 @@ def mm(meters: float) -> float:
     return round(meters * 1e3, 9) + 0.0
 
 
-def area(path: Path) -> float:
-    """Signed area of a path, positive if it runs counterclockwise: shoelace, and a circle's segment for each arc."""
-    total = 0.0
-    for (x, y), (u, v), bulge in sides_of(path):
-        chord = (u - x) ** 2 + (v - y) ** 2
-        total += (x * v - u * y) / 2
-        if bulge:
-            angle = 4 * atan(bulge)
-            total += chord * (angle - sin(angle)) / (8 * sin(angle / 2) ** 2)
-    return total
-
-
 def volume(body: Body) -> float:
     """Volume of a body in mm^3: area times height, or Pappus' rule by the moment of the profile about the axis.
 
@@ -155,52 +128,14 @@ def span(body: Body) -> tuple[float, float]:
     return min(heights), max(heights)
 
 
-def circle(radius: float, x: float = 0.0, y: float = 0.0, hole: bool = False) -> Path:
-    """Full circle as two half turns."""
-    sign = -1.0 if hole else 1.0
-    return Path(((x + radius, y), (x - radius, y)), (sign, sign))
-
-
 def cylinder(x: float, y: float, radius: float, bottom: float, top: float, inner: float = 0.0) -> Revolved:
     """Upright cylinder, or tube if it has an inner radius."""
     return Revolved(x, y, Path(((inner, bottom), (radius, bottom), (radius, top), (inner, top))))
 
 
-def inset(path: Path, distance: float) -> Path:
-    """Path moved to its left: parallel lines with mitered corners, and arcs about the same centers.
-
-    Arcs go on smoothly at both ends. Sides that would turn around are not looked for.
-    """
-    sides = sides_of(path)
-    moved = []
-    for before, after in zip((sides[-1], *sides[:-1]), sides, strict=True):
-        (x, y), (ax, ay), (bx, by) = after[0], _tangent(before, end=True), _tangent(after, end=False)
-        share = distance / (1 + ax * bx + ay * by)
-        moved.append((x - share * (ay + by), y + share * (ax + bx)))
-    return Path(tuple(moved), path.bulges)
-
-
 def flattened(path: Path, off: float = OFF) -> list[Point]:
     """Corners of a polygon for the path, from which its arcs are no farther than `off` mm."""
-    points: list[Point] = []
-    for (x, y), (u, v), bulge in sides_of(path):
-        points.append((x, y))
-        if not bulge:
-            continue
-        angle = 4 * atan(bulge)
-        radius = hypot(u - x, v - y) / (2 * abs(sin(angle / 2)))
-        count = ceil(abs(angle) / min(2 * acos(max(1 - off / radius, 0.0)), pi / 4))
-        for k in range(1, count):
-            # Of the point that a part of the angle further on, the chord's length and its turn from the whole chord.
-            part = angle * k / count
-            scale, turn = sin(part / 2) / sin(angle / 2), (part - angle) / 2
-            points.append(
-                (
-                    x + scale * ((u - x) * cos(turn) - (v - y) * sin(turn)),
-                    y + scale * ((u - x) * sin(turn) + (v - y) * cos(turn)),
-                )
-            )
-    return points
+    return contour.flattened(path, off)
 
 
 def polygon_of(outer: Path, holes: Sequence[Path] = ()) -> Any:
@@ -210,33 +145,10 @@ def polygon_of(outer: Path, holes: Sequence[Path] = ()) -> Any:
     return shapely.Polygon(flattened(outer), [flattened(hole) for hole in holes])
 
 
-def sides_of(path: Path) -> list[Side]:
-    """Sides of a path: where each begins and ends, and its bulge."""
-    points = path.points
-    bulges = path.bulges or (0.0,) * len(points)
-    return list(zip(points, (*points[1:], points[0]), bulges, strict=True))
-
-
-def center_of(side: Side) -> Point:
-    """Center of a side that is an arc: to the left of its chord for a turn to the left of less than a half one."""
-    (x, y), (u, v), bulge = side
-    away = (1 - bulge**2) / (4 * bulge)
-    return (x + u) / 2 - (v - y) * away, (y + v) / 2 + (u - x) * away
-
-
-def _tangent(side: Side, end: bool) -> Point:
-    """Direction in which a side arrives at its end, or leaves its start."""
-    (x, y), (u, v), bulge = side
-    length = ((u - x) ** 2 + (v - y) ** 2) ** 0.5
-    turn = 2 * atan(bulge) * (1 if end else -1)
-    dx, dy = (u - x) / length, (v - y) / length
-    return dx * cos(turn) - dy * sin(turn), dx * sin(turn) + dy * cos(turn)
-
-
 def _moment(profile: Path) -> float:
     """Integral of the radius over the inside of a profile, by Green's theorem: that of r^2/2 dz along it."""
     total = 0.0
-    for (r, z), (u, w), bulge in sides_of(profile):
+    for (r, z), (u, w), bulge in profile.sides:
         total += (w - z) * (r * r + r * u + u * u) / 6
         if bulge:
             angle = 4 * atan(bulge)

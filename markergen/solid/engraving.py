@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from markergen.drawing.scene import marker_name
 from markergen.drawing.text import text, text_width
-from markergen.model.marker import ControlPoint, Marker
+from markergen.model.marker import ControlPoint, Marker, marker_name
 from markergen.solid.bodies import Body, Path, Point, Prism, area, center_of, circle, flattened, mm, polygon_of, span
 from markergen.solid.limits import FLOOR
 

@@ -6,7 +6,8 @@ from types import ModuleType
 from typing import Any
 
 from markergen.errors import MissingLibraryError
-from markergen.solid.bodies import Body, Path, Prism, Side, center_of, inset, sides_of
+from markergen.geometry.contour import backward
+from markergen.solid.bodies import Body, Path, Prism, Side, center_of, inset
 
 NEAR = 1e-6
 """mm: edges that are closer are one."""
@@ -20,12 +21,16 @@ def import_cadquery() -> ModuleType:
     try:
         import cadquery
     except ImportError as error:
-        found = " ".join(str(error).split())
-        raise MissingLibraryError(
-            f"solids need the library cadquery with the system's libGL and libX11, found: {found}; "
-            "install them with: pip install cadquery && apt-get install libgl1 libx11-6"
-        ) from None
+        raise missing_kernel("solids need", " ".join(str(error).split())) from None
     return cadquery
+
+
+def missing_kernel(need: str, found: str) -> MissingLibraryError:
+    """Error that says what is needed for, what was found, and what to install."""
+    return MissingLibraryError(
+        f"{need} the library cadquery with the system's libGL and libX11, found: {found}; "
+        "install them with: pip install 'markergen[solids]' && apt-get install libgl1 libx11-6"
+    )
 
 
 def solid_of(body: Body) -> Any:
@@ -137,14 +142,14 @@ def _chamfered(body: Prism) -> Any:
     for face in faces_of(upper):
         if side_of(face) > 0:
             sewing.Add(face)
-    pairs = list(zip(sides_of(body.outer), sides_of(edge), strict=True))
+    pairs = list(zip(body.outer.sides, edge.sides, strict=True))
     whole = body.outer.is_circle
     for one, other in pairs[:1] if whole else pairs:
         sewing.Add(_slant(one, other, rim, body.top, 2 * pi if whole else 4 * atan(abs(one[2]))))
     sewing.Perform()
     solid = BRepBuilderAPI_MakeSolid(TopoDS.Shell_s(sewing.SewedShape())).Solid()
     BRepLib.OrientClosedSolid_s(solid)
-    holes = [solid_of(Prism(_backward(hole), (), body.bottom, body.top)) for hole in body.holes]
+    holes = [solid_of(Prism(backward(hole), (), body.bottom, body.top)) for hole in body.holes]
     return _solids(_operated(BRepAlgoAPI_Cut(), [solid], holes).Shape())[0] if holes else solid
 
 
@@ -166,12 +171,6 @@ def _slant(one: Side, other: Side, low: float, high: float, angle: float) -> Any
     axis = gp_Ax1(gp_Pnt(*center_of(one), 0), gp_Dir(0, 0, 1 if bulge > 0 else -1))
     edge = BRepBuilderAPI_MakeEdge(gp_Pnt(x, y, low), gp_Pnt(p, q, high)).Edge()
     return faces_of(BRepPrimAPI_MakeRevol(edge, axis, angle).Shape())[0]
-
-
-def _backward(path: Path) -> Path:
-    """Path the other way around."""
-    bulges = path.bulges or (0.0,) * len(path.points)
-    return Path(path.points[::-1], (*(-bulge for bulge in bulges[-2::-1]), -bulges[-1]))
 
 
 def _face(plane: Any, wires: Sequence[Any]) -> Any:
@@ -198,12 +197,10 @@ def _wire(path: Path, height: float | None, axis: tuple[float, float] = (0.0, 0.
     wire = BRepBuilderAPI_MakeWire()
     vertices = [BRepBuilderAPI_MakeVertex(point(*corner)).Vertex() for corner in path.points]
     bulges = path.bulges or (0.0,) * len(vertices)
-    if path.is_circle:
+    if (whole := path.as_circle) is not None:
         # Two half turns are a circle with one edge: half the faces, and what readers look for as a circle.
-        (x, y), (u, v) = path.points
-        circle = gp_Circ(
-            gp_Ax2(point((x + u) / 2, (y + v) / 2), left if bulges[0] > 0 else right, along), abs(x - u) / 2
-        )
+        x, y, radius = whole
+        circle = gp_Circ(gp_Ax2(point(x, y), left if bulges[0] > 0 else right, along), radius)
         return BRepBuilderAPI_MakeWire(BRepBuilderAPI_MakeEdge(circle).Edge()).Wire()
     for i, ((x, y), bulge) in enumerate(zip(path.points, bulges, strict=True)):
         j = (i + 1) % len(vertices)

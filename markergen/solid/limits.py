@@ -255,7 +255,9 @@ def check_apart(marker: Marker, face: Face, footprints: Sequence[Footprint], too
             found_room(float(room[i])),
             "use a larger --outline"
             if marker.substrate.outline is not None
-            else f"use --edge {up(marker.substrate.edge * 1e3 + more)} or more",
+            else f"use --edge {up(marker.substrate.edge_around(marker.boundary) * 1e3 + more)} or more"
+            if marker.boundary.has_measures
+            else f"design it with --clearance {up(marker.clearance * 1e3 + more)} or more, or use a larger --outline",
         )
 
 

@@ -3,13 +3,13 @@
 from dataclasses import replace
 from functools import lru_cache
 
-from markergen.model.fabrication import Fabrication
+from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
 from markergen.model.substrate_checks import check_holes
 from markergen.solid.build import NamedSolid, build
 from markergen.solid.engraving import engraving
 from markergen.solid.plate import face_of, plate_parts, plate_regions, with_cuts
-from markergen.solid.processes import PROCESSES, Made
+from markergen.solid.processes import Made
 
 
 def parts_of(marker: Marker, fabrication: Fabrication) -> Made:
@@ -26,7 +26,7 @@ def parts_of(marker: Marker, fabrication: Fabrication) -> Made:
     regions = plate_regions(marker)
     face = face_of(regions, marker.substrate.chamfer * 1e3)
     check_holes(marker, shapely.transform(face, lambda mm: mm / 1e3))
-    made = PROCESSES[fabrication.process](marker, fabrication)
+    made: Made = PROCESSES[fabrication.process](marker, fabrication)
     plates = with_cuts(plate_parts(marker, made.face), made.cut, made.marked, made.add)
     notes = made.notes
     if fabrication.engrave:

@@ -1,8 +1,7 @@
-"""The plate: the boundary with an edge around it, or an outline of its own; its corners, its chamfer and its holes."""
+"""The plate: the boundary, with an edge around a disk or a rectangle, or an outline of its own; corners and holes."""
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import tan
 from typing import Any
 
 import numpy as np
@@ -10,8 +9,10 @@ from numpy.typing import NDArray
 
 from markergen.drawing.figure import size_words
 from markergen.errors import InputError
+from markergen.geometry.contour import box, placed, turns_of
+from markergen.geometry.fillet import filleted, largest_fillet
 from markergen.model.boundary import Circle
-from markergen.model.interior import regions_of, shape_of
+from markergen.model.interior import regions_of
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole
 from markergen.model.substrate_checks import disk_radius
@@ -19,12 +20,11 @@ from markergen.solid.bodies import (
     Body,
     Part,
     Path,
-    Point,
     Prism,
     Revolved,
+    area,
     circle,
     cylinder,
-    flattened,
     inset,
     mm,
     polygon_of,
@@ -35,8 +35,8 @@ Array = NDArray[np.float64]
 Region = tuple[Path, ...]
 """Outer path and the paths of its holes."""
 
-SPIKE = 5.0
-"""Longest corner of an outline with an edge around it, as a multiple of the edge; sharper ones are cut off."""
+TANGENT = 5e-7
+"""mm by which cones and planes of a chamfer may miss each other where an arc does not go on quite smoothly."""
 
 SMOOTH = 0.35
 """Angle in rad: an outline that turns by less in a corner stands for a curve, and has no corner to round."""
@@ -70,19 +70,19 @@ def plate_regions(marker: Marker) -> list[Region]:
     """Outlines of the plates in mm, with rounded corners: outer paths counterclockwise, holes clockwise.
 
     The plate of a disk is a disk that holds the boundary with its edge and every dot's quiet zone (a white ring half a
-    dot diameter wide). Around any other boundary the edge has mitered corners.
+    dot diameter wide). Around a rectangle the edge has mitered corners. Any other boundary is the plate, and so is an
+    outline of the plate's own; arcs stay arcs.
     """
     substrate = marker.substrate
     if substrate.outline is None and isinstance(marker.boundary, Circle):
         x, y = marker.boundary.center
         regions: list[Region] = [(circle(plate_radius(marker), mm(x), mm(y)),)]
     else:
-        rings, circles = (substrate.outline or marker.boundary).curves()
-        edge = 0.0 if substrate.outline else mm(substrate.edge)
-        regions = [
-            tuple(_rounded(ring, mm(substrate.corner_radius)) for ring in region) for region in _widened(rings, edge)
-        ]
-        regions += [(circle(mm(radius) + edge, mm(x), mm(y)),) for x, y, radius, _ in circles.tolist()]
+        contours = [placed(contour, 1e3, digits=9) for contour in (substrate.outline or marker.boundary).contours()]
+        if edge := mm(substrate.edge_around(marker.boundary)):
+            contours = [placed(inset(contour, -edge), 1.0, digits=9) for contour in contours]
+        corner = mm(substrate.corner_radius)
+        regions = [tuple(_rounded(path, corner) for path in region) for region in _regions(contours)]
     for outer, *_ in regions:
         _check_chamfer(outer, mm(substrate.chamfer))
     return regions
@@ -100,8 +100,11 @@ def plate_size(marker: Marker) -> str:
         return size_words(marker.substrate.outline)
     if isinstance(marker.boundary, Circle):
         return f"{2 * plate_radius(marker):.6g} mm across"
-    corners = np.array([corner for outer, *_ in plate_regions(marker) for corner in flattened(outer)])
-    width, height = np.ptp(corners, axis=0)
+    regions = plate_regions(marker)
+    if len(regions) == 1 and (whole := regions[0][0].as_circle):
+        return f"{2 * whole[2]:.6g} mm across"
+    boxes = np.array([box(outer) for outer, *_ in regions])
+    width, height = boxes[:, 2:].max(axis=0) - boxes[:, :2].min(axis=0)
     return f"{width:.6g} x {height:.6g} mm"
 
 
@@ -151,93 +154,55 @@ def _hole(hole: Hole, bottom: float, top: float) -> Revolved:
     return Revolved(x, y, Path(((0.0, bottom), (radius, bottom), (radius, low), (sink, top), (0.0, top))))
 
 
-def _widened(rings: Sequence[Array], edge: float) -> list[list[list[Point]]]:
-    """Regions of closed polygons in m with an edge in mm around them, in mm: outer ones and then their holes."""
+def _regions(contours: Sequence[Path]) -> list[Region]:
+    """Separate regions that contours enclose: each an outer one and then its holes."""
     import shapely
 
-    if not rings:
-        return []
-    scaled = [np.round(ring * 1e3, 9) for ring in rings]
-    if edge:
-        scaled = _mitered(scaled, edge) or [
-            shapely.get_coordinates(ring)[:-1]
-            for ring in shapely.get_rings(
-                shapely.get_parts(
-                    shapely.orient_polygons(
-                        shapely.buffer(shape_of(scaled), edge, join_style="mitre", mitre_limit=SPIKE)
-                    )
-                )
-            )
-        ]
-    return [[[(x, y) for x, y in np.round(ring, 9).tolist()] for ring in region] for region in regions_of(scaled)]
+    if not any(contour.has_arcs for contour in contours):
+        found = regions_of([np.array(contour.points) for contour in contours])
+        return [tuple(Path(tuple((x, y) for x, y in np.round(r, 9).tolist())) for r in rings) for rings in found]
+    shapes = [polygon_of(contour) for contour in contours]
+    regions: dict[int, list[Path]] = {k: [contour] for k, contour in enumerate(contours) if area(contour) > 0}
+    for contour, shape in zip(contours, shapes, strict=True):
+        if area(contour) < 0:
+            # The smallest one around it: an island in a hole may have holes of its own.
+            inside = shapely.Point(shape.representative_point())
+            around = [k for k in regions if shapely.contains(shapes[k], inside) and shapes[k].area > shape.area]
+            regions[min(around, key=lambda k: shapes[k].area)].append(contour)
+    return [tuple(region) for region in regions.values()]
 
 
-def _mitered(rings: Sequence[Array], edge: float) -> list[Array] | None:
-    """Polygons moved outward, or None where that is more than to move their sides: some vanish, meet, or are spikes."""
-    import shapely
-
-    moved = [np.array(inset(Path(tuple(map(tuple, ring.tolist()))), -edge).points) for ring in rings]
-    for before, after in zip(rings, moved, strict=True):
-        old, new = (np.roll(ring, -1, axis=0) - ring for ring in (before, after))
-        if (np.sum(old * new, axis=-1) <= 0).any() or (np.hypot(*(after - before).T) > SPIKE * edge).any():
-            return None
-    lines = [shapely.LinearRing(ring) for ring in moved]
-    crossing = any(one.intersects(other) for k, one in enumerate(lines) for other in lines[:k])
-    return None if crossing or not all(line.is_simple for line in lines) else moved
-
-
-def _rounded(corners: Sequence[Point], radius: float) -> Path:
-    """Closed polygon with its corners rounded, those that point inward as well: a mill leaves them round."""
+def _rounded(path: Path, radius: float) -> Path:
+    """Path with its corners rounded, those that point inward as well: a mill leaves them round."""
     if not radius:
-        return Path(tuple(corners))
-    count = len(corners)
-    sides = [np.subtract(corners[(k + 1) % count], corners[k]) for k in range(count)]
-    lengths = [float(np.hypot(*side)) for side in sides]
-    turns = [_turn(sides[k - 1], sides[k]) for k in range(count)]
-    cuts = [tan(abs(turn) / 2) if abs(turn) > SMOOTH else 0.0 for turn in turns]
-    room = min(
-        (lengths[k] / (cuts[k] + cuts[(k + 1) % count]) for k in range(count) if cuts[k] + cuts[(k + 1) % count]),
-        default=radius,
-    )
-    if radius > room * (1 + 1e-12):
+        return path
+    found = filleted(path, radius, SMOOTH)
+    if found is None:
+        room = largest_fillet(path, SMOOTH, radius)
         raise InputError(
             f"a corner radius of at most {room:.4g} mm for this outline",
             f"corner_radius={format_length(radius / 1e3)}",
-            f"use --corner-radius {np.floor(room * 100) / 100:g}mm, or another outline",
+            f"use --corner-radius {np.floor(room * 100 + 1e-6) / 100:g}mm, or another outline",
         )
-    points: list[Point] = []
-    bulges: list[float] = []
-    for k, (corner, turn, cut) in enumerate(zip(corners, turns, cuts, strict=True)):
-        if not cut:
-            points.append(corner)
-            bulges.append(0.0)
-            continue
-        for side, length, sign in ((sides[k - 1], lengths[k - 1], -1), (sides[k], lengths[k], 1)):
-            x, y = np.add(corner, sign * radius * cut / length * side).tolist()
-            points.append((x, y))
-        bulges += [tan(turn / 4), 0.0]
-    return _without_dust(points, bulges)
-
-
-def _without_dust(points: Sequence[Point], bulges: Sequence[float]) -> Path:
-    """Path without sides of no length, where two arcs meet."""
-    count = len(points)
-    kept = [k for k in range(count) if bulges[k] or np.hypot(*np.subtract(points[(k + 1) % count], points[k])) > 1e-9]
-    return Path(tuple(points[k] for k in kept), tuple(bulges[k] for k in kept))
-
-
-def _turn(before: Array, after: Array) -> float:
-    return float(np.arctan2(before[0] * after[1] - before[1] * after[0], before @ after))
+    return found
 
 
 def _check_chamfer(outer: Path, chamfer: float) -> None:
     """Refuse a chamfer at which a side of the outline is used up."""
     if not chamfer:
         return
-    sides, moved = (_steps(path) for path in (outer, inset(outer, chamfer)))
-    before = np.hypot(*sides.T)
+    sides = outer.sides
+    sharp = [abs(turn) for k, turn in enumerate(turns_of(outer)) if sides[k - 1][2] or sides[k][2]]
+    if max(sharp, default=0.0) * chamfer > TANGENT:
+        raise InputError(
+            "arcs that go on smoothly at both ends, for a chamfer",
+            f"an outline that turns by {np.degrees(max(sharp)):.3g} degrees where an arc ends",
+            "use a --corner-radius, or leave out --chamfer",
+        )
+    steps, moved = (_steps(path) for path in (outer, inset(outer, chamfer)))
+    before = np.hypot(*steps.T)
     # How much shorter each side becomes; one that turns around has a negative length.
-    lost = before - np.sum(sides * moved, axis=-1) / before
+    lost = before - np.sum(steps * moved, axis=-1) / before
     room = float(np.min(chamfer * before[lost > 0] / lost[lost > 0], initial=np.inf))
     if chamfer >= room:
         raise InputError(

@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from markergen.errors import InputError, MissingLibraryError
+from markergen.errors import InputError
+from markergen.solid.kernel import missing_kernel
 from markergen.solid.surface import Ball, Face, Loop, SolidPart
 
 LARGEST = 100_000_000
@@ -122,10 +123,7 @@ def _running() -> subprocess.Popen[bytes]:
     if hello is None or "missing" in hello:
         found = hello["missing"] if hello else "a kernel that does not start"
         _end()
-        raise MissingLibraryError(
-            f"reading solids needs the library cadquery with the system's libGL and libX11, found: {found}; "
-            "install them with: pip install cadquery && apt-get install libgl1 libx11-6"
-        )
+        raise missing_kernel("reading solids needs", found)
     return worker
 
 

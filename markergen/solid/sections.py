@@ -2,13 +2,14 @@
 
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
-from math import atan, atan2, ceil, cos, hypot, pi, sin, sqrt
+from math import ceil, cos, pi, sin, sqrt
 from typing import Any
 
 import numpy as np
 
 from markergen.drawing.scene import Box
 from markergen.drawing.workshop import Face, Ring
+from markergen.geometry import contour
 from markergen.solid.bodies import (
     OFF,
     OTHER,
@@ -17,10 +18,8 @@ from markergen.solid.bodies import (
     Path,
     Prism,
     Revolved,
-    center_of,
     flattened,
     inset,
-    sides_of,
     span,
 )
 
@@ -119,20 +118,7 @@ def _box(body: Body) -> Box:
     if isinstance(body, Revolved):
         r = max(r for r, _ in body.profile.points)
         return body.x - r, body.y - r, body.x + r, body.y + r
-    points = list(body.outer.points)
-    for side in sides_of(body.outer):
-        (x, y), _, bulge = side
-        if not bulge:
-            continue
-        cx, cy = center_of(side)
-        radius, angle = hypot(x - cx, y - cy), 4 * atan(bulge)
-        start = atan2(y - cy, x - cx)
-        for k in range(4):
-            turn = (k * pi / 2 - start) * (1 if angle > 0 else -1) % (2 * pi)
-            if turn < abs(angle):
-                points.append((cx + radius * (1, 0, -1, 0)[k], cy + radius * (0, 1, 0, -1)[k]))
-    xs, ys = zip(*points, strict=True)
-    return min(xs), min(ys), max(xs), max(ys)
+    return contour.box(body.outer)
 
 
 def reach(parts: Sequence[Part]) -> tuple[float, float]:

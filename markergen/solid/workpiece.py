@@ -3,21 +3,29 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import groupby
-from math import hypot
+from math import dist, hypot
 
 from markergen.drawing.figure import size_words
-from markergen.drawing.scene import marker_name
 from markergen.drawing.workshop import Callout, Face, Label, Span, Workpiece
 from markergen.drawing.workshop_front import millimeters
+from markergen.geometry.contour import center_of, radius_of
 from markergen.model.fabrication import PROCESSES, Fabrication
-from markergen.model.marker import Marker
+from markergen.model.marker import Marker, marker_name
 from markergen.model.substrate import Hole
 from markergen.solid.bodies import OTHER, Part, cylinder, mm, span
 from markergen.solid.inks import Dot, dots_of
 from markergen.solid.processes import Made
 from markergen.solid.sections import BACK, SAME, centered, elevation, reach, seen, size_of
 from markergen.solid.workpiece_sections import alike, sections_of
-from markergen.solid.workpiece_tables import DIAMETER, MOST_KINDS, ranges, tables_of, use_words
+from markergen.solid.workpiece_tables import (
+    DIAMETER,
+    MOST_KINDS,
+    drawn_contours,
+    drawn_holes,
+    ranges,
+    tables_of,
+    use_words,
+)
 
 FRAME = (
     "All coordinates are in the marker frame: origin and axes as drawn, z out of the face toward the viewer, z = 0 in "
@@ -50,7 +58,7 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
     return Workpiece(
         name=marker_name(marker),
         title=f"Fiducial marker, {len(dots)} dot{'s' * (len(dots) > 1)}, {size_words(marker.boundary)}",
-        process=PROCESSES[fabrication.process],
+        process=PROCESSES[fabrication.process].label,
         materials=_materials(parts),
         front=(*seen(parts), *_printed(marker, dots, parts)),
         side=elevation(parts),
@@ -58,7 +66,12 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
         size=size_of([body for part in parts for body in part.add]),
         round=[plate.is_disk for plate in plates] == [True],
         labels=tuple(Label(str(dot.id), dot.x, dot.y, dot.radius, dot.inner) for dot in dots),
-        callouts=(*_dot_callouts(dots, fabrication), *_hole_callouts(marker.substrate.holes), *_tag_callout(marker)),
+        callouts=(
+            *_dot_callouts(dots, fabrication),
+            *_hole_callouts(marker.substrate.holes),
+            *_drawn_callouts(marker),
+            *_tag_callout(marker),
+        ),
         heights=tuple(sorted(heights, key=lambda height: height.end - height.start)),
         sections=sections_of(marker, dots, made),
         tables=tables_of(marker, made),
@@ -113,7 +126,7 @@ def _dot_callouts(dots: Sequence[Dot], fabrication: Fabrication) -> list[Callout
     for (radius, inner), some in kinds:
         count = f"{len(some)}x " if len(some) > 1 else ""
         # S stands for a sphere (ISO 129).
-        sphere = "S" if fabrication.process == "dome" else ""
+        sphere = "S" if PROCESSES[fabrication.process].balls else ""
         size = f"{sphere}{DIAMETER}{millimeters(2 * radius)}"
         ring = f" / {DIAMETER}{millimeters(2 * inner)}" if inner else ""
         which = "ring" if inner else "dot"
@@ -150,6 +163,39 @@ def _hole_callouts(holes: Sequence[Hole]) -> list[Callout]:
         places = tuple((mm(hole.x), mm(hole.y), mm(hole.radius)) for hole in group)
         found.append(Callout(tuple(filter(None, lines)), places, pitch))
     return found
+
+
+def _drawn_callouts(marker: Marker) -> list[Callout]:
+    """Round holes of an outline from a drawing by diameter and pitch circle, and its other arcs by radius."""
+    holes: dict[tuple[float, float], list[tuple[float, float, float]]] = {}
+    for x, y, r in drawn_holes(marker):
+        holes.setdefault((round(r, 6), round(hypot(x, y), 6)), []).append((x, y, r))
+    arcs: dict[float, list[tuple[float, float, float]]] = {}
+    for contour in drawn_contours(marker):
+        sides = contour.sides
+        for k, side in enumerate(sides) if not contour.is_circle else ():
+            # Of one circle two arcs in a row, as of more than half a turn, count once.
+            if side[2] and not (sides[k - 1][2] and dist(center_of(side), center_of(sides[k - 1])) < SAME):
+                (x, y), (u, v), bulge = side
+                middle = (x + u) / 2 + bulge / 2 * (v - y), (y + v) / 2 - bulge / 2 * (u - x), 0.0
+                arcs.setdefault(round(radius_of(side), 4), []).append(middle)
+    found = []
+    for (r, pitch), places in sorted(holes.items()):
+        pitch = pitch if len(places) > 1 else 0.0
+        circle = (f"on a pitch circle {DIAMETER}{millimeters(2 * pitch)}",) if pitch else ()
+        words = f"{_times(places)}{DIAMETER}{millimeters(2 * r)} through"
+        found.append(Callout((words, *circle), tuple(places), pitch))
+    if len(holes) > MOST_KINDS:
+        places = [place for some in holes.values() for place in some]
+        found = [Callout((f"{len(places)} holes of the outline", "see the table"), tuple(places))]
+    if len(arcs) > MOST_KINDS:
+        places = [place for some in arcs.values() for place in some]
+        return [*found, Callout((f"{len(places)} arcs of {len(arcs)} radii", "see the STEP file"), tuple(places))]
+    return found + [Callout((f"{_times(some)}R{millimeters(r)}",), tuple(some)) for r, some in sorted(arcs.items())]
+
+
+def _times(places: Sequence[object]) -> str:
+    return f"{len(places)}x " if len(places) > 1 else ""
 
 
 def _tag_callout(marker: Marker) -> list[Callout]:

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 
 from markergen.drawing.workshop import Table
 from markergen.drawing.workshop_front import millimeters
+from markergen.geometry.contour import Contour, area, placed
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole
 from markergen.solid.bodies import Part, Revolved, mm, part_volume
@@ -11,6 +12,9 @@ from markergen.solid.processes import Made
 from markergen.solid.sections import SAME, reach, size_of, widest
 
 DIAMETER = "\xd8"
+
+DRAWN = "in the outline"
+"""What a hole is for that came with the outline from a drawing."""
 
 LONGEST_NAME = 24
 """Characters of what goes through a hole."""
@@ -35,7 +39,8 @@ def tables_of(marker: Marker, made: Made) -> tuple[Table, ...]:
         ),
     )
     tables = [points]
-    if marker.substrate.holes:
+    drawn = drawn_holes(marker)
+    if marker.substrate.holes or drawn:
         rows = tuple(
             (
                 _fixed(hole.x),
@@ -46,6 +51,7 @@ def tables_of(marker: Marker, made: Made) -> tuple[Table, ...]:
             )
             for hole in marker.substrate.holes
         )
+        rows += tuple((f"{x:.4f}", f"{y:.4f}", millimeters(2 * r), "-", DRAWN) for x, y, r in drawn)
         tables.append(Table("Holes through the plate, mm", ("x", "y", "diameter", "sink", "use"), rows, (4,)))
     if marker.tag:
         names = ("top left", "top right", "bottom right", "bottom left")
@@ -57,6 +63,18 @@ def tables_of(marker: Marker, made: Made) -> tuple[Table, ...]:
     if made.tolerances:
         tables.append(Table("Tolerances", ("what", "tolerance"), made.tolerances, (0, 1)))
     return tuple(tables)
+
+
+def drawn_contours(marker: Marker) -> list[Contour]:
+    """Contours in mm of the plate's outline if it is one with arcs from a drawing; else none."""
+    outline = marker.substrate.outline or marker.boundary
+    return [placed(contour, 1e3, digits=9) for contour in outline.contours()] if outline.has_arcs else []
+
+
+def drawn_holes(marker: Marker) -> list[tuple[float, float, float]]:
+    """Center x, y and radius in mm of the round holes that are part of the plate's outline."""
+    holes = [contour.as_circle for contour in drawn_contours(marker) if area(contour) < 0]
+    return [(x + 0.0, y + 0.0, r) for x, y, r in filter(None, holes)]
 
 
 def _part_list(parts: Sequence[Part]) -> Table:

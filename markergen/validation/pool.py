@@ -2,15 +2,19 @@
 
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager
-from typing import TypeVar
+from contextlib import closing, contextmanager, suppress
+from itertools import islice
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
+from traceback import format_exception
+from typing import Any, TypeVar
 
 from markergen.errors import InputError, MarkergenError
+from markergen.registry import Luggage, outside, receive
 
 C = TypeVar("C")
 R = TypeVar("R")
@@ -72,27 +76,53 @@ def as_completed_chunks(
     """Yield the index and function(chunk) of each chunk as it is done, computed by `workers` other processes.
 
     Closing it early, as any error does, ends the workers at once; raises as `map_chunks` does.
+
+    Each worker has a pipe to this thread, and no two share a lock or a queue: one that dies takes nothing with it.
+    ProcessPoolExecutor watches its workers from a thread. On CPython 3.11 that thread tears its queues down when one
+    dies while others are being started, as happens on a loaded machine, and the caller sees a closed handle instead.
     """
-    others = set(multiprocessing.active_children())
     # A fresh interpreter, because fork would copy the locks that threads of BLAS and OpenCV hold at that moment.
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_start_worker)
+    context = multiprocessing.get_context("spawn")
+    luggage = outside()
+    team: dict[Connection, SpawnProcess] = {}
+    busy: dict[Connection, int] = {}
+    waiting = iter(enumerate(chunks))
+
+    def occupy(pipe: Connection) -> None:
+        for index, chunk in islice(waiting, 1):
+            busy[pipe] = index
+            _unless_dead(pipe.send, (function, chunk))
+
     try:
         with _inherited_by_workers():
-            futures = {pool.submit(function, chunk): index for index, chunk in enumerate(chunks)}
-        for future in as_completed(list(futures)):
-            # Nobody else keeps what may be large.
-            yield futures.pop(future), future.result()
-    except BaseException as error:
-        for child in set(multiprocessing.active_children()) - others:
-            child.terminate()
-        if isinstance(error, BrokenProcessPool):
-            raise MarkergenError(
-                "expected worker processes that stay alive, found one that ended early; use one worker, or put a"
-                ' script\'s entry under if __name__ == "__main__"'
-            ) from error
+            for _ in range(min(workers, len(chunks))):
+                ours, theirs = context.Pipe()
+                worker = context.Process(target=_work, args=(theirs, luggage))
+                worker.start()
+                team[ours] = worker
+                # Now the worker alone has that end, and ours tells when it dies.
+                theirs.close()
+        for pipe in team:
+            occupy(pipe)
+        while busy:
+            ready: list[Any] = wait(list(busy))
+            for pipe in ready:
+                failed, result = _unless_dead(pipe.recv)
+                if failed:
+                    raise result
+                index = busy.pop(pipe)
+                # Before the caller takes its time with the result.
+                occupy(pipe)
+                yield index, result
+    except BaseException:
+        for worker in team.values():
+            worker.terminate()
         raise
     finally:
-        pool.shutdown(cancel_futures=True)
+        for pipe in team:
+            pipe.close()
+        for worker in team.values():
+            worker.join()
 
 
 @contextmanager
@@ -119,12 +149,47 @@ def _inherited_by_workers() -> Iterator[None]:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def _start_worker() -> None:
+def _unless_dead(talk: Callable[..., Any], *words: Any) -> Any:
+    """What is sent to a worker or received from it; raises MarkergenError if it is no longer there."""
+    try:
+        return talk(*words)
+    except (EOFError, OSError) as error:
+        raise MarkergenError(
+            "expected worker processes that stay alive, found one that ended early; use one worker, or put a"
+            ' script\'s entry under if __name__ == "__main__"'
+        ) from error
+
+
+def _work(pipe: Connection, luggage: Luggage) -> None:
+    """Answer every (function, chunk) with (False, result) or (True, error), until the parent closes the pipe."""
     import cv2
 
+    receive(luggage)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     cv2.setNumThreads(1)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    with suppress(EOFError, OSError):
+        while True:
+            order = pipe.recv_bytes()
+            try:
+                # What cannot be read or sent is an error of the chunk, too.
+                function, chunk = pickle.loads(order)
+                answer = pickle.dumps((False, function(chunk)))
+            except BaseException as error:
+                answer = _packed(error)
+            pipe.send_bytes(answer)
+
+
+def _packed(error: BaseException) -> bytes:
+    """Answer with an error and where it came from; with what it says alone, if it does not survive the way."""
+    text = "".join(format_exception(error))
+    error.add_note(f"In a worker process:\n{text}")
+    try:
+        answer = pickle.dumps((True, error))
+        pickle.loads(answer)
+    except Exception:
+        return pickle.dumps((True, RuntimeError(text)))
+    return answer
 
 
 def _end_with_parent() -> None:

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from markergen.cli import main
-from markergen.exporters import EXPORTERS, SOLIDS
+from markergen.exporters import EXPORTERS, catalog
 from markergen.model.marker_json import to_json
 from markergen.model.tag import Tag
 
@@ -50,11 +50,12 @@ def test_help_lists_every_suffix_with_a_word_about_it():
         line.split() for line in done.stdout.split("Suffixes:")[1].split("Example:")[0].splitlines() if line.split()
     ]
     assert {word for line in listed for word in line if word.startswith(".")} == set(EXPORTERS)
+    assert listed == [[*suffixes, *words.split()] for suffixes, words in catalog()]
     assert all(len(line) >= 3 for line in listed)
 
 
 def test_every_suffix_at_once(here, capsys):
-    suffixes = [suffix for suffix in EXPORTERS if suffix not in SOLIDS]
+    suffixes = [suffix for suffix in EXPORTERS if EXPORTERS[suffix].holds != "solid"]
     assert run("tagged.json " + " ".join(f"-o out{suffix}" for suffix in suffixes)) == 0
     said = capsys.readouterr().out
     for suffix in suffixes:

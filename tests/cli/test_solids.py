@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from math import radians
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 
 from markergen.api.export import choices_of
 from markergen.cli import main
-from markergen.exporters import EXPORTERS, SOLIDS, WORKSHOP
+from markergen.exporters import EXPORTERS
 from markergen.model.boundary import Circle, Polygon
 from markergen.model.fabrication import Fabrication
 from markergen.model.holes import parse_dowel, parse_mount
@@ -68,7 +69,9 @@ def test_choices_reach_the_exporter(here, monkeypatch):
     seen = []
     known = EXPORTERS[".csv"]
     monkeypatch.setitem(
-        EXPORTERS._entries, ".csv", lambda markers, options: seen.append(options.fabrication) or known(markers, options)
+        EXPORTERS._entries,
+        ".csv",
+        replace(known, write=lambda markers, options: seen.append(options.fabrication) or known(markers, options)),
     )
     assert export("-o m.csv") == 0
     line = "--process cnc --depth 1mm --gap 0.05mm --fit press --through --tool 2mm --draft 3 --foot 0.5mm"
@@ -85,7 +88,7 @@ def test_choices_reach_the_exporter(here, monkeypatch):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("--process casting", "known: fdm, cnc, laser, print, dome"),
+        ("--process casting", "known: cnc, dome, fdm, laser, print"),
         ("--gap -0.1mm", "a gap of 0 or more, found gap=-0.0001 m"),
         ("--depth 0mm", "a depth above 0"),
         ("--depth deep", "--depth"),
@@ -199,10 +202,11 @@ for words in sys.stdin.read().splitlines():
 
 
 def test_without_the_kernel_every_solid_is_one_line_and_all_else_works(here):
-    drawn = [suffix for suffix in EXPORTERS if suffix not in SOLIDS and suffix != ".apriltag.yaml"]
-    made = [suffix for suffix in SOLIDS if suffix != WORKSHOP]
+    drawn = [suffix for suffix in EXPORTERS if not EXPORTERS[suffix].kernel and suffix != ".apriltag.yaml"]
+    made = [suffix for suffix in EXPORTERS if EXPORTERS[suffix].kernel]
+    assert ".fab.pdf" in drawn
     lines = [
-        *(f"export marker.json -o m{suffix}" for suffix in (*drawn, WORKSHOP)),
+        *(f"export marker.json -o m{suffix}" for suffix in drawn),
         *(f"export marker.json -o other.json -o m{suffix}" for suffix in made),
         # Before the search, not after it.
         "design --n 200 -o other.step",
@@ -212,11 +216,11 @@ def test_without_the_kernel_every_solid_is_one_line_and_all_else_works(here):
     )
     assert done.returncode == 0, done.stderr
     said = done.stderr.splitlines()
-    assert said[: len(drawn) + 1] == ["0"] * (len(drawn) + 1)
-    complaints, statuses = said[len(drawn) + 1 :: 2], said[len(drawn) + 2 :: 2]
+    assert said[: len(drawn)] == ["0"] * len(drawn)
+    complaints, statuses = said[len(drawn) :: 2], said[len(drawn) + 1 :: 2]
     assert statuses == ["2"] * (len(made) + 1)
     for complaint in complaints:
         assert "libGL.so.1: cannot open shared object file" in complaint
-        assert "apt-get install libgl1 libx11-6" in complaint
+        assert "pip install 'markergen[solids]' && apt-get install libgl1 libx11-6" in complaint
     written = {path.name for path in here.iterdir()} - {"marker.json", "plate.geojson"}
-    assert written == {f"m{suffix}" for suffix in (*drawn, WORKSHOP)}
+    assert written == {f"m{suffix}" for suffix in drawn}

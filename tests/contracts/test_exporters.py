@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from markergen.errors import InputError
-from markergen.exporters import DRAWN, EXPORTERS, FLAT, SOLIDS, ExportOptions, Output
+from markergen.exporters import EXPORTERS, Exporter, ExportOptions, Output, catalog
 from markergen.model.boundary import Circle
 from markergen.model.fabrication import Fabrication
 from markergen.model.feature import Feature
@@ -25,14 +25,13 @@ MARKER = replace(
     tag=Tag("apriltag:36h11", 3, 0.012),
 )
 BARE = replace(MARKER, control_points=tuple(replace(p, feature=Feature(0.0)) for p in MARKER.control_points))
-MANY = {".pdf", ".svg", ".png"}
 NO_PLACES = {".apriltag.yaml"}
 """What says nothing about the dots."""
 
 NO_WORDS = {".brep"}
 """What has no place for a name."""
 
-SUFFIXES = sorted({EXPORTERS[suffix]: suffix for suffix in EXPORTERS}.values())
+SUFFIXES = sorted({EXPORTERS[suffix].write: suffix for suffix in EXPORTERS}.values())
 """One of each exporter."""
 
 OPTIONS = ExportOptions(stem="board", fabrication=Fabrication(engrave=False))
@@ -89,6 +88,15 @@ def test_suffixes_are_lower_case_with_a_dot(suffix):
     assert suffix == suffix.lower()
 
 
+def test_says_what_it_is_for_in_a_list_of_all(suffix):
+    exporter = EXPORTERS[suffix]
+    assert isinstance(exporter, Exporter)
+    assert (suffix, exporter.description) in [(each, words) for suffixes, words in catalog() for each in suffixes]
+    assert exporter.description == exporter.description.strip(" .")
+    assert not (exporter.many_pages and not exporter.sheet)
+    assert exporter.holds == "flat" or not exporter.sheet
+
+
 def test_gives_bytes_and_sentences(output):
     assert isinstance(output, Output)
     assert len(output.data) > 300
@@ -117,7 +125,7 @@ def test_another_marker_gives_other_bytes(suffix, output, others):
 
 
 def test_bare_points_are_refused_by_drawings_and_solids(suffix):
-    if suffix not in DRAWN:
+    if EXPORTERS[suffix].holds == "points":
         assert EXPORTERS[suffix]([BARE], ExportOptions()).data
     else:
         with pytest.raises(InputError, match="diameter 0"):
@@ -127,10 +135,10 @@ def test_bare_points_are_refused_by_drawings_and_solids(suffix):
 def test_a_relief_is_refused_by_what_is_flat(suffix):
     first, *rest = MARKER.control_points
     raised = replace(MARKER, control_points=(replace(first, z=0.01), *rest))
-    if suffix in FLAT:
+    if EXPORTERS[suffix].holds == "flat":
         with pytest.raises(InputError, match="a flat marker"):
             EXPORTERS[suffix]([raised], ExportOptions())
-    elif suffix not in SOLIDS:
+    elif EXPORTERS[suffix].holds == "points":
         assert EXPORTERS[suffix]([raised], ExportOptions()).data
 
 
@@ -141,7 +149,7 @@ def test_no_place_in_the_bytes(output):
 
 def test_several_markers_go_on_sheets_alone(suffix):
     second = replace(MARKER, tag=replace(MARKER.tag, id=4))
-    if suffix in MANY:
+    if EXPORTERS[suffix].sheet:
         one, two = (EXPORTERS[suffix](markers, ExportOptions()).data for markers in ([MARKER], [MARKER, second]))
         assert one != two
     else:

@@ -6,7 +6,7 @@ import pytest
 from markergen.errors import InputError
 from markergen.objectives import OBJECTIVES
 from markergen.objectives.aggregates import AGGREGATES
-from markergen.objectives.criteria import regular_polygon
+from markergen.objectives.criteria import columns, criteria, regular_polygon
 
 AGGREGATED = [*AGGREGATES, "cvar:0.5"]
 CASES = [
@@ -66,6 +66,20 @@ def test_every_objective_is_documented(name):
     assert kind.__doc__
     assert kind.default_restarts >= 4
     assert kind.unit in {"m", "px", "deg", "%", ""}
+
+
+@pytest.mark.parametrize("name", list(OBJECTIVES))
+def test_a_criterion_has_a_column_and_is_the_objective(setting, name):
+    kind = OBJECTIVES[name]
+    if kind.criterion is None:
+        return
+    every = columns()
+    assert every[name] is kind.criterion
+    assert len({each.key for each in every.values()}) == len({each.column for each in every.values()}) == len(every)
+    assert kind.criterion.title.isprintable()
+    points = np.random.default_rng(4).uniform(-0.1, 0.1, (2, 6, 2))
+    found = [row[kind.criterion.key] for row in criteria(points, setting)]
+    np.testing.assert_allclose(found, kind(setting)(points), rtol=1e-9)
 
 
 @pytest.mark.parametrize("name", list(OBJECTIVES))

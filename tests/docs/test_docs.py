@@ -1,6 +1,7 @@
 """What is generated is up to date, and every command, flag and link of the README is real."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import typer
@@ -45,10 +46,23 @@ def test_every_command_is_documented_with_an_example():
         assert f"## markergen {name}" in (ROOT / "docs" / "cli.md").read_text()
 
 
-def test_links_of_the_readme_lead_somewhere():
-    text = (ROOT / "README.md").read_text()
-    for target in re.findall(r"\]\(([^)#:]+)\)", text) + re.findall(r'src="([^"]+)"', text):
-        assert (ROOT / target).exists(), target
+def test_links_of_the_readme_lead_somewhere_from_everywhere():
+    """A package index shows the README too, and has nothing beside it."""
+    home = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["urls"]["Homepage"]
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    links = re.findall(r"\]\(([^)]+)\)", text) + re.findall(r'(?:src|href)="([^"]+)"', text)
+    assert links
+    for link in links:
+        if link.startswith("#"):
+            continue
+        assert link.startswith("https://"), link
+        if link.startswith(f"{home}/"):
+            kind, branch, path = link.removeprefix(f"{home}/").partition("#")[0].split("/", 2)
+            assert kind in ("blob", "raw", "tree"), link
+            assert branch == "main", link
+            assert (ROOT / path).exists(), link
+    for image in re.findall(r'src="([^"]+)"', text):
+        assert image.startswith(f"{home}/raw/"), image
 
 
 def test_flags_of_the_readme_exist():

@@ -11,11 +11,11 @@ from markergen.drawing.scene import (
     Scene,
     bounds,
     marker_dots,
-    marker_name,
     marker_tag,
     moved,
 )
 from markergen.errors import InputError
+from markergen.model.marker import marker_name
 from markergen.model.tag import Tag
 
 

@@ -10,7 +10,7 @@ import pypdfium2
 import pypdfium2.raw as pdfium
 import pytest
 
-from markergen.drawing.page import SheetOptions
+from markergen.drawing.options import SheetOptions
 from markergen.drawing.scene import Line, Outline, bounds
 from markergen.drawing.workshop_lines import DARK
 from markergen.drawing.workshop_pages import fabrication_sheets
@@ -166,7 +166,7 @@ def test_long_tables_go_on_with_their_headings():
     assert len(headings) == 2
 
 
-@pytest.mark.parametrize("process", PROCESSES)
+@pytest.mark.parametrize("process", list(PROCESSES))
 def test_pages_are_read_by_another_program(process):
     marker = MARKERS["disk"]
     output = EXPORTERS[".fab.pdf"]([marker], ExportOptions(fabrication=Fabrication(process=process)))

@@ -63,7 +63,7 @@ def test_the_seeds_are_poses(path):
         assert len(outcome(path, text.encode())) in (1, 2)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=300)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=300)
 @given(
     st.sampled_from(SEEDS),
     st.lists(st.tuples(st.floats(0, 1), st.integers(0, 20), st.sampled_from(TOKENS)), max_size=3),
@@ -72,19 +72,19 @@ def test_pieces_replaced_by_others(path, text, changes):
     outcome(path, replaced(text.encode(), changes))
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=100)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=100)
 @given(st.sampled_from(SEEDS), st.floats(0, 1))
 def test_cut_off_anywhere(path, text, share):
     outcome(path, text.encode()[: int(share * len(text))])
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=150)
 @given(st.sampled_from(SEEDS), FLIPS)
 def test_bytes_flipped(path, text, changes):
     outcome(path, flipped(text.encode(), changes))
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=100)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=100)
 @given(st.binary(max_size=200) | st.text(max_size=200).map(lambda text: text.encode("utf-8", "replace")))
 def test_anything(path, data):
     outcome(path, data)
@@ -98,14 +98,14 @@ ROWS = st.sampled_from([4, 3, 9]).flatmap(
 )
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=100)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=100)
 @given(ROWS)
 def test_any_numbers(path, rows):
     names = {4: "qx qy qz qw", 3: "rx ry rz", 9: "r11 r12 r13 r21 r22 r23 r31 r32 r33"}[len(rows[0]) - 3]
     outcome(path, f"tx ty tz {names}\n".encode() + "\n".join(" ".join(map(repr, row)) for row in rows).encode())
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=100)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=100)
 @given(st.lists(NUMBERS, min_size=6, max_size=6))
 def test_any_json(path, row):
     outcome(path, json.dumps([dict(zip(["tx", "ty", "tz", "rx", "ry", "rz"], row, strict=True))]).encode())

@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 
 from markergen.maths.distortion import (
     LARGEST_RADIUS,
-    NAMES,
     coefficient_jacobian,
     distort,
     distortion_hessian,
@@ -13,6 +12,7 @@ from markergen.maths.distortion import (
     domain_radius,
     undistort,
 )
+from markergen.maths.lenses import LENSES as MODELS
 
 # What calibrations of real lenses look like: a webcam, a wide lens with and without k3, one whose polynomial turns
 # over soon, a telephoto lens, two rational fits, a fisheye, and one that turns over.
@@ -166,8 +166,8 @@ def test_nothing_is_folded_back_into_the_image():
 
 @st.composite
 def lenses(draw):
-    model = draw(st.sampled_from([name for name in NAMES if name != "none"]))
-    count = len(draw(st.sampled_from(NAMES[model])))
+    model = draw(st.sampled_from([name for name in MODELS if name != "none"]))
+    count = len(draw(st.sampled_from(MODELS[model].coefficients)))
     coefficients = draw(st.lists(st.floats(-1, 1), min_size=count, max_size=count))
     if model != "equidistant":
         coefficients[2:4] = [0.02 * p for p in coefficients[2:4]]

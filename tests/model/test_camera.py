@@ -143,7 +143,7 @@ def test_cameras_are_values():
 @pytest.mark.parametrize(
     ("model", "coefficients", "words"),
     [
-        ("omni", (), "known distortion model, found 'omni'; known: none, radtan, rational, equidistant"),
+        ("omni", (), "known distortion model, found 'omni'; known: equidistant, none, radtan, rational"),
         ("x" * 1000, (), "known distortion model, found 'xxx"),
         ("radtan", (0.0,) * 3, "4 or 5 coefficients of the distortion model 'radtan', found 3; give k1 k2 p1 p2 or"),
         ("rational", (0.0,) * 5, "8 coefficients of the distortion model 'rational', found 5"),

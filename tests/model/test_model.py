@@ -10,7 +10,7 @@ from markergen.maths.rotation import angle_between
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.feature import Feature, key_ring
-from markergen.model.poses import PRESETS, paper, paper_roll
+from markergen.model.poses import POSES, paper, paper_roll
 from markergen.model.spec import Spec
 
 
@@ -41,7 +41,7 @@ def test_roll_turns_about_the_optical_axis_and_is_always_the_same():
 
 
 def test_presets_are_listed():
-    assert list(PRESETS) == ["paper", "paper-roll"]
+    assert list(POSES) == ["cone", "paper", "paper-roll"]
 
 
 def test_poses_from_behind_or_beside_are_dropped():

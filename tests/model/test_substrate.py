@@ -4,8 +4,9 @@ from math import inf, nan
 import pytest
 
 from markergen.errors import InputError
-from markergen.model.boundary import Circle
-from markergen.model.substrate import MOST_HOLES, Hole, Substrate
+from markergen.geometry.contour import circle
+from markergen.model.boundary import Circle, polygon_from
+from markergen.model.substrate import EDGE, MOST_HOLES, Hole, Substrate
 
 
 def test_only_what_is_not_the_default_is_written():
@@ -62,3 +63,16 @@ def test_the_rim_of_a_countersunk_hole_is_that_of_its_countersink():
     assert Hole(0.01, 0.02, 0.0034, 0.00672).rim == Circle(0.00336, (0.01, 0.02))
     assert str(Hole(0.01, 0.02, 0.0034, name="M3")) == "the hole M3 at 10 mm, 20 mm"
     assert str(Hole(0.01, 0.02, 0.004, use="dowel")) == "the dowel hole 4 mm at 10 mm, 20 mm"
+
+
+def test_the_edge_goes_around_disks_and_rectangles_alone(shapes):
+    hole_in_disk = polygon_from([circle(0.1), circle(0.02)])
+    for boundary in (Circle(0.1), shapes["rectangle"]):
+        assert Substrate().edge_around(boundary) == EDGE == 0.002
+        assert Substrate(edge=0.005).edge_around(boundary) == 0.005
+        assert Substrate(edge=0.0).edge_around(boundary) == 0.0
+        assert Substrate(outline=Circle(0.3)).edge_around(boundary) == 0.0
+    for boundary in (shapes["L"], shapes["plate"], hole_in_disk, polygon_from([circle(0.1)])):
+        assert Substrate().edge_around(boundary) == Substrate(edge=0.005).edge_around(boundary) == 0.0
+    assert Substrate().as_dict() == {"thickness": 0.003}
+    assert Substrate(edge=0.002).as_dict() == {"thickness": 0.003, "edge": 0.002}

@@ -8,10 +8,11 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from markergen.errors import InputError
+from markergen.geometry.contour import circle
 from markergen.model.boundary import Circle, polygon_from
 from markergen.model.holes import parse_mount
 from markergen.model.substrate import Hole, Substrate
-from markergen.model.substrate_checks import WALL, check_holes, check_plate, crowded, plate_face
+from markergen.model.substrate_checks import WALL, check_edge, check_holes, check_plate, crowded, plate_face
 from markergen.model.tag import Tag
 
 
@@ -113,6 +114,22 @@ def test_the_face_of_a_plate():
     assert plate_face(Substrate(corner_radius=0.005), square).area == pytest.approx(rounded, rel=1e-5)
     assert plate_face(Substrate(outline=square), Circle(0.01)).area == pytest.approx(0.006)
     assert "found 60 mm and 0 mm" in refusal(lambda: plate_face(Substrate(corner_radius=0.06), square))
+
+
+def test_an_edge_around_an_outline_is_refused_and_none_is_taken(make_in, shapes):
+    for shape in (shapes["L"], polygon_from([circle(0.1), circle(0.02)])):
+        assert plate_face(Substrate(), shape).area == pytest.approx(shape.area, rel=1e-4)
+        check_plate(Substrate(), shape)
+        check_plate(Substrate(edge=0.0), shape)
+        check_plate(Substrate(edge=0.005, outline=Circle(0.5)), shape)
+        message = refusal(lambda shape=shape: check_plate(Substrate(edge=0.005), shape))
+        assert "an edge around a disk or a rectangle alone, found edge=5 mm around a polygon of 200 mm" in message
+        assert "leave out --edge, or draw the plate and give it as --outline" in message
+    check_edge(Substrate(edge=0.005), shapes["rectangle"])
+    # A dot that the corners' radius cuts needs another outline there, not an edge.
+    marker = replace(make_in(shapes["star"], 5, 0.012, seed=1), substrate=Substrate(corner_radius=0.02))
+    message = refusal(lambda: check_holes(marker, shapely.Point(0, 0).buffer(0.03)))
+    assert "use a larger --outline, or smaller --corner-radius and --chamfer" in message
 
 
 def test_a_plate_that_is_not_under_the_boundary_is_told_before_any_design():

@@ -8,7 +8,7 @@ import pytest
 from markergen.cli.app import app
 from markergen.cli.options import TYPES
 from markergen.drawing.colors import BLACK_ON_WHITE, parse_colors
-from markergen.drawing.sheet import SheetOptions
+from markergen.drawing.options import SheetOptions
 from markergen.model.boundary import Circle
 from markergen.model.fabrication import Fabrication
 from markergen.model.poses import named_poses
@@ -76,9 +76,10 @@ def test_a_plate_a_process_and_a_sheet_have_the_defaults_that_are_declared():
     made, plate, sheet = Fabrication(), Substrate(), SheetOptions()
     for thing in (made, plate, sheet):
         for field in fields(thing):
-            if settled.get(field.name) is not None and field.name != "colors":
+            if settled.get(field.name) is not None and field.name not in ("colors", "edge"):
                 assert getattr(thing, field.name) == settled[field.name], field.name
     assert parse_colors(settled["colors"]) == BLACK_ON_WHITE
+    assert plate.edge_around(Circle(0.1)) == settled["edge"]
     rulers = settle({}, RescaleKeywords)
     assert Rulers(None, None) == Rulers(None, None, rulers["nominal_x"], rulers["nominal_y"])
 

@@ -79,7 +79,7 @@ def test_no_file(tmp_path):
 TOKENS = ["", "id", "x_mm", "nan", "1e400", ",", ";", "\n", '"', "\0", "é", "9" * 400, "#", "1_0", "\u0661", " ", "\t"]
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=200)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=200)
 @given(st.lists(st.tuples(st.floats(0, 1), st.integers(0, 9), st.sampled_from(TOKENS)), max_size=4))
 def test_whatever_stands_in_it(path, changes):
     text = "id,x_mm,y_mm,sx_um,sy_um,rho\n0,1,2,3,4,0.1\n1,-5.5,7,3,4,-1\n"

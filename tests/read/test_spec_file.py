@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from markergen.errors import InputError
-from markergen.model.boundary import Circle, Polygon
+from markergen.geometry.contour import Contour, circle
+from markergen.model.boundary import Circle, Polygon, polygon_from
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.holes import parse_dowel, parse_mount
 from markergen.model.image_noise import ImageNoise
@@ -55,6 +56,30 @@ def test_shapes_and_keep_outs_are_part_of_a_spec(shape, tmp_path):
     assert spec_from_mapping(json.loads(json.dumps(spec.as_dict()))) == spec
     assert spec.hash != Spec(boundary=shape).hash
     assert "keep_outs" not in Spec(boundary=shape).as_dict()
+
+
+def test_arcs_are_part_of_a_spec():
+    ring = polygon_from([circle(0.15), circle(0.03)])
+    slot = polygon_from([Contour(((0.05, 0), (0.09, 0), (0.09, 0.01), (0.05, 0.01)), (0, 1, 0, 1))], "file")
+    spec = Spec(boundary=ring, keep_outs=(slot,), substrate=Substrate(outline=polygon_from([circle(0.2)])))
+    again = spec_from_mapping(json.loads(json.dumps(spec.as_dict())))
+    assert again == spec
+    assert again.hash == spec.hash != Spec(boundary=ring, substrate=spec.substrate).hash
+    straight = {"kind": "polygon", "outlines": [[[0.0, 0.0], [0.1, 0.0]]]}
+    with pytest.raises(InputError, match=r"boundary\.outlines\[0\]: List should have at least 3 items"):
+        spec_from_mapping({"boundary": straight})
+    for bulges, words in (([[1.0]], "bulges"), ([[2.0, 0.0]], r"boundary\.bulges\[0\]\[0\]"), ([], "boundary.bulges")):
+        with pytest.raises(InputError, match=words):
+            spec_from_mapping({"boundary": {**straight, "bulges": bulges}})
+
+
+def test_an_edge_around_an_outline_is_refused_but_in_a_marker_that_has_one(shapes):
+    values = {"boundary": shapes["L"].as_dict(), "substrate": {"thickness": 0.003, "edge": 0.005}}
+    with pytest.raises(InputError, match="an edge around a disk or a rectangle alone, found edge=5 mm"):
+        spec_from_mapping(values)
+    assert spec_from_mapping(values, stored=True).substrate.edge is None
+    rectangle = {**values, "boundary": shapes["rectangle"].as_dict()}
+    assert spec_from_mapping(rectangle, stored=True).substrate.edge == 0.005
 
 
 def test_shapes_in_a_file_have_lengths_with_units(tmp_path):
@@ -129,7 +154,7 @@ def test_what_is_no_table_is_refused(values):
         ({"camera": CAMERA | {"distortion": {"model": "radtan"}}}, "camera.distortion.coefficients: missing"),
         (
             {"camera": CAMERA | {"distortion": {"model": "omni", "coefficients": []}}},
-            "camera.distortion: expected a known distortion model, found 'omni'; known: none, radtan",
+            "camera.distortion: expected a known distortion model, found 'omni'; known: equidistant, none, radtan",
         ),
         (
             {"camera": CAMERA | {"distortion": {"model": "radtan", "coefficients": [0.1]}}},

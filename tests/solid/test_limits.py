@@ -8,13 +8,13 @@ import pytest
 
 from markergen.errors import InputError
 from markergen.model.boundary import Circle, polygon_from
-from markergen.model.fabrication import Fabrication
+from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.solid.fits import STEPS, fit
 from markergen.solid.limits import Face, Footprint, depth_of, gaps
-from markergen.solid.processes import PROCESSES, Made
+from markergen.solid.processes import Made
 
 
 def make(marker: Marker, fabrication: Fabrication) -> Made:
@@ -241,8 +241,11 @@ def test_the_size_of_dots_is_no_limit_to_the_room_around_one_sheet(make_ngon):
 
 
 def test_a_recess_over_a_rounded_corner_is_not_answered_with_a_wrong_edge(shapes, make_in):
-    """An edge of 2.5 mm, which a straight side would need, does not help a spike rounded by 3 mm."""
-    marker = replace(make_in(shapes["star"], 5, 0.012), substrate=Substrate(corner_radius=0.003))
+    """An edge of 2.5 mm, which a straight side would need, does not help a corner rounded by 20 mm."""
+    marker = replace(make_in(shapes["rectangle"], 5, 0.012), substrate=Substrate(corner_radius=0.02))
     line = refusal(marker, Fabrication("print"))
     assert "found a recess that reaches over its edge; use a larger --edge, or a smaller --corner-radius" in line
     make(replace(marker, substrate=Substrate(edge=0.0125, corner_radius=0.003)), Fabrication("print"))
+    # An outline is the plate, which has no edge around its sheet.
+    line = refusal(make_in(shapes["star"], 5, 0.012), Fabrication("print"))
+    assert "use a larger --outline, without holes in the recess" in line

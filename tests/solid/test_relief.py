@@ -8,7 +8,7 @@ import pytest
 
 from markergen.errors import InputError
 from markergen.model.boundary import polygon_from
-from markergen.model.fabrication import Fabrication
+from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
 from markergen.model.occlusion import pillar_radius
 from markergen.model.poses import PoseDistribution
@@ -17,7 +17,6 @@ from markergen.model.substrate import Hole, Substrate
 from markergen.solid.bodies import volume
 from markergen.solid.inks import Dot, dots_of
 from markergen.solid.limits import Face, Tool
-from markergen.solid.processes import PROCESSES
 from markergen.solid.relief import Pillar, balls_hide, hiding, pillars_of, poses_of
 
 TOOL = Tool("nozzle", 0.4, 0.4)

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from markergen.drawing.scene import marker_name
 from markergen.model.boundary import Circle
 from markergen.model.fabrication import Fabrication
+from markergen.model.marker import marker_name
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.solid.build import COLORS, NamedSolid
@@ -150,7 +150,7 @@ def test_header_has_no_time_and_units_are_mm(written):
 AGAIN = """
 import sys
 from pathlib import Path
-from markergen.drawing.scene import marker_name
+from markergen.model.marker import marker_name
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker_json import from_json
 from markergen.solid.brep import write_brep

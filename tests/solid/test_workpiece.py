@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from markergen.drawing.workshop import around
-from markergen.model.boundary import Circle, Polygon
+from markergen.geometry.contour import Contour, circle, placed
+from markergen.model.boundary import Circle, Polygon, polygon_from
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.feature import Feature
 from markergen.model.holes import parse_dowel, parse_mount
@@ -30,7 +31,7 @@ def described(marker, **choices):
     return workpiece(marker, fabrication, made), made
 
 
-@pytest.mark.parametrize("process", PROCESSES)
+@pytest.mark.parametrize("process", list(PROCESSES))
 def test_tables_say_what_the_marker_says(process):
     marker = make()
     work, made = described(marker, process=process)
@@ -51,7 +52,7 @@ def test_tables_say_what_the_marker_says(process):
     assert set(made.lines) <= set(work.notes)
 
 
-@pytest.mark.parametrize("process", PROCESSES)
+@pytest.mark.parametrize("process", list(PROCESSES))
 @pytest.mark.parametrize("heights", [(0.0,) * 5, (0.0, 0.01, 0.02, 0.0, 0.0)], ids=["flat", "relief"])
 def test_the_front_shows_every_dot_whatever_it_is_made_of(process, heights):
     work, _ = described(make(heights), process=process)
@@ -81,6 +82,39 @@ def test_holes_that_are_alike_are_called_out_once_with_their_pitch_circle():
     assert lines["\xd820 / \xd810"].lines[1] == "ring 0"
     assert lines["4x \xd820"].lines[1] == "dots 1 to 4"
     assert lines["tag apriltag:36h11:3"].lines[1] == "black square 30 x 30"
+
+
+def test_holes_and_arcs_of_an_outline_are_called_out_and_listed():
+    bolts = [circle(4.5, x, y) for x, y in ((90, 0), (0, 90), (-90, 0), (0, -90))]
+    slot = Contour(((-5, -80), (5, -80), (5, -74), (-5, -74)), (0, 1, 0, 1))
+    outline = polygon_from([placed(each, 1e-3) for each in (circle(100), circle(10), slot, *bolts)])
+    marker = make(tag=False, outline=outline)
+    work, _ = described(marker)
+    lines = {callout.lines[0]: callout for callout in work.callouts}
+    assert lines["4x \xd89 through"].lines[1:] == ("on a pitch circle \xd8180",)
+    assert lines["4x \xd89 through"].pitch == pytest.approx(90)
+    assert lines["\xd820 through"].places == ((0.0, 0.0, 10.0),)
+    assert np.array(sorted(lines["2x R3"].places)) == pytest.approx(np.array([(-8, -77, 0), (8, -77, 0)]))
+    (table,) = [table for table in work.tables if table.title.startswith("Holes")]
+    own = len(marker.substrate.holes)
+    assert [row[2:] for row in table.rows[own:]] == [("20", "-", "in the outline")] + [("9", "-", "in the outline")] * 4
+    assert work.round
+    # What is rounded by an option is told in the notes, as it was.
+    work, _ = described(
+        make(corner_radius=0.01, outline=Polygon((((-0.2, -0.2), (0.2, -0.2), (0.3, 0.2), (-0.2, 0.2)),)))
+    )
+    assert not any("R10" in line for callout in work.callouts for line in callout.lines)
+
+
+def test_many_sizes_of_holes_and_arcs_of_an_outline_are_left_to_the_table():
+    bores = [circle(1 + k / 10, -35 + 10 * k, 88) for k in range(8)]
+    tall = [(x, -90, -89 + x / 50) for x in range(-28, 36, 8)]
+    slots = [Contour(((x, low), (x + 3, low), (x + 3, high), (x, high)), (0, 1, 0, 1)) for x, low, high in tall]
+    outline = polygon_from([placed(each, 1e-3) for each in (circle(100), *bores, *slots)])
+    work, _ = described(make(tag=False, outline=outline))
+    lines = [callout.lines for callout in work.callouts]
+    assert ("8 holes of the outline", "see the table") in lines
+    assert ("16 arcs of 8 radii", "see the STEP file") in lines
 
 
 def test_many_kinds_of_dots_and_holes_are_left_to_the_tables():

@@ -46,6 +46,43 @@ def test_a_worker_that_ends_early_is_told_from_an_error_of_its_own():
         map_chunks(os._exit, [3, 3], 2, lambda _: None)
 
 
+def test_a_worker_that_ends_while_others_are_being_started(monkeypatch):
+    """As on a loaded machine, where the parent may get its next turn after the first worker had its last."""
+    start, started = multiprocessing.context.SpawnProcess.start, []
+
+    def start_late(process):
+        for other in started:
+            other.kill()
+            other.join()
+            time.sleep(0.5)
+        start(process)
+        started.append(process)
+
+    monkeypatch.setattr(multiprocessing.context.SpawnProcess, "start", start_late)
+    with pytest.raises(MarkergenError, match="one that ended early; use one worker"):
+        map_chunks(math.factorial, [3, 3], 2, lambda _: None)
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize(
+    ("function", "chunk", "error"),
+    [
+        (open, os.devnull, TypeError),
+        (exec, "class Odd(Exception): pass\nraise Odd('said in full')", RuntimeError),
+    ],
+    ids=["result", "error"],
+)
+def test_what_cannot_travel_is_an_error_of_its_chunk(function, chunk, error):
+    with pytest.raises(error, match=r"cannot pickle|Odd: said in full"):
+        map_chunks(function, [chunk, chunk], 2, lambda _: None)
+
+
+def test_large_chunks_and_results_pass():
+    """Beyond what a pipe holds, in both directions at once."""
+    chunks = [bytes([k]) * 3_000_000 for k in range(6)]
+    assert map_chunks(bytes, chunks, 2, lambda _: None) == chunks
+
+
 def test_an_interrupt_between_chunks_ends_the_workers_at_once():
     def interrupt(_):
         raise KeyboardInterrupt

@@ -35,7 +35,7 @@ class CameraFormat:
     read: Callable[[Document, str | None], Camera]
 
 
-CAMERA_FORMATS: Registry[CameraFormat] = Registry("camera format", __name__)
+CAMERA_FORMATS: Registry[CameraFormat] = Registry("camera format", __name__, "markergen.camera_formats", CameraFormat)
 """Formats by name."""
 
 

@@ -4,21 +4,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from markergen.errors import InputError
+from markergen.maths.lenses import LENSES
 from markergen.model.camera import Camera, Distortion
 from markergen.model.findings import brief
-
-MODELS = {
-    "none": "none",
-    "plumb_bob": "radtan",
-    "radtan": "radtan",
-    "rational_polynomial": "rational",
-    "rational": "rational",
-    "equidistant": "equidistant",
-    "equi": "equidistant",
-    "fisheye": "equidistant",
-    "kannala_brandt": "equidistant",
-}
-"""Models of `Distortion` by the names that ROS, Kalibr and OpenCV's users give them."""
 
 SHORTEST, LONGEST = 1e-3, 1e6
 """Focal lengths in image sides: a field of view of nearly 180 degrees, and one of a fifth of an arc second."""
@@ -39,14 +27,12 @@ def make_distortion(name: str, coefficients: Sequence[float], model_place: str, 
 
     `model_place` and `place` tell where the name and the coefficients stand.
     """
-    model = _opencv(coefficients) if name == "" else MODELS.get(name.lower())
-    if model is None:
-        raise InputError(f"a known distortion model at {model_place}", brief(name), f"known: {', '.join(MODELS)}")
+    model = _opencv(coefficients) if name == "" else _named(name.lower(), model_place)
     # A pinhole camera is no fisheye without distortion: that images angles.
-    if not coefficients and model != "equidistant":
+    if not coefficients and LENSES[model].opencv:
         return Distortion()
     # OpenCV pads with zeros: 12 coefficients have thin prisms, 14 a tilted sensor, too.
-    most = {"none": 0, "radtan": 5, "rational": 8, "equidistant": 4}[model]
+    most = max(map(len, LENSES[model].coefficients))
     cut = coefficients if any(coefficients[most:]) else coefficients[:most]
     with located(place):
         if len(cut) in (12, 14) and model == "rational":
@@ -56,6 +42,19 @@ def make_distortion(name: str, coefficients: Sequence[float], model_place: str, 
                 "calibrate without these terms",
             )
         return Distortion(model, tuple(cut))
+
+
+def _named(name: str, place: str) -> str:
+    """Model of `Distortion` by a name that ROS, Kalibr or OpenCV's users give it."""
+    if name in LENSES:
+        with located(place):
+            LENSES[name]  # A plug-in that does not work says so.
+        return name
+    aliases = {alias: model for model in LENSES for alias in LENSES[model].aliases}
+    if name not in aliases:
+        known = dict.fromkeys(word for model in LENSES for word in (model, *LENSES[model].aliases))
+        raise InputError(f"a known distortion model at {place}", brief(name), f"known: {', '.join(known)}")
+    return aliases[name]
 
 
 def _opencv(coefficients: Sequence[float]) -> str:

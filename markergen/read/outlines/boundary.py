@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from markergen.errors import InputError
 from markergen.model.boundary import Boundary, Circle, polygon_from
 from markergen.model.findings import brief
-from markergen.read.outlines.reader import LARGEST, SMALLEST, read_outline
+from markergen.read.outlines.reader import LARGEST, SMALLEST, read_contours
 from markergen.units import format_length, parse_length
 
 Array = NDArray[np.float64]
@@ -53,7 +53,7 @@ def parse_boundary(
             "a --boundary-unit or --layer with an outline's file alone", brief(text), "write the unit with the number"
         )
     if is_file:
-        return polygon_from(read_outline(text, unit, layer), origin)
+        return polygon_from(read_contours(text, unit, layer), origin)
     kind, measures, place = shape.groups() if shape is not None else ("circle", str(text), None)
     center = _place(place, origin)
     if kind == "circle":

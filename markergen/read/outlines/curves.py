@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from math import asin, ceil, pi, sqrt
+from math import asin, ceil, pi, sqrt, tan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,12 @@ Array = NDArray[np.float64]
 
 MOST_POINTS = 100_000
 """Of one polyline."""
+
+ROUND = 1e-6
+"""Share of its radius by which an arc of a circle may be off one: digits that files leave out."""
+
+SHORTEST = 1e-3
+"""Angle in rad of the shortest arc that is worth keeping as one."""
 
 
 class Curve(ABC):
@@ -29,6 +35,11 @@ class Curve(ABC):
     @abstractmethod
     def flatten(self, tolerance: float) -> Array:
         """Points (m, d) on the curve, from its start to its end; no chord between two is farther off than tolerance."""
+
+    def trace(self, tolerance: float) -> tuple[Array, Array]:
+        """Points (m, d) as of `flatten`, and bulges (m - 1,) of what is between them: 0 but for arcs of circles."""
+        points = self.flatten(tolerance)
+        return points, np.zeros(len(points) - 1)
 
 
 @dataclass(frozen=True)
@@ -109,6 +120,17 @@ class Arc(Curve):
         steps = _steps(abs(self.sweep) / (4 * asin(sqrt(tolerance / (2 * radius)))))
         # By fours, so that a circle keeps its extent and its symmetry.
         return self._at(4 * ceil(steps / 4) + 1)
+
+    def trace(self, tolerance: float) -> tuple[Array, Array]:
+        """See `Curve.trace`; an arc of a circle in the plane is one of at most half a turn, or two."""
+        long, short = np.linalg.svd(np.stack([self.u, self.v]), compute_uv=False)[:2]
+        round_ = long - short <= min(ROUND * long, tolerance / 10) and long > tolerance
+        if len(self.center) != 2 or not round_ or not SHORTEST <= abs(self.sweep) <= 2 * pi * (1 + ROUND):
+            return super().trace(tolerance)
+        halves = 1 if abs(self.sweep) <= pi * (1 + ROUND) else 2
+        turn = self.sweep if self.u[0] * self.v[1] > self.u[1] * self.v[0] else -self.sweep
+        half = min(abs(turn) / halves, pi)
+        return self._at(halves + 1), np.full(halves, np.copysign(tan(half / 4), turn) if half < pi else np.sign(turn))
 
     def _at(self, count: int) -> Array:
         t = np.linspace(self.start, self.start + self.sweep, count)[:, None]

@@ -26,5 +26,7 @@ class OutlineFormat:
     read: Callable[[OutlineFile, str | None], Drawing]
 
 
-OUTLINE_FORMATS: Registry[OutlineFormat] = Registry("outline format", "markergen.read.outlines")
+OUTLINE_FORMATS: Registry[OutlineFormat] = Registry(
+    "outline format", "markergen.read.outlines", "markergen.outline_formats", OutlineFormat
+)
 """Formats by name."""

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
+from markergen.geometry.contour import Contour, backward, mirrored
 from markergen.model.findings import brief
-from markergen.model.outlines import canonical
+from markergen.model.outlines import TOLERANCE, canonical_contours, polygons_of
 from markergen.read.outlines.curves import MOST_POINTS
 from markergen.read.outlines.drawing import MOST_PIECES, UNITS, Drawing, OutlineFile, load
 from markergen.read.outlines.formats import OUTLINE_FORMATS
@@ -16,19 +17,22 @@ from markergen.units import format_length
 
 Array = NDArray[np.float64]
 
-TOLERANCE = 4.5e-6
-"""m between a curve and its polygon, at most; what is left to 5 um goes to joining ends and points."""
-
 SMALLEST, LARGEST = 1e-3, 100.0
 """m across: what lies outside has most likely been given in another unit."""
 
 
 def read_outline(path: Path | str, unit: str | None = None, layer: str | None = None) -> tuple[Array, ...]:
-    """Read all closed outlines (m, 2) of an SVG, DXF or GeoJSON file, in m, y up, about the file's own origin.
+    """Read all closed outlines as polygons (m, 2), arcs within 5 um; else as `read_contours`."""
+    return polygons_of(read_contours(path, unit, layer))
 
-    Curves become polygons that are nowhere more than 5 um off, and less for what is smaller than 50 mm. Outer outlines
-    run counterclockwise, holes clockwise: what lies within an odd number of outlines is a hole. Pieces whose ends lie
-    within 1 um (3 millionths of the drawing above 0.3 m) are joined.
+
+def read_contours(path: Path | str, unit: str | None = None, layer: str | None = None) -> tuple[Contour, ...]:
+    """Read all closed outlines of an SVG, DXF or GeoJSON file, in m, y up, about the file's own origin.
+
+    Lines and arcs of circles stay what they are. Other curves become polygons that are nowhere more than 5 um off, and
+    less for what is smaller than 50 mm. Outer outlines run counterclockwise, holes clockwise: what lies within an odd
+    number of outlines is a hole. Pieces whose ends lie within 1 um (3 millionths of the drawing above 0.3 m) are
+    joined.
 
     Parameters
     ----------
@@ -65,12 +69,12 @@ def read_outline(path: Path | str, unit: str | None = None, layer: str | None = 
     if not rings:
         raise _none(drawing, file)
     try:
-        outlines = [np.array(ring) for ring in canonical(rings)]
+        contours = canonical_contours([ring.points for ring in rings], [ring.bulges for ring in rings])
     except InputError as error:
         expected, found, remedy = error.args
         raise InputError(f"{expected} in {file.name}", found, remedy) from None
     # A mirrored outline runs the other way round.
-    return tuple((outline * (1.0, -1.0))[::-1] if drawing.y_down else outline for outline in outlines)
+    return tuple(backward(mirrored(contour)) if drawing.y_down else contour for contour in contours)
 
 
 def _size(drawing: Drawing, file: OutlineFile) -> float:
@@ -115,15 +119,21 @@ def _tracks(drawing: Drawing, scale: float, tolerance: float, file: OutlineFile)
     tracks, total = [], 0
     for piece in drawing.pieces:
         try:
-            points = np.concatenate([curve.flatten(tolerance / scale) for curve in piece.curves])
+            points, bulges = _traced([curve.trace(tolerance / scale) for curve in piece.curves])
         except InputError as error:
             expected, found, remedy = error.args
             raise file.unreadable(expected, f"{found}, {piece.name}", remedy) from None
         total += len(points)
         if total > MOST_POINTS:
             raise file.too_much(f"outlines that {MOST_POINTS} points can follow to {tolerance * 1e6:.2g} um")
-        tracks.append(Track(piece.name, points * scale, piece.closed))
+        tracks.append(Track(piece.name, points * scale, piece.closed, bulges))
     return tracks
+
+
+def _traced(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Points and bulges of curves one after the other, with a line from each to the next."""
+    bulges = [np.append(bulges, 0.0) for _, bulges in parts]
+    return np.concatenate([points for points, _ in parts]), np.concatenate(bulges)[:-1]
 
 
 def _none(drawing: Drawing, file: OutlineFile) -> InputError:

@@ -1,4 +1,4 @@
-"""Closed outlines from pieces: open ones are joined where their ends meet."""
+"""Closed contours from pieces: open ones are joined where their ends meet."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
-from markergen.model.outlines import place
+from markergen.geometry.contour import Contour, flattened, merged
+from markergen.model.outlines import SHALLOWEST, place
 from markergen.units import format_length
 
 Array = NDArray[np.float64]
@@ -15,15 +16,23 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Track:
-    """Points (m, 2) in m along a piece of outline with a name; closed if the last is joined to the first."""
+    """Points (m, 2) in m along a piece of outline with a name; closed if the last is joined to the first.
+
+    Of what is between them bulges (m - 1,) tell, as in `Contour`.
+    """
 
     name: str
     points: Array
     closed: bool
+    bulges: Array
+
+    def backward(self) -> "Track":
+        """The other way around."""
+        return Track(self.name, self.points[::-1], self.closed, -self.bulges[::-1])
 
 
-def close(tracks: Sequence[Track], tolerance: float, source: str) -> list[Array]:
-    """Closed polygons (m, 2) without a repeated end, in the order of their first tracks.
+def close(tracks: Sequence[Track], tolerance: float, source: str) -> list[Contour]:
+    """Closed contours without a repeated end, in the order of their first tracks; arcs of one circle become one.
 
     Ends that lie within `tolerance` (m) of each other meet; points that are much closer than that become one.
     `source` names the file in messages.
@@ -33,22 +42,22 @@ def close(tracks: Sequence[Track], tolerance: float, source: str) -> list[Array]
     InputError
         If an end meets no other, or more than one, or an outline is a line without an inside; the message tells where.
     """
-    rings: list[tuple[int, Array, str]] = []
+    rings: list[tuple[int, Track]] = []
     open_tracks: list[tuple[int, Track]] = []
     for i, track in enumerate(tracks):
-        points = _thinned(track.points, tolerance)
-        if len(points) == 1:  # A point has no outline, and editors leave some behind.
+        thin = _thinned(track, tolerance)
+        if len(thin.points) == 1:  # A point has no outline, and editors leave some behind.
             continue
-        if track.closed or _near(points[0], points[-1], tolerance):
-            rings.append((i, points, track.name))
+        if track.closed or _near(thin.points[0], thin.points[-1], tolerance):
+            rings.append((i, thin))
         else:
-            open_tracks.append((i, Track(track.name, points, False)))
+            open_tracks.append((i, thin))
     rings += _joined(open_tracks, tolerance, source)
     rings.sort(key=lambda ring: ring[0])
-    return [_checked(points, name, tolerance, source) for _, points, name in rings]
+    return [_checked(track, tolerance, source) for _, track in rings]
 
 
-def _joined(tracks: list[tuple[int, Track]], tolerance: float, source: str) -> list[tuple[int, Array, str]]:
+def _joined(tracks: list[tuple[int, Track]], tolerance: float, source: str) -> list[tuple[int, Track]]:
     """Rings of open tracks: each end 2 i (start) or 2 i + 1 (end) of track i has exactly one partner."""
     if not tracks:
         return []
@@ -61,13 +70,13 @@ def _joined(tracks: list[tuple[int, Track]], tolerance: float, source: str) -> l
         end, parts = 2 * first, []
         while end // 2 in left:
             del left[end // 2]
-            points = tracks[end // 2][1].points
-            parts.append(points if end % 2 == 0 else points[::-1])
+            part = tracks[end // 2][1]
+            parts.append(part if end % 2 == 0 else part.backward())
             end = partners[end ^ 1]
         index, track = tracks[first]
         # Each part starts where the last one ended.
-        points = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
-        rings.append((index, points, track.name))
+        points = np.concatenate([parts[0].points, *(part.points[1:] for part in parts[1:])])
+        rings.append((index, Track(track.name, points, True, np.concatenate([part.bulges for part in parts]))))
     return rings
 
 
@@ -105,29 +114,34 @@ def _partners(ends: Array, names: list[str], tolerance: float, source: str) -> l
     return np.where(self_first, found[:, 1], found[:, 0]).tolist()
 
 
-def _thinned(points: Array, tolerance: float) -> Array:
+def _thinned(track: Track, tolerance: float) -> Track:
     """Without points that are within a tenth of the tolerance of the one before that is kept."""
-    apart = tolerance / 10
+    points, apart = track.points, tolerance / 10
     steps = np.hypot(*np.diff(points, axis=0).T)
     if np.all(steps > apart):
-        return points
-    kept = [points[0]]
-    for point in points[1:]:
-        if not _near(point, kept[-1], apart):
-            kept.append(point)
-    return np.array(kept)
+        return track
+    kept = [0]
+    for k in range(1, len(points)):
+        if not _near(points[k], points[kept[-1]], apart):
+            kept.append(k)
+    # Arcs are half a turn at most, so that one with near ends is short.
+    return Track(track.name, points[kept], track.closed, track.bulges[np.array(kept[1:], dtype=int) - 1])
 
 
-def _checked(points: Array, name: str, tolerance: float, source: str) -> Array:
+def _checked(track: Track, tolerance: float, source: str) -> Contour:
+    points, bulges = track.points, np.append(track.bulges, 0.0)
     if _near(points[0], points[-1], tolerance):
-        points = points[:-1]
-    if len(points) < 3 or _thin(points, tolerance):
+        points, bulges = points[:-1], bulges[:-1]
+    bulges = np.where(np.abs(bulges) < SHALLOWEST, 0.0, bulges)
+    contour = Contour(tuple((x, y) for x, y in points.tolist()), tuple(bulges.tolist()) if bulges.any() else ())
+    corners = np.array(flattened(contour, 100 * tolerance))
+    if len(corners) < 3 or _thin(corners, tolerance):
         raise InputError(
             f"outlines with an area in {source}",
-            f"{name} of zero area at {place(points[0])}",
+            f"{track.name} of zero area at {place(points[0])}",
             "draw it as a closed shape with an inside, or choose the outline's --layer",
         )
-    return points
+    return merged(contour, tolerance)
 
 
 def _thin(points: Array, tolerance: float) -> bool:

@@ -1,10 +1,12 @@
 """The room for a marker's dots: its boundary and what to keep out of, brought into the marker frame together."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from markergen.errors import InputError
 from markergen.files import exists
+from markergen.geometry.contour import placed
 from markergen.model.boundary import Boundary, polygon_from
 from markergen.read.outlines.boundary import is_drawing, parse_boundary
 
@@ -44,8 +46,29 @@ def read_room(
     found = parse_boundary(boundary, unit if drawn else None, layer, "file" if drawn else origin)
     shift = found.center if drawn and origin == "center" else (0.0, 0.0)
     if drawn:
-        found = polygon_from(found.outlines(), origin)
+        found = polygon_from(found.contours(), origin)
     return found, tuple(_keep_out(text, unit, shift) for text in keep_outs)
+
+
+def drawn_plate(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Table of the substrate for a boundary from a drawing: the drawing is the plate, and has no edge.
+
+    That is written down, since a rectangle that was drawn is like one that was written with its measures.
+
+    Raises
+    ------
+    InputError
+        If there is an edge, and no outline for the plate.
+    """
+    if values.get("outline") is not None:
+        return dict(values)
+    if values.get("edge"):
+        raise InputError(
+            "an edge around a disk or a rectangle alone",
+            "--edge with a drawing, whose outline is the plate's",
+            "leave out --edge, or draw the plate and give it as --outline",
+        )
+    return {**values, "edge": 0.0}
 
 
 def _keep_out(text: str, unit: str | None, shift: tuple[float, float]) -> Boundary:
@@ -53,7 +76,7 @@ def _keep_out(text: str, unit: str | None, shift: tuple[float, float]) -> Bounda
     if not is_drawing(path):
         return parse_boundary(text, origin="file")
     drawn = parse_boundary(path, unit, layer, "file")
-    return polygon_from([outline - shift for outline in drawn.outlines()], "file")
+    return polygon_from([placed(contour, 1.0, shift, 12) for contour in drawn.contours()], "file")
 
 
 def _split(text: str) -> tuple[str, str | None]:

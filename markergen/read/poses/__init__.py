@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.files import exists
-from markergen.model.cone import FORM
 from markergen.model.findings import brief
-from markergen.model.poses import PRESETS, PoseDistribution, is_named, named_poses
+from markergen.model.poses import PoseDistribution, is_named, named_poses, pose_forms
 from markergen.model.recorded_poses import RecordedPoses
 from markergen.read.poses.lines import PoseFile, read_bytes
 from markergen.registry import Registry
@@ -42,12 +41,12 @@ class PoseFormat:
     read: Callable[[PoseFile], NDArray[np.float64]]
 
 
-POSE_FORMATS: Registry[PoseFormat] = Registry("pose format", __name__)
+POSE_FORMATS: Registry[PoseFormat] = Registry("pose format", __name__, "markergen.pose_formats", PoseFormat)
 """Formats by name."""
 
 
 def poses_from(wish: str | PoseDistribution) -> PoseDistribution:
-    """Poses of a preset (``paper``), of a cone (``cone:tilt=40..70``, see `Cone`), or of a file (see `read_poses`).
+    """Poses of a text (``paper``, ``cone:tilt=40..70``; see `named_poses`), or of a file (see `read_poses`).
 
     A distribution comes back as it is. A file that is called as a preset is written with its folder, ``./paper``.
 
@@ -69,7 +68,7 @@ def settled(wish: str) -> str | RecordedPoses:
     path = Path(wish)
     if not path.name or not (path.suffix or len(path.parts) > 1 or exists(path)):
         raise InputError(
-            "a known pose distribution", brief(wish), f"known: {', '.join(PRESETS)}, {FORM}, and files of poses"
+            "a known pose distribution", brief(wish), f"known: {', '.join(pose_forms())}, and files of poses"
         )
     return read_poses(path)
 

@@ -1,11 +1,10 @@
-"""Processes: a table of ways to make the dots, the tag and the pillars of a marker; the plate is the same for all."""
+"""Processes: ways to make the dots, the tag and the pillars of a marker; the plate is the same for all.
 
-from collections.abc import Callable
+Each module puts its own into `markergen.model.fabrication.PROCESSES`.
+"""
+
 from dataclasses import dataclass
 
-from markergen.model.fabrication import Fabrication
-from markergen.model.marker import Marker
-from markergen.registry import Registry
 from markergen.solid.bodies import Body, Part
 
 
@@ -46,10 +45,3 @@ class Made:
     tolerances: tuple[tuple[str, str], ...] = ()
     depth: float = 0.0
     face: float = 0.0
-
-
-Process = Callable[[Marker, Fabrication], Made]
-"""Makes bodies of a marker as it was designed, or refuses it in one line (InputError)."""
-
-PROCESSES: Registry[Process] = Registry("process", __name__)
-"""Processes by the names of `markergen.model.fabrication.PROCESSES`."""

@@ -3,14 +3,14 @@
 from math import ceil
 
 from markergen.errors import InputError
-from markergen.model.fabrication import Fabrication
+from markergen.model.fabrication import PROCESSES, Fabrication, Process
 from markergen.model.marker import Marker
 from markergen.solid.bodies import Body, Part, cylinder, mm
 from markergen.solid.fits import Fit, fit
 from markergen.solid.inks import Dot, cell_of, dots_of
 from markergen.solid.inlays import Cutting, inlay, prepare, sizes, tag_inlays
 from markergen.solid.limits import depth_of, gap_of, tool_of
-from markergen.solid.processes import PROCESSES, Made
+from markergen.solid.processes import Made
 from markergen.units import format_length
 
 DEPTH = 1.0
@@ -23,7 +23,6 @@ WALL = 0.5
 """mm that stay between pockets: what does not bend under the mill."""
 
 
-@PROCESSES.register("cnc")
 def cnc(marker: Marker, fabrication: Fabrication) -> Made:
     """Discs of the dots' nominal sizes in pockets with slip or press fit; the tag's corners have the mill's radius."""
     dots = dots_of(marker)
@@ -79,6 +78,9 @@ def cnc(marker: Marker, fabrication: Fabrication) -> Made:
         ),
         depth=-bottom if fabrication.through else depth,
     )
+
+
+PROCESSES.register("cnc")(Process(cnc, "milled", choices=("fit", "through")))
 
 
 def _mill(marker: Marker, dots: tuple[Dot, ...]) -> float:

@@ -3,13 +3,13 @@
 from math import acos, asin, pi, sqrt, tan
 
 from markergen.errors import InputError
-from markergen.model.fabrication import Fabrication
+from markergen.model.fabrication import PROCESSES, Fabrication, Process
 from markergen.model.marker import Marker
 from markergen.solid.bodies import Body, Part, Path, Revolved, cylinder
 from markergen.solid.inks import Dot, dots_of
 from markergen.solid.inlays import Cutting, prepare, tag_inlays
 from markergen.solid.limits import Face, Footprint, check_apart, check_dots, depth_of, gap_of, tool_of
-from markergen.solid.processes import PROCESSES, Made
+from markergen.solid.processes import Made
 from markergen.solid.relief import balls_hide, poses_of
 
 DEPTH = 2.0
@@ -25,7 +25,6 @@ STAND = 0.5
 """How far balls in the plane stand off the plate, in radii."""
 
 
-@PROCESSES.register("dome")
 def dome(marker: Marker, fabrication: Fabrication) -> Made:
     """Balls of the dots' diameters: their middles stay where they are from wherever they are seen."""
     dots = dots_of(marker)
@@ -54,6 +53,9 @@ def dome(marker: Marker, fabrication: Fabrication) -> Made:
         depth=depth,
         face=made.face,
     )
+
+
+PROCESSES.register("dome")(Process(dome, "balls on a plate", choices=("dome",), balls=True))
 
 
 def _halves(marker: Marker, fabrication: Fabrication, cutting: Cutting, gap: float) -> Made:

@@ -1,11 +1,11 @@
 """``fdm``: a two-material 3-D print, dark inlays flush in a light plate."""
 
-from markergen.model.fabrication import Fabrication
+from markergen.model.fabrication import PROCESSES, Fabrication, Process
 from markergen.model.marker import Marker
 from markergen.solid.inks import dots_of
 from markergen.solid.inlays import Cutting, inlaid, prepare
 from markergen.solid.limits import depth_of, gap_of, tool_of
-from markergen.solid.processes import PROCESSES, Made
+from markergen.solid.processes import Made
 
 DEPTH = 0.6
 """Of the inlays in mm: three layers of 0.2 mm, which let no light of the plate through."""
@@ -14,7 +14,6 @@ NOZZLE = 0.4
 """Diameter in mm that most printers come with; a line is as wide."""
 
 
-@PROCESSES.register("fdm")
 def fdm(marker: Marker, fabrication: Fabrication) -> Made:
     """Inlays without a gap, for a printer that changes materials; with a gap they are printed apart and put in."""
     tool = tool_of(fabrication, "nozzle", NOZZLE)
@@ -48,3 +47,6 @@ def fdm(marker: Marker, fabrication: Fabrication) -> Made:
         tolerances=(("dot centers, from each other", "+/- 0.1 mm"), ("dot diameters", "+/- 0.1 mm")),
         depth=cutting.depth,
     )
+
+
+PROCESSES.register("fdm")(Process(fdm, "3-D print in two materials"))

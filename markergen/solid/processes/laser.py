@@ -1,11 +1,11 @@
 """``laser``: dots and tag engraved into a plate, dark."""
 
-from markergen.model.fabrication import Fabrication
+from markergen.model.fabrication import PROCESSES, Fabrication, Process
 from markergen.model.marker import Marker
 from markergen.solid.bodies import cylinder
 from markergen.solid.inlays import Cutting, prepare, tag_marks
 from markergen.solid.limits import depth_of, tool_of
-from markergen.solid.processes import PROCESSES, Made
+from markergen.solid.processes import Made
 
 DEPTH = 0.1
 """Of the engraving in mm."""
@@ -14,7 +14,6 @@ BEAM = 0.1
 """Width of a laser's line in mm."""
 
 
-@PROCESSES.register("laser")
 def laser(marker: Marker, fabrication: Fabrication) -> Made:
     """Engraved faces without inlays; the DXF beside the solid has the same outlines to engrave and to cut."""
     tool = tool_of(fabrication, "beam", BEAM)
@@ -38,3 +37,6 @@ def laser(marker: Marker, fabrication: Fabrication) -> Made:
         tolerances=(("dot centers, from each other", "+/- 0.05 mm"), ("dot diameters", "+/- 0.1 mm")),
         depth=cutting.depth,
     )
+
+
+PROCESSES.register("laser")(Process(laser, "engraved plate", engraved=True))

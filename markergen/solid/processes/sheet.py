@@ -7,7 +7,7 @@ import numpy as np
 
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
-from markergen.model.fabrication import Fabrication
+from markergen.model.fabrication import PROCESSES, Fabrication, Process
 from markergen.model.interior import shape_of
 from markergen.model.marker import Marker
 from markergen.solid.bodies import Body, Path, Prism, circle, cylinder, polygon_of
@@ -26,7 +26,7 @@ from markergen.solid.limits import (
     tool_of,
     up,
 )
-from markergen.solid.processes import PROCESSES, Made
+from markergen.solid.processes import Made
 
 DEPTH = 0.2
 """Of the recess in mm: paper or film of 0.1 mm, and what glues it."""
@@ -45,7 +45,6 @@ Region = tuple[Path, tuple[Path, ...], Any]
 """Outer path, holes, and the same as a polygon of shapely."""
 
 
-@PROCESSES.register("print")
 def sheet(marker: Marker, fabrication: Fabrication) -> Made:
     """One recess for the sheet; with relief each dot, cut out on its own, lies in a recess of its own."""
     tool = tool_of(fabrication, "knife", KNIFE, WALL)
@@ -90,6 +89,9 @@ def sheet(marker: Marker, fabrication: Fabrication) -> Made:
     )
 
 
+PROCESSES.register("print")(Process(sheet, "plate with a recess for a printed sheet"))
+
+
 def _recesses(marker: Marker, tool: Tool, depth: float, gap: float) -> tuple[Prism, ...]:
     """Recess in the outline of each of the boundary's regions, with land left around holes in it."""
     face = Face(marker)
@@ -98,12 +100,12 @@ def _recesses(marker: Marker, tool: Tool, depth: float, gap: float) -> tuple[Pri
     for path, holes, shape in _regions(marker, gap):
         room = float(face.inside(shape))
         if room < tool.wall - FLATTENING:
-            edge = marker.substrate.edge * 1e3 + tool.wall - room
+            edge = marker.substrate.edge_around(marker.boundary) * 1e3 + tool.wall - room
             raise InputError(
                 f"at least {tool.wall:.6g} mm of the plate around the recess for the sheet",
                 found_room(room) if room > ROUNDING else "a recess that reaches over its edge",
                 "use a larger --outline, without holes in the recess"
-                if marker.substrate.outline is not None
+                if marker.substrate.outline is not None or not marker.boundary.has_measures
                 else f"use --edge {up(edge)} or more"
                 if room > ROUNDING
                 else "use a larger --edge, or a smaller --corner-radius and --chamfer",

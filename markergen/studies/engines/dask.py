@@ -9,6 +9,7 @@ from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 
 from markergen.errors import InputError, MarkergenError, MissingLibraryError
+from markergen.registry import Luggage, outside, receive
 from markergen.studies.cells import Cell, Result, Work, versions
 from markergen.studies.engines.base import ENGINES, Engine
 from markergen.validation.pool import BLAS_THREADS
@@ -66,9 +67,9 @@ class Dask(Engine):
         from distributed import as_completed
 
         with self._client() as client:
-            wanted = versions()
+            wanted, luggage = versions(), outside()
             # Not pure: a name that the scheduler chooses cannot be that of somebody else's result.
-            futures = {client.submit(_compute, work, cell, wanted, pure=False): cell for cell in cells}
+            futures = {client.submit(_compute, work, cell, wanted, luggage, pure=False): cell for cell in cells}
             completed = as_completed(list(futures), loop=client.loop, with_results=True, raise_errors=False)
             while completed.count():
                 self._wait(client, completed)
@@ -143,7 +144,7 @@ class Dask(Engine):
         )
 
 
-def _compute(work: Work, cell: Cell, wanted: dict[str, str]) -> Result:
+def _compute(work: Work, cell: Cell, wanted: dict[str, str], luggage: Luggage) -> Result:
     """Compute a cell on a worker: with one thread, and with the versions that the others have."""
     import cv2
     from threadpoolctl import threadpool_limits
@@ -154,6 +155,7 @@ def _compute(work: Work, cell: Cell, wanted: dict[str, str]) -> Result:
             f"{name} {found[name]} in place of {wanted[name]}" for name in wanted if found[name] != wanted[name]
         ]
         raise InputError("the same versions on the Dask workers", ", ".join(differing), "install the same there")
+    receive(luggage)
     cv2.setNumThreads(1)
     # What is loaded already is told so, and what the cell loads reads it from the environment.
     os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.objectives import Criterion
+from markergen.objectives.criteria import columns as criteria_columns
 from markergen.studies.cells import Result
 from markergen.studies.sweep.grid import GridPoint, Sweep, axis_text
 from markergen.studies.sweep.work import ERROR
@@ -22,9 +24,6 @@ ALL = "all"
 CONFIDENCE, NORMAL_95 = 0.95, 1.959963984540054
 """Of the intervals, and how many standard errors that is on each side."""
 
-CRITERIA = {"pose_m": ("pose_mm", 1e3), "homography_px": ("homography_px", 1.0), "condition": ("condition", 1.0)}
-"""Columns of criteria, by their keys, with their factors; the others are among the bounds."""
-
 COLUMNS = (
     "layout", "control_points", "radius_mm", "dot_mm", "noise_px", "pose_count", "runs",
     "polar_angle_deg", "estimator", "trials",
@@ -33,14 +32,19 @@ COLUMNS = (
     "homography_rms_px", "homography_low_px", "homography_high_px",
     "flips", "flip_rate", "flip_rate_low", "flip_rate_high",
     "failures", "failure_rate", "failure_rate_low", "failure_rate_high",
-    "criterion_pose_mm", "criterion_homography_px", "criterion_condition", "error",
 )  # fmt: skip
-"""After those of the axes."""
+"""After those of the axes, and before those of the criteria."""
 
 
 def columns(sweep: Sweep) -> list[str]:
-    """Names of the columns: the axes as they are written in the file, then `COLUMNS`."""
-    return [*(name for name in sweep.axes if name not in COLUMNS), *COLUMNS]
+    """Names of the columns: the axes as they are written in the file, `COLUMNS`, criteria, and what went wrong."""
+    axes = (name for name in sweep.axes if name not in COLUMNS)
+    return [*axes, *COLUMNS, *(f"criterion_{each.column}" for each in _criteria()), "error"]
+
+
+def _criteria() -> list[Criterion]:
+    """Criteria that are not among the bounds already."""
+    return [each for each in criteria_columns().values() if not each.bound]
 
 
 def rows(sweep: Sweep, point: GridPoint, layout: Result, trials: Result | None) -> Iterator[Row]:
@@ -59,10 +63,10 @@ def rows(sweep: Sweep, point: GridPoint, layout: Result, trials: Result | None) 
     base |= {"control_points": len(layout["points"]), "dot_mm": 1e3 * float(layout["dot"])}
     # Criteria are for noise of 1 px and proportional to it, but for those of images, which have noise of their own.
     noise = point.noise_px if point.spec.noise_model == "point" else 1.0
-    for key, (name, factor) in CRITERIA.items():
-        if f"criteria.{key}" in layout:
-            value = factor * float(layout[f"criteria.{key}"])
-            base[f"criterion_{name}"] = value if key == "condition" else value * noise
+    for each in _criteria():
+        if f"criteria.{each.key}" in layout:
+            value = each.factor * float(layout[f"criteria.{each.key}"])
+            base[f"criterion_{each.column}"] = value * noise if each.proportional else value
     angles = trials["polar_angle"]
     groups = {ALL: np.ones(len(angles), dtype=bool)} | {name: angles == name for name in dict.fromkeys(angles.tolist())}
     for name, mask in groups.items():

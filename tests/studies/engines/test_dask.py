@@ -7,7 +7,7 @@ import pytest
 from study_work import cells, noise, refusing, slow_noise
 
 from markergen.errors import InputError, MarkergenError
-from markergen.studies.engines import ENGINES, EngineOptions, engine_for
+from markergen.studies.engines import ENGINES, EngineOptions, dask, engine_for
 from markergen.studies.run import run_cells
 
 IDENTITY = {"study": "test"}
@@ -97,8 +97,10 @@ def test_what_answers_and_is_no_scheduler_is_told(words):
 @pytest.mark.parametrize(
     "address", ["nonsense", "tcp://", "udp://127.0.0.1:8786", "tcp://127.0.0.1:port", "tls://127.0.0.1:1"]
 )
-def test_what_is_no_address_is_told_at_once(address):
+def test_what_is_no_address_is_told_at_once(address, monkeypatch):
+    """Nothing is waited for, however slow the machine."""
     pytest.importorskip("distributed")
+    monkeypatch.setattr(dask, "ANSWER_SECONDS", 100.0)
     seconds, message = check_seconds(address)
-    assert seconds < 3
+    assert seconds < 50
     assert "tcp://HOST:PORT" in message

@@ -1,0 +1,29 @@
+"""``refined``: the pose of the homography, refined by OpenCV's virtual visual servoing."""
+
+import cv2
+import numpy as np
+
+from markergen.estimators import Correspondences, PoseEstimates, PoseEstimator
+from markergen.estimators.decomposition import decompose_homography
+from markergen.estimators.dlt import DLT
+
+
+class Refined(PoseEstimator):
+    """DLT and decomposition, then `cv2.solvePnPRefineVVS`; for points in a plane."""
+
+    name = "refined"
+    planar_only = True
+
+    def solve(self, batch: Correspondences) -> PoseEstimates:
+        """Poses of the batch, one solution each; nan where there is no homography."""
+        rotation, translation = decompose_homography(batch.once(DLT), batch.camera.matrix)
+        for i in np.flatnonzero(np.isfinite(translation).all(axis=-1)):
+            start = cv2.Rodrigues(rotation[i])[0], translation[i][:, None]
+            pixels = batch.image_points[i].reshape(-1, 1, 2)
+            points = batch.of(np.array([i])).reshape(-1, 1, 3)
+            turn, shift = cv2.solvePnPRefineVVS(points, pixels, batch.camera.matrix, np.zeros(4), *start)
+            rotation[i], translation[i] = cv2.Rodrigues(turn)[0], shift[:, 0]
+        return PoseEstimates(rotation[:, None], translation[:, None])
+
+
+REFINED = Refined()

@@ -1,0 +1,23 @@
+"""``fov``: the field-of-view model of Devernay & Faugeras (2001), as Kalibr and ROS have it."""
+
+import numpy as np
+
+from markergen.maths.lenses import Array, Coefficients, RadialModel
+
+
+class FieldOfView(RadialModel):
+    """s = atan(2 r tan(w/2)) / (w r)."""
+
+    coefficients = (("w",),)
+    aliases = ("field_of_view",)
+
+    def scale(self, square: Array, coefficients: Coefficients) -> Array:
+        """See `RadialModel.scale`."""
+        (w,) = coefficients
+        steep, radius = 2 * np.tan(w / 2), np.sqrt(square)
+        near = square < 1e-12
+        grown = np.where(near, steep - steep**3 * square / 3, np.arctan(steep * radius) / np.where(near, 1, radius))
+        return grown / w
+
+
+FOV = FieldOfView()

@@ -1,0 +1,32 @@
+"""``--process etch``: dots etched into a coated plate through a photographic mask."""
+
+from markergen.model.fabrication import Fabrication, Process
+from markergen.model.marker import Marker
+from markergen.solid.bodies import cylinder
+from markergen.solid.inlays import Cutting, prepare, tag_marks
+from markergen.solid.limits import depth_of, tool_of
+from markergen.solid.processes import Made
+
+DEPTH, FINEST = 0.05, 0.05
+"""Depth of the etching, and the finest line of the mask, mm."""
+
+
+def etch(marker: Marker, fabrication: Fabrication) -> Made:
+    """Shallow dark faces without inlays, drawn in the DXF of the mask that comes beside the solid."""
+    tool = tool_of(fabrication, "line", FINEST)
+    cutting = Cutting(tool, depth_of(marker, fabrication, DEPTH, "an etching"))
+    ground = prepare(marker, fabrication, cutting, lambda dot: dot.radius)
+    marks = tuple(
+        cylinder(dot.x, dot.y, dot.radius, round(dot.z - cutting.depth, 9), dot.z, dot.inner) for dot in ground.dots
+    )
+    return Made(
+        marked=(*marks, *tag_marks(marker, cutting)),
+        add=ground.pillars,
+        notes=ground.notes,
+        lines=(f"Etch the dots {cutting.depth:.6g} mm deep and fill them with black lacquer.",),
+        tolerances=(("dot centers, from each other", "+/- 0.01 mm"),),
+        depth=cutting.depth,
+    )
+
+
+ETCH = Process(etch, "etched plate", engraved=True)

@@ -1,0 +1,52 @@
+"""Solids, meshes, and the drawing that goes with them."""
+
+from markergen.exporters import EXPORTERS, Exporter
+
+EXPORTERS.register(".step", ".stp")(
+    Exporter(
+        "markergen.exporters.step:export",
+        "solids, named and colored, in mm, to machine or to print",
+        holds="solid",
+        kernel=True,
+    )
+)
+EXPORTERS.register(".brep")(
+    Exporter("markergen.exporters.brep:export", "the same for Open CASCADE", holds="solid", kernel=True)
+)
+EXPORTERS.register(".stl")(
+    Exporter(
+        "markergen.exporters.stl:export",
+        "mesh in mm, all in one, and one more for each material",
+        holds="solid",
+        kernel=True,
+    )
+)
+EXPORTERS.register(".3mf")(
+    Exporter("markergen.exporters.threemf:export", "mesh with materials, for slicers", holds="solid", kernel=True)
+)
+EXPORTERS.register(".glb")(
+    Exporter("markergen.exporters.glb:export", "mesh with materials, in m, to look at", holds="solid", kernel=True)
+)
+EXPORTERS.register(".sdf")(
+    Exporter(
+        "markergen.exporters.sdf:export",
+        "model for simulators, with the .glb that it shows",
+        holds="solid",
+        kernel=True,
+    )
+)
+EXPORTERS.register(".urdf")(
+    Exporter(
+        "markergen.exporters.urdf:export",
+        "model for simulators, with the .glb that it shows",
+        holds="solid",
+        kernel=True,
+    )
+)
+EXPORTERS.register(".fab.pdf")(
+    Exporter(
+        "markergen.exporters.fab_pdf:export",
+        "drawing with dimensions and a table of the dots, for the workshop",
+        holds="solid",
+    )
+)

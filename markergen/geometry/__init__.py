@@ -1,0 +1,1 @@
+"""Plane geometry without units: closed contours of straight lines and arcs."""

@@ -1,0 +1,270 @@
+"""A closed contour of straight lines and arcs, as DXF and CAD kernels have them: corners, and a bulge for each side.
+
+The bulge of a side is the tangent of a quarter of the angle that its arc turns by, counterclockwise positive: 0 is a
+straight line, 1 half a turn to the left. Lengths are in any unit, the same throughout.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import acos, asin, atan, atan2, ceil, cos, hypot, inf, pi, sin, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+
+Array = NDArray[np.float64]
+Point = tuple[float, float]
+Side = tuple[Point, Point, float]
+"""Where it begins and ends, and its bulge."""
+
+COARSEST = pi / 4
+"""Largest angle in rad of an arc that a chord stands for."""
+
+MOST_CHORDS = 100_000
+"""Of one arc."""
+
+
+@dataclass(frozen=True)
+class Contour:
+    """A closed contour of straight lines and arcs.
+
+    Attributes
+    ----------
+    points : tuple of (x, y)
+        Corners, each one once; counterclockwise, or clockwise around a hole. Two are enough if a side is an arc.
+    bulges : tuple of float
+        Of the sides from each corner to the next one, the last one to the first. Empty: all are straight.
+
+    Examples
+    --------
+    >>> area(Contour(((1.0, 0.0), (-1.0, 0.0)), (1.0, 1.0)))
+    3.141592653589793
+    """
+
+    points: tuple[Point, ...]
+    bulges: tuple[float, ...] = ()
+
+    @property
+    def has_arcs(self) -> bool:
+        """Whether a side is an arc."""
+        return any(self.bulges)
+
+    @property
+    def is_circle(self) -> bool:
+        """Whether it is two half turns."""
+        return self.bulges in ((1.0, 1.0), (-1.0, -1.0))
+
+    @property
+    def sides(self) -> list[Side]:
+        """All sides, from the first corner on."""
+        bulges = self.bulges or (0.0,) * len(self.points)
+        return list(zip(self.points, (*self.points[1:], *self.points[:1]), bulges, strict=True))
+
+    @property
+    def as_circle(self) -> tuple[float, float, float] | None:
+        """Center x, y and radius of a circle; None for any other contour."""
+        if not self.is_circle:
+            return None
+        (x, y), (u, v) = self.points
+        return (x + u) / 2, (y + v) / 2, hypot(x - u, y - v) / 2
+
+
+def circle(radius: float, x: float = 0.0, y: float = 0.0, hole: bool = False) -> Contour:
+    """Full circle as two half turns; clockwise as a hole."""
+    sign = -1.0 if hole else 1.0
+    return Contour(((x + radius, y), (x - radius, y)), (sign, sign))
+
+
+def center_of(side: Side) -> Point:
+    """Center of a side that is an arc: to the left of its chord for a turn to the left of less than a half one."""
+    (x, y), (u, v), bulge = side
+    away = (1 - bulge**2) / (4 * bulge)
+    return (x + u) / 2 - (v - y) * away, (y + v) / 2 + (u - x) * away
+
+
+def radius_of(side: Side) -> float:
+    """Radius of a side; infinite for a straight one."""
+    (x, y), (u, v), bulge = side
+    return hypot(u - x, v - y) * (1 + bulge**2) / (4 * abs(bulge)) if bulge else inf
+
+
+def heading(side: Side, end: bool) -> Point:
+    """Unit vector along which a side arrives at its end, or leaves its start."""
+    (x, y), (u, v), bulge = side
+    length = ((u - x) ** 2 + (v - y) ** 2) ** 0.5
+    turn = 2 * atan(bulge) * (1 if end else -1)
+    dx, dy = (u - x) / length, (v - y) / length
+    return dx * cos(turn) - dy * sin(turn), dx * sin(turn) + dy * cos(turn)
+
+
+def turns_of(contour: Contour) -> list[float]:
+    """Angle in rad, positive to the left, by which the contour turns in each of its corners; 0 where it is smooth."""
+    sides = contour.sides
+    found = []
+    for before, after in zip((sides[-1], *sides[:-1]), sides, strict=True):
+        (ax, ay), (bx, by) = heading(before, end=True), heading(after, end=False)
+        found.append(atan2(ax * by - ay * bx, ax * bx + ay * by))
+    return found
+
+
+def area(contour: Contour) -> float:
+    """Signed area, positive if it runs counterclockwise: shoelace, and a circle's segment for each arc."""
+    total = 0.0
+    for (x, y), (u, v), bulge in contour.sides:
+        chord = (u - x) ** 2 + (v - y) ** 2
+        total += (x * v - u * y) / 2
+        if bulge:
+            angle = 4 * atan(bulge)
+            total += chord * (angle - sin(angle)) / (8 * sin(angle / 2) ** 2)
+    return total
+
+
+def box(contour: Contour) -> tuple[float, float, float, float]:
+    """Left, lower, right and upper end: of the corners, and of arcs where they run along an axis."""
+    points = list(contour.points)
+    for side in contour.sides:
+        (x, y), _, bulge = side
+        if not bulge:
+            continue
+        cx, cy = center_of(side)
+        radius, angle = hypot(x - cx, y - cy), 4 * atan(bulge)
+        start = atan2(y - cy, x - cx)
+        for k in range(4):
+            turn = (k * pi / 2 - start) * (1 if angle > 0 else -1) % (2 * pi)
+            if turn < abs(angle):
+                points.append((cx + radius * (1, 0, -1, 0)[k], cy + radius * (0, 1, 0, -1)[k]))
+    xs, ys = zip(*points, strict=True)
+    return min(xs), min(ys), max(xs), max(ys)
+
+
+def flattened(contour: Contour, off: float) -> list[Point]:
+    """Corners of a polygon for the contour, on it, from which its arcs are no farther than `off`."""
+    points: list[Point] = []
+    for (x, y), (u, v), bulge in contour.sides:
+        points.append((x, y))
+        if not bulge:
+            continue
+        angle = 4 * atan(bulge)
+        radius = hypot(u - x, v - y) / (2 * abs(sin(angle / 2)))
+        count = ceil(abs(angle) / min(2 * acos(max(1 - off / radius, 0.0)), COARSEST))
+        for k in range(1, count):
+            # Of the point that a part of the angle further on, the chord's length and its turn from the whole chord.
+            part = angle * k / count
+            scale, turn = sin(part / 2) / sin(angle / 2), (part - angle) / 2
+            points.append(
+                (
+                    x + scale * ((u - x) * cos(turn) - (v - y) * sin(turn)),
+                    y + scale * ((u - x) * sin(turn) + (v - y) * cos(turn)),
+                )
+            )
+    return points
+
+
+def inner_polygon(contour: Contour, off: float) -> Array:
+    """Corners (m, 2) of a polygon no farther than `off` from the contour, whose left is to the contour's left.
+
+    Arcs to the left become chords, and arcs to the right tangents: what is inside of the polygon, or outside of a
+    hole's, is so of the contour. Steps are even in number, so that a circle keeps its symmetry.
+
+    Raises
+    ------
+    InputError
+        If an arc takes more than `MOST_CHORDS`, or is not finite.
+    """
+    points: list[Point] = []
+    for side in contour.sides:
+        start, _, bulge = side
+        points.append(start)
+        if not bulge:
+            continue
+        (cx, cy), radius, angle = center_of(side), radius_of(side), 4 * atan(bulge)
+        # 1 - cos h = 2 sin^2 (h / 2), which keeps its digits where the radius is large.
+        share = off / (2 * radius) if bulge > 0 else off / (2 * (radius + off))
+        count = abs(angle) / min(4 * asin(min(sqrt(share), 1.0)), COARSEST) if share > 0 else inf
+        if not count < MOST_CHORDS:
+            raise InputError(
+                f"arcs that {MOST_CHORDS} chords can follow to {off:.3g} of their unit", f"a radius of {radius:.3g}",
+                "check the bulges",
+            )  # fmt: skip
+        steps = 2 * ceil(count / 2)
+        first = atan2(start[1] - cy, start[0] - cx)
+        reach, places = (radius, range(1, steps)) if bulge > 0 else (radius / cos(angle / steps / 2), range(steps))
+        for k in places:
+            at = first + angle * (k if bulge > 0 else k + 0.5) / steps
+            points.append((cx + reach * cos(at), cy + reach * sin(at)))
+    return np.array(points, dtype=float).reshape(-1, 2)
+
+
+def inset(contour: Contour, distance: float) -> Contour:
+    """Contour moved to its left: parallel lines with mitered corners, and arcs about the same centers.
+
+    Arcs go on smoothly at both ends. Sides that would turn around are not looked for.
+    """
+    sides = contour.sides
+    moved = []
+    for before, after in zip((sides[-1], *sides[:-1]), sides, strict=True):
+        (x, y), (ax, ay), (bx, by) = after[0], heading(before, end=True), heading(after, end=False)
+        share = distance / (1 + ax * bx + ay * by)
+        moved.append((x - share * (ay + by), y + share * (ax + bx)))
+    return Contour(tuple(moved), contour.bulges)
+
+
+def backward(contour: Contour) -> Contour:
+    """Contour the other way around, from its last corner on."""
+    return Contour(
+        contour.points[::-1], (*(0.0 - b for b in contour.bulges[-2::-1]), *(0.0 - b for b in contour.bulges[-1:]))
+    )
+
+
+def turned_over(contour: Contour) -> Contour:
+    """Contour the other way around, from the same corner on."""
+    points, bulges = contour.points, contour.bulges
+    return Contour((*points[:1], *points[:0:-1]), tuple(0.0 - bulge for bulge in bulges[::-1]))
+
+
+def mirrored(contour: Contour) -> Contour:
+    """Contour with y for -y."""
+    return Contour(tuple((x, -y) for x, y in contour.points), tuple(0.0 - bulge for bulge in contour.bulges))
+
+
+def placed(
+    contour: Contour, scale: float, shift: Sequence[float] | Array = (0.0, 0.0), digits: int | None = None
+) -> Contour:
+    """Contour shifted and then scaled, its coordinates rounded to digits after the point; -0 becomes a plain 0.
+
+    Of a circle the center and the radius are rounded, so that its diameter keeps the digits that it has.
+    """
+    whole = contour.as_circle
+    if whole and digits is not None:
+        x, y, radius = (
+            round(value * scale, digits) + 0.0 for value in (whole[0] - shift[0], whole[1] - shift[1], whole[2])
+        )
+        points = circle(radius, x, y).points
+        return Contour(tuple((round(u, digits) + 0.0, round(v, digits) + 0.0) for u, v in points), contour.bulges)
+    moved = (np.array(contour.points, dtype=float) - shift) * scale
+    if digits is not None:
+        moved = np.round(moved, digits)
+    return Contour(tuple(map(tuple, (moved + 0.0).tolist())), contour.bulges)
+
+
+def merged(contour: Contour, off: float) -> Contour:
+    """A full circle for arcs that make one up within `off`, all turning the same way; any other contour as it is."""
+    bulges = np.array(contour.bulges)
+    if contour.is_circle or not (len(bulges) and (np.all(bulges > 0) or np.all(bulges < 0))):
+        return contour
+    if abs(abs(float(np.sum(4 * np.arctan(bulges)))) - 2 * pi) > 0.01:
+        return contour
+    corner = np.array(contour.points)
+    chord = np.roll(corner, -1, axis=0) - corner
+    # The middle of an arc lies to the right of its chord for a turn to the left.
+    middle = corner + chord / 2 + bulges[:, None] / 2 * np.stack([chord[:, 1], -chord[:, 0]], axis=-1)
+    points = np.concatenate([corner, middle])
+    # x^2 + y^2 = 2 a x + 2 b y + c, about the mean.
+    mean = points.mean(axis=0)
+    about = points - mean
+    (a, b, c), *_ = np.linalg.lstsq(np.column_stack([2 * about, np.ones(len(about))]), np.sum(about**2, axis=1))
+    radius = sqrt(max(c + a**2 + b**2, 0.0))
+    if np.max(np.abs(np.hypot(*(about - (a, b)).T) - radius)) > off:
+        return contour
+    return circle(radius, float(mean[0] + a), float(mean[1] + b), hole=bool(bulges[0] < 0))

@@ -1,0 +1,23 @@
+"""``none``: a pinhole camera."""
+
+from markergen.maths.lenses import LARGEST_RADIUS, LENSES, Array, Coefficients, LensModel
+
+
+class NoDistortion(LensModel):
+    """s = 1: images are as a pinhole makes them."""
+
+    coefficients = ((),)
+    opencv = True
+
+    def map(self, x: Array, y: Array, coefficients: Coefficients) -> tuple[Array, Array]:
+        """See `LensModel.map`."""
+        del coefficients
+        return x, y
+
+    def domain_radius(self, coefficients: Coefficients) -> float:
+        """See `LensModel.domain_radius`."""
+        del coefficients
+        return LARGEST_RADIUS
+
+
+LENSES.register("none")(NoDistortion())

@@ -1,0 +1,131 @@
+"""``radtan`` and ``rational``: the lenses of OpenCV's calibration, polynomials in r^2 or the quotient of two."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from markergen.maths.lenses import LARGEST_RADIUS, LENSES, Array, Coefficients, RadialModel
+
+
+class RadialTangential(RadialModel):
+    """Brown-Conrady: s = 1 + k1 r^2 + k2 r^4 + k3 r^6, and the tangential terms p1, p2.
+
+    **Domain.** The radial and tangential eigenvalues of the Jacobian are (s r)' and s, and the tangential terms lower
+    them by 6 |p| r at most, so the domain ends at the first r at which min((s r)', s) = 6 |p| r.
+    """
+
+    coefficients: ClassVar[tuple[tuple[str, ...], ...]] = (("k1", "k2", "p1", "p2"), ("k1", "k2", "p1", "p2", "k3"))
+    aliases: ClassVar[tuple[str, ...]] = ("plumb_bob",)
+    opencv = True
+
+    def scale(self, square: Array, coefficients: Coefficients) -> Array:
+        """See `RadialModel.scale`."""
+        above, below, _, _ = _ratio(coefficients)
+        scale = polynomial(square, above)
+        return scale * (1 / polynomial(square, below)) if len(below) > 1 else scale
+
+    def scale_and_slope(self, square: Array, coefficients: Coefficients) -> tuple[Array, Array]:
+        """See `RadialModel.scale_and_slope`."""
+        above, below, above_slope, below_slope = _ratio(coefficients)
+        scale, slope = polynomial(square, above), polynomial(square, above_slope)
+        if len(below) > 1:
+            inverse = 1 / polynomial(square, below)
+            scale = scale * inverse
+            slope = (slope - scale * polynomial(square, below_slope)) * inverse
+        return scale, slope
+
+    def bend(self, square: Array, coefficients: Coefficients) -> Array:
+        """See `RadialModel.bend`."""
+        scale, slope = self.scale_and_slope(square, coefficients)
+        _, below, above_slope, below_slope = _ratio(coefficients)
+        bend = polynomial(square, derivative(above_slope))
+        if len(below) > 1:
+            bend = (
+                bend - 2 * slope * polynomial(square, below_slope) - scale * polynomial(square, derivative(below_slope))
+            )
+            bend = bend / polynomial(square, below)
+        return bend
+
+    def scale_by_coefficients(self, square: Array, coefficients: Coefficients) -> Sequence[Array]:
+        """See `RadialModel.scale_by_coefficients`."""
+        above, below, _, _ = _ratio(coefficients)
+        inverse = 1 / polynomial(square, below)
+        scale = polynomial(square, above) * inverse
+        powers = [square * inverse, square**2 * inverse, square**3 * inverse]
+        none = np.zeros_like(square)
+        by = [powers[0], powers[1], none, none, powers[2], *(-scale * power for power in powers)]
+        return by[: len(coefficients)]
+
+    def tangential(self, coefficients: Coefficients) -> tuple[float, float]:
+        """See `RadialModel.tangential`."""
+        return coefficients[2], coefficients[3]
+
+    def domain_radius(self, coefficients: Coefficients) -> float:
+        """See `LensModel.domain_radius`; exact, from the roots of polynomials."""
+        above, below, _, _ = _ratio(coefficients)
+        # In powers of r, so that the tangential term, which is odd in r, fits in.
+        numerator, denominator = np.polynomial.Polynomial(_even(above)), np.polynomial.Polynomial(_even(below))
+        r = np.polynomial.Polynomial([0, 1])
+        steepness = numerator * denominator + r * (numerator.deriv() * denominator - numerator * denominator.deriv())
+        loss = 6 * np.hypot(*self.tangential(coefficients)) * r
+        conditions = (steepness - loss * denominator**2, numerator - loss * denominator, denominator)
+        return min(LARGEST_RADIUS, *(first_root(condition.coef) for condition in conditions))
+
+
+class Rational(RadialTangential):
+    """s = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6), and the tangential terms p1, p2."""
+
+    coefficients = (("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),)
+    aliases = ("rational_polynomial",)
+
+
+LENSES.register("radtan")(RadialTangential())
+LENSES.register("rational")(Rational())
+
+
+def polynomial(x: Array, ascending: Coefficients) -> Array:
+    """Horner's rule; nan stays nan, for a constant, too."""
+    if len(ascending) == 1:
+        return x * 0 + ascending[0]
+    value = x * ascending[-1]
+    for coefficient in ascending[-2:0:-1]:
+        value += coefficient
+        value *= x
+    value += ascending[0]
+    return value
+
+
+def derivative(ascending: Coefficients) -> Coefficients:
+    """Coefficients of a polynomial's derivative."""
+    return tuple(i * c for i, c in enumerate(ascending))[1:] or (0.0,)
+
+
+def first_root(ascending: ArrayLike) -> float:
+    """Smallest positive root of 1 + c1 r + c2 r^2 + ..., inf if there is none."""
+    # The roots of the reversed polynomial are 1/r: it is monic, so that tiny leading coefficients do no harm, and the
+    # root wanted is the largest. A double root, where rounding may make two complex ones, counts.
+    inverse = np.roots(ascending)
+    real = inverse.real[(np.abs(inverse.imag) <= 1e-6 * np.abs(inverse)) & (inverse.real > 0)]
+    return float(1 / real.max()) if real.size and real.max() > 1e-300 else np.inf
+
+
+def _even(coefficients: Coefficients) -> Array:
+    """Coefficients of a polynomial in r^2 as one in r."""
+    result = np.zeros(2 * len(coefficients) - 1)
+    result[::2] = coefficients
+    return result
+
+
+@lru_cache(maxsize=64)
+def _ratio(c: Coefficients) -> tuple[Coefficients, Coefficients, Coefficients, Coefficients]:
+    """Numerator and denominator of the radial scale in ascending powers of r^2, then the derivatives of both."""
+    k1, k2, _, _, k3, k4, k5, k6 = (*c, *[0.0] * (8 - len(c)))
+    above, below = _trimmed((1.0, k1, k2, k3)), _trimmed((1.0, k4, k5, k6))
+    return above, below, derivative(above), derivative(below)
+
+
+def _trimmed(ascending: Coefficients) -> Coefficients:
+    return ascending if len(ascending) == 1 or ascending[-1] else _trimmed(ascending[:-1])

@@ -1,0 +1,129 @@
+"""Objectives without a closed form: their gradient by autograd, from a few pieces that know theirs."""
+
+from abc import abstractmethod
+
+import numpy as np
+from autograd.core import make_vjp
+from autograd.extend import defvjp, primitive
+from numpy.typing import NDArray
+
+from markergen.maths.information import covariance
+from markergen.maths.projection import perspective, to_camera
+from markergen.objectives.base import Objective, Pullback, Setting
+from markergen.objectives.pose import PoseObjective
+
+Array = NDArray[np.float64]
+
+
+class AutogradObjective(Objective):
+    """An objective written as one function, `values`, with ``autograd.numpy`` in place of numpy.
+
+    What it is a function of mostly is `covariance`, `information` or `pixels`, which are differentiable and batched,
+    and know lens, relief and the noise of the setting. An objective made of `pixels` alone does not depend on the
+    noise: such a one sets ``knows_noise = False``.
+
+    Examples
+    --------
+    The volume of the pose's error ellipsoid, as the mean of its six axes (D-optimality), in px per px of noise:
+
+    >>> import autograd.numpy as anp
+    >>> class Volume(AutogradObjective):
+    ...     def values(self, points):
+    ...         return anp.exp(-anp.linalg.slogdet(self.information(points))[1] / 12)
+    """
+
+    def __init__(self, setting: Setting, aggregate: str = "", coordinates: str = "unit") -> None:
+        super().__init__(setting, aggregate, coordinates)
+        self._pose = PoseObjective(setting)
+
+    @abstractmethod
+    def values(self, points: Array) -> Array:
+        """Values (B, P), above 0, of layouts (B, n, 2 or 3) in m at the P poses; nan or inf where there is none."""
+
+    def information(self, points: Array) -> Array:
+        """Fisher information M (B, P, 6, 6) of the pose (w, dt), w in rad and dt in m, for the noise of the setting."""
+        found: Array = _information(points, self._pose)
+        return found
+
+    def covariance(self, points: Array) -> Array:
+        """CRLB (B, P, 6, 6) of the pose, the inverse of `information`; nan where a layout determines nothing."""
+        found: Array = _inverse(self.information(points))
+        return found
+
+    def pixels(self, points: Array) -> Array:
+        """Image points (B, P, n, 2) in px as the camera takes them; nan where the lens sees nothing."""
+        found: Array = _pixels(points, self.setting)
+        return found
+
+    def linearize(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
+        """See `Objective.linearize`."""
+        with np.errstate(all="ignore"):
+            try:
+                pullback, found = make_vjp(self.values, points)
+            except np.linalg.LinAlgError:
+                if len(points) > 1:
+                    return self._one_by_one(points, softness)
+                # It determines nothing.
+                return np.full((1, len(self.setting.poses)), np.inf), lambda _: np.zeros_like(points)
+
+        def back(weights: Array) -> Array:
+            with np.errstate(all="ignore"):
+                try:
+                    gradient: Array = pullback(weights)
+                except np.linalg.LinAlgError:
+                    return self._one_by_one(points, softness)[1](weights) if len(points) > 1 else np.zeros_like(points)
+            return gradient
+
+        return np.where(np.isnan(found), np.inf, found), back
+
+    def _one_by_one(self, points: Array, softness: float) -> tuple[Array, Pullback]:
+        """Linearize each layout by itself, so that one which determines nothing does not end the others."""
+        values, pullbacks = zip(*(self.linearize(layout[None], softness) for layout in points), strict=True)
+
+        def back(weights: Array) -> Array:
+            return np.concatenate([pullback(row[None]) for pullback, row in zip(pullbacks, weights, strict=True)])
+
+        return np.concatenate(values), back
+
+
+def _forward_information(points: Array, pose: PoseObjective) -> Array:
+    return pose.information(points)[0]
+
+
+def _information_vjp(value: Array, points: Array, pose: PoseObjective) -> Pullback:
+    del value
+
+    def vjp(cotangent: Array) -> Array:
+        return pose.information(points)[1](cotangent)
+
+    return vjp
+
+
+def _forward_pixels(points: Array, setting: Setting) -> Array:
+    return setting.camera.project(points, setting.poses.rotation, setting.poses.translation)
+
+
+def _pixels_vjp(value: Array, points: Array, setting: Setting) -> Pullback:
+    del value
+    seen = to_camera(points, setting.poses.rotation, setting.poses.translation)
+    normalized = perspective(seen)
+    blocks = setting.camera.pixel_jacobian(normalized)
+
+    def vjp(cotangent: Array) -> Array:
+        lateral = np.einsum("...ij,...i->...j", blocks, cotangent) / seen[..., 2:]
+        axial = -np.sum(lateral * normalized, axis=-1, keepdims=True)
+        by_pose = np.concatenate([lateral, axial], axis=-1) @ setting.poses.rotation[:, :, : points.shape[-1]]
+        return by_pose.sum(axis=1)
+
+    return vjp
+
+
+def _inverse_vjp(value: Array, matrix: Array) -> Pullback:
+    del matrix
+    return lambda cotangent: -value @ cotangent @ value
+
+
+_information, _pixels, _inverse = primitive(_forward_information), primitive(_forward_pixels), primitive(covariance)
+defvjp(_inverse, _inverse_vjp)
+defvjp(_information, _information_vjp, argnums=(0,))
+defvjp(_pixels, _pixels_vjp, argnums=(0,))

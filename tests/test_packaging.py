@@ -1,0 +1,84 @@
+"""What pyproject.toml, constraints.txt and the README promise about the package."""
+
+import ast
+import re
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import markergen
+from markergen.files import schemas, shipped_folder
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+EXTRAS = PROJECT["project"]["optional-dependencies"]
+DISTRIBUTIONS = {
+    "OCP": "cadquery", "PIL": "pillow", "cv2": "opencv-contrib-python-headless", "distributed": "dask",
+    "fontTools": "fonttools", "skimage": "scikit-image", "yaml": "pyyaml",
+}  # fmt: skip
+"""Distributions of modules that are not named as they are."""
+
+
+def named(requirement: str) -> str:
+    """Name of a requirement, as an index writes it."""
+    return re.sub(r"[-_.]+", "-", re.match(r"[\w.-]+", requirement).group()).lower()
+
+
+def declared(*groups: list[str]) -> set[str]:
+    return {named(requirement) for group in groups for requirement in group}
+
+
+def third_party(path: Path) -> set[str]:
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            names.add((node.module or "").split(".")[0])
+    return {DISTRIBUTIONS.get(name, name) for name in names - sys.stdlib_module_names - {"markergen"}}
+
+
+def test_what_is_imported_is_declared():
+    used = set().union(*map(third_party, (ROOT / "markergen").rglob("*.py")))
+    optional = declared(*EXTRAS.values())
+    core = declared(PROJECT["project"]["dependencies"])
+    assert used <= core | optional
+    assert core <= used
+    assert not core & optional
+
+
+def test_all_has_every_extra():
+    (own,) = (each for each in EXTRAS["all"] if named(each) == "markergen")
+    assert set(re.search(r"\[(.*)\]", own).group(1).split(",")) == set(EXTRAS) - {"all"}
+
+
+def test_every_requirement_is_pinned_by_version_alone():
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    assert all(re.fullmatch(r"[\w.-]+==[\w.]+", line) for line in lines)
+    assert lines == sorted(lines, key=str.lower)
+    groups = [PROJECT["project"]["dependencies"], *EXTRAS.values(), *PROJECT["dependency-groups"].values()]
+    assert declared(*groups) - {"markergen"} <= declared(lines)
+
+
+def test_the_version_is_one():
+    assert PROJECT["project"]["version"] == markergen.__version__
+
+
+def test_every_schema_goes_into_the_wheel():
+    inside = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
+    published = sorted((ROOT / "docs").glob("*.schema.json"))
+    assert published
+    for path in published:
+        assert inside[f"docs/{path.name}"] == f"markergen/schemas/{path.name}"
+    assert [path.name for path in schemas().values()] == [path.name for path in published]
+
+
+@pytest.mark.parametrize("name", ["templates", "schemas"])
+def test_the_wheel_comes_before_the_checkout(tmp_path, monkeypatch, name):
+    package = tmp_path / "markergen"
+    monkeypatch.setattr("markergen.files.__file__", str(package / "files.py"))
+    assert shipped_folder(name).parent == tmp_path
+    (package / name).mkdir(parents=True)
+    assert shipped_folder(name) == package / name
