@@ -32,7 +32,7 @@ _TABLES: dict[str, "Registry[Any]"] = {}
 """Tables that other packages may add to, by their entry-point group."""
 
 _RECEIVED: dict[str, Sequence[tuple[str, bytes]]] = {}
-"""What came with the work of this process and has not been looked at yet."""
+"""What came with the work that this process does now."""
 
 
 class Registry(Generic[T]):
@@ -67,6 +67,9 @@ class Registry(Generic[T]):
         """Modules outside of markergen that registered an entry, by its name."""
         self._broken: dict[str, str] = {}
         """What is wrong with a plug-in, by its name."""
+        self._luggage: Sequence[tuple[str, bytes]] = ()
+        self._received: set[str] = set()
+        """Names that came with the luggage."""
         self._loaded = self._listed = False
         self.__module__ = _caller()
         if entry_points:
@@ -117,6 +120,8 @@ class Registry(Generic[T]):
         return iter(self.names())
 
     def __contains__(self, name: object) -> bool:
+        if not isinstance(name, str):
+            return False
         self._load()
         return name in self._entries or name in self._broken or name in self._installed()
 
@@ -129,15 +134,13 @@ class Registry(Generic[T]):
             If there is none, and the message lists the known names and the nearest; or if it is that of a plug-in
             which does not work, and the message says why.
         """
-        self._load()
-        if name not in self._entries:
+        if name in self:
             self._plug_in(name)
-        if name in self._entries:
-            return self._entries[name]
-        if name in self._broken:
+            if name in self._entries:
+                return self._entries[name]
             raise InputError(f"a working {self.kind} {name!r}", self._broken[name], "fix or uninstall the plug-in")
         known = self.names()
-        near = get_close_matches(name, known, n=1)
+        near = get_close_matches(name, known, n=1) if isinstance(name, str) else []
         hint = f"did you mean {near[0]!r}? Known: " if near else "known: "
         raise InputError(f"a known {self.kind}", repr(name), hint + ", ".join(known))
 
@@ -151,8 +154,10 @@ class Registry(Generic[T]):
             for module in pkgutil.iter_modules(getattr(package, "__path__", [])):
                 importlib.import_module(f"{self._package}.{module.name}")
             self._loaded = True
-        for name, data in _RECEIVED.pop(self._group, ()):
-            self._unpack(name, data)
+        luggage = _RECEIVED.get(self._group, ())
+        if luggage is not self._luggage:
+            self._luggage = luggage
+            self._unpack(luggage)
 
     def _installed(self) -> "Mapping[str, Sequence[EntryPoint]]":
         return _installed(self._group) if self._group else {}
@@ -212,16 +217,25 @@ class Registry(Generic[T]):
                     LOG.debug("the %s %r stays in this process", self.kind, name, exc_info=True)
         return packed
 
-    def _unpack(self, name: str, data: bytes) -> None:
-        if name in self._entries:  # The script itself was imported here, too.
-            return
-        try:
-            entry = pickle.loads(data)
-        except Exception as error:
-            self._broken[name] = f"it in no module that a worker process can import ({error})"
-            return
-        # Importing its module may have registered it.
-        self._entries.setdefault(name, entry)
+    def _unpack(self, luggage: Sequence[tuple[str, bytes]]) -> None:
+        # Workers of a cluster live longer than a script: neither its old version nor what is another's may stay.
+        for name in self._received:
+            self._entries.pop(name, None)
+            self._broken.pop(name, None)
+        self._received = set()
+        for name, data in luggage:
+            if name in self._entries:  # The script itself was imported here, too.
+                continue
+            try:
+                entry = pickle.loads(data)
+            except Exception as error:
+                self._broken[name] = f"it in no module that a worker process can import ({error})"
+                self._received.add(name)
+                continue
+            # Importing its module may have registered it.
+            if name not in self._entries:
+                self._entries[name] = entry
+                self._received.add(name)
 
 
 def outside() -> Luggage:
@@ -230,7 +244,11 @@ def outside() -> Luggage:
 
 
 def receive(luggage: Luggage) -> None:
-    """Take what `outside` packed in the process that hands out work; unpacked when its table is first looked at."""
+    """Take what `outside` packed in the process that hands out work, in place of what came with earlier work.
+
+    It is unpacked when its table is next looked at.
+    """
+    _RECEIVED.clear()
     _RECEIVED.update(luggage)
 
 

@@ -21,8 +21,10 @@ def test_names_are_looked_up_and_a_wrong_one_gets_help():
     assert list(registry) == ["one", "uno"]
     with pytest.raises(InputError, match=r"known number, found 'onn'; did you mean 'one'\? Known: one, uno"):
         registry["onn"]
-    with pytest.raises(InputError, match="known: one, uno"):
-        registry["xyz"]
+    for wrong in ("xyz", 3, None, ["one"]):
+        assert wrong not in registry
+        with pytest.raises(InputError, match="known: one, uno"):
+            registry[wrong]
 
 
 def test_a_taken_name_is_refused():
@@ -63,6 +65,7 @@ def plugged(tmp_path, monkeypatch):
     registry: Registry[int] = Registry("number", "markergen.registry", GROUP, int)
     registry._entries["one"] = 1
     yield registry
+    receive({})
     markergen.registry._installed.cache_clear()
     for name in modules:
         sys.modules.pop(name, None)
@@ -123,6 +126,11 @@ def test_what_a_script_registers_travels(plugged):
     assert "answer" not in elsewhere
     receive(luggage)
     assert elsewhere["answer"] == 42
+    # A worker of a cluster lives on: the script's next version takes the place of this one.
+    receive({GROUP: [("answer", pickle.dumps(43)), ("one", pickle.dumps(-1))]})
+    assert elsewhere["answer"] == 43
+    receive({})
+    assert "answer" not in elsewhere
 
 
 def test_a_table_is_pickled_by_reference():

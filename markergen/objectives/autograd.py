@@ -24,7 +24,7 @@ class AutogradObjective(Objective):
 
     Examples
     --------
-    The volume of the pose's error ellipsoid, as the mean of its six axes (D-optimality), in px per px of noise:
+    The volume of the pose's error ellipsoid (D-optimality), as the geometric mean of its six axes:
 
     >>> import autograd.numpy as anp
     >>> class Volume(AutogradObjective):
@@ -46,7 +46,7 @@ class AutogradObjective(Objective):
         return found
 
     def covariance(self, points: Array) -> Array:
-        """CRLB (B, P, 6, 6) of the pose, the inverse of `information`; nan where a layout determines nothing."""
+        """CRLB (B, P, 6, 6) of the pose, the inverse of `information`; inf where a layout determines nothing."""
         found: Array = _inverse(self.information(points))
         return found
 

@@ -178,7 +178,7 @@ def test_options_go_before_the_plate_of_a_template(here, capsys):
         ("--mount 4xM7@40mm", "known: M1.6, M2,"),
         ("--thickness 0mm", "substrate.thickness"),
         ("--outline circle:100mm", "a plate's outline that holds the boundary"),
-        ("--process casting", "known: fdm, cnc"),
+        ("--process casting", "known: cnc, dome"),
         ("--outline plate.geojson", "--boundary-unit"),
     ],
 )

@@ -1,6 +1,7 @@
 """Entries of another package work in every command, in worker processes, and on a cluster, and keep every contract."""
 
 import json
+import re
 import subprocess
 import sys
 import tomllib
@@ -97,6 +98,14 @@ def test_every_table_that_is_open_is_described():
     for group, points in GROUPS.items():
         assert group in text
         assert all(value.startswith("markergen_extras.") for value in points.values())
+
+
+def test_the_snippets_of_the_documentation_run():
+    snippets = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "plugins.md").read_text(), re.DOTALL)
+    assert len(snippets) >= 2
+    code = "\n".join([*snippets, "assert {'far', 'depth'} <= set(OBJECTIVES)"])
+    done = subprocess.run([sys.executable, "-c", code], env=environment(), capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_a_design_with_objective_and_poses_of_a_package(run, here):
