@@ -8,13 +8,16 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import HealthCheck, settings
 
 from markergen.model.boundary import Boundary, Circle, Polygon, area_without, polygon_from
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.feature import Feature, key_ring
+from markergen.model.interior import shape_of
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.poses import paper
+from markergen.model.substrate import Substrate
 from markergen.objectives import Setting
 from markergen.objectives.criteria import regular_polygon
 
@@ -99,6 +102,20 @@ def shapes() -> dict[str, Polygon]:
 def shape(request: pytest.FixtureRequest, shapes: dict[str, Polygon]) -> Polygon:
     """Each of the six boundaries in turn."""
     return shapes[request.param]
+
+
+@pytest.fixture(scope="session")
+def on_wider_plate() -> Callable[[Marker], Marker]:
+    """Give a plate that is 2 mm wider all around a marker that is as large as its plate, for a sheet to lie in it."""
+
+    def on_wider_plate(marker: Marker) -> Marker:
+        if marker.boundary.has_measures:
+            return marker
+        wide = shapely.orient_polygons(shapely.buffer(shape_of(marker.boundary.outlines()), 0.002, join_style="mitre"))
+        rings = [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(shapely.get_parts(wide))]
+        return replace(marker, substrate=Substrate(outline=polygon_from(rings, "file")))
+
+    return on_wider_plate
 
 
 @pytest.fixture(scope="session")

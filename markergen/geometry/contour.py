@@ -22,7 +22,7 @@ COARSEST = pi / 4
 """Largest angle in rad of an arc that a chord stands for."""
 
 MOST_CHORDS = 100_000
-"""Of one arc."""
+"""Of one contour."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ def inner_polygon(contour: Contour, off: float) -> Array:
     Raises
     ------
     InputError
-        If an arc takes more than `MOST_CHORDS`, or is not finite.
+        If its arcs take more than `MOST_CHORDS`, or are not finite.
     """
     points: list[Point] = []
     for side in contour.sides:
@@ -182,7 +182,7 @@ def inner_polygon(contour: Contour, off: float) -> Array:
         # 1 - cos h = 2 sin^2 (h / 2), which keeps its digits where the radius is large.
         share = off / (2 * radius) if bulge > 0 else off / (2 * (radius + off))
         count = abs(angle) / min(4 * asin(min(sqrt(share), 1.0)), COARSEST) if share > 0 else inf
-        if not count < MOST_CHORDS:
+        if not len(points) + count < MOST_CHORDS:
             raise InputError(
                 f"arcs that {MOST_CHORDS} chords can follow to {off:.3g} of their unit", f"a radius of {radius:.3g}",
                 "check the bulges",

@@ -21,6 +21,9 @@ TOLERANCE = 4.5e-6
 SHALLOWEST = 1e-6
 """Smallest bulge: what is less is a straight line."""
 
+FARTHEST = 1e9
+"""Coordinate in m of an arc's ends whose squares are no trouble."""
+
 MOST_PAIRS = 50_000
 """Of outlines that touch or lie in each other: a plate with all the holes that there may be has 3,333."""
 
@@ -40,11 +43,7 @@ def canonical(outlines: Sequence[Sequence[Sequence[float]] | Array]) -> tuple[Ri
     if not len(outlines):
         raise InputError("at least one outline", "none", "give a closed outline of three corners or more")
     rings = [_corners(outline, f"outline {i + 1}") for i, outline in enumerate(outlines)]
-    total = sum(map(len, rings))
-    if total > MOST_CORNERS:
-        raise InputError(
-            f"outlines of at most {MOST_CORNERS} corners", f"{total}", "simplify the outline, or flatten it less finely"
-        )
+    _check_corners(sum(map(len, rings)))
     inside = _nesting(rings)
     turned = [
         ring if (signed_area(ring) > 0) == (depth % 2 == 0) else np.concatenate([ring[:1], ring[:0:-1]])
@@ -93,8 +92,13 @@ def polygons_of(contours: Sequence[Contour]) -> tuple[Array, ...]:
         return tuple(np.array(contour.points) for contour in contours)
     boxes = np.array([box(contour) for contour in contours])
     size = float(np.hypot(*(boxes[:, 2:].max(axis=0) - boxes[:, :2].min(axis=0))))
-    off = min(TOLERANCE, 1e-4 * size)
-    return tuple(np.round(inner_polygon(contour, off), 12) + 0.0 for contour in contours)
+    off, total = min(TOLERANCE, 1e-4 * size), 0
+    found = []
+    for contour in contours:
+        found.append(np.round(inner_polygon(contour, off), 12) + 0.0)
+        total += len(found[-1])
+        _check_corners(total)
+    return tuple(found)
 
 
 def signed_area(ring: Array) -> float:
@@ -130,6 +134,13 @@ def place(point: Array) -> str:
     return f"({format_length(float(point[0]))}, {format_length(float(point[1]))})"
 
 
+def _check_corners(total: int) -> None:
+    if total > MOST_CORNERS:
+        raise InputError(
+            f"outlines of at most {MOST_CORNERS} corners", f"{total}", "simplify the outline, or flatten it less finely"
+        )
+
+
 def _corners(outline: Sequence[Sequence[float]] | Array, name: str) -> Array:
     ring = np.asarray(outline, dtype=float)
     if ring.ndim != 2 or ring.shape[1] != 2:
@@ -159,6 +170,8 @@ def _contour(outline: Sequence[Sequence[float]] | Array, row: Sequence[float], n
     size = np.abs(bulges)
     if not (np.isfinite(points).all() and np.isfinite(bulges).all()):
         raise InputError(f"finite numbers in {name}", "nan or infinity", "correct the outline")
+    if np.max(np.abs(points)) > FARTHEST:
+        raise InputError(f"arcs within {FARTHEST:g} m in {name}", f"{np.max(np.abs(points)):.3g} m", "check the unit")
     odd = (size > 1) | ((size > 0) & (size < SHALLOWEST))
     if odd.any():
         raise InputError(

@@ -402,6 +402,8 @@ def test_which_way_arcs_are_drawn_does_not_matter():
         ((((0, 0), (0.1, 0)),), ((2.0, 0.0),), "bulges of 1e-06 to 1 to either side in outline 1, or 0, found 2"),
         ((((0, 0), (0.1, 0)),), ((1e-9, 1.0),), "bulges of 1e-06 to 1"),
         ((((0, 0), (0.1, 0)),), ((float("nan"), 1.0),), "finite numbers in outline 1"),
+        ((((0, 0), (1e300, 0)),), ((1.0, 1.0),), r"arcs within 1e\+09 m in outline 1, found 1e\+300 m"),
+        ((((0, 0), (1e8, 0)),), ((1.0, 1.0),), "arcs that 100000 chords can follow|at most 10000 corners"),
         ((((0, 0), (0.1, 0)),), ((1.0,),), "a bulge for each"),
         ((((0, 0), (0.1, 0)),), ((1.0, 1.0), (1.0, 1.0)), "bulges for each outline, found 2 for 1"),
         # Two circles that cross, and a half disk whose arc runs through its own hole.

@@ -272,8 +272,8 @@ def test_a_milled_tag_has_the_mills_radius_in_all_its_corners(make):
                         assert before, "a sharp corner"
 
 
-def test_a_sheet_lies_in_a_recess_of_the_boundarys_outline(shape, make_in):
-    marker = make_in(shape, 5, 0.012)
+def test_a_sheet_lies_in_a_recess_of_the_boundarys_outline(shape, make_in, on_wider_plate):
+    marker = on_wider_plate(make_in(shape, 5, 0.012))
     recesses = PROCESSES["print"](marker, Fabrication("print", gap=0.0)).cut
     assert sum(map(volume, recesses)) == pytest.approx(shape.area * 1e6 * 0.2, rel=1e-9)
     check_solids(marker, VARIANTS["print"])

@@ -285,8 +285,8 @@ def test_recesses_for_printed_dots_are_no_dots(variants, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["L", "two squares"])
-def test_plates_for_sheets_of_other_outlines(make_in, shapes, tmp_path, name):
-    marker = make_in(shapes[name], 5, 0.012)
+def test_plates_for_sheets_of_other_outlines(make_in, shapes, on_wider_plate, tmp_path, name):
+    marker = on_wider_plate(make_in(shapes[name], 5, 0.012))
     save(marker, [tmp_path / "a.step"], plain(Fabrication("print")))
     check = verify(marker, tmp_path / "a.step")
     assert check.passed, check.findings
