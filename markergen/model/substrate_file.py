@@ -3,7 +3,6 @@
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
-from pydantic.json_schema import SkipJsonSchema
 
 from markergen.errors import InputError
 from markergen.model.boundary_file import BoundaryFile, Finite
@@ -41,9 +40,9 @@ class SubstrateFile(_Strict):
 
     thickness: Annotated[float, Field(ge=THINNEST, le=LARGEST)] = Substrate.thickness
     edge: Annotated[
-        Width | SkipJsonSchema[None],
+        Width,
         Field(description="Least width outside of the boundary.", json_schema_extra={"default": EDGE}),
-    ] = Substrate.edge
+    ] = Substrate.edge  # type: ignore[assignment]  # left out; a file that has one has a number
     corner_radius: Annotated[Width, Field(description="Of the outline, seen from above.")] = Substrate.corner_radius
     chamfer: Annotated[Width, Field(description="Around the upper face.")] = Substrate.chamfer
     outline: Annotated[BoundaryFile | None, Field(description="Instead of the boundary with its edge.")] = None

@@ -59,7 +59,7 @@ def test_choices_of_a_process(pentagon, tmp_path, monkeypatch):
         (("m.svg",), {"papr": "A4"}, "no such option: did you mean 'paper'?"),
         (("m.svg",), {"dpi": 1.5}, "dpi=1.5 (a whole number)"),
         (("m.svg",), {"colors": "pink"}, "expected colors, found 'pink'"),
-        (("m.step",), {"process": "cast"}, "known: fdm, cnc, laser, print, dome"),
+        (("m.step",), {"process": "cast"}, "known: cnc, dome, fdm, laser, print"),
         (("m.step",), {"dome": "half"}, "--dome with --process dome"),
         (("m.json",), {"mount": ["4xM3@250mm/90"]}, "hole"),
         (("m.json",), {"outline": 4}, "outline=4 (an outline"),

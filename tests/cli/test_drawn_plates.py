@@ -164,7 +164,7 @@ def test_all_files_verify(made, capsys):
 
 def test_marker_json_carries_the_arcs_and_the_spec_that_asked_for_them(made):
     content = json.loads((made.folder / "m.json").read_text())
-    assert content["version"] == 1
+    assert content["version"] == 2
     assert content["substrate"] == {"thickness": 0.003, "edge": 0.0}
     circles = {"flange": 6, "plate": 1}[made.kind]
     assert sum(sorted(row) in ([-1, -1], [1, 1]) for row in content["boundary"]["bulges"]) == circles

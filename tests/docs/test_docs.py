@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from docs.generate import reference, schema
+from docs.generate import reference, schema, spec_file_schema
 from markergen.cli.app import app
 from markergen.model.marker_file import VERSIONS, json_schema
 
@@ -16,9 +16,9 @@ ROOT = Path(__file__).parents[2]
 def test_generated_documents_are_up_to_date():
     for version in VERSIONS:
         assert (ROOT / "docs" / f"marker-v{version}.schema.json").read_text() == schema(version)
-    assert {path.name for path in (ROOT / "docs").glob("*.schema.json")} == {
-        f"marker-v{v}.schema.json" for v in VERSIONS
-    }
+    assert (ROOT / "docs" / "spec.schema.json").read_text() == spec_file_schema()
+    published = {"spec.schema.json", *(f"marker-v{version}.schema.json" for version in VERSIONS)}
+    assert {path.name for path in (ROOT / "docs").glob("*.schema.json")} == published
     assert (ROOT / "docs" / "cli.md").read_text() == reference()
 
 
