@@ -1,5 +1,6 @@
 """``markergen.design``: from wishes to a marker, and to its files."""
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from os import PathLike
@@ -24,6 +25,8 @@ from markergen.options import DesignKeywords, given, signature_of
 from markergen.read.spec_file import spec_from_mapping
 from markergen.read.templates import read_template
 
+log = logging.getLogger(__name__)
+
 
 def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords]) -> Design:
     """Find the layout of control points that gives the most accurate pose, and write it where asked to.
@@ -40,7 +43,7 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
     Returns
     -------
     Design
-        ``design.marker`` is the marker; printed, it says what the command says.
+        ``design.marker`` is the marker; printed, it says what the command says. Its warnings are logged, too.
 
     Raises
     ------
@@ -64,6 +67,8 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
         check_trace_path(path)
     check_files([*targets, *request.traces], request.inputs)
     found = find(request.spec, progress, traced=bool(request.traces))
+    for warning in found.warnings:
+        log.warning("%s", warning)
     if request.ids:
         found = replace(found, family=members(found.marker, request.spec, request.ids))
     if progress and (paths or request.traces):

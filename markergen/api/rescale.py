@@ -65,7 +65,7 @@ def rescale(
     >>> marker = mg.design(n=4, dot="20mm", restarts=4).marker
     >>> print(mg.rescale(marker, measured_x="198mm", measured_y="199mm"))
     The print is 99 % of the design along x and 99.5 % along y.
-    Dots are up to 1.4 mm from where they were designed.
+    Dots are up to 1.38 mm from where they were designed.
     """
     asked = settle(options, RescaleKeywords)
     if asked["measured_points"] is not None and (asked["measured_x"], asked["measured_y"]) != (None, None):

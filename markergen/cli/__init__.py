@@ -1,11 +1,22 @@
 """The command line: one file per command, no logic. A library exception becomes one line and status 2."""
 
+import logging
 import os
 import sys
 from collections.abc import Sequence
 
 FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
 """Exit status: a check failed; unusable input; Ctrl-C."""
+
+
+class _Warnings(logging.Handler):
+    """Tells on stderr, in a line each, what the library warns about."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        print("markergen: warning:", " ".join(record.getMessage().split()), file=sys.stderr)
+
+
+WARNINGS = _Warnings(logging.WARNING)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -40,6 +51,7 @@ def _run(arguments: list[str]) -> int:
     from markergen.cli.app import app
     from markergen.errors import MarkergenError
 
+    logging.getLogger("markergen").addHandler(WARNINGS)
     try:
         return int(app(arguments, standalone_mode=False, prog_name="markergen") or 0)
     except typer.Abort:
@@ -48,6 +60,8 @@ def _run(arguments: list[str]) -> int:
     except typer.BadParameter.__base__ as error:  # type: ignore[misc]
         command = error.ctx.command_path if error.ctx else "markergen"
         raise MarkergenError(f"{error.format_message().rstrip('.')}; see {command} --help") from error
+    finally:
+        logging.getLogger("markergen").removeHandler(WARNINGS)
 
 
 def _explain(error: Exception) -> str:

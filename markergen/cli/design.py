@@ -23,6 +23,4 @@ def design(**options: Any) -> None:
     options.setdefault("output", [Path("marker.json" if options.get("relief") else "marker.pdf")])
     with console.progress_bar() as progress:
         found = find(progress=progress, **options)
-    for warning in found.warnings:
-        console.complain(f"markergen: warning: {warning}")
     console.print_parts([*found.parts(), *map(str, found.written)])

@@ -248,8 +248,6 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
     trace = tuple(trace_of(way, objective)) if way else ()
     found = Design(marker, setting, dots, table, labels, value, perf_counter() - begin, trace)
     log.info("designed %r in %.1f s", marker, found.seconds)
-    for warning in found.warnings:
-        log.warning("%s", warning)
     return found
 
 

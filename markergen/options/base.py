@@ -98,6 +98,7 @@ class Option:
 def declared(table: type) -> Mapping[str, Option]:
     """Options of a table by name, in the order of `GROUPS` and, within each, of their declaration.
 
+    >>> from markergen.options import DesignKeywords
     >>> declared(DesignKeywords)["corner_radius"].flag
     '--corner-radius'
     """

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from markergen.exporters import EXPORTERS, SOLIDS, WORKSHOP
+from markergen.exporters import EXPORTERS
 
 from .conftest import ROOT, call
 
 pytestmark = pytest.mark.package
 
-DRAWN = sorted({suffix for suffix in EXPORTERS if suffix not in SOLIDS} | {WORKSHOP})
-MADE = [suffix for suffix in SOLIDS if suffix != WORKSHOP]
+DRAWN = sorted(suffix for suffix in EXPORTERS if not EXPORTERS[suffix].kernel)
+MADE = [suffix for suffix in EXPORTERS if EXPORTERS[suffix].kernel]
 SWEEP = """
 dot = "30mm"
 poses = "cone:distance=0.6..1m,tilt=0..60,count=4,seed=1"
