@@ -1,4 +1,4 @@
-"""What `import markergen` gives: the documented names, at little cost, and a day's work with them as it is written down."""
+"""What `import markergen` gives: the documented names, at little cost, and a day of work with them."""
 
 import doctest
 import inspect
@@ -85,7 +85,7 @@ def flange(_, model):
 
 def test_a_day_with_the_library(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    Path("plate.dxf").write_bytes(dxf(flange))
+    Path("plate.dxf").write_text(dxf(flange))
     Path("camera_info.yaml").write_text(CAMERA_INFO)
 
     design = mg.design(
