@@ -9,6 +9,7 @@ from markergen.drawing.sheet import SheetOptions
 from markergen.errors import InputError
 from markergen.exporters import EXPORTERS, ExportOptions
 from markergen.exporters.dxf import write_dxf, write_laser_dxf
+from markergen.geometry.contour import Contour, circle
 from markergen.model.boundary import Circle, polygon_from
 from markergen.model.fabrication import Fabrication
 from markergen.model.holes import parse_mount
@@ -90,6 +91,22 @@ def test_any_boundary_is_closed_polylines_of_its_corners(shape, make_in):
     assert len(lines) == len(outlines)
     for line, outline in zip(lines, outlines, strict=True):
         np.testing.assert_allclose(np.array(line.get_points("xy")), outline * 1e3, atol=WRITTEN)
+
+
+def test_circles_of_an_outline_are_circles_and_its_arcs_are_bulges(make_in):
+    slot = Contour(((-0.02, -0.005), (0.02, -0.005), (0.02, 0.005), (-0.02, 0.005)), (0, 1, 0, 1))
+    marker = make_in(polygon_from([circle(0.125), slot, circle(0.0045, 0.07, 0.07)]), 5, 0.012)
+    laser = ezdxf.read(io.StringIO(write_laser_dxf(marker, Fabrication("laser")).decode()))
+    for document in (read(marker), laser):
+        found = sorted(
+            (c.dxf.center.x, c.dxf.center.y, c.dxf.radius) for c in document.modelspace().query("CIRCLE[layer=='CUT']")
+        )
+        np.testing.assert_allclose(found, [(0, 0, 125), (70, 70, 4.5)], atol=WRITTEN)
+        (line,) = document.modelspace().query("LWPOLYLINE[layer=='CUT']")
+        assert line.closed
+        assert sorted(bulge for (bulge,) in line.get_points("b")) == [-1, -1, 0, 0]
+        points = np.array(line.get_points("xy"))
+        np.testing.assert_allclose(np.abs(points), np.tile([20, 5], (4, 1)), atol=WRITTEN)
 
 
 def test_words_say_which_marker_and_which_dot(marker):

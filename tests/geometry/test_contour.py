@@ -31,6 +31,14 @@ from markergen.geometry.contour import (
 SLOT = Contour(((0.0, 0.0), (40.0, 0.0), (40.0, 10.0), (0.0, 10.0)), (0.0, 1.0, 0.0, 1.0))
 
 
+FINE = 1e-4
+"""How far the polygon that stands for a contour is off its arcs."""
+
+
+def polygon(contour):
+    return shapely.Polygon(flattened(contour, FINE))
+
+
 @st.composite
 def contours(draw):
     """Star-shaped corners, and arcs that leave the contour free of crossings more often than not."""
@@ -43,17 +51,9 @@ def contours(draw):
     points = [(float(x + r * cos(a)), float(y + r * sin(a))) for r, a in zip(radii, angles, strict=True)]
     contour = Contour(tuple(points), tuple(bulges))
     assume(count > 2 or any(bulges))
-    fine = shapely.Polygon(flattened(contour, 1e-3))
+    fine = polygon(contour)
     assume(fine.is_valid and area(contour) > 0.1)
     return contour
-
-
-FINE = 1e-5
-"""How far the polygon that stands for a contour is off its arcs."""
-
-
-def polygon(contour):
-    return shapely.Polygon(flattened(contour, FINE))
 
 
 @settings(max_examples=50)
