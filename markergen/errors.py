@@ -2,7 +2,15 @@
 
 
 class MarkergenError(Exception):
-    """Root of all errors that markergen raises on purpose; the command line prints it as one line."""
+    """Root of all errors that markergen raises on purpose; the command line prints it as one line.
+
+    >>> import markergen as mg
+    >>> try:
+    ...     mg.design(n=3)
+    ... except mg.MarkergenError as error:
+    ...     print(error)
+    expected at least 4 control points, found n=3; a homography needs four: use --n 4 or more
+    """
 
 
 class InputError(MarkergenError):
@@ -28,8 +36,21 @@ class InputError(MarkergenError):
 
 
 class OutputError(MarkergenError):
-    """A result could not be written (exit status 2); the target is as it was before."""
+    """A result could not be written (exit status 2); the target is as it was before.
+
+    >>> import markergen as mg
+    >>> try:
+    ...     mg.design(n=4, output="no/such/folder/marker.pdf")
+    ... except mg.OutputError as error:
+    ...     print(str(error).partition(";")[0])
+    expected to write no/such/folder/marker.pdf, found: No such file or directory
+    """
 
 
 class MissingLibraryError(MarkergenError):
-    """A part of markergen needs a library that this machine lacks (exit status 2)."""
+    """A part of markergen needs a library that this machine lacks (exit status 2).
+
+    >>> import markergen as mg
+    >>> issubclass(mg.MissingLibraryError, mg.MarkergenError)
+    True
+    """

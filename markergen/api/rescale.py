@@ -23,6 +23,13 @@ class Rescaled(Result):
     marker : Marker
     notes : tuple of str
         Sentences: by how much the print is off, and how far that moves dots.
+
+    Examples
+    --------
+    >>> import markergen as mg
+    >>> marker = mg.design(n=4, dot="20mm", restarts=2).marker
+    >>> mg.rescale(marker, measured_x="198mm").marker.print_scale
+    (0.99, 0.99)
     """
 
     def __init__(self, marker: Marker, notes: tuple[str, ...]) -> None:

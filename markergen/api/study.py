@@ -28,6 +28,14 @@ class Study(Result):
     folder : Path
     files : tuple of Path
         What was written.
+
+    Examples
+    --------
+    >>> import markergen as mg
+    >>> sweep = {"dot": "20mm", "poses": "cone:count=20", "grid": {"n": [4, 5], "layout": ["ngon"]}}
+    >>> study = mg.study(sweep, "sweep", workers=1, runs=0)
+    >>> study
+    Study('sweep', 4 files)
     """
 
     def __init__(self, folder: Path, files: tuple[Path, ...]) -> None:

@@ -76,6 +76,15 @@ class Design(Result):
         Markers of the same layout that differ by their tags, if ids were asked for.
     written : tuple of Written
         Files that were written, if any were asked for.
+
+    Examples
+    --------
+    >>> import markergen as mg
+    >>> design = mg.design(n=4, radius="100mm", dot="20mm", restarts=2)
+    >>> print(design.summary.splitlines()[0])
+    4 control points in a disk of radius 100 mm, seen from 400 poses (paper)
+    >>> design.criteria["design"]["pose_m"] <= design.criteria["ngon"]["pose_m"] * 1.001
+    True
     """
 
     marker: Marker

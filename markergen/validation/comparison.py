@@ -32,9 +32,16 @@ class Comparison(Result):
     Parameters
     ----------
     results : mapping
-        Of `markergen.validate.compare.compare`.
+        Of `markergen.validation.compare.compare`.
     written : sequence of Written
         Files that were asked for together with the results.
+
+    Examples
+    --------
+    >>> import markergen as mg
+    >>> comparison = mg.compare("ngon:5", "square", views=4, poses="cone:count=20", workers=1)
+    >>> list(comparison.contestants)
+    ['ngon:5', 'square']
     """
 
     def __init__(self, results: Mapping[str, Any], written: Sequence[Written] = ()) -> None:
@@ -42,7 +49,7 @@ class Comparison(Result):
 
     @property
     def results(self) -> Mapping[str, Any]:
-        """Everything as plain JSON values, see `markergen.validate.compare.compare`; read-only."""
+        """Everything as plain JSON values, see `markergen.validation.compare.compare`; read-only."""
         return MappingProxyType(self._results)
 
     @property

@@ -49,6 +49,16 @@ class Validation(Result):
         Marker, camera, poses, optics and error sources of the results.
     written : sequence of Written
         Files that were asked for together with the results.
+
+    Examples
+    --------
+    >>> import markergen as mg
+    >>> marker = mg.design(n=4, dot="30mm", restarts=2).marker
+    >>> validation = mg.validate(marker, poses="cone:count=20", runs=0, views=0)
+    >>> 0 < validation.bound["rotation_deg"] < 1
+    True
+    >>> print(validation.views)
+    None
     """
 
     def __init__(self, results: Mapping[str, Any], shoot: Shoot, written: Sequence[Written] = ()) -> None:

@@ -31,6 +31,15 @@ class Verification(Result, Sequence[Check]):
     checks : sequence of Check
     written : sequence of Written
         Files that were asked for together with the results.
+
+    Examples
+    --------
+    >>> import markergen as mg
+    >>> marker = mg.design(n=4, radius="50mm", dot="12mm", restarts=2).marker
+    >>> written = marker.save("marker.svg", "marker.csv")
+    >>> verification = mg.verify(marker, "marker.svg", "marker.csv")
+    >>> verification.passed, [check.kind for check in verification]
+    (True, ['SVG', 'CSV'])
     """
 
     def __init__(self, checks: Sequence[Check], written: Sequence[Written] = ()) -> None:
