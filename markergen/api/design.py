@@ -102,6 +102,8 @@ def _request(options: Mapping[str, Any]) -> _Request:
     asked = given(options, DesignKeywords)
     if "radius" in asked and "boundary" in asked:
         raise InputError("a radius or a boundary", "--radius and --boundary", "leave one of them out")
+    if asked.get("restarts") == 0:  # To a spec it says that nobody asked.
+        raise InputError("restarts of 1 or more", "--restarts 0", "give a positive number, or leave it out")
     template, output, traces = (asked.pop(name, None) for name in ("template", "output", "trace"))
     values = read_template(str(template)) if template else {}
     # One of both says how much room there is, and the one that is given replaces the template's.

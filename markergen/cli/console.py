@@ -73,6 +73,11 @@ def length(text: str) -> float:
         raise BadParameter(str(error)) from None
 
 
+def length_or_auto(text: str) -> float | str:
+    """Read a length, or the word auto, for an option."""
+    return text if text == "auto" else length(text)
+
+
 def print_found(found: "Found", as_json: bool, parts: Iterable["str | Table"] | None = None) -> None:
     """Print a result as JSON, or all its parts, or some; then the files that were written, never amid JSON."""
     if as_json:

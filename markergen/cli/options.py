@@ -9,10 +9,12 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from markergen.cli.console import length
+from markergen.cli.console import length, length_or_auto
 from markergen.options import Option, declared
 
 Rows = list[tuple[str, str]]
+PARSERS = {"length": length, "length or auto": length_or_auto}
+"""What reads a value where typer cannot."""
 
 TYPES: dict[str, Any] = {
     "int": int,
@@ -66,7 +68,7 @@ def with_options(
 def _parameter(option: Option) -> Parameter:
     info = typer.Option(
         *(option.flags.split() or [option.flag]),
-        parser=length if option.kind == "length" else None,
+        parser=PARSERS.get(option.kind),
         metavar=option.metavar or None,
         help=f"{option.help} [default: {option.shown}]" if option.shown else option.help,
         rich_help_panel=option.group,

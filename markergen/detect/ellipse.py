@@ -188,6 +188,8 @@ def _shrink_slope(normal: Array, variance: Array, slope: Array) -> tuple[Array, 
     stiff = normal.copy()
     stiff[:, [8, 9], [8, 9]] += prior[:, None]
     inverse = np.linalg.pinv(stiff, hermitian=True)
+    # On some processors the product that it is made of is symmetric but for rounding.
+    inverse = (inverse + inverse.swapaxes(-1, -2)) / 2
     step = -np.einsum("bij,bj->bi", inverse[:, :, SLOPE], prior[:, None] * slope)
     return step, variance[:, None, None] * inverse
 

@@ -211,13 +211,13 @@ def test_bad_requests_leave_the_marker_alone(marker, capsys, arguments, words):
 def test_a_bad_marker_is_refused_by_every_reader(marker, capsys, command, damage):
     content = json.loads(marker.read_text())
     words = {
-        "cut": "complete JSON", "foreign": "another kind of file", "newer": "version 2", "twice": "used twice",
+        "cut": "complete JSON", "foreign": "another kind of file", "newer": "version 3", "twice": "used twice",
         "outside": "over the boundary",
     }[damage]  # fmt: skip
     if damage == "foreign":
         content = {"type": "FeatureCollection"}
     elif damage == "newer":
-        content["version"] = 2
+        content["version"] = 3
     elif damage == "twice":
         content["control_points"][2]["id"] = 0
     elif damage == "outside":

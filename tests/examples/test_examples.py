@@ -13,10 +13,12 @@ from markergen.exporters.glb import write_glb
 from markergen.exporters.meshes import MeshedPart
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.marker_json import to_json
+from markergen.objectives import OBJECTIVES
 from markergen.render import Optics, render_view
 from markergen.solid.mesh import Mesh
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+MOST_LINES = 40
 
 
 def run(name, *arguments, monkeypatch):
@@ -42,6 +44,45 @@ def test_own_camera(monkeypatch, capsys, tmp_path):
 def test_every_example_is_run_here():
     here = Path(__file__).read_text()
     assert all(path.name in here for path in EXAMPLES.glob("*.py"))
+    assert all(len(path.read_text().splitlines()) <= MOST_LINES for path in EXAMPLES.rglob("*.py"))
+
+
+def test_design_and_save(monkeypatch, capsys, tmp_path):
+    run("design_and_save.py", tmp_path / "out", monkeypatch=monkeypatch)
+    names = {"marker.pdf", "marker.dxf", "marker.opencv.yaml", "marker.json"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == names
+    assert "8 control points in a polygon of 170 mm x 170 mm" in capsys.readouterr().out
+
+
+def test_validate_and_plot(monkeypatch, capsys, tmp_path):
+    run("validate_and_plot.py", tmp_path / "errors.png", "--runs", 5, "--views", 4, monkeypatch=monkeypatch)
+    assert (tmp_path / "errors.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "errors.html").is_file()
+    assert "no estimator can do better than 0.7" in capsys.readouterr().out
+
+
+def test_own_objective(monkeypatch, capsys):
+    monkeypatch.delitem(OBJECTIVES._entries, "depth", raising=False)
+    run("own_objective.py", 4, monkeypatch=monkeypatch)
+    own, pose = (float(line.split()[3]) for line in capsys.readouterr().out.splitlines())
+    assert own <= pose * 1.001
+    monkeypatch.delitem(OBJECTIVES._entries, "depth")
+
+
+def test_sweep_to_dataframe(monkeypatch, capsys, tmp_path):
+    pytest.importorskip("pandas")
+    run("sweep_to_dataframe.py", tmp_path / "sweep", monkeypatch=monkeypatch)
+    rows = [line.split() for line in capsys.readouterr().out.splitlines() if line[:1] in "456"]
+    # A design is never worse than layouts at random.
+    assert [float(row[0]) for row in rows] == [4, 5, 6]
+    assert all(float(row[1]) < float(row[2]) for row in rows)
+
+
+def test_marker_to_step(monkeypatch, capsys, tmp_path):
+    run("marker_to_step.py", tmp_path / "m.step", monkeypatch=monkeypatch)
+    assert (tmp_path / "m.step").is_file()
+    assert (tmp_path / "m.fab.pdf").is_file()
+    assert "wrote" in capsys.readouterr().out
 
 
 def test_see_a_view(monkeypatch, capsys, tmp_path):
@@ -107,7 +148,8 @@ def test_picture_of_a_solid(monkeypatch, capsys, tmp_path):
     block = Mesh(corners * [0.3, 0.3, -2] + [-10, 0, 0], sides[:, ::-1], np.zeros(12, bool))
     source, target = tmp_path / "m.glb", tmp_path / "m.png"
     source.write_bytes(write_glb([MeshedPart("plate", "light", plate), MeshedPart("dot-0", "dark", block)], "m"))
-    run("picture_of_a_solid.py", source, target, "--width", 90, monkeypatch=monkeypatch)
+    monkeypatch.setattr(sys, "argv", ["picture_of_a_solid.py", str(source), str(target), "--width", "90"])
+    runpy.run_path(str(EXAMPLES.parent / "docs" / "picture_of_a_solid.py"), run_name="__main__")
     assert "90 x 60 pixels" in capsys.readouterr().out
     image = cv2.imread(str(target))
     # The table is blue, the plate grey, and the block on its left hides what is behind it and shades what is beside.
