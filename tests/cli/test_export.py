@@ -50,8 +50,10 @@ def test_help_lists_every_suffix_with_a_word_about_it():
         line.split() for line in done.stdout.split("Suffixes:")[1].split("Arguments:")[0].splitlines() if line.split()
     ]
     assert {word for line in listed for word in line if word.startswith(".")} == set(EXPORTERS)
-    assert listed == [[*suffixes, *words.split()] for suffixes, words in catalog()]
-    assert all(len(line) >= 3 for line in listed)
+    # Long lines go on below.
+    said = [word for line in listed for word in line]
+    assert said == [word for suffixes, words in catalog() for word in (*suffixes, *words.split())]
+    assert all(len(words.split()) >= 2 for _, words in catalog())
 
 
 def test_every_suffix_at_once(here, capsys):
