@@ -91,7 +91,8 @@ def as_completed_chunks(
     def occupy(pipe: Connection) -> None:
         for index, chunk in islice(waiting, 1):
             busy[pipe] = index
-            _unless_dead(pipe.send, (function, chunk))
+            with _broken_pipes_are_errors():
+                _unless_dead(pipe.send, (function, chunk))
 
     try:
         with _inherited_by_workers():
@@ -147,6 +148,21 @@ def _inherited_by_workers() -> Iterator[None]:
                 os.environ[name] = value
         if can_block:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+@contextmanager
+def _broken_pipes_are_errors() -> Iterator[None]:
+    """Write to a worker that died without dying of it, as one does where a library, gmsh for one, resets SIGPIPE."""
+    if not hasattr(signal, "sigtimedwait"):
+        yield
+        return
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGPIPE})
+    try:
+        yield
+    finally:
+        if signal.SIGPIPE not in mask and signal.SIGPIPE in signal.sigpending():
+            signal.sigtimedwait({signal.SIGPIPE}, 0)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 def _unless_dead(talk: Callable[..., Any], *words: Any) -> Any:

@@ -46,6 +46,15 @@ def test_a_worker_that_ends_early_is_told_from_an_error_of_its_own():
         map_chunks(os._exit, [3, 3], 2, lambda _: None)
 
 
+@pytest.fixture(params=[signal.SIG_IGN, signal.SIG_DFL], ids=["as in Python", "as after gmsh"])
+def sigpipe(request):
+    """What a process does that writes to a pipe nobody reads: Python makes it an error, and some libraries deadly."""
+    before = signal.signal(signal.SIGPIPE, request.param)
+    yield
+    signal.signal(signal.SIGPIPE, before or signal.SIG_IGN)
+
+
+@pytest.mark.usefixtures("sigpipe")
 def test_a_worker_that_ends_while_others_are_being_started(monkeypatch):
     """As on a loaded machine, where the parent may get its next turn after the first worker had its last."""
     start, started = multiprocessing.context.SpawnProcess.start, []
