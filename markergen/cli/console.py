@@ -60,24 +60,6 @@ def complain(line: str) -> None:
     print(line, file=sys.stderr)
 
 
-def length(text: str) -> float:
-    """Read a length for an option, so that a bad one is told with the option's name."""
-    from typer import BadParameter
-
-    from markergen.errors import InputError
-    from markergen.units import parse_length
-
-    try:
-        return parse_length(text)
-    except InputError as error:
-        raise BadParameter(str(error)) from None
-
-
-def length_or_auto(text: str) -> float | str:
-    """Read a length, or the word auto, for an option."""
-    return text if text == "auto" else length(text)
-
-
 def print_found(found: "Found", as_json: bool, parts: Iterable["str | Table"] | None = None) -> None:
     """Print a result as JSON, or all its parts, or some; then the files that were written, never amid JSON."""
     if as_json:

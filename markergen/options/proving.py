@@ -93,7 +93,7 @@ class DetectKeywords(TypedDict, total=False):
     ]
     refine: Annotated[
         str,
-        Option(IMAGES, "none, or photometric: align the rendered model with the image.", "none", metavar="NAME"),
+        Option(RUN, "none, or photometric: align the rendered model with the image.", "none", metavar="NAME"),
     ]
 
 
