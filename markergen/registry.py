@@ -13,11 +13,10 @@ import pickle
 import pkgutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from difflib import get_close_matches
 from functools import cache
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, get_args, get_origin
 
-from markergen.errors import InputError
+from markergen.errors import InputError, among
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -139,10 +138,7 @@ class Registry(Generic[T]):
             if name in self._entries:
                 return self._entries[name]
             raise InputError(f"a working {self.kind} {name!r}", self._broken[name], "fix or uninstall the plug-in")
-        known = self.names()
-        near = get_close_matches(name, known, n=1) if isinstance(name, str) else []
-        hint = f"did you mean {near[0]!r}? Known: " if near else "known: "
-        raise InputError(f"a known {self.kind}", repr(name), hint + ", ".join(known))
+        raise InputError(f"a known {self.kind}", repr(name), among(name, self.names()))
 
     def __reduce__(self) -> str:
         # By reference: entries that use a table must not take all of it along.

@@ -7,8 +7,7 @@ from os import PathLike
 from typing import Unpack
 
 from markergen.api.loose import MarkerLike, files_among, marker_of, poses_of
-from markergen.errors import InputError
-from markergen.model.findings import brief
+from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
 from markergen.options import CompareKeywords, settle, signature_of
 from markergen.options.base import File, Files

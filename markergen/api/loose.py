@@ -5,9 +5,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.model.camera import Camera
-from markergen.model.findings import brief
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.options.base import CameraLike

@@ -18,11 +18,10 @@ from markergen.detect.overlay import draw
 from markergen.detect.photometric import check_refinement, refine
 from markergen.detect.pose import PoseEstimate
 from markergen.detect.record import as_dict, in_words, reason
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import logarithm
 from markergen.model.camera import Camera
-from markergen.model.findings import brief
 from markergen.model.marker import Marker
 from markergen.read.cameras import read_camera_covariance
 from markergen.read.images import grey_frame

@@ -12,7 +12,7 @@ from typing import IO, TYPE_CHECKING, Any, Literal, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.model.boundary import Boundary
 from markergen.model.feature import Feature, key_ring
 from markergen.model.substrate import Substrate
@@ -89,7 +89,7 @@ class JointCovariance:
     def __post_init__(self) -> None:
         object.__setattr__(self, "order", tuple(int(number) for number in self.order))
         if self.axes not in ("xy", "xyz"):
-            raise InputError("the axes xy or xyz", repr(self.axes)[:40], "say which coordinates the covariance is of")
+            raise InputError("the axes xy or xyz", brief(self.axes), "say which coordinates the covariance is of")
         twice = [number for number in self.order if self.order.count(number) > 1]
         if twice or not self.order:
             found = f"id {twice[0]} twice" if twice else "none"

@@ -16,8 +16,8 @@ from typing import IO, Any
 import numpy as np
 from pydantic import ValidationError
 
-from markergen.errors import InputError
-from markergen.model.findings import brief, findings_of, listed, path_of
+from markergen.errors import InputError, brief
+from markergen.model.findings import findings_of, listed, path_of
 from markergen.model.marker import ControlPoint, JointCovariance, Marker, Plate
 from markergen.model.marker_file import (
     FORMAT,

@@ -2,19 +2,15 @@
 
 import math
 import os
-import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.options.base import Option, declared
 from markergen.units import parse_length
-
-_LONGEST = 60
-"""Most characters of a value that a message repeats."""
 
 
 def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
@@ -56,14 +52,14 @@ def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
     findings = []
     for name, value in options.items():
         if name not in known:
-            findings.append(f"{name}={_brief(value)} (no such option: {_hint(name, known)})")
+            findings.append(f"{name}={brief(value)} (no such option: {_hint(name, known)})")
     for name, option in known.items():
         given = options.get(name)
         value = option.default if given is None else _plain(given)
         try:
             settled[name] = None if value is None else _READERS[option.kind](value, name)
         except InputError as error:
-            findings.append(f"{name}={_brief(given)} ({error.args[0]})")
+            findings.append(f"{name}={brief(given)} ({error.args[0]})")
     if findings:
         function = f"markergen.{table.__name__.removesuffix('Keywords').lower()}"
         raise InputError(f"what {function} takes", ", ".join(findings), f"see help({function})")
@@ -86,7 +82,7 @@ def read_as(kind: str, value: Any, name: str) -> Any:
     try:
         return None if value is None else _READERS[kind](_plain(value), name)
     except InputError as error:
-        raise InputError(f"{error.args[0]} for {name}", _brief(value), f"give {name} such a value") from None
+        raise InputError(f"{error.args[0]} for {name}", brief(value), f"give {name} such a value") from None
 
 
 def given(options: Mapping[str, Any], table: type) -> dict[str, Any]:
@@ -98,14 +94,6 @@ def given(options: Mapping[str, Any], table: type) -> dict[str, Any]:
 def _hint(name: str, known: Mapping[str, Option]) -> str:
     near = get_close_matches(name, known, n=1)
     return f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
-
-
-def _brief(value: Any) -> str:
-    try:
-        text = " ".join(reprlib.repr(value).split())
-    except ValueError:  # Python refuses to write integers of thousands of digits.
-        return "an endless number"
-    return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
 
 
 def _plain(value: Any) -> Any:

@@ -20,11 +20,11 @@ from pydantic import (
     model_validator,
 )
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.boundary_file import BoundaryFile, built
 from markergen.model.camera import LARGEST_SIDE, Camera, Distortion
-from markergen.model.findings import brief, findings_of, listed
+from markergen.model.findings import findings_of, listed
 from markergen.model.holes import parse_dowel, parse_mount
 from markergen.model.image_noise import ImageNoise
 from markergen.model.poses import PoseDistribution

@@ -7,7 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.files import Written, check_outputs, make_folder, sorted_by_suffix, write_all
 from markergen.model.marker import Marker
 from markergen.objectives import Setting
@@ -123,7 +123,7 @@ class Validation(Result):
             If the expression is malformed, or its path leads to no number; the message lists what there is.
         """
         if not isinstance(expression, str):
-            raise InputError("an expression", repr(expression)[:60], "write 'estimators.lm.rotation_deg.rms > 0.5'")
+            raise InputError("an expression", brief(expression), "write 'estimators.lm.rotation_deg.rms > 0.5'")
         return fail_if.check(expression, self._results)
 
     def save(

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.files import exists
-from markergen.model.findings import brief
 from markergen.model.poses import PoseDistribution, is_named, named_poses, pose_forms
 from markergen.model.recorded_poses import RecordedPoses
 from markergen.read.poses.lines import PoseFile, read_bytes
