@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from os import PathLike
 from typing import Unpack
 
@@ -10,7 +10,7 @@ from markergen.api.loose import MarkerLike, files_among, marker_of, poses_of
 from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
 from markergen.options import CompareKeywords, settle, signature_of
-from markergen.options.base import File, Files
+from markergen.options.base import File, Files, Progress
 from markergen.validation.compare import compare as run
 from markergen.validation.comparison import Comparison, targets_of
 from markergen.validation.lineup import FORMS
@@ -23,7 +23,7 @@ def compare(
     save: Files = (),
     json: File | None = None,
     plot: File | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | None = None,
     **options: Unpack[CompareKeywords],
 ) -> Comparison:
     """Compare markers with each other and with square tags and boards: same circle, poses, optics and noise.

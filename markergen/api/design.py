@@ -19,9 +19,9 @@ from markergen.objectives import OBJECTIVES
 from markergen.optimize.design import Design
 from markergen.optimize.design import design as find
 from markergen.optimize.family import members
-from markergen.optimize.multistart import Progress
 from markergen.optimize.trace import check_trace_path, trace_bytes
 from markergen.options import DesignKeywords, given, signature_of
+from markergen.options.base import Progress
 from markergen.read.spec_file import spec_from_mapping
 from markergen.read.templates import read_template
 

@@ -12,7 +12,7 @@ from markergen.errors import InputError
 from markergen.files import Written
 from markergen.options import StudyKeywords, given, signature_of
 from markergen.studies.engines import engine_for
-from markergen.studies.run import Progress
+from markergen.studies.run import CellProgress
 from markergen.studies.sweep import read_sweep, run_sweep, sweep_from_mapping
 from markergen.tables import Result, data_frame
 
@@ -73,7 +73,7 @@ def study(
     what: str | PathLike[str] | Mapping[str, Any],
     output: str | PathLike[str],
     *,
-    progress: Progress | None = None,
+    progress: CellProgress | None = None,
     announce: Callable[[str], None] | None = None,
     **options: Unpack[StudyKeywords],
 ) -> Study:

@@ -2,14 +2,13 @@
 
 import logging
 import time
-from collections.abc import Callable
 from typing import Any, Unpack
 
 from markergen.api.loose import MarkerLike, camera_of, files_among, marker_of, poses_of
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.options import ValidateKeywords, settle, signature_of
-from markergen.options.base import CameraLike, File, Files
+from markergen.options.base import CameraLike, File, Files, Progress
 from markergen.read.cameras import read_camera_covariance
 from markergen.render import optics_from_text
 from markergen.validation.proof import prove, setting_of
@@ -30,7 +29,7 @@ def validate(
     json: File | None = None,
     report: File | None = None,
     pictures: File | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | None = None,
     **options: Unpack[ValidateKeywords],
 ) -> Validation:
     """Prove a marker: pose errors of every estimator with their bounds, synthetic views, and what limits the accuracy.

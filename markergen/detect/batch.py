@@ -11,6 +11,7 @@ from markergen.detect.overlay import overlay as drawn_over
 from markergen.errors import InputError, OutputError
 from markergen.files import check_outputs, make_folder, write_atomic
 from markergen.model.camera import Camera
+from markergen.options.base import Progress
 from markergen.read.images import Image, find_images, read_image
 
 
@@ -127,7 +128,7 @@ def detect_files(
     refine: str = "none",
     json: str | Path | TextIO | None = None,
     overlay: str | Path | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | None = None,
     tell: Callable[[str], None] | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> Outcomes:

@@ -1,6 +1,6 @@
 """What an option is, the kinds of values that options have, and how a table of them is read."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from inspect import Parameter, Signature
@@ -32,6 +32,9 @@ else:
     Shapes = Annotated[object, "shapes"]
     CameraLike = Annotated[object, "camera"]
     Poses = Annotated[object, "poses"]
+
+Progress = Callable[[str, int, int], None]
+"""Called along the way with the name of the stage, what is done of it, and its total."""
 
 REPEATABLE = ("files", "texts", "shapes")
 """Kinds of which several may be given."""

@@ -1,6 +1,6 @@
 """A validation: what was found, to print, look at, save, check and reckon with."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -12,6 +12,7 @@ from markergen.files import Written, check_outputs, make_folder, sorted_by_suffi
 from markergen.model.marker import Marker
 from markergen.objectives import Setting
 from markergen.options import read_as
+from markergen.options.base import Progress
 from markergen.tables import Result, Table, data_frame, number
 from markergen.validation import fail_if, tables, view_tables
 from markergen.validation.bounds import budget_of
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-Progress = Callable[[str, int, int], None]
 StrPath = str | PathLike[str]
 
 KINDS = {".html": "report", ".htm": "report", ".json": "json", ".svg": "plot", ".png": "plot"}
