@@ -2,15 +2,15 @@
 
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from typing import Unpack
 
-from markergen.api.loose import MarkerLike, files_among, marker_of, poses_of
+from markergen.api.loose import files_among, marker_of
 from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
 from markergen.options import CompareKeywords, settle, signature_of
-from markergen.options.base import File, Files, Progress
+from markergen.options.base import File, Files, MarkerLike, Progress
 from markergen.validation.compare import compare as run
 from markergen.validation.comparison import Comparison, targets_of
 from markergen.validation.lineup import FORMS
@@ -69,7 +69,7 @@ def compare(
     began = time.perf_counter()
     _log.info("comparing %s", ", ".join(texts))
     results = run(
-        texts, settled["views"], settled["seed"], poses_of(settled["poses"]), settled["print_sigma"],
+        texts, settled["views"], settled["seed"], settled["poses"], settled["print_sigma"],
         workers=settled["workers"], progress=progress, given=given,
     )  # fmt: skip
     _log.info("compared in %.1f s", time.perf_counter() - began)
@@ -82,10 +82,10 @@ compare.__signature__ = signature_of(compare, CompareKeywords)  # type: ignore[a
 
 def _named(contestants: Sequence[MarkerLike]) -> tuple[list[str], dict[str, Marker]]:
     """Texts for all contestants, and those markers by their texts that are in no file."""
-    objects = [each for each in contestants if isinstance(each, Marker | dict)]
+    objects = [each for each in contestants if _is_object(each)]
     texts, given = [], dict[str, Marker]()
     for each in contestants:
-        if isinstance(each, Marker | dict):
+        if _is_object(each):
             text = "marker" if len(objects) == 1 else f"marker {len(given) + 1}"
             given[text] = marker_of(each)
         elif isinstance(each, str | PathLike):
@@ -94,3 +94,8 @@ def _named(contestants: Sequence[MarkerLike]) -> tuple[list[str], dict[str, Mark
             raise InputError("a marker, a path, or a text such as aruco:DICT_4X4_50", brief(each), f"known: {FORMS}")
         texts.append(text)
     return texts, given
+
+
+def _is_object(contestant: object) -> bool:
+    """Whether it is a marker, or what `Marker.load` takes beside paths."""
+    return isinstance(contestant, Marker | Mapping) or hasattr(contestant, "read")

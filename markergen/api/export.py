@@ -1,15 +1,15 @@
 """``markergen.export``: markers as sheets, drawings, solids and configurations, each by its suffix."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from math import radians
 from os import PathLike
-from pathlib import Path
 from typing import Any, Unpack
 
-from markergen.api.loose import MarkerLike, marker_of, markers_in, paths_of
+from markergen.api.loose import files_among, marker_of, paths_of
 from markergen.drawing.colors import parse_colors
 from markergen.drawing.options import SheetOptions
+from markergen.errors import InputError
 from markergen.exporters import ExportOptions, check_outputs, save
 from markergen.files import Written
 from markergen.files import check_outputs as check_files
@@ -17,7 +17,8 @@ from markergen.model.fabrication import DEFAULT_PROCESS, Fabrication, check_choi
 from markergen.model.holes import parse_dowel, parse_mount
 from markergen.model.marker import Marker
 from markergen.model.substrate_checks import check_edge, check_holes
-from markergen.options import ExportKeywords, PlateKeywords, declared, given, signature_of
+from markergen.options import ExportKeywords, PlateKeywords, as_list, declared, given, signature_of
+from markergen.options.base import MarkerLike
 from markergen.read.outlines import read_room
 
 SHEET = ("paper", "orientation", "margin", "tile", "overlap", "compensate")
@@ -25,7 +26,7 @@ MADE = ("process", "depth", "gap", "fit", "through", "tool", "dome", "draft", "f
 
 
 def export(
-    marker: MarkerLike | Sequence[MarkerLike], *paths: str | PathLike[str], **options: Unpack[ExportKeywords]
+    marker: MarkerLike | Iterable[MarkerLike], *paths: str | PathLike[str], **options: Unpack[ExportKeywords]
 ) -> list[Written]:
     """Write a marker, or several, at true size: to print, to make, or as configuration for what detects it.
 
@@ -62,9 +63,11 @@ def export(
     ['marker.svg']
     """
     asked = given(options, ExportKeywords)
-    outputs, choices = paths_of(paths), choices_of(asked)
-    every = markers_in(marker)
-    inputs = [Path(each) for each in (*every, asked.get("outline")) if isinstance(each, str | PathLike)]
+    outputs, choices = paths_of(paths, "a path to write to"), choices_of(asked)
+    every = as_list(marker)
+    if not every:
+        raise InputError("one marker or more", "none", "give a Marker, a path, or a list of them")
+    inputs = files_among(*every, asked.get("outline"))
     check_outputs(outputs, choices)
     check_files(outputs, inputs)
     return save([with_plate(marker_of(each), asked) for each in every], outputs, choices, inputs)

@@ -111,7 +111,7 @@ def study(
     ['table.csv', 'index.html']
     """
     asked = given(options, StudyKeywords)
-    folder = path_of(output)
+    folder = path_of(output, "a folder to write to")
     engine = engine_for(asked.get("workers"), asked.get("scheduler"))
     run: Callable[..., list[Path]]
     if what == "paper":
@@ -127,7 +127,7 @@ def study(
     else:
         dictionary = isinstance(what, Mapping)
         runs = asked.get("runs")
-        sweep = sweep_from_mapping(what, runs=runs) if dictionary else read_sweep(str(path_of(what)), runs)  # type: ignore[arg-type]
+        sweep = sweep_from_mapping(what, runs=runs) if dictionary else read_sweep(str(path_of(what, "a study")), runs)  # type: ignore[arg-type]
         run = partial(run_sweep, sweep, folder)
         engine.check()
     return Study(folder, tuple(run(engine=engine, resume=asked.get("resume", False), progress=progress)))

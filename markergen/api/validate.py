@@ -4,11 +4,11 @@ import logging
 import time
 from typing import Any, Unpack
 
-from markergen.api.loose import MarkerLike, camera_of, files_among, marker_of, poses_of
+from markergen.api.loose import camera_of, files_among, marker_of
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.options import ValidateKeywords, settle, signature_of
-from markergen.options.base import CameraLike, File, Files, Progress
+from markergen.options.base import CameraLike, File, Files, MarkerLike, Progress
 from markergen.read.cameras import read_camera_covariance
 from markergen.render import optics_from_text
 from markergen.validation.proof import prove, setting_of
@@ -86,7 +86,7 @@ def validate(
     views = (VIEWS if judged.dot_diameter else 0) if settled["views"] is None else settled["views"]
     if not views and settled["stress"]:
         raise InputError("views to take", "--views 0", "leave out --stress, or ask for views")
-    setting = setting_of(judged, poses_of(settled["poses"]), camera_of(camera))
+    setting = setting_of(judged, settled["poses"], camera_of(camera))
     covariance = settled["camera_covariance"] and read_camera_covariance(settled["camera_covariance"], setting.camera)
     shoot = Shoot(
         judged, setting.camera, setting.poses, views, settled["seed"], optics, settled["background"], settled["hide"],

@@ -3,10 +3,9 @@
 import logging
 from typing import Unpack
 
-from markergen.api.loose import MarkerLike, files_among, marker_of
-from markergen.errors import InputError
-from markergen.options import VerifyKeywords, read_as, settle, signature_of
-from markergen.options.base import File, Files
+from markergen.api.loose import files_among, marker_of, paths_of
+from markergen.options import VerifyKeywords, settle, signature_of
+from markergen.options.base import File, Files, MarkerLike
 from markergen.verification.check import check_tolerance, verify_all
 from markergen.verification.verification import Verification, targets_of
 
@@ -64,9 +63,7 @@ def verify(
     >>> found.passed, found[0].dots
     (True, 5)
     """
-    paths = [read_as("file", file, "a file to verify") for file in files]
-    if not paths or None in paths:
-        raise InputError("files to verify", "none", "name one or more, such as marker.pdf")
+    paths = paths_of(files, "files to verify")
     tolerance = settle(options, VerifyKeywords)["tolerance"]
     check_tolerance(tolerance)
     targets = targets_of(save, json, [*files_among(marker), *paths])

@@ -6,12 +6,12 @@ from json import dumps
 from pathlib import Path
 from typing import Any, TextIO
 
-from markergen.detect.detector import CovarianceSource, Detector, Found, MarkerSource, listed
+from markergen.detect.detector import CovarianceSource, Detector, Found
 from markergen.detect.overlay import overlay as drawn_over
 from markergen.errors import InputError, OutputError
 from markergen.files import check_outputs, make_folder, write_atomic
-from markergen.model.camera import Camera
-from markergen.options.base import Progress
+from markergen.options import as_list
+from markergen.options.base import CameraLike, MarkerLike, Progress
 from markergen.read.images import Image, find_images, read_image
 
 
@@ -120,8 +120,8 @@ class Outcomes:
 
 def detect_files(
     images: str | Path | Iterable[str | Path],
-    markers: MarkerSource | Iterable[MarkerSource],
-    camera: Camera | str | Path | None = None,
+    markers: MarkerLike | Iterable[MarkerLike],
+    camera: CameraLike | None = None,
     *,
     camera_covariance: CovarianceSource = None,
     print_sigma: str | float = "0.1mm",
@@ -159,9 +159,9 @@ def detect_files(
         If a file cannot be written, or is one of the inputs.
     """
     tell, warn = tell or _silent, warn or _silent
-    sought = listed(markers)
+    sought = as_list(markers)
     detector = Detector(sought, camera, camera_covariance=camera_covariance, print_sigma=print_sigma, refine=refine)
-    paths = find_images(listed(images))
+    paths = find_images(as_list(images))
     sources = [*sought, camera, camera_covariance]
     inputs = [*paths, *(Path(each) for each in sources if isinstance(each, str | Path))]
     drawings = [Path(overlay) / name for name in overlay_names(paths)] if overlay else []

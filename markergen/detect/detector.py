@@ -2,7 +2,7 @@
 
 import operator
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from html import escape
@@ -23,13 +23,13 @@ from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import logarithm
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
+from markergen.options import as_list
+from markergen.options.base import CameraLike, MarkerLike
 from markergen.read.cameras import read_camera_covariance
 from markergen.read.images import grey_frame
 from markergen.units import parse_length
 
 Array = NDArray[np.float64]
-MarkerSource = Marker | str | Path | Mapping[str, Any]
-CameraSource = Camera | str | Path | Mapping[str, Any]
 CovarianceSource = str | Path | Array | None
 
 
@@ -301,8 +301,8 @@ class Detector:
 
     def __init__(
         self,
-        markers: MarkerSource | Iterable[MarkerSource],
-        camera: CameraSource | None = None,
+        markers: MarkerLike | Iterable[MarkerLike],
+        camera: CameraLike | None = None,
         *,
         print_sigma: str | float = "0.1mm",
         camera_covariance: CovarianceSource = None,
@@ -321,7 +321,7 @@ class Detector:
                 )
             covariance = read_camera_covariance(camera_covariance, self._camera)
         self._errors = ErrorSources(parse_length(print_sigma, "print_sigma"), covariance)
-        sources = listed(markers)
+        sources = as_list(markers)
         named = [_marker(each, f"marker {k}" if len(sources) > 1 else "marker") for k, each in enumerate(sources)]
         self._names = tuple(name for _, name in named)
         self._sought = prepare([marker for marker, _ in named], self._camera is not None)
@@ -391,13 +391,6 @@ class Detector:
                 "give the calibration for this size: cropped or scaled images have another",
             )
         return grey
-
-
-def listed(markers: object) -> list[Any]:
-    """Sources of markers as a list, whether one was given or several."""
-    # The lines of an open file are no markers.
-    one = isinstance(markers, str | bytes | os.PathLike | Mapping) or hasattr(markers, "read")
-    return list(markers) if isinstance(markers, Iterable) and not one else [markers]
 
 
 def _marker(source: Any, name: str) -> tuple[Marker, str]:

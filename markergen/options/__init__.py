@@ -15,7 +15,7 @@ from markergen.options.proving import (
     ValidateKeywords,
     VerifyKeywords,
 )
-from markergen.options.reading import given, read_as, settle
+from markergen.options.reading import as_list, given, read_as, settle
 
 __all__ = [
     "OUTSIDE_FILES",
@@ -29,6 +29,7 @@ __all__ = [
     "StudyKeywords",
     "ValidateKeywords",
     "VerifyKeywords",
+    "as_list",
     "declared",
     "given",
     "read_as",

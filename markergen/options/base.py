@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 from functools import cache
 from inspect import Parameter, Signature
 from os import PathLike
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
+from typing import IO, TYPE_CHECKING, Annotated, Any, TypeAlias, get_args, get_origin, get_type_hints
 
 if TYPE_CHECKING:
     from markergen.model.boundary import Boundary
     from markergen.model.camera import Camera
+    from markergen.model.marker import Marker
     from markergen.model.poses import PoseDistribution
 
     Length = float | str
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
     Texts = str | Sequence[str]
     Shape = str | PathLike[str] | Boundary | Mapping[str, Any]
     Shapes = Shape | Sequence[Shape]
-    CameraLike = str | PathLike[str] | Camera | Mapping[str, Any]
+    MarkerLike: TypeAlias = str | PathLike[str] | IO[str] | IO[bytes] | Marker | Mapping[str, Any]
+    CameraLike = str | PathLike[str] | IO[str] | IO[bytes] | Camera | Mapping[str, Any]
     Poses = str | PathLike[str] | PoseDistribution
 else:
     # What a type checker sees above is what a caller may give; here stands how it is read.
@@ -30,6 +32,7 @@ else:
     Texts = Annotated[object, "texts"]
     Shape = Annotated[object, "shape"]
     Shapes = Annotated[object, "shapes"]
+    MarkerLike = Annotated[object, "marker"]
     CameraLike = Annotated[object, "camera"]
     Poses = Annotated[object, "poses"]
 

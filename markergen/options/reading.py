@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from numbers import Integral, Real
 from pathlib import Path
@@ -89,6 +89,17 @@ def given(options: Mapping[str, Any], table: type) -> dict[str, Any]:
     """Options that a caller gave, checked and converted as `settle` does; the others are left to whoever asks."""
     settled = settle(options, table)
     return {name: settled[name] for name, value in options.items() if value is not None}
+
+
+def as_list(value: Any) -> list[Any]:
+    """What was given as a list, whether it is one thing or several: a text, path, mapping or open file is one.
+
+    >>> as_list("marker.json"), as_list(("a.json", "b.json"))
+    (['marker.json'], ['a.json', 'b.json'])
+    """
+    # The lines of an open file are not several things.
+    one = isinstance(value, str | bytes | os.PathLike | Mapping) or hasattr(value, "read")
+    return list(value) if isinstance(value, Iterable) and not one else [value]
 
 
 def _hint(name: str, known: Mapping[str, Option]) -> str:
