@@ -37,20 +37,20 @@ _RECEIVED: dict[str, Sequence[tuple[str, bytes]]] = {}
 class Registry(Generic[T]):
     """Entries by name; nothing is imported before the first look-up.
 
-    A look-up of an entry of markergen's own never reads the entry points. One that does not work (it cannot be
-    imported, is no such entry, or has a name that is taken) is no entry: a warning is logged under ``markergen``, and
-    whoever asks for its name is told why. No plug-in takes the place of an entry of markergen's own.
+    Looking up an entry of markergen's own never reads the entry points. A plug-in that does not work (it cannot be
+    imported, is of the wrong type, or has a name that is taken) is left out: a warning is logged under ``markergen``,
+    and asking for its name raises an error that says why. No plug-in replaces an entry of markergen's own.
 
     Parameters
     ----------
     kind : str
-        What an entry is called in messages ("objective").
+        Name of an entry in messages ("objective").
     package : str
         Dotted name of the package (or single module) that holds the entries; imported at the first look-up.
     entry_points : str
         Group of the entry points that add entries; empty for a table that is closed.
     entry : type
-        What an entry is an instance of, or ``type[C]`` where it is a subclass of C.
+        Class that entries are instances of, or ``type[C]`` if they are subclasses of C.
 
     Examples
     --------
@@ -65,7 +65,7 @@ class Registry(Generic[T]):
         self._outside: dict[str, str] = {}
         """Modules outside of markergen that registered an entry, by its name."""
         self._broken: dict[str, str] = {}
-        """What is wrong with a plug-in, by its name."""
+        """Errors of plug-ins by their names."""
         self._luggage: Sequence[tuple[str, bytes]] = ()
         self._received: set[str] = set()
         """Names that came with the luggage."""
@@ -83,7 +83,7 @@ class Registry(Generic[T]):
         module = _caller()
         mine = module.partition(".")[0] != "markergen"
         if mine:
-            # So that the name is told to be taken here, and not when the table's own module is imported.
+            # So that a taken name is refused here, and not when the table's own module is imported.
             self._load()
 
         def add(entry: T) -> T:

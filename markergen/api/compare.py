@@ -34,12 +34,12 @@ def compare(
         Markers, or ``ngon:N``, ``square``, ``random:N``, ``aruco:DICT[:ID]``, ``apriltag:FAMILY[:ID]`` and
         ``charuco:CxR[:DICT]``; one alone is compared with one of each.
     save : path or list of paths
-        Files to write at the end, by suffix: .json the results, .svg or .png the errors drawn. All that is written is
-        checked before the work begins.
+        Files to write at the end, by suffix: .json for the results, .svg or .png for a plot of the errors. All targets
+        are checked before the work begins.
     json, plot : path or None
-        The same, the results under any name.
+        Files for the results and for the plot; that of the results may have any suffix.
     progress : callable or None
-        Called with the stage, what is done of it, and its total.
+        Called with the stage, how much of it is done, and its total.
     **options
         As on the command line, ``markergen compare --help``, with underscores. Lengths are m or text with a unit.
 
@@ -81,7 +81,7 @@ compare.__signature__ = signature_of(compare, CompareKeywords)  # type: ignore[a
 
 
 def _named(contestants: Sequence[MarkerLike]) -> tuple[list[str], dict[str, Marker]]:
-    """Texts for all contestants, and those markers by their texts that are in no file."""
+    """Texts of all contestants, and by their texts the markers that come from no path."""
     objects = [each for each in contestants if _is_object(each)]
     texts, given = [], dict[str, Marker]()
     for each in contestants:

@@ -1,4 +1,4 @@
-"""``markergen.rescale``: the marker as a printer made it."""
+"""``markergen.rescale``: the marker as it was printed."""
 
 from os import PathLike
 from typing import Unpack
@@ -17,7 +17,7 @@ from markergen.tables import Result
 
 
 class Rescaled(Result):
-    """A marker with its dots where they are in the print, and what is to say of them.
+    """A marker with its dots where they are in the print, and notes on the differences.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ def rescale(
     asked = settle(options, RescaleKeywords)
     if asked["measured_points"] is not None and (asked["measured_x"], asked["measured_y"]) != (None, None):
         raise InputError(
-            "either rulers or dots that were measured", "both", "measured dots alone say all: leave out the rulers"
+            "either rulers or dots, measured on the print", "both", "measured dots suffice: leave out the rulers"
         )
     target = None if output is None else path_of(output, "a path to write to")
     if target is not None and target.suffix.lower() != ".json":

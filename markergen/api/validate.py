@@ -35,22 +35,22 @@ def validate(
     """Prove a marker: pose errors of every estimator with their bounds, synthetic views, and what limits the accuracy.
 
     Noisy trials at every pose that sees the whole marker are held against the Cramer-Rao bound, then synthetic images
-    are rendered in which the marker is found as a program would. docs/validate.md says what is measured and how.
+    are rendered in which the marker is detected as in photos. docs/validate.md describes what is measured and how.
 
     Parameters
     ----------
     marker : Marker, path or dict
     camera : Camera, path, dict or None
-        None takes the camera that the marker was designed for.
+        None: the camera that the marker was designed for.
     save : path or list of paths
-        Files to write at the end, by suffix: .html the report, .json the results, .svg or .png the plot. All that is
-        written is checked before the work begins.
+        Files to write at the end, by suffix: .html for the report, .json for the results, .svg or .png for the plot.
+        All targets are checked before the work begins.
     json, report : path or None
-        The same, the results under any name.
+        Files for the results, under any suffix, and for the report.
     pictures : path or None
-        Folder for views that failed, the worst and typical ones.
+        Folder for pictures of failed, worst and typical views.
     progress : callable or None
-        Called with the stage, what is done of it, and its total.
+        Called with the stage, how much of it is done, and its total.
     **options
         As on the command line, ``markergen validate --help``, with underscores. Lengths are m or text with a unit.
 

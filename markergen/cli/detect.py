@@ -37,7 +37,7 @@ def detect(
 ) -> None:
     """Find markers in images: dot centers with their covariance, homography, and pose T_camera_marker with its own.
 
-    Status 1 if any image has no marker, 2 if any could not be used; the others are done all the same.
+    Status 1 if any image has no marker, 2 if any could not be used; the others are processed regardless.
 
     \b
     Example:

@@ -1,4 +1,4 @@
-"""Many image files, one after another: what cannot be read is told and does not stop the others."""
+"""Detection in many image files: one that cannot be read is reported and does not stop the others."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ from markergen.read.images import Image, find_images, read_image
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of one image.
+    """The result for one image.
 
     Attributes
     ----------
@@ -26,7 +26,7 @@ class Outcome:
     size : tuple (width, height) or None
         Of the image, px.
     notes : tuple of str
-        What its reader has to say.
+        Remarks of its reader.
     markers : tuple of Found
         As `Detector` returns them.
     error : str
@@ -76,7 +76,7 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class Outcomes:
-    """What became of many images.
+    """The results for many images.
 
     Attributes
     ----------

@@ -253,7 +253,7 @@ class Marker:
     joint_covariance : JointCovariance or None
         Of places that were measured together; then no control point has a covariance of its own.
     rulers : (x, y) or None
-        Lengths in m that the sheet prints beside its rulers, None for one that it has not; None: not told.
+        Lengths in m that the sheet prints beside its rulers, None for one that it lacks; None: unknown.
     plates : tuple of Plate
         Those that the control points are on, each on one; empty: all on one plate, whose frame is the marker frame.
         With plates, the boundary tells the marker's size alone; keep-outs and tags are those of the plates.
@@ -286,8 +286,8 @@ class Marker:
         Raises
         ------
         InputError
-            If the source is none of these, cannot be read, or is no marker.json that holds together; then all errors
-            are told with their paths, of many the first 20.
+            If the source is none of these, cannot be read, or is no consistent marker.json; then the message lists the
+            errors with their paths, at most 20.
 
         Examples
         --------
@@ -356,7 +356,7 @@ class Marker:
         return replace(self, control_points=points, print_scale=(1.0, 1.0), joint_covariance=None)
 
     def save(self, *paths: str | PathLike[str], **options: "Unpack[ExportKeywords]") -> "list[Written]":
-        """Write the marker to each path as its suffix says; see `markergen.export`."""
+        """Write the marker to each path in the format of its suffix; see `markergen.export`."""
         from markergen.api.export import export
 
         return export(self, *paths, **options)

@@ -174,7 +174,7 @@ def read_marker(path: str | os.PathLike[str]) -> Marker:
     ------
     InputError
         If the file cannot be read, is not a marker.json, has a version this program does not know, or breaks the
-        schema or the marker's geometry; then *all* errors are told with their paths, of many the first 20.
+        schema or the marker's geometry; then the message lists the errors with their paths, at most 20.
     """
     try:
         with Path(path).open("rb") as file:

@@ -55,7 +55,7 @@ UPRIGHT = 1e-5
 
 @dataclass(frozen=True, repr=False)
 class Design(Result):
-    """A designed marker with what a user wants to know about it; printed, it says what the command says.
+    """A designed marker with its criteria and warnings; printing it shows what the command shows.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What an option is, the kinds of values that options have, and how a table of them is read."""
+"""Options, the kinds of their values, and the tables that declare them."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     CameraLike = str | PathLike[str] | IO[str] | IO[bytes] | Camera | Mapping[str, Any]
     Poses = str | PathLike[str] | PoseDistribution
 else:
-    # What a type checker sees above is what a caller may give; here stands how it is read.
+    # Type checkers see above what callers may give; at runtime the aliases carry the kind of the value.
     Length = Annotated[object, "length"]
     LengthOrAuto = Annotated[object, "length or auto"]
     File = Annotated[object, "file"]
@@ -51,7 +51,7 @@ GROUPS = (LAYOUT, VIEW, DOTS, TRIALS, IMAGES, ERRORS, SHEET, SOLID, SEARCH, RUN,
 
 @dataclass(frozen=True)
 class Option:
-    """One thing that can be asked for.
+    """One option.
 
     Attributes
     ----------
@@ -60,18 +60,18 @@ class Option:
     help : str
         A sentence or two, without the default.
     default : object
-        What holds if it is not given, as a user would write it; None where `otherwise` tells it or there is none.
+        Its default, as a user would write it; None if `otherwise` describes it, or there is none.
     otherwise : str
-        What holds if it is not given, in words.
+        The default in words.
     metavar : str
-        What stands for the value in help.
+        Placeholder for the value in help.
     flags : str
-        How it is written on the command line, where that does not follow from the name.
+        Its spelling on the command line, where that does not follow from the name.
     aliases : tuple of str
         Further names that spec files have for it.
     name, kind : str
-        Filled in by `declared`: the keyword, and what is read: ``int``, ``float``, ``str``, ``bool``, or one of the
-        kinds above.
+        Filled in by `declared`: the keyword, and the kind of its value: ``int``, ``float``, ``str``, ``bool``, or one
+        of the kinds above.
     """
 
     group: str
@@ -86,7 +86,7 @@ class Option:
 
     @property
     def shown(self) -> str:
-        """What help says of the default; empty where there is none."""
+        """Default as help shows it; empty if there is none."""
         if self.otherwise or self.default is None:
             return self.otherwise
         if isinstance(self.default, bool):
@@ -95,7 +95,7 @@ class Option:
 
     @property
     def flag(self) -> str:
-        """The longest way to write it on the command line: ``--corner-radius``."""
+        """Its long flag on the command line: ``--corner-radius``."""
         words = self.flags.replace("/", " ").split() or ["--" + self.name.replace("_", "-")]
         return next(word for word in words if word.startswith("--"))
 

@@ -34,7 +34,7 @@ def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
     Raises
     ------
     InputError
-        With everything that is wrong: unknown names, each with the nearest known one, and values of a wrong type.
+        Listing all errors: unknown names, each with the nearest known one, and values of a wrong type.
 
     Examples
     --------
@@ -178,7 +178,7 @@ def _several(read: Callable[[Any, str], Any], expected: str) -> Callable[[Any, s
 
 
 def _thing(expected: str) -> Callable[[Any, str], Any]:
-    """Pass on what may be an object of ours, whose class is not known down here; nothing of Python's own is."""
+    """Pass on what may be an object of markergen, whose class this layer does not know; no builtin is one."""
 
     def read(value: Any, _: str) -> Any:
         if isinstance(value, str | os.PathLike | Mapping) or type(value).__module__ != "builtins":
@@ -204,4 +204,4 @@ _READERS: dict[str, Callable[[Any, str], Any]] = {
     "camera": _thing("a camera, a path, or a dictionary"),
     "poses": _thing("poses: a text such as 'paper' or 'cone:tilt=0..60', a path, or a PoseDistribution"),
 }
-"""By kind: what reads a value, and raises with what was expected alone."""
+"""Readers by kind; each returns the converted value, or raises an error with only the expected part filled in."""

@@ -1,4 +1,4 @@
-"""A validation: what was found, to print, look at, save, check and reckon with."""
+"""The result of a validation: to print, plot, save, check and process."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ _ANGLE = "polar_angle_deg"
 
 
 class Validation(Result):
-    """What `markergen.validate` found.
+    """The result of `markergen.validate`.
 
     ``print(validation)`` shows what the command prints. It can be pickled, and keeps no images: those that a report or
     a folder of pictures needs are rendered again, the same ones.
@@ -92,7 +92,7 @@ class Validation(Result):
 
     @property
     def views(self) -> Mapping[str, Any] | None:
-        """What was found in synthetic views; None if there were none."""
+        """Results of the synthetic views; None if there were none."""
         views = self._results["views"]
         return None if views is None else MappingProxyType(views)
 
@@ -108,7 +108,7 @@ class Validation(Result):
         return MappingProxyType(self._results["budget"])
 
     def check(self, expression: str) -> tuple[bool, str]:
-        """Evaluate what must not be, such as ``estimators.lm.rotation_deg.rms > 0.5``.
+        """Evaluate a condition that must not hold, such as ``estimators.lm.rotation_deg.rms > 0.5``.
 
         Returns
         -------
@@ -139,9 +139,9 @@ class Validation(Result):
         Parameters
         ----------
         json, report : path or None
-            The same under any name, and under one that browsers open.
+            Files for the results, under any suffix, and for the report.
         pictures : path or None
-            Folder for views that failed, the worst and typical ones as .png; those of an earlier run are replaced.
+            Folder for failed, worst and typical views as .png; those of an earlier run are replaced.
         progress : callable or None
             Called with the stage, what is done of it, and its total.
 
@@ -293,14 +293,14 @@ class Validation(Result):
 
 @dataclass(frozen=True)
 class Targets:
-    """What is to be written: files with their kinds (``json``, ``report``, ``plot``), and a folder for pictures."""
+    """Files to write, with their kinds (``json``, ``report``, ``plot``), and a folder for pictures."""
 
     files: tuple[tuple[str, Path], ...]
     pictures: Path | None = None
 
     @classmethod
     def of(cls, paths: object = (), json: object = None, report: object = None, pictures: object = None) -> "Targets":
-        """Sort paths by suffix, and take others for what they are said to be.
+        """Sort paths by suffix; the kinds of the others are given.
 
         Raises
         ------
