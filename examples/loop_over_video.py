@@ -7,12 +7,12 @@ import argparse
 
 import cv2
 
-from markergen.detect import Detector
+import markergen as mg
 
 
 def main(marker: str, camera: str, video: str, annotated: str | None) -> None:
     """Print a line for every frame; write the video with what was found drawn in, if a file for it is named."""
-    detector = Detector(marker, camera)
+    detector = mg.Detector(marker, camera)
     source, target = cv2.VideoCapture(video), cv2.VideoWriter()
     if not source.isOpened():
         raise SystemExit(f"cannot read {video}")

@@ -6,8 +6,8 @@
 Marker(5 control points in a disk of radius 150 mm, dots of 36 mm, spec 2b6ca07a)
 
 Lengths are meters, or text with a unit: ``0.15``, ``"150mm"``, ``"6in"``. The marker frame is x right, y up, z out of
-the printed face; a pose is ``T_camera_marker``. Nothing here prints: progress is a callback, and the logger
-``markergen`` tells more, to those who turn it on.
+the printed face; a pose is ``T_camera_marker``. Nothing here prints: progress is a callback, and the
+logger ``markergen`` reports more when it is turned on.
 """
 
 import logging
@@ -74,7 +74,7 @@ _HOMES = {
     "api.validate": ("validate",),
     "api.verify": ("verify",),
 }
-"""Names by the module that has them; it is imported when one of them is asked for."""
+"""Public names by module, which is imported when one of its names is first used."""
 
 _HOME = {name: f"{__name__}.{module}" for module, names in _HOMES.items() for name in names}
 

@@ -1,5 +1,8 @@
 """One error root; every message says what was expected, what was found, and what to do."""
 
+import reprlib
+from collections.abc import Iterable, Sequence
+
 
 class MarkergenError(Exception):
     """Root of all errors that markergen raises on purpose; the command line prints it as one line.
@@ -54,3 +57,30 @@ class MissingLibraryError(MarkergenError):
     >>> issubclass(mg.MissingLibraryError, mg.MarkergenError)
     True
     """
+
+
+def brief(value: object) -> str:
+    """One short line for any value, however long or deep it is.
+
+    >>> brief("long " * 100)
+    "'long long lo...ng long long '"
+    """
+    try:
+        text = " ".join(reprlib.repr(value).split())
+    except ValueError:  # Python refuses to write integers of thousands of digits.
+        return "an endless number"
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def among(name: object, known: Iterable[str], shown: Sequence[str] = (), cutoff: float = 0.6) -> str:
+    """Remedy for an unknown name: the nearest of the known ones, if one is near, and all of them, or what is `shown`.
+
+    >>> among("aruko", ["aruco", "apriltag"])
+    "did you mean 'aruco'? Known: aruco, apriltag"
+    """
+    from difflib import get_close_matches
+
+    every = list(known)
+    near = get_close_matches(name, every, n=1, cutoff=cutoff) if isinstance(name, str) else []
+    hint = f"did you mean {near[0]!r}? Known" if near else "known"
+    return f"{hint}: {', '.join(shown or every)}"

@@ -13,11 +13,10 @@ import pickle
 import pkgutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from difflib import get_close_matches
 from functools import cache
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, get_args, get_origin
 
-from markergen.errors import InputError
+from markergen.errors import InputError, among
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -38,20 +37,20 @@ _RECEIVED: dict[str, Sequence[tuple[str, bytes]]] = {}
 class Registry(Generic[T]):
     """Entries by name; nothing is imported before the first look-up.
 
-    A look-up of an entry of markergen's own never reads the entry points. One that does not work (it cannot be
-    imported, is no such entry, or has a name that is taken) is no entry: a warning is logged under ``markergen``, and
-    whoever asks for its name is told why. No plug-in takes the place of an entry of markergen's own.
+    Looking up an entry of markergen's own never reads the entry points. A plug-in that does not work (it cannot be
+    imported, is of the wrong type, or has a name that is taken) is left out: a warning is logged under ``markergen``,
+    and asking for its name raises an error that says why. No plug-in replaces an entry of markergen's own.
 
     Parameters
     ----------
     kind : str
-        What an entry is called in messages ("objective").
+        Name of an entry in messages ("objective").
     package : str
         Dotted name of the package (or single module) that holds the entries; imported at the first look-up.
     entry_points : str
         Group of the entry points that add entries; empty for a table that is closed.
     entry : type
-        What an entry is an instance of, or ``type[C]`` where it is a subclass of C.
+        Class that entries are instances of, or ``type[C]`` if they are subclasses of C.
 
     Examples
     --------
@@ -66,7 +65,7 @@ class Registry(Generic[T]):
         self._outside: dict[str, str] = {}
         """Modules outside of markergen that registered an entry, by its name."""
         self._broken: dict[str, str] = {}
-        """What is wrong with a plug-in, by its name."""
+        """Errors of plug-ins by their names."""
         self._luggage: Sequence[tuple[str, bytes]] = ()
         self._received: set[str] = set()
         """Names that came with the luggage."""
@@ -84,7 +83,7 @@ class Registry(Generic[T]):
         module = _caller()
         mine = module.partition(".")[0] != "markergen"
         if mine:
-            # So that the name is told to be taken here, and not when the table's own module is imported.
+            # So that a taken name is refused here, and not when the table's own module is imported.
             self._load()
 
         def add(entry: T) -> T:
@@ -139,10 +138,7 @@ class Registry(Generic[T]):
             if name in self._entries:
                 return self._entries[name]
             raise InputError(f"a working {self.kind} {name!r}", self._broken[name], "fix or uninstall the plug-in")
-        known = self.names()
-        near = get_close_matches(name, known, n=1) if isinstance(name, str) else []
-        hint = f"did you mean {near[0]!r}? Known: " if near else "known: "
-        raise InputError(f"a known {self.kind}", repr(name), hint + ", ".join(known))
+        raise InputError(f"a known {self.kind}", repr(name), among(name, self.names()))
 
     def __reduce__(self) -> str:
         # By reference: entries that use a table must not take all of it along.

@@ -29,7 +29,7 @@ class Table(NamedTuple):
     rows : sequence of sequences of str
         As many cells each as the header has.
     caption : str
-        How to read it; stands below.
+        Explanation below the table.
     """
 
     title: str
@@ -84,9 +84,9 @@ class Table(NamedTuple):
 
 
 class Result(ABC):
-    """What a function of the library returns: sentences and tables, the same on every page.
+    """A result of a function of the library: sentences and tables.
 
-    ``str()`` is what the command of the same name prints, ``repr()`` a line or two, and a notebook shows tables.
+    ``str()`` is what the command of the same name prints, ``repr()`` a line or two; a notebook shows tables.
     """
 
     @abstractmethod

@@ -1,1 +1,1 @@
-"""What users call: each function takes what they have, whether an object, a path or a text, and returns a result."""
+"""The functions of the library: each takes objects, paths or texts, and returns a result."""

@@ -2,16 +2,15 @@
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from typing import Unpack
 
-from markergen.api.loose import MarkerLike, files_among, marker_of, poses_of
-from markergen.errors import InputError
-from markergen.model.findings import brief
+from markergen.api.loose import files_among, marker_of
+from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
 from markergen.options import CompareKeywords, settle, signature_of
-from markergen.options.base import File, Files
+from markergen.options.base import File, Files, MarkerLike, Progress
 from markergen.validation.compare import compare as run
 from markergen.validation.comparison import Comparison, targets_of
 from markergen.validation.lineup import FORMS
@@ -24,7 +23,7 @@ def compare(
     save: Files = (),
     json: File | None = None,
     plot: File | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | None = None,
     **options: Unpack[CompareKeywords],
 ) -> Comparison:
     """Compare markers with each other and with square tags and boards: same circle, poses, optics and noise.
@@ -35,12 +34,12 @@ def compare(
         Markers, or ``ngon:N``, ``square``, ``random:N``, ``aruco:DICT[:ID]``, ``apriltag:FAMILY[:ID]`` and
         ``charuco:CxR[:DICT]``; one alone is compared with one of each.
     save : path or list of paths
-        Files to write at the end, by suffix: .json the results, .svg or .png the errors drawn. All that is written is
-        checked before the work begins.
+        Files to write at the end, by suffix: .json for the results, .svg or .png for a plot of the errors. All targets
+        are checked before the work begins.
     json, plot : path or None
-        The same, the results under any name.
+        Files for the results and for the plot; that of the results may have any suffix.
     progress : callable or None
-        Called with the stage, what is done of it, and its total.
+        Called with the stage, how much of it is done, and its total.
     **options
         As on the command line, ``markergen compare --help``, with underscores. Lengths are m or text with a unit.
 
@@ -70,7 +69,7 @@ def compare(
     began = time.perf_counter()
     _log.info("comparing %s", ", ".join(texts))
     results = run(
-        texts, settled["views"], settled["seed"], poses_of(settled["poses"]), settled["print_sigma"],
+        texts, settled["views"], settled["seed"], settled["poses"], settled["print_sigma"],
         workers=settled["workers"], progress=progress, given=given,
     )  # fmt: skip
     _log.info("compared in %.1f s", time.perf_counter() - began)
@@ -82,11 +81,11 @@ compare.__signature__ = signature_of(compare, CompareKeywords)  # type: ignore[a
 
 
 def _named(contestants: Sequence[MarkerLike]) -> tuple[list[str], dict[str, Marker]]:
-    """Texts for all contestants, and those markers by their texts that are in no file."""
-    objects = [each for each in contestants if isinstance(each, Marker | dict)]
+    """Texts of all contestants, and by their texts the markers that come from no path."""
+    objects = [each for each in contestants if _is_object(each)]
     texts, given = [], dict[str, Marker]()
     for each in contestants:
-        if isinstance(each, Marker | dict):
+        if _is_object(each):
             text = "marker" if len(objects) == 1 else f"marker {len(given) + 1}"
             given[text] = marker_of(each)
         elif isinstance(each, str | PathLike):
@@ -95,3 +94,8 @@ def _named(contestants: Sequence[MarkerLike]) -> tuple[list[str], dict[str, Mark
             raise InputError("a marker, a path, or a text such as aruco:DICT_4X4_50", brief(each), f"known: {FORMS}")
         texts.append(text)
     return texts, given
+
+
+def _is_object(contestant: object) -> bool:
+    """Whether it is a marker, or what `Marker.load` takes beside paths."""
+    return isinstance(contestant, Marker | Mapping) or hasattr(contestant, "read")

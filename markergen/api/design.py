@@ -1,4 +1,4 @@
-"""``markergen.design``: from wishes to a marker, and to its files."""
+"""``markergen.design``: from options to a marker and its files."""
 
 import logging
 from collections.abc import Mapping
@@ -19,9 +19,9 @@ from markergen.objectives import OBJECTIVES
 from markergen.optimize.design import Design
 from markergen.optimize.design import design as find
 from markergen.optimize.family import members
-from markergen.optimize.multistart import Progress
 from markergen.optimize.trace import check_trace_path, trace_bytes
 from markergen.options import DesignKeywords, given, signature_of
+from markergen.options.base import Progress
 from markergen.read.spec_file import spec_from_mapping
 from markergen.read.templates import read_template
 
@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 
 def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords]) -> Design:
-    """Find the layout of control points that gives the most accurate pose, and write it where asked to.
+    """Find the layout of control points that gives the most accurate pose, and write it to files if asked to.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
     Returns
     -------
     Design
-        ``design.marker`` is the marker; printed, it says what the command says. Its warnings are logged, too.
+        ``design.marker`` is the marker; printing the design shows what the command shows. Its warnings are logged, too.
 
     Raises
     ------
@@ -88,7 +88,7 @@ design.__signature__ = signature_of(design, DesignKeywords)  # type: ignore[attr
 
 @dataclass(frozen=True)
 class _Request:
-    """What was asked for, settled before any search: the spec, markers of a family, and files."""
+    """A request, checked before any search: the spec, ids of a family, and files."""
 
     spec: Spec
     ids: tuple[int, ...]
@@ -102,11 +102,11 @@ def _request(options: Mapping[str, Any]) -> _Request:
     asked = given(options, DesignKeywords)
     if "radius" in asked and "boundary" in asked:
         raise InputError("a radius or a boundary", "--radius and --boundary", "leave one of them out")
-    if asked.get("restarts") == 0:  # To a spec it says that nobody asked.
+    if asked.get("restarts") == 0:  # A spec takes 0 for the objective's default.
         raise InputError("restarts of 1 or more", "--restarts 0", "give a positive number, or leave it out")
     template, output, traces = (asked.pop(name, None) for name in ("template", "output", "trace"))
     values = read_template(str(template)) if template else {}
-    # One of both says how much room there is, and the one that is given replaces the template's.
+    # Either of them gives the available room, so the one that is given replaces the template's.
     for one, other in (("radius", "boundary"), ("boundary", "radius")):
         if one in asked:
             values.pop(other, None)

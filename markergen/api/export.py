@@ -1,15 +1,15 @@
 """``markergen.export``: markers as sheets, drawings, solids and configurations, each by its suffix."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from math import radians
 from os import PathLike
-from pathlib import Path
 from typing import Any, Unpack
 
-from markergen.api.loose import MarkerLike, marker_of, markers_in, paths_of
+from markergen.api.loose import files_among, marker_of, paths_of
 from markergen.drawing.colors import parse_colors
 from markergen.drawing.options import SheetOptions
+from markergen.errors import InputError
 from markergen.exporters import ExportOptions, check_outputs, save
 from markergen.files import Written
 from markergen.files import check_outputs as check_files
@@ -17,7 +17,8 @@ from markergen.model.fabrication import DEFAULT_PROCESS, Fabrication, check_choi
 from markergen.model.holes import parse_dowel, parse_mount
 from markergen.model.marker import Marker
 from markergen.model.substrate_checks import check_edge, check_holes
-from markergen.options import ExportKeywords, PlateKeywords, declared, given, signature_of
+from markergen.options import ExportKeywords, PlateKeywords, as_list, declared, given, signature_of
+from markergen.options.base import MarkerLike
 from markergen.read.outlines import read_room
 
 SHEET = ("paper", "orientation", "margin", "tile", "overlap", "compensate")
@@ -25,24 +26,25 @@ MADE = ("process", "depth", "gap", "fit", "through", "tool", "dome", "draft", "f
 
 
 def export(
-    marker: MarkerLike | Sequence[MarkerLike], *paths: str | PathLike[str], **options: Unpack[ExportKeywords]
+    marker: MarkerLike | Iterable[MarkerLike], *paths: str | PathLike[str], **options: Unpack[ExportKeywords]
 ) -> list[Written]:
-    """Write a marker, or several, at true size: to print, to make, or as configuration for what detects it.
+    """Write a marker, or several, at true size: to print, to make, or as configuration for detection programs.
 
     Parameters
     ----------
     marker : Marker, path, dict, or a list of these
         Several share the sheets of a ``.pdf``.
     *paths : str or path
-        Each is written as its suffix says: ``.pdf``, ``.svg``, ``.png``, ``.dxf``, ``.step`` and so on; all or none.
+        The suffix of each selects its format: ``.pdf``, ``.svg``, ``.png``, ``.dxf``, ``.step`` and so on. All
+        files are written, or none.
     **options
-        As on the command line, ``markergen export --help``, with underscores: ``corner_radius="5mm"``. What is said of
-        the plate takes the place of what the marker says.
+        As on the command line, ``markergen export --help``, with underscores: ``corner_radius="5mm"``. Options of the
+        plate override the marker's.
 
     Returns
     -------
     list of Written
-        Paths, those of files that come with others included, and notes for whoever prints or makes them.
+        Paths, including those of accompanying files, and notes for whoever prints or makes them.
 
     Raises
     ------
@@ -62,9 +64,11 @@ def export(
     ['marker.svg']
     """
     asked = given(options, ExportKeywords)
-    outputs, choices = paths_of(paths), choices_of(asked)
-    every = markers_in(marker)
-    inputs = [Path(each) for each in (*every, asked.get("outline")) if isinstance(each, str | PathLike)]
+    outputs, choices = paths_of(paths, "a path to write to"), choices_of(asked)
+    every = as_list(marker)
+    if not every:
+        raise InputError("one marker or more", "none", "give a Marker, a path, or a list of them")
+    inputs = files_among(*every, asked.get("outline"))
     check_outputs(outputs, choices)
     check_files(outputs, inputs)
     return save([with_plate(marker_of(each), asked) for each in every], outputs, choices, inputs)
@@ -74,12 +78,12 @@ export.__signature__ = signature_of(export, ExportKeywords)  # type: ignore[attr
 
 
 def choices_of(asked: Mapping[str, Any]) -> ExportOptions:
-    """Choices about sheets and solids of options that were given (see `given`); others in `asked` are passed over."""
+    """Choices about sheets and solids among the options that were given (see `given`); others are ignored."""
     laid: dict[str, Any] = {name: asked[name] for name in SHEET if name in asked}
     if "colors" in asked:
         laid["colors"] = parse_colors(asked["colors"])
     making = {name: asked[name] for name in MADE if name in asked}
-    if "dome" in making:  # Asked for, even where it is what others would not ask for: half.
+    if "dome" in making:  # Refused for other processes, even if it is the default.
         check_choice(making.get("process", DEFAULT_PROCESS), "dome", "--dome")
     if "draft" in making:
         making["draft"] = radians(making["draft"])
@@ -88,14 +92,14 @@ def choices_of(asked: Mapping[str, Any]) -> ExportOptions:
 
 
 def with_plate(marker: Marker, asked: Mapping[str, Any]) -> Marker:
-    """Marker with what was asked for its plate instead of its own.
+    """Marker with options of the plate applied.
 
-    Mounting holes take the place of all mounting holes, and dowel holes that of all dowel holes.
+    Mounting holes replace all of the marker's mounting holes, and dowel holes all of its dowel holes.
 
     Raises
     ------
     InputError
-        For what there is not, and for a plate that the marker's dots do not allow.
+        If an option has an unusable value, or the marker's dots do not fit on the plate.
     """
     values = {name: asked[name] for name in declared(PlateKeywords) if name in asked}
     unit, outline = asked.get("boundary_unit"), values.pop("outline", None)

@@ -1,9 +1,9 @@
-"""``markergen.rescale``: the marker as a printer made it."""
+"""``markergen.rescale``: the marker as it was printed."""
 
 from os import PathLike
 from typing import Unpack
 
-from markergen.api.loose import MarkerLike, marker_of, path_of
+from markergen.api.loose import marker_of, path_of
 from markergen.errors import InputError
 from markergen.files import check_folder, write_atomic
 from markergen.model.marker import Marker
@@ -11,12 +11,13 @@ from markergen.model.marker_json import to_json
 from markergen.model.rescale import Rulers, remeasure
 from markergen.model.rescale import rescale as by_rulers
 from markergen.options import RescaleKeywords, settle, signature_of
+from markergen.options.base import MarkerLike
 from markergen.read.measured import read_measured
 from markergen.tables import Result
 
 
 class Rescaled(Result):
-    """A marker with its dots where they are in the print, and what is to say of them.
+    """A marker with its dots where they are in the print, and notes on the differences.
 
     Attributes
     ----------
@@ -77,9 +78,9 @@ def rescale(
     asked = settle(options, RescaleKeywords)
     if asked["measured_points"] is not None and (asked["measured_x"], asked["measured_y"]) != (None, None):
         raise InputError(
-            "either rulers or dots that were measured", "both", "measured dots alone say all: leave out the rulers"
+            "either rulers or dots, measured on the print", "both", "measured dots suffice: leave out the rulers"
         )
-    target = None if output is None else path_of(output)
+    target = None if output is None else path_of(output, "a path to write to")
     if target is not None and target.suffix.lower() != ".json":
         raise InputError("an output that ends in .json", str(target), "a sheet of it is made by markergen export")
     if target is not None:

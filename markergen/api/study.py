@@ -12,7 +12,7 @@ from markergen.errors import InputError
 from markergen.files import Written
 from markergen.options import StudyKeywords, given, signature_of
 from markergen.studies.engines import engine_for
-from markergen.studies.run import Progress
+from markergen.studies.run import CellProgress
 from markergen.studies.sweep import read_sweep, run_sweep, sweep_from_mapping
 from markergen.tables import Result, data_frame
 
@@ -73,7 +73,7 @@ def study(
     what: str | PathLike[str] | Mapping[str, Any],
     output: str | PathLike[str],
     *,
-    progress: Progress | None = None,
+    progress: CellProgress | None = None,
     announce: Callable[[str], None] | None = None,
     **options: Unpack[StudyKeywords],
 ) -> Study:
@@ -111,7 +111,7 @@ def study(
     ['table.csv', 'index.html']
     """
     asked = given(options, StudyKeywords)
-    folder = path_of(output)
+    folder = path_of(output, "a folder to write to")
     engine = engine_for(asked.get("workers"), asked.get("scheduler"))
     run: Callable[..., list[Path]]
     if what == "paper":
@@ -127,7 +127,7 @@ def study(
     else:
         dictionary = isinstance(what, Mapping)
         runs = asked.get("runs")
-        sweep = sweep_from_mapping(what, runs=runs) if dictionary else read_sweep(str(path_of(what)), runs)  # type: ignore[arg-type]
+        sweep = sweep_from_mapping(what, runs=runs) if dictionary else read_sweep(str(path_of(what, "a study")), runs)  # type: ignore[arg-type]
         run = partial(run_sweep, sweep, folder)
         engine.check()
     return Study(folder, tuple(run(engine=engine, resume=asked.get("resume", False), progress=progress)))

@@ -2,14 +2,13 @@
 
 import logging
 import time
-from collections.abc import Callable
 from typing import Any, Unpack
 
-from markergen.api.loose import MarkerLike, camera_of, files_among, marker_of, poses_of
+from markergen.api.loose import camera_of, files_among, marker_of
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.options import ValidateKeywords, settle, signature_of
-from markergen.options.base import CameraLike, File, Files
+from markergen.options.base import CameraLike, File, Files, MarkerLike, Progress
 from markergen.read.cameras import read_camera_covariance
 from markergen.render import optics_from_text
 from markergen.validation.proof import prove, setting_of
@@ -30,28 +29,28 @@ def validate(
     json: File | None = None,
     report: File | None = None,
     pictures: File | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | None = None,
     **options: Unpack[ValidateKeywords],
 ) -> Validation:
     """Prove a marker: pose errors of every estimator with their bounds, synthetic views, and what limits the accuracy.
 
     Noisy trials at every pose that sees the whole marker are held against the Cramer-Rao bound, then synthetic images
-    are rendered in which the marker is found as a program would. docs/validate.md says what is measured and how.
+    are rendered in which the marker is detected as in photos. docs/validate.md describes what is measured and how.
 
     Parameters
     ----------
     marker : Marker, path or dict
     camera : Camera, path, dict or None
-        None takes the camera that the marker was designed for.
+        None: the camera that the marker was designed for.
     save : path or list of paths
-        Files to write at the end, by suffix: .html the report, .json the results, .svg or .png the plot. All that is
-        written is checked before the work begins.
+        Files to write at the end, by suffix: .html for the report, .json for the results, .svg or .png for the plot.
+        All targets are checked before the work begins.
     json, report : path or None
-        The same, the results under any name.
+        Files for the results, under any suffix, and for the report.
     pictures : path or None
-        Folder for views that failed, the worst and typical ones.
+        Folder for pictures of failed, worst and typical views.
     progress : callable or None
-        Called with the stage, what is done of it, and its total.
+        Called with the stage, how much of it is done, and its total.
     **options
         As on the command line, ``markergen validate --help``, with underscores. Lengths are m or text with a unit.
 
@@ -87,7 +86,7 @@ def validate(
     views = (VIEWS if judged.dot_diameter else 0) if settled["views"] is None else settled["views"]
     if not views and settled["stress"]:
         raise InputError("views to take", "--views 0", "leave out --stress, or ask for views")
-    setting = setting_of(judged, poses_of(settled["poses"]), camera_of(camera))
+    setting = setting_of(judged, settled["poses"], camera_of(camera))
     covariance = settled["camera_covariance"] and read_camera_covariance(settled["camera_covariance"], setting.camera)
     shoot = Shoot(
         judged, setting.camera, setting.poses, views, settled["seed"], optics, settled["background"], settled["hide"],

@@ -3,10 +3,9 @@
 import logging
 from typing import Unpack
 
-from markergen.api.loose import MarkerLike, files_among, marker_of
-from markergen.errors import InputError
-from markergen.options import VerifyKeywords, read_as, settle, signature_of
-from markergen.options.base import File, Files
+from markergen.api.loose import files_among, marker_of, paths_of
+from markergen.options import VerifyKeywords, settle, signature_of
+from markergen.options.base import File, Files, MarkerLike
 from markergen.verification.check import check_tolerance, verify_all
 from markergen.verification.verification import Verification, targets_of
 
@@ -20,15 +19,15 @@ def verify(
     json: File | None = None,
     **options: Unpack[VerifyKeywords],
 ) -> Verification:
-    """Read files back by other means than those that wrote them, and hold every dot against the marker.
+    """Read files back with independent readers, and compare every dot with the marker.
 
-    The dots are laid on the marker's by the best turn and shift, never by a scale: what is scaled, mirrored, missing or
-    of another marker is told as that.
+    The dots are aligned with the marker's by the best rotation and translation, never by a scale: dots that are scaled,
+    mirrored, missing or of another marker are reported as such.
 
     Parameters
     ----------
     marker : Marker, path or dict
-        What the files are to hold.
+        The marker that the files should contain.
     *files : path
         Sheets, solids and configurations, read by suffix.
     save, json : path or None
@@ -39,8 +38,8 @@ def verify(
     Returns
     -------
     Verification
-        With a check of each file, in their order. What is wrong with a file that cannot be used is in the `error` of
-        its check, and the others are verified all the same.
+        A check of each file, in their order. If a file cannot be used, the `error` of its check says why, and the
+        others are verified regardless.
 
     Raises
     ------
@@ -64,9 +63,7 @@ def verify(
     >>> found.passed, found[0].dots
     (True, 5)
     """
-    paths = [read_as("file", file, "a file to verify") for file in files]
-    if not paths or None in paths:
-        raise InputError("files to verify", "none", "name one or more, such as marker.pdf")
+    paths = paths_of(files, "files to verify")
     tolerance = settle(options, VerifyKeywords)["tolerance"]
     check_tolerance(tolerance)
     targets = targets_of(save, json, [*files_among(marker), *paths])

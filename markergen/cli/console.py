@@ -1,11 +1,12 @@
 """What the commands share on the terminal: progress with time left, tables, and the list of files written."""
 
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from markergen.options.base import Progress
     from markergen.tables import Table
     from markergen.validation.comparison import Comparison
     from markergen.validation.validation import Validation
@@ -13,14 +14,13 @@ if TYPE_CHECKING:
 
     Found = Validation | Comparison | Verification
 
-Progress = Callable[[str, int, int], None]
-
 
 @contextmanager
-def progress_bar() -> Iterator[Progress]:
+def progress_bar() -> Iterator["Progress"]:
     """Yield a callback ``(stage, done, total)`` that keeps a bar with the time left on stderr, gone at the end."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
 
     columns = (
         TextColumn("{task.description:>9}"),
@@ -28,7 +28,7 @@ def progress_bar() -> Iterator[Progress]:
         TextColumn("{task.percentage:>3.0f} %"),
         TimeRemainingColumn(),
     )
-    with Progress(
+    with Bar(
         *columns, console=Console(stderr=True), transient=True, redirect_stdout=False, disable=not sys.stderr.isatty()
     ) as bar:
         tasks: dict[str, Any] = {}
@@ -58,24 +58,6 @@ def busy(words: str) -> Iterator[None]:
 def complain(line: str) -> None:
     """Print a line on stderr, where it cannot mix with data."""
     print(line, file=sys.stderr)
-
-
-def length(text: str) -> float:
-    """Read a length for an option, so that a bad one is told with the option's name."""
-    from typer import BadParameter
-
-    from markergen.errors import InputError
-    from markergen.units import parse_length
-
-    try:
-        return parse_length(text)
-    except InputError as error:
-        raise BadParameter(str(error)) from None
-
-
-def length_or_auto(text: str) -> float | str:
-    """Read a length, or the word auto, for an option."""
-    return text if text == "auto" else length(text)
 
 
 def print_found(found: "Found", as_json: bool, parts: Iterable["str | Table"] | None = None) -> None:

@@ -2,13 +2,16 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from markergen.cli.console import length
+from markergen.cli.options import with_options
+from markergen.options import DetectKeywords
+from markergen.options.base import VIEW
 
 
+@with_options(DetectKeywords)
 def detect(
     images: Annotated[
         list[str], typer.Argument(metavar="IMAGE...", help="Image files, folders of them, or patterns such as '*.png'.")
@@ -21,31 +24,20 @@ def detect(
         typer.Option(
             metavar="FILE",
             help="Calibration: OpenCV, ROS camera_info, Kalibr or COLMAP. [default: none: pixels and homography only]",
+            rich_help_panel=VIEW,
         ),
     ] = None,
-    camera_covariance: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Covariance, or a row of standard deviations, of fx, fy, cx, cy, ..."),
-    ] = None,
-    print_sigma: Annotated[
-        float,
-        typer.Option(
-            parser=length, metavar="LENGTH", help="Error of each dot's place in print, 1 sigma along an axis."
-        ),
-    ] = "0.1mm",  # type: ignore[assignment]
-    refine: Annotated[
-        str, typer.Option(metavar="NAME", help="none, or photometric: align the rendered model with the image.")
-    ] = "none",
     json: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write what was found as JSON; - is standard output.")
     ] = None,
     overlay: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write each image here with what was found drawn in.")
     ] = None,
+    **options: Any,
 ) -> None:
     """Find markers in images: dot centers with their covariance, homography, and pose T_camera_marker with its own.
 
-    Status 1 if any image has no marker, 2 if any could not be used; the others are done all the same.
+    Status 1 if any image has no marker, 2 if any could not be used; the others are processed regardless.
 
     \b
     Example:
@@ -62,14 +54,12 @@ def detect(
             images,
             marker,
             camera,
-            camera_covariance=camera_covariance,
-            print_sigma=print_sigma,
-            refine=refine,
             json=stdout if to_stdout else json,
             overlay=overlay,
             progress=progress,
             # Lines for people must not mix with data.
             tell=complain if to_stdout else print,
             warn=complain,
+            **options,
         )
     raise typer.Exit(outcomes.status)

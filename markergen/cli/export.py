@@ -25,11 +25,13 @@ def export(
     ],
     output: Annotated[
         list[Path],
-        typer.Option("-o", "--output", metavar="PATH", help="Written by suffix; may be repeated."),
+        typer.Option(
+            "-o", "--output", metavar="PATH", help="Output file; its suffix selects the format; may be repeated."
+        ),
     ],
     **options: Any,
 ) -> None:
-    """Write a marker at true size to print, as drawing or solid to make, or as configuration for what detects it.
+    """Write a marker at true size to print, as drawing or solid to make, or as configuration for detection programs.
 
     \b
     Example:
@@ -39,7 +41,7 @@ def export(
       markergen export marker.json -o marker.3mf --thickness 4mm --chamfer 0.5mm --mount 4xM3c@120mm
       markergen export marker.json -o marker.step -o marker.fab.pdf --process cnc --fit press --tool 3mm
 
-    What is said of the plate, from --thickness to --dowel, takes the place of what marker.json says.
+    Options of the plate, from --thickness to --dowel, override marker.json.
     """
     from markergen.api.export import export as write
     from markergen.cli import console

@@ -9,10 +9,26 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from markergen.cli.console import length, length_or_auto
+from markergen.errors import InputError
 from markergen.options import Option, declared
+from markergen.units import parse_length
 
 Rows = list[tuple[str, str]]
+
+
+def length(text: str) -> float:
+    """Read a length for an option, so that an error names the option."""
+    try:
+        return parse_length(text)
+    except InputError as error:
+        raise typer.BadParameter(str(error)) from None
+
+
+def length_or_auto(text: str) -> float | str:
+    """Read a length, or the word auto, for an option."""
+    return text if text == "auto" else length(text)
+
+
 PARSERS = {"length": length, "length or auto": length_or_auto}
 """What reads a value where typer cannot."""
 

@@ -20,7 +20,7 @@ def rescale(
 ) -> None:
     """Correct a marker for a print that came out at another size, by its rulers or by its dots.
 
-    detect and validate then use the places that the dots have in the print.
+    detect and validate then use the positions of the dots in the print.
 
     \b
     Example:

@@ -20,10 +20,10 @@ def verify(
     ] = None,
     **options: Any,
 ) -> None:
-    """Read files back by other means than those that wrote them, and hold every dot against marker.json.
+    """Read files back with independent readers, and compare every dot with marker.json.
 
-    The dots are laid on the marker's by the best turn and shift, never by a scale: what is scaled, mirrored, missing
-    or of another marker is told as that. Status 1 if a file is wrong, 2 if one cannot be used.
+    The dots are aligned with the marker's by the best rotation and translation, never by a scale: dots that are scaled,
+    mirrored, missing or of another marker are reported as such. Status 1 if a file is wrong, 2 if one cannot be used.
 
     \b
     Example:

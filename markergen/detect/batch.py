@@ -1,4 +1,4 @@
-"""Many image files, one after another: what cannot be read is told and does not stop the others."""
+"""Detection in many image files: one that cannot be read is reported and does not stop the others."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -6,17 +6,18 @@ from json import dumps
 from pathlib import Path
 from typing import Any, TextIO
 
-from markergen.detect.detector import CovarianceSource, Detector, Found, MarkerSource, listed
+from markergen.detect.detector import CovarianceSource, Detector, Found
 from markergen.detect.overlay import overlay as drawn_over
 from markergen.errors import InputError, OutputError
 from markergen.files import check_outputs, make_folder, write_atomic
-from markergen.model.camera import Camera
+from markergen.options import as_list
+from markergen.options.base import CameraLike, MarkerLike, Progress
 from markergen.read.images import Image, find_images, read_image
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of one image.
+    """The result for one image.
 
     Attributes
     ----------
@@ -25,7 +26,7 @@ class Outcome:
     size : tuple (width, height) or None
         Of the image, px.
     notes : tuple of str
-        What its reader has to say.
+        Remarks of its reader.
     markers : tuple of Found
         As `Detector` returns them.
     error : str
@@ -75,7 +76,7 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class Outcomes:
-    """What became of many images.
+    """The results for many images.
 
     Attributes
     ----------
@@ -119,15 +120,15 @@ class Outcomes:
 
 def detect_files(
     images: str | Path | Iterable[str | Path],
-    markers: MarkerSource | Iterable[MarkerSource],
-    camera: Camera | str | Path | None = None,
+    markers: MarkerLike | Iterable[MarkerLike],
+    camera: CameraLike | None = None,
     *,
     camera_covariance: CovarianceSource = None,
     print_sigma: str | float = "0.1mm",
     refine: str = "none",
     json: str | Path | TextIO | None = None,
     overlay: str | Path | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | None = None,
     tell: Callable[[str], None] | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> Outcomes:
@@ -158,9 +159,9 @@ def detect_files(
         If a file cannot be written, or is one of the inputs.
     """
     tell, warn = tell or _silent, warn or _silent
-    sought = listed(markers)
+    sought = as_list(markers)
     detector = Detector(sought, camera, camera_covariance=camera_covariance, print_sigma=print_sigma, refine=refine)
-    paths = find_images(listed(images))
+    paths = find_images(as_list(images))
     sources = [*sought, camera, camera_covariance]
     inputs = [*paths, *(Path(each) for each in sources if isinstance(each, str | Path))]
     drawings = [Path(overlay) / name for name in overlay_names(paths)] if overlay else []

@@ -1,8 +1,8 @@
-"""The detector that is built once and used for every frame, and what it finds."""
+"""The detector, which is built once and used for every frame, and its results."""
 
 import operator
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from html import escape
@@ -18,19 +18,18 @@ from markergen.detect.overlay import draw
 from markergen.detect.photometric import check_refinement, refine
 from markergen.detect.pose import PoseEstimate
 from markergen.detect.record import as_dict, in_words, reason
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import logarithm
 from markergen.model.camera import Camera
-from markergen.model.findings import brief
 from markergen.model.marker import Marker
+from markergen.options import as_list
+from markergen.options.base import CameraLike, MarkerLike
 from markergen.read.cameras import read_camera_covariance
 from markergen.read.images import grey_frame
 from markergen.units import parse_length
 
 Array = NDArray[np.float64]
-MarkerSource = Marker | str | Path | Mapping[str, Any]
-CameraSource = Camera | str | Path | Mapping[str, Any]
 CovarianceSource = str | Path | Array | None
 
 
@@ -62,19 +61,19 @@ class SecondPose:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Found:
-    """What became of one marker in one frame.
+    """The result for one marker in one frame.
 
-    Where labels are ambiguous, `pixels` has the dots all the same and `ids` is empty. Without a pose, that is without a
+    Where labels are ambiguous, `pixels` still has the dots, and `ids` is empty. Without a pose, that is without a
     camera or if the marker was not found, all that belongs to it is None.
 
     Attributes
     ----------
     detection : Detection
-        Everything there is about it.
+        All results of the engine.
     markers : tuple of Marker
         Those that were looked for.
     names : tuple of str
-        What they are called: their file, if they came from one.
+        Their names: the file of each that came from one.
     camera : Camera or None
 
     Examples
@@ -119,7 +118,7 @@ class Found:
 
     @property
     def index(self) -> int:
-        """Which of the markers that were looked for."""
+        """Index of the marker among those that were looked for."""
         return self.detection.marker
 
     @property
@@ -129,7 +128,7 @@ class Found:
 
     @property
     def name(self) -> str:
-        """What the marker is called."""
+        """Name of the marker."""
         return self.names[self.index]
 
     @property
@@ -250,24 +249,24 @@ class Found:
 class Detector:
     """Finds markers in the frames of one camera; built once, used for every frame.
 
-    What depends on markers and camera alone is checked and worked out here. It does not change after that: one detector
-    may be used by several threads, and be sent to other processes.
+    Whatever depends only on markers and camera is checked and computed once. A detector does not change after that: it
+    may be shared by threads, and be sent to other processes.
 
     Parameters
     ----------
     markers : Marker, path of a marker.json, or its content as a dict; or several of these
-        Every copy of every one of them is found.
+        Every copy of each of them is found.
     camera : Camera, path of a calibration, or None
         Without one there are pixels and homographies, but no poses.
     print_sigma : str or float
-        Error of each dot's place in the print, 1 sigma along an axis: a length such as ``"0.1mm"``, or m.
+        Standard deviation of a printed dot's position along each axis: a length such as ``"0.1mm"``, or m.
     camera_covariance : array (k, k) or (k,), path, or None
-        Of the calibration's parameters: their covariance, or standard deviations; fx, fy, cx, cy and the distortion
-        coefficients, or the first four alone. None takes the calibration as exact.
+        Covariance or standard deviations of the calibration's parameters: fx, fy, cx, cy and the distortion coefficients,
+        or the first four alone, in px for those. None takes the calibration as exact.
     refine : str
         ``none``, or ``photometric``: align the rendered dots with the grey levels after the detection.
     copies : int
-        Most copies of each marker that are looked for in a frame.
+        Maximum number of copies of each marker to look for in a frame.
 
     Raises
     ------
@@ -302,8 +301,8 @@ class Detector:
 
     def __init__(
         self,
-        markers: MarkerSource | Iterable[MarkerSource],
-        camera: CameraSource | None = None,
+        markers: MarkerLike | Iterable[MarkerLike],
+        camera: CameraLike | None = None,
         *,
         print_sigma: str | float = "0.1mm",
         camera_covariance: CovarianceSource = None,
@@ -322,7 +321,7 @@ class Detector:
                 )
             covariance = read_camera_covariance(camera_covariance, self._camera)
         self._errors = ErrorSources(parse_length(print_sigma, "print_sigma"), covariance)
-        sources = listed(markers)
+        sources = as_list(markers)
         named = [_marker(each, f"marker {k}" if len(sources) > 1 else "marker") for k, each in enumerate(sources)]
         self._names = tuple(name for _, name in named)
         self._sought = prepare([marker for marker, _ in named], self._camera is not None)
@@ -336,7 +335,7 @@ class Detector:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What they are called: their file, if they came from one."""
+        """Names of the markers: the file of each that came from one."""
         return self._names
 
     @property
@@ -350,13 +349,13 @@ class Detector:
         Parameters
         ----------
         frame : array (h, w) or (h, w, 1) grey, (h, w, 3) BGR or (h, w, 4) BGRA, of uint8 or uint16
-            As cv2.imread and cv2.VideoCapture give it, in any memory layout; it is not changed. Colors count by their
-            luminance, 0.299 R + 0.587 G + 0.114 B, what is transparent as white, as in image files.
+            As returned by cv2.imread and cv2.VideoCapture, in any memory layout; it is not changed. Colors are
+            converted to luminance, 0.299 R + 0.587 G + 0.114 B, and transparent areas to white, as for image files.
 
         Returns
         -------
         list of Found
-            Every copy that was found, best first, and then one with the reason for each marker that was not found.
+            Every copy that was found, best first, then one with the reason for each marker that was not found.
 
         Raises
         ------
@@ -373,7 +372,7 @@ class Detector:
     def dots(self, frame: NDArray[Any]) -> Array:
         """Centers (m, 2) in px of the image ellipses of all dots in a frame, of a marker or not, without labels.
 
-        They are not corrected for perspective: that takes the pose. Parameters and errors are those of a call.
+        They are not corrected for perspective, which would take the pose. Parameters and errors are as for calling it.
         """
         return detect_dots(self._grey(frame)).center
 
@@ -392,13 +391,6 @@ class Detector:
                 "give the calibration for this size: cropped or scaled images have another",
             )
         return grey
-
-
-def listed(markers: object) -> list[Any]:
-    """Sources of markers as a list, whether one was given or several."""
-    # The lines of an open file are no markers.
-    one = isinstance(markers, str | bytes | os.PathLike | Mapping) or hasattr(markers, "read")
-    return list(markers) if isinstance(markers, Iterable) and not one else [markers]
 
 
 def _marker(source: Any, name: str) -> tuple[Marker, str]:

@@ -10,11 +10,10 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.maths import distortion as lens
 from markergen.maths.lenses import LENSES
 from markergen.maths.projection import from_pixels, perspective, to_camera, to_pixels
-from markergen.model.findings import brief
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.maths.rotation import exponential, turn_z
-from markergen.model.findings import brief
 from markergen.model.poses import pose_arguments
 from markergen.units import parse_length
 

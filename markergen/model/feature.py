@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Literal
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 
 Polarity = Literal["dark", "light"]
 
@@ -41,7 +41,7 @@ class Feature:
                 "give a length such as 36mm",
             )
         if self.polarity not in ("dark", "light"):
-            raise InputError("a polarity of dark or light", repr(self.polarity)[:40], "leave it out for dark dots")
+            raise InputError("a polarity of dark or light", brief(self.polarity), "leave it out for dark dots")
 
     @property
     def kind(self) -> str:

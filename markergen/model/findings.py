@@ -1,9 +1,10 @@
 """What is wrong with a file, as ``path: words (got ...)``: the same wording for every reader."""
 
-import reprlib
 from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
 from typing import TYPE_CHECKING
+
+from markergen.errors import brief
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
@@ -55,12 +56,3 @@ def path_of(location: Location) -> str:
 def _step(part: int | str) -> str:
     plain = isinstance(part, str) and part.isidentifier() and len(part) <= 40
     return f".{part}" if plain else f"[{brief(part)}]"
-
-
-def brief(value: object) -> str:
-    """One short line for any value, however long or deep it is."""
-    try:
-        text = reprlib.repr(value)
-    except ValueError:  # Python refuses to write integers of thousands of digits.
-        return "an endless number"
-    return text if len(text) <= 60 else text[:57] + "..."

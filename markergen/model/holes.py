@@ -10,8 +10,7 @@ import re
 from math import cos, isfinite, radians, sin
 from typing import Literal
 
-from markergen.errors import InputError
-from markergen.model.findings import brief
+from markergen.errors import InputError, brief
 from markergen.model.substrate import MOST_HOLES, Hole
 from markergen.units import format_length, parse_length
 

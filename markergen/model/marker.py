@@ -12,7 +12,7 @@ from typing import IO, TYPE_CHECKING, Any, Literal, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.model.boundary import Boundary
 from markergen.model.feature import Feature, key_ring
 from markergen.model.substrate import Substrate
@@ -89,7 +89,7 @@ class JointCovariance:
     def __post_init__(self) -> None:
         object.__setattr__(self, "order", tuple(int(number) for number in self.order))
         if self.axes not in ("xy", "xyz"):
-            raise InputError("the axes xy or xyz", repr(self.axes)[:40], "say which coordinates the covariance is of")
+            raise InputError("the axes xy or xyz", brief(self.axes), "say which coordinates the covariance is of")
         twice = [number for number in self.order if self.order.count(number) > 1]
         if twice or not self.order:
             found = f"id {twice[0]} twice" if twice else "none"
@@ -253,7 +253,7 @@ class Marker:
     joint_covariance : JointCovariance or None
         Of places that were measured together; then no control point has a covariance of its own.
     rulers : (x, y) or None
-        Lengths in m that the sheet prints beside its rulers, None for one that it has not; None: not told.
+        Lengths in m that the sheet prints beside its rulers, None for one that it lacks; None: unknown.
     plates : tuple of Plate
         Those that the control points are on, each on one; empty: all on one plate, whose frame is the marker frame.
         With plates, the boundary tells the marker's size alone; keep-outs and tags are those of the plates.
@@ -286,8 +286,8 @@ class Marker:
         Raises
         ------
         InputError
-            If the source is none of these, cannot be read, or is no marker.json that holds together; then all errors
-            are told with their paths, of many the first 20.
+            If the source is none of these, cannot be read, or is no consistent marker.json; then the message lists the
+            errors with their paths, at most 20.
 
         Examples
         --------
@@ -356,7 +356,7 @@ class Marker:
         return replace(self, control_points=points, print_scale=(1.0, 1.0), joint_covariance=None)
 
     def save(self, *paths: str | PathLike[str], **options: "Unpack[ExportKeywords]") -> "list[Written]":
-        """Write the marker to each path as its suffix says; see `markergen.export`."""
+        """Write the marker to each path in the format of its suffix; see `markergen.export`."""
         from markergen.api.export import export
 
         return export(self, *paths, **options)

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 from pydantic import Tag as Choice
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.model.boundary_file import BoundaryFile, Finite, built
 from markergen.model.feature import Feature, Polarity
 from markergen.model.findings import UNNAMED, Location
@@ -305,7 +305,7 @@ def json_schema(version: int) -> dict[str, Any]:
         If there is no such version.
     """
     if version not in VERSIONS:
-        raise InputError("a version of marker.json", repr(version)[:40], f"known: {', '.join(map(str, VERSIONS))}")
+        raise InputError("a version of marker.json", brief(version), f"known: {', '.join(map(str, VERSIONS))}")
     schema = MarkerFile.model_json_schema()
     _without_newer(schema, version)
     schema["properties"]["version"] = {"const": version, "title": "Version", "type": "integer"}

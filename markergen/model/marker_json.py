@@ -16,8 +16,8 @@ from typing import IO, Any
 import numpy as np
 from pydantic import ValidationError
 
-from markergen.errors import InputError
-from markergen.model.findings import brief, findings_of, listed, path_of
+from markergen.errors import InputError, brief
+from markergen.model.findings import findings_of, listed, path_of
 from markergen.model.marker import ControlPoint, JointCovariance, Marker, Plate
 from markergen.model.marker_file import (
     FORMAT,
@@ -174,7 +174,7 @@ def read_marker(path: str | os.PathLike[str]) -> Marker:
     ------
     InputError
         If the file cannot be read, is not a marker.json, has a version this program does not know, or breaks the
-        schema or the marker's geometry; then *all* errors are told with their paths, of many the first 20.
+        schema or the marker's geometry; then the message lists the errors with their paths, at most 20.
     """
     try:
         with Path(path).open("rb") as file:

@@ -3,17 +3,15 @@
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
+from markergen.errors import InputError, among, brief
 from markergen.maths.rotation import turn_z
 from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
-from markergen.model.findings import brief
 from markergen.model.visibility import REASONS, RIM_POINTS, SEEN, raised, silhouette, visibility
 from markergen.registry import Registry
 
@@ -190,9 +188,7 @@ def named_poses(text: str) -> PoseDistribution:
     name, colon, _ = text.partition(":")
     name = name.strip()
     if name not in POSES:
-        near = get_close_matches(name, POSES, n=1)
-        hint = f"did you mean {near[0]!r}? Known" if near else "known"
-        raise InputError("a known pose distribution", brief(text), f"{hint}: {', '.join(pose_forms())}")
+        raise InputError("a known pose distribution", brief(text), among(name, POSES, pose_forms()))
     source = POSES[name]
     if colon and not source.form:
         raise InputError(f"nothing behind {name}", brief(text), f"write {name}")

@@ -2,14 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from functools import cache
 from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
+from markergen.errors import InputError, among
 from markergen.model.boundary import Boundary, Polygon
 from markergen.model.interior import shape_of
 from markergen.units import format_length
@@ -295,9 +294,7 @@ def to_plane(corners: Array, columns: int, rows: int, scale: float) -> Array:
 def _known(family: str) -> tuple[int, int]:
     """Bits along a side and number of tags of a family that there is."""
     if family not in FAMILIES:
-        near = get_close_matches(family, FAMILIES, n=1, cutoff=0.5)
-        hint = f"did you mean {near[0]!r}? Known: " if near else "known: "
-        raise InputError("a known family of tags", repr(family), hint + ", ".join(FAMILIES))
+        raise InputError("a known family of tags", repr(family), among(family, FAMILIES, cutoff=0.5))
     return _BITS_AND_COUNT[family]
 
 

@@ -21,12 +21,13 @@ from markergen.model.camera import Camera
 from markergen.objectives import Objective
 from markergen.optimize.contacts import contacts
 from markergen.optimize.label_safety import LabelSafety, layout_safety, safety_of, worst_rivals
-from markergen.optimize.multistart import Optimum, Progress, search
+from markergen.optimize.multistart import Optimum, search
 from markergen.optimize.polish import ALL_PAIRS_UP_TO, REACH
 from markergen.optimize.region import Region
 from markergen.optimize.rival_fits import Rivals, Scene, scene_of
 from markergen.optimize.rivals import find_rivals, representative
 from markergen.optimize.trace import Record
+from markergen.options.base import Progress
 
 Array = NDArray[np.float64]
 

@@ -31,11 +31,12 @@ from markergen.optimize.criteria_tables import criteria_table, hidden_table
 from markergen.optimize.dots import FEWEST_PIXELS, DotSize, choose_dots, pixels_across
 from markergen.optimize.goal import objective_of, room_of, rough_of
 from markergen.optimize.label_safety import LabelSafety, layout_safety
-from markergen.optimize.multistart import Optimum, Progress, search
+from markergen.optimize.multistart import Optimum, search
 from markergen.optimize.region import Region
 from markergen.optimize.relief import search_relief
 from markergen.optimize.relief_room import ReliefRoom
 from markergen.optimize.trace import Recorder, Step, trace_of
+from markergen.options.base import Progress
 from markergen.read.poses import poses_from
 from markergen.tables import Result, Table, data_frame
 from markergen.units import format_length
@@ -54,7 +55,7 @@ UPRIGHT = 1e-5
 
 @dataclass(frozen=True, repr=False)
 class Design(Result):
-    """A designed marker with what a user wants to know about it; printed, it says what the command says.
+    """A designed marker with its criteria and warnings; printing it shows what the command shows.
 
     Attributes
     ----------

@@ -27,10 +27,11 @@ from markergen.optimize.dots import (
     smallest_detectable,
 )
 from markergen.optimize.goal import objective_of, room_of, rough_of
-from markergen.optimize.multistart import Progress, search
+from markergen.optimize.multistart import search
 from markergen.optimize.packing import pack
 from markergen.optimize.polish import polish
 from markergen.optimize.region import Region
+from markergen.options.base import Progress
 from markergen.units import format_length
 
 Array = NDArray[np.float64]

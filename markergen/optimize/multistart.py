@@ -1,6 +1,5 @@
 """Global search: in a disk a batch of descents from random starts, then a polish of the best distinct few."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,11 +13,10 @@ from markergen.optimize.polish import ALL_PAIRS_UP_TO, polish
 from markergen.optimize.region import Region
 from markergen.optimize.supersab import descend
 from markergen.optimize.trace import Record
+from markergen.options.base import Progress
 from markergen.units import format_length
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
-"""Called with the name of the stage, what is done of it, and its total."""
 
 POLISHED = 5
 """How many distinct descents are polished."""

@@ -4,8 +4,6 @@ All of it is done for few of the poses, which is enough to tell good from bad; o
 all of them.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,10 +16,10 @@ from markergen.optimize.polish import ALL_PAIRS_UP_TO, polish
 from markergen.optimize.region import Region
 from markergen.optimize.supersab import descend
 from markergen.optimize.trace import Record
+from markergen.options.base import Progress
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-Progress = Callable[[str, int, int], None]
 
 STARTS = 12
 """Exchanges from random layouts of up to so many dots; of more dots there are fewer."""

@@ -1,4 +1,4 @@
-"""Everything that can be asked for, declared once: name, type, unit, default, help and group of every option.
+"""All options, declared once: name, type, unit, default, help and group of every option.
 
 The command line's options and its help, the keys of a spec file and their JSON Schema, and the keyword arguments of
 `markergen.design`, `export`, `validate` and the others are all made of the tables here; a new option is a new line.
@@ -15,7 +15,7 @@ from markergen.options.proving import (
     ValidateKeywords,
     VerifyKeywords,
 )
-from markergen.options.reading import given, read_as, settle
+from markergen.options.reading import as_list, given, read_as, settle
 
 __all__ = [
     "OUTSIDE_FILES",
@@ -29,6 +29,7 @@ __all__ = [
     "StudyKeywords",
     "ValidateKeywords",
     "VerifyKeywords",
+    "as_list",
     "declared",
     "given",
     "read_as",

@@ -1,15 +1,16 @@
-"""What an option is, the kinds of values that options have, and how a table of them is read."""
+"""Options, the kinds of their values, and the tables that declare them."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from inspect import Parameter, Signature
 from os import PathLike
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
+from typing import IO, TYPE_CHECKING, Annotated, Any, TypeAlias, get_args, get_origin, get_type_hints
 
 if TYPE_CHECKING:
     from markergen.model.boundary import Boundary
     from markergen.model.camera import Camera
+    from markergen.model.marker import Marker
     from markergen.model.poses import PoseDistribution
 
     Length = float | str
@@ -19,10 +20,11 @@ if TYPE_CHECKING:
     Texts = str | Sequence[str]
     Shape = str | PathLike[str] | Boundary | Mapping[str, Any]
     Shapes = Shape | Sequence[Shape]
-    CameraLike = str | PathLike[str] | Camera | Mapping[str, Any]
+    MarkerLike: TypeAlias = str | PathLike[str] | IO[str] | IO[bytes] | Marker | Mapping[str, Any]
+    CameraLike = str | PathLike[str] | IO[str] | IO[bytes] | Camera | Mapping[str, Any]
     Poses = str | PathLike[str] | PoseDistribution
 else:
-    # What a type checker sees above is what a caller may give; here stands how it is read.
+    # Type checkers see above what callers may give; at runtime the aliases carry the kind of the value.
     Length = Annotated[object, "length"]
     LengthOrAuto = Annotated[object, "length or auto"]
     File = Annotated[object, "file"]
@@ -30,8 +32,12 @@ else:
     Texts = Annotated[object, "texts"]
     Shape = Annotated[object, "shape"]
     Shapes = Annotated[object, "shapes"]
+    MarkerLike = Annotated[object, "marker"]
     CameraLike = Annotated[object, "camera"]
     Poses = Annotated[object, "poses"]
+
+Progress = Callable[[str, int, int], None]
+"""Called along the way with the name of the stage, what is done of it, and its total."""
 
 REPEATABLE = ("files", "texts", "shapes")
 """Kinds of which several may be given."""
@@ -45,7 +51,7 @@ GROUPS = (LAYOUT, VIEW, DOTS, TRIALS, IMAGES, ERRORS, SHEET, SOLID, SEARCH, RUN,
 
 @dataclass(frozen=True)
 class Option:
-    """One thing that can be asked for.
+    """One option.
 
     Attributes
     ----------
@@ -54,18 +60,18 @@ class Option:
     help : str
         A sentence or two, without the default.
     default : object
-        What holds if it is not given, as a user would write it; None where `otherwise` tells it or there is none.
+        Its default, as a user would write it; None if `otherwise` describes it, or there is none.
     otherwise : str
-        What holds if it is not given, in words.
+        The default in words.
     metavar : str
-        What stands for the value in help.
+        Placeholder for the value in help.
     flags : str
-        How it is written on the command line, where that does not follow from the name.
+        Its spelling on the command line, where that does not follow from the name.
     aliases : tuple of str
         Further names that spec files have for it.
     name, kind : str
-        Filled in by `declared`: the keyword, and what is read: ``int``, ``float``, ``str``, ``bool``, or one of the
-        kinds above.
+        Filled in by `declared`: the keyword, and the kind of its value: ``int``, ``float``, ``str``, ``bool``, or one
+        of the kinds above.
     """
 
     group: str
@@ -80,7 +86,7 @@ class Option:
 
     @property
     def shown(self) -> str:
-        """What help says of the default; empty where there is none."""
+        """Default as help shows it; empty if there is none."""
         if self.otherwise or self.default is None:
             return self.otherwise
         if isinstance(self.default, bool):
@@ -89,7 +95,7 @@ class Option:
 
     @property
     def flag(self) -> str:
-        """The longest way to write it on the command line: ``--corner-radius``."""
+        """Its long flag on the command line: ``--corner-radius``."""
         words = self.flags.replace("/", " ").split() or ["--" + self.name.replace("_", "-")]
         return next(word for word in words if word.startswith("--"))
 

@@ -1,4 +1,4 @@
-"""What can be asked for where a marker is made: designs, sheets, plates and exports."""
+"""Options for making a marker: designs, sheets, plates and exports."""
 
 from typing import Annotated, TypedDict
 
@@ -24,7 +24,7 @@ from markergen.options.base import (
 
 
 class SheetKeywords(TypedDict, total=False):
-    """The sheet that a marker is printed on."""
+    """Options of the sheet that a marker is printed on."""
 
     paper: Annotated[
         str,
@@ -40,13 +40,13 @@ class SheetKeywords(TypedDict, total=False):
         Option(SHEET, "portrait or landscape.", otherwise="portrait unless only landscape holds it", metavar="NAME"),
     ]
     margin: Annotated[
-        Length, Option(SHEET, "Edge that the printer leaves white.", otherwise="10 to 24 mm, by the paper")
+        Length, Option(SHEET, "Margin that the printer leaves white.", otherwise="10 to 24 mm, depending on the paper")
     ]
     tile: Annotated[
         bool,
         Option(
             SHEET,
-            "Spread what is larger than the paper over several sheets.",
+            "Spread a marker that is larger than the paper over several sheets.",
             True,
             flags="--tile/--no-tile",
         ),
@@ -57,8 +57,8 @@ class SheetKeywords(TypedDict, total=False):
         str,
         Option(
             SHEET,
-            "black, inverted, or two colors as #rrggbb,#rrggbb; after it ,cut:NAME for a spot color of the lines to "
-            "cut, such as black,cut:CutContour.",
+            "black, inverted, or two colors as #rrggbb,#rrggbb; append ,cut:NAME for a spot color of the cut lines, "
+            "such as black,cut:CutContour.",
             "black",
             metavar="NAME|INK,PAPER",
         ),
@@ -66,11 +66,12 @@ class SheetKeywords(TypedDict, total=False):
 
 
 class PlateKeywords(TypedDict, total=False):
-    """The plate that carries the dots of a solid."""
+    """Options of the plate that carries the dots of a solid."""
 
     thickness: Annotated[Length, Option(SOLID, "Thickness of the plate.", "3mm")]
     edge: Annotated[
-        Length, Option(SOLID, "Least width of the plate outside a disk or a rectangle; a drawing is the plate.", "2mm")
+        Length,
+        Option(SOLID, "Minimum width of the plate around a disk or rectangle; a drawing is the plate itself.", "2mm"),
     ]
     corner_radius: Annotated[Length, Option(SOLID, "Radius of the plate's corners, seen from above.", "0mm")]
     chamfer: Annotated[Length, Option(SOLID, "Chamfer around the plate's upper face, at 45 degrees.", "0mm")]
@@ -96,14 +97,14 @@ class PlateKeywords(TypedDict, total=False):
         Texts,
         Option(
             SOLID,
-            "Holes for dowel pins on the x axis: 2x4mm@130mm, or written as --mount; may be repeated.",
+            "Holes for dowel pins on the x axis: 2x4mm@130mm, or in the forms of --mount; may be repeated.",
             metavar="HOLES",
         ),
     ]
 
 
 class ProcessKeyword(TypedDict, total=False):
-    """How a solid is made."""
+    """Option for how a solid is made."""
 
     process: Annotated[
         str,
@@ -118,7 +119,7 @@ class ProcessKeyword(TypedDict, total=False):
 
 
 class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
-    """What a design can be asked for."""
+    """Options of a design."""
 
     n: Annotated[int, Option(LAYOUT, "Number of control points, 4 to 200.", 5)]
     radius: Annotated[Length, Option(LAYOUT, "Radius of the disk that contains all dots.", "150mm")]
@@ -131,7 +132,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         ),
     ]
     boundary_unit: Annotated[
-        str, Option(LAYOUT, "Unit of drawings that name none: mm, cm, m, in, pt, px.", metavar="UNIT")
+        str, Option(LAYOUT, "Unit of drawings that do not state one: mm, cm, m, in, pt, px.", metavar="UNIT")
     ]
     layer: Annotated[
         str, Option(LAYOUT, "Layer of the drawing that the boundary is on.", otherwise="all", metavar="NAME")
@@ -173,7 +174,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         Poses,
         Option(
             VIEW,
-            "From where it is seen: paper, paper-roll, cone:distance=0.4..1m,tilt=0..60,azimuth=-30..30, or a CSV, "
+            "Camera poses: paper, paper-roll, cone:distance=0.4..1m,tilt=0..60,azimuth=-30..30, or a CSV, "
             "JSON, TUM or COLMAP file.",
             "paper",
             metavar="NAME|CONE|FILE",
@@ -183,7 +184,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         str,
         Option(
             VIEW,
-            "point: 1 px everywhere; image: what each dot's image tells in each pose.",
+            "point: 1 px for every dot; image: from the image of each dot in each pose.",
             otherwise="point",
             metavar="NAME",
         ),
@@ -210,7 +211,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         float,
         Option(
             DOTS,
-            "No key ring: the layout itself tells the dots apart, as long as images are off by less than this.",
+            "No key ring: the layout itself identifies the dots, as long as image errors stay below this.",
             0,
             metavar="PX",
         ),
@@ -219,7 +220,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         str,
         Option(
             DOTS,
-            "A square tag in the middle that tells markers and labels apart, such as aruco:DICT_4X4_50:7 or "
+            "A square tag in the middle that identifies the marker and its dots, such as aruco:DICT_4X4_50:7 or "
             "apriltag:36h11:3.",
             otherwise="none",
             metavar="FAMILY:ID",
@@ -266,7 +267,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
     ]
     survive: Annotated[
         int,
-        Option(SEARCH, "Minimize what is left after the worst loss of K dots, 1 to 3.", 0, metavar="K"),
+        Option(SEARCH, "Minimize the error after the worst loss of K dots, 1 to 3.", 0, metavar="K"),
     ]
     seed: Annotated[int, Option(SEARCH, "Seed for the random starts; the same seed gives the same bytes.", 0)]
     restarts: Annotated[int, Option(SEARCH, "Number of random starts.", otherwise="the objective's", metavar="N")]
@@ -274,7 +275,8 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         Files,
         Option(
             FILES,
-            "Written by suffix (.pdf .svg .png .dxf .step .stl .json and more, see markergen export); may be repeated.",
+            "Output file; its suffix selects the format (.pdf .svg .png .dxf .step .stl .json and more, see markergen "
+            "export); may be repeated.",
             otherwise="marker.pdf, with relief marker.json",
             metavar="PATH",
             flags="-o --output",
@@ -295,13 +297,13 @@ OUTSIDE_FILES = ("template", "output", "trace")
 
 
 class ExportKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
-    """What an export can be asked for."""
+    """Options of an export."""
 
     compensate: Annotated[
         bool,
         Option(
             SHEET,
-            "Draw a rescaled marker so that the printer that was measured makes it true.",
+            "Draw a rescaled marker so that the measured printer makes it as designed.",
             False,
             flags="--compensate",
         ),
@@ -312,7 +314,7 @@ class ExportKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         str, Option(SOLID, "Fit of discs in milled pockets: slip or press.", otherwise="slip", metavar="NAME")
     ]
     through: Annotated[
-        bool, Option(SOLID, "Holes for dots in place of milled pockets and discs.", False, flags="--through")
+        bool, Option(SOLID, "Holes as dots, instead of milled pockets with discs.", False, flags="--through")
     ]
     tool: Annotated[Length, Option(SOLID, "Diameter of nozzle, mill or beam.", otherwise="the process decides")]
     dome: Annotated[str, Option(SOLID, "Shape for --process dome: half or ball.", "half", metavar="NAME")]
@@ -329,7 +331,7 @@ class ExportKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
             flags="--engrave/--no-engrave",
         ),
     ]
-    tolerance: Annotated[Length, Option(SOLID, "Largest distance of a mesh from the surface it stands for.", "5um")]
+    tolerance: Annotated[Length, Option(SOLID, "Maximum distance of a mesh from the true surface.", "5um")]
     boundary_unit: Annotated[
-        str, Option(SOLID, "Unit of an --outline that names none: mm, cm, m, in, pt, px.", metavar="UNIT")
+        str, Option(SOLID, "Unit of an --outline that does not state one: mm, cm, m, in, pt, px.", metavar="UNIT")
     ]

@@ -1,4 +1,4 @@
-"""What can be asked for where a marker is proved and used: validation, comparison, detection, rescaling, studies."""
+"""Options for proving and using a marker: validation, comparison, verification, detection, rescaling, studies."""
 
 from typing import Annotated, TypedDict
 
@@ -6,7 +6,7 @@ from markergen.options.base import ERRORS, IMAGES, RUN, TRIALS, VIEW, File, Leng
 
 
 class ValidateKeywords(TypedDict, total=False):
-    """What a validation can be asked for, beside the marker and the camera."""
+    """Options of a validation, beside the marker and the camera."""
 
     poses: Annotated[
         Poses,
@@ -29,7 +29,9 @@ class ValidateKeywords(TypedDict, total=False):
     optics: Annotated[
         str, Option(IMAGES, "Optics of the views, such as blur_px=1.5,noise_grey=4.", metavar="KEY=VALUE,...")
     ]
-    background: Annotated[str, Option(IMAGES, "Behind the marker: plain, clutter or photo.", "plain", metavar="NAME")]
+    background: Annotated[
+        str, Option(IMAGES, "Background of the marker: plain, clutter or photo.", "plain", metavar="NAME")
+    ]
     hide: Annotated[int, Option(IMAGES, "Number of dots that are covered in each view.", 0)]
     refine: Annotated[
         str,
@@ -53,7 +55,7 @@ class ValidateKeywords(TypedDict, total=False):
 
 
 class CompareKeywords(TypedDict, total=False):
-    """What a comparison can be asked for, beside who takes part."""
+    """Options of a comparison, beside the contestants."""
 
     views: Annotated[int, Option(IMAGES, "Synthetic images of each, from the same poses.", 200)]
     poses: Annotated[
@@ -73,16 +75,16 @@ class CompareKeywords(TypedDict, total=False):
 
 
 class VerifyKeywords(TypedDict, total=False):
-    """What a verification can be asked for, beside the marker and the files."""
+    """Options of a verification, beside the marker and the files."""
 
     tolerance: Annotated[
         Length,
-        Option(RUN, "How far a dot may be off.", otherwise="1 um; 5 um in a mesh; a quarter of a pixel in a PNG"),
+        Option(RUN, "Maximum deviation of a dot.", otherwise="1 um; 5 um in a mesh; a quarter of a pixel in a PNG"),
     ]
 
 
 class DetectKeywords(TypedDict, total=False):
-    """What a detector can be asked for, beside the markers and the camera."""
+    """Options of a detector, beside the markers and the camera."""
 
     camera_covariance: Annotated[
         File,
@@ -93,12 +95,12 @@ class DetectKeywords(TypedDict, total=False):
     ]
     refine: Annotated[
         str,
-        Option(IMAGES, "none, or photometric: align the rendered model with the image.", "none", metavar="NAME"),
+        Option(RUN, "none, or photometric: align the rendered model with the image.", "none", metavar="NAME"),
     ]
 
 
 class RescaleKeywords(TypedDict, total=False):
-    """What was measured on a print."""
+    """Measurements of a print, for rescaling."""
 
     measured_x: Annotated[Length, Option(ERRORS, "Measured length of the ruler along x.")]
     measured_y: Annotated[Length, Option(ERRORS, "Measured length of the ruler along y.", otherwise="as along x")]
@@ -116,7 +118,7 @@ class RescaleKeywords(TypedDict, total=False):
 
 
 class StudyKeywords(TypedDict, total=False):
-    """How a study is run."""
+    """Options for running a study."""
 
     workers: Annotated[int, Option(RUN, "Number of processes.", otherwise="one for each processor", metavar="N")]
     scheduler: Annotated[

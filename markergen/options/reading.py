@@ -2,19 +2,15 @@
 
 import math
 import os
-import reprlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.options.base import Option, declared
 from markergen.units import parse_length
-
-_LONGEST = 60
-"""Most characters of a value that a message repeats."""
 
 
 def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
@@ -38,7 +34,7 @@ def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
     Raises
     ------
     InputError
-        With everything that is wrong: unknown names, each with the nearest known one, and values of a wrong type.
+        Listing all errors: unknown names, each with the nearest known one, and values of a wrong type.
 
     Examples
     --------
@@ -56,14 +52,14 @@ def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
     findings = []
     for name, value in options.items():
         if name not in known:
-            findings.append(f"{name}={_brief(value)} (no such option: {_hint(name, known)})")
+            findings.append(f"{name}={brief(value)} (no such option: {_hint(name, known)})")
     for name, option in known.items():
         given = options.get(name)
         value = option.default if given is None else _plain(given)
         try:
             settled[name] = None if value is None else _READERS[option.kind](value, name)
         except InputError as error:
-            findings.append(f"{name}={_brief(given)} ({error.args[0]})")
+            findings.append(f"{name}={brief(given)} ({error.args[0]})")
     if findings:
         function = f"markergen.{table.__name__.removesuffix('Keywords').lower()}"
         raise InputError(f"what {function} takes", ", ".join(findings), f"see help({function})")
@@ -86,7 +82,7 @@ def read_as(kind: str, value: Any, name: str) -> Any:
     try:
         return None if value is None else _READERS[kind](_plain(value), name)
     except InputError as error:
-        raise InputError(f"{error.args[0]} for {name}", _brief(value), f"give {name} such a value") from None
+        raise InputError(f"{error.args[0]} for {name}", brief(value), f"give {name} such a value") from None
 
 
 def given(options: Mapping[str, Any], table: type) -> dict[str, Any]:
@@ -95,17 +91,20 @@ def given(options: Mapping[str, Any], table: type) -> dict[str, Any]:
     return {name: settled[name] for name, value in options.items() if value is not None}
 
 
+def as_list(value: Any) -> list[Any]:
+    """What was given as a list, whether it is one thing or several: a text, path, mapping or open file is one.
+
+    >>> as_list("marker.json"), as_list(("a.json", "b.json"))
+    (['marker.json'], ['a.json', 'b.json'])
+    """
+    # The lines of an open file are not several things.
+    one = isinstance(value, str | bytes | os.PathLike | Mapping) or hasattr(value, "read")
+    return list(value) if isinstance(value, Iterable) and not one else [value]
+
+
 def _hint(name: str, known: Mapping[str, Option]) -> str:
     near = get_close_matches(name, known, n=1)
     return f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
-
-
-def _brief(value: Any) -> str:
-    try:
-        text = " ".join(reprlib.repr(value).split())
-    except ValueError:  # Python refuses to write integers of thousands of digits.
-        return "an endless number"
-    return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
 
 
 def _plain(value: Any) -> Any:
@@ -179,7 +178,7 @@ def _several(read: Callable[[Any, str], Any], expected: str) -> Callable[[Any, s
 
 
 def _thing(expected: str) -> Callable[[Any, str], Any]:
-    """Pass on what may be an object of ours, whose class is not known down here; nothing of Python's own is."""
+    """Pass on what may be an object of markergen, whose class this layer does not know; no builtin is one."""
 
     def read(value: Any, _: str) -> Any:
         if isinstance(value, str | os.PathLike | Mapping) or type(value).__module__ != "builtins":
@@ -205,4 +204,4 @@ _READERS: dict[str, Callable[[Any, str], Any]] = {
     "camera": _thing("a camera, a path, or a dictionary"),
     "poses": _thing("poses: a text such as 'paper' or 'cone:tilt=0..60', a path, or a PoseDistribution"),
 }
-"""By kind: what reads a value, and raises with what was expected alone."""
+"""Readers by kind; each returns the converted value, or raises an error with only the expected part filled in."""

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from markergen.errors import InputError
-from markergen.model.findings import brief
+from markergen.errors import InputError, brief
 from markergen.model.rescale import MeasuredDot
 from markergen.units import METERS
 

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, fields, replace
 from functools import partial
 from os import PathLike
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -20,11 +19,11 @@ from pydantic import (
     model_validator,
 )
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.boundary_file import BoundaryFile, built
 from markergen.model.camera import LARGEST_SIDE, Camera, Distortion
-from markergen.model.findings import brief, findings_of, listed
+from markergen.model.findings import findings_of, listed
 from markergen.model.holes import parse_dowel, parse_mount
 from markergen.model.image_noise import ImageNoise
 from markergen.model.poses import PoseDistribution
@@ -33,7 +32,7 @@ from markergen.model.spec import Spec
 from markergen.model.substrate import Hole
 from markergen.model.substrate_file import SubstrateFile
 from markergen.options import OUTSIDE_FILES, DesignKeywords, PlateKeywords, declared
-from markergen.read.cameras import read_camera
+from markergen.read.cameras import load_camera
 from markergen.read.outlines import drawn_plate, is_drawing, parse_boundary, read_room
 from markergen.read.poses import settled
 from markergen.read.poses.numbers import numbers_of_rows
@@ -296,11 +295,16 @@ def _with_files_read(values: dict[Any, Any]) -> dict[Any, Any]:
     if all(isinstance(values.get(key), str | None) for key in DRAWING):  # The form says what is wrong with others.
         values = {key: value for key, value in (values | _rooms(values)).items() if key not in DRAWING}
     camera = values.get("camera")
-    if isinstance(camera, str | PathLike):
-        values["camera"] = read_camera(Path(camera)).as_dict()
-    elif isinstance(camera, Camera):
+    if isinstance(camera, Camera):
         values["camera"] = camera.as_dict()
+    elif isinstance(camera, str | PathLike) or hasattr(camera, "read") or _is_calibration(camera):
+        values["camera"] = load_camera(camera).as_dict()
     return values
+
+
+def _is_calibration(camera: object) -> bool:
+    """Whether it is what a calibration file holds, and not the table of a spec, whose form says more of its errors."""
+    return isinstance(camera, Mapping) and "fx" not in camera and not camera.keys() <= CameraTable.model_fields.keys()
 
 
 def _rooms(values: Mapping[Any, Any]) -> dict[str, Any]:

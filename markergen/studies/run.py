@@ -10,7 +10,7 @@ from markergen.studies.cells import Cell, Work
 from markergen.studies.engines import Engine
 from markergen.studies.store import Results, Store, open_store
 
-Progress = Callable[[int, int, float], None]
+CellProgress = Callable[[int, int, float], None]
 """Takes the cells that are done, all of them, and the seconds that are left, nan while nobody can tell."""
 
 
@@ -21,7 +21,7 @@ def run_cells(
     identity: Mapping[str, Any],
     engine: Engine,
     resume: bool = False,
-    progress: Progress | None = None,
+    progress: CellProgress | None = None,
     cost: Callable[[Cell], float] | None = None,
 ) -> Results:
     """Compute every cell that is not finished yet, and keep each in a file of the folder as soon as it is.
@@ -65,7 +65,7 @@ def compute(
     cells: Sequence[Cell],
     store: Store,
     engine: Engine,
-    progress: Progress | None = None,
+    progress: CellProgress | None = None,
     cost: Callable[[Cell], float] | None = None,
     before: int = 0,
     later: tuple[int, float] = (0, 0.0),

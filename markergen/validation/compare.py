@@ -1,7 +1,7 @@
 """A comparison of markers, tags and boards: the same poses, optics and noise, each one's best settings."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from math import isfinite
@@ -17,6 +17,7 @@ from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
+from markergen.options.base import Progress
 from markergen.render import DEFAULT_OPTICS, Optics
 from markergen.validation.bounds import pose_bounds
 from markergen.validation.contestants import Contestant
@@ -35,7 +36,6 @@ from markergen.validation.views import WRONG_PX
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Choice = FiducialSettings | None
-Progress = Callable[[str, int, int], None]
 
 TUNING_VIEWS = 60
 """Views from which each peer's settings are chosen; none of them is among those that count."""

@@ -1,4 +1,4 @@
-"""A comparison: what was found of each contestant, to print, look at, save and reckon with."""
+"""The result of a comparison: to print, plot, save and process."""
 
 from collections.abc import Mapping, Sequence
 from os import PathLike
@@ -27,7 +27,7 @@ _SHOWN = 8
 
 
 class Comparison(Result):
-    """What `markergen.compare` found; ``print(comparison)`` shows what the command prints.
+    """The result of `markergen.compare`; ``print(comparison)`` shows what the command prints.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class Comparison(Result):
 
     @property
     def contestants(self) -> Mapping[str, Mapping[str, Any]]:
-        """What was found of each by its name, such as ``contestants["square"]["rotation_deg"]["rms"]``."""
+        """Results of each contestant by its name, such as ``contestants["square"]["rotation_deg"]["rms"]``."""
         return MappingProxyType({entry["name"]: entry for entry in self._results["contestants"]})
 
     def save(self, *paths: StrPath, json: StrPath | None = None, plot: StrPath | None = None) -> list[Written]:
@@ -63,7 +63,7 @@ class Comparison(Result):
         Parameters
         ----------
         json, plot : path or None
-            The same, the results under any name.
+            Files for the results, under any suffix, and for the plot.
 
         Returns
         -------
@@ -132,7 +132,7 @@ class Comparison(Result):
 def targets_of(
     paths: object = (), json: object = None, plot: object = None, inputs: Sequence[Path] = ()
 ) -> list[tuple[str, Path]]:
-    """Kinds and paths of what is to be written; refuses, before any work is done, what could not be.
+    """Kinds and paths of the files to write; refuses, before any work is done, those that could not be written.
 
     Raises
     ------

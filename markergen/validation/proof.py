@@ -19,6 +19,7 @@ from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.design import compare
 from markergen.optimize.label_safety import label_safety
 from markergen.optimize.region import Region
+from markergen.options.base import Progress
 from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_from_mapping
 from markergen.validation.bounds import error_budget
@@ -29,7 +30,6 @@ from markergen.validation.view_records import summarize, take_records
 from markergen.validation.views import Shoot
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
 
 
 def setting_of(marker: Marker, poses: str | PoseDistribution | None = None, camera: Camera | None = None) -> Setting:

@@ -1,17 +1,18 @@
-"""A validation: what was found, to print, look at, save, check and reckon with."""
+"""The result of a validation: to print, plot, save, check and process."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.files import Written, check_outputs, make_folder, sorted_by_suffix, write_all
 from markergen.model.marker import Marker
 from markergen.objectives import Setting
 from markergen.options import read_as
+from markergen.options.base import Progress
 from markergen.tables import Result, Table, data_frame, number
 from markergen.validation import fail_if, tables, view_tables
 from markergen.validation.bounds import budget_of
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-Progress = Callable[[str, int, int], None]
 StrPath = str | PathLike[str]
 
 KINDS = {".html": "report", ".htm": "report", ".json": "json", ".svg": "plot", ".png": "plot"}
@@ -36,7 +36,7 @@ _ANGLE = "polar_angle_deg"
 
 
 class Validation(Result):
-    """What `markergen.validate` found.
+    """The result of `markergen.validate`.
 
     ``print(validation)`` shows what the command prints. It can be pickled, and keeps no images: those that a report or
     a folder of pictures needs are rendered again, the same ones.
@@ -92,7 +92,7 @@ class Validation(Result):
 
     @property
     def views(self) -> Mapping[str, Any] | None:
-        """What was found in synthetic views; None if there were none."""
+        """Results of the synthetic views; None if there were none."""
         views = self._results["views"]
         return None if views is None else MappingProxyType(views)
 
@@ -108,7 +108,7 @@ class Validation(Result):
         return MappingProxyType(self._results["budget"])
 
     def check(self, expression: str) -> tuple[bool, str]:
-        """Evaluate what must not be, such as ``estimators.lm.rotation_deg.rms > 0.5``.
+        """Evaluate a condition that must not hold, such as ``estimators.lm.rotation_deg.rms > 0.5``.
 
         Returns
         -------
@@ -123,7 +123,7 @@ class Validation(Result):
             If the expression is malformed, or its path leads to no number; the message lists what there is.
         """
         if not isinstance(expression, str):
-            raise InputError("an expression", repr(expression)[:60], "write 'estimators.lm.rotation_deg.rms > 0.5'")
+            raise InputError("an expression", brief(expression), "write 'estimators.lm.rotation_deg.rms > 0.5'")
         return fail_if.check(expression, self._results)
 
     def save(
@@ -139,9 +139,9 @@ class Validation(Result):
         Parameters
         ----------
         json, report : path or None
-            The same under any name, and under one that browsers open.
+            Files for the results, under any suffix, and for the report.
         pictures : path or None
-            Folder for views that failed, the worst and typical ones as .png; those of an earlier run are replaced.
+            Folder for failed, worst and typical views as .png; those of an earlier run are replaced.
         progress : callable or None
             Called with the stage, what is done of it, and its total.
 
@@ -293,14 +293,14 @@ class Validation(Result):
 
 @dataclass(frozen=True)
 class Targets:
-    """What is to be written: files with their kinds (``json``, ``report``, ``plot``), and a folder for pictures."""
+    """Files to write, with their kinds (``json``, ``report``, ``plot``), and a folder for pictures."""
 
     files: tuple[tuple[str, Path], ...]
     pictures: Path | None = None
 
     @classmethod
     def of(cls, paths: object = (), json: object = None, report: object = None, pictures: object = None) -> "Targets":
-        """Sort paths by suffix, and take others for what they are said to be.
+        """Sort paths by suffix; the kinds of the others are given.
 
         Raises
         ------

@@ -1,7 +1,6 @@
 """Fabrication sheets are no artefacts: drawn to scale, with every number in a table of what goes into the solid."""
 
-from markergen.errors import InputError
-from markergen.model.findings import brief
+from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
 from markergen.verification.reading import READERS, Reading
 

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
-from markergen.model.findings import brief
+from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
 from markergen.verification.reading import READERS, Page, Reading, circles_of, round_shape
 from markergen.verification.tiles import Sheet, assemble, is_tiled

@@ -9,8 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
-from markergen.model.findings import brief
+from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
 from markergen.verification.dots import ALIKE
 from markergen.verification.glyphs import reads_upright

@@ -11,8 +11,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
-from markergen.model.findings import brief
+from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
 from markergen.solid.surface import Color
 from markergen.verification.mesh import MOST_TRIANGLES, TOLERANCE, Triangles, surface_of

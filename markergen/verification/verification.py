@@ -1,4 +1,4 @@
-"""A verification: what every file holds, to print, look at, save and go through."""
+"""The result of a verification: to print, save and iterate over."""
 
 from collections.abc import Iterator, Sequence
 from os import PathLike
@@ -21,10 +21,10 @@ _SHOWN = 8
 
 
 class Verification(Result, Sequence[Check]):
-    """What `markergen.verify` found: a sequence with a `Check` of each file, in their order.
+    """The result of `markergen.verify`: a sequence with a `Check` of each file, in their order.
 
-    ``print(verification)`` shows what the command prints. Whether all is well is in `passed`; what the sequence is as a
-    condition says nothing about it.
+    ``print(verification)`` shows what the command prints. `passed` says whether all files are right; the truth value of
+    the sequence does not.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ class Verification(Result, Sequence[Check]):
 
 
 def targets_of(paths: object = (), json: object = None, inputs: Sequence[Path] = ()) -> list[Path]:
-    """Return the files to write; refuses, before any work is done, what could not be written.
+    """Return the files to write; refuses, before any work is done, those that could not be written.
 
     Raises
     ------

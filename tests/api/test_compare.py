@@ -32,7 +32,8 @@ def test_markers_paths_dictionaries_and_texts(found, pentagon, tmp_path):
     path = tmp_path / "m.json"
     path.write_bytes(to_json(pentagon))
     assert list(found.contestants) == ["marker", "square"]
-    again = compare(path, json.loads(path.read_text()), pentagon, "square", **FEW)
+    with path.open() as file:
+        again = compare(path, json.loads(path.read_text()), file, "square", **FEW)
     assert list(again.contestants) == [str(path), "marker 1", "marker 2", "square"]
     errors = [each["rotation_deg"] for each in again.contestants.values()]
     assert errors[0] == errors[1] == errors[2] == found.contestants["marker"]["rotation_deg"]

@@ -1,4 +1,5 @@
 import inspect
+import io
 import json
 import logging
 from pathlib import Path
@@ -49,6 +50,16 @@ def test_objects_paths_and_texts_are_the_same(tmp_path, quick):
         {"camera": tmp_path / "camera.json"},
         {"camera": str(tmp_path / "camera.json")},
         {"camera": camera.as_dict()},
+        {"camera": io.StringIO(json.dumps(camera.as_dict()))},
+        {
+            "camera": {
+                "distortion_model": "plumb_bob",
+                "D": [],
+                "K": camera.matrix.ravel().tolist(),
+                "width": 640,
+                "height": 480,
+            }
+        },
         {"radius": 0.1, "n": np.int64(4), "dot": np.float64(0.02)},
         {"radius": None, "boundary": Circle(0.1)},
         {"radius": None, "boundary": "circle:100mm"},

@@ -1,3 +1,4 @@
+import io
 from dataclasses import replace
 
 import pytest
@@ -33,6 +34,8 @@ def test_a_marker_saves_itself(pentagon, tmp_path):
 def test_several_markers_share_sheets(pentagon, tmp_path):
     export([pentagon, to_json_dict(pentagon)], tmp_path / "both.pdf", paper="A0")
     assert (tmp_path / "both.pdf").read_bytes().startswith(b"%PDF")
+    export((each for each in (pentagon, io.BytesIO(to_json(pentagon)))), tmp_path / "again.pdf", paper="A0")
+    assert (tmp_path / "again.pdf").read_bytes() == (tmp_path / "both.pdf").read_bytes()
 
 
 def to_json_dict(marker):

@@ -7,6 +7,8 @@ import pytest
 
 from markergen.cli.app import app
 from markergen.cli.options import TYPES
+from markergen.detect import Detector
+from markergen.detect.batch import detect_files
 from markergen.drawing.colors import BLACK_ON_WHITE, parse_colors
 from markergen.drawing.options import SheetOptions
 from markergen.model.boundary import Circle
@@ -23,6 +25,7 @@ from markergen.options import (
     RescaleKeywords,
     StudyKeywords,
     ValidateKeywords,
+    VerifyKeywords,
     declared,
     settle,
 )  # fmt: skip
@@ -32,6 +35,7 @@ from markergen.read.spec_file import STORED, spec_from_mapping
 
 TABLES = [
     CompareKeywords, DesignKeywords, DetectKeywords, ExportKeywords, RescaleKeywords, StudyKeywords, ValidateKeywords,
+    VerifyKeywords,
 ]  # fmt: skip
 EACH = [pytest.param(table, option, id=f"{table.__name__}-{name}") for table in TABLES
         for name, option in declared(table).items()]  # fmt: skip
@@ -104,3 +108,10 @@ def test_functions_show_the_keywords_that_are_declared(table):
     parameters = inspect.signature(function).parameters
     assert set(declared(table)) <= set(parameters)
     assert not any(each.kind is each.VAR_KEYWORD for each in parameters.values())
+
+
+@pytest.mark.parametrize("function", [Detector, detect_files])
+def test_a_detector_has_the_defaults_that_are_declared(function):
+    parameters = inspect.signature(function).parameters
+    for name, option in declared(DetectKeywords).items():
+        assert parameters[name].default == option.default, name

@@ -5,10 +5,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.files import exists
 from markergen.model.camera import Camera
-from markergen.model.findings import brief
 from markergen.read.cameras.covariance import read_camera_covariance
 from markergen.read.cameras.document import Document, document_of, read_bytes, read_open
 from markergen.registry import Registry

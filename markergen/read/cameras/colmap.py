@@ -6,9 +6,8 @@ COLMAP counts pixels from the corner of the image, so that the middle of the fir
 import re
 from collections.abc import Sequence
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.model.camera import Camera, Distortion
-from markergen.model.findings import brief
 from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
 from markergen.read.cameras.document import Document, Table
 from markergen.read.cameras.models import located, make_camera

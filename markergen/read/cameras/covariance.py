@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.model.camera import Camera
-from markergen.model.findings import brief
 from markergen.read.cameras.document import Document, Table, read_bytes
 
 Array = NDArray[np.float64]

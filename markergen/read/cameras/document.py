@@ -14,9 +14,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.files import read_start
-from markergen.model.findings import brief
 
 LARGEST_FILE, LARGEST_TOML = 1_000_000, 10_000
 """Bytes; a calibration with all its images' residuals has some 100 kB, a spec in TOML some 2 kB.

@@ -2,9 +2,8 @@
 
 import re
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.model.camera import Camera
-from markergen.model.findings import brief
 from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
 from markergen.read.cameras.document import Document
 from markergen.read.cameras.models import make_camera, make_distortion

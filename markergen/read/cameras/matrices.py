@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.model.camera import Camera
-from markergen.model.findings import brief
 from markergen.read.cameras.document import Table
 from markergen.read.cameras.models import make_camera, make_distortion, pinhole_of
 

@@ -3,10 +3,9 @@
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.maths.lenses import LENSES
 from markergen.model.camera import Camera, Distortion
-from markergen.model.findings import brief
 
 SHORTEST, LONGEST = 1e-3, 1e6
 """Focal lengths in image sides: a field of view of nearly 180 degrees, and one of a fifth of an arc second."""

@@ -6,9 +6,8 @@ K goes with the image as it was taken; P, which belongs to the rectified one, is
 from collections.abc import Mapping
 from typing import Any
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.model.camera import Camera
-from markergen.model.findings import brief
 from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
 from markergen.read.cameras.document import Document, Table, document_of
 from markergen.read.cameras.matrices import HEIGHT, MATRIX, MODEL, WIDTH, camera_of

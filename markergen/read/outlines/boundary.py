@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.model.boundary import Boundary, Circle, polygon_from
-from markergen.model.findings import brief
 from markergen.read.outlines.reader import LARGEST, SMALLEST, read_contours
 from markergen.units import format_length, parse_length
 

@@ -3,9 +3,8 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.files import read_start
-from markergen.model.findings import brief
 from markergen.read.outlines.curves import Curve
 from markergen.units import METERS
 

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
-from markergen.model.findings import brief
+from markergen.errors import InputError, brief
 from markergen.read.outlines.curves import Curve
 from markergen.read.outlines.drawing import MOST_PIECES, Drawing, OutlineFile, Piece
 from markergen.read.outlines.dxf_entities import CURVES, frame_of

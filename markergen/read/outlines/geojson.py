@@ -6,7 +6,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.model.findings import brief
+from markergen.errors import brief
 from markergen.read.outlines.curves import Polyline
 from markergen.read.outlines.drawing import MOST_PIECES, Drawing, OutlineFile, Piece
 from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFormat

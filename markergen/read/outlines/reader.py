@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.geometry.contour import Contour, backward, mirrored
-from markergen.model.findings import brief
 from markergen.model.outlines import TOLERANCE, canonical_contours, polygons_of
 from markergen.read.outlines.curves import MOST_POINTS
 from markergen.read.outlines.drawing import MOST_PIECES, UNITS, Drawing, OutlineFile, load

@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.model.findings import brief
+from markergen.errors import brief
 from markergen.read.outlines.curves import MOST_POINTS, Curve
 from markergen.read.outlines.drawing import MOST_PIECES, Drawing, OutlineFile, Piece
 from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFormat

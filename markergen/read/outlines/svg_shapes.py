@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.model.findings import brief
+from markergen.errors import brief
 from markergen.read.outlines.curves import Arc, Bezier, Curve, Polyline
 from markergen.read.outlines.drawing import MOST_PIECES, OutlineFile, Piece
 from markergen.read.outlines.svg_style import moved_by_style

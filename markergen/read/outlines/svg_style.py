@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from xml.etree.ElementTree import Element
 
-from markergen.model.findings import brief
+from markergen.errors import brief
 from markergen.read.outlines.drawing import OutlineFile
 
 Style = Mapping[str, str]

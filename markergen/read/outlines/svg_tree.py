@@ -4,7 +4,7 @@ from typing import NoReturn
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
-from markergen.model.findings import brief
+from markergen.errors import brief
 from markergen.read.outlines.drawing import OutlineFile
 
 MOST_ELEMENTS, DEEPEST = 100_000, 100

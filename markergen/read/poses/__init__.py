@@ -3,14 +3,14 @@
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.files import exists
-from markergen.model.findings import brief
 from markergen.model.poses import PoseDistribution, is_named, named_poses, pose_forms
 from markergen.model.recorded_poses import RecordedPoses
 from markergen.read.poses.lines import PoseFile, read_bytes
@@ -45,18 +45,23 @@ POSE_FORMATS: Registry[PoseFormat] = Registry("pose format", __name__, "markerge
 """Formats by name."""
 
 
-def poses_from(wish: str | PoseDistribution) -> PoseDistribution:
+def poses_from(wish: str | PathLike[str] | PoseDistribution) -> PoseDistribution:
     """Poses of a text (``paper``, ``cone:tilt=40..70``; see `named_poses`), or of a file (see `read_poses`).
 
-    A distribution comes back as it is. A file that is called as a preset is written with its folder, ``./paper``.
+    A distribution comes back as it is, and a path is that of a file. As a text, the path of a file that is called as a
+    preset is written with its folder, ``./paper``.
 
     Raises
     ------
     InputError
-        If the text is neither of these, or as the readers say.
+        If it is none of these, or as the readers say.
     """
     if isinstance(wish, PoseDistribution):
         return wish
+    if isinstance(wish, PathLike):
+        return read_poses(Path(wish))
+    if not isinstance(wish, str):
+        raise InputError("poses", brief(wish), "give a text such as cone:tilt=0..60, a path, or a PoseDistribution")
     found = settled(wish)
     return named_poses(found) if isinstance(found, str) else found
 

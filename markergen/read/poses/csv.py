@@ -5,8 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
-from markergen.model.findings import brief
+from markergen.errors import InputError, brief
 from markergen.read.poses import POSE_FORMATS, PoseFormat
 from markergen.read.poses.lines import PoseFile, Rows
 from markergen.read.poses.numbers import ROTATIONS, TRANSLATION, WANTED, numbers_of

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
-from markergen.model.findings import brief
+from markergen.errors import InputError, brief
 from markergen.read.poses import POSE_FORMATS, PoseFormat
 from markergen.read.poses.csv import WHICH_WAY, columns_of
 from markergen.read.poses.lines import PoseFile

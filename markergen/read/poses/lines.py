@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.files import read_start
-from markergen.model.findings import brief
 
 Array = NDArray[np.float64]
 

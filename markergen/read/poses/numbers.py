@@ -5,8 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
-from markergen.model.findings import brief
+from markergen.errors import InputError, brief
 from markergen.model.recorded_poses import COLUMNS
 
 Array = NDArray[np.float64]

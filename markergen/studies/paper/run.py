@@ -13,7 +13,7 @@ from markergen.studies.paper.gather import Study, gather
 from markergen.studies.paper.options import PaperOptions
 from markergen.studies.paper.page import claim_rows, claims_page, index_page
 from markergen.studies.paper.tables import csv_bytes, tables_of
-from markergen.studies.run import Progress, run_cells
+from markergen.studies.run import CellProgress, run_cells
 from markergen.studies.svg import svg_bytes
 from markergen.validation.pool import processor_count
 
@@ -23,7 +23,7 @@ def run_paper(
     options: PaperOptions,
     engine: Engine,
     resume: bool = False,
-    progress: Progress | None = None,
+    progress: CellProgress | None = None,
 ) -> list[Path]:
     """Compute the study in a folder, and write its tables (CSV), figures (SVG), claims, and a page to look at.
 
@@ -69,8 +69,8 @@ def estimated_seconds(options: PaperOptions, workers: int | None = None) -> floa
     return sum(map(seconds_of, cells_of(options))) / (workers or processor_count())
 
 
-def _with_estimate(progress: Progress, seconds: float) -> Progress:
-    """Progress that tells an estimate as long as nothing was measured."""
+def _with_estimate(progress: CellProgress, seconds: float) -> CellProgress:
+    """Progress that gives an estimate of the time left until one was measured."""
 
     def tell(done: int, total: int, left: float) -> None:
         progress(done, total, seconds if isnan(left) else left)

@@ -10,10 +10,10 @@ from math import isfinite, prod
 from pathlib import Path
 from typing import Any
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.estimators import ESTIMATORS
 from markergen.model.camera import PAPER_CAMERA, Camera
-from markergen.model.findings import brief, listed
+from markergen.model.findings import listed
 from markergen.model.spec import Spec
 from markergen.read.cameras import read_camera
 from markergen.read.outlines import read_room

@@ -5,7 +5,7 @@ from pathlib import Path
 from markergen.files import write_all
 from markergen.studies.cells import Cell
 from markergen.studies.engines import Engine
-from markergen.studies.run import Progress, compute
+from markergen.studies.run import CellProgress, compute
 from markergen.studies.store import Store, open_store
 from markergen.studies.sweep.grid import GridPoint, Sweep
 from markergen.studies.sweep.page import page
@@ -20,7 +20,7 @@ TYPICAL_POSES = 400
 
 
 def run_sweep(
-    sweep: Sweep, folder: Path, engine: Engine, resume: bool = False, progress: Progress | None = None
+    sweep: Sweep, folder: Path, engine: Engine, resume: bool = False, progress: CellProgress | None = None
 ) -> list[Path]:
     """Compute a sweep and write its table, plots and page; returns their paths, the page last.
 
@@ -41,7 +41,7 @@ def run_sweep(
     return list(files)
 
 
-def _table(sweep: Sweep, store: Store, engine: Engine, progress: Progress | None) -> list[Row]:
+def _table(sweep: Sweep, store: Store, engine: Engine, progress: CellProgress | None) -> list[Row]:
     """Rows in the order of the grid."""
     first = [layout_cell(point) for point in sweep.points]
     # What a layout is tried with is known before the layout is.
