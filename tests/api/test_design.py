@@ -144,6 +144,30 @@ def test_what_cannot_be_written_is_told_before_the_search(tmp_path):
         design(**QUICK, camera=camera, output=tmp_path / "m.svg", progress=never)
 
 
+@pytest.mark.parametrize(
+    ("line", "low"),
+    [
+        ('boundary = "plate.dxf"', -200),
+        ('outline = "plate.dxf"', -200),
+        ('keep_out = "plate.dxf"', 100),
+        ('keep_out = ["plate.dxf#0"]', 100),
+    ],
+)
+def test_a_drawing_that_a_template_names_is_not_written_over(line, low, tmp_path, monkeypatch):
+    import ezdxf
+
+    monkeypatch.chdir(tmp_path)
+    drawing = ezdxf.new()
+    drawing.modelspace().add_lwpolyline([(low, low), (200, low), (200, 200), (low, 200)], close=True)
+    drawing.header["$INSUNITS"] = 4
+    drawing.saveas("plate.dxf")
+    before = Path("plate.dxf").read_bytes()
+    Path("my.toml").write_text(line)
+    with pytest.raises(OutputError, match="one of the inputs"):
+        design(template="my.toml", output="plate.dxf")
+    assert Path("plate.dxf").read_bytes() == before
+
+
 def test_nothing_is_printed_and_the_log_is_silent_until_asked(capsys, caplog):
     stages = []
     with caplog.at_level(logging.INFO, logger="markergen"):
