@@ -10,7 +10,7 @@ from markergen.api.loose import MarkerLike, files_among, marker_of, poses_of
 from markergen.errors import InputError
 from markergen.model.findings import brief
 from markergen.model.marker import Marker
-from markergen.options import CompareKeywords, settle, signature_of
+from markergen.options import CompareKeywords, check_progress, settle, signature_of
 from markergen.options.base import File, Files
 from markergen.validation.compare import compare as run
 from markergen.validation.comparison import Comparison, targets_of
@@ -64,6 +64,7 @@ def compare(
     >>> found.contestants["square"]["detected"]
     4
     """
+    check_progress(progress)
     settled = settle(options, CompareKeywords)
     targets = targets_of(save, json, plot, files_among(*contestants, settled["poses"]))
     texts, given = _named(contestants)

@@ -21,7 +21,7 @@ from markergen.optimize.design import design as find
 from markergen.optimize.family import members
 from markergen.optimize.multistart import Progress
 from markergen.optimize.trace import check_trace_path, trace_bytes
-from markergen.options import DesignKeywords, given, signature_of
+from markergen.options import DesignKeywords, check_progress, given, signature_of
 from markergen.read.spec_file import spec_from_mapping
 from markergen.read.templates import read_template
 
@@ -59,6 +59,7 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
     >>> len(found.marker), found.warnings
     (4, ())
     """
+    check_progress(progress)
     request = _request(options)
     paths = request.paths
     targets = family_paths(paths, request.ids) if request.ids else paths

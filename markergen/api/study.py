@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 from markergen.api.loose import path_of
 from markergen.errors import InputError
 from markergen.files import Written
-from markergen.options import StudyKeywords, given, signature_of
+from markergen.options import StudyKeywords, check_progress, given, signature_of
 from markergen.studies.engines import engine_for
 from markergen.studies.run import Progress
 from markergen.studies.sweep import read_sweep, run_sweep, sweep_from_mapping
@@ -110,11 +110,12 @@ def study(
     >>> [path.name for path in found if path.suffix != ".svg"]
     ['table.csv', 'index.html']
     """
+    check_progress(progress)
     asked = given(options, StudyKeywords)
     folder = path_of(output)
     engine = engine_for(asked.get("workers"), asked.get("scheduler"))
     run: Callable[..., list[Path]]
-    if what == "paper":
+    if isinstance(what, str) and what == "paper":
         from markergen.studies.paper import PaperOptions, estimated_seconds, run_paper
 
         choices = PaperOptions(**{name: asked[name] for name in ("runs", "scale") if name in asked})

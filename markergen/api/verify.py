@@ -64,7 +64,7 @@ def verify(
     >>> found.passed, found[0].dots
     (True, 5)
     """
-    paths = [read_as("file", file, "a file to verify") for file in files]
+    paths = [read_as("file", file, "each file") for file in files]
     if not paths or None in paths:
         raise InputError("files to verify", "none", "name one or more, such as marker.pdf")
     tolerance = settle(options, VerifyKeywords)["tolerance"]

@@ -398,7 +398,9 @@ def listed(markers: object) -> list[Any]:
     """Sources of markers as a list, whether one was given or several."""
     # The lines of an open file are no markers.
     one = isinstance(markers, str | bytes | os.PathLike | Mapping) or hasattr(markers, "read")
-    return list(markers) if isinstance(markers, Iterable) and not one else [markers]
+    if one or not isinstance(markers, Iterable) or getattr(markers, "ndim", 1) == 0:  # An array may be one number.
+        return [markers]
+    return list(markers)
 
 
 def _marker(source: Any, name: str) -> tuple[Marker, str]:

@@ -15,7 +15,7 @@ from markergen.options.proving import (
     ValidateKeywords,
     VerifyKeywords,
 )
-from markergen.options.reading import given, read_as, settle
+from markergen.options.reading import check_progress, given, read_as, settle
 
 __all__ = [
     "OUTSIDE_FILES",
@@ -29,6 +29,7 @@ __all__ = [
     "StudyKeywords",
     "ValidateKeywords",
     "VerifyKeywords",
+    "check_progress",
     "declared",
     "given",
     "read_as",

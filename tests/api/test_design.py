@@ -121,6 +121,9 @@ def test_a_template_gives_way_to_what_is_given(tmp_path):
         ({"template": "none-such"}, "a known template"),
         ({"n": 3}, "at least 4 control points"),
         ({"trace": "t.txt"}, "a trace in one of"),
+        ({"output": "marker"}, "a known output suffix, found none in 'marker'; known: .3mf"),
+        ({"output": ["m.svg", "m.svg"]}, "each output path once, found m.svg twice; give each another name"),
+        ({"progress": "yes"}, "a function for progress, found 'yes'"),
     ],
 )
 def test_bad_wishes(options, words, tmp_path, monkeypatch):

@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 
 from markergen.api.study import study
@@ -37,6 +38,8 @@ def test_a_sweep_of_a_dictionary_as_a_frame(tmp_path):
         ("none-such", {}, "known: paper, layouts"),
         (SWEEP, {"scale": 0.1}, "--scale with the study paper"),
         (SWEEP, {"workers": 0}, "1 to 256 workers"),
+        (SWEEP, {"progress": 1}, "a function for progress, found 1"),
+        (np.array([1, 2]), {}, "a path, found array([1, 2])"),
         (SWEEP, {"wrokers": 1}, "did you mean 'workers'?"),
         ({"grid": {"m": [1]}}, {}, "grid.m"),
     ],
