@@ -84,10 +84,10 @@ compare.__signature__ = signature_of(compare, CompareKeywords)  # type: ignore[a
 
 def _named(contestants: Sequence[MarkerLike]) -> tuple[list[str], dict[str, Marker]]:
     """Texts for all contestants, and those markers by their texts that are in no file."""
-    objects = [each for each in contestants if isinstance(each, Marker | dict)]
+    objects = [each for each in contestants if _is_object(each)]
     texts, given = [], dict[str, Marker]()
     for each in contestants:
-        if isinstance(each, Marker | dict):
+        if _is_object(each):
             text = "marker" if len(objects) == 1 else f"marker {len(given) + 1}"
             given[text] = marker_of(each)
         elif isinstance(each, str | PathLike):
@@ -96,3 +96,8 @@ def _named(contestants: Sequence[MarkerLike]) -> tuple[list[str], dict[str, Mark
             raise InputError("a marker, a path, or a text such as aruco:DICT_4X4_50", brief(each), f"known: {FORMS}")
         texts.append(text)
     return texts, given
+
+
+def _is_object(contestant: object) -> bool:
+    """Whether it is a marker, or an open file or a dictionary with one."""
+    return isinstance(contestant, Marker | dict) or hasattr(contestant, "read")

@@ -2,17 +2,18 @@
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Unpack
 
 from markergen.api.export import choices_of
-from markergen.api.loose import files_among
+from markergen.api.loose import camera_of, files_among
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions, check_outputs, save, with_record
 from markergen.exporters.family import family_paths, save_family
 from markergen.files import Written, write_all
 from markergen.files import check_outputs as check_files
+from markergen.model.camera import Camera
 from markergen.model.spec import Spec
 from markergen.model.tag import parse_ids
 from markergen.objectives import OBJECTIVES
@@ -67,6 +68,7 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
     for path in request.traces:
         check_trace_path(path)
     check_files([*targets, *request.traces], request.inputs)
+    log.info("designing %d control points in a %s", request.spec.n, request.spec.boundary)
     found = find(request.spec, progress, traced=bool(request.traces))
     for warning in found.warnings:
         log.warning("%s", warning)
@@ -105,6 +107,8 @@ def _request(options: Mapping[str, Any]) -> _Request:
         raise InputError("a radius or a boundary", "--radius and --boundary", "leave one of them out")
     if asked.get("restarts") == 0:  # To a spec it says that nobody asked.
         raise InputError("restarts of 1 or more", "--restarts 0", "give a positive number, or leave it out")
+    if "camera" in asked and _is_foreign(asked["camera"]):
+        asked["camera"] = camera_of(asked["camera"])
     template, output, traces = (asked.pop(name, None) for name in ("template", "output", "trace"))
     values = read_template(str(template)) if template else {}
     # One of both says how much room there is, and the one that is given replaces the template's.
@@ -125,6 +129,12 @@ def _request(options: Mapping[str, Any]) -> _Request:
         traces or (),
         files_among(template, *_named_in(values)),
     )
+
+
+def _is_foreign(camera: object) -> bool:
+    """Whether it is an open file, or a dictionary in a form that specs do not have, such as OpenCV's."""
+    ours = {field.name for field in fields(Camera)}
+    return hasattr(camera, "read") or (isinstance(camera, Mapping) and not ours.issuperset(camera))
 
 
 def _named_in(values: Mapping[str, Any]) -> list[Any]:

@@ -1,6 +1,7 @@
 """``markergen.study``: the paper reproduced, or any grid of designs, as one tidy table."""
 
 import csv
+import logging
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from os import PathLike
@@ -18,6 +19,8 @@ from markergen.tables import Result, data_frame
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+_log = logging.getLogger(__name__)
 
 
 class Study(Result):
@@ -131,7 +134,10 @@ def study(
         sweep = sweep_from_mapping(what, runs=runs) if dictionary else read_sweep(str(path_of(what)), runs)  # type: ignore[arg-type]
         run = partial(run_sweep, sweep, folder)
         engine.check()
-    return Study(folder, tuple(run(engine=engine, resume=asked.get("resume", False), progress=progress)))
+    _log.info("studying, in %s", folder)
+    files = tuple(run(engine=engine, resume=asked.get("resume", False), progress=progress))
+    _log.info("studied: %d files in %s", len(files), folder)
+    return Study(folder, files)
 
 
 study.__signature__ = signature_of(study, StudyKeywords)  # type: ignore[attr-defined]

@@ -1,4 +1,5 @@
 import inspect
+import io
 import json
 import logging
 from pathlib import Path
@@ -55,6 +56,16 @@ def test_objects_paths_and_texts_are_the_same(tmp_path, quick):
     ]
     for more in same:
         assert design(**{**QUICK, **more}).marker == quick.marker
+
+
+def test_a_camera_may_be_whatever_is_loaded(quick):
+    ours = {"width": 640, "height": 480, "fx": 800.0, "fy": 800.0, "cx": 320.0, "cy": 240.0}
+    matrix = [[800, 0, 320], [0, 800, 240], [0, 0, 1]]
+    theirs = {
+        "image_width": 640, "image_height": 480, "camera_matrix": matrix, "distortion_coefficients": [0, 0, 0, 0, 0],
+    }  # fmt: skip
+    for camera in (ours, theirs, io.StringIO(json.dumps(ours))):
+        assert design(**QUICK, camera=camera).setting.camera.matrix.tolist() == matrix
 
 
 def test_it_is_the_engines_design(quick):
