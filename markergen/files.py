@@ -156,6 +156,12 @@ def _whole(path: Path) -> Path:
     return Path(before) if before and not exists(path) else path
 
 
+def check_some(paths: Sequence[object]) -> None:
+    """Refuse to write nothing, as a forgotten path would have it; raises InputError."""
+    if not paths:
+        raise InputError("a path to write to", "none", "give one or more")
+
+
 def sorted_by_suffix(paths: Sequence[Path], kinds: Mapping[str, str]) -> list[tuple[str, Path]]:
     """Pair each path with what a file of its suffix holds.
 

@@ -9,7 +9,7 @@ from typing import Unpack
 from markergen.api.loose import files_among, marker_of
 from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
-from markergen.options import CompareKeywords, settle, signature_of
+from markergen.options import CompareKeywords, check_progress, settle, signature_of
 from markergen.options.base import File, Files, MarkerLike, Progress
 from markergen.validation.compare import compare as run
 from markergen.validation.comparison import Comparison, targets_of
@@ -63,6 +63,7 @@ def compare(
     >>> found.contestants["square"]["detected"]
     4
     """
+    check_progress(progress)
     settled = settle(options, CompareKeywords)
     targets = targets_of(save, json, plot, files_among(*contestants, settled["poses"]))
     texts, given = _named(contestants)

@@ -3,11 +3,11 @@
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from os import PathLike
 from pathlib import Path
 from typing import Any, Unpack
 
 from markergen.api.export import choices_of
+from markergen.api.loose import files_among
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions, check_outputs, save, with_record
 from markergen.exporters.family import family_paths, save_family
@@ -20,7 +20,7 @@ from markergen.optimize.design import Design
 from markergen.optimize.design import design as find
 from markergen.optimize.family import members
 from markergen.optimize.trace import check_trace_path, trace_bytes
-from markergen.options import DesignKeywords, given, signature_of
+from markergen.options import DesignKeywords, check_progress, given, signature_of
 from markergen.options.base import Progress
 from markergen.read.spec_file import spec_from_mapping
 from markergen.read.templates import read_template
@@ -59,6 +59,7 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
     >>> len(found.marker), found.warnings
     (4, ())
     """
+    check_progress(progress)
     request = _request(options)
     paths = request.paths
     targets = family_paths(paths, request.ids) if request.ids else paths
@@ -66,6 +67,7 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
     for path in request.traces:
         check_trace_path(path)
     check_files([*targets, *request.traces], request.inputs)
+    log.info("designing %d control points in a %s", request.spec.n, request.spec.boundary)
     found = find(request.spec, progress, traced=bool(request.traces))
     for warning in found.warnings:
         log.warning("%s", warning)
@@ -116,16 +118,25 @@ def _request(options: Mapping[str, Any]) -> _Request:
     if ids is not None and not spec.tag:
         raise InputError("a tag whose ids the markers have", "--ids without --tag", "add --tag aruco:DICT_4X4_50, say")
     sheet = given({name: values[name] for name in DesignKeywords.__annotations__ if name in values}, DesignKeywords)
-    shapes = [asked.get("boundary"), asked.get("outline"), *asked.get("keep_out", ())]
-    files = [template, asked.get("camera"), asked.get("poses"), *shapes]
     return _Request(
         spec,
         parse_ids(ids, spec.tag.rpartition(":")[0]) if ids is not None else (),
         choices_of(sheet),
         with_record(output) if output else [],
         traces or (),
-        [Path(each) for each in files if isinstance(each, str | PathLike) and str(each)],
+        files_among(template, *_named_in(values)),
     )
+
+
+def _named_in(values: Mapping[str, Any]) -> list[Any]:
+    """What may name a file that is read, whether an option or the template says so."""
+    plate = values.get("substrate")
+    named = [values.get(key) for key in ("camera", "poses", "boundary", "outline")]
+    named += [plate.get("outline")] if isinstance(plate, Mapping) else []
+    for key in ("keep_out", "keep_outs"):
+        several = values.get(key)
+        named += several if isinstance(several, list) else [several]
+    return named
 
 
 def _label(spec: Spec) -> str:

@@ -1,6 +1,7 @@
 """``markergen.study``: the paper reproduced, or any grid of designs, as one tidy table."""
 
 import csv
+import logging
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from os import PathLike
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 from markergen.api.loose import path_of
 from markergen.errors import InputError
 from markergen.files import Written
-from markergen.options import StudyKeywords, given, signature_of
+from markergen.options import StudyKeywords, check_progress, given, signature_of
 from markergen.studies.engines import engine_for
 from markergen.studies.run import CellProgress
 from markergen.studies.sweep import read_sweep, run_sweep, sweep_from_mapping
@@ -18,6 +19,8 @@ from markergen.tables import Result, data_frame
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+_log = logging.getLogger(__name__)
 
 
 class Study(Result):
@@ -110,11 +113,12 @@ def study(
     >>> [path.name for path in found if path.suffix != ".svg"]
     ['table.csv', 'index.html']
     """
+    check_progress(progress)
     asked = given(options, StudyKeywords)
     folder = path_of(output, "a folder to write to")
     engine = engine_for(asked.get("workers"), asked.get("scheduler"))
     run: Callable[..., list[Path]]
-    if what == "paper":
+    if isinstance(what, str) and what == "paper":
         from markergen.studies.paper import PaperOptions, estimated_seconds, run_paper
 
         choices = PaperOptions(**{name: asked[name] for name in ("runs", "scale") if name in asked})
@@ -130,7 +134,10 @@ def study(
         sweep = sweep_from_mapping(what, runs=runs) if dictionary else read_sweep(str(path_of(what, "a study")), runs)  # type: ignore[arg-type]
         run = partial(run_sweep, sweep, folder)
         engine.check()
-    return Study(folder, tuple(run(engine=engine, resume=asked.get("resume", False), progress=progress)))
+    _log.info("studying, in %s", folder)
+    files = tuple(run(engine=engine, resume=asked.get("resume", False), progress=progress))
+    _log.info("studied: %d files in %s", len(files), folder)
+    return Study(folder, files)
 
 
 study.__signature__ = signature_of(study, StudyKeywords)  # type: ignore[attr-defined]

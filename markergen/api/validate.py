@@ -7,7 +7,7 @@ from typing import Any, Unpack
 from markergen.api.loose import camera_of, files_among, marker_of
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
-from markergen.options import ValidateKeywords, settle, signature_of
+from markergen.options import ValidateKeywords, check_progress, settle, signature_of
 from markergen.options.base import CameraLike, File, Files, MarkerLike, Progress
 from markergen.read.cameras import read_camera_covariance
 from markergen.render import optics_from_text
@@ -79,6 +79,7 @@ def validate(
     >>> found.check("estimators.lm.failure_rate > 0")
     (True, 'estimators.lm.failure_rate = 0 <= 0')
     """
+    check_progress(progress)
     settled = settle(options, ValidateKeywords)
     targets = Targets.of(save, json, report, pictures)
     optics = optics_from_text(settled["optics"] or "")

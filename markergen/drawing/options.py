@@ -50,9 +50,9 @@ class SheetOptions:
     def __post_init__(self) -> None:
         if self.orientation not in ("", "portrait", "landscape"):
             raise InputError("portrait or landscape", repr(self.orientation), "choose one of these")
-        for name, value in (("margin", self.margin), ("overlap", self.overlap)):
+        for name, article, value in (("margin", "a", self.margin), ("overlap", "an", self.overlap)):
             if value is not None and not 0 <= value < float("inf"):
-                raise InputError(f"a {name} from 0", f"{name}={value}", "give a length such as 10mm")
+                raise InputError(f"{article} {name} from 0", f"{name}={value}", "give a length such as 10mm")
 
     def frame(self, paper: Paper) -> "Frame":
         """Measures of a page of that paper; raises as `Frame` does."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from markergen.drawing.options import SheetOptions
-from markergen.errors import InputError, OutputError
+from markergen.errors import InputError, OutputError, brief
 from markergen.files import Written, check_folder, folders_for, write_all
 from markergen.files import check_outputs as check_files
 from markergen.model.fabrication import Fabrication
@@ -223,6 +223,9 @@ def suffix_of(path: Path) -> str:
     parts = path.name.lower().split(".")
     endings = ("." + ".".join(parts[first:]) for first in range(1, len(parts)))
     known = next((ending for ending in endings if ending in EXPORTERS), None)
+    if not path.suffix:
+        known_ones = ", ".join(EXPORTERS.names())
+        raise InputError("a known output suffix", f"none in {brief(str(path))}", f"known: {known_ones}")
     if known is None:
         EXPORTERS[path.suffix.lower()]  # says which ones there are
     return str(known)
@@ -295,7 +298,7 @@ def check_outputs(paths: Sequence[Path], options: ExportOptions, spec: "Spec | N
     for path in paths:
         suffix = suffix_of(path)
         if path.resolve() in seen:
-            raise InputError("each output path once", f"{path} twice", "give every -o another name")
+            raise InputError("each output path once", f"{path} twice", "give each another name")
         seen.add(path.resolve())
         check_folder(path)
         exporter = EXPORTERS[suffix]

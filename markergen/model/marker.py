@@ -323,6 +323,10 @@ class Marker:
     def __len__(self) -> int:
         return len(self.control_points)
 
+    def __hash__(self) -> int:
+        # Equal markers have equal ones; provenance and extensions are dictionaries.
+        return hash((self.control_points, self.clearance, self.print_scale))
+
     @cached_property
     def xyz(self) -> Array:
         """Control points (n, 3) in m, marker frame."""

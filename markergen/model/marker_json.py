@@ -9,6 +9,7 @@ import json
 import os
 from collections import Counter
 from collections.abc import Mapping
+from io import UnsupportedOperation
 from math import hypot, isfinite
 from pathlib import Path
 from typing import IO, Any
@@ -206,9 +207,9 @@ def _unreadable(name: str, error: Exception) -> InputError:
         found = "bytes that are not UTF-8 text"
     else:
         found = str((error.strerror if isinstance(error, OSError) else None) or error)
-    return InputError(
-        f"a readable marker.json at {name if name.isprintable() else brief(name)}", found, "check the path"
-    )
+    plain = name.isprintable() and name.strip() and len(name) <= 200
+    remedy = "open it for reading" if isinstance(error, UnsupportedOperation) else "check the path"
+    return InputError(f"a readable marker.json at {name if plain else brief(name)}", found, remedy)
 
 
 def from_json(text: str, name: str = "marker.json") -> Marker:

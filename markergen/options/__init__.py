@@ -15,7 +15,7 @@ from markergen.options.proving import (
     ValidateKeywords,
     VerifyKeywords,
 )
-from markergen.options.reading import as_list, given, read_as, settle
+from markergen.options.reading import as_list, check_progress, given, read_as, settle
 
 __all__ = [
     "OUTSIDE_FILES",
@@ -30,6 +30,7 @@ __all__ = [
     "ValidateKeywords",
     "VerifyKeywords",
     "as_list",
+    "check_progress",
     "declared",
     "given",
     "read_as",

@@ -85,6 +85,14 @@ def read_as(kind: str, value: Any, name: str) -> Any:
         raise InputError(f"{error.args[0]} for {name}", brief(value), f"give {name} such a value") from None
 
 
+def check_progress(progress: object) -> None:
+    """Refuse what cannot be called, before any work is done; raises InputError."""
+    if progress is not None and not callable(progress):
+        raise InputError(
+            "a function for progress", brief(progress), "give one that takes a stage, what is done, and a total"
+        )
+
+
 def given(options: Mapping[str, Any], table: type) -> dict[str, Any]:
     """Options that a caller gave, checked and converted as `settle` does; the others are left to whoever asks."""
     settled = settle(options, table)
@@ -99,6 +107,7 @@ def as_list(value: Any) -> list[Any]:
     """
     # The lines of an open file are not several things.
     one = isinstance(value, str | bytes | os.PathLike | Mapping) or hasattr(value, "read")
+    one = one or getattr(value, "ndim", 1) == 0  # An array may be one number.
     return list(value) if isinstance(value, Iterable) and not one else [value]
 
 

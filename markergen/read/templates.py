@@ -34,7 +34,7 @@ def template_text(name: str) -> str:
     if path.suffix != ".toml" and name not in known:
         raise InputError("a known template or a .toml file", repr(name), f"known: {', '.join(known)}")
     try:
-        with known.get(name, path).open(encoding="utf-8") as file:
+        with known.get(name, path).open(encoding="utf-8-sig") as file:
             text = file.read(LARGEST_SPEC + 1)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "bytes that are not UTF-8 text"

@@ -6,12 +6,12 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from markergen.files import Written, check_outputs, sorted_by_suffix, write_all
+from markergen.files import Written, check_outputs, check_some, sorted_by_suffix, write_all
 from markergen.options import read_as
 from markergen.tables import Result, Table, data_frame, number
 from markergen.validation import compare_report
 from markergen.validation.compare import to_json
-from markergen.validation.figures import check_figure, new_figure
+from markergen.validation.figures import axes_of, check_figure
 from markergen.validation.tables import STATISTICS
 
 if TYPE_CHECKING:
@@ -72,11 +72,13 @@ class Comparison(Result):
         Raises
         ------
         InputError
-            If a suffix is unknown.
+            If no file is named, or a suffix is unknown.
         OutputError
             If a file cannot be written; nothing was changed.
         """
-        return self.write(targets_of(paths, json, plot))
+        targets = targets_of(paths, json, plot)
+        check_some(targets)
+        return self.write(targets)
 
     def write(self, targets: Sequence[tuple[str, Path]]) -> list[Written]:
         """Write what `targets_of` returned, see `save`."""
@@ -110,7 +112,7 @@ class Comparison(Result):
         ax : matplotlib axes or None
             Where to draw; None makes a figure of its own, which is ``ax.figure``.
         """
-        return compare_report.draw_errors(self._results, new_figure().add_subplot() if ax is None else ax)
+        return compare_report.draw_errors(self._results, axes_of(ax))
 
     def parts(self) -> list[str | Table]:
         """Sentences and tables in the order in which the command prints them."""
@@ -141,7 +143,7 @@ def targets_of(
     OutputError
         If a file cannot be written, is asked for twice, or is one of the inputs.
     """
-    files = [*sorted_by_suffix(read_as("files", paths, "a file to save"), KINDS)]
+    files = [*sorted_by_suffix(read_as("files", paths, "save") or (), KINDS)]
     for kind, path in (("json", read_as("file", json, "json")), ("plot", read_as("file", plot, "plot"))):
         files += [(kind, path)] if path is not None else []
     for kind, path in files:

@@ -4,9 +4,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 FORMATS: dict[str, dict[str, None]] = {".svg": {"Date": None, "Creator": None}, ".png": {"Software": None}}
@@ -41,8 +42,25 @@ def figure_bytes(draw: Callable[[], "Figure"], path: Path) -> bytes:
     return buffer.getvalue()
 
 
-def new_figure() -> "Figure":
+def new_figure(size: tuple[float, float] = (6.4, 4.8)) -> "Figure":
     """Return an empty figure that no window belongs to."""
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(6.4, 4.8), layout="constrained")
+    return Figure(figsize=size, layout="constrained")
+
+
+def axes_of(ax: object, size: tuple[float, float] = (6.4, 4.8)) -> "Axes":
+    """Axes that were given, or, for None, those of a new figure of `size` in inches.
+
+    Raises
+    ------
+    InputError
+        If it is something else, such as a figure, or the array of axes that ``plt.subplots(2)`` makes.
+    """
+    from matplotlib.axes import Axes
+
+    if ax is None:
+        return new_figure(size).add_subplot()
+    if not isinstance(ax, Axes):
+        raise InputError("axes of matplotlib", f"ax={brief(ax)}", "give one of those that plt.subplots makes, or None")
+    return ax

@@ -4,9 +4,10 @@ import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager, nullcontext, suppress
 from itertools import islice
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
@@ -20,7 +21,8 @@ C = TypeVar("C")
 R = TypeVar("R")
 
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-
+_STARTING = threading.Lock()
+"""What new processes inherit is changed for all threads of this one."""
 
 MOST_WORKERS = 256
 
@@ -95,7 +97,8 @@ def as_completed_chunks(
                 _unless_dead(pipe.send, (function, chunk))
 
     try:
-        with _inherited_by_workers():
+        script = nullcontext() if _needs_script(function, chunks, luggage) else _without_script()
+        with _STARTING, _inherited_by_workers(), script:
             for _ in range(min(workers, len(chunks))):
                 ours, theirs = context.Pipe()
                 worker = context.Process(target=_work, args=(theirs, luggage))
@@ -163,6 +166,31 @@ def _broken_pipes_are_errors() -> Iterator[None]:
         if signal.SIGPIPE not in mask and signal.SIGPIPE in signal.sigpending():
             signal.sigtimedwait({signal.SIGPIPE}, 0)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+def _needs_script(*sent: object) -> bool:
+    """Whether something that workers are sent is defined in the script that runs, so that they have to import it."""
+    try:
+        return b"__main__" in pickle.dumps(sent)
+    except Exception:  # What cannot be sent is told when it is sent.
+        return True
+
+
+@contextmanager
+def _without_script() -> Iterator[None]:
+    """Start processes that do not import the script that runs, which would do all of its work again in each of them.
+
+    A script then needs no ``if __name__ == "__main__":``. What tells `multiprocessing` of a script is that `__main__`
+    has a spec or a file.
+    """
+    script = sys.modules["__main__"].__dict__
+    before: dict[str, Any] = {name: script.pop(name) for name in ("__spec__", "__file__") if name in script}
+    script["__spec__"] = None
+    try:
+        yield
+    finally:
+        script.pop("__spec__")
+        script.update(before)
 
 
 def _unless_dead(talk: Callable[..., Any], *words: Any) -> Any:

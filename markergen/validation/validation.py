@@ -8,15 +8,15 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from markergen.errors import InputError, brief
-from markergen.files import Written, check_outputs, make_folder, sorted_by_suffix, write_all
+from markergen.files import Written, check_outputs, check_some, make_folder, sorted_by_suffix, write_all
 from markergen.model.marker import Marker
 from markergen.objectives import Setting
-from markergen.options import read_as
+from markergen.options import check_progress, read_as
 from markergen.options.base import Progress
 from markergen.tables import Result, Table, data_frame, number
 from markergen.validation import fail_if, tables, view_tables
 from markergen.validation.bounds import budget_of
-from markergen.validation.figures import figure_bytes, new_figure
+from markergen.validation.figures import axes_of, figure_bytes, new_figure
 from markergen.validation.pictures import Picture, remove_earlier
 from markergen.validation.pictures import pictures as taken
 from markergen.validation.proof import to_json
@@ -152,11 +152,13 @@ class Validation(Result):
         Raises
         ------
         InputError
-            If a suffix is unknown, or there are no views to take pictures of.
+            If nothing is named, a suffix is unknown, or there are no views to take pictures of.
         OutputError
             If a file cannot be written; nothing was changed.
         """
+        check_progress(progress)
         targets = Targets.of(paths, json, report, pictures)
+        check_some([*targets.files, *([pictures] if pictures is not None else [])])
         targets.check(self.shoot.count)
         return self.write(targets, progress)
 
@@ -213,7 +215,7 @@ class Validation(Result):
         """
         from markergen.validation.report.errors_plot import errors_over
 
-        ax = new_figure().add_subplot() if ax is None else ax
+        ax = axes_of(ax)
         measured = {name: _rotation(row["by_polar_angle"]) for name, row in self.estimators.items()}
         if self.views and not measured:
             groups = self.views["by_polar_angle"]
@@ -307,7 +309,7 @@ class Targets:
         InputError
             If one is no path, or its suffix is unknown.
         """
-        files = [*sorted_by_suffix(read_as("files", paths, "a file to save"), KINDS)]
+        files = [*sorted_by_suffix(read_as("files", paths, "save") or (), KINDS)]
         for kind, path in (("json", read_as("file", json, "json")), ("report", read_as("file", report, "report"))):
             files += [(kind, path)] if path is not None else []
         for kind, path in files:

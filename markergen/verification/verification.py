@@ -5,7 +5,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
-from markergen.files import Written, check_outputs, sorted_by_suffix, write_all
+from markergen.files import Written, check_outputs, check_some, sorted_by_suffix, write_all
 from markergen.options import read_as
 from markergen.tables import Result, Table, data_frame
 from markergen.verification.check import Check, to_json
@@ -78,11 +78,13 @@ class Verification(Result, Sequence[Check]):
         Raises
         ------
         InputError
-            If a suffix is unknown.
+            If no file is named, or a suffix is unknown.
         OutputError
             If a file cannot be written; nothing was changed.
         """
-        return self.write(targets_of(paths, json))
+        targets = targets_of(paths, json)
+        check_some(targets)
+        return self.write(targets)
 
     def write(self, targets: Sequence[Path]) -> list[Written]:
         """Write what `targets_of` returned, see `save`."""
@@ -139,7 +141,7 @@ def targets_of(paths: object = (), json: object = None, inputs: Sequence[Path] =
     OutputError
         If a file cannot be written, is asked for twice, or is one of the inputs.
     """
-    files = [path for _, path in sorted_by_suffix(read_as("files", paths, "a file to save"), {".json": "json"})]
+    files = [path for _, path in sorted_by_suffix(read_as("files", paths, "save") or (), {".json": "json"})]
     path = read_as("file", json, "json")
     files += [path] if path is not None else []
     check_outputs(files, inputs)

@@ -1,4 +1,5 @@
 import doctest
+import io
 import json
 import pickle
 import sys
@@ -45,6 +46,11 @@ def test_one_alone_meets_one_of_each(pentagon, monkeypatch):
     names = list(compare(pentagon, **{**FEW, "views": 1}).contestants)
     assert names[0] == "marker"
     assert {"square", "aruco:DICT_4X4_50"} <= set(names)
+
+
+def test_an_open_file_is_a_contestant(pentagon):
+    names = list(compare(io.StringIO(to_json(pentagon).decode()), "square", **FEW).contestants)
+    assert names == ["marker", "square"]
 
 
 def test_files_and_their_bytes(found, pentagon, tmp_path):

@@ -68,6 +68,16 @@ def test_objects_paths_and_texts_are_the_same(tmp_path, quick):
         assert design(**{**QUICK, **more}).marker == quick.marker
 
 
+def test_a_camera_may_be_whatever_is_loaded(quick):
+    ours = {"width": 640, "height": 480, "fx": 800.0, "fy": 800.0, "cx": 320.0, "cy": 240.0}
+    matrix = [[800, 0, 320], [0, 800, 240], [0, 0, 1]]
+    theirs = {
+        "image_width": 640, "image_height": 480, "camera_matrix": matrix, "distortion_coefficients": [0, 0, 0, 0, 0],
+    }  # fmt: skip
+    for camera in (ours, theirs, io.StringIO(json.dumps(ours))):
+        assert design(**QUICK, camera=camera).setting.camera.matrix.tolist() == matrix
+
+
 def test_it_is_the_engines_design(quick):
     spec = Spec(n=4, boundary=Circle(0.1), dot=0.02, restarts=2, poses="cone:count=30")
     assert quick.marker == find(spec).marker
@@ -132,6 +142,9 @@ def test_a_template_gives_way_to_what_is_given(tmp_path):
         ({"template": "none-such"}, "a known template"),
         ({"n": 3}, "at least 4 control points"),
         ({"trace": "t.txt"}, "a trace in one of"),
+        ({"output": "marker"}, "a known output suffix, found none in 'marker'; known: .3mf"),
+        ({"output": ["m.svg", "m.svg"]}, "each output path once, found m.svg twice; give each another name"),
+        ({"progress": "yes"}, "a function for progress, found 'yes'"),
     ],
 )
 def test_bad_wishes(options, words, tmp_path, monkeypatch):
@@ -153,6 +166,30 @@ def test_what_cannot_be_written_is_told_before_the_search(tmp_path):
     camera.write_text(json.dumps(Camera(640, 480, 800, 800, 320, 240).as_dict()))
     with pytest.raises(OutputError, match="one of the inputs"):
         design(**QUICK, camera=camera, output=tmp_path / "m.svg", progress=never)
+
+
+@pytest.mark.parametrize(
+    ("line", "low"),
+    [
+        ('boundary = "plate.dxf"', -200),
+        ('outline = "plate.dxf"', -200),
+        ('keep_out = "plate.dxf"', 100),
+        ('keep_out = ["plate.dxf#0"]', 100),
+    ],
+)
+def test_a_drawing_that_a_template_names_is_not_written_over(line, low, tmp_path, monkeypatch):
+    import ezdxf
+
+    monkeypatch.chdir(tmp_path)
+    drawing = ezdxf.new()
+    drawing.modelspace().add_lwpolyline([(low, low), (200, low), (200, 200), (low, 200)], close=True)
+    drawing.header["$INSUNITS"] = 4
+    drawing.saveas("plate.dxf")
+    before = Path("plate.dxf").read_bytes()
+    Path("my.toml").write_text(line)
+    with pytest.raises(OutputError, match="one of the inputs"):
+        design(template="my.toml", output="plate.dxf")
+    assert Path("plate.dxf").read_bytes() == before
 
 
 def test_nothing_is_printed_and_the_log_is_silent_until_asked(capsys, caplog):

@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 
 from markergen.api.study import study
@@ -30,6 +31,15 @@ def test_a_sweep_of_a_dictionary_as_a_frame(tmp_path):
     assert [path.name for path in again] == [path.name for path in found]
 
 
+def test_the_log_tells_of_begin_and_end(tmp_path, caplog, capsys):
+    with caplog.at_level("INFO", "markergen"):
+        study(SWEEP, tmp_path / "s", workers=1, runs=0)
+    said = [record.getMessage() for record in caplog.records if record.name == "markergen.api.study"]
+    assert said[0] == f"studying, in {tmp_path / 's'}"
+    assert said[-1].startswith("studied: ")
+    assert capsys.readouterr() == ("", "")
+
+
 @pytest.mark.parametrize(
     ("what", "options", "words"),
     [
@@ -37,6 +47,8 @@ def test_a_sweep_of_a_dictionary_as_a_frame(tmp_path):
         ("none-such", {}, "known: paper, layouts"),
         (SWEEP, {"scale": 0.1}, "--scale with the study paper"),
         (SWEEP, {"workers": 0}, "1 to 256 workers"),
+        (SWEEP, {"progress": 1}, "a function for progress, found 1"),
+        (np.array([1, 2]), {}, "a path, found array([1, 2])"),
         (SWEEP, {"wrokers": 1}, "did you mean 'workers'?"),
         ({"grid": {"m": [1]}}, {}, "grid.m"),
     ],

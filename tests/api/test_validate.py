@@ -108,6 +108,7 @@ def test_numbers_of_numpy_and_lengths_are_read(pentagon, bounds):
         ((...,), {"save": "r.pdf"}, ".html"),
         ((...,), {"save": 3}, "a path"),
         ((...,), {"report": "r.json"}, ".html"),
+        ((...,), {"progress": 3}, "a function for progress, found 3"),
         ((...,), {"json": 3}, "a path for json"),
         ((...,), {"camera_covariance": "none.txt"}, "none.txt"),
     ],
@@ -120,6 +121,13 @@ def test_bad_input_is_our_own_error_in_one_line(arguments, options, said, pentag
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_saving_nothing_is_refused_and_none_asks_for_nothing(proved, pentagon):
+    assert not validate(pentagon, **{**FAST, "save": None}).written
+    for nothing in ((), (None,)):
+        with pytest.raises(InputError, match=r"a path"):
+            proved.found.save(*nothing)
 
 
 def test_what_cannot_be_written_is_told_before_the_work(pentagon, tmp_path, monkeypatch):

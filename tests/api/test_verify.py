@@ -91,6 +91,12 @@ def test_what_cannot_be_written_is_told_before_the_work(here, monkeypatch):
             verify("marker.json", "marker.svg", json=path)
 
 
+def test_saving_nothing_is_refused_and_none_asks_for_nothing(here):
+    found = verify("marker.json", "marker.svg", save=None)
+    with pytest.raises(InputError, match="a path to write to, found none"):
+        found.save()
+
+
 def test_files(here, marker):
     found = verify(marker, "marker.svg", "other.svg", save="found.json", json="plain")
     assert [str(each) for each in found.written] == ["wrote found.json", "wrote plain"]

@@ -278,6 +278,7 @@ def test_a_camera_comes_from_a_file(pentagon, frame, tmp_path):
         (["pentagon", CAMERA], {"camera_covariance": -np.eye(4)}, "variances from 0"),
         (["pentagon", CAMERA], {"refine": "magic"}, "none or photometric"),
         (["pentagon", CAMERA], {"copies": 0}, "copies=0"),
+        ([np.array(3)], {}, "found ndarray array(3)"),
         (["pentagon", CAMERA], {"copies": "two"}, "copies='two'"),
     ],
 )

@@ -372,6 +372,8 @@ def test_nothing_is_nearer_to_the_edge_than_the_margin(make_ngon, check_page, ma
 def test_margins_that_leave_nothing(make_ngon):
     with pytest.raises(InputError, match=r"leaves 70 x 70 mm of A5 \(148 x 210 mm\), found 50 mm; give a smaller"):
         pages_for([make_ngon(5, 0.02, 0.005)], SheetOptions("A5", margin=0.05))
+    with pytest.raises(InputError, match=r"expected an overlap from 0, found overlap=-0\.01"):
+        SheetOptions(overlap=-0.01)
     with pytest.raises(InputError, match=r"a margin from 0, found margin=-0\.01"):
         SheetOptions(margin=-0.01)
     with pytest.raises(InputError, match="portrait or landscape, found 'sideways'"):

@@ -49,6 +49,11 @@ def test_a_marker_is_loaded_from_whatever_holds_it(pentagon, tmp_path):
     assert loaded == pentagon
 
 
+class Unreadable(io.StringIO):
+    def read(self, *_):
+        raise io.UnsupportedOperation("not readable")
+
+
 class Broken(io.RawIOBase):
     def read(self, *_):
         raise OSError(5, "Input/output error")
@@ -71,8 +76,9 @@ def closed():
         (Marker, "found type <class"),
         ("no/such.json", "a readable marker.json at no/such.json, found No such file"),
         ("a\0b", "embedded null byte"),
-        ("x" * 5000, "File name too long"),
-        ("", "directory"),
+        ("x" * 5000, "at 'xxxxxxxxxxxx...xxxxxxxxxxxxx', found File name too long"),
+        ("", "at '', found Is a directory"),
+        (Unreadable(), "a readable marker.json at the open file, found not readable; open it for reading"),
         (closed(), "a readable marker.json at the open file, found I/O operation on closed file"),
         (Broken(), "a readable marker.json at the open file, found Input/output error"),
         (io.BytesIO(b"\xff\xfe"), "bytes that are not UTF-8 text"),
@@ -90,6 +96,13 @@ def test_what_is_no_marker_is_one_line(source, words):
     message = str(caught.value)
     assert words in message
     assert "\n" not in message
+
+
+def test_markers_may_be_kept_in_sets(pentagon, tmp_path):
+    pentagon.save(tmp_path / "m.json")
+    again = Marker.load(tmp_path / "m.json")
+    assert len({Marker.load(tmp_path / "m.json"), again}) == 1
+    assert {again: "kept"}[again] == "kept"
 
 
 def test_a_dict_that_holds_itself_is_refused():

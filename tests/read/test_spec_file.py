@@ -32,6 +32,12 @@ def test_the_papers_template_is_the_default():
     assert spec_from_mapping(read_template("paper-disk")) == Spec()
 
 
+def test_a_byte_order_mark_is_no_part_of_a_template(tmp_path):
+    path = tmp_path / "my.toml"
+    path.write_bytes(b"\xef\xbb\xbfn = 4\r\n")
+    assert read_template(str(path)) == {"n": 4}
+
+
 def test_what_a_marker_carries_gives_its_spec_back():
     spec = Spec(n=7, boundary=Circle(0.2), dot=0.02, objective="condition", coordinates="metric", poses="paper-roll")
     assert spec_from_mapping(spec.as_dict()) == spec

@@ -104,6 +104,40 @@ def test_an_interrupt_between_chunks_ends_the_workers_at_once():
     assert not multiprocessing.active_children()
 
 
+def run_file(path, text):
+    path.write_text(text)
+    return subprocess.run(
+        [sys.executable, str(path)],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+
+
+def test_a_script_needs_no_guard_and_runs_once(tmp_path):
+    script = (
+        'print("runs")\n'
+        "import math\n"
+        "from markergen.validation.pool import map_chunks\n"
+        "print(map_chunks(math.factorial, [3, 4], 2, lambda _: None), __spec__, __file__)\n"
+    )
+    ran = run_file(tmp_path / "script.py", script)
+    assert (ran.stdout, ran.stderr) == (f"runs\n[6, 24] None {tmp_path / 'script.py'}\n", "")
+
+
+def test_what_a_script_defines_reaches_the_workers(tmp_path):
+    script = (
+        "from markergen.validation.pool import map_chunks\n"
+        "def double(x):\n"
+        "    return 2 * x\n"
+        'if __name__ == "__main__":\n'
+        "    print(map_chunks(double, [3, 4], 2, lambda _: None))\n"
+    )
+    ran = run_file(tmp_path / "script.py", script)
+    assert (ran.stdout, ran.stderr) == ("[6, 8]\n", "")
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="process groups are POSIX")
 @pytest.mark.parametrize("killed", [False, True], ids=["Ctrl-C", "parent killed"])
 def test_nothing_is_left_behind(killed):

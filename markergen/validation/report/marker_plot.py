@@ -7,6 +7,7 @@ import numpy as np
 from markergen.model.boundary import Boundary
 from markergen.model.marker import ControlPoint, Marker
 from markergen.units import format_length
+from markergen.validation.figures import axes_of
 from markergen.validation.report.page import INK, MUTED
 
 if TYPE_CHECKING:
@@ -21,10 +22,9 @@ def draw_marker(marker: Marker, ax: "Axes | None" = None) -> "Axes":
 
     Without axes those of a new figure are drawn into, which no window belongs to.
     """
-    from matplotlib.figure import Figure
     from matplotlib.patches import Circle, PathPatch
 
-    ax = ax if ax is not None else Figure(figsize=(4.8, 4.8), layout="constrained").subplots()
+    ax = axes_of(ax, (4.8, 4.8))
     radius = 1e3 * marker.boundary.radius
     rim = 1e3 * np.concatenate(marker.boundary.outlines())
     plate = ax.add_patch(PathPatch(_path(marker.boundary), facecolor=_PAPER, edgecolor=INK, linewidth=1.0))
