@@ -45,7 +45,7 @@ def paths_of(values: Sequence[object], wanted: str) -> list[Path]:
     InputError
         If there is none, or one is anything else.
     """
-    if not values or None in values:
+    if not values or any(value is None for value in values):
         raise InputError(wanted, "none", 'give a path, such as "marker.pdf"')
     try:
         return list(read_as("files", values, wanted))
