@@ -10,6 +10,7 @@ import markergen as mg
 
 SWEEP = {
     "dot": "30mm",
+    "restarts": 4,
     "poses": "cone:distance=0.6..1.5m,tilt=0..60,count=60",
     "study": {"name": "How many dots, and how arranged", "runs": 20, "estimators": ["ippe", "lm"]},
     "grid": {"n": [4, 5, 6], "layout": ["designed", "random"], "noise": [0.2]},

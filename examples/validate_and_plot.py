@@ -12,7 +12,7 @@ import markergen as mg
 def main(path: Path, runs: int, views: int) -> None:
     """Design the default marker, validate it, print what comes out, and save the plot and the report."""
     marker = mg.design(n=5, radius="150mm").marker
-    validation = mg.validate(marker, runs=runs, views=views, print_sigma="0.1mm")
+    validation = mg.validate(marker, poses="cone:tilt=0..70,count=80", runs=runs, views=views)
     print(validation)
     print(f"no estimator can do better than {validation.bound['rotation_deg']:.3f} degrees RMS")
     validation.save(path, path.with_suffix(".html"))

@@ -58,7 +58,9 @@ def test_validate_and_plot(monkeypatch, capsys, tmp_path):
     run("validate_and_plot.py", tmp_path / "errors.png", "--runs", 5, "--views", 4, monkeypatch=monkeypatch)
     assert (tmp_path / "errors.png").read_bytes().startswith(b"\x89PNG")
     assert (tmp_path / "errors.html").is_file()
-    assert "no estimator can do better than 0.7" in capsys.readouterr().out
+    bound = float(capsys.readouterr().out.splitlines()[-1].split()[-3])
+    # Below that of the paper's poses, a fifth of 3.707 degrees, of which every fifth is frontal.
+    assert 0.2 < bound < 0.741
 
 
 def test_own_objective():
