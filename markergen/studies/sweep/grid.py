@@ -20,6 +20,7 @@ from markergen.read.outlines import read_room
 from markergen.read.spec_file import spec_from_mapping
 from markergen.read.templates import read_template, templates
 from markergen.studies.cells import canonical
+from markergen.studies.named import STUDIES
 from markergen.studies.sweep.feasible import Feasible
 
 LAYOUTS = ("designed", "ngon", "square", "random")
@@ -125,7 +126,7 @@ def read_sweep(name: str, runs: int | None = None) -> Sweep:
     """
     known = studies()
     if not name.endswith(".toml") and name not in known:
-        raise InputError("paper, a known study, or a .toml file", repr(name), f"known: {', '.join(['paper', *known])}")
+        raise InputError("paper, a known study, or a .toml file", repr(name), f"known: {', '.join([*STUDIES, *known])}")
     path = known.get(name, Path(name))
     return sweep_from_mapping(read_template(str(path)), path.stem, runs)
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from markergen.studies.paper.statistics import (
+from markergen_paper.statistics import (
     NOTHING,
     above,
     below,

@@ -3,7 +3,7 @@ import pytest
 
 from markergen.errors import InputError
 from markergen.model.poses import paper
-from markergen.studies.paper.options import (
+from markergen_paper.options import (
     BOUNDARY,
     CAMERAS,
     GROUPS,
