@@ -6,7 +6,7 @@ from math import acos, ceil, pi, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.drawing.scene import Disk, Line, Outline, Shape
+from markergen.drawing.scene import Disk, FilledPath, Line, Shape
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -116,7 +116,7 @@ def _edges(shape: Shape, per_mm: float) -> Array:
             return np.concatenate([_closed(ring) for ring in rings])
         case Line():
             return np.concatenate([_closed(ring) for ring in _stroke(shape)])
-        case Outline():
+        case FilledPath():
             return _flattened(shape, per_mm)
 
 
@@ -154,7 +154,7 @@ def _stroke(line: Line) -> list[Array]:
     return [left, right[::-1]] if closed else [np.concatenate([left, right[::-1]])]
 
 
-def _flattened(outline: Outline, per_mm: float) -> Array:
+def _flattened(outline: FilledPath, per_mm: float) -> Array:
     """Edges (m, 4) of a path with its curves cut into chords, every part of it closed."""
     straight: list[tuple[float, ...]] = []
     curves: dict[str, list[tuple[tuple[float, float], ...]]] = {"Q": [], "C": []}

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import markergen
 from markergen.drawing.colors import channels, is_grey
 from markergen.drawing.paper import Paper, find_paper
-from markergen.drawing.sheet import Sheet
+from markergen.drawing.scene import Sheet
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions, Output, one_page
 from markergen.exporters.coverage import Spans, spans
