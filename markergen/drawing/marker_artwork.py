@@ -30,8 +30,8 @@ from markergen.drawing.scene import (
 )
 from markergen.drawing.text import text
 from markergen.geometry.contour import flattened
+from markergen.geometry.outlines import walked
 from markergen.model.boundary import Boundary, Circle
-from markergen.model.outlines import walked
 
 Array = NDArray[np.float64]
 
