@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from markergen.maths.information import rotation_bound
 from markergen.objectives.pose import PoseObjective
+from markergen_paper.measurements import MEASURES
 from markergen_paper.options import (
     COORDINATES,
     NOISE_PX,
@@ -19,7 +20,12 @@ from markergen_paper.options import (
     poses_of,
 )
 from markergen_paper.results import (
-    SQUARE_LIKE, PaperResults, PoseLayouts, best_square_misfit, least_gap, square_misfit,
+    SQUARE_LIKE,
+    PaperResults,
+    PoseLayouts,
+    best_square_misfit,
+    least_gap,
+    square_misfit,
 )
 from markergen_paper.statistics import (
     LEVEL,
@@ -33,7 +39,6 @@ from markergen_paper.statistics import (
     row_means,
     within,
 )
-from markergen_paper.measurements import MEASURES
 
 Array = NDArray[np.float64]
 

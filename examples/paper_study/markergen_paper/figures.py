@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen_paper.experiments import FRONTAL
-from markergen_paper.results import PaperResults, histogram, typical_of
-from markergen_paper.options import BOUNDARY, CAMERAS, COORDINATES, NOISE_PX, poses_of
 from markergen.presentation.plots import INK, MUTED, SERIES, log_axis
+from markergen_paper.experiments import FRONTAL
+from markergen_paper.options import BOUNDARY, CAMERAS, COORDINATES, NOISE_PX, poses_of
+from markergen_paper.results import PaperResults, histogram, typical_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

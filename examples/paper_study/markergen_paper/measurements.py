@@ -8,17 +8,16 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+import markergen as mg
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.estimators.base import turned
-from markergen.maths.information import flip_separation
 from markergen.maths.dlt import condition, dlt_matrix, normalization
+from markergen.maths.information import flip_separation
 from markergen.maths.projection import from_pixels, project, to_camera
-import markergen as mg
 from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
 from markergen.objectives.homography import validation_grid
 from markergen.objectives.pose import PoseObjective
-from markergen_paper.options import BOUNDARY
 from markergen.validation.metrics import (
     FLIP_SEPARATION,
     flipped,
@@ -27,6 +26,7 @@ from markergen.validation.metrics import (
     translation_error_pct,
 )
 from markergen.validation.trials import LEAST_DEPTH
+from markergen_paper.options import BOUNDARY
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

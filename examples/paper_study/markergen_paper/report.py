@@ -248,7 +248,7 @@ def claims_page(findings: Findings, study: PaperResults) -> str:
     for claim, group in findings:
         lines += [f"## {claim.words}", "", claim.test, "", "| A written in | noise | verdict | measured |"]
         lines.append("|---|---|---|---|")
-        for row in _rows(group):
+        for row in _verdicts(group):
             lines.append(f"| {row['coordinates']} | {row['noise']} | **{row['verdict']}** | {row['measured']} |")
         lines.append("")
     return "\n".join([*lines, "Every single test, with its 99 % interval, is in claims.csv.", ""])
@@ -260,14 +260,14 @@ def index_page(
     """The page, the same bytes for the same results."""
     values = {
         "summary": _summary(study),
-        "claims": [{"words": claim.words, "test": claim.test, "rows": _rows(group)} for claim, group in findings],
+        "claims": [{"words": claim.words, "test": claim.test, "rows": _verdicts(group)} for claim, group in findings],
         "figures": [(name, caption) for name, (_, _, caption) in figures.items()],
         "tables": [*tables, "claims"],
     }
     return page_bytes(_PAGE, values)
 
 
-def _rows(group: Sequence[ClaimTest]) -> list[dict[str, str]]:
+def _verdicts(group: Sequence[ClaimTest]) -> list[dict[str, str]]:
     """A row for each coordinates and noise: the verdict, and the middle and the ends of what was measured."""
     rows = []
     for key in dict.fromkeys((finding.coordinates, finding.noise_px) for finding in group):

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-
 from markergen_paper.claims import CLAIMS, ClaimTest, verdict
 from markergen_paper.options import COORDINATES
 from markergen_paper.statistics import LEVEL, Judged

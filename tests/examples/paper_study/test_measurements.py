@@ -1,11 +1,19 @@
 import numpy as np
 import pytest
+from markergen_paper.measurements import (
+    ESTIMATORS_RELIEF,
+    MEASURES,
+    bound_ratios,
+    conditions,
+    layout_trials,
+    stack,
+    written,
+)
+from markergen_paper.options import COORDINATES, REGION, objective_for, poses_of
 
+from markergen.maths.dlt import dlt_matrix
 from markergen.model.camera import PAPER_CAMERA
 from markergen.objectives.criteria import regular_polygon
-from markergen.maths.dlt import dlt_matrix
-from markergen_paper.options import COORDINATES, REGION, objective_for, poses_of
-from markergen_paper.measurements import ESTIMATORS_RELIEF, MEASURES, bound_ratios, conditions, layout_trials, stack, written
 from markergen.validation.bounds import pose_bounds
 from markergen.validation.trials import Experiment, run_trials
 

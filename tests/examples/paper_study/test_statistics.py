@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-
 from markergen_paper.statistics import (
     NOTHING,
     above,

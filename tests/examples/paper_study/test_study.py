@@ -5,15 +5,15 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
-
-from markergen.errors import InputError
-from markergen.studies.engines import ENGINES, engine_for
 from markergen_paper import estimated_seconds, run_paper
 from markergen_paper import study as paper_study
 from markergen_paper.claims import CLAIMS
 from markergen_paper.options import COORDINATES, NOISE_PX, NUMBERS, OBJECTIVE_OF, PaperOptions
 from markergen_paper.report import rows_csv, tables_of
 from markergen_paper.study import cells_of, seconds_of
+
+from markergen.errors import InputError
+from markergen.studies.engines import ENGINES, engine_for
 
 
 @pytest.fixture(scope="module")
