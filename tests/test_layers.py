@@ -10,18 +10,17 @@ import pytest
 
 ROOT = Path(__file__).parent.parent / "markergen"
 ORDER = [
-    ("errors", "units", "registry", "files", "tables"), ("options",), ("geometry",), ("maths",), ("model",),
-    ("read",), ("objectives",), ("estimators",), ("optimize",), ("drawing",), ("solid",), ("exporters",), ("render",),
-    ("detect",), ("validation",), ("verification",), ("studies",), ("api",), ("cli", "__main__"),
+    ("errors", "units", "registry", "files", "pool"), ("options",), ("presentation",), ("geometry",), ("maths",),
+    ("model",), ("read",), ("objectives",), ("estimators",), ("optimize",), ("drawing",), ("solid",), ("exporters",),
+    ("render",), ("detect",), ("validation",), ("verification",), ("studies",), ("api",), ("cli", "__main__"),
 ]  # fmt: skip
 DOORS = {
     # A class is loaded by its own name, from what is read a layer above; imported when called, and nowhere else.
     ("model/camera.py", "Camera.load"): "read",
     ("model/camera.py", "Camera.from_message"): "read",
     ("model/camera.py", "Camera.from_cv2"): "read",
-    # A marker is saved and drawn by its own name, too.
+    # A marker is saved by its own name, too.
     ("model/marker.py", "Marker.save"): "api",
-    ("model/marker.py", "Marker.plot"): "validation",
 }
 """Methods that reach up, and to which layer."""
 LEVEL = {name: level for level, names in enumerate(ORDER) for name in names}

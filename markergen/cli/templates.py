@@ -16,8 +16,8 @@ def templates(
       markergen design --template my.toml -o marker.pdf
     """
     from markergen.cli.console import print_parts
+    from markergen.presentation.tables import Table
     from markergen.read.templates import read_template, template_text, templates
-    from markergen.tables import Table
 
     if name:
         print(template_text(name), end="")

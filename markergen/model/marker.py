@@ -367,7 +367,7 @@ class Marker:
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the marker to scale, in mm, into an axes of matplotlib or a new figure, and return the axes."""
-        from markergen.validation.report.marker_plot import draw_marker
+        from markergen.model.picture import draw_marker
 
         return draw_marker(self, ax)
 
