@@ -9,9 +9,9 @@ import shapely
 
 from markergen.drawing.colors import INVERTED
 from markergen.drawing.figure import Figure
-from markergen.drawing.scene import Disk, Line, bounds
-from markergen.drawing.sheet import SheetOptions, pages_for, sheet_for
-from markergen.drawing.transform import clipped
+from markergen.drawing.paper import SheetOptions
+from markergen.drawing.scene import Disk, Line, bounds, clipped
+from markergen.drawing.sheet_layout import pages_for, sheet_for
 from markergen.errors import InputError
 from markergen.exporters.pdf import write_pdf
 from markergen.model.tag import Tag
@@ -141,7 +141,7 @@ def test_a_dot_that_no_seam_can_miss_is_named_and_put_together_whole(make_marker
     assert any(re.search(r"A seam cuts dots? .*0", note) for note in sheets[0].notes)
     parts = []
     for sheet in sheets[1:]:
-        (dx, dy), (left, bottom, right, top) = sheet.origin_mm, sheet.trim_mm
+        (dx, dy), (left, bottom, right, top) = sheet.origins_mm[0], sheet.trim_mm
         for shape in sheet.scene["dots"]:
             if shape.name == "dot-0":
                 rings, ring = [], []
@@ -166,7 +166,7 @@ def test_a_dot_that_no_seam_can_miss_is_named_and_put_together_whole(make_marker
 def test_a_tag_is_one_with_the_dots(make_ngon):
     marker = replace(make_ngon(5, 0.15, 0.036), tag=Tag("aruco:DICT_4X4_50", 3, 0.06))
     sheets = pages_for([marker], SheetOptions("A4"))
-    tags = [(sheet.origin_mm, shape) for sheet in sheets[1:] for shape in sheet.scene["tag"]]
+    tags = [(sheet.origins_mm[0], shape) for sheet in sheets[1:] for shape in sheet.scene["tag"]]
     # No seam need run through it: it is whole on one tile.
     assert len(tags) == 1
     (x, y), shape = tags[0]

@@ -1,46 +1,44 @@
-"""What a fabrication sheet shows, as plain data in mm: the views of a solid, its sections, its parts and the words.
+"""What a fabrication drawing shows, as plain data in mm: views of a solid, its sections, its parts and the words.
 
-Nothing in here knows how solids are described; `markergen.solid.sections` tells what is seen and cut of one.
+Nothing in here knows how solids are described; `markergen.solid` tells what is seen and cut of one.
 """
 
 from dataclasses import dataclass
 
-from markergen.drawing.scene import Box, Point
-
-Ring = tuple[Point, ...]
-"""Closed polygon, without its first corner again at the end."""
+from markergen.drawing.scene import Box, Point, union
+from markergen.geometry import contour
+from markergen.geometry.contour import Contour
 
 
 @dataclass(frozen=True)
-class Face:
+class ViewFace:
     """What is seen or cut of one body; it hides what comes before it.
 
     Attributes
     ----------
-    rings : tuple of Ring
-        Its outlines, filled even-odd.
+    contours : tuple of Contour
+        Its outer contour, then the holes in it.
     material : {"light", "dark", ""}
         Empty: a hole that one sees through.
-    edges : tuple of Ring
+    edges : tuple of Contour
         Closed edges in it.
     fine : bool
         Whether its outlines are drawn fine: letters that are engraved.
     """
 
-    rings: tuple[Ring, ...]
+    contours: tuple[Contour, ...]
     material: str
-    edges: tuple[Ring, ...] = ()
+    edges: tuple[Contour, ...] = ()
     fine: bool = False
 
     @property
     def box(self) -> Box:
         """Left, lower, right and upper end."""
-        xs, ys = zip(*(point for ring in self.rings for point in ring), strict=True)
-        return min(xs), min(ys), max(xs), max(ys)
+        return union(*(contour.box(each) for each in self.contours))
 
 
 @dataclass(frozen=True)
-class Span:
+class Dimension:
     """A dimension between two places along one direction, with what is written on it."""
 
     start: float
@@ -67,31 +65,31 @@ class Callout:
 
 
 @dataclass(frozen=True)
-class Section:
+class SectionView:
     """A cut through the solid, across and up.
 
     Attributes
     ----------
     title : str
-    faces : tuple of Face
+    faces : tuple of ViewFace
         In (along the cut, z), clipped to the box.
     box : (left, bottom, right, top)
-    across, upright : tuple of Span
+    across, upright : tuple of Dimension
         Dimensions, the shortest first; those upright are measured along z.
     axes : tuple of float
         Where along the cut the axes of round features are.
     """
 
     title: str
-    faces: tuple[Face, ...]
+    faces: tuple[ViewFace, ...]
     box: Box
-    across: tuple[Span, ...]
-    upright: tuple[Span, ...]
+    across: tuple[Dimension, ...]
+    upright: tuple[Dimension, ...]
     axes: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
-class Table:
+class DrawingTable:
     """Rows of words under headings; numbers stand with their last digits below each other."""
 
     title: str
@@ -102,7 +100,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Label:
+class DotLabel:
     """The number of a control point, at its dot; mm."""
 
     words: str
@@ -122,20 +120,20 @@ class Workpiece:
         The marker's name, and what it is in a few words.
     process, materials : str
         For the title block.
-    front, side : tuple of Face
+    front, side : tuple of ViewFace
         Seen from +z with y up, and from -y with z up; x is to the right in both.
-    back : tuple of Face
+    back : tuple of ViewFace
         Seen from -z with y up, so that x is to the left; empty if there is nothing to see.
     size : (width, height)
         Of the whole seen from the front.
     round : bool
         Whether the plate is a disk, whose size is a diameter.
-    labels : tuple of Label
+    labels : tuple of DotLabel
     callouts : tuple of Callout
-    heights : tuple of Span
+    heights : tuple of Dimension
         Dimensions of the side view along z.
-    sections : tuple of Section
-    tables : tuple of Table
+    sections : tuple of SectionView
+    tables : tuple of DrawingTable
     notes : tuple of str
         Paragraphs.
     """
@@ -144,25 +142,24 @@ class Workpiece:
     title: str
     process: str
     materials: str
-    front: tuple[Face, ...]
-    side: tuple[Face, ...]
-    back: tuple[Face, ...]
+    front: tuple[ViewFace, ...]
+    side: tuple[ViewFace, ...]
+    back: tuple[ViewFace, ...]
     size: Point
     round: bool
-    labels: tuple[Label, ...]
+    labels: tuple[DotLabel, ...]
     callouts: tuple[Callout, ...]
-    heights: tuple[Span, ...]
-    sections: tuple[Section, ...]
-    tables: tuple[Table, ...]
+    heights: tuple[Dimension, ...]
+    sections: tuple[SectionView, ...]
+    tables: tuple[DrawingTable, ...]
     notes: tuple[str, ...]
 
 
-def around(faces: tuple[Face, ...]) -> Box:
+def around(faces: tuple[ViewFace, ...]) -> Box:
     """Box around faces, of which there is one at least."""
-    boxes = [face.box for face in faces]
-    return (
-        min(box[0] for box in boxes),
-        min(box[1] for box in boxes),
-        max(box[2] for box in boxes),
-        max(box[3] for box in boxes),
-    )
+    return union(*(face.box for face in faces))
+
+
+def millimeters(value: float) -> str:
+    """Length in mm as it is written on a drawing: whole microns, no zeros behind."""
+    return f"{round(value, 3) + 0.0:.3f}".rstrip("0").rstrip(".")

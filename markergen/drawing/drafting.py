@@ -2,13 +2,26 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import cos, hypot, pi, sin, sqrt
 
-from markergen.drawing.furniture import GRAY
-from markergen.drawing.scene import BLACK, WHITE, Box, Line, Outline, Point, Segment, Shape, bounds
+from markergen.drawing.fabrication_drawing import ViewFace
+from markergen.drawing.scene import (
+    BLACK,
+    GRAY,
+    WHITE,
+    Box,
+    FilledPath,
+    Line,
+    Point,
+    Shape,
+    bounds,
+    polygon,
+    rectangle,
+    turned,
+)
 from markergen.drawing.text import text, text_width
-from markergen.drawing.transform import polygon, rectangle, turned
-from markergen.drawing.workshop import Face, Ring
+from markergen.geometry.contour import Contour, flattened
 
 THICK, THIN = 0.4, 0.18
 """Widths in mm of edges that are seen, and of all that explains them (ISO 128)."""
@@ -18,6 +31,9 @@ DARK = "#b9b9b9"
 
 CLOSE = 6.0
 """Distance in mm between dimension lines, on A4."""
+
+SMOOTH = 2e-3
+"""How far in mm on paper a drawn line may lie off an arc."""
 
 WORDS = "words"
 """Name of text that needs none of its own: what has a name goes into the layer of texts."""
@@ -49,7 +65,7 @@ class Style:
 
 
 @dataclass(frozen=True)
-class View:
+class DrawingView:
     """Where on the paper a view is, and how large: (0, 0) of the view at (x, y), lengths times `scale`."""
 
     x: float
@@ -60,47 +76,59 @@ class View:
         """Place on paper of a point of the view."""
         return self.x + self.scale * point[0], self.y + self.scale * point[1]
 
+    def trace(self, contour: Contour) -> list[Point]:
+        """Corners on paper of a polygon for a contour, whose arcs it follows within `SMOOTH`."""
+        return [self.at(point) for point in flattened(contour, SMOOTH / self.scale)]
+
     def box(self, box: Box) -> Box:
         """Place on paper of a box of the view."""
         return *self.at(box[:2]), *self.at(box[2:])
 
 
-def drawn(face: Face, view: View, hatched: bool = False, style: Style | None = None) -> list[Shape]:
-    """Face with its outline and edges; one that is cut is hatched."""
+def drawn(face: ViewFace, view: DrawingView, hatched: bool = False, style: Style | None = None) -> list[Shape]:
+    """Draw a face with its outline and edges; one that is cut is hatched instead."""
     fill = DARK if face.material == "dark" else WHITE
-    segments: list[Segment] = []
-    for ring in face.rings:
-        segments += polygon(_oriented([view.at(point) for point in ring], not segments), "", fill).segments
-    shapes: list[Shape] = [Outline(tuple(segments), "", fill)]
+    rings = [view.trace(contour) for contour in face.contours]
+    # Filled by the nonzero rule: what lies in an odd number of others is a hole, and runs clockwise.
+    filled = (
+        _directed(ring, sum(inside(ring[0], other) for other in rings if other is not ring) % 2 == 0) for ring in rings
+    )
+    shapes: list[Shape] = [FilledPath(tuple(s for ring in filled for s in polygon(ring, "", fill).segments), "", fill)]
     if hatched:
-        shapes += hatching(face, view, style or Style())
-        return shapes
-    shapes += [outline(ring, view, THIN / 2 if face.fine else THICK) for ring in face.rings]
-    return shapes + [outline(ring, view, THIN) for ring in face.edges]
+        return shapes + hatching(face, view, style or Style())
+    width = THIN / 2 if face.fine else THICK
+    shapes += [Line((*ring, ring[0]), width) for ring in rings]
+    return shapes + [Line((*edge, edge[0]), THIN) for edge in map(view.trace, face.edges)]
 
 
-def outline(ring: Ring, view: View, width: float) -> Line:
-    """Closed line along a ring."""
-    points = [view.at(point) for point in ring]
-    return Line((*points, points[0]), width)
+def inside(point: Point, ring: Sequence[Point]) -> bool:
+    """Tell whether a point lies in a ring, by the number of times that a ray from it crosses the ring."""
+    x, y = point
+    within = False
+    for (ax, ay), (bx, by) in pairwise((*ring, ring[0])):
+        if (ay > y) != (by > y) and x < ax + (y - ay) * (bx - ax) / (by - ay):
+            within = not within
+    return within
 
 
-def cut_edges(face: Face, view: View, box: Box) -> list[Shape]:
+def cut_edges(face: ViewFace, view: DrawingView, box: Box) -> list[Shape]:
     """Edges of a face that is cut, fine where the view ends (left and right of the box) and the solid goes on."""
     shapes: list[Shape] = []
-    for ring in face.rings:
-        for a, b in zip(ring, (*ring[1:], ring[0]), strict=True):
-            ends = any(abs(a[0] - side) < 1e-6 and abs(b[0] - side) < 1e-6 for side in (box[0], box[2]))
-            shapes.append(Line((view.at(a), view.at(b)), THIN / 2 if ends else THICK))
+    ends = [view.at((side, 0.0))[0] for side in (box[0], box[2])]
+    for contour in face.contours:
+        ring = view.trace(contour)
+        for a, b in pairwise((*ring, ring[0])):
+            cut_off = any(abs(a[0] - end) < 1e-6 and abs(b[0] - end) < 1e-6 for end in ends)
+            shapes.append(Line((a, b), THIN / 2 if cut_off else THICK))
     return shapes
 
 
-def hatching(face: Face, view: View, style: Style) -> list[Shape]:
+def hatching(face: ViewFace, view: DrawingView, style: Style) -> list[Shape]:
     """Parallel lines at 45 degrees in a face: rising in what is light, falling and closer in what is dark."""
     import shapely
 
     sign, gap = (-1.0, 1.1 * style.scale) if face.material == "dark" else (1.0, 2.0 * style.scale)
-    rings = [[view.at(point) for point in ring] for ring in face.rings]
+    rings = [view.trace(contour) for contour in face.contours]
     region = shapely.make_valid(shapely.Polygon(rings[0], rings[1:]))
     left, bottom, right, top = shapely.bounds(region)
     if not (right - left > 0 and top - bottom > 0):
@@ -154,7 +182,7 @@ def center_circle(x: float, y: float, radius: float, style: Style) -> list[Shape
     return shapes
 
 
-def arrow(tip: Point, direction: Point, style: Style) -> Outline:
+def arrow(tip: Point, direction: Point, style: Style) -> FilledPath:
     """Head of an arrow that points in a direction."""
     length = hypot(*direction)
     ux, uy = direction[0] / length, direction[1] / length
@@ -209,7 +237,7 @@ def upright(
     return shapes
 
 
-def on_white(words: Outline, color: str = WHITE) -> list[Shape]:
+def on_white(words: FilledPath, color: str = WHITE) -> list[Shape]:
     """Words on a ground of their own, so that no line runs through them."""
     left, bottom, right, top = bounds(words)
     return [rectangle((left - 0.3, bottom - 0.25, right + 0.3, top + 0.25), "", color), words]
@@ -256,7 +284,6 @@ def _extension(start: Point, end: Point, style: Style) -> list[Shape]:
     return [Line(((start[0] + off * ux, start[1] + off * uy), (end[0] + beyond * ux, end[1] + beyond * uy)), THIN)]
 
 
-def _oriented(points: Sequence[Point], counterclockwise: bool) -> list[Point]:
-    """Points so that the nonzero rule fills what is in the first ring and not in the others."""
-    area = sum(x * v - u * y for (x, y), (u, v) in zip(points, (*points[1:], points[0]), strict=True))
+def _directed(points: Sequence[Point], counterclockwise: bool) -> list[Point]:
+    area = sum(x * v - u * y for (x, y), (u, v) in pairwise((*points, points[0])))
     return list(points) if (area > 0) == counterclockwise else list(points)[::-1]

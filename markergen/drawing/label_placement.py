@@ -1,10 +1,11 @@
-"""Where the numbers of the dots go: outside every quiet zone, clear of each other and of all other ink."""
+"""Where the number of a dot goes on a sheet: outside every quiet zone, clear of other numbers and of all other ink."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.drawing.figure import quiet_radius
 from markergen.drawing.scene import Box, Disk
 from markergen.drawing.text import text_width
 
@@ -12,11 +13,6 @@ Array = NDArray[np.float64]
 
 ANGLES = np.deg2rad([0, *(sign * step for step in range(10, 180, 10) for sign in (1, -1)), 180])
 """Directions from a dot that are tried for its number, the outward one first."""
-
-
-def quiet_radius(disk: Disk) -> float:
-    """Radius in mm around a dot's center that nothing else may enter: the dot and a ring half its diameter wide."""
-    return 2 * disk.radius
 
 
 def place_numbers(

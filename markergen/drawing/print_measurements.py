@@ -1,13 +1,16 @@
-"""Rulers along x and y, and where a sheet has room for them."""
+"""What to measure on a print: rulers, where a sheet has room for them, and pairs of dots that lie far apart."""
 
 from collections.abc import Iterable, Sequence
-from math import sqrt
+from dataclasses import dataclass
+from math import hypot, sqrt
 
-from markergen.drawing.furniture import FINE, Drawn, ink_points
-from markergen.drawing.numbers import quiet_radius
-from markergen.drawing.scene import Box, Disk, Line, Point, Shape, bounds
+import numpy as np
+
+from markergen.drawing.annotations import Column, Drawn
+from markergen.drawing.figure import quiet_radius
+from markergen.drawing.scene import FINE, Box, Disk, Line, Point, Shape, bounds, ink_points, moved, turned
 from markergen.drawing.text import text
-from markergen.drawing.transform import shifted, turned
+from markergen.model.marker import ControlPoint, Marker
 
 LENGTHS = (200, 150, 100, 50, 20)
 """Of rulers in mm, the best first."""
@@ -22,6 +25,15 @@ LONG, SHORT, DIGITS = 3.2, 1.8, 1.5
 """Heights of ticks and numbers, mm on A4."""
 
 Span = tuple[float, float]
+
+LEAST = 10.0
+"""Of a length worth measuring, mm."""
+
+SHOWN = (0.993, 0.9955)
+"""Of a ruler: what the example of a command measures."""
+
+USUAL = 200
+"""Length of rulers in mm that `markergen rescale` takes for granted."""
 
 
 def ruler(
@@ -63,11 +75,11 @@ def ruler(
             texts.append(text(words, x - 0.7 * scale, y + near, height, "right", name=f"{name}-number-{mm}"))
         else:
             upright = text(words, x - 0.7 * scale, y, height, "right", name=f"{name}-number-{mm}")
-            texts.append(shifted(turned(upright, x, y), near + height, 0.0))
+            texts.append(moved(turned(upright, x, y), near + height, 0.0))
     return marks, texts
 
 
-def placed(
+def place_ruler(
     strips: Sequence[tuple[Box, int]],
     axis: int,
     scale: float,
@@ -93,7 +105,7 @@ def placed(
     name : str
     """
     dots, others = list(disks), list(shapes)
-    free = [(strip, inward, _free(strip, axis, dots, others, AIR * scale)) for strip, inward in strips]
+    free = [(strip, inward, _free_spans(strip, axis, dots, others, AIR * scale)) for strip, inward in strips]
     for length in LENGTHS:
         for strip, inward, spans in free:
             for low, high in spans:
@@ -105,7 +117,7 @@ def placed(
     return 0, ([], [])
 
 
-def _free(strip: Box, axis: int, disks: Sequence[Disk], shapes: Sequence[Shape], air: float) -> list[Span]:
+def _free_spans(strip: Box, axis: int, disks: Sequence[Disk], shapes: Sequence[Shape], air: float) -> list[Span]:
     """Spans along a strip that nothing blocks."""
     low, high = strip[1 - axis], strip[3 - axis]
     blocked: list[Span] = []
@@ -130,3 +142,71 @@ def _free(strip: Box, axis: int, disks: Sequence[Disk], shapes: Sequence[Shape],
             spans.append((place, min(begin, strip[axis + 2])))
         place = max(place, end)
     return spans
+
+
+def remedy_words(rulers: tuple[int, int]) -> tuple[str, str]:
+    """What to do if a sheet whose rulers are to measure these lengths in mm is not true, in words and as a command."""
+    options = ""
+    for name, length, share in zip("xy", rulers, SHOWN, strict=True):
+        if length:
+            nominal = f" --nominal-{name} {length}mm" if length != USUAL else ""
+            options += f" --measured-{name} {length * share:.1f}mm{nominal}"
+    return (
+        "If a length is off: print again at 100 % (actual size, not fitted to the page). Or keep the print, measure "
+        "both rulers and run, for instance:",
+        f"markergen rescale marker.json{options} -o corrected.json",
+    )
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two dots to measure between, mm: from center to center, and over their outer edges, which calipers can hold."""
+
+    first: int
+    second: int
+    between: float
+    over: float
+
+    def __str__(self) -> str:
+        return f"dots {self.first} and {self.second}: {self.between:.1f} mm ({self.over:.1f} mm over the outer edges)"
+
+
+def far_pair(points: Sequence[ControlPoint], axis: int, seam: float | None = None) -> Pair | None:
+    """Pair that lies farthest apart along x (axis 0) or y (1) and more along it than across; None if there is none.
+
+    With a seam, a coordinate on that axis in m, the two lie on either side of it.
+    """
+    if len(points) < 2:
+        return None
+    xy = np.array([[point.x, point.y] for point in points])
+    away = np.abs(xy[:, None] - xy)
+    along, across = away[..., axis], away[..., 1 - axis]
+    # A pair that lies obliquely says less about one axis. Rounded, so that equal pairs go by their numbers.
+    score = np.where((along >= across) & (along * 1e3 >= LEAST), np.round(along - 0.5 * across, 9), -np.inf)
+    if seam is not None:
+        side = xy[:, axis] > seam
+        score[side[:, None] == side] = -np.inf
+    i, j = divmod(int(np.argmax(score)), len(points))
+    if not np.isfinite(score[i, j]):
+        return None
+    first, second = points[i], points[j]
+    between = 1e3 * hypot(first.x - second.x, first.y - second.y)
+    over = between + 500 * (first.feature.diameter + second.feature.diameter)
+    return Pair(first.id, second.id, between, over)
+
+
+def measured_columns(marker: Marker, rulers: tuple[int, int], where: str = "") -> list[Column]:
+    """Facts to check a sheet by: a pair of dots along either axis, and the rulers."""
+    facts: list[Column] = []
+    for axis, name in enumerate("xy"):
+        pair = far_pair(marker.control_points, axis)
+        if pair:
+            heading = f"along {name}: dots {pair.first} and {pair.second}{where}"
+            lines = (f"{pair.between:.1f} mm between centers", f"{pair.over:.1f} mm over outer edges")
+            facts.append((name, heading, lines, "regular"))
+    return [*facts, ("rulers", "rulers", (ruler_words(rulers), "to be true to 0.1 mm"), "regular")]
+
+
+def ruler_words(rulers: tuple[int, int]) -> str:
+    """``x 200 mm, y 150 mm``."""
+    return ", ".join(f"{name} {length} mm" for name, length in zip("xy", rulers, strict=True) if length) or "none"

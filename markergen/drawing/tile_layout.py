@@ -1,21 +1,33 @@
-"""How a figure is divided into tiles: where seams and registration marks are, and what is printed on which page."""
+"""Where a figure larger than the paper is cut into tiles: along seams that cut no dot if possible."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from math import ceil, inf
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.drawing.face import ground_box
-from markergen.drawing.figure import Figure, union
-from markergen.drawing.furniture import TICK, Frame, ink_points
-from markergen.drawing.numbers import quiet_radius
-from markergen.drawing.scene import Box, Disk, Line, Point, bounds
-from markergen.drawing.seams import KERF, Cuts, Item, find_seams
+from markergen.drawing.figure import Figure, quiet_radius, size_words
+from markergen.drawing.marker_artwork import TICK, ground_box
+from markergen.drawing.paper import Frame, SheetOptions
+from markergen.drawing.scene import Box, Disk, Line, Point, bounds, ink_points, union
+from markergen.errors import InputError
 
 Array = NDArray[np.float64]
+
+KERF = 0.5
+"""Nearest in mm that a seam may come to a dot's edge: what scissors miss a line by."""
+
+STEP, MOST_PLACES = 0.5, 1000
+"""Between places that are tried for a seam, mm, and how many at most."""
+
+SHORTEST = 25.0
+"""Of a tile, mm."""
+
+CUT, EVEN = 1e3, 1e-3
+"""What a cut dot and an uneven tile weigh, against 1 for a seam that grazes a dot."""
 
 STRIP = 20.5
 """Height of the strip at the foot of a tile's page that tells what it is, mm on A4."""
@@ -31,6 +43,34 @@ CENTER = 15.0
 
 MARK_WIDTH = 0.2
 """Width of registration crosses in mm."""
+
+MOST_TILES = 100
+"""Of one marker; more, and nobody glues them together."""
+
+
+@dataclass(frozen=True)
+class Item:
+    """What should not be cut, along one axis: its middle, its half width without and with a quiet zone; mm.
+
+    A half width of -`KERF` is for what may be cut, but should not be near a seam.
+    """
+
+    middle: float
+    half: float
+    quiet: float
+
+
+@dataclass(frozen=True)
+class Cuts:
+    """Seams along one axis from low to high, mm, and how many items lie on one."""
+
+    places: tuple[float, ...]
+    cut: int
+
+    @property
+    def tiles(self) -> int:
+        """Number of tiles along the axis."""
+        return len(self.places) + 1
 
 
 @dataclass(frozen=True)
@@ -124,7 +164,30 @@ class Tiling:
         return shifts[0], shifts[1]
 
 
-def tiling(figure: Figure, frame: Frame, overlap: float, grounded: bool) -> Tiling:
+def best_tiling(figure: Figure, options: SheetOptions, frames: Sequence[Frame]) -> Tiling:
+    """Divide a figure on the pages that give the fewest tiles, then those whose seams cut the fewest dots.
+
+    Raises
+    ------
+    InputError
+        If the overlap is too narrow for registration marks or wide for the paper, or there are over `MOST_TILES` tiles.
+    """
+    overlap = round(options.overlap * 1e3, 9)
+    least, most = 2 * LEAST_ARM + 1, min(frames[0].width, frames[0].top - frames[0].margin) / 4
+    if not least <= overlap <= most:
+        raise InputError(f"an overlap of {least:g} to {most:.0f} mm", f"{overlap:g} mm", "10 mm suits most paper")
+    tilings = [_tiling(figure, frame, overlap, options.colors.grounded) for frame in frames]
+    best = min(tilings, key=lambda each: (each.columns * each.rows, each.across.cut + each.upward.cut))
+    if best.columns * best.rows > MOST_TILES:
+        raise InputError(
+            f"a marker that at most {MOST_TILES} tiles hold",
+            f"{size_words(figure.marker.boundary)} on {best.frame.paper}: {best.columns} x {best.rows} tiles",
+            "use larger paper",
+        )
+    return best
+
+
+def _tiling(figure: Figure, frame: Frame, overlap: float, grounded: bool) -> Tiling:
     """Divide a figure into as few tiles as can be, with seams that no dot and no tag lies on if there are any."""
     scale, tick = frame.scale, TICK * frame.scale
     solid = [(dot.x - dot.radius, dot.y - dot.radius, dot.x + dot.radius, dot.y + dot.radius) for dot in figure.dots]
@@ -154,6 +217,63 @@ def _items(figure: Figure, axis: int) -> list[Item]:
         middle = (ink[axis] + ink[axis + 2]) / 2
         items.append(Item(middle, ink[axis + 2] - middle, figure.tag_zone[axis + 2] - middle))
     return items
+
+
+def find_seams(low: float, high: float, room: float, overlap: float, items: Sequence[Item]) -> Cuts:
+    """Seams for a drawing from `low` to `high` on pages with `room` for it; mm.
+
+    A tile needs half the overlap on each side that has a neighbor. As few tiles as can be, but one more if that saves
+    an item from being cut. Among all places for the seams those are taken that cut the fewest items, then keep the
+    farthest out of quiet zones, then make the tiles the most alike: found exactly, on a grid of places, by dynamic
+    programming.
+    """
+    extent = high - low
+    if extent <= room:
+        return Cuts((), 0)
+    # Two outer tiles of room - overlap / 2, and room - overlap for each between them.
+    least = 2 + max(ceil((extent - (2 * room - overlap)) / (room - overlap) - 1e-9), 0)
+    found = [_places(low, high, room, overlap, items, count) for count in (least, least + 1)]
+    return min(found, key=lambda cuts: cuts.cut)
+
+
+def _places(low: float, high: float, room: float, overlap: float, items: Sequence[Item], count: int) -> Cuts:
+    outer, inner = room - overlap / 2, room - overlap
+    step = max(STEP, (high - low) / MOST_PLACES)
+    grid = np.arange(low, high + step / 2, step)
+    middle, half, quiet = np.array([(item.middle, item.half, item.quiet) for item in items]).reshape(-1, 3).T
+    away = np.abs(grid[:, None] - middle)
+    hit = away < half + KERF
+    graze = np.clip((quiet - away) / np.maximum(quiet - half, 1e-9), 0, 1) ** 2
+    cost = CUT * hit.sum(axis=1) + np.where(hit, 0.0, graze).sum(axis=1)
+    best = np.where((grid <= low + outer) & (grid >= low + SHORTEST), cost, inf)
+    best += EVEN * ((grid - _even(low, high, 1, count)) / inner) ** 2
+    came: list[np.ndarray] = []
+    reach, gap = int(inner / step), ceil(SHORTEST / step)
+    for number in range(2, count):
+        back = np.zeros(len(grid), dtype=int)
+        here = np.full(len(grid), inf)
+        for place in range(gap, len(grid)):
+            first = max(place - reach, 0)
+            window = best[first : place - gap + 1]
+            if len(window):
+                back[place] = first + int(np.argmin(window))
+                here[place] = best[back[place]]
+        here += cost + EVEN * ((grid - _even(low, high, number, count)) / inner) ** 2
+        best = here
+        came.append(back)
+    best = np.where((grid >= high - outer) & (grid <= high - SHORTEST), best, inf)
+    place = int(np.argmin(best))
+    if not np.isfinite(best[place]):
+        # One tile more than needed may be too many for tiles of a sensible size.
+        return Cuts((), len(items) + 1)
+    chain = [place]
+    for back in reversed(came):
+        chain.append(int(back[chain[-1]]))
+    return Cuts(tuple(float(grid[index]) for index in reversed(chain)), int(hit[chain].sum()))
+
+
+def _even(low: float, high: float, number: int, count: int) -> float:
+    return low + number * (high - low) / count
 
 
 def cut_dots(tiles: Tiling, dots: Sequence[Disk]) -> list[Disk]:

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from markergen.drawing.colors import INVERTED, parse_colors
-from markergen.drawing.furniture import CENTROID_PULL, GRAY, Frame
-from markergen.drawing.paper import ISO, PAPERS
-from markergen.drawing.scene import WHITE, Disk, Line, Outline, bounds
-from markergen.drawing.sheet import Sheet, SheetOptions, check_paper, pages_for, sheet_for
+from markergen.drawing.marker_artwork import CENTROID_PULL
+from markergen.drawing.paper import ISO, PAPERS, Frame, SheetOptions
+from markergen.drawing.scene import GRAY, WHITE, Disk, FilledPath, Line, Sheet, bounds
+from markergen.drawing.sheet_layout import check_paper, pages_for, sheet_for
 from markergen.drawing.text import text, text_width
 from markergen.errors import InputError
 from markergen.model.boundary import Circle, polygon_from
@@ -40,7 +40,7 @@ def along(line: Line) -> np.ndarray:
 def check_sheet(marker: Marker, sheet: Sheet) -> None:
     """Dots in place and whole, quiet zones blank and on the paper, the margin white, numbers apart from all ink."""
     dots = sheet.scene["dots"]
-    expected = marker.xyz[:, :2] * 1e3 + sheet.origin_mm
+    expected = marker.xyz[:, :2] * 1e3 + sheet.origins_mm[0]
     np.testing.assert_allclose([(d.x, d.y) for d in dots], expected, atol=ROUNDING, rtol=0)
     width, height = sheet.paper.width, sheet.paper.height
     others = [shape for shape in sheet.scene if shape.name not in {d.name for d in dots}]
@@ -51,7 +51,7 @@ def check_sheet(marker: Marker, sheet: Sheet) -> None:
         assert quiet - ROUNDING <= dot.x <= width - quiet + ROUNDING
         assert quiet - ROUNDING <= dot.y <= height - quiet + ROUNDING
         for shape in others:
-            if shape in crosses and np.hypot(*(center - sheet.origin_mm)) < dot.radius:
+            if shape in crosses and np.hypot(*(center - sheet.origins_mm[0])) < dot.radius:
                 continue
             if isinstance(shape, Line):
                 gap = segment_distance(center, shape) - shape.width / 2
@@ -103,7 +103,7 @@ def test_boundaries_of_any_shape(shape, make_in, diameter, keep_outs):
     )
     edges = shapely.MultiLineString([shapely.LinearRing(ring) for ring in shape.outlines()])
     drawn = shapely.MultiLineString([
-        (np.array(s.points) - sheet.origin_mm) / 1e3 for s in sheet.scene if s.name.startswith("boundary-")
+        (np.array(s.points) - sheet.origins_mm[0]) / 1e3 for s in sheet.scene if s.name.startswith("boundary-")
     ])  # fmt: skip
     # The hairline is the outline, but for what quiet zones take and a step of 1 mm on either side.
     assert shapely.hausdorff_distance(drawn, shapely.intersection(edges, drawn.buffer(1e-9))) < 1e-8
@@ -111,20 +111,20 @@ def test_boundaries_of_any_shape(shape, make_in, diameter, keep_outs):
     assert shapely.length(drawn) <= edges.length + 1e-9
     assert shapely.difference(edges, quiet).difference(drawn.buffer(1e-6)).length < 1e-5
     for line in (s for s in sheet.scene if s.name.startswith(("axis", "center"))):
-        mark = shapely.LineString((np.array(line.points) - sheet.origin_mm) / 1e3)
+        mark = shapely.LineString((np.array(line.points) - sheet.origins_mm[0]) / 1e3)
         if line.name.startswith("axis"):
             # A tick may stand on the outline, and points away from it.
             mark = shapely.line_interpolate_point(mark, [1e-4, 1e-3, 1.0])
             assert not shapely.intersects(whole, mark).any()
         assert np.all(shapely.distance(edges, mark) > 0)
     for line in (s for s in sheet.scene if s.name.startswith("keep-out-")):
-        assert np.min(shape.depth((along(line) - sheet.origin_mm) / 1e3)) > -1e-3
+        assert np.min(shape.depth((along(line) - sheet.origins_mm[0]) / 1e3)) > -1e-3
 
 
 def test_holes_of_the_plate_are_drawn_where_they_are(make_ngon):
     marker = replace(make_ngon(5, 0.1, 0.016), substrate=Substrate(holes=parse_mount("2xM3c@40mm/0")))
     sheet = sheet_for(marker)
-    lines = {s.name: np.array(s.points) - sheet.origin_mm for s in sheet.scene if s.name.startswith("hole-")}
+    lines = {s.name: np.array(s.points) - sheet.origins_mm[0] for s in sheet.scene if s.name.startswith("hole-")}
     assert set(lines) == {"hole-0-0", "hole-1-0"}
     for name, x in (("hole-0-0", 20), ("hole-1-0", -20)):
         # A closed line of chords: its corners are on the circle of the bore.
@@ -151,7 +151,7 @@ def test_a_kept_origin_has_ticks_only_where_the_marker_is(make_in):
     shapes = named(sheet)
     assert {name for name in shapes if name.startswith("axis")} <= {"axis+x", "axis+y"}
     assert not any(name.startswith("center") for name in shapes)
-    left, right = sheet.origin_mm[0], sheet.paper.width - sheet.origin_mm[0] - 120
+    left, right = sheet.origins_mm[0][0], sheet.paper.width - sheet.origins_mm[0][0] - 120
     assert left == pytest.approx(right, abs=ROUNDING)
 
 
@@ -245,7 +245,7 @@ def test_every_paper_has_a_whole_ruler_and_words_to_check_it_by(make_ngon, paper
     sheet = sheet_for(make_ngon(4, 0.03, 0.008), paper)
     shapes = named(sheet)
     check_sheet(make_ngon(4, 0.03, 0.008), sheet)
-    length = sheet.ruler_mm
+    length = sheet.rulers_mm[0]
     frame = Frame(sheet.paper)
     assert length % 50 == 0
     assert 50 <= length <= 200
@@ -302,14 +302,14 @@ def test_axes_point_right_and_up(make_ngon):
     (x0, y0), (x1, y1) = shapes["axes-y"].points
     assert y1 > y0
     assert x1 == x0
-    assert isinstance(shapes["axes-x-head"], Outline)
+    assert isinstance(shapes["axes-x-head"], FilledPath)
     assert bounds(shapes["axes-x-label"])[0] > bounds(shapes["axes-x-head"])[2]
     assert bounds(shapes["axes-y-label"])[1] > bounds(shapes["axes-y-head"])[3]
 
 
 def test_axis_ticks_start_on_the_boundary_where_it_is_free(make_ngon):
     sheet = sheet_for(make_ngon(5, 0.15, 0.036))
-    shapes, (x, y) = named(sheet), sheet.origin_mm
+    shapes, (x, y) = named(sheet), sheet.origins_mm[0]
     assert shapes["axis+x"].points[0] == pytest.approx((x + 150, y), abs=1e-9)
     assert shapes["axis-x"].points[0] == pytest.approx((x - 150, y), abs=1e-9)
     assert shapes["axis-y"].points[0] == pytest.approx((x, y - 150), abs=1e-9)
@@ -436,7 +436,7 @@ def test_a_compensated_sheet_is_larger_where_the_printer_shrinks(make_ngon, mark
             point = designed.control_points[int(dot.name.removeprefix("dot-"))]
             count += 1
             # From the printer the dots are where they were designed.
-            found = (dot.x - sheet.origin_mm[0]) * sx, (dot.y - sheet.origin_mm[1]) * sy
+            found = (dot.x - sheet.origins_mm[0][0]) * sx, (dot.y - sheet.origins_mm[0][1]) * sy
             assert found == pytest.approx((point.x * 1e3, point.y * 1e3), abs=1e-8)
         shapes = named(sheet)
         for axis, (name, scale) in enumerate((("ruler", sx), ("ruler-y", sy))):
@@ -483,7 +483,7 @@ def test_lines_for_a_cutter_are_closed(make_in, shapes):
     assert {line.color for line in hairlines} == {"#9a9a9a"}
     # Around a hole of 12 mm: chords are within 0.5 um of the circle.
     hole = np.array(next(line for line in lines if line.name.startswith("keep-out")).points)
-    middles = (hole[:-1] + hole[1:]) / 2 - pages_for([marker], SheetOptions(colors=colors))[0].origin_mm
+    middles = (hole[:-1] + hole[1:]) / 2 - pages_for([marker], SheetOptions(colors=colors))[0].origins_mm[0]
     assert np.min(np.hypot(*middles.T)) == pytest.approx(12, abs=1e-3)
 
 
