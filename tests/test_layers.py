@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parent.parent / "markergen"
 ORDER = [
-    ("errors", "units", "registry", "files", "tables"), ("options",), ("geometry",), ("maths",), ("model",),
+    ("errors", "units", "registry", "files", "guard", "tables"), ("options",), ("geometry",), ("maths",), ("model",),
     ("read",), ("objectives",), ("estimators",), ("optimize",), ("drawing",), ("solid",), ("exporters",), ("render",),
     ("detect",), ("validation",), ("verification",), ("studies",), ("api",), ("cli", "__main__"),
 ]  # fmt: skip

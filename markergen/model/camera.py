@@ -220,7 +220,7 @@ class Camera:
         >>> Camera.from_cv2(matrix, [[0.1, -0.2, 0, 0, 0]], (640, 480)).distortion.model
         'radtan'
         """
-        from markergen.read.cameras.matrices import camera_of_arrays
+        from markergen.read.cameras.calibration import camera_of_arrays
 
         return camera_of_arrays(matrix, distortion, size, fisheye)
 

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
 from markergen.read.poses import POSE_FORMATS, PoseFormat
-from markergen.read.poses.lines import PoseFile, Rows
-from markergen.read.poses.numbers import numbers_of
+from markergen.read.poses.rows import PoseFile, Rows, numbers_of
 
 WHICH_WAY = (
     "each image is T_camera_world, X_camera = R X_world + t, as COLMAP writes it, scaled to m; the world is the marker"
