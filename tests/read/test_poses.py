@@ -212,6 +212,10 @@ def test_tables_as_programs_write_them(write):
         ("0 0 0 1 1 0 0 0\n0 0 0 1 1 0 0 0 5\n", "at line 2 of poses.txt, found 9; for T_camera_marker write a header"),
         ("# t\n0 0 0 1 2 0 0 0\n", "a quaternion qx qy qz qw of length 1 at line 2 of poses.txt, found 2 0 0 0"),
         ("1 1 0 0 0 0 0 1 1 a\n\n2 1 0 0 0 0 0 1 1\n\n", "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME at line 3"),
+        (
+            "1 1 0 0 0 0 0 1 1 a\n\n" + "9" * 20_000 + " 1 0 0 0 0 0 1 1 a\n\n",
+            "TZ CAMERA_ID NAME at line 3 of poses.txt, found an endless number",
+        ),
         ("1 1 0 0 0 0 0 1 1 a\n2 1 0 0 0 0 0 1 1 b.jpg\n", "or an empty line, at line 2 of poses.txt, found another"),
         ("1 1 0 0 0 0 0 x 1 a\n\n", "numbers at line 1 of poses.txt, found 'x'"),
         ("1 0 0 0 0 0 0 1 1 a\n\n", "a quaternion qx qy qz qw of length 1 at line 1 of poses.txt, found 0 0 0 0"),

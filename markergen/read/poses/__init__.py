@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen import guard
 from markergen.errors import InputError, brief
 from markergen.files import exists
+from markergen.guard import read
 from markergen.model.poses import PoseDistribution, is_named, named_poses, pose_forms
 from markergen.model.recorded_poses import RecordedPoses
 from markergen.read.poses.rows import MOST_LINES, MOST_ROWS, PoseFile
@@ -91,7 +91,7 @@ def read_poses(path: Path | str) -> RecordedPoses:
         one; the message names file and line.
     """
     path = Path(path)
-    place, data = guard.read(path, "poses")
+    place, data = read(path, "poses")
     if data.count(b"\n") > MOST_LINES:
         raise InputError(
             f"at most {MOST_ROWS} poses at {place}", f"more than {MOST_LINES} lines", "take every tenth pose"
