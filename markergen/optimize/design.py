@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from markergen import __version__
 from markergen.errors import InputError
 from markergen.files import Written
-from markergen.model.interior import shape_of
 from markergen.model.marker import Marker, dressed
 from markergen.model.occlusion import eyes_of
 from markergen.model.poses import PoseDistribution
@@ -37,8 +36,9 @@ from markergen.optimize.relief import search_relief
 from markergen.optimize.relief_room import ReliefRoom
 from markergen.optimize.trace import Recorder, Step, trace_of
 from markergen.options.base import Progress
+from markergen.presentation.results import Result
+from markergen.presentation.tables import Table, data_frame
 from markergen.read.poses import poses_from
-from markergen.tables import Result, Table, data_frame
 from markergen.units import format_length
 
 if TYPE_CHECKING:
@@ -190,12 +190,12 @@ class Design(Result):
         """What to say of keep-outs that keep nothing out."""
         if not self.marker.keep_outs:
             return []
-        boundary = shape_of(self.marker.boundary.outlines())
+        boundary = self.marker.boundary.region
         return [
             f"keep-out {place}, a {keep_out} around ({', '.join(map(format_length, keep_out.center))}), lies wholly "
             "outside the boundary and keeps nothing out: look up its place in the marker frame"
             for place, keep_out in enumerate(self.marker.keep_outs, 1)
-            if not shape_of(keep_out.outlines()).intersects(boundary)
+            if not keep_out.region.meets(boundary)
         ]
 
     def _weak_homography(self) -> list[str]:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import lru_cache
 
+from markergen.geometry.region import Region
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
 from markergen.model.substrate_checks import check_holes
@@ -20,12 +21,10 @@ def parts_of(marker: Marker, fabrication: Fabrication) -> Made:
     InputError
         If something is below what the process can make, or does not fit onto the plate; one line.
     """
-    import shapely
-
     marker = marker.as_designed
     regions = plate_regions(marker)
     face = face_of(regions, marker.substrate.chamfer * 1e3)
-    check_holes(marker, shapely.transform(face, lambda mm: mm / 1e3))
+    check_holes(marker, Region(face).mapped(lambda mm: mm / 1e3))
     made: Made = PROCESSES[fabrication.process](marker, fabrication)
     plates = with_cuts(plate_parts(marker, made.face), made.cut, made.marked, made.add)
     notes = made.notes

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from markergen.drawing.figure import size_words
 from markergen.errors import InputError
+from markergen.geometry import region as geometry
 from markergen.geometry.contour import box, placed, turns_of
 from markergen.geometry.fillet import filleted, largest_fillet
 from markergen.model.boundary import Circle
-from markergen.model.interior import regions_of
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole
 from markergen.model.substrate_checks import disk_radius
@@ -159,8 +159,8 @@ def _regions(contours: Sequence[Path]) -> list[Region]:
     import shapely
 
     if not any(contour.has_arcs for contour in contours):
-        found = regions_of([np.array(contour.points) for contour in contours])
-        return [tuple(Path(tuple((x, y) for x, y in np.round(r, 9).tolist())) for r in rings) for rings in found]
+        found = geometry.Region.enclosed([np.array(contour.points) for contour in contours]).oriented().pieces
+        return [tuple(Path(tuple((x, y) for x, y in np.round(r, 9).tolist())) for r in each.rings) for each in found]
     shapes = [polygon_of(contour) for contour in contours]
     regions: dict[int, list[Path]] = {k: [contour] for k, contour in enumerate(contours) if area(contour) > 0}
     for contour, shape in zip(contours, shapes, strict=True):

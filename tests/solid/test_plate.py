@@ -8,7 +8,6 @@ import shapely
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, placed
 from markergen.model.boundary import Circle, polygon_from
-from markergen.model.interior import shape_of
 from markergen.model.substrate import Hole, Substrate
 from markergen.solid.bodies import Part, area, circle, cylinder, part_volume
 from markergen.solid.build import build
@@ -37,8 +36,8 @@ def test_a_disk_s_plate_holds_the_boundary_and_every_quiet_zone(make_ngon):
 def test_a_rectangle_has_a_mitered_edge_and_any_other_outline_is_the_plate(shape, make_in, edge):
     marker = made(make_in(shape, 5, 0.01), edge=edge)
     edge = (0.002 if edge is None else edge) if len(shape.rings) == 1 and len(shape.rings[0]) == 4 else 0.0
-    wide = shapely.buffer(shape_of([1e3 * ring for ring in shape.outlines()]), 1e3 * edge, join_style="mitre")
-    assert plan_area(marker) == pytest.approx(wide.area, rel=EXACT)
+    wide = shape.region.offset(edge, "miter")
+    assert plan_area(marker) == pytest.approx(1e6 * wide.area, rel=EXACT)
     corners = [corner for ring in shape.outlines() for corner in (1e3 * ring).tolist()]
     rim = face_of(plate_regions(marker)).boundary
     # No corner is nearer to the rim than the edge is wide, and none of its sides farther.

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from markergen.errors import InputError
+from markergen.geometry import region as geometry
 from markergen.model.boundary import Circle
 from markergen.model.fabrication import PROCESSES, Fabrication, Process
-from markergen.model.interior import shape_of
 from markergen.model.marker import Marker
 from markergen.solid.bodies import Body, Path, Prism, circle, cylinder, polygon_of
 from markergen.solid.inks import dots_of
@@ -153,7 +153,7 @@ def _regions(marker: Marker, gap: float) -> list[Region]:
         radius, (x, y) = marker.boundary.size * 1e3 + gap, _mm(marker.boundary.center).tolist()
         path = circle(radius, x, y)
         return [(path, (), polygon_of(path))]
-    shape = shapely.buffer(shape_of([_mm(ring) for ring in marker.boundary.outlines()]), gap, join_style="mitre")
+    shape = geometry.Region.enclosed([_mm(ring) for ring in marker.boundary.outlines()]).offset(gap, "miter")._shape
     found = []
     for part in shapely.get_parts(shapely.orient_polygons(shape)):
         outer, *holes = (

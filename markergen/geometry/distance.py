@@ -1,0 +1,349 @@
+"""Exact distances from many points at once: to segments, to arcs, and into the polygons that segments enclose."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+Box = tuple[Array, Array]
+"""Lower left and upper right corner (2,)."""
+
+BLOCK = 2**15
+"""Pairs of point and piece that are worked on at once: their arrays stay in the cache."""
+
+MANY = 2**16
+"""Pairs from which on it pays to leave out the pieces that are too far away."""
+
+CELLS = 48
+"""Cells along the longer side of the grid that tells which pieces may be nearest."""
+
+
+class Curves(ABC):
+    """A number of curves in the plane, numbered from 0."""
+
+    @abstractmethod
+    def __len__(self) -> int: ...
+
+    @abstractmethod
+    def gaps(self, points: Array, index: Index | slice) -> Array:
+        """Distances from points (P, 2) to pieces (P, k), or (P, s) to all; any growing function of them will do."""
+
+    @abstractmethod
+    def distance(self, gaps: Array) -> Array:
+        """Distances that belong to what `gaps` tells."""
+
+    @abstractmethod
+    def box(self) -> Box:
+        """Box that holds all pieces, or a larger one where many points are expected."""
+
+    def nearest(self, points: Array) -> Index:
+        """Index (P,) of the piece nearest to each of the points (P, 2), the first of several."""
+        if len(points) * len(self) < MANY:
+            return self._nearest_of_all(points)
+        grid = self._cells
+        index = np.empty(len(points), dtype=np.int64)
+        cell = grid.cell(points)
+        index[cell < 0] = self._nearest_of_all(points[cell < 0])
+        width = np.where(cell < 0, 0, grid.width[cell])
+        for table in grid.tables:
+            here = np.flatnonzero(width == table.shape[1])
+            rows = max(1, BLOCK // table.shape[1])
+            for low in range(0, len(here), rows):
+                part = here[low : low + rows]
+                candidates = table[grid.row[cell[part]]]
+                best = np.argmin(self.gaps(points[part], candidates), axis=1)
+                index[part] = candidates[np.arange(len(part)), best]
+        return index
+
+    def _nearest_of_all(self, points: Array) -> Index:
+        index = np.empty(len(points), dtype=np.int64)
+        rows = max(1, BLOCK // len(self))
+        for low in range(0, len(points), rows):
+            index[low : low + rows] = np.argmin(self.gaps(points[low : low + rows], slice(None)), axis=1)
+        return index
+
+    @cached_property
+    def _cells(self) -> "_Cells":
+        return _Cells(self)
+
+
+class _Cells:
+    """Cells over the pieces and their surroundings, each with the pieces that may be nearest to a point in it.
+
+    From the middle of a cell to any of its points the distance to a piece changes by half a diagonal at most, so what
+    is more than a whole one farther than the nearest piece is out. The lists are filled up, with their last pieces,
+    to powers of two, so that points in cells with about as many candidates are worked on as one array.
+    """
+
+    def __init__(self, pieces: Curves) -> None:
+        low, high = pieces.box()
+        # All pieces may be one point.
+        margin = 0.1 * float(np.max(high - low)) or 1.0
+        self.low = low - margin
+        size = high - low + 2 * margin
+        self.step = float(np.max(size)) / CELLS
+        self.shape = np.maximum(np.ceil(size / self.step).astype(int), 1)
+        x, y = (self.low[k] + self.step * (np.arange(self.shape[k]) + 0.5) for k in (0, 1))
+        middles = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+        cells, candidates = [], []
+        rows = max(1, BLOCK // len(pieces))
+        for start in range(0, len(middles), rows):
+            distance = pieces.distance(pieces.gaps(middles[start : start + rows], slice(None)))
+            near = distance <= distance.min(axis=1, keepdims=True) + 1.001 * np.sqrt(2) * self.step
+            cell, piece = np.nonzero(near)
+            cells.append(cell + start)
+            candidates.append(piece)
+        piece, count = np.concatenate(candidates), np.bincount(np.concatenate(cells), minlength=len(middles))
+        first = np.cumsum(count) - count
+        self.width = 2 ** np.ceil(np.log2(count)).astype(int)
+        self.row = np.zeros(len(middles), dtype=np.int64)
+        self.tables = []
+        for width in np.unique(self.width):
+            here = np.flatnonzero(self.width == width)
+            self.row[here] = np.arange(len(here))
+            self.tables.append(piece[first[here, None] + np.minimum(np.arange(width), count[here, None] - 1)])
+
+    def cell(self, points: Array) -> Index:
+        """Index (P,) of the cell that holds each of the points (P, 2), -1 for points outside of the grid."""
+        x, y = ((points - self.low) / self.step).T
+        inside = (x >= 0) & (x < self.shape[0]) & (y >= 0) & (y < self.shape[1])
+        cell = np.where(inside, x, 0).astype(np.int64) * self.shape[1] + np.where(inside, y, 0).astype(np.int64)
+        return np.where(inside, cell, -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Segments(Curves):
+    """Segments (s) from `start` to `end`, both (s, 2); a segment may be a point."""
+
+    start: Array
+    end: Array
+    around: Box | None = None
+    """See `Curves.box`."""
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    @cached_property
+    def step(self) -> Array:
+        """Vectors (s, 2) from start to end."""
+        return self.end - self.start
+
+    @cached_property
+    def normal(self) -> Array:
+        """Unit vectors (s, 2) to the left."""
+        length = np.linalg.norm(self.step, axis=-1, keepdims=True)
+        return np.stack([-self.step[:, 1], self.step[:, 0]], axis=-1) / np.where(length > 0, length, np.inf)
+
+    @cached_property
+    def _columns(self) -> tuple[Array, ...]:
+        square = np.sum(self.step**2, axis=-1, keepdims=True)
+        # Its product with a point's offset from the start is the place on the segment, 0 for a segment that is a point.
+        per_length = self.step / np.where(square > 0, square, np.inf)
+        return tuple(np.ascontiguousarray(c) for c in np.concatenate([self.start, self.step, per_length], axis=1).T)
+
+    def gaps(self, points: Array, index: Index | slice) -> Array:
+        """See `Curves.gaps`: squares of the distances."""
+        start_x, start_y, step_x, step_y, per_x, per_y = (column[index] for column in self._columns)
+        x, y = points[:, :1] - start_x, points[:, 1:] - start_y
+        place = x * per_x
+        place += y * per_y
+        np.clip(place, 0.0, 1.0, out=place)
+        x -= place * step_x
+        y -= place * step_y
+        x *= x
+        y *= y
+        x += y
+        return x
+
+    def distance(self, gaps: Array) -> Array:
+        """See `Curves.distance`."""
+        return np.sqrt(gaps)
+
+    def box(self) -> Box:
+        """See `Curves.box`."""
+        low, high = np.minimum(self.start, self.end), np.maximum(self.start, self.end)
+        return self.around or (low.min(axis=0), high.max(axis=0))
+
+    def place(self, points: Array, index: Index) -> Array:
+        """Places (P,) of the nearest points on segments, from 0 at the start to 1 at the end."""
+        start_x, start_y, _, _, per_x, per_y = (column[index] for column in self._columns)
+        return np.clip((points[:, 0] - start_x) * per_x + (points[:, 1] - start_y) * per_y, 0.0, 1.0)
+
+    def at(self, index: Index, place: Array) -> Array:
+        """Points (P, 2) at places 0 to 1 on segments; the ends are met exactly."""
+        inner = self.start[index] + place[:, None] * self.step[index]
+        return np.where(place[:, None] < 1, inner, self.end[index])
+
+    def foot(self, points: Array, index: Index) -> Array:
+        """Nearest points (P, 2) on segments."""
+        return self.at(index, self.place(points, index))
+
+    def surround(self, points: Array) -> Mask:
+        """Tell which points (P, 2) the closed outlines made of these segments surround an odd number of times."""
+        odd = np.empty(len(points), dtype=bool)
+        rows = max(1, BLOCK // len(self))
+        for low in range(0, len(points), rows):
+            x, y = points[low : low + rows, :1], points[low : low + rows, 1:]
+            rising = self.step[:, 1] > 0
+            spans = (self.start[:, 1] > y) != (self.end[:, 1] > y)
+            left = self.step[:, 0] * (y - self.start[:, 1]) > self.step[:, 1] * (x - self.start[:, 0])
+            odd[low : low + rows] = np.count_nonzero(spans & (left == rising), axis=1) % 2 == 1
+        return odd
+
+
+@dataclass(frozen=True, eq=False)
+class Arcs(Curves):
+    """Arcs (a).
+
+    Attributes
+    ----------
+    center : array (a, 2)
+    radius : array (a,)
+    middle : array (a,), rad
+        Direction from the center to the middle.
+    half : array (a,), rad
+        Angle from the middle to either end, up to pi.
+    around : (low, high), optional
+        See `Curves.box`.
+    """
+
+    center: Array
+    radius: Array
+    middle: Array
+    half: Array
+    around: Box | None = None
+
+    def __len__(self) -> int:
+        return len(self.radius)
+
+    @cached_property
+    def heading(self) -> Array:
+        """Unit vectors (a, 2) from the center to the middle."""
+        return np.stack([np.cos(self.middle), np.sin(self.middle)], axis=-1)
+
+    @cached_property
+    def _columns(self) -> tuple[Array, ...]:
+        parts = (*self.center.T, *self.heading.T, self.radius, np.cos(self.half), np.sin(self.half))
+        return tuple(np.ascontiguousarray(part) for part in parts)
+
+    def gaps(self, points: Array, index: Index | slice) -> Array:
+        """See `Curves.gaps`: the distances."""
+        center_x, center_y, ahead, left, radius, cos, sin = (column[index] for column in self._columns)
+        x, y = points[:, :1] - center_x, points[:, 1:] - center_y
+        # Along the middle, and to either side of it.
+        along, aside = x * ahead + y * left, np.abs(y * ahead - x * left)
+        beyond = along * sin < aside * cos
+        # From the end if that is nearer than the arc's side. Not hypot, which takes ten times as long.
+        along -= np.where(beyond, radius * cos, 0.0)
+        aside -= np.where(beyond, radius * sin, 0.0)
+        along *= along
+        aside *= aside
+        along += aside
+        np.sqrt(along, out=along)
+        along -= np.where(beyond, 0.0, radius)
+        return np.abs(along, out=along)
+
+    def distance(self, gaps: Array) -> Array:
+        """See `Curves.distance`."""
+        return gaps
+
+    def box(self) -> Box:
+        """See `Curves.box`."""
+        reach = self.radius[:, None]
+        return self.around or ((self.center - reach).min(axis=0), (self.center + reach).max(axis=0))
+
+    def from_middle(self, points: Array, index: Index) -> Array:
+        """Angle (P,) in rad from the middle of arcs to points (P, 2), from -pi to pi."""
+        offset, heading = points - self.center[index], self.heading[index]
+        cross = heading[:, 0] * offset[:, 1] - heading[:, 1] * offset[:, 0]
+        return np.arctan2(cross, np.sum(heading * offset, axis=-1))
+
+    def at(self, index: Index, angle: Array) -> Array:
+        """Points (P, 2) on arcs, each at an angle from its arc's middle."""
+        direction = self.middle[index] + angle
+        return self.center[index] + self.radius[index, None] * np.stack([np.cos(direction), np.sin(direction)], axis=-1)
+
+    def foot(self, points: Array, index: Index) -> Array:
+        """Nearest points (P, 2) on arcs."""
+        angle, half = self.from_middle(points, index), self.half[index]
+        return self.at(index, np.clip(angle, -half, half))
+
+
+class Edges:
+    """Edges of closed polygons (m, 2) with the region to their left; `size` is about theirs."""
+
+    def __init__(self, rings: Sequence[Array], size: float) -> None:
+        self._sizes, self._size = [len(ring) for ring in rings], size
+        self._edges = Segments(np.concatenate(rings), np.concatenate([np.roll(r, -1, axis=0) for r in rings]))
+
+    def depth(self, points: Array) -> Array:
+        """Signed distances (P,) from points (P, 2) to the nearest edge, positive inside."""
+        sign, offset, _, _ = self._seen_from(points)
+        return sign * np.hypot(*offset.T)
+
+    def depth_gradient(self, points: Array) -> Array:
+        """Gradients (P, 2) of `depth`; where several edges are nearest, one of them decides."""
+        sign, offset, index, at_corner = self._seen_from(points)
+        distance = np.hypot(*offset.T)
+        apart = distance > 1e-12 * self._size
+        # Beside an edge this is its normal, which has no rounding even on the outline; in a corner the mean of two.
+        gradient = self._edges.normal[index]
+        within = at_corner & ~apart
+        gradient[within] = self._bisectors[self._corner(points[within], index[within])]
+        around = at_corner & apart
+        gradient[around] = offset[around] * (sign[around] / distance[around])[:, None]
+        return gradient
+
+    def _seen_from(self, points: Array) -> tuple[Array, Array, Index, Mask]:
+        """Sign (P,), 1 inside and -1 outside, offset (P, 2) from the nearest point, its edge, and whether at a corner.
+
+        The side of the nearest edge tells inside from outside; at a corner the sides of both its edges do, unless
+        outlines touch there: then all edges have a say.
+        """
+        edges, (before, _, sharp, touching) = self._edges, self._corners
+        index = edges.nearest(points)
+        place = edges.place(points, index)
+        left = self._left_of(points, index)
+        at_corner = (place <= 0) | (place >= 1)
+        if at_corner.any():
+            where = np.flatnonzero(at_corner)
+            corner = self._corner(points[where], index[where])
+            one, other = (self._left_of(points[where], edge) for edge in (corner, before[corner]))
+            left[where] = np.where(sharp[corner], one & other, one | other)
+            where = where[touching[corner]]
+            left[where] = edges.surround(points[where])
+        return np.where(left, 1.0, -1.0), points - edges.at(index, place), index, at_corner
+
+    def _corner(self, points: Array, index: Index) -> Index:
+        """Corners (P,), those ends of edges that are nearer."""
+        return np.where(self._edges.place(points, index) > 0.5, self._corners[1][index], index)
+
+    @cached_property
+    def _bisectors(self) -> Array:
+        normal = self._edges.normal
+        both = normal + normal[self._corners[0]]
+        return both / np.maximum(np.linalg.norm(both, axis=-1, keepdims=True), np.finfo(float).tiny)
+
+    def _left_of(self, points: Array, index: Index) -> Mask:
+        step, offset = self._edges.step[index], points - self._edges.start[index]
+        return step[:, 0] * offset[:, 1] >= step[:, 1] * offset[:, 0]
+
+    @cached_property
+    def _corners(self) -> tuple[Index, Index, Mask, Mask]:
+        """Of every corner: the one before it, the one after it, whether it turns left, and whether outlines touch."""
+        import shapely
+
+        first = np.cumsum([0, *self._sizes[:-1]])
+        numbers = [start + np.arange(size) for start, size in zip(first, self._sizes, strict=True)]
+        before, after = (np.concatenate([np.roll(ring, turn) for ring in numbers]) for turn in (1, -1))
+        edges = self._edges
+        sharp = edges.step[before, 0] * edges.step[:, 1] > edges.step[before, 1] * edges.step[:, 0]
+        tree = shapely.STRtree(shapely.linestrings(np.stack([edges.start, edges.end], axis=1)))
+        near, _ = tree.query(shapely.points(edges.start), predicate="dwithin", distance=1e-9 * self._size)
+        return before, after, sharp, np.bincount(near, minlength=len(edges)) > 2

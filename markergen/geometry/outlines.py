@@ -1,0 +1,227 @@
+"""Closed outlines as people draw them, made fit for use: clean corners, which is inside which, and no crossings.
+
+Lengths are in m.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.geometry.contour import Contour, area, box, inner_polygon, turned_over
+from markergen.geometry.region import signed_area
+from markergen.units import format_length
+
+Array = NDArray[np.float64]
+Ring = tuple[tuple[float, float], ...]
+
+MOST_CORNERS = 10_000
+"""Of all outlines together; 5 um is kept with a few hundred for any marker on a table."""
+
+TOLERANCE = 4.5e-6
+"""m between an arc and its polygon, at most; what is left to 5 um goes to joining ends and points of drawings."""
+
+SHALLOWEST = 1e-6
+"""Smallest bulge: what is less is a straight line."""
+
+FARTHEST = 1e9
+"""Coordinate in m of an arc's ends whose squares are no trouble."""
+
+MOST_PAIRS = 50_000
+"""Of outlines that touch or lie in each other: a plate with all the holes that there may be has 3,333."""
+
+
+def canonical(outlines: Sequence[Sequence[Sequence[float]] | Array]) -> tuple[Ring, ...]:
+    """Outlines in m without repeated corners, outer ones counterclockwise and holes clockwise.
+
+    An outline within an even number of others is an outer one, within an odd number a hole; how it was drawn does not
+    matter. They keep their order and their first corners.
+
+    Raises
+    ------
+    InputError
+        If there is none, a coordinate is not finite, there are too many corners, an outline has no area or crosses or
+        touches itself, or two of them cross or share a piece of line; the message tells where.
+    """
+    if not len(outlines):
+        raise InputError("at least one outline", "none", "give a closed outline of three corners or more")
+    rings = [_corners(outline, f"outline {i + 1}") for i, outline in enumerate(outlines)]
+    _check_corners(sum(map(len, rings)))
+    inside = _nesting(rings)
+    turned = [
+        ring if (signed_area(ring) > 0) == (depth % 2 == 0) else np.concatenate([ring[:1], ring[:0:-1]])
+        for ring, depth in zip(rings, inside, strict=True)
+    ]
+    return tuple(tuple((float(x), float(y)) for x, y in ring) for ring in turned)
+
+
+def canonical_contours(
+    outlines: Sequence[Sequence[Sequence[float]] | Array], bulges: Sequence[Sequence[float]] = ()
+) -> tuple[Contour, ...]:
+    """Contours from corners in m and the bulges of their sides, with what they enclose to their left, as `canonical`.
+
+    Parameters
+    ----------
+    bulges : sequence of sequence of float
+        For each outline those of its sides, or none where all are straight; or nothing.
+
+    Raises
+    ------
+    InputError
+        As `canonical` does, for arcs by their polygons (see `polygons_of`); or if the bulges are not one for each
+        corner, not finite, above 1, or below `SHALLOWEST` and not 0.
+    """
+    if not any(map(any, bulges)):
+        return tuple(map(Contour, canonical(outlines)))
+    if len(bulges) != len(outlines):
+        raise InputError("bulges for each outline", f"{len(bulges)} for {len(outlines)}", "give 0 for straight sides")
+    every = enumerate(zip(outlines, bulges, strict=True), 1)
+    clean = [_contour(outline, row, f"outline {i}") for i, (outline, row) in every]
+    clean = [contour if area(contour) > 0 else turned_over(contour) for contour in clean]
+    outer = [signed_area(np.array(ring)) > 0 for ring in canonical(polygons_of(clean))]
+    found = tuple(c if is_outer else turned_over(c) for c, is_outer in zip(clean, outer, strict=True))
+    # As holes they have other polygons.
+    canonical(polygons_of(found))
+    return found
+
+
+def polygons_of(contours: Sequence[Contour]) -> tuple[Array, ...]:
+    """Polygons (m, 2) in m of contours with what they enclose to their left, within `TOLERANCE`, or 1e-4 of their size.
+
+    They are on the inner side of arcs, in whole picometers: what has some depth in them has it in the contours. Without
+    arcs they are the corners.
+    """
+    if not any(contour.has_arcs for contour in contours):
+        return tuple(np.array(contour.points) for contour in contours)
+    boxes = np.array([box(contour) for contour in contours])
+    size = float(np.hypot(*(boxes[:, 2:].max(axis=0) - boxes[:, :2].min(axis=0))))
+    off, total = min(TOLERANCE, 1e-4 * size), 0
+    found = []
+    for contour in contours:
+        found.append(np.round(inner_polygon(contour, off), 12) + 0.0)
+        total += len(found[-1])
+        _check_corners(total)
+    return tuple(found)
+
+
+def walked(ring: Array, step: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Points (m, 2) at most `step` apart along a closed polygon, all its corners among them, and which (m,) those are.
+
+    From the first corner on; without the first point again at the end.
+    """
+    onward = np.roll(ring, -1, axis=0) - ring
+    counts = np.maximum(np.ceil(np.hypot(*onward.T) / step), 1).astype(int)
+    edge = np.repeat(np.arange(len(ring)), counts)
+    number = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return ring[edge] + (number / counts[edge])[:, None] * onward[edge], number == 0
+
+
+def place(point: Array) -> str:
+    """Coordinates (2,) in m for messages."""
+    return f"({format_length(float(point[0]))}, {format_length(float(point[1]))})"
+
+
+def _check_corners(total: int) -> None:
+    if total > MOST_CORNERS:
+        raise InputError(
+            f"outlines of at most {MOST_CORNERS} corners", f"{total}", "simplify the outline, or flatten it less finely"
+        )
+
+
+def _corners(outline: Sequence[Sequence[float]] | Array, name: str) -> Array:
+    ring = np.asarray(outline, dtype=float)
+    if ring.ndim != 2 or ring.shape[1] != 2:
+        raise InputError(f"pairs x, y for {name}", f"an array of shape {ring.shape}", "give [[x, y], ...] in m")
+    if not np.isfinite(ring).all():
+        raise InputError(f"finite coordinates in {name}", "nan or infinity", "correct the outline")
+    # The first of equal corners stays.
+    fresh = np.append(True, np.any(ring[1:] != ring[:-1], axis=1))
+    fresh[np.all(ring == ring[0], axis=1) & (np.cumsum(fresh) == fresh.sum())] = len(ring) == 1
+    ring = ring[fresh]
+    # Not the signed area, which a figure eight has none of either: that is told as what it is.
+    spread = np.linalg.svd(ring - ring.mean(axis=0), compute_uv=False) if len(ring) > 2 else np.zeros(2)
+    if spread[1] <= 1e-9 * spread[0]:
+        raise InputError(f"an area in {name}", f"{len(ring)} corners on a line", "give a closed outline with an inside")
+    return ring
+
+
+def _contour(outline: Sequence[Sequence[float]] | Array, row: Sequence[float], name: str) -> Contour:
+    """Contour of numbers that are fit, without sides that have no length."""
+    points, bulges = np.asarray(outline, dtype=float), np.asarray(row or [0.0] * len(outline), dtype=float)
+    if points.shape != (len(bulges), 2) or not len(bulges):
+        raise InputError(
+            f"pairs x, y for {name}, and a bulge for each",
+            f"arrays of shape {points.shape} and {bulges.shape}",
+            "give 0 for a straight side",
+        )
+    size = np.abs(bulges)
+    if not (np.isfinite(points).all() and np.isfinite(bulges).all()):
+        raise InputError(f"finite numbers in {name}", "nan or infinity", "correct the outline")
+    if np.max(np.abs(points)) > FARTHEST:
+        raise InputError(f"arcs within {FARTHEST:g} m in {name}", f"{np.max(np.abs(points)):.3g} m", "check the unit")
+    odd = (size > 1) | ((size > 0) & (size < SHALLOWEST))
+    if odd.any():
+        raise InputError(
+            f"bulges of {SHALLOWEST:g} to 1 to either side in {name}, or 0",
+            f"{bulges[odd][0]:.6g}",
+            "draw an arc of more than half a turn as two, and a shallower one as a line",
+        )
+    # Where corners are equal the first one stays, with the side that leaves the last.
+    kept = np.any(points != np.roll(points, -1, axis=0), axis=1)
+    corners = np.count_nonzero(kept)
+    if corners < 2 or (corners == 2 and not bulges[kept].any()):
+        raise InputError(f"an area in {name}", f"{corners} corners on a line", "give a closed outline with an inside")
+    return Contour(tuple((x, y) for x, y in points[kept].tolist()), tuple(bulges[kept].tolist()))
+
+
+def _nesting(rings: list[Array]) -> list[int]:
+    """In how many others each outline lies; refuses those that cross."""
+    import shapely
+
+    # An array of objects, even of one outline alone.
+    shapes = shapely.polygons([shapely.linearrings(ring) for ring in rings])
+    for i in np.flatnonzero(~shapely.is_valid(shapes)):
+        # GEOS says, for example, Self-intersection[0.1 0.2].
+        where = np.array(shapely.is_valid_reason(shapes[i]).split("[")[1].rstrip("]").split()[:2], dtype=float)
+        raise InputError(
+            "outlines that do not cross or touch themselves",
+            f"outline {i + 1} doing so at {place(where)}",
+            "correct it there, or draw the parts as outlines of their own",
+        )
+    first, second = _pairs(shapes)
+    # Two that touch at a corner are fine.
+    shared = shapely.intersection(shapely.boundary(shapes[first]), shapely.boundary(shapes[second]))
+    bad = ~shapely.is_empty(shared) & (
+        (shapely.get_dimensions(shared) > 0) | shapely.overlaps(shapes[first], shapes[second])
+    )
+    for k in np.flatnonzero(bad)[:1]:
+        raise InputError(
+            "outlines that do not cross each other",
+            f"outlines {first[k] + 1} and {second[k] + 1} crossing or sharing a line at"
+            f" {place(shapely.get_coordinates(shared[k])[0])}",
+            "join them to one outline, or move them apart",
+        )
+    within = shapely.contains(shapes[first], shapes[second]), shapely.contains(shapes[second], shapes[first])
+    inner = np.concatenate([second[within[0]], first[within[1]]])
+    return np.bincount(inner, minlength=len(rings)).tolist()
+
+
+def _pairs(shapes: NDArray[np.object_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Pairs (k,) of shapes that have points in common, the smaller number first."""
+    import shapely
+
+    tree = shapely.STRtree(shapes)
+    pairs, count = [np.zeros((2, 0), dtype=np.intp)], 0
+    # By parts, because a thousand outlines in each other are half a million pairs.
+    for start in range(0, len(shapes), 50):
+        found = tree.query(shapes[start : start + 50], predicate="intersects") + np.array([[start], [0]])
+        found = found[:, found[0] < found[1]]
+        count += found.shape[1]
+        if count > MOST_PAIRS:
+            raise InputError(
+                f"outlines of which at most {MOST_PAIRS} pairs touch or lie in each other", "more", "use fewer outlines"
+            )
+        pairs.append(found)
+    first, second = np.concatenate(pairs, axis=1)
+    return first, second
