@@ -2,13 +2,12 @@
 
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
-from math import ceil, cos, pi, sin, sqrt
 from typing import Any
 
 import numpy as np
 
-from markergen.drawing.scene import Box
-from markergen.drawing.workshop import Face, Ring
+from markergen.drawing.fabrication_drawing import ViewFace
+from markergen.drawing.scene import Box, Point
 from markergen.geometry import contour
 from markergen.solid.bodies import (
     OFF,
@@ -23,6 +22,9 @@ from markergen.solid.bodies import (
     span,
 )
 
+Ring = tuple[Point, ...]
+"""Closed polygon, without its first corner again at the end."""
+
 SAME = 1e-6
 """mm: what differs by less is the same."""
 
@@ -32,13 +34,13 @@ CHAMFERED = 12
 BACK, FRONT = -1, 1
 
 
-def seen(parts: Sequence[Part], side: int = FRONT) -> tuple[Face, ...]:
+def seen(parts: Sequence[Part], side: int = FRONT) -> tuple[ViewFace, ...]:
     """Parts as they are seen from +z (`FRONT`), or from -z (`BACK`), from where x runs to the left.
 
     Faces are in painting order: what comes later is nearer, or lies in what came before. Edges that are hidden are left
     out.
     """
-    found: list[tuple[tuple[float, int], Face]] = []
+    found: list[tuple[tuple[float, int], ViewFace]] = []
     for part in parts:
         inlay = 0 if part.is_plate else 2
         nearest = min(_end(body, side) for body in part.add)
@@ -54,22 +56,25 @@ def seen(parts: Sequence[Part], side: int = FRONT) -> tuple[Face, ...]:
     return tuple(_mirrored(face) for face in faces) if side == BACK else tuple(faces)
 
 
-def elevation(parts: Sequence[Part]) -> tuple[Face, ...]:
+def elevation(parts: Sequence[Part]) -> tuple[ViewFace, ...]:
     """Parts as they are seen from -y with x to the right and z up, in painting order; what lies in plates is hidden."""
     import shapely
 
     plates = [part for part in parts if part.is_plate]
-    slabs: list[tuple[float, Face]] = []
-    near: list[tuple[float, Face]] = []
+    slabs: list[tuple[float, ViewFace]] = []
+    outlines = []
+    near: list[tuple[float, ViewFace]] = []
     foot = min(_end(body, BACK) * -1 for part in plates for body in part.add)
     for part in plates:
         for body in part.add:
-            face = Face(_rings(_silhouette(body)), part.material)
+            outline = _silhouette(body)
+            face = ViewFace(_contours(outline), part.material)
             if -_end(body, BACK) < foot + SAME:
+                outlines.append(outline)
                 slabs.append((_depth(body), face))
             else:
                 near.append((_depth(body), face))
-    covered = shapely.union_all([_polygon(face.rings) for _, face in slabs])
+    covered = shapely.union_all(outlines)
     # A dot that is flush with its pillar is hidden by it, too.
     own = {(body.x, body.y): _silhouette(body) for part in plates for body in part.add if isinstance(body, Revolved)}
     for part in parts:
@@ -77,11 +82,11 @@ def elevation(parts: Sequence[Part]) -> tuple[Face, ...]:
             pillar = own.get((body.x, body.y)) if isinstance(body, Revolved) else None
             hidden = covered if pillar is None else shapely.union(covered, pillar)
             for piece in _pieces(shapely.difference(_silhouette(body), hidden)):
-                near.append((_depth(body), Face(_rings(piece), part.material)))
+                near.append((_depth(body), ViewFace(_contours(piece), part.material)))
     return tuple(face for found in (near, slabs) for _, face in sorted(found, key=lambda each: -each[0]))
 
 
-def cut_along(parts: Sequence[Part], y: float, box: Box) -> tuple[Face, ...]:
+def cut_along(parts: Sequence[Part], y: float, box: Box) -> tuple[ViewFace, ...]:
     """Parts cut by the plane of that y, in (x, z), as far as they lie in the box (left, bottom, right, top)."""
     import shapely
 
@@ -101,7 +106,7 @@ def cut_along(parts: Sequence[Part], y: float, box: Box) -> tuple[Face, ...]:
     for part in parts:
         region, taken = reached(part.add), reached((*part.cut, *part.marked))
         left = shapely.intersection(shapely.difference(region, taken), window)
-        faces += [Face(_rings(piece), part.material) for piece in _pieces(left)]
+        faces += [ViewFace(_contours(piece), part.material) for piece in _pieces(left)]
     return tuple(faces)
 
 
@@ -148,10 +153,10 @@ def _depth(body: Body) -> float:
     return body.y if isinstance(body, Revolved) else min(y for _, y in _ring(body.outer))
 
 
-def _plan(body: Body, material: str, side: int, hollow: bool = False) -> Face:
+def _plan(body: Body, material: str, side: int, hollow: bool = False) -> ViewFace:
     if isinstance(body, Prism):
-        edges = (_ring(inset(body.outer, body.chamfer)),) if body.chamfer and side == FRONT else ()
-        return Face((_ring(body.outer), *map(_ring, body.holes)), material, edges)
+        edges = (inset(body.outer, body.chamfer),) if body.chamfer and side == FRONT else ()
+        return ViewFace((body.outer, *body.holes), material, edges)
     profile = _ring(body.profile)
     narrowest = min(r for r, _ in profile)
     near = _end(body, side) * side
@@ -159,9 +164,9 @@ def _plan(body: Body, material: str, side: int, hollow: bool = False) -> Face:
     rims = [r for r, z in profile if not hollow or abs(z - near) < SAME]
     widest = max(rims)
     corners = {round(r, 6) for r, z in body.profile.points if _in_sight(profile, r, z, side, hollow)}
-    rings = tuple(_circle(body.x, body.y, r) for r in (widest, narrowest) if r > SAME)
+    rings = tuple(contour.circle(r, body.x, body.y) for r in (widest, narrowest) if r > SAME)
     inner = sorted(r for r in corners if narrowest + SAME < r < widest - SAME)
-    return Face(rings, material, tuple(_circle(body.x, body.y, r) for r in inner))
+    return ViewFace(rings, material, tuple(contour.circle(r, body.x, body.y) for r in inner))
 
 
 def _in_sight(profile: Ring, r: float, z: float, side: int, hollow: bool) -> bool:
@@ -170,11 +175,14 @@ def _in_sight(profile: Ring, r: float, z: float, side: int, hollow: bool) -> boo
     return all(sign * (other - z) < SAME for radius, other in profile if abs(radius - r) < SAME)
 
 
-def _mirrored(face: Face) -> Face:
-    def flip(rings: Iterable[Ring]) -> tuple[Ring, ...]:
-        return tuple(tuple((-x, y) for x, y in ring) for ring in rings)
+def _mirrored(face: ViewFace) -> ViewFace:
+    def flip(contours: Iterable[Path]) -> tuple[Path, ...]:
+        return tuple(
+            Path(tuple((-x, y) for x, y in each.points), tuple(0.0 - bulge for bulge in each.bulges))
+            for each in contours
+        )
 
-    return Face(flip(face.rings), face.material, flip(face.edges))
+    return ViewFace(flip(face.contours), face.material, flip(face.edges))
 
 
 def _silhouette(body: Body) -> Any:
@@ -276,12 +284,12 @@ def _pieces(region: Any) -> list[Any]:
     return [each for each in shapely.get_parts(region) if each.geom_type == "Polygon" and each.area > 1e-4]
 
 
-def _rings(region: Any) -> tuple[Ring, ...]:
+def _contours(region: Any) -> tuple[Path, ...]:
     import shapely
 
     polygons = [each for each in shapely.get_parts(region) if each.geom_type == "Polygon"]
     return tuple(
-        tuple((float(x), float(y)) for x, y in ring.coords[:-1])
+        Path(tuple((float(x), float(y)) for x, y in ring.coords[:-1]))
         for polygon in polygons
         for ring in (polygon.exterior, *polygon.interiors)
     )
@@ -289,8 +297,3 @@ def _rings(region: Any) -> tuple[Ring, ...]:
 
 def _ring(path: Path) -> Ring:
     return tuple(flattened(path))
-
-
-def _circle(x: float, y: float, radius: float) -> Ring:
-    count = max(ceil(pi * sqrt(radius / (2 * OFF))), 24)
-    return tuple((x + radius * cos(2 * pi * k / count), y + radius * sin(2 * pi * k / count)) for k in range(count))

@@ -5,10 +5,9 @@ from dataclasses import replace
 from itertools import groupby
 from math import dist, hypot
 
+from markergen.drawing.fabrication_drawing import Callout, Dimension, DotLabel, ViewFace, Workpiece, millimeters
 from markergen.drawing.figure import size_words
-from markergen.drawing.workshop import Callout, Face, Label, Span, Workpiece
-from markergen.drawing.workshop_front import millimeters
-from markergen.geometry.contour import center_of, radius_of
+from markergen.geometry.contour import Contour, center_of, radius_of
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker, marker_name
 from markergen.model.substrate import Hole
@@ -47,14 +46,14 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
     plates = [part for part in parts if part.is_plate]
     low, high = reach(plates)
     face = made.face
-    heights = [Span(low, face, millimeters(face - low))]
+    heights = [Dimension(low, face, millimeters(face - low))]
     if high > face + SAME:
-        heights.append(Span(face, high, millimeters(high - face)))
+        heights.append(Dimension(face, high, millimeters(high - face)))
     highest = reach(parts)[1]
     if highest > high + SAME:
-        heights.append(Span(face, highest, millimeters(highest - face)))
+        heights.append(Dimension(face, highest, millimeters(highest - face)))
     if face < -SAME:
-        heights.append(Span(face, 0.0, millimeters(-face)))
+        heights.append(Dimension(face, 0.0, millimeters(-face)))
     return Workpiece(
         name=marker_name(marker),
         title=f"Fiducial marker, {len(dots)} dot{'s' * (len(dots) > 1)}, {size_words(marker.boundary)}",
@@ -65,7 +64,7 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
         back=_back(parts),
         size=size_of([body for part in parts for body in part.add]),
         round=[plate.is_disk for plate in plates] == [True],
-        labels=tuple(Label(str(dot.id), dot.x, dot.y, dot.radius, dot.inner) for dot in dots),
+        labels=tuple(DotLabel(str(dot.id), dot.x, dot.y, dot.radius, dot.inner) for dot in dots),
         callouts=(
             *_dot_callouts(dots, fabrication),
             *_hole_callouts(marker.substrate.holes),
@@ -79,7 +78,7 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
     )
 
 
-def _back(parts: Sequence[Part]) -> tuple[Face, ...]:
+def _back(parts: Sequence[Part]) -> tuple[ViewFace, ...]:
     """The back, if there is more to see on it than the outline and the holes that the front shows."""
     plates = [part for part in parts if part.is_plate]
     faces = seen(plates, BACK)
@@ -99,7 +98,7 @@ def _materials(parts: Sequence[Part]) -> str:
     return "; ".join(f"{material}: {', '.join(dict.fromkeys(names))}" for material, names in kinds.items())
 
 
-def _printed(marker: Marker, dots: Sequence[Dot], parts: Sequence[Part]) -> tuple[Face, ...]:
+def _printed(marker: Marker, dots: Sequence[Dot], parts: Sequence[Part]) -> tuple[ViewFace, ...]:
     """Dots and tag where they are no parts, not engraved and no holes, but on a sheet that is glued on."""
     low, _ = reach(parts)
     if any(not part.is_plate or part.marked for part in parts):
@@ -112,8 +111,8 @@ def _printed(marker: Marker, dots: Sequence[Dot], parts: Sequence[Part]) -> tupl
     ]
     faces = list(seen([Part("dot", "dark", tuple(printed))])) if printed else []
     if marker.tag and printed:
-        rings = tuple(tuple((mm(x), mm(y)) for x, y in ring.tolist()) for ring in marker.tag.outlines)
-        faces.append(Face(rings, "dark"))
+        rings = tuple(Contour(tuple((mm(x), mm(y)) for x, y in ring.tolist())) for ring in marker.tag.outlines)
+        faces.append(ViewFace(rings, "dark"))
     return tuple(replace(face, fine=True) for face in faces)
 
 

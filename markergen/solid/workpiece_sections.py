@@ -2,17 +2,16 @@
 
 from collections.abc import Iterable, Sequence
 
-from markergen.drawing.workshop import Section, Span
-from markergen.drawing.workshop_front import millimeters
+from markergen.drawing.fabrication_drawing import Dimension, SectionView, millimeters
 from markergen.model.marker import Marker
-from markergen.solid.bodies import Part, Prism, mm, span
+from markergen.solid.bodies import Part, Prism, flattened, mm, span
 from markergen.solid.inks import Dot
 from markergen.solid.processes import Made
 from markergen.solid.sections import SAME, centered, cut_along, reach, seen, size_of, widest
 from markergen.solid.workpiece_tables import DIAMETER, MOST_KINDS, use_words
 
 
-def sections_of(marker: Marker, dots: Sequence[Dot], made: Made) -> tuple[Section, ...]:
+def sections_of(marker: Marker, dots: Sequence[Dot], made: Made) -> tuple[SectionView, ...]:
     """All sections, with the sizes that the views do not show."""
     parts = made.parts
     return (*_dot_sections(dots, parts, made.face), *_hole_sections(marker, parts), *_edge(marker, made))
@@ -26,7 +25,7 @@ def alike(dots: Iterable[Dot]) -> list[tuple[tuple[float, float], list[Dot]]]:
     return list(groups.items())
 
 
-def _dot_sections(dots: Sequence[Dot], parts: Sequence[Part], face: float) -> list[Section]:
+def _dot_sections(dots: Sequence[Dot], parts: Sequence[Part], face: float) -> list[SectionView]:
     """One section for each kind of dot, and of the raised ones of a kind through the highest."""
     bodies = [body for part in parts for body in (*part.add, *part.cut, *part.marked)]
     found = []
@@ -40,7 +39,7 @@ def _dot_sections(dots: Sequence[Dot], parts: Sequence[Part], face: float) -> li
     return found
 
 
-def _dot_section(dot: Dot, title: str, parts: Sequence[Part], face: float) -> Section:
+def _dot_section(dot: Dot, title: str, parts: Sequence[Part], face: float) -> SectionView:
     x, y, z, radius, inner = dot.x, dot.y, dot.z, dot.radius, dot.inner
     plates = [part for part in parts if part.is_plate]
     pockets = [b for part in plates for b in (*part.cut, *part.marked) if centered(b, x, y)]
@@ -54,7 +53,9 @@ def _dot_section(dot: Dot, title: str, parts: Sequence[Part], face: float) -> Se
     for body in pillars:
         sizes.setdefault(round(widest(body), 6), " foot")
     spans = [
-        Span(x - r, x + r, f"{DIAMETER}{millimeters(2 * r)}{words}") for r, words in sorted(sizes.items()) if r > SAME
+        Dimension(x - r, x + r, f"{DIAMETER}{millimeters(2 * r)}{words}")
+        for r, words in sorted(sizes.items())
+        if r > SAME
     ]
     tall = {(low, face)}
     for body in pockets:
@@ -64,15 +65,15 @@ def _dot_section(dot: Dot, title: str, parts: Sequence[Part], face: float) -> Se
         tall.add((face, z))
     if high > max(z, face) + SAME:
         tall.add((face, high))
-    upright = [Span(a, b, millimeters(b - a)) for a, b in sorted(tall, key=lambda pair: (pair[1] - pair[0], pair))]
+    upright = [Dimension(a, b, millimeters(b - a)) for a, b in sorted(tall, key=lambda pair: (pair[1] - pair[0], pair))]
     aside = wide + max(3.0, 0.2 * wide)
     box = (x - aside, low, x + aside, high)
-    return Section(title, cut_along(parts, y, box), box, tuple(spans), tuple(upright), (x,))
+    return SectionView(title, cut_along(parts, y, box), box, tuple(spans), tuple(upright), (x,))
 
 
-def _hole_sections(marker: Marker, parts: Sequence[Part]) -> list[Section]:
+def _hole_sections(marker: Marker, parts: Sequence[Part]) -> list[SectionView]:
     """One section for each kind of hole."""
-    found: dict[tuple[float, float], Section] = {}
+    found: dict[tuple[float, float], SectionView] = {}
     low, _ = reach([part for part in parts if part.is_plate])
     for hole in marker.substrate.holes:
         if (hole.diameter, hole.sink) in found or len(found) == MOST_KINDS:
@@ -83,19 +84,19 @@ def _hole_sections(marker: Marker, parts: Sequence[Part]) -> list[Section]:
         box = (x - aside, low, x + aside, 0.0)
         faces = cut_along(parts, y, box)
         top = max((face.box[3] for face in faces), default=0.0)
-        spans = tuple(Span(x - r, x + r, f"{DIAMETER}{millimeters(2 * r)}") for r in radii)
-        found[hole.diameter, hole.sink] = Section(
+        spans = tuple(Dimension(x - r, x + r, f"{DIAMETER}{millimeters(2 * r)}") for r in radii)
+        found[hole.diameter, hole.sink] = SectionView(
             f"Section through the hole {use_words(hole)}",
             faces,
             (box[0], low, box[2], top),
             spans,
-            (Span(low, top, millimeters(top - low)),),
+            (Dimension(low, top, millimeters(top - low)),),
             (x,),
         )
     return list(found.values())
 
 
-def _edge(marker: Marker, made: Made) -> list[Section]:
+def _edge(marker: Marker, made: Made) -> list[SectionView]:
     """Section of an edge with a chamfer, or with a recess for a sheet next to it."""
     chamfer = mm(marker.substrate.chamfer)
     parts = made.parts
@@ -110,7 +111,7 @@ def _edge(marker: Marker, made: Made) -> list[Section]:
     if not chamfer and not recesses:
         return []
     low = reach(plates)[0]
-    ring = max((face for face in seen(plates)), key=lambda face: face.box[2]).rings[0]
+    ring = flattened(max((face for face in seen(plates)), key=lambda face: face.box[2]).contours[0])
     right = max(x for x, _ in ring)
     level = [y for x, y in ring if x > right - 1e-3]
     # In the middle of the outermost edge, or at the outermost point of an arc.
@@ -122,6 +123,6 @@ def _edge(marker: Marker, made: Made) -> list[Section]:
         upright.add((body.bottom, body.top))
     box = (left, low, right, made.face)
     faces = cut_along(parts, y, box)
-    across = (Span(right - chamfer, right, f"{millimeters(chamfer)} x 45\xb0"),) if chamfer else ()
-    heights = tuple(Span(a, b, millimeters(b - a)) for a, b in sorted(upright, key=lambda pair: pair[1] - pair[0]))
-    return [Section("Section of the edge", faces, box, across, heights)] if faces else []
+    across = (Dimension(right - chamfer, right, f"{millimeters(chamfer)} x 45\xb0"),) if chamfer else ()
+    heights = tuple(Dimension(a, b, millimeters(b - a)) for a, b in sorted(upright, key=lambda pair: pair[1] - pair[0]))
+    return [SectionView("Section of the edge", faces, box, across, heights)] if faces else []

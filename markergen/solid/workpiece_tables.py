@@ -2,8 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from markergen.drawing.workshop import Table
-from markergen.drawing.workshop_front import millimeters
+from markergen.drawing.fabrication_drawing import DrawingTable, millimeters
 from markergen.geometry.contour import Contour, area, placed
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole
@@ -23,9 +22,9 @@ MOST_KINDS = 6
 """Of dots and of holes that are named in the drawing and cut; of more the tables tell."""
 
 
-def tables_of(marker: Marker, made: Made) -> tuple[Table, ...]:
+def tables_of(marker: Marker, made: Made) -> tuple[DrawingTable, ...]:
     """All tables; that of the control points comes first, then that of the holes if there are any."""
-    points = Table(
+    points = DrawingTable(
         "Control points: centers of the dots, mm",
         ("id", "x", "y", "z", "diameter", "inner"),
         tuple(
@@ -52,16 +51,18 @@ def tables_of(marker: Marker, made: Made) -> tuple[Table, ...]:
             for hole in marker.substrate.holes
         )
         rows += tuple((f"{x:.4f}", f"{y:.4f}", millimeters(2 * r), "-", DRAWN) for x, y, r in drawn)
-        tables.append(Table("Holes through the plate, mm", ("x", "y", "diameter", "sink", "use"), rows, (4,)))
+        tables.append(DrawingTable("Holes through the plate, mm", ("x", "y", "diameter", "sink", "use"), rows, (4,)))
     if marker.tag:
         names = ("top left", "top right", "bottom right", "bottom left")
         corners = tuple(
             (name, _fixed(x), _fixed(y)) for name, (x, y) in zip(names, marker.tag.corners.tolist(), strict=True)
         )
-        tables.append(Table(f"Corners of the black square of {marker.tag}, mm", ("corner", "x", "y"), corners, (0,)))
+        tables.append(
+            DrawingTable(f"Corners of the black square of {marker.tag}, mm", ("corner", "x", "y"), corners, (0,))
+        )
     tables.append(_part_list(made.parts))
     if made.tolerances:
-        tables.append(Table("Tolerances", ("what", "tolerance"), made.tolerances, (0, 1)))
+        tables.append(DrawingTable("Tolerances", ("what", "tolerance"), made.tolerances, (0, 1)))
     return tuple(tables)
 
 
@@ -77,7 +78,7 @@ def drawn_holes(marker: Marker) -> list[tuple[float, float, float]]:
     return [(x + 0.0, y + 0.0, r) for x, y, r in filter(None, holes)]
 
 
-def _part_list(parts: Sequence[Part]) -> Table:
+def _part_list(parts: Sequence[Part]) -> DrawingTable:
     groups: dict[tuple[str, str, str], list[str]] = {}
     for part in parts:
         key = part.material, _size(part), f"{part_volume(part) / 1e3:.3f}"
@@ -85,7 +86,7 @@ def _part_list(parts: Sequence[Part]) -> Table:
     rows = tuple(
         (str(len(names)), _names(names), material, size, volume) for (material, size, volume), names in groups.items()
     )
-    return Table("Parts", ("pieces", "name", "material", "size, mm", "volume each, cm\xb3"), rows, (1, 2, 3))
+    return DrawingTable("Parts", ("pieces", "name", "material", "size, mm", "volume each, cm\xb3"), rows, (1, 2, 3))
 
 
 def _size(part: Part) -> str:

@@ -146,7 +146,7 @@ def test_the_fabrication_drawing_has_the_drawing_s_sizes(made):
 def test_the_sheets_draw_the_circles_half_a_micrometer_off_at_most(made):
     from markergen.drawing.colors import Colors
     from markergen.drawing.figure import Figure
-    from markergen.drawing.outline import boundary_lines
+    from markergen.drawing.marker_artwork import boundary_lines
 
     lines = boundary_lines(Figure(made.marker), Colors(cut="#ff0000"))
     found = []

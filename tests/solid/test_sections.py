@@ -3,7 +3,7 @@ from math import cos, pi, sin, sqrt, tan
 import pytest
 import shapely
 
-from markergen.drawing.workshop import Face
+from markergen.drawing.fabrication_drawing import ViewFace
 from markergen.solid.bodies import OFF, Part, Path, Prism, Revolved, circle, cylinder
 from markergen.solid.sections import BACK, cut_along, elevation, seen, size_of
 
@@ -11,8 +11,13 @@ WIDE = (-100.0, -50.0, 100.0, 50.0)
 SQUARE = Path(((-20.0, -10.0), (20.0, -10.0), (20.0, 10.0), (-20.0, 10.0)))
 
 
-def area(face: Face) -> float:
-    return shapely.Polygon(face.rings[0], face.rings[1:]).area
+def rings_of(face: ViewFace):
+    outer, *holes = (contour.points for contour in face.contours)
+    return outer, holes
+
+
+def area(face: ViewFace) -> float:
+    return shapely.Polygon(*rings_of(face)).area
 
 
 def plate(*cut, add=(), marked=(), chamfer=0.0) -> Part:
@@ -44,7 +49,7 @@ def test_what_is_cut_is_missing_and_neighbors_leave_no_slit():
     pillar = cylinder(0.0, 0.0, 6.0, 0.0, 8.0)
     part = plate(cylinder(0.0, 0.0, 5.0, 7.0, 8.0), add=(pillar,), chamfer=1.0)
     (face,) = cut_along([part], 0.0, WIDE)
-    assert len(face.rings) == 1
+    assert len(face.contours) == 1
     assert area(face) == pytest.approx(40 * 4 - 1 + 12 * 8 - 10 * 1, abs=1e-4)
 
 
@@ -73,10 +78,10 @@ def test_what_is_nearer_comes_later_and_holes_go_through():
     ]
     outline, pocket, hole, ring, pillar = seen(parts)
     assert [face.material for face in (outline, pocket, hole, ring, pillar)] == ["light", "light", "", "dark", "light"]
-    assert len(ring.rings) == 2
+    assert len(ring.contours) == 2
     assert len(hole.edges) == 1
-    assert max(x for x, _ in hole.edges[0]) == pytest.approx(6.0)
-    assert max(x for x, _ in hole.rings[0]) == pytest.approx(7.0)
+    assert max(x for x, _ in hole.edges[0].points) == pytest.approx(6.0)
+    assert max(x for x, _ in hole.contours[0].points) == pytest.approx(7.0)
     assert pillar.box[3] == pytest.approx(9.0, abs=OFF)
 
 

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from markergen.drawing.workshop import around
+from markergen.drawing.fabrication_drawing import around
 from markergen.geometry.contour import Contour, circle, placed
 from markergen.model.boundary import Circle, Polygon, polygon_from
 from markergen.model.fabrication import PROCESSES, Fabrication
