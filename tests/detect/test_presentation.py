@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from markergen.detect import detect
-from markergen.detect.overlay import overlay
+from markergen.detect.presentation import overlay
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import paper
 from markergen.render import Optics, render_view

@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from markergen.detect.candidates import LEAST_DOTS, Planes, Poses, find_candidates, misfits
-from markergen.detect.fit import outlines
-from markergen.detect.ideal import undo_lens
-from markergen.detect.layout import layout_of
+from markergen.detect.blobs import undo_lens
+from markergen.detect.conic_projection import outlines
+from markergen.detect.labeling_hypotheses import LEAST_DOTS, Planes, Poses, find_labelings, misfits
+from markergen.detect.pose_hypotheses import layout_of
 from markergen.maths.projection import plane_homography
 from markergen.maths.rotation import angle_between
 from markergen.model.camera import PAPER_CAMERA
@@ -68,7 +68,7 @@ def test_the_true_labeling_comes_first_and_no_labeling_twice(pentagon, sight, ca
     for pose in range(5, 400, 61):
         view = sight(pentagon, pose, strangers=15)
         ellipses = undo_lens(view.blobs, PAPER_CAMERA)
-        found = find_candidates(ellipses, layout_of(pentagon), 800.0, calibrated)
+        found = find_labelings(ellipses, layout_of(pentagon), 800.0, calibrated)
         np.testing.assert_array_equal(named(view, best_of(found)), np.arange(5))
         assert len(np.unique(found.blobs, axis=0)) == len(found)
         assert (found.count >= LEAST_DOTS).all()
@@ -84,5 +84,5 @@ def test_a_stranger_near_a_hidden_dots_place_is_let_go(ngon, sight):
         view = sight(marker, pose, noise=0.01)
         place = np.flatnonzero(view.dot == 3)[0]
         view.blobs.center[place] += 0.7 * view.blobs.semi[place].min()
-        found = find_candidates(undo_lens(view.blobs, PAPER_CAMERA), layout_of(marker), 800.0)
+        found = find_labelings(undo_lens(view.blobs, PAPER_CAMERA), layout_of(marker), 800.0)
         np.testing.assert_array_equal(named(view, best_of(found)), [0, 1, 2, -1, 4, 5])

@@ -6,11 +6,16 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.correction import correct_centers
-from markergen.detect.fit import Outlines, mirrored_poses, outlines, plane_outlines, refine_poses
-from markergen.detect.ideal import Ellipses
-from markergen.detect.layout import Layout
-from markergen.detect.seeds import guess_poses
+from markergen.detect.blobs import Ellipses
+from markergen.detect.conic_projection import (
+    Outlines,
+    correct_centers,
+    mirrored_poses,
+    outlines,
+    plane_outlines,
+    refine_poses,
+)
+from markergen.detect.pose_hypotheses import DotLayout, guess_poses
 from markergen.maths.projection import apply_homography, perspective
 
 Array = NDArray[np.float64]
@@ -19,7 +24,7 @@ Indices = NDArray[np.intp]
 LEAST_DOTS = 4
 """Fewer do not determine pose and labels."""
 
-MAX_CANDIDATES = 600
+MAX_LABELINGS = 600
 """Labelings that are fitted, times the marker's dots; those with the most dots first."""
 
 ROUNDS, TRIM_PX, MAX_TRIMMED = 3, 1.0, 60
@@ -42,7 +47,7 @@ _CHUNK = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Candidates:
+class Labelings:
     """A labelings, those with the most dots first.
 
     Attributes
@@ -70,15 +75,15 @@ class Candidates:
         """Dots (A,) that have a blob."""
         return np.sum(self.blobs >= 0, axis=-1)
 
-    def take(self, chosen: Indices) -> "Candidates":
+    def take(self, chosen: Indices) -> "Labelings":
         """Return the chosen ones."""
-        return Candidates(self.blobs[chosen], self.misfit[chosen], self.model.take(chosen), self.predicted.take(chosen))
+        return Labelings(self.blobs[chosen], self.misfit[chosen], self.model.take(chosen), self.predicted.take(chosen))
 
 
 class Model(Protocol):
     """Guesses of what maps the marker to the image: K of them."""
 
-    def outlines(self, layout: Layout) -> Outlines:
+    def outlines(self, layout: DotLayout) -> Outlines:
         """Where dots are predicted."""
 
     def project(self, points: Array) -> Array:
@@ -90,10 +95,10 @@ class Model(Protocol):
     def joined(self, other: "Model") -> "Model":
         """Return these and others of the same kind."""
 
-    def mirrored(self, layout: Layout) -> "Model | None":
+    def mirrored(self, layout: DotLayout) -> "Model | None":
         """Return what makes the marker look much the same, and ends in another minimum; None if nothing does."""
 
-    def fitted(self, blobs: Indices, ellipses: Ellipses, layout: Layout, px: float) -> "Model":
+    def fitted(self, blobs: Indices, ellipses: Ellipses, layout: DotLayout, px: float) -> "Model":
         """Least-squares fit to labelings (K, n)."""
 
 
@@ -104,7 +109,7 @@ class Poses:
     rotation: Array
     translation: Array
 
-    def outlines(self, layout: Layout) -> Outlines:
+    def outlines(self, layout: DotLayout) -> Outlines:
         """Where dots are predicted."""
         return outlines(layout.points, layout.radii, self.rotation, self.translation)
 
@@ -117,7 +122,7 @@ class Poses:
         """Return the chosen ones."""
         return Poses(self.rotation[chosen], self.translation[chosen])
 
-    def mirrored(self, layout: Layout) -> "Poses | None":
+    def mirrored(self, layout: DotLayout) -> "Poses | None":
         """Return the mirrored poses of a flat marker."""
         return Poses(*mirrored_poses(layout.points, self.rotation, self.translation)) if layout.flat else None
 
@@ -128,7 +133,7 @@ class Poses:
             np.concatenate([self.rotation, other.rotation]), np.concatenate([self.translation, other.translation])
         )
 
-    def fitted(self, blobs: Indices, ellipses: Ellipses, layout: Layout, px: float) -> "Poses":
+    def fitted(self, blobs: Indices, ellipses: Ellipses, layout: DotLayout, px: float) -> "Poses":
         """Least-squares fit to labelings (K, n)."""
         weight = (blobs >= 0)[..., None, None] * (px**2 * np.eye(2))
         rotation, translation, _ = refine_poses(
@@ -150,7 +155,7 @@ class Planes:
 
     homography: Array
 
-    def outlines(self, layout: Layout) -> Outlines:
+    def outlines(self, layout: DotLayout) -> Outlines:
         """Where dots are predicted."""
         return plane_outlines(layout.points[:, :2], layout.radii, self.homography)
 
@@ -162,7 +167,7 @@ class Planes:
         """Return the chosen ones."""
         return Planes(self.homography[chosen])
 
-    def mirrored(self, layout: Layout) -> None:
+    def mirrored(self, layout: DotLayout) -> None:
         """Return nothing: there is one homography."""
 
     def joined(self, other: Model) -> "Planes":
@@ -170,7 +175,7 @@ class Planes:
         assert isinstance(other, Planes)
         return Planes(np.concatenate([self.homography, other.homography]))
 
-    def fitted(self, blobs: Indices, ellipses: Ellipses, layout: Layout, px: float) -> "Planes":  # noqa: ARG002
+    def fitted(self, blobs: Indices, ellipses: Ellipses, layout: DotLayout, px: float) -> "Planes":  # noqa: ARG002
         """DLT of each labeling (K, n), corrected for the difference between centers of ellipses and of dots."""
         homography = self.homography.copy()
         patterns, group = np.unique(blobs >= 0, axis=0, return_inverse=True)
@@ -182,9 +187,9 @@ class Planes:
         return Planes(homography)
 
 
-def find_candidates(
-    ellipses: Ellipses, layout: Layout, px: float, calibrated: bool = True, rings_tell: bool = True
-) -> Candidates:
+def find_labelings(
+    ellipses: Ellipses, layout: DotLayout, px: float, calibrated: bool = True, rings_tell: bool = True
+) -> Labelings:
     """Labelings of `LEAST_DOTS` dots or more, fitted; without any, the best of fewer, for the record.
 
     Parameters
@@ -200,10 +205,10 @@ def find_candidates(
     drawn = guesses.outlines(layout)
     blobs, distance = assign(drawn, ellipses, layout, layout.reach, GUESS_PX / px, rings_tell)
     chosen = _distinct(blobs, distance)
-    enough = chosen[np.sum(blobs[chosen] >= 0, axis=-1) >= LEAST_DOTS][: max(24, MAX_CANDIDATES // len(layout))]
+    enough = chosen[np.sum(blobs[chosen] >= 0, axis=-1) >= LEAST_DOTS][: max(24, MAX_LABELINGS // len(layout))]
     if not len(enough):
         chosen = chosen[:1]
-        return Candidates(blobs[chosen], np.full(len(chosen), np.inf), guesses.take(chosen), drawn.take(chosen))
+        return Labelings(blobs[chosen], np.full(len(chosen), np.inf), guesses.take(chosen), drawn.take(chosen))
     candidates = _fitted(blobs[enough], guesses.take(enough), ellipses, layout, px)
     for _ in range(ROUNDS):
         labelings, start = _next(candidates, ellipses, layout, px, rings_tell)
@@ -234,21 +239,21 @@ def misfits(predicted: Outlines, ellipses: Ellipses, blobs: Indices, px: float) 
     return np.where(visible & np.isfinite(error), error, np.inf)
 
 
-def _fitted(blobs: Indices, start: Model, ellipses: Ellipses, layout: Layout, px: float) -> Candidates:
+def _fitted(blobs: Indices, start: Model, ellipses: Ellipses, layout: DotLayout, px: float) -> Labelings:
     """Labelings (K, n) fitted from where they were guessed and from the mirrored pose, whichever fits better."""
     count, mirrored = len(blobs), start.mirrored(layout)
     if mirrored is not None:
         blobs, start = np.concatenate([blobs, blobs]), start.joined(mirrored)
     model = start.fitted(blobs, ellipses, layout, px)
     drawn = model.outlines(layout)
-    candidates = Candidates(blobs, misfits(drawn, ellipses, blobs, px), model, drawn)
+    candidates = Labelings(blobs, misfits(drawn, ellipses, blobs, px), model, drawn)
     if mirrored is None:
         return candidates
     return candidates.take(np.arange(count) + count * (candidates.misfit[count:] < candidates.misfit[:count]))
 
 
 def _next(
-    candidates: Candidates, ellipses: Ellipses, layout: Layout, px: float, rings_tell: bool
+    candidates: Labelings, ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool
 ) -> tuple[Indices, Indices]:
     """Labelings (k, n) that fitted ones suggest and that were not fitted yet, and which of them each comes from.
 
@@ -273,7 +278,7 @@ def _next(
     return labelings[fresh], start[fresh]
 
 
-def _guesses(ellipses: Ellipses, layout: Layout, px: float, calibrated: bool, rings_tell: bool) -> Model:
+def _guesses(ellipses: Ellipses, layout: DotLayout, px: float, calibrated: bool, rings_tell: bool) -> Model:
     if calibrated:
         seeds = guess_poses(ellipses, layout, px, rings_tell)
         return Poses(seeds.rotation, seeds.translation)
@@ -288,7 +293,7 @@ def _guesses(ellipses: Ellipses, layout: Layout, px: float, calibrated: bool, ri
 
 
 def assign(
-    predicted: Outlines, ellipses: Ellipses, layout: Layout, reach: float, margin: float, rings_tell: bool
+    predicted: Outlines, ellipses: Ellipses, layout: DotLayout, reach: float, margin: float, rings_tell: bool
 ) -> tuple[Indices, Array]:
     """Nearest blob (K, n) of each predicted dot, -1 if none is within reach; and the sum (K,) of squared distances.
 
@@ -332,8 +337,8 @@ def _distinct(blobs: Indices, error: Array) -> Indices:
     return order[np.sort(first)]
 
 
-def _joined(first: Candidates, second: Candidates) -> Candidates:
-    return Candidates(
+def _joined(first: Labelings, second: Labelings) -> Labelings:
+    return Labelings(
         np.concatenate([first.blobs, second.blobs]),
         np.concatenate([first.misfit, second.misfit]),
         first.model.joined(second.model),

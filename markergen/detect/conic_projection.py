@@ -1,6 +1,7 @@
 """How dots look from a pose, and the poses from which they look as they do: batched, in normalized coordinates.
 
-Normalized coordinates are (X/z, Y/z): the lens is undone, the camera matrix too. So nothing here knows of pixels.
+Normalized coordinates are (X/z, Y/z): the lens is undone, the camera matrix too. So nothing here knows of pixels. The
+center of an image ellipse is not the image of the dot's center; how far apart they are follows from the conic, exactly.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -8,6 +9,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.maths.dlt import estimate_homography
 from markergen.maths.information import mirrored_rotation
 from markergen.maths.least_squares import Arrays, Attempt, Damping, LeastSquares, Mask, levenberg_marquardt
 
@@ -228,3 +230,34 @@ class EllipseCenters(LeastSquares):
     def take(self, chosen: Mask) -> "EllipseCenters":
         """See `LeastSquares.take`."""
         return replace(self, seen=self.seen[chosen], weight=self.weight[chosen], used=self.used[chosen])
+
+
+ECCENTRICITY_ROUNDS = 2
+"""Over the paper's poses the offset, up to a pixel, is known to 3e-3 px after one round and to 4e-5 px after two."""
+
+
+def correct_centers(centers: Array, points: Array, radii: Array) -> tuple[Array, Array]:
+    """Subtract from ellipse centers how far they lie from the images of the circles' centers, without a camera.
+
+    The offset follows exactly from the homography, which is estimated from the centers corrected so far, in turns.
+
+    Parameters
+    ----------
+    centers : array (k, n, 2), n >= 4
+        Centers of the dots' image ellipses in ideal px, or any linear function of them.
+    points : array (n, 2), m
+        The dots' centers in the plane of the marker.
+    radii : array (n,), m
+
+    Returns
+    -------
+    corrected : array (k, n, 2)
+    homography : array (k, 3, 3)
+        From points to corrected centers; not finite or arbitrary if three of four points are on a line.
+    """
+    corrected = centers
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for _ in range(ECCENTRICITY_ROUNDS):
+            drawn = plane_outlines(points, radii, estimate_homography(points, corrected))
+            corrected = centers - (drawn.center - drawn.point)
+        return corrected, estimate_homography(points, corrected)

@@ -1,10 +1,9 @@
-"""Where dots could be: dark regions with the outline of an ellipse and an edge all around."""
+"""Where dots could be: dark regions with the outline of an ellipse and an edge all around, above the image's noise."""
+
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
-
-from markergen.detect.ellipse import Outlines
-from markergen.detect.noise import grey_noise
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -48,7 +47,38 @@ dots is under 0.25, with a noise of a tenth of the contrast."""
 _MIN_CONTRAST = 12.0
 
 
-def find_regions(image: Image) -> Outlines:
+@dataclass(frozen=True, eq=False)
+class Regions:
+    """B dark regions by their rough outlines, where the fit starts.
+
+    Attributes
+    ----------
+    center : array (B, 2), px
+    spread : array (B, 2, 2), px^2
+        Q of the ellipse x'Q^-1 x = 1 about the center: four times the covariance of its area.
+    light, dark : arrays (B,), grey levels outside and inside
+    blur : array (B,), px
+        Width of the edge as the standard deviation of a normal distribution.
+    middle : array (B,)
+        Level in the middle, from 0 where it is dark to 1 where it is light.
+    """
+
+    center: Array
+    spread: Array
+    light: Array
+    dark: Array
+    blur: Array
+    middle: Array
+
+    def __len__(self) -> int:
+        return len(self.center)
+
+    def take(self, index: NDArray[np.bool_] | Indices) -> "Regions":
+        """Return those of an index."""
+        return Regions(*(getattr(self, field.name)[index] for field in fields(self)))
+
+
+def find_regions(image: Image) -> Regions:
     """Outlines of dark regions that could be dots, the most even edges first.
 
     Pixels below the mean of a small window are dark; in an image pyramid such windows are small or large, and the
@@ -181,7 +211,7 @@ def _ellipses(contours: list[NDArray[np.int32]]) -> tuple[Array, Array]:
     return center[shaped[good]], np.einsum("bik,bk,bjk->bij", vectors[good], grown, vectors[good])
 
 
-def _with_edges(image: Image, unit: float, center: Array, spread: Array) -> tuple[Outlines, Array]:
+def _with_edges(image: Image, unit: float, center: Array, spread: Array) -> tuple[Regions, Array]:
     """Outlines with an edge from dark to light all around, and for each how uneven the edge is, 0 for not at all.
 
     Pixels are sampled on the normals of the outline. The share of the outline with a step near the median must be
@@ -231,10 +261,10 @@ def _with_edges(image: Image, unit: float, center: Array, spread: Array) -> tupl
     around = np.rint(around).astype(int)
     middle = image[around[..., 1], around[..., 0]].mean(axis=1)
     middle = (middle - dark) / np.maximum(light - dark, unit)
-    return Outlines(center[good], spread, light, dark, blur, middle), uneven[good]
+    return Regions(center[good], spread, light, dark, blur, middle), uneven[good]
 
 
-def _distinct(outlines: Outlines) -> Indices:
+def _distinct(outlines: Regions) -> Indices:
     """Of outlines that are nearly the same the first one of each."""
     size = np.linalg.det(outlines.spread) ** 0.25
     taken = np.zeros(0, dtype=np.intp)
@@ -246,3 +276,25 @@ def _distinct(outlines: Outlines) -> Indices:
             if len(taken) == MAX_REGIONS:
                 break
     return taken
+
+
+_PIECE = 32
+
+
+def grey_noise(image: NDArray[np.uint8] | NDArray[np.uint16]) -> float:
+    """Standard deviation of the grey noise: of neighbors' differences, over sqrt(2), where they are small.
+
+    In every eighth row, the fifth part of the pieces of 32 px that differ least count: plain paper is there, if
+    anywhere. Zero for images without such pieces.
+
+    Parameters
+    ----------
+    image : array (h, w), grey levels
+    """
+    rows = image[::8, : image.shape[1] // _PIECE * _PIECE].astype(np.float32)
+    if not rows.size:
+        return 0.0
+    spread = np.mean(np.square(np.diff(rows.reshape(-1, _PIECE), axis=1)), axis=1)
+    # Saturated pieces have no noise to show.
+    spread = spread[spread > 0]
+    return float(np.sqrt(np.percentile(spread, 20) / 2)) if len(spread) else 0.0

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from markergen.detect.edge_model import BOXED, blurred_ellipse, pixel_edge
+from markergen.detect.edge_psf import BOXED, blurred_ellipse, pixel_edge
 
 FINE, SIZE = 12, 41
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from markergen.detect.alignment import align_dots
-from markergen.detect.plane_model import Dot
+from markergen.detect.photometric import align_dots
+from markergen.detect.plane_model import PredictedDot
 from markergen.maths.projection import plane_homography
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import paper
@@ -23,12 +23,12 @@ def view(marker, pose, optics=None):
         radius = point.feature.diameter / 2
         plane = homography @ np.array([[radius, 0, point.x], [0, radius, point.y], [0, 0, 1]])
         hole = point.feature.inner_diameter / point.feature.diameter
-        dots.append(Dot(plane, np.zeros(2), hole, np.zeros((0, 3))))
+        dots.append(PredictedDot(plane, np.zeros(2), hole, np.zeros((0, 3))))
     return image, dots, PAPER_CAMERA.project(marker.xyz, rotation[None], translation[None])[0]
 
 
 def moved(dots, by):
-    return [Dot(dot.plane, dot.start + by, dot.hole, dot.neighbors) for dot in dots]
+    return [PredictedDot(dot.plane, dot.start + by, dot.hole, dot.neighbors) for dot in dots]
 
 
 @pytest.mark.parametrize("pose", [30, 230, 390])

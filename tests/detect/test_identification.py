@@ -3,10 +3,9 @@ import time
 import numpy as np
 import pytest
 
-from markergen.detect.blobs import Blobs
-from markergen.detect.ideal import undo_lens
-from markergen.detect.labels import MAX_BLOBS, ambiguity, search
-from markergen.detect.layout import layout_of
+from markergen.detect.blobs import Blobs, undo_lens
+from markergen.detect.identification import MAX_BLOBS, ambiguity, search
+from markergen.detect.pose_hypotheses import layout_of
 from markergen.model.camera import PAPER_CAMERA
 
 DIRECTIONS = np.exp(1j * (0.3 + 2 * np.pi * np.arange(3) / 3))

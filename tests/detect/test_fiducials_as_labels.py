@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from markergen.detect import detect, detect_all
-from markergen.detect.candidates import Planes, Poses
 from markergen.detect.detection import UNREAD, identify
-from markergen.detect.record import as_dict
-from markergen.detect.tags import CONFIRMS, NO_TAGS, REFUTES, SILENT, Sightings, look_for_tags, verdicts
+from markergen.detect.fiducials import CONFIRMS, NO_TAGS, REFUTES, SILENT, Sightings, look_for_tags, verdicts
+from markergen.detect.labeling_hypotheses import Planes, Poses
+from markergen.detect.presentation import as_dict
 from markergen.maths.projection import plane_homography
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
@@ -154,9 +154,11 @@ def test_images_of_16_bits(tagged):
     assert look_for_tags(image, set()) is NO_TAGS
 
 
+CORNERS = np.column_stack([TAG.corners, np.zeros(4)])
+
+
 def quad(pose=0):
-    corners = np.column_stack([TAG.corners, np.zeros(4)])
-    return PAPER_CAMERA.project(corners, POSES.rotation[[pose]], POSES.translation[[pose]])[0]
+    return PAPER_CAMERA.project(CORNERS, POSES.rotation[[pose]], POSES.translation[[pose]])[0]
 
 
 @pytest.mark.parametrize(
@@ -179,22 +181,24 @@ def test_what_a_tag_says_of_a_labeling(name, turn, shift, state):
         Poses(POSES.rotation[[0]], POSES.translation[[0]]),
         Planes(plane_homography(POSES.rotation[[0]], POSES.translation[[0]], np.eye(3))),
     ):
-        found, which = verdicts(model, TAG, PAPER_CAMERA, seen)
+        found, which = verdicts(model.project(CORNERS), TAG, PAPER_CAMERA, seen)
         assert found.tolist() == [state]
         assert which.tolist() == [-1 if state == SILENT else 0]
 
 
 def test_the_right_tag_outweighs_a_misread_one():
     seen = Sightings(((TAG.family, 8), (TAG.family, 7)), np.stack([quad(), quad()]))
-    found, which = verdicts(Poses(POSES.rotation[[0]], POSES.translation[[0]]), TAG, PAPER_CAMERA, seen)
+    found, which = verdicts(
+        Poses(POSES.rotation[[0]], POSES.translation[[0]]).project(CORNERS), TAG, PAPER_CAMERA, seen
+    )
     assert (found.tolist(), which.tolist()) == ([CONFIRMS], [1])
 
 
 def test_a_labeling_behind_the_camera_is_not_judged():
     model = Poses(POSES.rotation[[0]], -POSES.translation[[0]])
-    found, _ = verdicts(model, TAG, PAPER_CAMERA, Sightings(((TAG.family, 7),), quad()[None]))
+    found, _ = verdicts(model.project(CORNERS), TAG, PAPER_CAMERA, Sightings(((TAG.family, 7),), quad()[None]))
     assert found.tolist() == [SILENT]
-    assert verdicts(model, TAG, PAPER_CAMERA, NO_TAGS)[0].tolist() == [SILENT]
+    assert verdicts(model.project(CORNERS), TAG, PAPER_CAMERA, NO_TAGS)[0].tolist() == [SILENT]
 
 
 def test_a_tag_off_the_origin(pentagon):

@@ -6,20 +6,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.candidates import (
+from markergen.detect.blobs import Ellipses
+from markergen.detect.fiducials import CONFIRMS, NO_TAGS, REFUTES, Sightings, verdicts
+from markergen.detect.labeling_hypotheses import (
     LEAST_DOTS,
     NEAR_PX,
     NEAR_REACH,
-    Candidates,
+    Labelings,
     Planes,
     Poses,
     assign,
-    find_candidates,
+    find_labelings,
     misfits,
 )
-from markergen.detect.ideal import Ellipses
-from markergen.detect.layout import Layout
-from markergen.detect.tags import CONFIRMS, NO_TAGS, REFUTES, Sightings, verdicts
+from markergen.detect.pose_hypotheses import DotLayout
 from markergen.model.camera import Camera
 from markergen.model.tag import Tag
 
@@ -59,8 +59,8 @@ class Search:
 
     Attributes
     ----------
-    layout : Layout
-    candidates : Candidates
+    layout : DotLayout
+    candidates : Labelings
         Best first.
     bound : array (A,), px
         Misfit up to which each is accepted.
@@ -69,15 +69,15 @@ class Search:
     rings, disks : arrays (A,) of int
         Disks in whose place there is a ring, and rings in whose place there is a disk.
     tags, sighting : arrays (A,) of int
-        What the tag in the image says of each labeling, and which one it is: see `tags.verdicts`.
+        What the tag in the image says of each labeling, and which one it is: see `verdicts`.
     alone : Search or None
         The same for the blobs of the best labeling alone; if it has no ring, as though rings looked like disks.
     reason : str
         Why there is no labeling; empty if the first candidate is one, unless another contends.
     """
 
-    layout: Layout
-    candidates: Candidates
+    layout: DotLayout
+    candidates: Labelings
     bound: Array
     missing: Indices
     rings: Indices
@@ -110,17 +110,17 @@ class Search:
 
 def search(
     ellipses: Ellipses,
-    layout: Layout,
+    layout: DotLayout,
     camera: Camera,
     calibrated: bool = True,
     print_sigma: float = 0.0,
     tag: Tag | None = None,
     sightings: Sightings = NO_TAGS,
-    find: Callable[..., Candidates] = find_candidates,
+    find: Callable[..., Labelings] = find_labelings,
 ) -> Search:
     """Find the labelings of blobs that the camera could have seen, the best one first.
 
-    Guessed poses (see `seeds`) take blobs near the dots they predict; labelings of four dots or more are fitted, and
+    Guessed poses (`guess_poses`) take blobs near the dots they predict; labelings of four dots or more are fitted, and
     verified by how far centers and outlines are from those of the fitted pose, which leaves 5 m - 6 numbers of m dots
     to check. A labeling that is accepted may still not be the only one: see `ambiguity`.
 
@@ -133,7 +133,7 @@ def search(
     tag, sightings : Tag or None, Sightings
         The marker's tag, and those in the image: labelings that put another tag in its place are left out.
     find : callable
-        `find_candidates`, or what remembers its results.
+        `find_labelings`, or what remembers its results.
     """
     px = float(np.sqrt(camera.fx * camera.fy))
     if len(ellipses) < LEAST_DOTS:
@@ -146,7 +146,7 @@ def search(
     if not len(candidates) or candidates.count[0] < LEAST_DOTS:
         return _failed(layout, _how_far(ellipses, layout, candidates, camera))
 
-    def ranked(candidates: Candidates, own: Ellipses) -> Search:
+    def ranked(candidates: Labelings, own: Ellipses) -> Search:
         return _ranked(candidates, own, layout, camera, px, print_sigma, tag, sightings)
 
     everything = ranked(candidates, ellipses)
@@ -174,21 +174,21 @@ def search(
     own = ellipses.take(found.blobs[found.blobs >= 0])
     if ringed and len(own) == len(ellipses):
         return found
-    lone = ranked(find_candidates(own, layout, px, calibrated, rings_tell=ringed), own)
+    lone = ranked(find_labelings(own, layout, px, calibrated, rings_tell=ringed), own)
     return replace(found, alone=lone.take(np.flatnonzero(lone.tags != REFUTES)))
 
 
 def _ranked(
-    candidates: Candidates,
+    candidates: Labelings,
     ellipses: Ellipses,
-    layout: Layout,
+    layout: DotLayout,
     camera: Camera,
     px: float,
     print_sigma: float,
     tag: Tag | None,
     seen: Sightings,
 ) -> Search:
-    """Candidates with what speaks against them, those with their tag first, best first by misfit and lack of dots.
+    """Labelings with what speaks against them, those with their tag first, best first by misfit and lack of dots.
 
     Those out of bounds come last.
     """
@@ -201,7 +201,8 @@ def _ranked(
     tags, sighting = np.zeros((2, len(candidates)), dtype=np.intp)
     # A homography is that of the dots' plane alone.
     if tag is not None and (isinstance(candidates.model, Poses) or not layout.points[0, 2]):
-        tags, sighting = verdicts(candidates.model, tag, camera, seen)
+        corners = candidates.model.project(np.column_stack([tag.corners, np.zeros(4)]))
+        tags, sighting = verdicts(corners, tag, camera, seen)
     order = np.lexsort((candidates.misfit + lack, tags != CONFIRMS, candidates.misfit > bound))
     there, _ = assign(candidates.predicted, ellipses, layout, NEAR_REACH, NEAR_PX / px, rings_tell=False)
     strange = absent & (there >= 0) & (ellipses.ring[there] != layout.rings)
@@ -245,7 +246,7 @@ def contender(chosen: Search, others: Search, same_marker: bool) -> int | None:
     return int(rivals[np.argmin(excess[rivals])]) if len(rivals) else None
 
 
-def _printing(candidates: Candidates, px: float, print_sigma: float) -> Array:
+def _printing(candidates: Labelings, px: float, print_sigma: float) -> Array:
     """Error (A,) of the print in px, at `PRINT_SIGMAS`, at the distance of each pose; 0 without a camera."""
     if not isinstance(candidates.model, Poses):
         return np.zeros(len(candidates))
@@ -253,7 +254,7 @@ def _printing(candidates: Candidates, px: float, print_sigma: float) -> Array:
         return np.nan_to_num(PRINT_SIGMAS * print_sigma * px / np.abs(candidates.model.translation[:, 2]), posinf=0.0)
 
 
-def _bound(candidates: Candidates, missing: Indices, ellipses: Ellipses, px: float, printing: Array) -> Array:
+def _bound(candidates: Labelings, missing: Indices, ellipses: Ellipses, px: float, printing: Array) -> Array:
     """Accepted misfit (A,) in px: less where dots are missing, by the share of dots beyond those that fix the pose.
 
     Less than half of the dots that should be seen are never enough. Negative for what is not accepted at any misfit.
@@ -271,7 +272,7 @@ def _bound(candidates: Candidates, missing: Indices, ellipses: Ellipses, px: flo
     return np.where(_plane_is_told(candidates, missing, ellipses, px), bound, -1.0)
 
 
-def _plane_is_told(candidates: Candidates, missing: Indices, ellipses: Ellipses, px: float) -> NDArray[np.bool_]:
+def _plane_is_told(candidates: Labelings, missing: Indices, ellipses: Ellipses, px: float) -> NDArray[np.bool_]:
     """Whether (A,) homographies are backed by more than the four centers that any homography fits.
 
     Their outlines must be right, the more so the fewer dots there are and the more are missing; and four dots of more,
@@ -285,7 +286,7 @@ def _plane_is_told(candidates: Candidates, missing: Indices, ellipses: Ellipses,
     return enough & (misfits(in_place, ellipses, candidates.blobs, px) <= allowed * (count - 3) / (1 + missing))
 
 
-def _expected(candidates: Candidates, camera: Camera) -> NDArray[np.bool_]:
+def _expected(candidates: Labelings, camera: Camera) -> NDArray[np.bool_]:
     """Dots (A, n) that are predicted wholly inside the image, by a margin."""
     drawn = candidates.predicted
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -296,7 +297,7 @@ def _expected(candidates: Candidates, camera: Camera) -> NDArray[np.bool_]:
     return drawn.seen & inside
 
 
-def _how_far(ellipses: Ellipses, layout: Layout, candidates: Candidates, camera: Camera) -> str:
+def _how_far(ellipses: Ellipses, layout: DotLayout, candidates: Labelings, camera: Camera) -> str:
     """Why there are no four dots in the marker's layout."""
     found = f"found {len(ellipses)} dots"
     if layout.rings.any() and not ellipses.ring.any():
@@ -317,9 +318,9 @@ def _other_tag(search: Search, tag: Tag | None, seen: Sightings) -> str:
     return f"found a marker of this layout with the tag {family}:{number}, not {tag}"
 
 
-def _failed(layout: Layout, reason: str) -> Search:
+def _failed(layout: DotLayout, reason: str) -> Search:
     nothing = Planes(np.zeros((0, 3, 3)))
     none = np.zeros((0, len(layout)), dtype=np.intp)
-    candidates = Candidates(none, np.zeros(0), nothing, nothing.outlines(layout))
+    candidates = Labelings(none, np.zeros(0), nothing, nothing.outlines(layout))
     count = np.zeros(0, dtype=np.intp)
     return Search(layout, candidates, np.zeros(0), count, count, count, count, count, reason=reason)

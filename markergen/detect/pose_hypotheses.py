@@ -7,16 +7,90 @@ strangers pass. No choice of three or four blobs is ever enumerated: their numbe
 """
 
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.ideal import Ellipses
-from markergen.detect.layout import Layout
+from markergen.detect.blobs import Ellipses
+from markergen.errors import InputError
+from markergen.model.marker import Marker
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
-MAX_SEEDS = 3000
+MAX_PAIRS = 240
+"""Ordered pairs of control points from which poses are guessed; all of them for up to 16 dots."""
+
+
+@dataclass(frozen=True, eq=False)
+class DotLayout:
+    """Control points, their dots, and the pairs from which poses are guessed.
+
+    Attributes
+    ----------
+    points : array (n, 3), m
+    radii : array (n,), m
+    rings : array (n,) of bool
+    flat : bool
+        All at one height.
+    pairs : array (q, 2) of int
+        Ordered pairs of control points.
+    reach : float
+        Up to how many radii of a dot another point can lie and be its own and no other's.
+    """
+
+    points: Array
+    radii: Array
+    rings: NDArray[np.bool_]
+    flat: bool
+    pairs: Indices
+    reach: float
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def layout_of(marker: Marker) -> DotLayout:
+    """Prepare a marker for the search.
+
+    Raises
+    ------
+    InputError
+        If its control points are fewer than four or on one line, or a dot has no size.
+    """
+    points = marker.xyz
+    features = [point.feature for point in marker.control_points]
+    radii = np.array([feature.diameter / 2 for feature in features])
+    if len(points) < 4:
+        raise InputError("4 or more control points", f"n={len(points)}", "a pose needs four")
+    if radii.min() == 0:
+        raise InputError("dots that can be seen", "a dot of diameter 0", "design the marker with --dot above 0")
+    centered = points - points.mean(axis=0)
+    scatter = np.linalg.eigvalsh(centered.T @ centered)
+    if scatter[1] <= 1e-6 * scatter[2]:
+        raise InputError(
+            "control points that span a plane", "all of them on one line", "use a layout that spans the plane"
+        )
+    rings = np.array([feature.kind == "ring" for feature in features])
+    distance = np.linalg.norm(points[:, None] - points, axis=-1)
+    np.fill_diagonal(distance, np.inf)
+    reach = min(2.0, 0.5 * float((distance.min(axis=-1) / radii).min()))
+    flat = not np.ptp(points[:, 2])
+    return DotLayout(points, radii, rings, flat, _pairs(points, rings), reach)
+
+
+def _pairs(points: Array, rings: NDArray[np.bool_]) -> Indices:
+    """Ordered pairs of points apart from each other, those with one ring first, up to `MAX_PAIRS`."""
+    pairs = np.array(list(permutations(range(len(points)), 2)), dtype=np.intp)
+    lateral = np.linalg.norm(np.diff(points[pairs, :2], axis=1)[:, 0], axis=-1)
+    # Short pairs tell the turn badly. What is left of many is a fixed random choice, so that every dot has its share.
+    pairs = np.random.default_rng(0).permutation(pairs[lateral > 0.25 * lateral.max()])
+    one_ring = rings[pairs].sum(axis=-1) == 1
+    return pairs[np.argsort(~one_ring, kind="stable")[:MAX_PAIRS]]
+
+
+MAX_POSES = 3000
 """Poses that are tried, the most consistent pairs first."""
 
 MAX_TRIALS = 1_000_000
@@ -28,7 +102,7 @@ over the smaller semi-axis, which is where the outline of small dots is blurred 
 
 
 @dataclass(frozen=True, eq=False)
-class Seeds:
+class PoseHypotheses:
     """K guessed poses: rotation (K, 3, 3), translation (K, 3) in m."""
 
     rotation: Array
@@ -38,7 +112,7 @@ class Seeds:
         return len(self.translation)
 
 
-def guess_poses(ellipses: Ellipses, layout: Layout, px: float, rings_tell: bool = True) -> Seeds:
+def guess_poses(ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool = True) -> PoseHypotheses:
     """Poses from all pairs of blobs that a pair of dots could be, the most consistent first.
 
     Parameters
@@ -82,7 +156,7 @@ def guess_poses(ellipses: Ellipses, layout: Layout, px: float, rings_tell: bool 
         good &= ellipses.ring[first][:, None] == layout.rings[a]
         good &= ellipses.ring[second][:, None] == layout.rings[b]
     m, q = np.nonzero(good)
-    order = np.argsort(quality[m, q], kind="stable")[:MAX_SEEDS]
+    order = np.argsort(quality[m, q], kind="stable")[:MAX_POSES]
     m, q = m[order], q[order]
     return _turned(
         layout.points[a[q]],
@@ -126,7 +200,7 @@ def circle_poses(center: Array, shape: Array) -> tuple[Array, Array]:
     return position, np.where(facing > 0, -normal, normal)
 
 
-def _neighbors(ellipses: Ellipses, layout: Layout) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _neighbors(ellipses: Ellipses, layout: DotLayout) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Pairs of different blobs no farther apart, in radii of the first, than the dots can be."""
     lateral = layout.points[:, None, :2] - layout.points[:, :2]
     # Twice as much for the perspective of near views, in which radii shrink toward the far side.
@@ -157,7 +231,7 @@ def _elongation(shape: Array, center: Array, normal: Array) -> Array:
     return np.arccosh(np.maximum(ratio, 1))
 
 
-def _turned(point: Array, step: Array, place: Array, other: Array, normal: Array, scale: Array) -> Seeds:
+def _turned(point: Array, step: Array, place: Array, other: Array, normal: Array, scale: Array) -> PoseHypotheses:
     """Poses that take a point (K, 3) to `place` and the one a step (K, 3) from it toward `other`."""
     along = other - place - step[:, 2:] * normal
     along /= np.linalg.norm(along, axis=-1, keepdims=True)
@@ -166,4 +240,4 @@ def _turned(point: Array, step: Array, place: Array, other: Array, normal: Array
     cosine, sine = step[:, :1] / length, step[:, 1:2] / length
     rotation = np.stack([cosine * along - sine * across, sine * along + cosine * across, normal], axis=-1)
     # The distance between dots tells the scale better than the size of one.
-    return Seeds(rotation, scale * place - np.einsum("kij,kj->ki", rotation, point))
+    return PoseHypotheses(rotation, scale * place - np.einsum("kij,kj->ki", rotation, point))
