@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-
-from markergen.studies.paper.statistics import (
+from markergen_paper.statistics import (
     NOTHING,
     above,
     below,

@@ -5,14 +5,15 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
+from markergen_paper import estimated_seconds, run_paper
+from markergen_paper import study as paper_study
+from markergen_paper.claims import CLAIMS
+from markergen_paper.options import COORDINATES, NOISE_PX, NUMBERS, OBJECTIVE_OF, PaperOptions
+from markergen_paper.report import rows_csv, tables_of
+from markergen_paper.study import cells_of, seconds_of
 
 from markergen.errors import InputError
 from markergen.studies.engines import ENGINES, engine_for
-from markergen.studies.paper import estimated_seconds, run_paper
-from markergen.studies.paper import run as paper_run
-from markergen.studies.paper.claims import CLAIMS
-from markergen.studies.paper.options import PaperOptions
-from markergen.studies.paper.tables import csv_bytes, tables_of
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +22,7 @@ def written(tmp_path_factory, tiny, fake):
     folder = tmp_path_factory.mktemp("paper") / "out"
     told = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(paper_run, "work", fake)
+        patch.setattr(paper_study, "work", fake)
         paths = run_paper(folder, tiny, ENGINES["serial"](), progress=lambda *told_now: told.append(told_now))
     return folder, paths, told
 
@@ -79,7 +80,7 @@ def test_claims_are_in_all_three_places(written):
 def test_the_same_results_give_the_same_tables(written, study):
     """Whether they come from files of cells or not."""
     folder, paths, _ = written
-    tables = {f"{name}.csv": csv_bytes(rows) for name, rows in tables_of(study).items()}
+    tables = {f"{name}.csv": rows_csv(rows) for name, rows in tables_of(study).items()}
     assert {path.name for path in paths if path.suffix == ".csv"} == {*tables, "claims.csv"}
     for name, data in tables.items():
         assert (folder / name).read_bytes() == data
@@ -88,10 +89,10 @@ def test_the_same_results_give_the_same_tables(written, study):
 @pytest.mark.long
 def test_the_same_options_give_the_same_files(written, tmp_path, tiny, fake, monkeypatch):
     folder = written[0]
-    monkeypatch.setattr(paper_run, "work", fake)
+    monkeypatch.setattr(paper_study, "work", fake)
     # Two figures do for all: each is drawn by the same function.
-    every = paper_run.figures_of
-    monkeypatch.setattr(paper_run, "figures_of", lambda study: dict(list(every(study).items())[:2]))
+    every = paper_study.figures_of
+    monkeypatch.setattr(paper_study, "figures_of", lambda study: dict(list(every(study).items())[:2]))
     for path in run_paper(tmp_path / "again", tiny, ENGINES["serial"]()):
         if path.suffix == ".html":
             continue
@@ -107,7 +108,7 @@ def test_another_study_is_refused(written, tiny):
 
 
 def test_numbers_in_tables_have_nine_digits_and_gaps_are_empty():
-    assert csv_bytes([{"a": np.pi, "b": np.nan, "c": 3, "d": "x"}]) == b"a,b,c,d\n3.14159265,,3,x\n"
+    assert rows_csv([{"a": np.pi, "b": np.nan, "c": 3, "d": "x", "e": np.inf}]) == b"a,b,c,d,e\n3.14159265,,3,x,inf\n"
 
 
 @pytest.mark.long
@@ -117,3 +118,48 @@ def test_one_and_two_workers_give_the_same_files(tmp_path):
     run_paper(tmp_path / "2", options, engine_for(2))
     for path in one:
         assert path.read_bytes() == (tmp_path / "2" / path.name).read_bytes()
+
+
+def compared(options, everything):
+    """Cells of the comparison, and poses by n."""
+    cells = [c for c in cells_of(options) if c.kind == "conditioned" and c.settings["noise_px"] == NOISE_PX]
+    return [c for c in cells if (len(c.settings["optimized"]) == len(OBJECTIVE_OF)) == everything]
+
+
+@pytest.mark.parametrize("scale", [1e-4, 0.01, 1.0])
+def test_every_pose_is_compared_once_for_every_n(scale):
+    options = PaperOptions(scale=scale)
+    cells = cells_of(options)
+    assert len(set(cells)) == len(cells)
+    for everything, poses in ((False, options.poses), (True, options.fewer_poses)):
+        for n in NUMBERS:
+            own = [c.settings["poses"] for c in compared(options, everything) if c.settings["n"] == n]
+            assert [pose for block in own for pose in block] == poses
+
+
+def test_the_full_study_is_the_one_of_the_paper_and_fits_into_half_an_hour_of_two_cores():
+    full = [c for c in compared(PaperOptions(), False) if c.settings["n"] == 6]
+    assert {c.settings["starts"] for c in full} == {100}
+    assert all(c.settings["optimized"] == {COORDINATES[0]: 100} for c in full)
+    cells = cells_of(PaperOptions())
+    assert sum(map(seconds_of, cells)) < 2 * 1800
+    # Short cells lose little when they are interrupted, and keep all cores busy until the end.
+    assert max(map(seconds_of, cells)) < 60
+
+
+def test_the_cost_is_linear_in_poses_starts_n_and_runs():
+    def cost(options):
+        return sum(map(seconds_of, compared(options, False)))
+
+    whole = cost(PaperOptions())
+    # Half the starts are descended from in a batch half as large, whose steps cost a little more than half.
+    assert cost(PaperOptions(scale=0.25)) == pytest.approx(whole / 4, rel=0.1)
+    # Descents cost the same, whatever is done with the layouts afterwards.
+    ten = cost(PaperOptions(runs=30)) - whole
+    assert cost(PaperOptions(runs=1000)) == pytest.approx(whole + 98 * ten, rel=0.01)
+    # The paper's own number of runs is cut into small cells, too, as far as one pose goes.
+    assert max(map(seconds_of, compared(PaperOptions(runs=1000), False))) < 90
+
+
+def test_the_seed_changes_every_cell():
+    assert not set(cells_of(PaperOptions(scale=0.01))) & set(cells_of(PaperOptions(scale=0.01, seed=1)))

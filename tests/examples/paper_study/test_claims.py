@@ -1,15 +1,14 @@
 import numpy as np
 import pytest
-
-from markergen.studies.paper.claims import CLAIMS, Finding, verdict
-from markergen.studies.paper.options import COORDINATES
-from markergen.studies.paper.statistics import LEVEL, Judged
+from markergen_paper.claims import CLAIMS, ClaimTest, verdict
+from markergen_paper.options import COORDINATES
+from markergen_paper.statistics import LEVEL, Judged
 
 FOUND, OPPOSITE, NEITHER = (Judged(1.0, 0.5, 1.5, p, against, 20) for p, against in ((0, 1), (1, 0), (0.5, 0.5)))
 
 
 def finding(judged):
-    return Finding("unit", None, "something", judged)
+    return ClaimTest("unit", None, "something", judged)
 
 
 @pytest.mark.parametrize(

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
+from markergen_paper.experiments import BOUNDED, GAINED
+from markergen_paper.measurements import ESTIMATORS_FLAT, ESTIMATORS_RELIEF
+from markergen_paper.options import BOUNDARY, COORDINATES, REGION, PaperOptions
+from markergen_paper.results import gather
+from markergen_paper.study import cells_of
 
 from markergen.objectives.criteria import regular_polygon
-from markergen.studies.paper.cells import cells_of
-from markergen.studies.paper.conditioned import BOUNDED
-from markergen.studies.paper.descent import GAINED
-from markergen.studies.paper.gather import gather
-from markergen.studies.paper.options import BOUNDARY, COORDINATES, REGION, PaperOptions
-from markergen.studies.paper.trials import ESTIMATORS_FLAT, ESTIMATORS_RELIEF
 
 TINY = PaperOptions(runs=2, scale=1e-4)
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError
+import markergen as mg
 from markergen.model.boundary import Circle
-from markergen.model.camera import PAPER_CAMERA, Camera
+from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import PoseDistribution, paper
 from markergen.objectives import OBJECTIVES, Objective, Setting
 from markergen.optimize.region import Region
@@ -18,7 +18,7 @@ BOUNDARY = Circle(0.15)
 REGION = Region(BOUNDARY)
 """The paper's disk; control points are bare, and may lie on its rim."""
 
-REAL_CAMERA = Camera(1288, 964, 1070.82, 1071.20, 647.98, 488.27)
+REAL_CAMERA = mg.Camera(1288, 964, 1070.82, 1071.20, 647.98, 488.27)
 """The camera of the paper's experiment with a screen."""
 
 CAMERAS = {"paper": PAPER_CAMERA, "real": REAL_CAMERA}
@@ -72,13 +72,13 @@ class PaperOptions:
 
     def __post_init__(self) -> None:
         if not 2 <= self.runs <= MOST_RUNS:
-            raise InputError(
+            raise mg.InputError(
                 f"2 to {MOST_RUNS} runs of a layout", f"runs={self.runs}", "use --runs 20, or 1000 as the paper"
             )
         if not 0 < self.scale <= 1:
-            raise InputError("a scale above 0, up to 1", f"scale={self.scale}", "use --scale 0.01 for a quick look")
+            raise mg.InputError("a scale above 0, up to 1", f"scale={self.scale}", "use --scale 0.01 for a quick look")
         if self.seed < 0:
-            raise InputError("a seed of 0 or more", f"seed={self.seed}", "give a whole number")
+            raise mg.InputError("a seed of 0 or more", f"seed={self.seed}", "give a whole number")
 
     @property
     def azimuths(self) -> int:
@@ -122,7 +122,7 @@ def poses_of(indices: list[int]) -> PoseDistribution:
     return paper().taken(np.array(indices), 0)
 
 
-def objective_for(name: str, poses: PoseDistribution, camera: Camera = PAPER_CAMERA) -> Objective:
+def objective_for(name: str, poses: PoseDistribution, camera: mg.Camera = PAPER_CAMERA) -> Objective:
     """An objective by its name in `OBJECTIVE_OF`, for some poses."""
     kind, coordinates = OBJECTIVE_OF[name]
     return OBJECTIVES[kind](Setting(BOUNDARY, camera, poses), "", coordinates)

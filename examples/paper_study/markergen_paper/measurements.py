@@ -1,20 +1,23 @@
-"""Noisy trials of many layouts under one pose, all in one batch, and what is kept of them."""
+"""What is measured of layouts under one pose: errors of noisy trials, c(A), and the paper's bounds.
+
+All layouts of a pose are measured in one batch.
+"""
 
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+import markergen as mg
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.estimators.base import turned
+from markergen.maths.dlt import condition, dlt_matrix, normalization
 from markergen.maths.information import flip_separation
-from markergen.maths.projection import project, to_camera
-from markergen.model.camera import Camera
+from markergen.maths.projection import from_pixels, project, to_camera
 from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
 from markergen.objectives.homography import validation_grid
 from markergen.objectives.pose import PoseObjective
-from markergen.studies.paper.options import BOUNDARY
 from markergen.validation.metrics import (
     FLIP_SEPARATION,
     flipped,
@@ -23,6 +26,7 @@ from markergen.validation.metrics import (
     translation_error_pct,
 )
 from markergen.validation.trials import LEAST_DEPTH
+from markergen_paper.options import BOUNDARY
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -42,7 +46,7 @@ BLOCK = 4000
 def layout_trials(
     layouts: Array,
     pose: PoseDistribution,
-    camera: Camera,
+    camera: mg.Camera,
     noise_px: float,
     runs: int,
     rng: np.random.Generator,
@@ -93,6 +97,70 @@ def stack(parts: Sequence[Kept], name: str) -> Kept:
     return {f"{name}.{key}": np.stack([part[key] for part in parts]) for key in parts[0]}
 
 
+def written(coordinates: str, points: Array, pixels: Array, pose: PoseDistribution, camera: mg.Camera) -> list[Array]:
+    """Object points and one or more sets of image points (B, n, 2) in some coordinates (see `ConditionObjective`).
+
+    Parameters
+    ----------
+    points : array (B, n, 2), m
+    pixels : array (k, B, n, 2), px
+        The first ones are exact: ``hartley`` normalizes all by these, because two matrices can be compared only if
+        they are written alike.
+    pose : PoseDistribution
+        Of one pose.
+
+    Returns
+    -------
+    list of arrays (B, n, 2)
+        Object points, then the k sets of image points.
+    """
+    if coordinates == "pixel":
+        return [points, *pixels]
+    normalized = from_pixels(pixels, camera.matrix)
+    if coordinates == "metric":
+        return [points, *normalized]
+    if coordinates == "unit":
+        x, y, z = pose.translation[0]
+        return [points / BOUNDARY.radius, *((normalized - np.array([x, y]) / z) * z / BOUNDARY.radius)]
+    center, scale = normalization(points)
+    image_center, image_scale = normalization(normalized[0])
+    return [(points - center) * scale, *((normalized - image_center) * image_scale)]
+
+
+def conditions(coordinates: str, points: Array, pose: PoseDistribution, camera: mg.Camera) -> Array:
+    """c(A), shape (B,), of layouts (B, n, 2) under one pose; inf where it is not determined."""
+    pixels = camera.project(points, pose.rotation, pose.translation)[:, 0]
+    objects, images = written(coordinates, points, pixels[None], pose, camera)
+    return condition(objects, images)
+
+
+def bound_ratios(
+    coordinates: str, points: Array, exact: Array, noisy: Array, pose: PoseDistribution, camera: mg.Camera
+) -> tuple[Array, Array]:
+    """Relative error of the DLT's h (B,) over the paper's upper bound, and the paper's lower bound over that error.
+
+    xi = |h - h_hat| / |h_hat|, at most c(A) |A - A~| / |A| and at least |A~ (h - h_hat)| / (|A~| |h_hat|), with
+    spectral norms and h, h_hat the unit vectors of least singular value of A, A~, of the same sign. Above 1 a bound is
+    broken.
+
+    Parameters
+    ----------
+    points : array (B, n, 2), m
+    exact, noisy : arrays (B, n, 2), px
+    """
+    objects, clean, noised = written(coordinates, points, np.stack([exact, noisy]), pose, camera)
+    matrix, disturbed = dlt_matrix(objects, clean), dlt_matrix(objects, noised)
+    h, h_hat = (np.linalg.svd(a)[2][..., 8, :] for a in (matrix, disturbed))
+    h_hat *= np.where(np.sum(h * h_hat, axis=-1) < 0, -1.0, 1.0)[:, None]
+    error = np.linalg.norm(h - h_hat, axis=-1)
+    singular = np.linalg.svd(matrix, compute_uv=False)
+    # |A - A~| c / |A| = |A - A~| / s8: with n = 4 the eighth is the last one.
+    upper = np.linalg.norm(matrix - disturbed, 2, axis=(-2, -1)) / singular[..., 7]
+    moved = np.linalg.norm(np.einsum("bij,bj->bi", disturbed, h - h_hat), axis=-1)
+    lower = moved / np.linalg.norm(disturbed, 2, axis=(-2, -1))
+    return error / upper, lower / error
+
+
 def _summary(batch: Correspondences, name: str, pose: PoseDistribution, can_flip: Mask, runs: int) -> dict[str, Array]:
     """What is kept of an estimator's trials: arrays (B,) from those (B * runs,) of the batch."""
     values: dict[str, Array] = {}
@@ -118,7 +186,7 @@ def _summary(batch: Correspondences, name: str, pose: PoseDistribution, can_flip
     return values
 
 
-def _validation(pose: PoseDistribution, camera: Camera) -> tuple[Array, Array]:
+def _validation(pose: PoseDistribution, camera: mg.Camera) -> tuple[Array, Array]:
     """Validation points (m, 2) in m that the camera can see, and where it sees them, px."""
     grid = validation_grid(BOUNDARY.radius)
     depth = to_camera(grid, pose.rotation, pose.translation)[0, :, 2]

@@ -1,15 +1,20 @@
-"""The cells of the study, what each does, and what each costs."""
+"""The whole study: its cells and what each costs, then tables, figures, claims, and a page."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
+from math import isnan
+from pathlib import Path
 from typing import Any
 
-from markergen.studies.cells import Cell, Result
-from markergen.studies.paper.conditioned import KIND as CONDITIONED
-from markergen.studies.paper.conditioned import conditioned
-from markergen.studies.paper.descent import EARLY_KIND, STEPS_KIND, descent, early
-from markergen.studies.paper.joint import KIND as JOINT
-from markergen.studies.paper.joint import RANDOM, RELIEFS, joint
-from markergen.studies.paper.options import (
+from markergen.files import write_atomic
+from markergen.pool import processor_count
+from markergen.presentation.plots import svg_bytes
+from markergen.studies.cells import Cell
+from markergen.studies.engines import Engine
+from markergen.studies.run import CellProgress, run_cells
+from markergen_paper.claims import CLAIMS
+from markergen_paper.experiments import CONDITIONED, DESCENT, EARLY, JOINT, RANDOM, RELIEFS, work
+from markergen_paper.figures import figures_of
+from markergen_paper.options import (
     CAMERAS,
     COORDINATES,
     GROUPS,
@@ -20,13 +25,8 @@ from markergen.studies.paper.options import (
     RANDOM_ONLY,
     PaperOptions,
 )
-
-WORK: dict[str, Callable[[Cell], Result]] = {
-    CONDITIONED: conditioned,
-    STEPS_KIND: descent,
-    EARLY_KIND: early,
-    JOINT: joint,
-}
+from markergen_paper.report import claim_rows, claims_page, index_page, rows_csv, tables_of
+from markergen_paper.results import PaperResults, gather
 
 TRIAL_S, DESCENTS_S, DESCENT_S, STEPS = 1.6e-4, 0.08, 1e-3, 70
 """Seconds of one core for a trial with all estimators, and for descents under one pose together and each; steps of the
@@ -43,16 +43,85 @@ JOINT_NUMBERS, JOINT_RUNS, JOINT_RANDOM_RUNS = (4, 5, 6, 8), 50, 10
 """Numbers of points of layouts for all poses, and noisy runs of a layout under each pose."""
 
 
-def work(cell: Cell) -> Result:
-    """Compute a cell of any kind."""
-    return WORK[cell.kind](cell)
+def run_paper(
+    folder: Path,
+    options: PaperOptions,
+    engine: Engine,
+    resume: bool = False,
+    progress: CellProgress | None = None,
+) -> list[Path]:
+    """Compute the study in a folder, and write its tables (CSV), figures (SVG), claims, and a page to look at.
+
+    The files depend on the options alone: not on the engine, its workers, or what was interrupted.
+
+    Parameters
+    ----------
+    folder : Path
+        New, empty, or with `resume` that of the same study.
+    progress : callable or None
+        Called first with an estimate of the time that all of it takes.
+
+    Returns
+    -------
+    list of Path
+        What was written, the page first.
+
+    Raises
+    ------
+    InputError
+        If the folder is not for this study.
+    OutputError
+        If a file cannot be written: what is finished remains.
+    """
+    cells = cells_of(options)
+    told = _with_estimate(progress, estimated_seconds(options, engine.options.workers)) if progress else None
+    results = run_cells(work, cells, folder, {"study": "paper", **options.as_dict()}, engine, resume, told, seconds_of)
+    written = []
+    for name, data in _files(gather(options, results)):
+        write_atomic(folder / name, data)
+        written.append(folder / name)
+    return written[::-1]
+
+
+def estimated_seconds(options: PaperOptions, workers: int | None = None) -> float:
+    """About how long the study takes on a usual processor of this day, s; linear in poses x starts x n x runs.
+
+    Parameters
+    ----------
+    workers : int or None
+        Processes; None is one for each processor.
+    """
+    return sum(map(seconds_of, cells_of(options))) / (workers or processor_count())
+
+
+def _with_estimate(progress: CellProgress, seconds: float) -> CellProgress:
+    """Progress that gives an estimate of the time left until one was measured."""
+
+    def tell(done: int, total: int, left: float) -> None:
+        progress(done, total, seconds if isnan(left) else left)
+
+    return tell
+
+
+def _files(study: PaperResults) -> Iterator[tuple[str, bytes]]:
+    """Names and contents of the files, the page last."""
+    tables = tables_of(study)
+    for name, rows in tables.items():
+        yield f"{name}.csv", rows_csv(rows)
+    figures = figures_of(study)
+    for name, (draw, size, _) in figures.items():
+        yield f"{name}.svg", svg_bytes(draw, size)
+    findings = [(claim, list(claim.find(study))) for claim in CLAIMS]
+    yield "claims.csv", rows_csv(claim_rows(findings))
+    yield "claims.md", claims_page(findings, study).encode()
+    yield "index.html", index_page(findings, figures, tables, study)
 
 
 def cells_of(options: PaperOptions) -> list[Cell]:
     """All cells of the study, in a fixed order."""
     return [
         *(
-            _cell(STEPS_KIND, options, camera=camera, noise_px=NOISE_PX, runs=options.step_runs)
+            _cell(DESCENT, options, camera=camera, noise_px=NOISE_PX, runs=options.step_runs)
             for camera in CAMERAS
         ),
         *_early(options),
@@ -102,9 +171,9 @@ def seconds_of(cell: Cell) -> float:
         descents = sum(optimized.values())
         trials = (settings["starts"] * 1.2 + descents) * settings["runs"]
         return len(settings["poses"]) * (trials * TRIAL_S + len(optimized) * DESCENTS_S + descents * DESCENT_S)
-    if cell.kind == STEPS_KIND:
+    if cell.kind == DESCENT:
         return STEPS * settings["runs"] * TRIAL_S
-    if cell.kind == EARLY_KIND:
+    if cell.kind == EARLY:
         return len(settings["poses"]) * (DESCENTS_S + 2 * settings["starts"] * DESCENT_S)
     layouts = RANDOM if settings["layout"] == "random" else 1
     searched = SEARCH_S * len(settings["poses"]) if settings["layout"] in OBJECTIVE_OF else 0.0
@@ -116,7 +185,7 @@ def seconds_of(cell: Cell) -> float:
 def _early(options: PaperOptions) -> list[Cell]:
     starts = min(EARLY_STARTS, options.starts)
     return [
-        _cell(EARLY_KIND, options, coordinates=name, n=n, poses=options.fewer_poses, starts=starts)
+        _cell(EARLY, options, coordinates=name, n=n, poses=options.fewer_poses, starts=starts)
         for name in COORDINATES
         for n in EARLY_NUMBERS
     ]

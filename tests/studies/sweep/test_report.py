@@ -3,8 +3,7 @@ from xml.etree import ElementTree
 import pytest
 
 from markergen.studies.sweep import sweep_from_mapping
-from markergen.studies.sweep.page import page
-from markergen.studies.sweep.plots import plots, roles_of
+from markergen.studies.sweep.report import page, plots, roles_of
 
 ROW = {
     "polar_angle_deg": "all", "estimator": "lm", "rotation_rms_deg": 1.0, "rotation_low_deg": 0.9,

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
+from markergen_paper.results import aligned, best_square_misfit, least_gap, square_misfit, typical
 
 from markergen.maths.rotation import turn_z
 from markergen.objectives.criteria import regular_polygon
-from markergen.studies.paper.shapes import aligned, best_square_misfit, least_gap, square_misfit, typical
 
 
 def test_a_square_is_one_wherever_it_is_and_in_any_order():

@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.presentation.plots import INK, MUTED, SERIES, log_axis
-from markergen.studies.paper.descent import FRONTAL
-from markergen.studies.paper.gather import Study
-from markergen.studies.paper.options import BOUNDARY, CAMERAS, COORDINATES, NOISE_PX, poses_of
-from markergen.studies.paper.tables import histogram, typical_of
+from markergen_paper.experiments import FRONTAL
+from markergen_paper.options import BOUNDARY, CAMERAS, COORDINATES, NOISE_PX, poses_of
+from markergen_paper.results import PaperResults, histogram, typical_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -86,7 +85,7 @@ def descent_pose(result: Mapping[str, NDArray[Any]]) -> Draw:
     return draw
 
 
-def conditioned_homography(study: Study) -> Draw:
+def conditioned_homography(study: PaperResults) -> Draw:
     """Figure 7 of the paper: c(A) and HE by the number of points."""
 
     def draw(figure: "Figure") -> None:
@@ -101,7 +100,7 @@ def conditioned_homography(study: Study) -> Draw:
     return draw
 
 
-def conditioned_pose(study: Study) -> Draw:
+def conditioned_pose(study: PaperResults) -> Draw:
     """Figure 8 of the paper: RE and TE of each method by the number of points."""
 
     def draw(figure: "Figure") -> None:
@@ -119,7 +118,7 @@ def conditioned_pose(study: Study) -> Draw:
     return draw
 
 
-def by_angle(study: Study, n: int = 4) -> Draw:
+def by_angle(study: PaperResults, n: int = 4) -> Draw:
     """What figure 8 hides: the same by polar angle, for one number of points."""
 
     def draw(figure: "Figure") -> None:
@@ -140,7 +139,7 @@ def by_angle(study: Study, n: int = 4) -> Draw:
     return draw
 
 
-def final_layouts(study: Study, n: int) -> Draw:
+def final_layouts(study: PaperResults, n: int) -> Draw:
     """Figures 9 and 10 of the paper: where the points of final layouts lie, and typical ones."""
 
     def draw(figure: "Figure") -> None:
@@ -163,7 +162,7 @@ def final_layouts(study: Study, n: int) -> Draw:
     return draw
 
 
-def objectives(study: Study, noise_px: float) -> Draw:
+def objectives(study: PaperResults, noise_px: float) -> Draw:
     """Beyond the paper: what layouts that were optimized for other objectives, pose by pose, are worth."""
     names = {"ill": "random", "ngon": "regular n-gon", **{c: f"c(A), {c}" for c in COORDINATES}}
     names |= {"homography": "homography", "pose": "pose"}
@@ -186,7 +185,7 @@ def objectives(study: Study, noise_px: float) -> Draw:
     return draw
 
 
-def one_for_all(study: Study) -> Draw:
+def one_for_all(study: PaperResults) -> Draw:
     """Beyond the paper: one layout for all poses, flat and with relief, bounds and what LM gets."""
     names = {
         "random": "random (median)", "metric": "c(A), metric", "unit": "c(A), unit", "pixel": "c(A), pixel",
@@ -215,7 +214,7 @@ def one_for_all(study: Study) -> Draw:
     return draw
 
 
-def figures_of(study: Study) -> dict[str, tuple[Draw, tuple[float, float], str]]:
+def figures_of(study: PaperResults) -> dict[str, tuple[Draw, tuple[float, float], str]]:
     """All figures by the names of their files: how to draw each, its size in inches, and its caption."""
     found: dict[str, tuple[Draw, tuple[float, float], str]] = {}
     for camera, result in study.descents.items():
@@ -279,7 +278,7 @@ def _steps(ax: "Axes", mean: Array, std: Array | None, square: float, look: Mapp
     _log(ax)
 
 
-def _against(ax: "Axes", study: Study, key: str) -> None:
+def _against(ax: "Axes", study: PaperResults, key: str) -> None:
     """Random against optimized layouts over n, and the square."""
     metric = COORDINATES[0]
     for name, look, label, shift in (("ill", ILL, "random", -0.08), (metric, WELL, "optimized", 0.08)):

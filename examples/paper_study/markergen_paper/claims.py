@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from markergen.maths.information import rotation_bound
 from markergen.objectives.pose import PoseObjective
-from markergen.studies.paper.gather import Study, Table
-from markergen.studies.paper.options import (
+from markergen_paper.measurements import MEASURES
+from markergen_paper.options import (
     COORDINATES,
     NOISE_PX,
     NUMBERS,
@@ -19,8 +19,15 @@ from markergen.studies.paper.options import (
     objective_for,
     poses_of,
 )
-from markergen.studies.paper.shapes import SQUARE_LIKE, best_square_misfit, least_gap, square_misfit
-from markergen.studies.paper.statistics import (
+from markergen_paper.results import (
+    SQUARE_LIKE,
+    PaperResults,
+    PoseLayouts,
+    best_square_misfit,
+    least_gap,
+    square_misfit,
+)
+from markergen_paper.statistics import (
     LEVEL,
     Judged,
     above,
@@ -32,7 +39,6 @@ from markergen.studies.paper.statistics import (
     row_means,
     within,
 )
-from markergen.studies.paper.trials import MEASURES
 
 Array = NDArray[np.float64]
 
@@ -47,7 +53,7 @@ MODERATE = 0.5
 
 
 @dataclass(frozen=True)
-class Finding:
+class ClaimTest:
     """One test of a claim.
 
     Attributes
@@ -85,10 +91,10 @@ class Claim:
     name: str
     words: str
     test: str
-    find: Callable[[Study], Iterator[Finding]]
+    find: Callable[[PaperResults], Iterator[ClaimTest]]
 
 
-def verdict(findings: list[Finding]) -> str:
+def verdict(findings: list[ClaimTest]) -> str:
     """``holds`` or ``does not hold`` if all say so, ``open`` if none says anything, and otherwise how many say what."""
     held = sum(finding.judged.holds for finding in findings)
     refuted = sum(finding.judged.refuted for finding in findings)
@@ -100,7 +106,7 @@ def verdict(findings: list[Finding]) -> str:
     return ", ".join(f"{words} in {count}" for words, count in parts.items() if count)
 
 
-def _everywhere(study: Study) -> Iterator[tuple[str, float, Callable[[int], Table]]]:
+def _everywhere(study: PaperResults) -> Iterator[tuple[str, float, Callable[[int], PoseLayouts]]]:
     """Coordinates, noise, and by n the table of each setting that claims are judged in."""
     for name, noise_px in study.settings:
         yield name, noise_px, partial(study.table, name, noise_px)
@@ -111,7 +117,7 @@ def _errors() -> list[tuple[str, str]]:
     return [(estimator, measure) for measure, estimators in MEASURES.items() for estimator in estimators]
 
 
-def _gain(table: Table, name: str, key: str) -> Array:
+def _gain(table: PoseLayouts, name: str, key: str) -> Array:
     """Logarithm (P,) of how much less the error is after the descent than at the same starts before it."""
     count = table[f"{name}.{key}"].shape[1]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -124,17 +130,17 @@ def _factor(judged: Judged) -> Judged:
     return replace(judged, value=float(value), low=float(low), high=float(high))
 
 
-def _square(study: Study) -> Iterator[Finding]:
+def _square(study: PaperResults) -> Iterator[ClaimTest]:
     for name in COORDINATES:
         table = study.table(name, NOISE_PX, 4)
         alike = square_misfit(table[f"{name}.layouts"].astype(float)) < SQUARE_LIKE
-        yield Finding(name, None, "share of square-like layouts among all descents", above(alike.mean(axis=1), 0.5))
+        yield ClaimTest(name, None, "share of square-like layouts among all descents", above(alike.mean(axis=1), 0.5))
         c = table[f"{name}.c.{name}"]
         best = alike[np.arange(len(c)), np.argmin(c, axis=1)]
-        yield Finding(name, None, "share of poses whose best layout is square-like", majority(best.sum(), len(best)))
+        yield ClaimTest(name, None, "share of poses whose best layout is square-like", majority(best.sum(), len(best)))
 
 
-def _fewer(study: Study) -> Iterator[Finding]:
+def _fewer(study: PaperResults) -> Iterator[ClaimTest]:
     for name, noise_px, table in _everywhere(study):
         four = table(4)
         for n in (*NUMBERS[1:], RANDOM_ONLY):
@@ -146,55 +152,55 @@ def _fewer(study: Study) -> Iterator[Finding]:
                 ratio = np.log(more.level(f"ill.{key}") / four.of(more.poses).level(f"{name}.{key}"))
                 share = float(np.mean(ratio[np.isfinite(ratio)] > 0))
                 words = f"{estimator} {measure}, random {n} over optimized 4"
-                yield Finding(name, noise_px, words, _factor(above(ratio)), f"in {share:.0%} of poses")
+                yield ClaimTest(name, noise_px, words, _factor(above(ratio)), f"in {share:.0%} of poses")
 
 
-def _early(study: Study) -> Iterator[Finding]:
+def _early(study: PaperResults) -> Iterator[ClaimTest]:
     for (name, n), result in study.early.items():
         for measure in ("c", "homography_px", "rotation_deg"):
             words = f"share of the gain in {measure} after a fifth of the steps, n = {n}"
             # Descents under the same pose are no independent values: one for each pose.
-            yield Finding(name, None, words, above(row_means(result[measure]), 0.5))
+            yield ClaimTest(name, None, words, above(row_means(result[measure]), 0.5))
 
 
-def _small(study: Study) -> Iterator[Finding]:
+def _small(study: PaperResults) -> Iterator[ClaimTest]:
     for name, noise_px, table in _everywhere(study):
         for estimator, measure in _errors():
             gains = np.stack([_gain(table(n), name, f"{estimator}.{measure}.mean") for n in NUMBERS], axis=1)
             words = f"{estimator} {measure}, gain with n = {NUMBERS[0]} over that with n = {NUMBERS[-1]}"
-            yield Finding(name, noise_px, words, _factor(falling(gains)))
+            yield ClaimTest(name, noise_px, words, _factor(falling(gains)))
 
 
-def _faster(study: Study) -> Iterator[Finding]:
+def _faster(study: PaperResults) -> Iterator[ClaimTest]:
     for name, noise_px, table in _everywhere(study):
         for n in NUMBERS:
             for estimator in ("epnp", "ippe"):
                 for measure in ("rotation_deg", "translation_pct"):
                     one, other = (_gain(table(n), name, f"{each}.{measure}.mean") for each in (estimator, "lm"))
                     words = f"{measure}, gain of {estimator} over that of lm, n = {n}"
-                    yield Finding(name, noise_px, words, _factor(above(one - other)))
+                    yield ClaimTest(name, noise_px, words, _factor(above(one - other)))
 
 
-def _equal(study: Study) -> Iterator[Finding]:
+def _equal(study: PaperResults) -> Iterator[ClaimTest]:
     for name, noise_px, table in _everywhere(study):
         for n in NUMBERS:
             for measure in ("rotation_deg", "translation_pct"):
                 one, other = (table(n).level(f"{name}.{each}.{measure}.mean") for each in ("ippe", "lm"))
                 words = f"{measure}, ippe over lm, n = {n}"
-                yield Finding(name, noise_px, words, _factor(within(np.log(one / other), np.log1p(MARGIN))))
+                yield ClaimTest(name, noise_px, words, _factor(within(np.log(one / other), np.log1p(MARGIN))))
 
 
-def _steady(study: Study) -> Iterator[Finding]:
+def _steady(study: PaperResults) -> Iterator[ClaimTest]:
     for name, noise_px, table in _everywhere(study):
         for n in NUMBERS:
             for estimator, measure in _errors():
                 for statistic in ("mean", "std"):
                     gain = _gain(table(n), name, f"{estimator}.{measure}.{statistic}")
                     words = f"{estimator} {measure}, {statistic} before over after, n = {n}"
-                    yield Finding(name, noise_px, words, _factor(above(gain)))
+                    yield ClaimTest(name, noise_px, words, _factor(above(gain)))
 
 
-def _anywhere(study: Study) -> Iterator[Finding]:
+def _anywhere(study: PaperResults) -> Iterator[ClaimTest]:
     for name in COORDINATES:
         for n in (4, 5):
             table = study.table(name, NOISE_PX, n)
@@ -208,10 +214,10 @@ def _anywhere(study: Study) -> Iterator[Finding]:
                 with np.errstate(invalid="ignore"):
                     loss = np.mean(np.log(values / np.diag(values)), axis=1)
                 words = f"{measure} under all poses, of the layout of one pose over the pose's own, n = {n}"
-                yield Finding(name, None, words, _factor(below(loss, np.log1p(ANYWHERE))))
+                yield ClaimTest(name, None, words, _factor(below(loss, np.log1p(ANYWHERE))))
 
 
-def _bounded(study: Study) -> Iterator[Finding]:
+def _bounded(study: PaperResults) -> Iterator[ClaimTest]:
     for name, noise_px, table in _everywhere(study):
         for side in ("upper", "lower"):
             for kind in ("ill", name):
@@ -220,10 +226,10 @@ def _bounded(study: Study) -> Iterator[Finding]:
                 words = f"share of errors beyond the {side} bound, {'random' if kind == 'ill' else 'optimized'} layouts"
                 # A millionth is left to single precision.
                 judged = never(int(np.sum(ratios > 1 + 1e-6)), len(ratios))
-                yield Finding(name, noise_px, words, judged, f"median ratio {np.median(ratios):.2g}")
+                yield ClaimTest(name, noise_px, words, judged, f"median ratio {np.median(ratios):.2g}")
 
 
-def _five(study: Study) -> Iterator[Finding]:
+def _five(study: PaperResults) -> Iterator[ClaimTest]:
     for name in COORDINATES:
         table = study.table(name, NOISE_PX, 5)
         end, begin = (
@@ -231,10 +237,10 @@ def _five(study: Study) -> Iterator[Finding]:
         )
         more = end.mean(axis=1) - begin[:, : end.shape[1]].mean(axis=1)
         words = "share of layouts of 5 with a square-like 4 in them, less that of random layouts"
-        yield Finding(name, None, words, above(more), f"{end.mean():.0%} of optimized ones")
+        yield ClaimTest(name, None, words, above(more), f"{end.mean():.0%} of optimized ones")
 
 
-def _ranks(study: Study) -> Iterator[Finding]:
+def _ranks(study: PaperResults) -> Iterator[ClaimTest]:
     for noise_px in (NOISE_PX, QUIET_PX):
         tables = study.full if noise_px == NOISE_PX else {n: study.beside[noise_px, n] for n in NUMBERS}
         for name in COORDINATES:
@@ -243,10 +249,10 @@ def _ranks(study: Study) -> Iterator[Finding]:
                 for estimator, measure in (("dlt", "he_px2"), ("lm", "rotation_deg")):
                     rho = rank_correlation(c, tables[n][f"ill.{estimator}.{measure}.mean"])
                     words = f"rank correlation of c(A) with {estimator} {measure} among random layouts, n = {n}"
-                    yield Finding(name, noise_px, words, above(rho, MODERATE))
+                    yield ClaimTest(name, noise_px, words, above(rho, MODERATE))
 
 
-def _apart(study: Study) -> Iterator[Finding]:
+def _apart(study: PaperResults) -> Iterator[ClaimTest]:
     for name in COORDINATES:
         for n in NUMBERS:
             table = study.table(name, NOISE_PX, n)
@@ -254,7 +260,7 @@ def _apart(study: Study) -> Iterator[Finding]:
             begin = least_gap(table["ill.layouts"].astype(float))[:, : end.shape[1]]
             with np.errstate(divide="ignore"):
                 farther = np.mean(np.log(end / begin), axis=1)
-            yield Finding(
+            yield ClaimTest(
                 name, None, f"smallest distance of two points after over before, n = {n}", _factor(above(farther))
             )
 

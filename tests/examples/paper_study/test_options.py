@@ -1,9 +1,6 @@
 import numpy as np
 import pytest
-
-from markergen.errors import InputError
-from markergen.model.poses import paper
-from markergen.studies.paper.options import (
+from markergen_paper.options import (
     BOUNDARY,
     CAMERAS,
     GROUPS,
@@ -12,6 +9,9 @@ from markergen.studies.paper.options import (
     objective_for,
     poses_of,
 )
+
+from markergen.errors import InputError
+from markergen.model.poses import paper
 
 
 def test_all_of_it_is_the_papers_400_poses_and_100_starts():

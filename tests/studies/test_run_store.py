@@ -7,7 +7,7 @@ import pytest
 from study_work import cells, noise
 
 from markergen.errors import InputError, MarkergenError, OutputError
-from markergen.studies.store import cell_bytes, open_store
+from markergen.studies.run import cell_bytes, open_store
 
 IDENTITY = {"study": "test", "runs": 3}
 
