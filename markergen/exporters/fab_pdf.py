@@ -7,7 +7,7 @@ from markergen.exporters import ExportOptions, Output, only
 from markergen.exporters.pdf import write_pdf
 from markergen.exporters.solids import solid_notes
 from markergen.model.marker import Marker
-from markergen.solid.make import parts_of
+from markergen.solid.processes import parts_of
 from markergen.solid.workpiece import workpiece
 
 

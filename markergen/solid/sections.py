@@ -10,21 +10,19 @@ import numpy as np
 from markergen.drawing.scene import Box
 from markergen.drawing.workshop import Face, Ring
 from markergen.geometry import contour
-from markergen.solid.bodies import (
-    OFF,
-    OTHER,
-    Body,
-    Part,
-    Path,
-    Prism,
-    Revolved,
-    flattened,
-    inset,
-    span,
-)
+from markergen.geometry.contour import Contour as Path
+from markergen.geometry.contour import flattened as flattened_to
+from markergen.geometry.contour import inset
+from markergen.solid.bodies import OFF, OTHER, SAME, Body, Part, Prism, Revolved
 
-SAME = 1e-6
-"""mm: what differs by less is the same."""
+
+def flattened(path: Path) -> list[tuple[float, float]]:
+    return flattened_to(path, OFF)
+
+
+def span(body: Body) -> tuple[float, float]:
+    return body.span
+
 
 CHAMFERED = 12
 """Steps of a section across a chamfer, between which it is straight; one that is cut at a right angle is so anyway."""

@@ -12,10 +12,11 @@ from markergen.geometry.contour import center_of, radius_of
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker, marker_name
 from markergen.model.substrate import Hole
-from markergen.solid.bodies import OTHER, Part, cylinder, mm, span
-from markergen.solid.inks import Dot, dots_of
+from markergen.solid.bodies import SAME, OTHER, Part, cylinder, mm
+from markergen.solid.dot_geometry import SolidDot as Dot
+from markergen.solid.dot_geometry import dots_of
 from markergen.solid.processes import Made
-from markergen.solid.sections import BACK, SAME, centered, elevation, reach, seen, size_of
+from markergen.solid.sections import BACK, centered, elevation, reach, seen, size_of
 from markergen.solid.workpiece_sections import alike, sections_of
 from markergen.solid.workpiece_tables import (
     DIAMETER,
@@ -108,7 +109,7 @@ def _printed(marker: Marker, dots: Sequence[Dot], parts: Sequence[Part]) -> tupl
     printed = [
         cylinder(dot.x, dot.y, dot.radius, -1.0, 0.0, dot.inner)
         for dot in dots
-        if not any(centered(body, dot.x, dot.y) and span(body)[0] < low + SAME for body in cut)
+        if not any(centered(body, dot.x, dot.y) and body.span[0] < low + SAME for body in cut)
     ]
     faces = list(seen([Part("dot", "dark", tuple(printed))])) if printed else []
     if marker.tag and printed:

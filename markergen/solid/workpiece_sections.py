@@ -5,10 +5,10 @@ from collections.abc import Iterable, Sequence
 from markergen.drawing.workshop import Section, Span
 from markergen.drawing.workshop_front import millimeters
 from markergen.model.marker import Marker
-from markergen.solid.bodies import Part, Prism, mm, span
-from markergen.solid.inks import Dot
+from markergen.solid.bodies import SAME, Part, Prism, mm
+from markergen.solid.dot_geometry import SolidDot as Dot
 from markergen.solid.processes import Made
-from markergen.solid.sections import SAME, centered, cut_along, reach, seen, size_of, widest
+from markergen.solid.sections import centered, cut_along, reach, seen, size_of, widest
 from markergen.solid.workpiece_tables import DIAMETER, MOST_KINDS, use_words
 
 
@@ -45,9 +45,9 @@ def _dot_section(dot: Dot, title: str, parts: Sequence[Part], face: float) -> Se
     plates = [part for part in parts if part.is_plate]
     pockets = [b for part in plates for b in (*part.cut, *part.marked) if centered(b, x, y)]
     pillars = [b for part in plates for b in part.add if centered(b, x, y)]
-    wide = max([radius, *(widest(b) for b in (*pockets, *pillars) if span(b)[1] > face - SAME)])
+    wide = max([radius, *(widest(b) for b in (*pockets, *pillars) if b.span[1] > face - SAME)])
     low, _ = reach(plates)
-    high = max([z, *(span(b)[1] for part in parts for b in part.add if centered(b, x, y))])
+    high = max([z, *(b.span[1] for part in parts for b in part.add if centered(b, x, y))])
     sizes = {round(radius, 6): "", round(inner, 6): ""}
     for body in pockets:
         sizes.setdefault(round(widest(body), 6), " pocket")
@@ -58,7 +58,7 @@ def _dot_section(dot: Dot, title: str, parts: Sequence[Part], face: float) -> Se
     ]
     tall = {(low, face)}
     for body in pockets:
-        bottom, top = span(body)
+        bottom, top = body.span
         tall.add((round(bottom, 6), round(top, 6)))
     if z > face + SAME:
         tall.add((face, z))

@@ -7,9 +7,9 @@ from markergen.drawing.workshop_front import millimeters
 from markergen.geometry.contour import Contour, area, placed
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole
-from markergen.solid.bodies import Part, Revolved, mm, part_volume
+from markergen.solid.bodies import SAME, Part, Revolved, mm
 from markergen.solid.processes import Made
-from markergen.solid.sections import SAME, reach, size_of, widest
+from markergen.solid.sections import reach, size_of, widest
 
 DIAMETER = "\xd8"
 
@@ -80,7 +80,7 @@ def drawn_holes(marker: Marker) -> list[tuple[float, float, float]]:
 def _part_list(parts: Sequence[Part]) -> Table:
     groups: dict[tuple[str, str, str], list[str]] = {}
     for part in parts:
-        key = part.material, _size(part), f"{part_volume(part) / 1e3:.3f}"
+        key = part.material, _size(part), f"{part.volume / 1e3:.3f}"
         groups.setdefault(key, []).append(part.name)
     rows = tuple(
         (str(len(names)), _names(names), material, size, volume) for (material, size, volume), names in groups.items()

@@ -16,7 +16,7 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.marker_json import read_marker
 from markergen.read.outlines import read_contours
 from markergen.read.spec_file import spec_from_mapping
-from markergen.solid.make import parts_of
+from markergen.solid.processes import parts_of
 from markergen.solid.workpiece import workpiece
 
 THICK = 3.0

@@ -22,7 +22,7 @@ from markergen.model.marker import dressed
 from markergen.model.marker_json import to_json
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
-from markergen.solid.make import parts_of
+from markergen.solid.processes import parts_of
 from markergen.solid.workpiece import workpiece
 from markergen.verification import verify
 

@@ -12,7 +12,7 @@ from markergen.model.holes import parse_dowel, parse_mount
 from markergen.model.marker import ControlPoint, Marker, dressed
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
-from markergen.solid.make import parts_of
+from markergen.solid.processes import parts_of
 from markergen.solid.workpiece import workpiece
 from markergen.solid.workpiece_tables import ranges
 
