@@ -8,7 +8,7 @@ from pathlib import Path
 
 import typer
 
-from markergen.cli.app import app
+from markergen.cli.commands import app
 from markergen.model.marker_file import VERSIONS, json_schema
 from markergen.read.spec_schema import spec_schema
 

@@ -5,6 +5,8 @@ An entry comes from one of three places:
 - a module of the table's own package, which registers it when it is imported;
 - an entry point of another distribution, whose name is the entry's name and whose object is the entry;
 - a user's own script, which calls `Registry.register`. Such entries travel to worker processes (`outside`, `receive`).
+
+`door` is the same idea for one method: what it calls stands in a layer above, and is imported by name when called.
 """
 
 import importlib
@@ -232,6 +234,22 @@ class Registry(Generic[T]):
             if name not in self._entries:
                 self._entries[name] = entry
                 self._received.add(name)
+
+
+def door(room: str) -> Callable[..., Any]:
+    """Return a function of a higher layer, for a method that completes a class of a lower one, such as `Marker.save`.
+
+    A class is loaded, saved and drawn through its own name, although the readers and writers are made of the class. So
+    these few methods look up what they call by its name, when they are called; the layer test lists them all.
+
+    Parameters
+    ----------
+    room : str
+        Module and function, without the package's name: ``read.cameras.load_camera``.
+    """
+    module, _, name = room.rpartition(".")
+    function: Callable[..., Any] = getattr(importlib.import_module(f"markergen.{module}"), name)
+    return function
 
 
 def outside() -> Luggage:

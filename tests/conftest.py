@@ -8,13 +8,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
-import shapely
 from hypothesis import HealthCheck, settings
 
 from markergen.model.boundary import Boundary, Circle, Polygon, area_without, polygon_from
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.feature import Feature, key_ring
-from markergen.model.interior import shape_of
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.poses import paper
 from markergen.model.substrate import Substrate
@@ -111,8 +109,7 @@ def on_wider_plate() -> Callable[[Marker], Marker]:
     def on_wider_plate(marker: Marker) -> Marker:
         if marker.boundary.has_measures:
             return marker
-        wide = shapely.orient_polygons(shapely.buffer(shape_of(marker.boundary.outlines()), 0.002, join_style="mitre"))
-        rings = [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(shapely.get_parts(wide))]
+        rings = marker.boundary.region.offset(0.002, "miter").oriented().rings
         return replace(marker, substrate=Substrate(outline=polygon_from(rings, "file")))
 
     return on_wider_plate

@@ -4,6 +4,8 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib import import_module
+from inspect import Parameter, signature
 from pathlib import Path
 
 import pytest
@@ -15,34 +17,37 @@ ORDER = [
     ("detect",), ("validation",), ("verification",), ("studies",), ("api",), ("cli", "__main__"),
 ]  # fmt: skip
 DOORS = {
-    # A class is loaded by its own name, from what is read a layer above; imported when called, and nowhere else.
-    ("model/camera.py", "Camera.load"): "read",
-    ("model/camera.py", "Camera.from_message"): "read",
-    ("model/camera.py", "Camera.from_cv2"): "read",
+    # A class is loaded by its own name, from what is read a layer above.
+    ("model/camera.py", "Camera.load"): "read.cameras.load_camera",
+    ("model/camera.py", "Camera.from_message"): "read.cameras.ros.camera_of_message",
+    ("model/camera.py", "Camera.from_cv2"): "read.cameras.matrices.camera_of_arrays",
+    ("model/marker.py", "Marker.load"): "model.marker_json.load_marker",
     # A marker is saved and drawn by its own name, too.
-    ("model/marker.py", "Marker.save"): "api",
-    ("model/marker.py", "Marker.plot"): "validation",
+    ("model/marker.py", "Marker.save"): "api.export.export",
+    ("model/marker.py", "Marker.plot"): "validation.report.marker_plot.draw_marker",
+    ("model/marker.py", "Marker._repr_html_"): "model.picture.svg",
 }
-"""Methods that reach up, and to which layer."""
+"""Methods that call what stands above them, by `markergen.registry.door`, and what they call; there are no others."""
 LEVEL = {name: level for level, names in enumerate(ORDER) for name in names}
 MODULES = sorted(ROOT.rglob("*.py"))
+PATHS = {
+    ".".join(path.relative_to(ROOT.parent).with_suffix("").parts).removesuffix(".__init__"): path for path in MODULES
+}
 
 
 def imported(path: Path) -> set[str]:
-    """Top-level parts of markergen that a module imports, wherever in it but in its doors."""
-    tree, name = ast.parse(path.read_text()), path.relative_to(ROOT).as_posix()
-    for door, method in _methods(tree):
-        if layer := DOORS.get((name, door)):
-            within = [node for node in ast.walk(method) if isinstance(node, ast.ImportFrom)]
-            assert {(node.module or "").split(".")[1] for node in within} == {layer}, f"{door} is no door to {layer}"
-            method.body = []
-    return imports(tree)
+    """Top-level parts of markergen that a module imports, wherever in it."""
+    return imports(ast.parse(path.read_text()))
 
 
-def _methods(tree: ast.Module) -> Iterator[tuple[str, ast.FunctionDef]]:
-    for kind in tree.body:
-        if isinstance(kind, ast.ClassDef):
-            yield from ((f"{kind.name}.{each.name}", each) for each in kind.body if isinstance(each, ast.FunctionDef))
+def doors(path: Path) -> Iterator[tuple[tuple[str, str], str]]:
+    """Calls of `door` in a module: the method that it is in, and what it names."""
+    for kind in ast.parse(path.read_text()).body:
+        for method in getattr(kind, "body", []):
+            for node in ast.walk(method):
+                if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "door":
+                    assert isinstance(node.args[0], ast.Constant)
+                    yield (path.relative_to(ROOT).as_posix(), f"{kind.name}.{method.name}"), node.args[0].value
 
 
 class WithoutTypes(ast.NodeTransformer):
@@ -66,6 +71,16 @@ def imports(tree: ast.Module) -> set[str]:
     return found
 
 
+def needed(name: str, path: Path) -> set[str]:
+    """Modules that a module imports, also within its functions."""
+    found = set()
+    for node in ast.walk(WithoutTypes().visit(ast.parse(path.read_text()))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "markergen":
+            parts = {f"{node.module}.{alias.name}" for alias in node.names}
+            found |= {each if each in PATHS else str(node.module) for each in parts}
+    return found - {name}
+
+
 def part_of(path: Path) -> str:
     return path.relative_to(ROOT).parts[0].removesuffix(".py")
 
@@ -79,13 +94,36 @@ def test_nothing_reaches_back_up(path):
     assert {name for name in imported(path) if LEVEL[name] > here} == set()
 
 
-def test_every_door_is_there():
-    known = {
-        (path.relative_to(ROOT).as_posix(), name)
-        for path in MODULES
-        for name, _ in _methods(ast.parse(path.read_text()))
-    }
-    assert set(DOORS) <= known
+def test_there_are_no_other_doors():
+    assert dict(each for path in MODULES for each in doors(path)) == DOORS
+    # By name, nothing else is imported but entries of tables and what the package shows at its front.
+    by_name = {part_of(path) for path in MODULES if "import_module(" in path.read_text()}
+    assert by_name == {"__init__", "registry", "exporters", "solid"}
+
+
+@pytest.mark.parametrize(("where", "room"), DOORS.items(), ids=lambda each: each if isinstance(each, str) else each[1])
+def test_a_door_leads_to_what_takes_the_same_arguments(where, room):
+    (file, method), (module, _, name) = where, room.rpartition(".")
+    kind, _, method = method.partition(".")
+    holder = getattr(import_module(f"markergen.{file.removesuffix('.py').replace('/', '.')}"), kind)
+    given = list(signature(getattr(holder, method)).parameters.values())
+    taken = list(signature(getattr(import_module(f"markergen.{module}"), name)).parameters.values())
+    own = [each for each in given if each.kind is not Parameter.VAR_KEYWORD]
+    assert [(each.kind, each.default) for each in own] == [(each.kind, each.default) for each in taken[: len(own)]]
+    assert len(own) < len(given) or len(own) == len(taken)
+
+
+ON_THE_WAY_OUT = {"model.boundary", "model.interior", "optimize.diameter", "optimize.dots"}
+
+
+def test_no_module_needs_itself():
+    needs = {name: needed(name, path) for name, path in PATHS.items()}
+    for middle in needs:
+        for name in needs:
+            if middle in needs[name]:
+                needs[name] |= needs[middle]
+    circular = {name.removeprefix("markergen.") for name in needs if name in needs[name]}
+    assert circular <= ON_THE_WAY_OUT
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))

@@ -1,12 +1,11 @@
-"""The command line: one file per command, no logic. A library exception becomes one line and status 2."""
+"""The command line: thin commands and no logic. A library exception becomes one line and status 2."""
 
 import logging
 import os
 import sys
 from collections.abc import Sequence
 
-FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
-"""Exit status: a check failed; unusable input; Ctrl-C."""
+from markergen.cli.console import INTERRUPTED, UNUSABLE, complain
 
 
 class _Warnings(logging.Handler):
@@ -48,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: list[str]) -> int:
     import typer
 
-    from markergen.cli.app import app
+    from markergen.cli.commands import app
     from markergen.errors import MarkergenError
 
     logging.getLogger("markergen").addHandler(WARNINGS)
@@ -75,4 +74,4 @@ def _explain(error: Exception) -> str:
 
 
 def _complain(message: str) -> None:
-    print("markergen: error:", " ".join(message.split()), file=sys.stderr)
+    complain(f"markergen: error: {' '.join(message.split())}")

@@ -1,8 +1,10 @@
-"""What the commands share on the terminal: progress with time left, tables, and the list of files written."""
+"""What the commands share on the terminal: exit status, progress with time left, tables, and files written."""
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from math import inf, isnan
+from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -13,6 +15,12 @@ if TYPE_CHECKING:
     from markergen.verification.verification import Verification
 
     Found = Validation | Comparison | Verification
+
+FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
+"""Exit status: a check failed; unusable input; Ctrl-C."""
+
+SECONDS_BETWEEN_LINES = 30
+"""Between lines of progress in a log."""
 
 
 @contextmanager
@@ -40,6 +48,39 @@ def progress_bar() -> Iterator["Progress"]:
             bar.update(tasks[stage], completed=done, total=total)
 
         yield advance
+
+
+@contextmanager
+def cells_progress() -> Iterator[Callable[[int, int, float], None]]:
+    """Yield a callback ``(done, total, seconds left)`` for a study: a bar, or now and then a line in a log."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    if not sys.stderr.isatty():
+        yield _Lines()
+        return
+    columns = (TextColumn("{task.completed}/{task.total} cells"), BarColumn(), TextColumn("{task.fields[left]}"))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=None, left="")
+        yield lambda done, total, seconds: bar.update(task, completed=done, total=total, left=_left(seconds))
+
+
+class _Lines:
+    """Progress for a log: the first line, the last one, and one in half a minute."""
+
+    def __init__(self) -> None:
+        self._told = -inf
+
+    def __call__(self, done: int, total: int, seconds: float) -> None:
+        if monotonic() > self._told + SECONDS_BETWEEN_LINES or done == total:
+            self._told = monotonic()
+            print(", ".join(filter(None, [f"{done} of {total} cells", _left(seconds)])), file=sys.stderr, flush=True)
+
+
+def _left(seconds: float) -> str:
+    from markergen.api.study import duration
+
+    return "" if isnan(seconds) else f"{duration(seconds)} left"
 
 
 @contextmanager

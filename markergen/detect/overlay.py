@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from markergen.detect.detection import Detection
 from markergen.errors import InputError
+from markergen.geometry.outlines import walked
 from markergen.maths.projection import apply_homography, to_camera
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
-from markergen.model.outlines import walked
 from markergen.read.images import check_frame
 
 Array = NDArray[np.float64]

@@ -10,8 +10,8 @@ from markergen.drawing.figure import Figure
 from markergen.drawing.numbers import quiet_radius
 from markergen.drawing.scene import Line
 from markergen.geometry.contour import flattened
+from markergen.geometry.outlines import walked
 from markergen.model.boundary import Boundary, Circle
-from markergen.model.outlines import walked
 
 Array = NDArray[np.float64]
 

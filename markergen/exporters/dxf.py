@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 import markergen
 from markergen.drawing.scene import Disk, marker_dots
 from markergen.exporters import ExportOptions, Output, only, without_paper
-from markergen.geometry.contour import box as contour_box
 from markergen.geometry.contour import Contour, circle, placed
+from markergen.geometry.contour import box as contour_box
 from markergen.model.boundary import Boundary
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker, marker_name

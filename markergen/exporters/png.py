@@ -3,6 +3,7 @@
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
+from math import acos, ceil, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,18 +11,25 @@ from numpy.typing import NDArray
 import markergen
 from markergen.drawing.colors import channels, is_grey
 from markergen.drawing.paper import Paper, find_paper
+from markergen.drawing.scene import Disk, Line, Outline, Shape
 from markergen.drawing.sheet import Sheet
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions, Output, one_page
-from markergen.exporters.coverage import Spans, spans
+from markergen.geometry.coverage import Runs, covered_runs, unit_disk
 from markergen.model.marker import Marker
 
+Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 
 STRIP = 1 << 22
 """Pixels that are drawn at a time: 4 MB a channel."""
 LONG = 48
 """Pixels from which on a run is filled by itself rather than pixel by pixel."""
+SAGITTA = 2e-3
+"""Largest distance in pixels of a chord from its curve; a grey level is 4e-3 of a pixel."""
+FEWEST_ARCS = 32
+MITER = 4.0
+"""Longest miter in widths, as in SVG; beyond it a corner is beveled."""
 MOST_BYTES = 2e9
 """Of an image before compression."""
 MILLIMETERS_PER_INCH = 25.4
@@ -68,7 +76,7 @@ def write_png(sheet: Sheet, dpi: float) -> bytes:
     depth = 1 if all(map(is_grey, colors)) else 3
     width, height = image_size(sheet.paper, dpi, depth)
     painted = [
-        (spans(shape, per_meter / 1e3, sheet.paper.height, width, height), channels(shape.color)[:depth])
+        (shape_runs(shape, per_meter / 1e3, sheet.paper.height, width, height), channels(shape.color)[:depth])
         for shape in sheet.scene
     ]
     texts = {
@@ -114,7 +122,111 @@ def image_size(paper: Paper, dpi: float, depth: int = 1) -> tuple[int, int]:
     return width, height
 
 
-def _compressed(painted: list[tuple[Spans, tuple[int, ...]]], width: int, height: int, depth: int) -> Iterator[bytes]:
+def shape_runs(shape: Shape, per_mm: float, page_height: float, width: int, height: int) -> Runs:
+    """Runs of the pixels (height, width) that a shape covers, the page's top left corner being that of the raster.
+
+    Parameters
+    ----------
+    shape : Shape
+        In mm, y up.
+    per_mm : float
+        Pixels per mm.
+    page_height : float
+        mm.
+    width, height : int
+        Of the raster in pixels.
+    """
+    edges = _edges(shape, per_mm) * [per_mm, -per_mm, per_mm, -per_mm] + [0.0, per_mm * page_height] * 2
+    return covered_runs(edges, width, height)
+
+
+def _edges(shape: Shape, per_mm: float) -> Array:
+    """Straight edges (m, 4) of closed polygons in mm: x0, y0, x1, y1."""
+    match shape:
+        case Disk():
+            center = np.array([shape.x, shape.y])
+            rings = [_circle(shape.radius, per_mm) + center]
+            if shape.inner_radius:
+                rings.append(_circle(shape.inner_radius, per_mm)[::-1] + center)
+            return np.concatenate([_closed(ring) for ring in rings])
+        case Line():
+            return np.concatenate([_closed(ring) for ring in _stroke(shape)])
+        case Outline():
+            return _flattened(shape, per_mm)
+
+
+def _closed(ring: Array) -> Array:
+    return np.concatenate([ring, np.roll(ring, -1, axis=0)], axis=-1)
+
+
+def _circle(radius: float, per_mm: float) -> Array:
+    """Regular polygon (k, 2) of the circle's area."""
+    flat = min(SAGITTA / (radius * per_mm), 1.0)
+    count = max(ceil(pi / acos(1 - flat)), FEWEST_ARCS)
+    return radius * unit_disk(count)
+
+
+def _stroke(line: Line) -> list[Array]:
+    """Outlines (k, 2) of a stroke with mitered corners; one for an open line, two for a closed one."""
+    points = np.array(line.points)
+    points = points[np.append(True, np.any(np.diff(points, axis=0) != 0, axis=1))]
+    closed = line.closed
+    steps = np.diff(points, axis=0)
+    normals = np.stack([-steps[:, 1], steps[:, 0]], axis=-1) / np.hypot(*steps.T)[:, None]
+    if closed:
+        points = points[:-1]
+        before, after = np.roll(normals, 1, axis=0), normals
+    else:
+        before, after = np.concatenate([normals[:1], normals]), np.concatenate([normals, normals[-1:]])
+    miter = 1 + np.sum(before * after, axis=1)  # twice the squared cosine of half the turn
+    sharp = miter < 2 / MITER**2
+    shift = (before + after) / np.where(sharp, 1.0, miter)[:, None]
+    # A beveled corner takes two points per side; the others are given twice, which adds no area.
+    shifts = np.stack([np.where(sharp[:, None], before, shift), np.where(sharp[:, None], after, shift)], axis=1)
+    left, right = ((points[:, None] + side * line.width / 2 * shifts).reshape(-1, 2) for side in (1, -1))
+    return [left, right[::-1]] if closed else [np.concatenate([left, right[::-1]])]
+
+
+def _flattened(outline: Outline, per_mm: float) -> Array:
+    """Edges (m, 4) of a path with its curves cut into chords, every part of it closed."""
+    straight: list[tuple[float, ...]] = []
+    curves: dict[str, list[tuple[tuple[float, float], ...]]] = {"Q": [], "C": []}
+    start = here = (0.0, 0.0)
+    for command, points in outline.segments:
+        if command in ("M", "Z"):
+            if here != start:
+                straight.append((*here, *start))
+            start = here = points[0] if points else start
+        elif command == "L":
+            straight.append((*here, *points[0]))
+            here = points[0]
+        else:
+            curves[command].append((here, *points))
+            here = points[-1]
+    if here != start:
+        straight.append((*here, *start))
+    parts = [np.array(straight).reshape(-1, 4)]
+    for controls in filter(None, curves.values()):
+        parts.append(_chords(np.array(controls), per_mm))
+    return np.concatenate(parts)
+
+
+def _chords(controls: Array, per_mm: float) -> Array:
+    """Chords (m, 4) of Bezier curves (k, 3 or 4, 2), as many for each as the most bent one needs."""
+    degree = controls.shape[1] - 1
+    bend = np.diff(controls, n=2, axis=1)
+    # A chord of a curve whose second derivative is at most M is off by at most M / (8 count^2).
+    most = degree * (degree - 1) * float(np.hypot(bend[..., 0], bend[..., 1]).max())
+    count = max(ceil(sqrt(most * per_mm / (8 * SAGITTA))), 1)
+    t = np.linspace(0, 1, count + 1)[:, None]
+    points = controls[:, :, None]
+    while points.shape[1] > 1:
+        points = (1 - t) * points[:, :-1] + t * points[:, 1:]
+    walk = points[:, 0]
+    return np.concatenate([walk[:, :-1], walk[:, 1:]], axis=-1).reshape(-1, 4)
+
+
+def _compressed(painted: list[tuple[Runs, tuple[int, ...]]], width: int, height: int, depth: int) -> Iterator[bytes]:
     """Image data in pieces, each line as its difference from the one above: most lines are alike."""
     packer = zlib.compressobj(6)
     above = np.zeros((1, width * depth), dtype=np.uint8)
@@ -133,7 +245,7 @@ def _compressed(painted: list[tuple[Spans, tuple[int, ...]]], width: int, height
     yield packer.flush()
 
 
-def _paint(strip: Pixels, top: int, runs: Spans, color: tuple[int, ...]) -> None:
+def _paint(strip: Pixels, top: int, runs: Runs, color: tuple[int, ...]) -> None:
     """Blend a color into a strip (rows, columns, channels) that begins at row `top`, by the covered shares."""
     height, width, depth = strip.shape
     first, last = np.searchsorted(runs.row, [top, top + height])

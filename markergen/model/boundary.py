@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from math import isfinite, pi
 from typing import Any
 
@@ -12,15 +12,10 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, area, backward, circle, placed
-from markergen.model.edges import Edges
-from markergen.model.interior import inset_of, scatter, shape_of
-from markergen.model.outlines import (
-    Ring,
-    canonical_contours,
-    enclosing_circle,
-    polygons_of,
-    signed_area,
-)
+from markergen.geometry.distance import Edges
+from markergen.geometry.inset import Interior
+from markergen.geometry.outlines import Ring, canonical_contours, polygons_of
+from markergen.geometry.region import Region, enclosing_circle, signed_area
 from markergen.units import format_length
 
 Array = NDArray[np.float64]
@@ -80,6 +75,11 @@ class Boundary(ABC):
     @abstractmethod
     def contours(self) -> tuple[Contour, ...]:
         """The outline exactly as it is: closed contours in m of lines and arcs, with the region to their left."""
+
+    @property
+    def region(self) -> Region:
+        """What `outlines` enclose."""
+        return Region.enclosed(self.outlines())
 
     @property
     def has_arcs(self) -> bool:
@@ -193,21 +193,15 @@ class Circle(Boundary):
 
 
 class _Drawn(Boundary):
-    """A region whose inset follows from its curves."""
+    """A region whose interior follows from its curves."""
 
     def project(self, points: Array, inset: float) -> Array:
         """See `Boundary.project`."""
-        flat = np.ascontiguousarray(points, dtype=float).reshape(-1, 2)
-        shallow = self.depth(flat) < inset
-        if not shallow.any():
-            return points
-        flat = flat.copy()
-        flat[shallow] = inset_of(self, inset).nearest(flat[shallow])
-        return flat.reshape(points.shape)
+        return _interior(self).project(points, inset)
 
     def sample(self, count: int, inset: float, rng: "np.random.Generator") -> Array:
         """See `Boundary.sample`."""
-        return scatter(self, count, inset, rng)
+        return _interior(self).sample(count, inset, rng)
 
 
 @dataclass(frozen=True)
@@ -265,7 +259,7 @@ class Polygon(_Drawn):
 
     @cached_property
     def _circle(self) -> tuple[Array, float]:
-        return enclosing_circle(self._arrays)
+        return enclosing_circle(np.concatenate(self._arrays))
 
     @property
     def radius(self) -> float:
@@ -391,12 +385,8 @@ class Without(_Drawn):
 
     @cached_property
     def _outlines(self) -> tuple[Array, ...]:
-        import shapely
-
-        taken = shapely.union_all([shape_of(keep_out.outlines()) for keep_out in self.keep_outs])
-        left = shapely.difference(shape_of(self.boundary.outlines()), taken)
-        rings = shapely.get_rings(shapely.get_parts(shapely.orient_polygons(left)))
-        return tuple(shapely.get_coordinates(ring)[:-1] for ring in rings)
+        taken = Region.union([keep_out.region for keep_out in self.keep_outs])
+        return (self.boundary.region - taken).oriented().rings
 
     def contours(self) -> tuple[Contour, ...]:
         """See `Boundary.contours`; parts that lie outside of the region are among them."""
@@ -446,7 +436,7 @@ def polygon_from(outlines: Sequence[Array | Contour], origin: str = "center") ->
     corners = [each.points if isinstance(each, Contour) else each for each in outlines]
     bulges = [each.bulges if isinstance(each, Contour) else () for each in outlines]
     contours = canonical_contours(corners, bulges)
-    shift = enclosing_circle(polygons_of(contours))[0] if origin == "center" else np.zeros(2)
+    shift = enclosing_circle(np.concatenate(polygons_of(contours)))[0] if origin == "center" else np.zeros(2)
     moved = [placed(contour, 1.0, shift, 12) for contour in contours]
     return Polygon(tuple(contour.points for contour in moved), tuple(contour.bulges for contour in moved))
 
@@ -467,6 +457,11 @@ def area_without(boundary: Boundary, keep_outs: Sequence[Boundary]) -> Boundary:
             "keep-outs that leave room in the boundary", f"{left} and nothing left", "use fewer or smaller keep-outs"
         )
     return left
+
+
+@lru_cache(maxsize=64)
+def _interior(boundary: Boundary) -> Interior:
+    return Interior(*boundary.curves(), boundary.depth, boundary.radius, lambda: boundary.region)
 
 
 def _directions(angles: Array) -> Array:

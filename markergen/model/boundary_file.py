@@ -6,9 +6,9 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from markergen.errors import InputError
+from markergen.geometry.outlines import Ring
 from markergen.model.boundary import Boundary, Circle, Polygon
 from markergen.model.findings import UNNAMED
-from markergen.model.outlines import Ring
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]

@@ -14,6 +14,7 @@ from markergen.errors import InputError, brief
 from markergen.maths import distortion as lens
 from markergen.maths.lenses import LENSES
 from markergen.maths.projection import from_pixels, perspective, to_camera, to_pixels
+from markergen.registry import door
 
 Array = NDArray[np.float64]
 
@@ -159,9 +160,7 @@ class Camera:
         ...                         " distortion_model: none, resolution: [752, 480]}"))
         Camera(width=752, height=480, fx=460.0, fy=460.0, cx=367.0, cy=248.0)
         """
-        from markergen.read.cameras import load_camera
-
-        return load_camera(source)
+        return door("read.cameras.load_camera")(source)
 
     @classmethod
     def from_message(cls, message: Any) -> "Camera":
@@ -188,9 +187,7 @@ class Camera:
         >>> print(Camera.from_message(info))
         640x480 px, fx 800, fy 800, cx 319.5, cy 239.5, radtan k1 0.1, k2 -0.2, p1 0, p2 0, k3 0
         """
-        from markergen.read.cameras.ros import camera_of_message
-
-        return camera_of_message(message)
+        return door("read.cameras.ros.camera_of_message")(message)
 
     @classmethod
     def from_cv2(cls, matrix: Any, distortion: Any, size: Sequence[int], fisheye: bool = False) -> "Camera":
@@ -220,9 +217,7 @@ class Camera:
         >>> Camera.from_cv2(matrix, [[0.1, -0.2, 0, 0, 0]], (640, 480)).distortion.model
         'radtan'
         """
-        from markergen.read.cameras.matrices import camera_of_arrays
-
-        return camera_of_arrays(matrix, distortion, size, fisheye)
+        return door("read.cameras.matrices.camera_of_arrays")(matrix, distortion, size, fisheye)
 
     def __repr__(self) -> str:
         parts = [f"{name}={getattr(self, name)!r}" for name in ("width", "height", "fx", "fy", "cx", "cy")]

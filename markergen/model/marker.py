@@ -1,6 +1,5 @@
 """The marker: control points with their features inside a boundary, and where they came from."""
 
-import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -17,6 +16,7 @@ from markergen.model.boundary import Boundary
 from markergen.model.feature import Feature, key_ring
 from markergen.model.substrate import Substrate
 from markergen.model.tag import Tag
+from markergen.registry import door
 from markergen.units import format_length
 
 if TYPE_CHECKING:
@@ -275,7 +275,7 @@ class Marker:
     extensions: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
-    def load(cls, source: "str | os.PathLike[str] | IO[str] | IO[bytes] | Mapping[str, Any]") -> "Marker":
+    def load(cls, source: "str | PathLike[str] | IO[str] | IO[bytes] | Mapping[str, Any]") -> "Marker":
         """Read a marker.json of any version.
 
         Parameters
@@ -301,9 +301,7 @@ class Marker:
         >>> Marker.load(json.loads(text)).control_points[1].y
         0.1
         """
-        from markergen.model.marker_json import load_marker
-
-        return load_marker(source)
+        return door("model.marker_json.load_marker")(source)
 
     def __repr__(self) -> str:
         count, size = len(self), format_length(self.dot_diameter) if self else ""
@@ -316,9 +314,7 @@ class Marker:
 
     def _repr_html_(self) -> str:
         """Return a picture of the layout, for notebooks."""
-        from markergen.model.picture import svg
-
-        return svg(self)
+        return door("model.picture.svg")(self)
 
     def __len__(self) -> int:
         return len(self.control_points)
@@ -361,15 +357,11 @@ class Marker:
 
     def save(self, *paths: str | PathLike[str], **options: "Unpack[ExportKeywords]") -> "list[Written]":
         """Write the marker to each path in the format of its suffix; see `markergen.export`."""
-        from markergen.api.export import export
-
-        return export(self, *paths, **options)
+        return door("api.export.export")(self, *paths, **options)
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the marker to scale, in mm, into an axes of matplotlib or a new figure, and return the axes."""
-        from markergen.validation.report.marker_plot import draw_marker
-
-        return draw_marker(self, ax)
+        return door("validation.report.marker_plot.draw_marker")(self, ax)
 
     @property
     def height(self) -> float:

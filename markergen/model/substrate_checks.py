@@ -3,14 +3,13 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import ceil, floor, hypot
-from typing import Any
 
 import numpy as np
 
 from markergen.errors import InputError
+from markergen.geometry.region import Region
 from markergen.model.boundary import Boundary, Circle, area_without
 from markergen.model.findings import listed
-from markergen.model.interior import shape_of
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole, Substrate
 from markergen.units import format_length
@@ -43,13 +42,13 @@ class Misfit:
         return f"{self.found} ({self.fits})"
 
 
-def check_holes(marker: Marker, face: Any = None) -> None:
+def check_holes(marker: Marker, face: Region | None = None) -> None:
     """Refuse a plate whose holes are not wholly in it, or hit a dot, the tag, or each other, or that lacks a dot.
 
     Parameters
     ----------
     marker : Marker
-    face : shapely geometry, optional
+    face : Region, optional
         The plate's upper face in m, if it is another than `plate_face` tells.
 
     Raises
@@ -66,7 +65,7 @@ def check_holes(marker: Marker, face: Any = None) -> None:
     _refuse(
         plate.holes, [*crowded(plate.holes, dots, marker.clearance, tag), *cut_open(plate.holes, face), *sunk(plate)]
     )
-    over = {name: radius - _depth(face, x, y) for name, (x, y, radius) in dots.items()}
+    over = {name: radius - float(face.depth([x, y])) for name, (x, y, radius) in dots.items()}
     lost = [f"{name} is {_mm(by)} over its edge" for name, by in over.items() if by > FLATTENING]
     if lost:
         larger = "--edge" if plate.outline is None and marker.boundary.has_measures else "--outline"
@@ -94,13 +93,11 @@ def check_plate(
     InputError
         Also for holes, as `check_holes` does, and as `check_edge` does.
     """
-    import shapely
-
     check_edge(substrate, boundary)
     if substrate.outline is not None:
         # The chamfer is taken from the face, but not from what dots need.
-        room = shape_of(area_without(boundary, blocked).outlines())
-        over = shapely.difference(room, plate_face(substrate, boundary).buffer(FLATTENING))
+        room = area_without(boundary, blocked).region
+        over = room - plate_face(substrate, boundary).offset(FLATTENING)
         if over.area > 1e-9 * boundary.area:
             raise InputError(
                 "a plate's outline that holds the boundary, less its chamfer and what is kept out",
@@ -163,11 +160,11 @@ def crowded(
     return misfits
 
 
-def cut_open(holes: Sequence[Hole], face: Any) -> list[Misfit]:
-    """Misfits of holes with the edge of the plate's upper face, a shapely geometry in m."""
+def cut_open(holes: Sequence[Hole], face: Region) -> list[Misfit]:
+    """Misfits of holes with the edge of the plate's upper face, in m."""
     misfits = []
     for k, hole in enumerate(holes):
-        left = _depth(face, hole.x, hole.y) - hole.radius
+        left = float(face.depth([hole.x, hole.y])) - hole.radius
         if left < WALL - FLATTENING:
             words = f"leaves {_mm(left)} to" if left > 0 else f"is {_mm(-left)} over"
             misfits.append(Misfit(k, f"{words} the edge of the plate", _fits(hole, WALL - left)))
@@ -185,8 +182,8 @@ def sunk(substrate: Substrate) -> list[Misfit]:
     return misfits
 
 
-def plate_face(substrate: Substrate, boundary: Boundary, dots: Sequence[Disk] = ()) -> Any:
-    """Upper face of the plate without its holes, a shapely geometry in m.
+def plate_face(substrate: Substrate, boundary: Boundary, dots: Sequence[Disk] = ()) -> Region:
+    """Upper face of the plate without its holes, in m.
 
     It is what is outlined, or the boundary, with the edge around a disk and a rectangle, around a disk also every dot's
     quiet zone, half a dot wide; with its corners rounded, and less the chamfer.
@@ -197,18 +194,18 @@ def plate_face(substrate: Substrate, boundary: Boundary, dots: Sequence[Disk] = 
         If these leave nothing.
     """
     if substrate.outline is not None:
-        shape = shape_of(substrate.outline.outlines())
+        shape = substrate.outline.region
     elif isinstance(boundary, Circle):
-        shape = shape_of(Circle(disk_radius(substrate, boundary, dots), boundary.center).outlines())
+        shape = Circle(disk_radius(substrate, boundary, dots), boundary.center).region
     else:
-        shape = shape_of(boundary.outlines())
+        shape = boundary.region
         if edge := substrate.edge_around(boundary):
-            shape = shape.buffer(edge, join_style="mitre")
+            shape = shape.offset(edge, "miter")
     if substrate.corner_radius:
         # What a disk of that radius reaches from inside.
-        shape = shape.buffer(-substrate.corner_radius).buffer(substrate.corner_radius, quad_segs=64)
-    face = shape.buffer(-substrate.chamfer, join_style="mitre") if substrate.chamfer else shape
-    if face.is_empty:
+        shape = shape.offset(-substrate.corner_radius).offset(substrate.corner_radius, segments=64)
+    face = shape.offset(-substrate.chamfer, "miter") if substrate.chamfer else shape
+    if not face:
         raise InputError(
             "a corner radius and a chamfer that leave something of the plate",
             f"{format_length(substrate.corner_radius)} and {format_length(substrate.chamfer)}",
@@ -222,15 +219,6 @@ def disk_radius(substrate: Substrate, boundary: Boundary, dots: Sequence[Disk]) 
     x, y = boundary.center
     reach = max((hypot(u - x, v - y) + 2 * radius for u, v, radius in dots), default=0.0)
     return max(boundary.radius + substrate.edge_around(boundary), reach)
-
-
-def _depth(face: Any, x: float, y: float) -> float:
-    """Distance in m from a point to the edge of a face, negative outside of it."""
-    import shapely
-
-    place = shapely.Point(x, y)
-    distance = float(shapely.distance(place, shapely.boundary(face)))
-    return distance if shapely.covers(face, place) else -distance
 
 
 def _fits(hole: Hole, lacking: float) -> str:

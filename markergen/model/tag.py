@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError, among
+from markergen.geometry.region import Region
 from markergen.model.boundary import Boundary, Polygon
-from markergen.model.interior import shape_of
 from markergen.units import format_length
 
 Array = NDArray[np.float64]
@@ -211,14 +211,11 @@ def place_tag(text: str, side: float | None, boundary: Boundary, keep_outs: Sequ
 
 
 def _fits(tag: Tag, boundary: Boundary, keep_outs: Sequence[Boundary]) -> bool:
-    import shapely
-
     corners = tag.outer_side * UNITS + tag.center
     if boundary.depth(corners).min() < -FORGIVEN:
         return False
-    square = shapely.Polygon(corners)
-    over = shapely.difference(square, shape_of(boundary.outlines())).area
-    over += sum(shapely.intersection(square, shape_of(each.outlines())).area for each in keep_outs)
+    square = Region.polygon(corners)
+    over = (square - boundary.region).area + sum((square & each.region).area for each in keep_outs)
     # Circles are taken for polygons, beyond which a corner on the rim reaches by a hair.
     return bool(over <= FORGIVEN * square.area)
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from markergen import __version__
 from markergen.errors import InputError
 from markergen.files import Written
-from markergen.model.interior import shape_of
 from markergen.model.marker import Marker, dressed
 from markergen.model.occlusion import eyes_of
 from markergen.model.poses import PoseDistribution
@@ -190,12 +189,12 @@ class Design(Result):
         """What to say of keep-outs that keep nothing out."""
         if not self.marker.keep_outs:
             return []
-        boundary = shape_of(self.marker.boundary.outlines())
+        boundary = self.marker.boundary.region
         return [
             f"keep-out {place}, a {keep_out} around ({', '.join(map(format_length, keep_out.center))}), lies wholly "
             "outside the boundary and keeps nothing out: look up its place in the marker frame"
             for place, keep_out in enumerate(self.marker.keep_outs, 1)
-            if not shape_of(keep_out.outlines()).intersects(boundary)
+            if not keep_out.region.meets(boundary)
         ]
 
     def _weak_homography(self) -> list[str]:

@@ -7,9 +7,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.geometry.coverage import closing, unit_disk
 from markergen.maths.projection import perspective
 from markergen.model.camera import Camera
-from markergen.render.raster import closing
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ class Patch:
 def circle(center: Array, radius: float, count: int = CIRCLE_VERTICES) -> Array:
     """Polygon (count, 3) in m around a center (3,), parallel to the marker's plane, with the area of the circle."""
     outline = np.empty((count, 3))
-    outline[:, :2] = radius * _unit_circle(count) + center[:2]
+    outline[:, :2] = radius * unit_disk(count) + center[:2]
     outline[:, 2] = center[2]
     return outline
 
@@ -236,11 +236,3 @@ def _holds(outline: Array, point: Array) -> bool:
     spans = (y <= point[1]) != (next_y <= point[1])
     x, y, next_x, next_y = x[spans], y[spans], next_x[spans], next_y[spans]
     return bool(np.sum(point[0] < x + (point[1] - y) / (next_y - y) * (next_x - x)) % 2)
-
-
-@lru_cache(maxsize=16)
-def _unit_circle(count: int) -> Array:
-    angle = 2 * np.pi * np.arange(count) / count
-    # Regular polygon of circumradius R: area count R^2 sin(2 pi/count)/2.
-    circumradius = np.sqrt(2 * np.pi / (count * np.sin(2 * np.pi / count)))
-    return circumradius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)

@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.render.raster import polygon_coverage
+from markergen.geometry.coverage import polygon_coverage
 
 Array = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from markergen.errors import InputError
+from markergen.geometry.coverage import paint
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.registry import Registry
 from markergen.render.optics import Optics
 from markergen.render.patches import Patch, project_patches
-from markergen.render.raster import paint
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.float32]

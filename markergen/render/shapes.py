@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.model.boundary import Boundary
-from markergen.model.interior import grown
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.occlusion import pillar_radius
 from markergen.render.patches import CIRCLE_VERTICES, Patch, circle
@@ -56,7 +55,7 @@ def marker_patches(
 def _plate(boundary: Boundary, margin: float) -> tuple[Array, ...]:
     """Closed polygons (m, 2) of the boundary's region with a margin around it."""
     if boundary.curves()[0]:
-        return grown(boundary.outlines(), margin)
+        return (boundary.region.offset(margin, segments=64) if margin else boundary.region).rings
     rim = boundary.rim(_RIM_VERTICES)
     return (rim - margin * boundary.depth_gradient(rim),)
 

@@ -6,13 +6,13 @@ from itertools import dropwhile
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.geometry.coverage import paint
 from markergen.maths.conic import circle_image
 from markergen.maths.projection import plane_homography
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker, check_supported
 from markergen.render.optics import FINENESS, Optics, expose, quantize
 from markergen.render.patches import Patch, circle_vertices, project_patches
-from markergen.render.raster import paint
 from markergen.render.scenery import Scenery
 from markergen.render.shapes import marker_patches
 

@@ -193,8 +193,8 @@ def _moment(profile: Contour) -> float:
             chord = ((u - r) ** 2 + (w - z) ** 2) ** 0.5
             radius = chord / (2 * abs(sin(angle / 2)))
             segment = radius**2 * (angle - sin(angle)) / 2
-            # The segment's centroid lies to the right of the chord for a turn to the left, at
-            # 4 R sin^3(a/2) / (3 (a - sin a)) from the arc's center; its moment is its area times the centroid's radius.
+            # For a turn to the left the segment's centroid lies to the right of the chord, 4 R sin^3(a/2) / (3 (a - sin
+            # a)) from the arc's center; its moment is its area times the centroid's distance from the axis.
             half = angle / 2
             normal = ((w - z) / chord, -(u - r) / chord)
             offset = 4 * radius * abs(sin(half)) ** 3 / (3 * abs(angle - sin(angle)))

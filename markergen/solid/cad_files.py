@@ -119,4 +119,3 @@ def _colored(entities: dict[int, str], root: int) -> int:
     return min(
         _references(entities[item])[-1] for item in _references(entities[root]) if "STYLED_ITEM" in entities[item]
     )
-

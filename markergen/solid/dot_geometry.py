@@ -1,4 +1,4 @@
-"""Geometry of what is dark on a marker, in mm: dots with their heights, and the tag's ink with corners that tools make."""
+"""Geometry of what is dark on a marker, in mm: dots with their heights, and the tag's ink with rounded corners."""
 
 from collections import Counter
 from dataclasses import dataclass, replace

@@ -135,7 +135,9 @@ class _Room:
         x, y = (left + right) / 2, (low + high) / 2
         # From behind, the first ones are on the upper left.
         dx, dy = np.meshgrid(*((np.arange(STEPS + 1) / STEPS - 0.5) * size for size in (left - right, low - high)))
-        fits = self._free.surrounds_boxes(np.array(_lines(lines, x, y, height).box) + np.stack([dx, dy, dx, dy], axis=-1))
+        fits = self._free.surrounds_boxes(
+            np.array(_lines(lines, x, y, height).box) + np.stack([dx, dy, dx, dy], axis=-1)
+        )
         if not fits.any():
             return False
         best = np.unravel_index(np.argmin(np.where(fits, np.hypot(dx, dy).round(6), np.inf)), fits.shape)
@@ -202,7 +204,9 @@ def _lines(lines: Sequence[str], x: float, y: float, height: float) -> _Block:
             # What turned left turns right in the mirror.
             contours.append(Contour(points, tuple(-bulge for bulge in letter.bulges)))
     # Some letters reach below their line.
-    return _Block(tuple(contours), (x - wide / 2, y - tall / 2 - 0.3 * height, x + wide / 2, y + tall / 2 + 0.1 * height))
+    return _Block(
+        tuple(contours), (x - wide / 2, y - tall / 2 - 0.3 * height, x + wide / 2, y + tall / 2 + 0.1 * height)
+    )
 
 
 def _outlines(line: str, height: float) -> Iterator[Contour]:

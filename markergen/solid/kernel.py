@@ -1,7 +1,7 @@
 """Parts as solids of Open CASCADE: bodies swept up or around, then joined and cut by its Booleans.
 
-cadquery is asked for what it offers. Made here with OCP are faces in planes that are known instead of fitted, arcs about
-exact centers, chamfers that survive nearly tangent sides, and Booleans that remember the floors of what is engraved.
+cadquery does what it offers. Made here with OCP are faces in planes that are known instead of fitted, arcs about exact
+centers, chamfers that survive nearly tangent sides, and Booleans that remember the floors of what is engraved.
 """
 
 from collections.abc import Sequence
@@ -262,6 +262,8 @@ def _wire(contour: Contour, height: float | None, axis: tuple[float, float] = (0
             wire.Add(BRepBuilderAPI_MakeEdge(start, end).Edge())
             continue
         center = center_of(side)
-        circle = gp_Circ(gp_Ax2(point(*center), left if bulge > 0 else right, along), hypot(x - center[0], y - center[1]))
+        circle = gp_Circ(
+            gp_Ax2(point(*center), left if bulge > 0 else right, along), hypot(x - center[0], y - center[1])
+        )
         wire.Add(BRepBuilderAPI_MakeEdge(circle, start, end).Edge())
     return wire.Wire()

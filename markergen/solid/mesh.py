@@ -1,7 +1,7 @@
 """Meshes of solids: closed, within a tolerance of the surface, and the same from run to run.
 
-Open CASCADE makes the triangles. cadquery's `tessellate` is not used, because it takes one tolerance for balls, bores and
-letters alike, and leaves points in the order of the faces; here points lie on a grid that parts have in common.
+Open CASCADE makes the triangles, but not by cadquery's `tessellate`, which has one tolerance for balls, bores and
+letters alike, and keeps the order of the faces. Here points lie on a grid that all parts have in common.
 """
 
 from collections.abc import Sequence

@@ -85,7 +85,9 @@ class Plate:
         """Upper face within the chamfer, without mounting holes."""
         if not self.chamfer:
             return self.outline
-        return Region.union(Region.of_contour(inset(outer, self.chamfer), holes, OFF) for outer, *holes in self.outlines)
+        return Region.union(
+            Region.of_contour(inset(outer, self.chamfer), holes, OFF) for outer, *holes in self.outlines
+        )
 
     @cached_property
     def hole_footprints(self) -> tuple[Footprint, ...]:

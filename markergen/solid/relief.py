@@ -1,4 +1,4 @@
-"""Pillars under raised dots: round, with a draft, and a fillet around the foot that neither crowds nor hides anything."""
+"""Pillars under raised dots: round, with a draft and a fillet around the foot; they crowd nothing and hide no dot."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -213,7 +213,9 @@ def _room(pillars: Sequence[Pillar], tool: Tool, plate: Plate, others: Sequence[
     return [(float(room), name) for room, name in found]
 
 
-def _feet(pillars: Sequence[Pillar], tool: Tool, plate: Plate, others: Sequence[Footprint], asked: float) -> list[float]:
+def _feet(
+    pillars: Sequence[Pillar], tool: Tool, plate: Plate, others: Sequence[Footprint], asked: float
+) -> list[float]:
     feet = []
     for pillar, (room, _) in zip(pillars, _room(pillars, tool, plate, others), strict=True):
         # The fillet ends below the pillar's top.

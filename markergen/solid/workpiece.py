@@ -12,7 +12,7 @@ from markergen.geometry.contour import center_of, radius_of
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker, marker_name
 from markergen.model.substrate import Hole
-from markergen.solid.bodies import SAME, OTHER, Part, cylinder, mm
+from markergen.solid.bodies import OTHER, SAME, Part, cylinder, mm
 from markergen.solid.dot_geometry import SolidDot as Dot
 from markergen.solid.dot_geometry import dots_of
 from markergen.solid.processes import Made

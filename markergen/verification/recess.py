@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from markergen.geometry.region import Region
 from markergen.model.boundary import Boundary, Circle
-from markergen.model.interior import shape_of
 from markergen.solid.surface import Loop, Surface
 from markergen.verification.dots import Dots
 from markergen.verification.solids import FLUSH, differ, plate_of
@@ -58,7 +58,7 @@ def _outline(boundary: Boundary) -> Any:
     if isinstance(boundary, Circle):
         x, y = 1e3 * np.asarray(boundary.center)
         return shapely.Point(x, y).buffer(1e3 * boundary.size, quad_segs=512)
-    return shape_of([1e3 * ring for ring in boundary.outlines()])
+    return Region.enclosed([1e3 * ring for ring in boundary.outlines()])._shape
 
 
 def room_of(surface: Surface, found: Dots, expected: Dots) -> float:

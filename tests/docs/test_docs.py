@@ -10,7 +10,7 @@ import pytest
 import typer
 
 from docs.generate import reference, schema, spec_file_schema
-from markergen.cli.app import app
+from markergen.cli.commands import app
 from markergen.model.marker_file import VERSIONS, json_schema
 from markergen.render import DEFAULT_OPTICS, render_view
 

@@ -10,7 +10,7 @@ import pytest
 import shapely
 
 from markergen.errors import InputError
-from markergen.model.outlines import canonical
+from markergen.geometry.outlines import canonical
 from markergen.read.cameras import read_camera, read_camera_covariance
 from markergen.read.outlines import parse_boundary, read_outline, read_room
 from markergen.read.poses import poses_from, read_poses

@@ -3,12 +3,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import shapely
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from markergen.errors import InputError
 from markergen.geometry.contour import circle
+from markergen.geometry.region import Region
 from markergen.model.boundary import Circle, polygon_from
 from markergen.model.holes import parse_mount
 from markergen.model.substrate import Hole, Substrate
@@ -128,7 +128,7 @@ def test_an_edge_around_an_outline_is_refused_and_none_is_taken(make_in, shapes)
     check_edge(Substrate(edge=0.005), shapes["rectangle"])
     # A dot that the corners' radius cuts needs another outline there, not an edge.
     marker = replace(make_in(shapes["star"], 5, 0.012, seed=1), substrate=Substrate(corner_radius=0.02))
-    message = refusal(lambda: check_holes(marker, shapely.Point(0, 0).buffer(0.03)))
+    message = refusal(lambda: check_holes(marker, Region.disk(0, 0, 0.03)))
     assert "use a larger --outline, or smaller --corner-radius and --chamfer" in message
 
 
@@ -185,6 +185,6 @@ def test_a_wall_is_left_to_the_edge(x, y, r):
 
 
 def test_another_face_may_be_given(pentagon):
-    tight = shapely.Point(0, 0).buffer(0.1)
+    tight = Region.disk(0, 0, 0.1)
     with pytest.raises(InputError, match="over its edge"):
         check_holes(pentagon, tight)

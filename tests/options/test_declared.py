@@ -5,7 +5,7 @@ from dataclasses import fields
 
 import pytest
 
-from markergen.cli.app import app
+from markergen.cli.commands import app
 from markergen.cli.options import TYPES
 from markergen.detect import Detector
 from markergen.detect.batch import detect_files

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from markergen.geometry.coverage import paint
 from markergen.render.patches import project_patches
-from markergen.render.raster import paint
 
 
 def coverage(patches, camera, rotation, translation):

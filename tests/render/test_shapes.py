@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from markergen.geometry.region import signed_area
 from markergen.model.boundary import Circle
 from markergen.model.camera import Camera, Distortion
 from markergen.model.feature import Feature, key_ring
 from markergen.model.marker import ControlPoint, Marker
-from markergen.model.outlines import signed_area
 from markergen.model.poses import paper
 from markergen.model.tag import Tag
 from markergen.render.shapes import INK, SUBSTRATE, marker_patches

@@ -154,6 +154,9 @@ from pathlib import Path
 from markergen.model.marker import marker_name
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker_json import from_json
+from markergen.solid.cad_files import write_brep, write_step
+from markergen.solid.kernel import solids_of
+from markergen.solid.processes import parts_of
 marker = from_json(sys.stdin.buffer.read())
 # What addresses order things by is elsewhere.
 taken = [bytearray(4096 + k) for k in range(3000)]
@@ -165,7 +168,6 @@ Path(sys.argv[2]).write_bytes(write_step(solids, marker_name(marker)) + write_br
 
 def test_another_process_writes_the_same_bytes(written, tmp_path):
     from markergen.model.marker_json import to_json
-    from markergen.solid.cad_files import write_brep
 
     marker, solids, data = written
     process = "laser" if len(solids) == 1 else "fdm"
@@ -188,7 +190,6 @@ def test_brep_is_read_with_the_same_solids(written, tmp_path):
 
 
 def test_triangles_of_a_mesh_do_not_get_into_files(written):
-
     before = write_brep(written[1])
     written[1][0].shape.tessellate(0.1)
     assert write_brep(written[1]) == before

@@ -121,11 +121,11 @@ class Finder:
             raise ImportError("libGL.so.1: cannot open shared object file: No such file or directory")
 
 sys.meta_path.insert(0, Finder())
-from pathlib import Contour
+from pathlib import Path
 from markergen.errors import MissingLibraryError
 from markergen.exporters import save
 from markergen.model.marker_json import from_json
-marker, folder = from_json(sys.stdin.read()), Contour(sys.argv[1])
+marker, folder = from_json(sys.stdin.read()), Path(sys.argv[1])
 save(marker, [folder / "m.pdf", folder / "m.svg", folder / "m.json"])
 for suffix in sys.argv[2:]:
     try:

@@ -12,7 +12,6 @@ from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
-from markergen.solid.iso286 import STEPS, disc_fit
 from markergen.solid.manufacturability import depth_of
 from markergen.solid.plate import Footprint, gaps, plate_of
 from markergen.solid.processes import Made
@@ -53,7 +52,7 @@ def test_a_pocket_leaves_a_floor(pentagon):
     )
     thin = replace(pentagon, substrate=Substrate(thickness=0.0003))
     assert "a plate of at least 0.35mm for inlays 0.15 mm deep" in refusal(thin, Fabrication())
-    # What the line says would disc_fit does.
+    # What the line says would fit does.
     assert make(thin, Fabrication(depth=0.0001)).depth == 0.1
 
 
@@ -86,7 +85,7 @@ def test_dots_are_no_smaller_than_the_tool_makes_them(make_ngon, name, diameter)
     line = refusal(make_ngon(5, 0.05, 0.98 * diameter), Fabrication(name))
     assert "ring's width of at least" in line
     assert "dot-0" in line
-    # What the line says would disc_fit does.
+    # What the line says would fit does.
     least = re.search(r"--dot ([\d.]+)mm", line)
     assert least is not None
     assert float(least[1]) == pytest.approx(diameter * 1e3, abs=0.02)
@@ -114,9 +113,9 @@ def test_a_mill_fits_into_the_rings_bore(make_ngon):
         # Two corners that meet others, each rounded by 1.207 times the wall: two gaps make it wider.
         (Fabrication(), 0.9657),
         (Fabrication(gap=5e-5), 1.2071),
-        # Here the mill's diameter counts, and there the wall of 0.5 mm with a press disc_fit.
-        (Fabrication("cnc", tool=0.002, disc_fit="press"), 2.0),
-        (Fabrication("cnc", tool=0.0005, disc_fit="press"), 1.2071),
+        # Here the mill's diameter counts, and there the wall of 0.5 mm with a press fit.
+        (Fabrication("cnc", tool=0.002, fit="press"), 2.0),
+        (Fabrication("cnc", tool=0.0005, fit="press"), 1.2071),
     ],
 )
 def test_cells_of_tags_are_as_wide_as_their_corners(make_ngon, fabrication, least):
@@ -173,19 +172,8 @@ def test_the_recess_for_a_sheet_leaves_a_rim_and_holes_are_in_it_or_out(at):
 
 
 def test_a_fit_and_a_gap_are_two_answers(pentagon):
-    line = refusal(pentagon, Fabrication("cnc", disc_fit="press", gap=1e-4))
-    assert line.endswith("found --disc_fit press and --gap 0.1 mm; leave one of them out")
-
-
-def test_fits_are_tabulated_up_to_500_mm():
-    for size in (0.5, *STEPS):
-        slip, press = disc_fit("slip", size), disc_fit("press", size)
-        assert slip.gap > 0 == press.gap
-        assert slip.play > slip.gap
-    assert disc_fit("slip", 3).pocket == "F8 (+0.020 / +0.006 mm)"
-    assert disc_fit("slip", 3.01).pocket == "F8 (+0.028 / +0.010 mm)"
-    with pytest.raises(InputError, match="at most 500 mm"):
-        disc_fit("slip", 500.1)
+    line = refusal(pentagon, Fabrication("cnc", fit="press", gap=1e-4))
+    assert line.endswith("found --fit press and --gap 0.1 mm; leave one of them out")
 
 
 def test_control_points_below_the_face_or_without_a_dot_are_refused(at, make_ngon):
@@ -195,11 +183,11 @@ def test_control_points_below_the_face_or_without_a_dot_are_refused(at, make_ngo
 
 def test_rooms_are_measured_exactly(at):
     marker = replace(at((0, 0), (50, 0), (-50, 0), (0, 50)), boundary=Circle(0.1), substrate=Substrate(edge=0.002))
-    face = plate_of(marker)
+    plate = plate_of(marker)
     point, tag = Footprint("a", ((60.0, 0.0),), 10.0), Footprint("b", ((0, 0), (20, 0), (20, 20), (0, 20)), 1.0)
     # The circle is a polygon that is 2 um off.
-    assert face.to_edge([point, tag]) == pytest.approx([32.0, 102 - 800**0.5 - 1], abs=3e-3)
-    assert face.to_edge([Footprint("out", ((110.0, 0.0),))]) < 0
+    assert plate.room([point, tag]) == pytest.approx([32.0, 102 - 800**0.5 - 1], abs=3e-3)
+    assert plate.room([Footprint("out", ((110.0, 0.0),))]) < 0
     assert gaps([point, tag], [tag]).ravel() == pytest.approx([29.0, float("inf")])
     assert depth_of(marker, Fabrication(), 0.6, "inlays") == 0.6
 

@@ -3,12 +3,10 @@ from math import acos, pi, tan
 
 import numpy as np
 import pytest
-import shapely
 
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, area, circle, placed
 from markergen.model.boundary import Circle, polygon_from
-from markergen.model.interior import shape_of
 from markergen.model.substrate import Hole, Substrate
 from markergen.solid.bodies import Part, cylinder
 from markergen.solid.kernel import build
@@ -42,10 +40,10 @@ def test_a_disk_s_plate_holds_the_boundary_and_every_quiet_zone(make_ngon):
 def test_a_rectangle_has_a_mitered_edge_and_any_other_outline_is_the_plate(shape, make_in, edge):
     marker = made(make_in(shape, 5, 0.01), edge=edge)
     edge = (0.002 if edge is None else edge) if len(shape.rings) == 1 and len(shape.rings[0]) == 4 else 0.0
-    wide = shapely.buffer(shape_of([1e3 * ring for ring in shape.outlines()]), 1e3 * edge, join_style="mitre")
-    assert plan_area(marker) == pytest.approx(wide.area, rel=EXACT)
+    wide = shape.region.offset(edge, "miter")
+    assert plan_area(marker) == pytest.approx(1e6 * wide.area, rel=EXACT)
     corners = [corner for ring in shape.outlines() for corner in (1e3 * ring).tolist()]
-        # No corner is nearer to the rim than the edge is wide, and none of its sides farther.
+    # No corner is nearer to the rim than the edge is wide, and none of its sides farther.
     distances = np.abs(plate_of(marker).face.depth(corners))
     assert distances == pytest.approx(1e3 * edge, abs=1e-6)
 
@@ -59,7 +57,10 @@ def test_an_outline_with_a_sharp_corner_or_in_two_parts_is_the_plate_as_it_is(ma
     halves = polygon_from([np.array([[x, 0], [x + 0.05, 0], [x + 0.05, 0.05], [x, 0.05]]) for x in (0, 0.05 + gap)])
     assert [part.name for part in plate_of(make_in(halves, 2, 0.01)).parts()] == ["plate-1", "plate-2"]
     # What an old file says of an edge around an outline is not made either.
-    assert [part.name for part in plate_of(made(make_in(halves, 2, 0.01), edge=0.002)).parts()] == ["plate-1", "plate-2"]
+    assert [part.name for part in plate_of(made(make_in(halves, 2, 0.01), edge=0.002)).parts()] == [
+        "plate-1",
+        "plate-2",
+    ]
     assert plate_size(make_in(halves, 2, 0.01)) == "103 x 50 mm"
 
 

@@ -144,7 +144,8 @@ def test_balls_have_their_middles_in_the_control_points(make, dome):
 
     marker = make(5, relief=True)
     solids = {
-        solid.name: solid.shape for solid in solids_of(parts_of(marker, Fabrication("dome", dome=dome, engrave=False)).parts)
+        solid.name: solid.shape
+        for solid in solids_of(parts_of(marker, Fabrication("dome", dome=dome, engrave=False)).parts)
     }
     for dot in dots_of(marker):
         balls = [

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from markergen.geometry.region import signed_area
 from markergen.model.boundary import Circle, polygon_from
-from markergen.model.outlines import signed_area
 from markergen.validation.report.marker_plot import draw_marker, shows_origin
 
 

@@ -1,6 +1,6 @@
 """Outlines from drawings: a table of formats, told apart by what is in the file, not by its name."""
 
-from markergen.model.outlines import TOLERANCE
+from markergen.geometry.outlines import TOLERANCE
 from markergen.read.outlines.boundary import is_drawing, parse_boundary
 from markergen.read.outlines.drawing import UNITS
 from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFormat

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
 from markergen.geometry.contour import Contour, backward, mirrored
-from markergen.model.outlines import TOLERANCE, canonical_contours, polygons_of
+from markergen.geometry.outlines import TOLERANCE, canonical_contours, polygons_of
 from markergen.read.outlines.curves import MOST_POINTS
 from markergen.read.outlines.drawing import MOST_PIECES, UNITS, Drawing, OutlineFile, load
 from markergen.read.outlines.formats import OUTLINE_FORMATS

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, flattened, merged
-from markergen.model.outlines import SHALLOWEST, place
+from markergen.geometry.outlines import SHALLOWEST, place
 from markergen.units import format_length
 
 Array = NDArray[np.float64]

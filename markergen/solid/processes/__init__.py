@@ -183,9 +183,7 @@ def tag_inlays(marker: Marker, cutting: Cutting) -> tuple[tuple[Part, ...], tupl
 
 def marks(marker: Marker, dots: Sequence[SolidDot], cutting: Cutting) -> tuple[Body, ...]:
     """Dots and tag as bodies to engrave."""
-    engraved = [
-        cylinder(dot.x, dot.y, dot.radius, round(dot.z - cutting.depth, 9), dot.z, dot.inner) for dot in dots
-    ]
+    engraved = [cylinder(dot.x, dot.y, dot.radius, round(dot.z - cutting.depth, 9), dot.z, dot.inner) for dot in dots]
     return (*engraved, *tag_inlays(marker, cutting)[1])
 
 

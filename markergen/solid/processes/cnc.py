@@ -23,7 +23,7 @@ WALL = 0.5
 
 
 def cnc(marker: Marker, fabrication: Fabrication) -> Made:
-    """Mill pockets for discs of the dots' nominal sizes, with slip or press fit; the tag's corners have the mill's radius."""
+    """Mill pockets for discs of the dots' nominal sizes, to slip or press; the tag's corners have the mill's radius."""
     dots = dots_of(marker)
     kind = fabrication.fit or "slip"
     gap = gap_of(fabrication, 0.0, dots)

@@ -4,7 +4,7 @@ from ellipse_coverage import ellipse_coverage
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from markergen.render.raster import paint, polygon_coverage
+from markergen.geometry.coverage import paint, polygon_coverage
 
 WIDTH, HEIGHT = 12, 9
 EXACT = 1e-12  # rounding of some dozen products of numbers around 10

@@ -1,4 +1,7 @@
-"""Closed outlines in the plane: which is inside which, whether they cross, and the circle that holds them all."""
+"""Closed outlines as people draw them, made fit for use: clean corners, which is inside which, and no crossings.
+
+Lengths are in m.
+"""
 
 from collections.abc import Sequence
 
@@ -7,6 +10,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, area, box, inner_polygon, turned_over
+from markergen.geometry.region import signed_area
 from markergen.units import format_length
 
 Array = NDArray[np.float64]
@@ -101,13 +105,6 @@ def polygons_of(contours: Sequence[Contour]) -> tuple[Array, ...]:
     return tuple(found)
 
 
-def signed_area(ring: Array) -> float:
-    """Area of a closed polygon (m, 2), positive if counterclockwise."""
-    # About its own corner, so that a small outline far out keeps its digits.
-    x, y = (ring - ring[0]).T
-    return float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) / 2)
-
-
 def walked(ring: Array, step: float) -> tuple[Array, NDArray[np.bool_]]:
     """Points (m, 2) at most `step` apart along a closed polygon, all its corners among them, and which (m,) those are.
 
@@ -118,15 +115,6 @@ def walked(ring: Array, step: float) -> tuple[Array, NDArray[np.bool_]]:
     edge = np.repeat(np.arange(len(ring)), counts)
     number = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
     return ring[edge] + (number / counts[edge])[:, None] * onward[edge], number == 0
-
-
-def enclosing_circle(outlines: Sequence[Array]) -> tuple[Array, float]:
-    """Center (2,) and radius in m of the smallest circle around outlines."""
-    import shapely
-
-    points = shapely.MultiPoint(np.concatenate(outlines))
-    center = shapely.get_coordinates(shapely.minimum_bounding_circle(points).centroid)[0]
-    return center, float(shapely.minimum_bounding_radius(points))
 
 
 def place(point: Array) -> str:

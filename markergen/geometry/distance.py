@@ -1,6 +1,7 @@
-"""Distances to segments and arcs: exact, and for many points at once."""
+"""Exact distances from many points at once: to segments, to arcs, and into the polygons that segments enclose."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,7 +12,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 Box = tuple[Array, Array]
-"""Lower left and upper right corner (2,) in m."""
+"""Lower left and upper right corner (2,)."""
 
 BLOCK = 2**15
 """Pairs of point and piece that are worked on at once: their arrays stay in the cache."""
@@ -23,7 +24,7 @@ CELLS = 48
 """Cells along the longer side of the grid that tells which pieces may be nearest."""
 
 
-class Pieces(ABC):
+class Curves(ABC):
     """A number of curves in the plane, numbered from 0."""
 
     @abstractmethod
@@ -35,7 +36,7 @@ class Pieces(ABC):
 
     @abstractmethod
     def distance(self, gaps: Array) -> Array:
-        """Distances in m that belong to what `gaps` tells."""
+        """Distances that belong to what `gaps` tells."""
 
     @abstractmethod
     def box(self) -> Box:
@@ -45,7 +46,7 @@ class Pieces(ABC):
         """Index (P,) of the piece nearest to each of the points (P, 2), the first of several."""
         if len(points) * len(self) < MANY:
             return self._nearest_of_all(points)
-        grid = self._grid
+        grid = self._cells
         index = np.empty(len(points), dtype=np.int64)
         cell = grid.cell(points)
         index[cell < 0] = self._nearest_of_all(points[cell < 0])
@@ -68,11 +69,11 @@ class Pieces(ABC):
         return index
 
     @cached_property
-    def _grid(self) -> "_Grid":
-        return _Grid(self)
+    def _cells(self) -> "_Cells":
+        return _Cells(self)
 
 
-class _Grid:
+class _Cells:
     """Cells over the pieces and their surroundings, each with the pieces that may be nearest to a point in it.
 
     From the middle of a cell to any of its points the distance to a piece changes by half a diagonal at most, so what
@@ -80,7 +81,7 @@ class _Grid:
     to powers of two, so that points in cells with about as many candidates are worked on as one array.
     """
 
-    def __init__(self, pieces: Pieces) -> None:
+    def __init__(self, pieces: Curves) -> None:
         low, high = pieces.box()
         # All pieces may be one point.
         margin = 0.1 * float(np.max(high - low)) or 1.0
@@ -117,13 +118,13 @@ class _Grid:
 
 
 @dataclass(frozen=True, eq=False)
-class Segments(Pieces):
-    """Segments (s) from `start` to `end`, both (s, 2) in m; a segment may be a point."""
+class Segments(Curves):
+    """Segments (s) from `start` to `end`, both (s, 2); a segment may be a point."""
 
     start: Array
     end: Array
     around: Box | None = None
-    """See `Pieces.box`."""
+    """See `Curves.box`."""
 
     def __len__(self) -> int:
         return len(self.start)
@@ -147,7 +148,7 @@ class Segments(Pieces):
         return tuple(np.ascontiguousarray(c) for c in np.concatenate([self.start, self.step, per_length], axis=1).T)
 
     def gaps(self, points: Array, index: Index | slice) -> Array:
-        """See `Pieces.gaps`: squares of the distances."""
+        """See `Curves.gaps`: squares of the distances."""
         start_x, start_y, step_x, step_y, per_x, per_y = (column[index] for column in self._columns)
         x, y = points[:, :1] - start_x, points[:, 1:] - start_y
         place = x * per_x
@@ -161,11 +162,11 @@ class Segments(Pieces):
         return x
 
     def distance(self, gaps: Array) -> Array:
-        """See `Pieces.distance`."""
+        """See `Curves.distance`."""
         return np.sqrt(gaps)
 
     def box(self) -> Box:
-        """See `Pieces.box`."""
+        """See `Curves.box`."""
         low, high = np.minimum(self.start, self.end), np.maximum(self.start, self.end)
         return self.around or (low.min(axis=0), high.max(axis=0))
 
@@ -197,19 +198,19 @@ class Segments(Pieces):
 
 
 @dataclass(frozen=True, eq=False)
-class Arcs(Pieces):
+class Arcs(Curves):
     """Arcs (a).
 
     Attributes
     ----------
-    center : array (a, 2), m
-    radius : array (a,), m
+    center : array (a, 2)
+    radius : array (a,)
     middle : array (a,), rad
         Direction from the center to the middle.
     half : array (a,), rad
         Angle from the middle to either end, up to pi.
     around : (low, high), optional
-        See `Pieces.box`.
+        See `Curves.box`.
     """
 
     center: Array
@@ -232,7 +233,7 @@ class Arcs(Pieces):
         return tuple(np.ascontiguousarray(part) for part in parts)
 
     def gaps(self, points: Array, index: Index | slice) -> Array:
-        """See `Pieces.gaps`: the distances."""
+        """See `Curves.gaps`: the distances."""
         center_x, center_y, ahead, left, radius, cos, sin = (column[index] for column in self._columns)
         x, y = points[:, :1] - center_x, points[:, 1:] - center_y
         # Along the middle, and to either side of it.
@@ -249,11 +250,11 @@ class Arcs(Pieces):
         return np.abs(along, out=along)
 
     def distance(self, gaps: Array) -> Array:
-        """See `Pieces.distance`."""
+        """See `Curves.distance`."""
         return gaps
 
     def box(self) -> Box:
-        """See `Pieces.box`."""
+        """See `Curves.box`."""
         reach = self.radius[:, None]
         return self.around or ((self.center - reach).min(axis=0), (self.center + reach).max(axis=0))
 
@@ -272,3 +273,77 @@ class Arcs(Pieces):
         """Nearest points (P, 2) on arcs."""
         angle, half = self.from_middle(points, index), self.half[index]
         return self.at(index, np.clip(angle, -half, half))
+
+
+class Edges:
+    """Edges of closed polygons (m, 2) with the region to their left; `size` is about theirs."""
+
+    def __init__(self, rings: Sequence[Array], size: float) -> None:
+        self._sizes, self._size = [len(ring) for ring in rings], size
+        self._edges = Segments(np.concatenate(rings), np.concatenate([np.roll(r, -1, axis=0) for r in rings]))
+
+    def depth(self, points: Array) -> Array:
+        """Signed distances (P,) from points (P, 2) to the nearest edge, positive inside."""
+        sign, offset, _, _ = self._seen_from(points)
+        return sign * np.hypot(*offset.T)
+
+    def depth_gradient(self, points: Array) -> Array:
+        """Gradients (P, 2) of `depth`; where several edges are nearest, one of them decides."""
+        sign, offset, index, at_corner = self._seen_from(points)
+        distance = np.hypot(*offset.T)
+        apart = distance > 1e-12 * self._size
+        # Beside an edge this is its normal, which has no rounding even on the outline; in a corner the mean of two.
+        gradient = self._edges.normal[index]
+        within = at_corner & ~apart
+        gradient[within] = self._bisectors[self._corner(points[within], index[within])]
+        around = at_corner & apart
+        gradient[around] = offset[around] * (sign[around] / distance[around])[:, None]
+        return gradient
+
+    def _seen_from(self, points: Array) -> tuple[Array, Array, Index, Mask]:
+        """Sign (P,), 1 inside and -1 outside, offset (P, 2) from the nearest point, its edge, and whether at a corner.
+
+        The side of the nearest edge tells inside from outside; at a corner the sides of both its edges do, unless
+        outlines touch there: then all edges have a say.
+        """
+        edges, (before, _, sharp, touching) = self._edges, self._corners
+        index = edges.nearest(points)
+        place = edges.place(points, index)
+        left = self._left_of(points, index)
+        at_corner = (place <= 0) | (place >= 1)
+        if at_corner.any():
+            where = np.flatnonzero(at_corner)
+            corner = self._corner(points[where], index[where])
+            one, other = (self._left_of(points[where], edge) for edge in (corner, before[corner]))
+            left[where] = np.where(sharp[corner], one & other, one | other)
+            where = where[touching[corner]]
+            left[where] = edges.surround(points[where])
+        return np.where(left, 1.0, -1.0), points - edges.at(index, place), index, at_corner
+
+    def _corner(self, points: Array, index: Index) -> Index:
+        """Corners (P,), those ends of edges that are nearer."""
+        return np.where(self._edges.place(points, index) > 0.5, self._corners[1][index], index)
+
+    @cached_property
+    def _bisectors(self) -> Array:
+        normal = self._edges.normal
+        both = normal + normal[self._corners[0]]
+        return both / np.maximum(np.linalg.norm(both, axis=-1, keepdims=True), np.finfo(float).tiny)
+
+    def _left_of(self, points: Array, index: Index) -> Mask:
+        step, offset = self._edges.step[index], points - self._edges.start[index]
+        return step[:, 0] * offset[:, 1] >= step[:, 1] * offset[:, 0]
+
+    @cached_property
+    def _corners(self) -> tuple[Index, Index, Mask, Mask]:
+        """Of every corner: the one before it, the one after it, whether it turns left, and whether outlines touch."""
+        import shapely
+
+        first = np.cumsum([0, *self._sizes[:-1]])
+        numbers = [start + np.arange(size) for start, size in zip(first, self._sizes, strict=True)]
+        before, after = (np.concatenate([np.roll(ring, turn) for ring in numbers]) for turn in (1, -1))
+        edges = self._edges
+        sharp = edges.step[before, 0] * edges.step[:, 1] > edges.step[before, 1] * edges.step[:, 0]
+        tree = shapely.STRtree(shapely.linestrings(np.stack([edges.start, edges.end], axis=1)))
+        near, _ = tree.query(shapely.points(edges.start), predicate="dwithin", distance=1e-9 * self._size)
+        return before, after, sharp, np.bincount(near, minlength=len(edges)) > 2

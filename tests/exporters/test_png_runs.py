@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from markergen.drawing.scene import Disk, Line, Outline
 from markergen.drawing.text import text
-from markergen.exporters.coverage import spans
+from markergen.exporters.png import shape_runs
 
 WIDTH, HEIGHT = 40, 30
 
@@ -14,7 +14,7 @@ WIDTH, HEIGHT = 40, 30
 def painted(shape, per_mm=1.0, page=30.0, width=WIDTH, height=HEIGHT) -> np.ndarray:
     """Share of each pixel; runs must not overlap."""
     shares = np.zeros((height, width))
-    runs = spans(shape, per_mm, page, width, height)
+    runs = shape_runs(shape, per_mm, page, width, height)
     for row, column, length, share in zip(runs.row, runs.column, runs.length, runs.share, strict=True):
         assert np.all(shares[row, column : column + length] == 0)
         shares[row, column : column + length] = share
@@ -70,8 +70,8 @@ def test_disks_have_their_area_and_center_to_a_millionth(inner):
 def test_a_disk_beyond_every_edge_of_the_page_is_cut_off():
     region = shapely.Point(2, 1).buffer(60, quad_segs=2000)
     np.testing.assert_allclose(painted(Disk(2, 1, 60)), exact(region), atol=2.1e-3)
-    assert not len(spans(Disk(-50, 10, 20), 1.0, 30.0, WIDTH, HEIGHT).row)
-    assert not len(spans(Disk(20, 90, 20), 1.0, 30.0, WIDTH, HEIGHT).row)
+    assert not len(shape_runs(Disk(-50, 10, 20), 1.0, 30.0, WIDTH, HEIGHT).row)
+    assert not len(shape_runs(Disk(20, 90, 20), 1.0, 30.0, WIDTH, HEIGHT).row)
 
 
 LINES = {

@@ -4,33 +4,123 @@ The edge consists of parts of a few curves: each segment of the outline moved in
 points inward (a hole's corner, say), and each circle of the outline made smaller or, around a hole, larger. Where two
 of these curves meet, one may leave the region. So every curve is cut at all such places, and a part belongs to the
 edge if its middle is deep enough. No approximation by a polygon is involved; a region in several parts needs no care.
+`Interior` finds nearest points, the deepest ones and random ones by it.
 """
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.model.segments import Arcs, Mask, Segments
+from markergen.geometry.distance import Arcs, Mask, Segments
+from markergen.geometry.region import Region
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+SLACK = 1e-12
+"""Rounding that is forgiven, as a share of the outline's size."""
+
+ROUNDS = 100
+"""Rounds of drawing points all over the outline and keeping those that are deep enough."""
+
+MOST_INSETS = 64
+"""Insets of one outline that are kept."""
+
+
+class Interior:
+    """What lies inside an outline: the part with some depth, and points all over it.
+
+    Parameters
+    ----------
+    rings, circles, depth
+        As of `Inset`.
+    size : float
+        Radius of a circle around the outline.
+    region : callable
+        The same as a region, circles taken for polygons; asked for once, if points are to be drawn.
+    """
+
+    def __init__(
+        self,
+        rings: Sequence[Array],
+        circles: Array,
+        depth: Callable[[Array], Array],
+        size: float,
+        region: Callable[[], Region],
+    ) -> None:
+        self._curves, self._depth, self._size, self._region = (rings, circles), depth, size, region
+        self._insets: dict[float, Inset] = {}
+
+    def project(self, points: Array, inset: float) -> Array:
+        """Nearest points (..., 2) with a depth of at least `inset`, or the deepest; points that are so already stay."""
+        flat = np.ascontiguousarray(points, dtype=float).reshape(-1, 2)
+        shallow = self._depth(flat) < inset
+        if not shallow.any():
+            return points
+        flat = flat.copy()
+        flat[shallow] = self._inset(inset).nearest(flat[shallow])
+        return flat.reshape(points.shape)
+
+    def sample(self, count: int, inset: float, rng: "np.random.Generator") -> Array:
+        """Draw (count, 2) points uniformly from the part with a depth of at least `inset`."""
+        corners, share = self._triangles
+        found = np.zeros((0, 2))
+        for _ in range(ROUNDS):
+            if len(found) >= count:
+                return found[:count]
+            a, b, c = np.moveaxis(corners[np.searchsorted(share[:-1], rng.random(count))], 1, 0)
+            u, v = rng.random((2, count, 1))
+            u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+            points = a + u * (b - a) + v * (c - a)
+            found = np.concatenate([found, points[self._depth(points) >= inset]])
+        # That part is less than a hundredth of the whole, or nothing.
+        return np.concatenate([found, self.project(points, inset)])[:count]
+
+    def _inset(self, inset: float) -> "Inset":
+        """Part with a depth of at least `inset`; what is deepest where nothing is so deep."""
+        if inset not in self._insets:
+            found = self._exactly(inset)
+            if len(self._insets) == MOST_INSETS:
+                self._insets.clear()
+            self._insets[inset] = self._inset(self._deepest) if found.empty else found
+        return self._insets[inset]
+
+    def _exactly(self, inset: float) -> "Inset":
+        return Inset(*self._curves, self._depth, inset, SLACK * self._size)
+
+    @cached_property
+    def _deepest(self) -> float:
+        """Largest depth of any point, short of it by a billionth of the size."""
+        # By halving: Inset is exact, which GEOS's buffers are not in corners made of many short edges.
+        low, high = 0.0, self._size
+        while high - low > 1e-9 * self._size:
+            middle = (low + high) / 2
+            low, high = (low, middle) if self._exactly(middle).empty else (middle, high)
+        return low
+
+    @cached_property
+    def _triangles(self) -> tuple[Array, Array]:
+        """Triangles (t, 3, 2) that make it up, and running shares (t,) of the area."""
+        corners, area = self._region().triangles()
+        return corners, np.cumsum(area / area.sum())
+
 
 class Inset:
-    """The region with depth of at least `inset` m.
+    """The region with a depth of at least `inset`.
 
     Parameters
     ----------
     rings : sequence of array (m, 2)
         Closed polygons with the region to their left.
     circles : array (c, 4)
-        Center x, y and radius in m, and 1 with the region inside, -1 with the region outside.
+        Center x, y and radius, and 1 with the region inside, -1 with the region outside.
     depth : callable
-        Depth (P,) in m of points (P, 2), exact inside of the region.
+        Depth (P,) of points (P, 2), exact inside of the region.
     inset : float
     slack : float
-        Rounding in m that is forgiven.
+        Rounding that is forgiven.
     """
 
     def __init__(

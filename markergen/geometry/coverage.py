@@ -1,6 +1,14 @@
-"""How much of each pixel a polygon covers: exact areas, since every later error of a dot's center starts here."""
+"""How much of each pixel polygons cover: exact areas, for sheets in pixels and for what a camera sees.
+
+Our own, because OpenCV, Pillow and the like sample a pixel at a few points, and every later error of a dot's center
+starts here. By Green's theorem, pixel by pixel: a piece of an edge that stays within one pixel and falls by dy
+(y points down) takes dy off everything right of it in its row, and off its own pixel dy times the part right of the
+piece. The running sum of these along a row is the winding number times the covered share.
+"""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,16 +17,33 @@ Array = NDArray[np.float64]
 Grey = NDArray[np.float32]
 Indices = NDArray[np.intp]
 
+FAINT = 1e-3
+"""Share of a pixel below which a run is left out; half a grey level is 2e-3."""
+
 _BLOCK = 64
-"""Rows painted at a time, so that what is between image and polygon stays in the processor's cache."""
+"""Rows painted at a time, so that the shares of a block stay in the processor's cache."""
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Runs of evenly covered pixels, in raster order.
+
+    Attributes
+    ----------
+    row, column, length : array (s,)
+        Where each run begins, and its number of pixels.
+    share : array (s,)
+        Covered share of each of its pixels, 0 to 1.
+    """
+
+    row: Indices
+    column: Indices
+    length: Indices
+    share: Array
 
 
 def polygon_coverage(outlines: Sequence[Array], width: int, height: int) -> tuple[Array, int, int]:
     """Fraction of each pixel's area inside closed polygons, exact to rounding.
-
-    Green's theorem, pixel by pixel: a piece of an edge that stays within one pixel and falls by dy (y points down)
-    takes dy off everything right of it in its row, and off its own pixel dy times the part right of the piece. What
-    is right of all pieces is their running sum along the row.
 
     Parameters
     ----------
@@ -33,7 +58,7 @@ def polygon_coverage(outlines: Sequence[Array], width: int, height: int) -> tupl
     top, left : int
         The pixel of the image that tile[0, 0] belongs to.
     """
-    steps, top, left = _row_steps(outlines, width, height)
+    steps, top, left = _tile_steps(outlines, width, height)
     return np.cumsum(steps, axis=1), top, left
 
 
@@ -47,7 +72,7 @@ def paint(image: Grey, outlines: Sequence[Array], value: ArrayLike, fineness: in
     """
     height, width = image.shape
     value = np.broadcast_to(np.asarray(value, dtype=np.float32), image.shape)
-    steps, top, left = _row_steps([(outline + 0.5) * fineness - 0.5 for outline in outlines], width, height)
+    steps, top, left = _tile_steps([(outline + 0.5) * fineness - 0.5 for outline in outlines], width, height)
     columns = slice(left, left + steps.shape[1])
     for first in range(0, len(steps), _BLOCK):
         share = np.cumsum(steps[first : first + _BLOCK], axis=1)
@@ -56,6 +81,47 @@ def paint(image: Grey, outlines: Sequence[Array], value: ArrayLike, fineness: in
         change = value[rows, columns] - part
         change *= np.abs(share, dtype=np.float32, casting="same_kind")
         part += change
+
+
+def covered_runs(edges: Array, width: int, height: int) -> Runs:
+    """Runs of pixels of a large raster that closed polygons cover, without a value for each of its pixels.
+
+    Polygons that overlap, as the strokes of a glyph may, count once.
+
+    Parameters
+    ----------
+    edges : array (m, 4), px from the raster's top left corner, y down
+        Start and end of each edge, x0, y0, x1, y1, in any order.
+    width, height : int, px
+
+    Returns
+    -------
+    Runs
+        Without those of a share below `FAINT`.
+    """
+    cells, changes = _changes(edges[:, :2], edges[:, 2:], np.array([width, height]))
+    if not len(cells):
+        return Runs(cells, cells, cells, changes)
+    order = np.argsort(cells, kind="stable")
+    cells, changes = cells[order], changes[order]
+    first = np.flatnonzero(np.concatenate([[True], cells[1:] != cells[:-1]]))
+    starts = cells[first]
+    # Each row sums to zero, so that one running sum serves them all.
+    share = np.minimum(np.abs(np.cumsum(np.add.reduceat(changes, first))), 1.0)
+    ends = np.append(starts[1:], starts[-1])
+    row, column = np.divmod(starts, width + 2)
+    length = np.minimum(ends - starts, width - column)
+    kept = (share > FAINT) & (length > 0)
+    return Runs(row[kept], column[kept], length[kept], share[kept])
+
+
+@lru_cache(maxsize=16)
+def unit_disk(count: int) -> Array:
+    """Regular polygon (count, 2) around the origin with the area of the disk of radius 1."""
+    angle = 2 * np.pi * np.arange(count) / count
+    # Regular polygon of circumradius R: area count R^2 sin(2 pi/count)/2.
+    circumradius = np.sqrt(2 * np.pi / (count * np.sin(2 * np.pi / count)))
+    return circumradius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def closing(outlines: Sequence[Array]) -> tuple[Indices, Indices]:
@@ -68,7 +134,7 @@ def closing(outlines: Sequence[Array]) -> tuple[Indices, Indices]:
     return first, following
 
 
-def _row_steps(outlines: Sequence[Array], width: int, height: int) -> tuple[Array, int, int]:
+def _tile_steps(outlines: Sequence[Array], width: int, height: int) -> tuple[Array, int, int]:
     """Change (h, w) of the coverage from pixel to pixel along each row of a tile, and the tile's place: top, left."""
     # From here on in px from the image's corner: pixel k lies between k and k + 1.
     corners = [np.asarray(outline, dtype=float) + 0.5 for outline in outlines if len(outline) > 2]
@@ -81,7 +147,17 @@ def _row_steps(outlines: Sequence[Array], width: int, height: int) -> tuple[Arra
         return np.zeros((0, 0)), 0, 0
     end = start[closing(corners)[1]]
     size = (high - low).astype(int)
-    start, end = _pieces(start - low, end - low, size)
+    sums = np.bincount(*_changes(start - low, end - low, size), size[1] * (size[0] + 2))
+    steps = np.asarray(sums, dtype=float).reshape(size[1], -1)[:, : size[0]]
+    return steps, int(low[1]), int(low[0])
+
+
+def _changes(start: Array, end: Array, size: Indices) -> tuple[Indices, Array]:
+    """Cells of a tile (width, height), counted row by row, and by how much edges (e, 2) change the coverage there.
+
+    Each row has two more cells than pixels: they take what leaves the tile on the right.
+    """
+    start, end = _pieces(start, end, size)
     # y points down, so that a piece that climbs has what it encloses on its right.
     climb = start[:, 1] - end[:, 1]
     x, y = ((start + end) / 2).T
@@ -89,14 +165,9 @@ def _row_steps(outlines: Sequence[Array], width: int, height: int) -> tuple[Arra
     x = np.clip(x, 0, size[0])
     column, row = x.astype(int), np.floor(y).astype(int)
     inside = (row >= 0) & (row < size[1])
-    # Two more columns take what leaves the tile on the right.
     cell = (row * (size[0] + 2) + column)[inside]
     own = (climb * (column + 1 - x))[inside]
-    sums = np.bincount(
-        np.concatenate([cell, cell + 1]), np.concatenate([own, climb[inside] - own]), size[1] * (size[0] + 2)
-    )
-    steps = np.asarray(sums, dtype=float).reshape(size[1], -1)[:, : size[0]]
-    return steps, int(low[1]), int(low[0])
+    return np.concatenate([cell, cell + 1]), np.concatenate([own, climb[inside] - own])
 
 
 def _pieces(start: Array, end: Array, size: Indices) -> tuple[Array, Array]:

@@ -1,0 +1,370 @@
+"""The commands: each says how it is called, calls its function of the library, and prints what that returns."""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from markergen import __version__
+from markergen.cli import console
+from markergen.cli.options import GroupedCommand, with_options
+from markergen.options import (
+    CompareKeywords,
+    DesignKeywords,
+    DetectKeywords,
+    ExportKeywords,
+    RescaleKeywords,
+    StudyKeywords,
+    ValidateKeywords,
+    VerifyKeywords,
+)
+from markergen.options.base import VIEW
+
+app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print("markergen", __version__)
+        raise typer.Exit
+
+
+@app.callback()
+def markergen(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+) -> None:
+    """Design fiducial markers: the layout of control points that gives the most accurate pose, printed at true size,
+    made as solids, and proved.
+
+    \b
+    Example:
+      markergen design --n 5 --radius 0.15 -o marker.pdf
+      markergen validate marker.json
+      markergen export marker.json -o marker.step
+      markergen detect photos/ --marker marker.json --camera camera.yaml
+
+    Lengths are meters, or carry a unit: 0.15, 150mm, 6in. Add --debug to see where an error came from.
+    """
+
+
+@app.command(cls=GroupedCommand)
+@with_options(DesignKeywords)
+def design(**options: Any) -> None:
+    """Find the best layout of control points, and write the marker; <stem>.json always comes with it.
+
+    \b
+    Example:
+      markergen design --n 5 --radius 0.15 -o marker.pdf
+      markergen design --n 8 --boundary plate.dxf --camera camera.yaml --poses flights.csv
+      markergen design --n 6 --relief 20mm --mount 4xM4@240mm --dowel 2x4mm@260mm -o marker.step
+    """
+    from markergen.api.design import design as find
+
+    options.setdefault("output", [Path("marker.json" if options.get("relief") else "marker.pdf")])
+    with console.progress_bar() as progress:
+        found = find(progress=progress, **options)
+    console.print_parts([*found.parts(), *map(str, found.written)])
+
+
+@app.command(cls=GroupedCommand)
+@with_options(ValidateKeywords)
+def validate(
+    marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design.")],
+    camera: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Calibration: OpenCV, ROS camera_info, Kalibr or COLMAP. [default: what it was designed for]",
+            rich_help_panel=VIEW,
+        ),
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(metavar="FILE.html", help="Write everything as one page to look at.")
+    ] = None,
+    pictures: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write views that failed, the worst and typical ones as PNG.")
+    ] = None,
+    json: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the results as JSON; - is standard output.")
+    ] = None,
+    fail_if: Annotated[
+        list[str] | None,
+        typer.Option(metavar="EXPR", help="Exit with 1 if this holds, e.g. 'estimators.lm.rotation_deg.rms > 0.5'."),
+    ] = None,
+    **options: Any,
+) -> None:
+    """Prove a marker: homography and pose errors of every estimator over all poses with their bounds, then synthetic
+    views in which it is found as a program would, and what limits the accuracy: image, print, or calibration.
+
+    \b
+    Example:
+      markergen validate marker.json --report report.html --fail-if 'estimators.lm.rotation_deg.rms > 1'
+    """
+    from markergen.api.validate import validate as prove
+    from markergen.validation.fail_if import parse
+
+    for expression in fail_if or []:
+        parse(expression)
+    to_stdout = str(json) == "-"
+    files: dict[str, Any] = {"json": None if to_stdout else json, "report": report, "pictures": pictures}
+    with console.progress_bar() as progress:
+        found = prove(marker, camera, progress=progress, **files, **options)
+    console.print_found(found, to_stdout)
+    verdicts = [found.check(expression) for expression in fail_if or []]
+    for passed, said in verdicts:
+        console.complain(f"{'passed' if passed else 'FAILED'}: {said}")
+    if not all(passed for passed, _ in verdicts):
+        raise typer.Exit(console.FAILED)
+
+
+def _suffixes() -> list[tuple[str, str]]:
+    from markergen.exporters import catalog
+
+    return [(" ".join(suffixes), words) for suffixes, words in catalog()]
+
+
+@app.command(cls=GroupedCommand)
+@with_options(ExportKeywords, listed=("Suffixes", _suffixes))
+def export(
+    marker: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="MARKER.JSON", help="As written by markergen design; several go on the same sheets of a .pdf."
+        ),
+    ],
+    output: Annotated[
+        list[Path],
+        typer.Option(
+            "-o", "--output", metavar="PATH", help="Output file; its suffix selects the format; may be repeated."
+        ),
+    ],
+    **options: Any,
+) -> None:
+    """Write a marker at true size to print, as drawing or solid to make, or as configuration for detection programs.
+
+    \b
+    Example:
+      markergen export marker.json -o marker.step -o marker.svg
+      markergen export marker.json -o marker.png --dpi 300 -o board.opencv.yaml
+      markergen export marker.json -o cut.pdf --colors black,cut:CutContour
+      markergen export marker.json -o marker.3mf --thickness 4mm --chamfer 0.5mm --mount 4xM3c@120mm
+      markergen export marker.json -o marker.step -o marker.fab.pdf --process cnc --fit press --tool 3mm
+
+    Options of the plate, from --thickness to --dowel, override marker.json.
+    """
+    from markergen.api.export import export as write
+
+    with console.busy("writing"):
+        written = write(marker, *output, **options)
+    console.print_parts(map(str, written))
+
+
+@app.command(cls=GroupedCommand)
+@with_options(DetectKeywords)
+def detect(
+    images: Annotated[
+        list[str], typer.Argument(metavar="IMAGE...", help="Image files, folders of them, or patterns such as '*.png'.")
+    ],
+    marker: Annotated[
+        list[Path], typer.Option(metavar="MARKER.JSON", help="What to look for; may be repeated for several markers.")
+    ],
+    camera: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Calibration: OpenCV, ROS camera_info, Kalibr or COLMAP. [default: none: pixels and homography only]",
+            rich_help_panel=VIEW,
+        ),
+    ] = None,
+    json: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write what was found as JSON; - is standard output.")
+    ] = None,
+    overlay: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write each image here with what was found drawn in.")
+    ] = None,
+    **options: Any,
+) -> None:
+    """Find markers in images: dot centers with their covariance, homography, and pose T_camera_marker with its own.
+
+    Status 1 if any image has no marker, 2 if any could not be used; the others are processed regardless.
+
+    \b
+    Example:
+      markergen detect photos/ --marker marker.json --camera camera.yaml --json found.json --overlay seen
+    """
+    from markergen.detect.batch import detect_files
+
+    # While there is a bar, it stands in for the stream.
+    stdout = sys.stdout
+    to_stdout = str(json) == "-"
+    with console.progress_bar() as progress:
+        outcomes = detect_files(
+            images,
+            marker,
+            camera,
+            json=stdout if to_stdout else json,
+            overlay=overlay,
+            progress=progress,
+            # Lines for people must not mix with data.
+            tell=console.complain if to_stdout else print,
+            warn=console.complain,
+            **options,
+        )
+    raise typer.Exit(outcomes.status)
+
+
+@app.command(cls=GroupedCommand)
+@with_options(CompareKeywords)
+def compare(
+    contestants: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="A B...",
+            help="MARKER.json, ngon:N, square, random:N, aruco:DICT[:ID], apriltag:FAMILY[:ID] or charuco:CxR[:DICT]; "
+            "one alone is compared with one of each.",
+        ),
+    ],
+    json: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the results as JSON; - is standard output.")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the errors: .svg or .png.")] = None,
+    **options: Any,
+) -> None:
+    """Compare markers with each other and with square tags and boards: same circle, poses, optics and noise.
+
+    \b
+    Example:
+      markergen compare marker.json
+      markergen compare marker.json aruco:DICT_4X4_50:7 charuco:4x4 --views 400 --plot compare.svg
+    """
+    from markergen.api.compare import compare as run
+
+    to_stdout = str(json) == "-"
+    with console.progress_bar() as progress:
+        found = run(*contestants, json=None if to_stdout else json, plot=plot, progress=progress, **options)
+    console.print_found(found, to_stdout)
+
+
+@app.command(cls=GroupedCommand)
+@with_options(VerifyKeywords)
+def verify(
+    marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="What the files are to hold.")],
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE...", help="Sheets, solids and configurations, read by suffix.")
+    ],
+    json: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the results as JSON; - is standard output.")
+    ] = None,
+    **options: Any,
+) -> None:
+    """Read files back with independent readers, and compare every dot with marker.json.
+
+    The dots are aligned with the marker's by the best rotation and translation, never by a scale: dots that are scaled,
+    mirrored, missing or of another marker are reported as such. Status 1 if a file is wrong, 2 if one cannot be used.
+
+    \b
+    Example:
+      markergen verify marker.json marker.pdf marker.svg marker.png
+      markergen verify marker.json marker.step marker.3mf marker.glb
+    """
+    from markergen.api.verify import verify as read_back
+
+    to_stdout = str(json) == "-"
+    found = read_back(marker, *files, json=None if to_stdout else json, **options)
+    console.print_found(found, to_stdout, found.findings())
+    for error in filter(None, (check.error for check in found)):
+        console.complain(f"markergen: error: {error}")
+    if not found.usable:
+        raise typer.Exit(console.UNUSABLE)
+    if not found.passed:
+        raise typer.Exit(console.FAILED)
+
+
+@app.command(cls=GroupedCommand)
+@with_options(RescaleKeywords)
+def rescale(
+    marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design.")],
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", metavar="PATH", help="The marker.json of this print; may be the same file."),
+    ],
+    **options: Any,
+) -> None:
+    """Correct a marker for a print that came out at another size, by its rulers or by its dots.
+
+    detect and validate then use the positions of the dots in the print.
+
+    \b
+    Example:
+      markergen rescale marker.json --measured-x 198.6mm --measured-y 199.1mm -o corrected.json
+      markergen rescale marker.json --measured-points dots.csv -o corrected.json
+    """
+    from markergen.api.rescale import rescale as correct
+    from markergen.files import Written
+
+    found = correct(marker, output, **options)
+    console.print_parts([str(Written(output, found.notes))])
+
+
+@app.command(cls=GroupedCommand)
+@with_options(StudyKeywords)
+def study(
+    what: Annotated[
+        str,
+        typer.Argument(
+            metavar="paper|NAME|SPEC.toml",
+            help="paper: the claims of the paper, measured. Otherwise a sweep: a TOML file with [study] and [grid], or "
+            "one that is shipped: layouts.",
+        ),
+    ],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for tables, figures and finished cells.")
+    ],
+    **options: Any,
+) -> None:
+    """Reproduce the paper, or run any grid of designs, as one tidy table with figures and a page.
+
+    The results do not depend on the number of workers, nor on where they compute. Whatever ends it early, --resume
+    continues.
+
+    \b
+    Example:
+      markergen study paper --scale 0.01 -o paper
+      markergen study layouts -o layouts
+      markergen study sweep.toml -o sweep --scheduler tcp://10.0.0.1:8786
+    """
+    from markergen.api.study import study as run
+
+    try:
+        with console.cells_progress() as progress:
+            found = run(what, output, progress=progress, announce=console.complain, **options)
+    except KeyboardInterrupt:
+        console.complain(
+            f"markergen: what is finished remains in {output}; continue with the same command and --resume"
+        )
+        raise
+    console.print_parts(found.parts())
+
+
+@app.command(cls=GroupedCommand)
+def templates(
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Print this template, to be edited.")] = None,
+) -> None:
+    """List the ready-made specs, or print one.
+
+    \b
+    Example:
+      markergen templates desk-a4 > my.toml
+      markergen design --template my.toml -o marker.pdf
+    """
+    from markergen.read.templates import read_template, template_text, templates
+    from markergen.tables import Table
+
+    if name:
+        print(template_text(name), end="")
+        return
+    rows = [[known, str(read_template(known).get("title", ""))] for known in templates()]
+    console.print_parts([Table("Templates", ["name", "what it is for"], rows)])

@@ -1,0 +1,339 @@
+"""Regions of the plane with straight edges, for adding, cutting, growing and asking what lies where.
+
+A `Region` is any number of separate pieces, each with or without holes. It is the one place where GEOS does the work,
+through shapely, which is imported when first needed. Exact lines and arcs are a `Contour`, which `Region.of_contour`
+flattens. Points are arrays (P, 2), and closed polygons arrays (m, 2) without the first corner again at the end; lengths
+are in any unit.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from markergen.geometry.contour import Contour, flattened
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Box = tuple[float, float, float, float]
+"""Left, lower, right and upper end."""
+
+
+class Region:
+    """A part of the plane, perhaps nothing of it; it never changes.
+
+    ``a | b`` is the union, ``a & b`` the intersection, ``a - b`` the part of a outside b, and ``a ^ b`` what is in only
+    one of them. Lines and points in which two regions merely touch count as nothing.
+
+    Examples
+    --------
+    >>> frame = Region.rectangle(0, 0, 4, 3) - Region.rectangle(1, 1, 3, 2)
+    >>> frame.area, len(frame.rings), frame.contains([[0.5, 0.5], [2, 1.5]]).tolist()
+    (10.0, 2, [True, False])
+    """
+
+    __slots__ = ("_shape",)
+
+    def __init__(self, shape: Any = None) -> None:
+        """Make the empty region; only this package wraps geometries of shapely."""
+        import shapely
+
+        self._shape = shapely.Polygon() if shape is None else shape
+
+    @classmethod
+    def polygon(cls, outer: ArrayLike, holes: Iterable[ArrayLike] = (), mend: bool = False) -> "Region":
+        """Make the inside of a closed polygon without holes in it; `mend` repairs one that crosses itself."""
+        import shapely
+
+        shape = shapely.Polygon(outer, list(holes))
+        return cls(shapely.make_valid(shape) if mend else shape)
+
+    @classmethod
+    def rectangle(cls, left: float, low: float, right: float, high: float) -> "Region":
+        """Make an upright rectangle from its ends."""
+        import shapely
+
+        return cls(shapely.box(left, low, right, high))
+
+    @classmethod
+    def disk(cls, x: float, y: float, radius: float, segments: int = 512) -> "Region":
+        """Make a disk as a polygon with corners on its rim, `segments` in each quarter."""
+        import shapely
+
+        return cls(shapely.Point(x, y).buffer(radius, quad_segs=segments))
+
+    @classmethod
+    def enclosed(cls, rings: Iterable[ArrayLike]) -> "Region":
+        """Make what closed polygons enclose: outer ones run counterclockwise, holes clockwise.
+
+        From the outside in: what a hole takes away, an island in it gives back.
+        """
+        import shapely
+
+        corners = [np.asarray(ring, dtype=float) for ring in rings]
+        areas = np.array([signed_area(ring) for ring in corners])
+        shape = shapely.Polygon()
+        for i in np.argsort(-np.abs(areas), kind="stable"):
+            change = shapely.union if areas[i] > 0 else shapely.difference
+            shape = change(shape, shapely.Polygon(corners[i]))
+        return cls(shape)
+
+    @classmethod
+    def odd(cls, rings: Iterable[ArrayLike]) -> "Region":
+        """Make what an odd number of closed polygons go around, whichever way they run."""
+        import shapely
+
+        shape = shapely.Polygon()
+        for ring in sorted((shapely.Polygon(ring) for ring in rings), key=lambda ring: -ring.area):
+            shape = shapely.symmetric_difference(shape, ring)
+        return cls(shape)
+
+    @classmethod
+    def of_contour(cls, outer: Contour, holes: Iterable[Contour], off: float) -> "Region":
+        """Make the inside of a contour without holes in it; arcs become chords at most `off` from them."""
+        return cls.polygon(flattened(outer, off), [flattened(hole, off) for hole in holes])
+
+    @classmethod
+    def union(cls, regions: Iterable["Region"], grid: float | None = None) -> "Region":
+        """Join any number of regions; a `grid` that corners are moved to closes slits between neighbors."""
+        import shapely
+
+        return cls(shapely.union_all([region._shape for region in regions], grid_size=grid))
+
+    def __or__(self, other: "Region") -> "Region":
+        import shapely
+
+        return Region(shapely.union(self._shape, other._shape))
+
+    def __and__(self, other: "Region") -> "Region":
+        import shapely
+
+        return Region(shapely.intersection(self._shape, other._shape))
+
+    def __sub__(self, other: "Region") -> "Region":
+        import shapely
+
+        return Region(shapely.difference(self._shape, other._shape))
+
+    def __xor__(self, other: "Region") -> "Region":
+        import shapely
+
+        return Region(shapely.symmetric_difference(self._shape, other._shape))
+
+    def __bool__(self) -> bool:
+        """Whether it has an area."""
+        return self.area > 0
+
+    def offset(self, by: float, corners: Literal["round", "miter"] = "round", segments: int = 16) -> "Region":
+        """Grow by a distance, or shrink by a negative one; round corners get `segments` chords in each quarter turn."""
+        import shapely
+
+        style = "mitre" if corners == "miter" else "round"
+        return Region(shapely.buffer(self._shape, by, quad_segs=segments, join_style=style))
+
+    def oriented(self) -> "Region":
+        """Run outer rings counterclockwise and holes clockwise."""
+        import shapely
+
+        return Region(shapely.orient_polygons(self._shape))
+
+    def filled(self) -> "Region":
+        """Fill all holes."""
+        import shapely
+
+        return Region.union(Region(shapely.Polygon(piece._shape.exterior)) for piece in self.pieces)
+
+    def mapped(self, function: Callable[[Array], Array], step: float | None = None) -> "Region":
+        """Move all corners by a function from points (P, 2) to points, and mend what crosses itself then.
+
+        With a `step` edges are first cut to pieces no longer than that, so that they may become curved.
+        """
+        import shapely
+
+        shape = self._shape if step is None else shapely.segmentize(self._shape, step)
+        return Region(shapely.make_valid(shapely.transform(shape, function)))
+
+    @property
+    def area(self) -> float:
+        """Area, without that of the holes."""
+        return float(self._shape.area)
+
+    @property
+    def box(self) -> Box:
+        """Left, lower, right and upper end; of nothing, nan."""
+        left, low, right, high = self._shape.bounds
+        return left, low, right, high
+
+    @property
+    def pieces(self) -> "list[Region]":
+        """Separate pieces, each one outer ring and its holes; what merely touches is left out."""
+        return [Region(part) for part in self._polygons()]
+
+    @property
+    def rings(self) -> tuple[Array, ...]:
+        """Closed polygons (m, 2), of each piece the outer one and then its holes; see `oriented`."""
+        import shapely
+
+        rings = shapely.get_rings(np.array(self._polygons(), dtype=object))
+        return tuple(shapely.get_coordinates(ring)[:-1] for ring in rings)
+
+    def contains(self, points: ArrayLike) -> Mask:
+        """Tell which points (P, 2) are inside; those on the edge are not."""
+        import shapely
+
+        shapely.prepare(self._shape)
+        found: Mask = shapely.contains(self._shape, _points(points))
+        return found
+
+    def depth(self, points: ArrayLike) -> Array:
+        """Signed distances (...) from points (..., 2) to the edge, positive inside."""
+        import shapely
+
+        return self._signed(shapely.boundary(self._shape), _points(points))
+
+    def clearance(self, others: "Sequence[ArrayLike | Region]") -> Array:
+        """Distances (k,) to the edge from regions, closed polygons (m, 2) or points (1, 2), negated unless inside."""
+        import shapely
+
+        return self._signed(shapely.boundary(self._shape), _shapes(others))
+
+    def distance(self, points: ArrayLike) -> Array:
+        """Distances (...) from points (..., 2); 0 inside."""
+        import shapely
+
+        found: Array = shapely.distance(self._shape, _points(points))
+        return found
+
+    def covers(self, other: "Region") -> bool:
+        """Tell whether nothing of another is outside."""
+        return bool(self._shape.covers(other._shape))
+
+    def surrounds(self, other: "Region") -> bool:
+        """Tell whether another is inside and nowhere reaches the edge."""
+        import shapely
+
+        return bool(shapely.contains_properly(self._shape, other._shape))
+
+    def surrounds_boxes(self, boxes: ArrayLike) -> Mask:
+        """Tell which upright rectangles (..., 4), left, lower, right and upper end, are inside and off the edge."""
+        import shapely
+
+        shapely.prepare(self._shape)
+        found: Mask = shapely.contains_properly(self._shape, shapely.box(*np.moveaxis(np.asarray(boxes), -1, 0)))
+        return found
+
+    def meets(self, other: "Region") -> bool:
+        """Tell whether it has a point in common with another, if only of their edges."""
+        return bool(self._shape.intersects(other._shape))
+
+    def within(self, points: ArrayLike, distance: float) -> Mask:
+        """Tell which points (P, 2) are inside or no farther than a distance outside."""
+        import shapely
+
+        shapely.prepare(self._shape)
+        found: Mask = shapely.dwithin(self._shape, _points(points), distance)
+        return found
+
+    def runs(self, line: ArrayLike) -> list[Array]:
+        """Parts (m, 2) of a line through points (k, 2), as far as it lies in the region."""
+        import shapely
+
+        return _lines(shapely.intersection(shapely.LineString(line), self._shape))
+
+    def triangles(self) -> tuple[Array, Array]:
+        """Triangles (t, 3, 2) that make it up, and their areas (t,)."""
+        import shapely
+
+        parts = shapely.get_parts(shapely.constrained_delaunay_triangles(self._shape))
+        corners = shapely.get_coordinates(shapely.get_exterior_ring(parts)).reshape(-1, 4, 2)[:, :3]
+        return corners, shapely.area(parts)
+
+    def inner_point(self) -> tuple[float, float]:
+        """Find some point (x, y) that is inside, clear of the edge."""
+        point = self._shape.representative_point()
+        return float(point.x), float(point.y)
+
+    def largest_circle(self, tolerance: float) -> tuple[float, float]:
+        """Find the center (x, y) of the largest circle inside, to a tolerance in length."""
+        import shapely
+
+        line = shapely.get_coordinates(shapely.maximum_inscribed_circle(self._shape, tolerance=tolerance))
+        return float(line[0, 0]), float(line[0, 1])
+
+    def _polygons(self) -> list[Any]:
+        import shapely
+
+        return [part for part in shapely.get_parts(self._shape) if part.geom_type == "Polygon" and not part.is_empty]
+
+    def _signed(self, edge: Any, shapes: Any) -> Array:
+        import shapely
+
+        far = shapely.distance(edge, shapes)
+        return np.where(shapely.covers(self._shape, shapes), far, -far)
+
+
+def signed_area(ring: Array) -> float:
+    """Area of a closed polygon (m, 2), positive if counterclockwise."""
+    # About its own corner, so that a small outline far out keeps its digits.
+    x, y = (ring - ring[0]).T
+    return float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) / 2)
+
+
+def distances(ones: Sequence[ArrayLike | Region], others: Sequence[ArrayLike | Region]) -> Array:
+    """Distances (m, k) between regions, closed polygons (m, 2) or points (1, 2); 0 where they meet."""
+    import shapely
+
+    found: Array = shapely.distance(_shapes(ones)[:, None], _shapes(others)[None])
+    return found
+
+
+def line_distances(line: ArrayLike, others: Sequence[ArrayLike]) -> Array:
+    """Distances (k,) from a line through points to other lines through points; 0 where they cross."""
+    import shapely
+
+    lines = np.array([shapely.LineString(other) for other in others], dtype=object)
+    found: Array = shapely.distance(shapely.LineString(line), lines)
+    return found
+
+
+def hull(points: ArrayLike) -> Array:
+    """Corners (m, 2) of the convex hull of points (P, 2)."""
+    import shapely
+
+    return shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(points)))[:-1]
+
+
+def enclosing_circle(points: ArrayLike) -> tuple[Array, float]:
+    """Center (2,) and radius of the smallest circle around points (P, 2)."""
+    import shapely
+
+    cloud = shapely.MultiPoint(points)
+    center = shapely.get_coordinates(shapely.minimum_bounding_circle(cloud).centroid)[0]
+    return center, float(shapely.minimum_bounding_radius(cloud))
+
+
+def _points(points: ArrayLike) -> Any:
+    import shapely
+
+    return shapely.points(np.asarray(points, dtype=float))
+
+
+def _shapes(others: Sequence[ArrayLike | Region]) -> Any:
+    import shapely
+
+    found = []
+    for other in others:
+        if isinstance(other, Region):
+            found.append(other._shape)
+        else:
+            corners = np.asarray(other, dtype=float)
+            found.append(shapely.Point(corners[0]) if len(corners) == 1 else shapely.Polygon(corners))
+    return np.array(found, dtype=object)
+
+
+def _lines(shape: Any) -> list[Array]:
+    import shapely
+
+    parts = shapely.get_parts(shapely.line_merge(shape)) if not shape.is_empty else ()
+    return [shapely.get_coordinates(part) for part in parts if part.geom_type == "LineString" and part.length > 0]
