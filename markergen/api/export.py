@@ -8,7 +8,7 @@ from typing import Any, Unpack
 
 from markergen.api.loose import files_among, marker_of, paths_of
 from markergen.drawing.colors import parse_colors
-from markergen.drawing.options import SheetOptions
+from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions, check_outputs, save
 from markergen.files import Written

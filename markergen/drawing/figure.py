@@ -6,12 +6,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.drawing.numbers import quiet_radius
-from markergen.drawing.scene import Box, Disk, Outline, Point, marker_dots, marker_tag
+from markergen.drawing.scene import Box, Disk, FilledPath, Point, Segment
+from markergen.errors import InputError
 from markergen.model.boundary import Boundary
 from markergen.model.marker import Marker
 
 Array = NDArray[np.float64]
+
+FLAT = 1e-9
+"""How far in m a control point may lie off the plane and still be flat: rounding, far below any printer."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,7 @@ class Figure:
         )
 
     @cached_property
-    def tag(self) -> tuple[Outline, ...]:
+    def tag(self) -> tuple[FilledPath, ...]:
         """Ink of the tag, if there is one."""
         fx, fy = self.factor
         outlines = []
@@ -69,6 +72,58 @@ class Figure:
         return quiet_box(self.dots)
 
 
+def marker_dots(marker: Marker) -> tuple[Disk, ...]:
+    """Dots of the marker as disks named ``dot-<id>``, in mm, marker frame.
+
+    Raises
+    ------
+    InputError
+        If a control point has no dot (diameter 0), or lies off the plane: neither can be printed.
+    """
+    for point in marker.control_points:
+        if point.feature.diameter == 0:
+            raise InputError(
+                "a dot on every control point to print or make",
+                f"control point {point.id} without a dot (diameter 0)",
+                "design the marker again with --dot above 0",
+            )
+        if abs(point.z) > FLAT:
+            raise InputError(
+                "a flat marker (z = 0)",
+                f"control point {point.id} at z={point.z * 1e3:.6g} mm",
+                "export it as .json, or design it without relief",
+            )
+    return tuple(
+        Disk(
+            _mm(point.x),
+            _mm(point.y),
+            _mm(point.feature.diameter) / 2,
+            _mm(point.feature.inner_diameter) / 2,
+            f"dot-{point.id}",
+        )
+        for point in marker.control_points
+    )
+
+
+def marker_tag(marker: Marker) -> tuple[FilledPath, ...]:
+    """Ink of the marker's tag as one outline named ``tag``, in mm, marker frame; none without a tag.
+
+    Neighboring black cells are one region, so that no seam shows; holes run against what they are cut from.
+    """
+    if marker.tag is None:
+        return ()
+    segments: list[Segment] = []
+    for outline in marker.tag.outlines:
+        points = [(_mm(x), _mm(y)) for x, y in outline.tolist()]
+        segments += [("M", (points[0],)), *(("L", (point,)) for point in points[1:]), ("Z", ())]
+    return (FilledPath(tuple(segments), "tag"),)
+
+
+def quiet_radius(disk: Disk) -> float:
+    """Radius in mm around a dot's center that nothing else may enter: the dot and a ring half its diameter wide."""
+    return 2 * disk.radius
+
+
 def drawn_box(boundary: Boundary, factor: Point = (1.0, 1.0)) -> Box:
     """Left, lower, right and upper end of the outline in mm, marker frame."""
     points = np.concatenate(boundary.outlines()) * 1e3 * factor
@@ -84,22 +139,6 @@ def quiet_box(dots: tuple[Disk, ...]) -> Box:
         max((dot.x + quiet_radius(dot) for dot in dots), default=0.0),
         max((dot.y + quiet_radius(dot) for dot in dots), default=0.0),
     )
-
-
-def union(first: Box, *others: Box) -> Box:
-    """Box around boxes."""
-    boxes = (first, *others)
-    return (
-        min(box[0] for box in boxes),
-        min(box[1] for box in boxes),
-        max(box[2] for box in boxes),
-        max(box[3] for box in boxes),
-    )
-
-
-def overlap(a: Box, b: Box) -> Box:
-    """What two boxes that overlap have in common."""
-    return max(a[0], b[0]), max(a[1], b[1]), min(a[2], b[2]), min(a[3], b[3])
 
 
 def size_words(boundary: Boundary) -> str:
@@ -121,3 +160,19 @@ def is_disk(boundary: Boundary) -> bool:
     left, bottom, right, top = drawn_box(boundary)
     across = 2e3 * boundary.radius
     return max(abs(right - left - across), abs(top - bottom - across)) < 1e-6 * across
+
+
+def compensated_note(figure: Figure) -> tuple[str, ...]:
+    """A sentence about a drawing that is true from one printer only."""
+    if figure.factor == (1.0, 1.0):
+        return ()
+    factors = " and ".join(f"{value:.6g} along {name}" for name, value in zip("xy", figure.factor, strict=True))
+    return (
+        f"Everything is drawn {factors} times as large, for the printer that was measured: from it the marker comes "
+        "out as designed, so use it with the marker.json that was not rescaled.",
+    )
+
+
+def _mm(meters: float) -> float:
+    # Rounded to a picometer, so that 0.0036 m reads 3.6 mm and not 3.5999999999999996.
+    return round(meters * 1e3, 9)

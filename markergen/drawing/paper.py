@@ -1,11 +1,20 @@
-"""Paper is data: names and exact sizes in millimeters."""
+"""The paper of a sheet: known sizes, what is inside its margins, and what a user may choose about it."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from math import sqrt
 from typing import Literal
 
+from markergen.drawing.colors import BLACK_ON_WHITE, Colors
 from markergen.errors import InputError
+
+DESCENT = 0.65
+"""How far letters reach below their line, mm on A4."""
+
+LEAST_ROOM = 70.0
+"""Between the margins, mm: below it no words fit under the marker."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +63,6 @@ AMERICAN = (
 PAPERS = {paper.name.lower(): paper for upright in ISO + AMERICAN for paper in (upright, upright.landscape)}
 """All papers by lower-case name; ``-landscape`` after the name turns a sheet, upright is the default."""
 
-
 SMALLEST, LARGEST = 100.0, 5000.0
 """Sides in mm of paper of any size: below, no marker fits beside what it is checked by; a PDF ends at 5080 mm."""
 
@@ -62,6 +70,143 @@ _CUSTOM = re.compile(r"([\d.]+)\s*(?:mm)?\s*[xX*]\s*([\d.]+)\s*mm")
 
 Orientation = Literal["", "portrait", "landscape"]
 """Which way round a sheet is used; empty: as its name says."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Margins of a page and heights of what stands at its foot, mm: they grow with the paper, but less than it does.
+
+    Attributes
+    ----------
+    paper : Paper
+    edge : float or None
+        Distance from the paper's edge that all ink keeps, mm; None for about `12 * scale`, more than printers cannot
+        reach.
+
+    Raises
+    ------
+    InputError
+        If the margin is negative or leaves nothing to print on.
+    """
+
+    paper: Paper
+    edge: float | None = None
+
+    def __post_init__(self) -> None:
+        if (self.edge or 0.0) < 0 or min(self.width, self.paper.height - 2 * self.margin) < LEAST_ROOM:
+            raise InputError(
+                f"a printer margin from 0 that leaves {LEAST_ROOM:g} x {LEAST_ROOM:g} mm of {self.paper}",
+                f"{self.margin if self.edge is None else self.edge:g} mm",
+                "give a smaller margin or larger paper",
+            )
+
+    @property
+    def scale(self) -> float:
+        """Size of text and gaps relative to those on A4."""
+        return min(max(sqrt(min(self.paper.width, self.paper.height) / 210), 0.84), 2.0)
+
+    @property
+    def margin(self) -> float:
+        """Where baselines and base lines are: letters and strokes reach a little beyond, but not to the edge given."""
+        return (12 if self.edge is None else DESCENT) * self.scale + (self.edge or 0.0)
+
+    @property
+    def right(self) -> float:
+        """Right margin's x."""
+        return self.paper.width - self.margin
+
+    @property
+    def top(self) -> float:
+        """Upper margin's y."""
+        return self.paper.height - self.margin
+
+    @property
+    def width(self) -> float:
+        """Between the margins."""
+        return self.paper.width - 2 * self.margin
+
+    @property
+    def block_top(self) -> float:
+        """Height of the hairline over the title block."""
+        return self.margin + 9 * self.scale
+
+    @property
+    def checks_y(self) -> float:
+        """Height of the lowest line of the lengths to measure; the words on what to do are below."""
+        return self.block_top + 10.4 * self.scale
+
+    @property
+    def ruler_y(self) -> float:
+        """Height of the ruler's base line."""
+        return self.block_top + 21.5 * self.scale
+
+    @property
+    def footer(self) -> float:
+        """Height above which the marker's region begins."""
+        return self.ruler_y + 13.5 * self.scale
+
+    @property
+    def region(self) -> tuple[float, float, float, float]:
+        """Part of the page for the marker and what belongs to it."""
+        return self.margin, self.footer, self.right, self.top
+
+
+@dataclass(frozen=True)
+class SheetOptions:
+    """What a user may choose about sheets; lengths in m.
+
+    Attributes
+    ----------
+    paper : str or None
+        Name or size (`find_paper`); None takes the smallest ISO size from A5 to A0 that holds the marker, for several
+        markers from A4 on.
+    orientation : {"", "portrait", "landscape"}
+        Empty: as the paper's name says; if that says nothing, upright unless only the other way holds the marker.
+    margin : float or None
+        Distance from the paper's edge that all ink keeps; None for 10 to 24 mm, by the size of the paper.
+    tile : bool
+        Whether a marker larger than the paper goes on several sheets; else it is refused.
+    overlap : float
+        Width of what two neighboring tiles both print.
+    compensate : bool
+        Whether a marker that was measured on a print (`print_scale`) is drawn so that the same printer makes it true.
+    colors : Colors
+
+    Raises
+    ------
+    InputError
+        If the orientation is unknown, or margin or overlap is no length from 0.
+    """
+
+    paper: str | None = None
+    orientation: Orientation = ""
+    margin: float | None = None
+    tile: bool = True
+    overlap: float = 0.010
+    compensate: bool = False
+    colors: Colors = BLACK_ON_WHITE
+
+    def __post_init__(self) -> None:
+        if self.orientation not in ("", "portrait", "landscape"):
+            raise InputError("portrait or landscape", repr(self.orientation), "choose one of these")
+        for name, article, value in (("margin", "a", self.margin), ("overlap", "an", self.overlap)):
+            if value is not None and not 0 <= value < float("inf"):
+                raise InputError(f"{article} {name} from 0", f"{name}={value}", "give a length such as 10mm")
+
+    def frame(self, paper: Paper) -> Frame:
+        """Measures of a page of that paper; raises as `Frame` does."""
+        return Frame(paper, None if self.margin is None else round(self.margin * 1e3, 9))
+
+    def frames(self, papers: Sequence[Paper]) -> list[Frame]:
+        """Measures of pages to choose from: without those that the margin leaves nothing of, unless that is all."""
+        frames = []
+        for paper in papers:
+            try:
+                frames.append(self.frame(paper))
+            except InputError:
+                if paper is papers[-1] and not frames:
+                    raise
+        return frames
 
 
 def find_paper(name: str, orientation: Orientation = "") -> Paper:

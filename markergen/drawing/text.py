@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from markergen.drawing.scene import BLACK, Outline, Segment
+from markergen.drawing.scene import BLACK, FilledPath, Segment
 from markergen.errors import MissingLibraryError
 
 FACES = {"regular": "Vera.ttf", "bold": "VeraBd.ttf"}
@@ -31,7 +31,7 @@ def text(
     face: str = "regular",
     color: str = BLACK,
     name: str = "",
-) -> Outline:
+) -> FilledPath:
     """Outline of one line of Latin-1 text; a character outside of it is written as ``?``.
 
     Parameters
@@ -55,7 +55,7 @@ def text(
             for command, points in glyph.segments
         ]
         pen += scale * glyph.width
-    return Outline(tuple(segments), name, color)
+    return FilledPath(tuple(segments), name, color)
 
 
 def text_width(string: str, height: float, face: str = "regular") -> float:

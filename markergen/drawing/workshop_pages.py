@@ -3,15 +3,12 @@
 from collections.abc import Sequence
 
 import markergen
-from markergen.drawing.furniture import GRAY, LEAST_ROOM, Frame
-from markergen.drawing.options import SheetOptions
-from markergen.drawing.page import Sheet
-from markergen.drawing.paper import PAPERS, Paper, find_paper, oriented
-from markergen.drawing.scene import Box, Layer, Line, Scene, Shape
+from markergen.drawing.drafting import THICK, THIN, Style, frame_lines, scale_words
+from markergen.drawing.fabrication_drawing import Workpiece
+from markergen.drawing.fabrication_views import ViewPlacement, draw_front, lay_out
+from markergen.drawing.paper import LEAST_ROOM, PAPERS, Frame, Paper, SheetOptions, find_paper, oriented
+from markergen.drawing.scene import GRAY, Box, Layer, Line, Scene, Shape, Sheet
 from markergen.drawing.text import text, text_width
-from markergen.drawing.workshop import Workpiece
-from markergen.drawing.workshop_front import Layout, draw_front, lay_out
-from markergen.drawing.workshop_lines import THICK, THIN, Style, frame_lines, scale_words
 from markergen.drawing.workshop_tables import (
     Block,
     column_count,
@@ -56,9 +53,9 @@ def fabrication_sheets(work: Workpiece, options: SheetOptions) -> tuple[Sheet, .
     return tuple(_sheet(work, frame, layout, shapes, number, len(pages)) for number, shapes in enumerate(pages, 1))
 
 
-def _page(work: Workpiece, options: SheetOptions) -> tuple[Frame, Layout]:
+def _page(work: Workpiece, options: SheetOptions) -> tuple[Frame, ViewPlacement]:
     """Paper and the layout of the drawing on it."""
-    best: tuple[Frame, Layout] | None = None
+    best: tuple[Frame, ViewPlacement] | None = None
     papers = _papers(options)
     for paper in papers:
         frame = options.frame(paper)
@@ -99,7 +96,9 @@ def _blocks(work: Workpiece, width: float, height: float, style: Style) -> list[
     return [*tables[:2], *blocks, *tables[2:], *notes, *back]
 
 
-def _sheet(work: Workpiece, frame: Frame, layout: Layout, shapes: Sequence[Shape], number: int, of: int) -> Sheet:
+def _sheet(
+    work: Workpiece, frame: Frame, layout: ViewPlacement, shapes: Sequence[Shape], number: int, of: int
+) -> Sheet:
     border, words = _block(work, frame, layout, number, of)
     marks = tuple(shape for shape in shapes if not shape.name)
     texts = tuple(shape for shape in shapes if shape.name)
@@ -117,7 +116,9 @@ def _sheet(work: Workpiece, frame: Frame, layout: Layout, shapes: Sequence[Shape
     )
 
 
-def _block(work: Workpiece, frame: Frame, layout: Layout, number: int, of: int) -> tuple[list[Shape], list[Shape]]:
+def _block(
+    work: Workpiece, frame: Frame, layout: ViewPlacement, number: int, of: int
+) -> tuple[list[Shape], list[Shape]]:
     """Border, and the title block along its lower side."""
     scale = frame.scale
     high = frame.margin + BLOCK * scale

@@ -3,23 +3,22 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from markergen.drawing.furniture import GRAY, LIGHT
-from markergen.drawing.scene import BLACK, Line, Shape
-from markergen.drawing.text import text, text_width, wrap
-from markergen.drawing.workshop import Face, Section, Table, around
-from markergen.drawing.workshop_front import SCALES, stacked
-from markergen.drawing.workshop_lines import (
+from markergen.drawing.drafting import (
     CLOSE,
     THIN,
     WORDS,
+    DrawingView,
     Style,
-    View,
     across,
     center_line,
     cut_edges,
     drawn,
     scale_words,
 )
+from markergen.drawing.fabrication_drawing import DrawingTable, SectionView, ViewFace, around
+from markergen.drawing.fabrication_views import SCALES, stacked
+from markergen.drawing.scene import BLACK, GRAY, LIGHT, Line, Shape
+from markergen.drawing.text import text, text_width, wrap
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,7 @@ def paragraphs(title: str, sentences: Sequence[str], width: float, style: Style)
     return Block((heading(title, style),), tuple(rows))
 
 
-def table_block(table: Table, width: float, style: Style) -> Block:
+def table_block(table: DrawingTable, width: float, style: Style) -> Block:
     """A table with lines between its rows; words that are too wide for their column are wrapped."""
     size, pad = style.small, 1.6 * style.scale
     columns = list(zip(table.headings, *table.rows, strict=True))
@@ -112,7 +111,7 @@ def table_block(table: Table, width: float, style: Style) -> Block:
     return Block((heading(table.title, style), row(table.headings, True)), (*rows, _gap(2.2 * size)))
 
 
-def section_block(section: Section, width: float, height: float, style: Style) -> Block:
+def section_block(section: SectionView, width: float, height: float, style: Style) -> Block:
     """A cut through the solid at the largest scale that the column holds."""
     left, bottom, right, top = section.box
     tier = CLOSE * style.scale
@@ -136,7 +135,7 @@ def section_block(section: Section, width: float, height: float, style: Style) -
     deep = scale * (top - low) + above + below
 
     def draw(x: float, y: float) -> list[Shape]:
-        view = View(x + 0.3 * tier - scale * left, y - above - scale * top, scale)
+        view = DrawingView(x + 0.3 * tier - scale * left, y - above - scale * top, scale)
         shapes: list[Shape] = []
         for face in section.faces:
             shapes += drawn(face, view, True, style)
@@ -159,14 +158,14 @@ def section_block(section: Section, width: float, height: float, style: Style) -
     return Block((titled,), (Row(deep, draw),), whole=True)
 
 
-def view_block(title: str, faces: tuple[Face, ...], width: float, height: float, style: Style) -> Block:
+def view_block(title: str, faces: tuple[ViewFace, ...], width: float, height: float, style: Style) -> Block:
     """A further view of the whole."""
     left, bottom, right, top = around(faces)
     room = min(0.6 * height, width)
     scale = next((s for s in SCALES if s * (right - left) <= width and s * (top - bottom) <= room), SCALES[-1])
 
     def draw(x: float, y: float) -> list[Shape]:
-        view = View(x + 1 - scale * left, y - 1 - scale * top, scale)
+        view = DrawingView(x + 1 - scale * left, y - 1 - scale * top, scale)
         return [shape for face in faces for shape in drawn(face, view)]
 
     titled = heading(f"{title}, {scale_words(scale)}", style)
@@ -213,14 +212,14 @@ def column_count(width: float, style: Style) -> int:
     return max(int(width / (105 * style.scale)), 1)
 
 
-def section_low(section: Section) -> float:
+def section_low(section: SectionView) -> float:
     """Lowest z of what is cut."""
     return min((face.box[1] for face in section.faces), default=section.box[1])
 
 
-def _highest(faces: Sequence[Face], at: float, top: float) -> float:
+def _highest(faces: Sequence[ViewFace], at: float, top: float) -> float:
     """Where the extension line of a place along the cut begins: at the highest corner of the edge there."""
-    found = [z for face in faces for ring in face.rings for s, z in ring if abs(s - at) < 1e-3]
+    found = [z for face in faces for ring in face.contours for s, z in ring.points if abs(s - at) < 1e-3]
     return max(found, default=top)
 
 

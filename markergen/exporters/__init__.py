@@ -6,7 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from markergen.drawing.options import SheetOptions
+from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError, OutputError, brief
 from markergen.files import Written, check_folder, folders_for, write_all
 from markergen.files import check_outputs as check_files
@@ -16,7 +16,7 @@ from markergen.registry import Registry
 from markergen.units import format_length
 
 if TYPE_CHECKING:
-    from markergen.drawing.sheet import Sheet
+    from markergen.drawing.scene import Sheet
     from markergen.model.marker import Marker
     from markergen.model.spec import Spec
 
@@ -257,7 +257,7 @@ def one_page(markers: Sequence["Marker"], options: ExportOptions, suffix: str) -
     InputError
         If they need several; also as `pages_for` does.
     """
-    from markergen.drawing.sheet import pages_for
+    from markergen.drawing.sheet_layout import pages_for
 
     pages = pages_for(markers, options.sheet)
     if len(pages) != 1:
@@ -319,7 +319,7 @@ def check_outputs(paths: Sequence[Path], options: ExportOptions, spec: "Spec | N
 
 def _check_sheet(exporter: Exporter, options: ExportOptions, spec: "Spec | None") -> None:
     from markergen.drawing.paper import find_paper
-    from markergen.drawing.sheet import check_paper
+    from markergen.drawing.sheet_layout import check_paper
 
     sheet = options.sheet
     if sheet.paper is not None:

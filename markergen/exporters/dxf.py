@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import markergen
-from markergen.drawing.scene import Disk, marker_dots
+from markergen.drawing.figure import marker_dots
+from markergen.drawing.scene import Disk
 from markergen.exporters import ExportOptions, Output, only, without_paper
 from markergen.geometry.contour import Contour, circle, placed
 from markergen.geometry.contour import box as contour_box

@@ -7,8 +7,8 @@ from markergen.exporters import ExportOptions, Output, only
 from markergen.exporters.pdf import write_pdf
 from markergen.exporters.solids import solid_notes
 from markergen.model.marker import Marker
+from markergen.solid.fabrication_content import workpiece
 from markergen.solid.processes import parts_of
-from markergen.solid.workpiece import workpiece
 
 
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from markergen.drawing.paper import ISO
-from markergen.drawing.sheet import pages_for
+from markergen.drawing.sheet_layout import pages_for
 from markergen.errors import InputError
 from markergen.exporters import EXPORTERS, ExportOptions, outputs_of, suffix_of, write
 from markergen.files import Written

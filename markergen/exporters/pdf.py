@@ -7,8 +7,8 @@ from typing import Any
 
 import markergen
 from markergen.drawing.colors import channels, spot_name
-from markergen.drawing.scene import Disk, Line, Point, Segment, Shape
-from markergen.drawing.sheet import Sheet, pages_for
+from markergen.drawing.scene import Disk, Line, Point, Segment, Shape, Sheet
+from markergen.drawing.sheet_layout import pages_for
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions, Output
 from markergen.model.marker import Marker

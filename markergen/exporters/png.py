@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 import markergen
 from markergen.drawing.colors import channels, is_grey
 from markergen.drawing.paper import Paper, find_paper
-from markergen.drawing.scene import Disk, Line, Outline, Shape
-from markergen.drawing.sheet import Sheet
+from markergen.drawing.scene import Disk, FilledPath, Line, Shape, Sheet
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions, Output, one_page
 from markergen.geometry.coverage import Runs, covered_runs, unit_disk
@@ -151,7 +150,7 @@ def _edges(shape: Shape, per_mm: float) -> Array:
             return np.concatenate([_closed(ring) for ring in rings])
         case Line():
             return np.concatenate([_closed(ring) for ring in _stroke(shape)])
-        case Outline():
+        case FilledPath():
             return _flattened(shape, per_mm)
 
 
@@ -187,7 +186,7 @@ def _stroke(line: Line) -> list[Array]:
     return [left, right[::-1]] if closed else [np.concatenate([left, right[::-1]])]
 
 
-def _flattened(outline: Outline, per_mm: float) -> Array:
+def _flattened(outline: FilledPath, per_mm: float) -> Array:
     """Edges (m, 4) of a path with its curves cut into chords, every part of it closed."""
     straight: list[tuple[float, ...]] = []
     curves: dict[str, list[tuple[tuple[float, float], ...]]] = {"Q": [], "C": []}

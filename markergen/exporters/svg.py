@@ -5,8 +5,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from markergen.drawing.colors import rgb, spot_name
-from markergen.drawing.scene import Disk, Line, Outline, Shape
-from markergen.drawing.sheet import Sheet
+from markergen.drawing.scene import Disk, FilledPath, Line, Shape, Sheet
 from markergen.exporters import ExportOptions, Output, one_page
 from markergen.model.marker import Marker
 
@@ -64,7 +63,7 @@ def _add(group: Element, shape: Shape, page: float) -> None:
             stroke = {"stroke": rgb(shape.color), "stroke-width": _number(shape.width)}
             kind = "polygon" if shape.closed else "polyline"
             SubElement(group, kind, {**name, "points": steps, "fill": "none", **stroke})
-        case Outline():
+        case FilledPath():
             path = " ".join(
                 command + " ".join(f"{_number(x)},{_number(page - y)}" for x, y in points)
                 for command, points in shape.segments

@@ -6,7 +6,7 @@ from math import hypot, pi, sqrt, tan
 
 import numpy as np
 
-from markergen.drawing.scene import FLAT
+from markergen.drawing.figure import FLAT
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, Point
 from markergen.model.marker import Marker

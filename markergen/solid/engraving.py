@@ -11,12 +11,13 @@ from math import atan2, hypot, inf, tan
 import numpy as np
 
 from markergen.drawing.text import text, text_width
-from markergen.geometry.contour import Contour, Point, center_of, circle
+from markergen.geometry.contour import Contour, Point, center_of
 from markergen.geometry.region import Region
 from markergen.model.marker import ControlPoint, Marker, marker_name
-from markergen.solid.bodies import OFF, Body, Prism, mm
+from markergen.solid.bodies import Body, Prism, mm
 from markergen.solid.manufacturability import FLOOR
 from markergen.solid.plate import grouped
+from markergen.solid.projection import plan
 
 DEPTH = 0.3
 """mm: one or two layers of a printer, one pass of an engraver."""
@@ -83,7 +84,7 @@ def engraving(marker: Marker, plate: Region, bottom: float, cut: Sequence[Body])
         return Engraving(
             notes=(f"The back is not engraved: a plate of {thickness:.6g} mm is thinner than {least:.6g} mm.",)
         )
-    deep = Region.union(_plan(body) for body in cut if body.span[0] < bottom + DEPTH + WALL)
+    deep = Region.union(plan(body) for body in cut if body.span[0] < bottom + DEPTH + WALL)
     room = _Room(plate.offset(-MARGIN, segments=8) - deep.offset(MARGIN, segments=8))
     left, low, right, high = plate.box
     lacking = []
@@ -259,9 +260,3 @@ def _off(run: Sequence[Point], bulge: float) -> float:
     x, y = center_of((run[0], run[-1], bulge))
     distances = [hypot(u - x, v - y) for u, v in run]
     return max(abs(distance - distances[0]) for distance in distances)
-
-
-def _plan(body: Body) -> Region:
-    """Outline of a body seen from above, filled."""
-    outer = body.outer if isinstance(body, Prism) else circle(body.radii[1], body.x, body.y)
-    return Region.of_contour(outer, (), OFF)

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.drawing.scene import Outline
+from markergen.drawing.scene import FilledPath
 
 Array = NDArray[np.float64]
 
@@ -126,7 +126,7 @@ def _font() -> Array:
     return np.array(rows)
 
 
-def _contours(outline: Outline) -> list[Array]:
+def _contours(outline: FilledPath) -> list[Array]:
     """Closed polygons of an outline of lines and quadratic curves."""
     contours: list[list[Array]] = []
     for command, points in outline.segments:

@@ -16,8 +16,8 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.marker_json import read_marker
 from markergen.read.outlines import read_contours
 from markergen.read.spec_file import spec_from_mapping
+from markergen.solid.fabrication_content import workpiece
 from markergen.solid.processes import parts_of
-from markergen.solid.workpiece import workpiece
 
 THICK = 3.0
 FEW = ("--restarts", "2", "--dot", "14mm", "--poses", "cone:distance=0.6..0.8m,tilt=10..40,count=12,seed=1")
@@ -146,7 +146,7 @@ def test_the_fabrication_drawing_has_the_drawing_s_sizes(made):
 def test_the_sheets_draw_the_circles_half_a_micrometer_off_at_most(made):
     from markergen.drawing.colors import Colors
     from markergen.drawing.figure import Figure
-    from markergen.drawing.outline import boundary_lines
+    from markergen.drawing.marker_artwork import boundary_lines
 
     lines = boundary_lines(Figure(made.marker), Colors(cut="#ff0000"))
     found = []

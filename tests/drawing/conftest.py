@@ -9,8 +9,7 @@ import pypdfium2.raw as pdfium
 import pytest
 from gaps import box_distance, segment_distance
 
-from markergen.drawing.scene import Disk, Line, bounds
-from markergen.drawing.sheet import Sheet
+from markergen.drawing.scene import Disk, Line, Sheet, bounds
 
 ROUNDING = 1e-6  # mm; sums of doubles of a few hundred mm
 MM = 25.4 / 72

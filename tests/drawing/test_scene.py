@@ -1,83 +1,55 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from markergen.drawing.scene import (
-    Disk,
-    Layer,
-    Line,
-    Outline,
-    Scene,
-    bounds,
-    marker_dots,
-    marker_tag,
-    moved,
-)
-from markergen.errors import InputError
-from markergen.model.marker import marker_name
-from markergen.model.tag import Tag
-
-
-def test_scene_of_a_marker_is_its_dots_in_mm(make_ngon):
-    marker = make_ngon(5, 0.15, 0.036)
-    disks = list(marker_dots(marker))
-    scene = Scene((Layer("dots", tuple(disks)),))
-    assert list(scene) == disks
-    assert [disk.name for disk in disks] == [f"dot-{i}" for i in range(5)]
-    assert scene["dots"] == tuple(disks)
-    assert scene["nothing"] == ()
-    # Rounded to 1e-9 mm on the way to millimeters.
-    np.testing.assert_allclose([(d.x, d.y) for d in disks], marker.xyz[:, :2] * 1e3, atol=1e-9, rtol=0)
-    assert [d.radius for d in disks] == [18.0] * 5
-    assert [d.inner_radius for d in disks] == [9.0, 0.0, 0.0, 0.0, 0.0]
-
-
-def test_bare_points_and_relief_are_refused(make_ngon):
-    with pytest.raises(InputError, match=r"control point 0 without a dot .*--dot above 0"):
-        marker_dots(make_ngon(4, 0.15, 0.0))
-    flat = make_ngon(4, 0.15, 0.02)
-    raised = replace(
-        flat, control_points=(*flat.control_points[:2], replace(flat.control_points[2], z=0.01), flat.control_points[3])
-    )
-    with pytest.raises(InputError, match="control point 2 at z=10 mm"):
-        marker_dots(raised)
+from markergen.drawing.scene import FLATNESS, Disk, FilledPath, Line, bounds, clipped, moved, rectangle, renamed, turned
+from markergen.drawing.text import text
 
 
 def test_bounds_hold_the_ink():
     assert bounds(Disk(1, 2, 3)) == (-2, -1, 4, 5)
     assert bounds(Line(((0, 0), (10, 0)), 0.5)) == (-0.25, -0.25, 10.25, 0.25)
-    assert bounds(Outline((("M", ((0, 1),)), ("Q", ((5, 9), (2, 2))), ("Z", ())))) == (0, 1, 5, 9)
+    assert bounds(FilledPath((("M", ((0, 1),)), ("Q", ((5, 9), (2, 2))), ("Z", ())))) == (0, 1, 5, 9)
     with pytest.raises(ValueError):
-        bounds(Outline(()))
+        bounds(FilledPath(()))
 
 
-def test_moved_keeps_the_rest():
+def test_shapes_move_whole():
     assert moved(Disk(1, 2, 3, 1, "a", "#123456"), 10, -1) == Disk(11, 1, 3, 1, "a", "#123456")
+    assert moved(Line(((0, 0), (1, 2)), 0.5, "b"), 1, 1) == Line(((1, 1), (2, 3)), 0.5, "b")
+    assert bounds(moved(text("x", 0, 0, 2), 5, 6)) == pytest.approx(np.add(bounds(text("x", 0, 0, 2)), (5, 6, 5, 6)))
 
 
-@pytest.mark.parametrize(
-    ("found", "name"),
-    [("1a2b3c4d", "markergen-1a2b3c4d"), ("a<b>&'\x00\n;#1", "markergen-ab1"), ("x" * 99, "markergen-" + "x" * 16)],
-)
-def test_name_is_safe_in_every_format(make_ngon, found, name):
-    assert marker_name(replace(make_ngon(4, 0.1, 0.01), provenance={"spec_hash": found})) == name
+def test_a_quarter_turn_is_counterclockwise():
+    assert bounds(turned(rectangle((1, 0, 3, 1), "r", "#000000"), 1, 0)) == (0, 0, 1, 2)
 
 
-def test_a_tag_is_one_outline_with_holes(make_ngon):
-    marker = replace(make_ngon(5, 0.15, 0.036), tag=Tag("aruco:DICT_4X4_50", 7, 0.06, (0.01, 0.0)))
-    (outline,) = marker_tag(marker)
-    assert outline.name == "tag"
-    # Rounded to 1e-9 mm on the way to millimeters.
-    assert bounds(outline) == pytest.approx((-20, -30, 40, 30), abs=1e-9)
-    loops, area = [], 0.0
-    for kind, points in outline.segments:
-        if kind == "M":
-            loops.append([])
-        loops[-1] += points
-    for loop in loops:
-        x, y = np.array(loop).T
-        area += (x * np.roll(y, -1) - np.roll(x, -1) * y).sum() / 2
-    # Holes run against what they are cut from: the sum is the area of the black cells, 10 mm square each.
-    assert abs(area) == pytest.approx(100 * marker.tag.ink.sum())
-    assert marker_tag(make_ngon(5, 0.15, 0.036)) == ()
+def test_renamed_shapes_keep_all_else():
+    assert renamed([Disk(0, 0, 1, 0, "dot-1")], "marker-2-") == (Disk(0, 0, 1, 0, "marker-2-dot-1"),)
+
+
+def test_what_is_whole_stays_and_what_is_outside_goes():
+    inside, outside = Disk(0, 0, 1), Disk(9, 0, 1)
+    assert list(clipped([inside, outside], (-2, -2, 2, 2))) == [inside]
+
+
+def test_a_line_is_cut_where_it_leaves():
+    line = Line(((-5, 0), (5, 0), (5, 1), (-5, 1)), 0.2, "l", "#9a9a9a")
+    parts = list(clipped([line], (-2, -2, 2, 2)))
+    assert [part.name for part in parts] == ["l", "l-part-2"]
+    assert {tuple(sorted(part.points)) for part in parts} == {((-2, 0), (2, 0)), ((-2, 1), (2, 1))}
+    assert all((part.width, part.color) == (0.2, "#9a9a9a") for part in parts)
+
+
+@pytest.mark.parametrize("inner", [0.0, 9.0])
+def test_a_cut_disk_is_true(inner):
+    disk = Disk(3.0, 4.0, 18.0, inner, "dot-7")
+    (part,) = clipped([disk], (3.0, -100, 100, 100))
+    assert isinstance(part, FilledPath)
+    assert part.name == "dot-7"
+    points = np.array([points[0] for _, points in part.segments if points])
+    away = np.hypot(*(points - (3, 4)).T)
+    rim = points[:, 0] > 3.0 + 1e-9
+    assert np.all((np.abs(away[rim] - 18) < 1e-9) | (np.abs(away[rim] - inner) < 1e-9))
+    # Chords no longer than keep the sagitta below what is promised.
+    outer = points[rim & (np.abs(away - 18) < 1e-9)]
+    assert np.max(np.hypot(*np.diff(outer, axis=0).T)) ** 2 / (8 * 18) < FLATNESS * 1.01

@@ -5,7 +5,7 @@ import ezdxf
 import numpy as np
 import pytest
 
-from markergen.drawing.sheet import SheetOptions
+from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError
 from markergen.exporters import EXPORTERS, ExportOptions
 from markergen.exporters.dxf import write_dxf, write_laser_dxf

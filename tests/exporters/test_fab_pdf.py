@@ -10,9 +10,9 @@ import pypdfium2
 import pypdfium2.raw as pdfium
 import pytest
 
-from markergen.drawing.options import SheetOptions
-from markergen.drawing.scene import Line, Outline, bounds
-from markergen.drawing.workshop_lines import DARK
+from markergen.drawing.drafting import DARK
+from markergen.drawing.paper import SheetOptions
+from markergen.drawing.scene import FilledPath, Line, bounds
 from markergen.drawing.workshop_pages import fabrication_sheets
 from markergen.errors import InputError
 from markergen.exporters import EXPORTERS, ExportOptions
@@ -22,8 +22,8 @@ from markergen.model.marker import dressed
 from markergen.model.marker_json import to_json
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
+from markergen.solid.fabrication_content import workpiece
 from markergen.solid.processes import parts_of
-from markergen.solid.workpiece import workpiece
 from markergen.verification import verify
 
 MM = 25.4 / 72
@@ -90,7 +90,7 @@ def sheets(request):
 def test_all_ink_is_inside_of_the_border(sheets):
     for sheet in sheets[1]:
         boxes = np.array(
-            [bounds(shape) for shape in sheet.scene if not (isinstance(shape, Outline) and not shape.segments)]
+            [bounds(shape) for shape in sheet.scene if not (isinstance(shape, FilledPath) and not shape.segments)]
         )
         border = np.array([sheet.paper.width, sheet.paper.height])
         # The border's line is 0.4 mm wide, 12 mm from the edge on A4.
@@ -119,11 +119,11 @@ def test_the_front_view_is_true_to_its_scale(sheets):
     marker, (front, *_) = sheets
     scale = float(front.description.split(" on ")[0].rpartition(", ")[2].split(" : ")[0])
     scale /= float(front.description.split(" on ")[0].rpartition(" : ")[2])
-    x, y = front.origin_mm
+    x, y = front.origins_mm[0]
     dark = [
         np.array([p for _, points in shape.segments for p in points])
         for shape in front.scene["drawing"]
-        if isinstance(shape, Outline) and shape.color == DARK
+        if isinstance(shape, FilledPath) and shape.color == DARK
     ]
     middles = np.array([(points.max(axis=0) + points.min(axis=0)) / 2 for points in dark])
     for point in marker.control_points:
@@ -141,7 +141,7 @@ def test_leaders_keep_off_dots_where_they_can():
     ]
     # The ring is at one end of a row of ten: its leader runs level between two rows.
     assert abs(level[1][0] - level[0][0]) > 100
-    rows = {front.origin_mm[1] + 500 * y for y in GRID[:, 1].tolist()}
+    rows = {front.origins_mm[0][1] + 500 * y for y in GRID[:, 1].tolist()}
     assert min(abs(row - level[0][1]) for row in rows) > 4.5
 
 

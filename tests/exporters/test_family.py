@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from markergen.detect.fiducials import FiducialSettings, find_tags
-from markergen.drawing.paper import ISO
-from markergen.drawing.sheet import SheetOptions, pages_for
+from markergen.drawing.paper import ISO, SheetOptions
+from markergen.drawing.sheet_layout import pages_for
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions
 from markergen.exporters.family import family_paths, save_family

@@ -10,9 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from markergen.drawing.paper import Paper
-from markergen.drawing.scene import Disk, Layer, Line, Scene
-from markergen.drawing.sheet import sheet_for
-from markergen.drawing.transform import polygon
+from markergen.drawing.scene import Disk, Layer, Line, Scene, polygon
+from markergen.drawing.sheet_layout import sheet_for
 from markergen.errors import InputError
 from markergen.exporters.pdf import _circle, write_pdf
 
@@ -59,7 +58,7 @@ def test_every_dot_is_within_5_um_of_the_marker(case):
     factor = stretch(ink, sheet)
     worst = 0.0
     for point in marker.control_points:
-        true = np.array([sheet.origin_mm[0] + point.x * 1e3, sheet.origin_mm[1] + point.y * 1e3])
+        true = np.array([sheet.origins_mm[0][0] + point.x * 1e3, sheet.origins_mm[0][1] + point.y * 1e3])
         # Half the quiet zone more than the dot: nothing else can be in the window.
         half = 0.7 * point.feature.diameter * 1e3
         found = np.array(centroid(ink, ink.shape[0] * MM, *(true * factor), half)) / factor
@@ -71,7 +70,7 @@ def test_ruler_is_true_to_10_um(case):
     _, sheet, _, ink = case
     factor = stretch(ink, sheet)
     # The outermost ticks that no number stands beside.
-    first, last, ends = 10, sheet.ruler_mm - 10, {}
+    first, last, ends = 10, sheet.rulers_mm[0] - 10, {}
     for mm in (first, last):
         line = next(shape for shape in sheet.scene if shape.name == f"ruler-{mm}")
         (x, y0), (_, y1) = line.points
@@ -84,7 +83,7 @@ def test_ruler_is_true_to_10_um(case):
 def test_ring_has_a_hole_and_dots_have_none(case):
     marker, sheet, _, ink = case
     for point in marker.control_points:
-        x, y = sheet.origin_mm[0] + point.x * 1e3, sheet.origin_mm[1] + point.y * 1e3
+        x, y = sheet.origins_mm[0][0] + point.x * 1e3, sheet.origins_mm[0][1] + point.y * 1e3
         value = ink[round((sheet.paper.height - y) / MM), round(x / MM)]
         assert value == (0 if point.feature.kind == "ring" else 255)
 

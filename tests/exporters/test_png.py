@@ -8,7 +8,7 @@ from PIL import Image
 
 from markergen.drawing.paper import Paper
 from markergen.drawing.scene import Disk, Layer, Scene
-from markergen.drawing.sheet import sheet_for
+from markergen.drawing.sheet_layout import sheet_for
 from markergen.errors import InputError
 from markergen.exporters.png import STRIP, image_size, pixels_per_meter, write_png
 
@@ -28,8 +28,8 @@ def test_every_dot_is_within_a_tenth_of_a_micrometer(make_ngon, sheet, dpi):
     ink = 255.0 - pixels(write_png(sheet, dpi))
     per_mm = pixels_per_meter(dpi) / 1e3
     for point in make_ngon(5, 0.06, 0.014).control_points:
-        x = sheet.origin_mm[0] + point.x * 1e3
-        y = sheet.paper.height - sheet.origin_mm[1] - point.y * 1e3
+        x = sheet.origins_mm[0][0] + point.x * 1e3
+        y = sheet.paper.height - sheet.origins_mm[0][1] - point.y * 1e3
         half = 0.65 * point.feature.diameter * 1e3
         top, left = round((y - half) * per_mm), round((x - half) * per_mm)
         patch = ink[top : round((y + half) * per_mm), left : round((x + half) * per_mm)]

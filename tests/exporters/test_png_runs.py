@@ -4,7 +4,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from markergen.drawing.scene import Disk, Line, Outline
+from markergen.drawing.scene import Disk, FilledPath, Line
 from markergen.drawing.text import text
 from markergen.exporters.png import shape_runs
 
@@ -27,11 +27,11 @@ def exact(region: shapely.Geometry, width=WIDTH, height=HEIGHT) -> np.ndarray:
     return shapely.area(shapely.intersection(shapely.box(x, y, x + 1, y + 1), region))
 
 
-def outline(*rings) -> Outline:
+def outline(*rings) -> FilledPath:
     segments = []
     for ring in rings:
         segments += [("M", (tuple(ring[0]),)), *(("L", (tuple(p),)) for p in ring[1:]), ("Z", ())]
-    return Outline(tuple(segments))
+    return FilledPath(tuple(segments))
 
 
 corner = st.tuples(st.floats(-10, 50), st.floats(-10, 40))

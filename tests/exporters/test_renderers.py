@@ -12,7 +12,8 @@ import pypdfium2
 import pytest
 from PIL import Image
 
-from markergen.drawing.sheet import SheetOptions, pages_for
+from markergen.drawing.paper import SheetOptions
+from markergen.drawing.sheet_layout import pages_for
 from markergen.exporters.pdf import write_pdf
 from markergen.exporters.png import write_png
 from markergen.exporters.svg import write_svg

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from markergen.drawing.sheet import SheetOptions
+from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError, OutputError
 from markergen.exporters import (
     EXPORTERS,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from markergen.drawing.scene import Disk, Layer, Line, Scene
-from markergen.drawing.sheet import sheet_for
+from markergen.drawing.sheet_layout import sheet_for
 from markergen.exporters.svg import write_svg
 
 NS = {"s": "http://www.w3.org/2000/svg"}
@@ -39,7 +39,7 @@ def test_dots_are_exact_circles_within_a_micrometer_of_the_marker(case):
     assert list(dots) == [f"dot-{point.id}" for point in marker.control_points]
     for point in marker.control_points:
         element = dots[f"dot-{point.id}"]
-        expected = sheet.origin_mm[0] + point.x * 1e3, sheet.paper.height - sheet.origin_mm[1] - point.y * 1e3
+        expected = sheet.origins_mm[0][0] + point.x * 1e3, sheet.paper.height - sheet.origins_mm[0][1] - point.y * 1e3
         if point.feature.kind == "dot":
             center = number(element.get("cx")), number(element.get("cy"))
             assert number(element.get("r")) == pytest.approx(point.feature.diameter * 500, abs=WRITTEN)
@@ -60,7 +60,7 @@ def test_dots_are_exact_circles_within_a_micrometer_of_the_marker(case):
 def test_ruler_is_true_to_ten_micrometers(case):
     _, sheet, root = case
     xs = {}
-    for mm in range(0, int(sheet.ruler_mm) + 1, 10):
+    for mm in range(0, int(sheet.rulers_mm[0]) + 1, 10):
         points = root.find(f".//s:polyline[@id='ruler-{mm}']", NS).get("points").split()
         xs[mm] = number(points[0].split(",")[0])
     assert all(abs(x - xs[0] - mm) <= 2 * WRITTEN for mm, x in xs.items())

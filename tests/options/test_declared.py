@@ -10,7 +10,7 @@ from markergen.cli.options import TYPES
 from markergen.detect import Detector
 from markergen.detect.batch import detect_files
 from markergen.drawing.colors import BLACK_ON_WHITE, parse_colors
-from markergen.drawing.options import SheetOptions
+from markergen.drawing.paper import SheetOptions
 from markergen.model.boundary import Circle
 from markergen.model.fabrication import Fabrication
 from markergen.model.poses import named_poses

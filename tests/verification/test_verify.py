@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from spoiled_files import Spoiler
 
-from markergen.drawing.sheet import SheetOptions
+from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions, save
 from markergen.model.feature import Feature

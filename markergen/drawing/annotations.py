@@ -1,0 +1,130 @@
+"""What stands around markers on a sheet: arrows of the axes, columns of facts, paragraphs and the title block."""
+
+from collections.abc import Sequence
+
+import markergen
+from markergen.drawing.figure import is_disk, size_words
+from markergen.drawing.paper import Frame
+from markergen.drawing.scene import BLACK, FINE, GRAY, HAIRLINE, LIGHT, Line, Point, Shape, polygon
+from markergen.drawing.text import text, text_width, wrap
+from markergen.model.marker import Marker, marker_name
+
+Drawn = tuple[list[Shape], list[Shape]]
+"""Marks and texts."""
+
+Column = tuple[str, str, tuple[str, ...], str]
+"""Slug, heading, lines and face of a column of facts."""
+
+MOST_LISTED = 12
+"""Of the dots that a note names."""
+
+
+def axis_arrows(frame: Frame) -> Drawn:
+    """Two labeled arrows that show which way the marker frame's x and y point."""
+    scale = frame.scale
+    length, x, y = 9 * scale, frame.right - 12 * scale, frame.ruler_y
+    head, half = 2.2 * scale, 0.7 * scale
+    tip_x, tip_y = x + length, y + length
+    marks: list[Shape] = [
+        Line(((x, y), (tip_x - head, y)), FINE, "axes-x"),
+        Line(((x, y - FINE / 2), (x, tip_y - head)), FINE, "axes-y"),
+        polygon([(tip_x, y), (tip_x - head, y + half), (tip_x - head, y - half)], "axes-x-head", BLACK),
+        polygon([(x, tip_y), (x - half, tip_y - head), (x + half, tip_y - head)], "axes-y-head", BLACK),
+    ]
+    texts: list[Shape] = [
+        text("x", frame.right, y - 0.8 * scale, 1.9 * scale, "right", name="axes-x-label"),
+        text("y", x, tip_y + 1.5 * scale, 1.9 * scale, "center", name="axes-y-label"),
+    ]
+    return marks, texts
+
+
+def title_block(frame: Frame, markers: Sequence[Marker], factor: Point = (1.0, 1.0)) -> Drawn:
+    """Caption along the foot of the sheet: small gray headings over their values, from margin to margin."""
+    first = markers[0]
+    same = all(other.boundary == first.boundary and other.dot_diameter == first.dot_diameter for other in markers)
+    meaning = "size: diameter of the outline" if is_disk(first.boundary) else "size: width x height of the outline"
+    name = marker_name(first).removeprefix("markergen-")
+    if any(marker_name(marker) != marker_name(first) for marker in markers):
+        name = "see captions"
+    columns: list[Column] = [
+        ("spec", "spec", (name,), "bold"),
+        ("dots", "dots", (" + ".join(dict.fromkeys(str(len(marker)) for marker in markers)),), "regular"),
+    ]
+    if len(markers) > 1:
+        columns.insert(1, ("markers", "markers", (str(len(markers)),), "regular"))
+    if same:
+        columns += [
+            ("dot-diameter", "dot diameter", (f"{first.dot_diameter * 1e3:.6g} mm",), "regular"),
+            ("size", meaning, (size_words(first.boundary),), "regular"),
+        ]
+    columns += [
+        scale_column(factor),
+        ("made-with", "made with", (f"markergen {markergen.__version__}",), "regular"),
+    ]
+    rule = Line(((frame.margin, frame.block_top), (frame.right, frame.block_top)), HAIRLINE, "rule", LIGHT)
+    return [rule], facts(frame, columns, frame.margin, "block")
+
+
+def scale_column(factor: Point) -> Column:
+    """How large the drawing is, and for which printer if it is not for every one."""
+    if factor == (1.0, 1.0):
+        return "scale", "scale", ("1 : 1, print at 100 %",), "regular"
+    printer, drawn = (", ".join(f"{name} {value:.6g}" for name, value in zip("xy", pair, strict=True)) for pair in (
+        [1 / value for value in factor], factor
+    ))  # fmt: skip
+    return "scale", f"compensated for a printer that makes {printer} of 1", (f"drawn {drawn}; print at 100 %",), "bold"
+
+
+def facts(frame: Frame, columns: Sequence[Column], y: float, name: str) -> list[Shape]:
+    """Columns from margin to margin, a small gray heading over lines of which the last stands at height y."""
+    scale, left = frame.scale, frame.margin
+    small, large, step = 1.35 * scale, 1.9 * scale, 3.2 * scale
+    widths = [
+        max(text_width(heading, small), *(text_width(line, large, face) for line in lines))
+        for _, heading, lines, face in columns
+    ]
+    # Columns that would run into each other on narrow paper shrink together.
+    between = max(len(columns) - 1, 1)
+    shrink = min(1.0, frame.width / (sum(widths) + 3 * scale * between))
+    gap = (frame.width - shrink * sum(widths)) / between
+    texts: list[Shape] = []
+    for (slug, heading, lines, face), width in zip(columns, widths, strict=True):
+        height = y + 4.4 * scale + step * (len(lines) - 1)
+        texts.append(text(heading, left, height, small * shrink, color=GRAY, name=f"{name}-{slug}-heading"))
+        for index, line in enumerate(reversed(lines)):
+            suffix = f"-{len(lines) - 1 - index}" if len(lines) > 1 else ""
+            texts.append(text(line, left, y + index * step, large * shrink, face=face, name=f"{name}-{slug}{suffix}"))
+        left += shrink * width + gap
+    return texts
+
+
+def paragraph(
+    words: str, left: float, top: float, width: float, height: float, lines: int, name: str, color: str = GRAY
+) -> list[Shape]:
+    """Words in at most `lines` lines below `top`, smaller than `height` (of a capital, mm) if they need it."""
+    step, rows = 1.94 * height, wrap(words, width, height)
+    while len(rows) > lines or max(text_width(row, height) for row in rows) > width:
+        height *= 0.96
+        rows = wrap(words, width, height)
+    return [
+        text(row, left, top - height - index * step, height, color=color, name=f"{name}-{index}")
+        for index, row in enumerate(rows)
+    ]
+
+
+def remedy_lines(frame: Frame, words: Sequence[str], top: float, height: float) -> list[Shape]:
+    """One line per sentence below `top`, each as small as it must be."""
+    texts: list[Shape] = []
+    for index, line in enumerate(words):
+        texts += paragraph(line, frame.margin, top - 1.94 * height * index, frame.width, height, 1, f"remedy-{index}")
+    return texts
+
+
+def nameless_note(nameless: Sequence[str]) -> tuple[str, ...]:
+    """A sentence about dots that have no room for their number."""
+    if not nameless:
+        return ()
+    more = len(nameless) - MOST_LISTED
+    listed = ", ".join(nameless[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
+    which = f"Dot {listed} has" if len(nameless) == 1 else f"Dots {listed} have"
+    return (f"{which} no room for a number outside the quiet zones; see the coordinates in marker.json.",)

@@ -1,0 +1,289 @@
+"""Drafting: dimensions with arrows, leaders, center lines and hatching, in mm on paper."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import cos, hypot, pi, sin, sqrt
+
+from markergen.drawing.fabrication_drawing import ViewFace
+from markergen.drawing.scene import (
+    BLACK,
+    GRAY,
+    WHITE,
+    Box,
+    FilledPath,
+    Line,
+    Point,
+    Shape,
+    bounds,
+    polygon,
+    rectangle,
+    turned,
+)
+from markergen.drawing.text import text, text_width
+from markergen.geometry.contour import Contour, flattened
+
+THICK, THIN = 0.4, 0.18
+"""Widths in mm of edges that are seen, and of all that explains them (ISO 128)."""
+
+DARK = "#b9b9b9"
+"""Fill of what is dark: pale enough for numbers on it, and that nobody takes a drawing for the marker."""
+
+CLOSE = 6.0
+"""Distance in mm between dimension lines, on A4."""
+
+SMOOTH = 2e-3
+"""How far in mm on paper a drawn line may lie off an arc."""
+
+WORDS = "words"
+"""Name of text that needs none of its own: what has a name goes into the layer of texts."""
+
+OFF, BEYOND = 0.8, 1.5
+"""Where an extension line begins off its edge, and how far it goes on behind the dimension line, mm on A4."""
+
+
+@dataclass(frozen=True)
+class Style:
+    """Sizes in mm on the paper at hand; `scale` is 1 on A4."""
+
+    scale: float = 1.0
+
+    @property
+    def words(self) -> float:
+        """Height of the capitals of dimensions."""
+        return 2.1 * self.scale
+
+    @property
+    def small(self) -> float:
+        """Height of the capitals of tables and notes."""
+        return 1.75 * self.scale
+
+    @property
+    def head(self) -> float:
+        """Length of an arrow head."""
+        return 2.3 * self.scale
+
+
+@dataclass(frozen=True)
+class DrawingView:
+    """Where on the paper a view is, and how large: (0, 0) of the view at (x, y), lengths times `scale`."""
+
+    x: float
+    y: float
+    scale: float
+
+    def at(self, point: Point) -> Point:
+        """Place on paper of a point of the view."""
+        return self.x + self.scale * point[0], self.y + self.scale * point[1]
+
+    def trace(self, contour: Contour) -> list[Point]:
+        """Corners on paper of a polygon for a contour, whose arcs it follows within `SMOOTH`."""
+        return [self.at(point) for point in flattened(contour, SMOOTH / self.scale)]
+
+    def box(self, box: Box) -> Box:
+        """Place on paper of a box of the view."""
+        return *self.at(box[:2]), *self.at(box[2:])
+
+
+def drawn(face: ViewFace, view: DrawingView, hatched: bool = False, style: Style | None = None) -> list[Shape]:
+    """Draw a face with its outline and edges; one that is cut is hatched instead."""
+    fill = DARK if face.material == "dark" else WHITE
+    rings = [view.trace(contour) for contour in face.contours]
+    # Filled by the nonzero rule: what lies in an odd number of others is a hole, and runs clockwise.
+    filled = (
+        _directed(ring, sum(inside(ring[0], other) for other in rings if other is not ring) % 2 == 0) for ring in rings
+    )
+    shapes: list[Shape] = [FilledPath(tuple(s for ring in filled for s in polygon(ring, "", fill).segments), "", fill)]
+    if hatched:
+        return shapes + hatching(face, view, style or Style())
+    width = THIN / 2 if face.fine else THICK
+    shapes += [Line((*ring, ring[0]), width) for ring in rings]
+    return shapes + [Line((*edge, edge[0]), THIN) for edge in map(view.trace, face.edges)]
+
+
+def inside(point: Point, ring: Sequence[Point]) -> bool:
+    """Tell whether a point lies in a ring, by the number of times that a ray from it crosses the ring."""
+    x, y = point
+    within = False
+    for (ax, ay), (bx, by) in pairwise((*ring, ring[0])):
+        if (ay > y) != (by > y) and x < ax + (y - ay) * (bx - ax) / (by - ay):
+            within = not within
+    return within
+
+
+def cut_edges(face: ViewFace, view: DrawingView, box: Box) -> list[Shape]:
+    """Edges of a face that is cut, fine where the view ends (left and right of the box) and the solid goes on."""
+    shapes: list[Shape] = []
+    ends = [view.at((side, 0.0))[0] for side in (box[0], box[2])]
+    for contour in face.contours:
+        ring = view.trace(contour)
+        for a, b in pairwise((*ring, ring[0])):
+            cut_off = any(abs(a[0] - end) < 1e-6 and abs(b[0] - end) < 1e-6 for end in ends)
+            shapes.append(Line((a, b), THIN / 2 if cut_off else THICK))
+    return shapes
+
+
+def hatching(face: ViewFace, view: DrawingView, style: Style) -> list[Shape]:
+    """Parallel lines at 45 degrees in a face: rising in what is light, falling and closer in what is dark."""
+    import shapely
+
+    sign, gap = (-1.0, 1.1 * style.scale) if face.material == "dark" else (1.0, 2.0 * style.scale)
+    rings = [view.trace(contour) for contour in face.contours]
+    region = shapely.make_valid(shapely.Polygon(rings[0], rings[1:]))
+    left, bottom, right, top = shapely.bounds(region)
+    if not (right - left > 0 and top - bottom > 0):
+        return []
+    # Lines x - sign y = k * gap * sqrt(2), so that those of one material meet across parts.
+    step = gap * sqrt(2)
+    corners = [x - sign * y for x in (left, right) for y in (bottom, top)]
+    lines = []
+    for k in range(int(min(corners) // step), int(max(corners) // step) + 1):
+        c = k * step
+        lines.append(shapely.LineString([(c + sign * bottom, bottom), (c + sign * top, top)]))
+    found = shapely.get_parts(shapely.intersection(shapely.MultiLineString(lines), region))
+    return [
+        Line(tuple((float(x), float(y)) for x, y in run.coords), THIN * 0.7, "", GRAY)
+        for run in found
+        if run.geom_type == "LineString" and run.length > 0.05
+    ]
+
+
+def center_line(a: Point, b: Point, style: Style, color: str = BLACK) -> list[Shape]:
+    """Chain line: long and short dashes in turn, a long one at both ends."""
+    long, gap, short = 6.0 * style.scale, 1.0 * style.scale, 0.6 * style.scale
+    length = hypot(b[0] - a[0], b[1] - a[1])
+    if length < 2 * long:
+        return [Line((a, b), THIN, "", color)]
+    count = max(int((length - long) / (long + 2 * gap + short)), 1)
+    long = (length - count * (2 * gap + short)) / (count + 1)
+    shapes: list[Shape] = []
+
+    def part(start: float, end: float) -> Line:
+        ends = ((a[0] + (b[0] - a[0]) * at / length, a[1] + (b[1] - a[1]) * at / length) for at in (start, end))
+        return Line(tuple(ends), THIN, "", color)
+
+    at = 0.0
+    for _ in range(count):
+        shapes += [part(at, at + long), part(at + long + gap, at + long + gap + short)]
+        at += long + 2 * gap + short
+    return [*shapes, part(at, length)]
+
+
+def center_circle(x: float, y: float, radius: float, style: Style) -> list[Shape]:
+    """Chain line along a circle on paper."""
+    dash = 5.0 * style.scale
+    count = max(int(2 * pi * radius / (1.6 * dash)), 8)
+    turn = 2 * pi / count
+    shapes: list[Shape] = []
+    for k in range(count):
+        for start, end in ((0.0, 0.66), (0.79, 0.87)):
+            angles = [(k + start + (end - start) * i / 12) * turn for i in range(13)]
+            shapes.append(Line(tuple((x + radius * cos(a), y + radius * sin(a)) for a in angles), THIN, "", GRAY))
+    return shapes
+
+
+def arrow(tip: Point, direction: Point, style: Style) -> FilledPath:
+    """Head of an arrow that points in a direction."""
+    length = hypot(*direction)
+    ux, uy = direction[0] / length, direction[1] / length
+    back, half = style.head, style.head / 6
+    foot = tip[0] - back * ux, tip[1] - back * uy
+    return polygon(
+        [tip, (foot[0] - half * uy, foot[1] + half * ux), (foot[0] + half * uy, foot[1] - half * ux)], "", BLACK
+    )
+
+
+def across(
+    x0: float, x1: float, y: float, from_y: float | tuple[float, float], words: str, style: Style
+) -> list[Shape]:
+    """Dimension between two places on paper along x, on a line at height y; extension lines come from `from_y`."""
+    starts = from_y if isinstance(from_y, tuple) else (from_y, from_y)
+    shapes: list[Shape] = []
+    for x, start in zip((x0, x1), starts, strict=True):
+        shapes += _extension((x, start), (x, y), style)
+    width = text_width(words, style.words)
+    outside = x1 - x0 < 2.6 * style.head
+    beside = width > x1 - x0 - (0 if outside else 2 * style.head * 0.5)
+    shapes += _arrows((x0, y), (x1, y), outside, style)
+    if beside:
+        # To the right of the arrows, on a line of its own.
+        start = x1 + (1.9 * style.head if outside else 0.0)
+        ground, written = on_white(text(words, start + style.scale, y + 0.7 * style.scale, style.words, name=WORDS))
+        shapes += [ground, Line(((x1, y), (start + width + 1.5 * style.scale, y)), THIN), written]
+    else:
+        shapes += on_white(text(words, (x0 + x1) / 2, y + 0.7 * style.scale, style.words, "center", name=WORDS))
+    return shapes
+
+
+def upright(
+    y0: float, y1: float, x: float, from_x: float | tuple[float, float], words: str, style: Style
+) -> list[Shape]:
+    """Dimension between two heights on paper, on a line at x; what is written on it reads from the right."""
+    starts = from_x if isinstance(from_x, tuple) else (from_x, from_x)
+    shapes: list[Shape] = []
+    for y, start in zip((y0, y1), starts, strict=True):
+        shapes += _extension((start, y), (x, y), style)
+    width = text_width(words, style.words)
+    outside = y1 - y0 < 2.6 * style.head
+    shapes += _arrows((x, y0), (x, y1), outside, style)
+    if width > y1 - y0 - style.head:
+        # Above the upper arrow, lying down where it has room.
+        top = y1 + (1.9 * style.head if outside else 0.6 * style.scale)
+        shapes.append(Line(((x, y1), (x, top + style.scale * 0.3)), THIN))
+        shapes += on_white(text(words, x, top + 0.9 * style.scale, style.words, "center", name=WORDS))
+    else:
+        here = (x - 0.7 * style.scale, (y0 + y1) / 2)
+        shapes += on_white(turned(text(words, *here, style.words, "center", name=WORDS), *here))
+    return shapes
+
+
+def on_white(words: FilledPath, color: str = WHITE) -> list[Shape]:
+    """Words on a ground of their own, so that no line runs through them."""
+    left, bottom, right, top = bounds(words)
+    return [rectangle((left - 0.3, bottom - 0.25, right + 0.3, top + 0.25), "", color), words]
+
+
+def leader(tip: Point, elbow: Point, end: Point, style: Style) -> list[Shape]:
+    """Line from words by an elbow to a place, with an arrow there."""
+    return [
+        Line((elbow, end), THIN),
+        Line((tip, elbow), THIN),
+        arrow(tip, (tip[0] - elbow[0], tip[1] - elbow[1]), style),
+    ]
+
+
+def frame_lines(box: Box, width: float) -> Line:
+    """Closed line around a box."""
+    left, bottom, right, top = box
+    corners = (left, bottom), (right, bottom), (right, top), (left, top), (left, bottom)
+    return Line(corners, width)
+
+
+def scale_words(scale: float) -> str:
+    """``1 : 2`` and the like."""
+    return f"{scale:g} : 1" if scale >= 1 else f"1 : {round(1 / scale):g}"
+
+
+def _arrows(a: Point, b: Point, outside: bool, style: Style) -> list[Shape]:
+    length = hypot(b[0] - a[0], b[1] - a[1])
+    ux, uy = ((b[0] - a[0]) / length, (b[1] - a[1]) / length) if length else (1.0, 0.0)
+    if not outside:
+        return [Line((a, b), THIN), arrow(a, (-ux, -uy), style), arrow(b, (ux, uy), style)]
+    far = 1.9 * style.head
+    line = Line(((a[0] - far * ux, a[1] - far * uy), (b[0] + far * ux, b[1] + far * uy)), THIN)
+    return [line, arrow(a, (ux, uy), style), arrow(b, (-ux, -uy), style)]
+
+
+def _extension(start: Point, end: Point, style: Style) -> list[Shape]:
+    """Line from just off an edge to just behind the dimension line."""
+    length = hypot(end[0] - start[0], end[1] - start[1])
+    if length < OFF * style.scale:
+        return []
+    ux, uy = (end[0] - start[0]) / length, (end[1] - start[1]) / length
+    off, beyond = OFF * style.scale, BEYOND * style.scale
+    return [Line(((start[0] + off * ux, start[1] + off * uy), (end[0] + beyond * ux, end[1] + beyond * uy)), THIN)]
+
+
+def _directed(points: Sequence[Point], counterclockwise: bool) -> list[Point]:
+    area = sum(x * v - u * y for (x, y), (u, v) in pairwise((*points, points[0])))
+    return list(points) if (area > 0) == counterclockwise else list(points)[::-1]

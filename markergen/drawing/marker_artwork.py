@@ -1,0 +1,307 @@
+"""Artwork of a marker in its own frame, ready for a page or tiles: dots, cut lines, ticks, center cross, numbers.
+
+The outlines are hairlines to cut along by hand, interrupted at quiet zones, or closed lines that a cutter follows.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import ceil, hypot, pi, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.drawing.colors import BLACK_ON_WHITE, Colors
+from markergen.drawing.figure import Figure, quiet_radius
+from markergen.drawing.label_placement import place_numbers
+from markergen.drawing.scene import (
+    BLACK,
+    FINE,
+    HAIRLINE,
+    Box,
+    Disk,
+    Line,
+    Shape,
+    around_origin,
+    bounds,
+    ink_points,
+    overlap,
+    rectangle,
+    union,
+)
+from markergen.drawing.text import text
+from markergen.geometry.contour import flattened
+from markergen.geometry.outlines import walked
+from markergen.model.boundary import Boundary, Circle
+
+Array = NDArray[np.float64]
+
+NUMBER_HEIGHT = 2.6
+"""Of the dots' numbers in mm on A4."""
+
+GRAY_SHARE, GROUND = 0.647, 5.5
+"""Ink in the color of numbers; width in mm on A4 that a printed ground has around everything, so that numbers fit."""
+
+TICK = 4.0
+"""Length of an axis tick in mm on A4."""
+
+CENTROID_PULL = 2e-3
+"""How far in mm the center cross may move the center of gravity of a dot it does not sit in the middle of."""
+
+SHORTEST_ARM = 0.5
+"""Of the center cross, mm; a shorter one would be taken for a speck."""
+
+AIR = 1.0
+"""Between an outline and a tick or the center cross, mm."""
+
+TRUE = 5e-4
+"""How far in mm a closed line may lie off a circle."""
+
+HEADINGS = {"+x": (1, 0), "+y": (0, 1), "-x": (-1, 0), "-y": (0, -1)}
+"""The axes' four directions."""
+
+
+@dataclass(frozen=True)
+class MarkerArtwork:
+    """Shapes by layer, mm, marker frame, and the dots that have no room for their number."""
+
+    layers: dict[str, tuple[Shape, ...]]
+    nameless: tuple[str, ...]
+
+
+def ground_box(figure: Figure, scale: float) -> Box:
+    """Box that a printed ground fills: outline and quiet zones with room for numbers around them."""
+    left, bottom, right, top = union(figure.outline, figure.quiet)
+    pad = GROUND * scale
+    return left - pad, bottom - pad, right + pad, top + pad
+
+
+def draw_artwork(
+    figure: Figure,
+    colors: Colors,
+    scale: float,
+    room: Box,
+    ink: Array | None = None,
+    rooms: Sequence[Box] | None = None,
+) -> MarkerArtwork:
+    """Draw a marker within a room.
+
+    Parameters
+    ----------
+    figure : Figure
+    colors : Colors
+    scale : float
+        Of numbers and ticks.
+    room : box
+        That numbers and ticks must stay in, mm, marker frame.
+    ink : array (m, 2) or None
+        Points that numbers must keep off as well.
+    rooms : sequence of box or None
+        That the number of each dot must stay in besides.
+    """
+    marker, dots = figure.marker, figure.dots
+    boxes = [figure.tag_zone] if figure.tag_zone else []
+    ground = ground_box(figure, scale) if colors.grounded else None
+    room = ground or room
+    center = np.zeros(2)
+    clear = 1e3 * min(abs(float(shape.depth(center))) for shape in (marker.boundary, *marker.blocked))
+    cut = boundary_lines(figure, colors)
+    on_tag = any(around_origin(box) for box in boxes)
+    cross = [] if on_tag or not around_origin(room) else center_cross(scale, dots, clear, colors)
+    reach = axis_reach(figure)
+    # Ticks that stand on the boundary come before the numbers; those that a quiet zone pushes out come after them.
+    on_boundary = [
+        tick
+        for tick in axis_ticks(scale, room, reach, dots)
+        if abs(hypot(*tick.points[0]) - reach[tick.name.removeprefix("axis")]) < 1e-6
+    ]
+    height = NUMBER_HEIGHT * scale
+    names = [str(point.id) for point in marker.control_points]
+    taken = ink_points([*cut, *cross, *on_boundary])
+    if ink is not None:
+        taken = np.concatenate([taken, ink])
+    each = [overlap(room, own) for own in rooms] if rooms else [room] * len(dots)
+    places = place_numbers(dots, names, height, each, (0.0, 0.0), taken, boxes)
+    numbers = tuple(
+        text(name, x, y - height / 2, height, "center", color=colors.mix(GRAY_SHARE), name=f"number-{name}")
+        for name, place in zip(names, places, strict=True)
+        if place is not None
+        for x, y in [place]
+    )
+    ticks = axis_ticks(scale, room, reach, dots, [bounds(number) for number in numbers], colors.ink)
+    return MarkerArtwork(
+        {
+            "ground": (rectangle(ground, "ground", colors.paper),) if ground else (),
+            "dots": dots,
+            "tag": figure.tag,
+            "cut": tuple(cut),
+            "marks": (*cross, *ticks),
+            "text": numbers,
+        },
+        tuple(name for name, place in zip(names, places, strict=True) if place is None),
+    )
+
+
+def axis_ticks(
+    scale: float,
+    room: Box,
+    reach: Mapping[str, float],
+    dots: tuple[Disk, ...],
+    boxes: Sequence[Box] = (),
+    color: str = BLACK,
+) -> list[Line]:
+    """Short lines where the axes leave the boundary, or farther out where a quiet zone or a box is in the way.
+
+    A tick that would leave the `room` (mm, marker frame), or whose axis has the whole boundary behind it, is left out.
+    `reach` is what `axis_reach` tells.
+    """
+    length = TICK * scale
+    centers = np.array([[dot.x, dot.y] for dot in dots])
+    blocked = np.array([quiet_radius(dot) + FINE for dot in dots])
+    ticks = []
+    for name, heading in HEADINGS.items():
+        along, across = centers @ heading, centers @ heading[::-1]
+        half = np.sqrt(np.maximum(blocked**2 - across**2, 0))
+        zones = list(zip(along - half, along + half, strict=True))
+        zones += [_shadow(box, heading, 2 * scale) for box in boxes]
+        start = reach[name]
+        # Sorted by where they begin, so one pass over the zones jumps over all that the tick would touch.
+        for near, far in sorted(zones):
+            if near < far and near < start + length and far > start:
+                start = float(far)
+        foot, tip = ((far * heading[0], far * heading[1]) for far in (start, start + length))
+        left, bottom, right, top = room
+        if start > 0 and left <= tip[0] <= right and bottom <= tip[1] <= top:
+            ticks.append(Line((foot, tip), FINE, f"axis{name}", color))
+    return ticks
+
+
+def _shadow(box: Box, heading: tuple[int, int], air: float) -> tuple[float, float]:
+    """Where the ray from the origin enters and leaves a box with some air around it; (0, 0) if it misses."""
+    low, high = np.array(box[:2]) - air, np.array(box[2:]) + air
+    side = 1 - int(np.argmax(np.abs(heading)))
+    if not low[side] < 0 < high[side]:
+        return 0.0, 0.0
+    ends = sorted((float(low @ heading), float(high @ heading)))
+    return ends[0], ends[1]
+
+
+def center_cross(scale: float, dots: tuple[Disk, ...], room: float, colors: Colors) -> list[Line]:
+    """Fine cross at the origin: ink on paper, paper on a dot, none where it would disturb a dot.
+
+    A cross on a dot but e mm off its middle moves the dot's center of gravity by area(cross) e / area(dot); there its
+    arms are shortened until that is below `CENTROID_PULL`. Too short to see, or beside a dot in its quiet zone, it is
+    left out: the axis ticks still give the center. So it is where an outline is near, which is `room` mm away.
+    """
+    arm, width, color = min(3.0 * scale, room - AIR), HAIRLINE, colors.ink
+    for dot in dots:
+        offset = hypot(dot.x, dot.y)
+        if offset >= quiet_radius(dot) + arm:
+            continue
+        width, in_hole = 0.1, offset < dot.inner_radius
+        color = colors.ink if in_hole else colors.paper
+        if in_hole:
+            inside = dot.inner_radius - offset
+        else:
+            inside = min(dot.radius - offset, offset - dot.inner_radius if dot.inner_radius else dot.radius)
+        arm = min(arm, inside / 2)
+        if offset:
+            ink = pi * (dot.radius**2 - dot.inner_radius**2)
+            arm = min(arm, CENTROID_PULL * ink / (4 * width * offset))
+    if arm < SHORTEST_ARM:
+        return []
+    return [
+        Line(((-arm, 0.0), (arm, 0.0)), width, "center-x", color),
+        Line(((0.0, -arm), (0.0, arm)), width, "center-y", color),
+    ]
+
+
+def boundary_lines(figure: Figure, colors: Colors) -> list[Line]:
+    """Lines along the boundary, and along the keep-outs and the plate's holes in it, mm, marker frame.
+
+    As hairlines they are interrupted where they would cross a quiet zone. With a color of their own for a cutter they
+    are closed, for a cutter lets no ink behind.
+    """
+    marker, closed = figure.marker, colors.cut != BLACK_ON_WHITE.cut
+    lines = _lines(figure, marker.boundary, "boundary", colors.cut, closed)
+    shapes = [(f"keep-out-{index}", shape) for index, shape in enumerate(marker.keep_outs)]
+    shapes += [(f"hole-{index}", hole.bore) for index, hole in enumerate(marker.substrate.holes)]
+    for name, shape in shapes:
+        lines += _lines(figure, shape, name, colors.cut, closed, marker.boundary)
+    return lines
+
+
+def _lines(
+    figure: Figure, shape: Boundary, name: str, color: str, closed: bool, within: Boundary | None = None
+) -> list[Line]:
+    paths = []
+    for contour in shape.contours():
+        if (whole := contour.as_circle) is not None:
+            x, y, radius = whole
+            count = max(ceil(2 * pi * radius * 1e3), ceil(pi * sqrt(radius * 1e3 / (2 * TRUE))), 360)
+            paths.append((Circle(radius, (x, y)).rim(count) * 1e3, np.ones(count, dtype=bool)))
+        else:
+            ring = np.array(flattened(contour, TRUE / 1e3) if contour.has_arcs else contour.points)
+            paths.append(walked(ring * 1e3, 1.0))
+    runs: list[Array] = []
+    for points, corner in paths:
+        rim = points * figure.factor
+        step = float(np.max(np.hypot(*(np.roll(rim, -1, axis=0) - rim).T)))
+        inside = within.depth(points / 1e3) > 0 if within else np.ones(len(rim), dtype=bool)
+        # A segment between two points that are half a step clear of a circle cannot cross it.
+        free = inside if closed else inside & _clear(rim, figure, step / 2 + HAIRLINE)
+        runs += _runs(rim, free, corner)
+    return [
+        Line(tuple((float(x), float(y)) for x, y in run), HAIRLINE, f"{name}-{index}", color)
+        for index, run in enumerate(runs)
+    ]
+
+
+def _clear(points: Array, figure: Figure, spare: float) -> NDArray[np.bool_]:
+    free = np.ones(len(points), dtype=bool)
+    for dot in figure.dots:
+        free &= np.hypot(*(points - (dot.x, dot.y)).T) > quiet_radius(dot) + spare
+    return free
+
+
+def _runs(rim: Array, free: NDArray[np.bool_], corner: NDArray[np.bool_]) -> list[Array]:
+    """Parts of a closed line whose points are free, of each the ends and the corners between them."""
+    if free.all():
+        corners = rim[corner]
+        return [np.concatenate([corners, corners[:1]])]
+    start = int(np.argmin(free))
+    rim, free, corner = np.roll(rim, -start, axis=0), np.roll(free, -start), np.roll(corner, -start)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(int)))
+    runs = []
+    for begin, end in edges.reshape(-1, 2):
+        kept = corner[begin:end].copy()
+        kept[[0, -1]] = True
+        if end - begin > 1:
+            runs.append(rim[begin:end][kept])
+    return runs
+
+
+def axis_reach(figure: Figure) -> dict[str, float]:
+    """How far from the origin in mm the outline reaches along each axis: where ticks may begin.
+
+    What counts is the outline within `AIR` of the axis; where there is none on that side, all of it.
+    """
+    rings = [np.asarray(ring * 1e3 * figure.factor) for ring in figure.marker.boundary.outlines()]
+    reach = {}
+    for name, heading in HEADINGS.items():
+        along, aside = ([np.asarray(ring @ np.array(axis)) for ring in rings] for axis in (heading, heading[::-1]))
+        near = max(_farthest(a, b) for a, b in zip(along, aside, strict=True))
+        reach[name] = near if near > 0 else max(float(a.max()) for a in along)
+    return reach
+
+
+def _farthest(along: Array, aside: Array) -> float:
+    """Largest `along` of a closed polygon in the strip where `aside` is at most `AIR`; -inf if it misses the strip."""
+    start, step = aside, np.roll(aside, -1) - aside
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossings = np.sort(np.stack([(-AIR - start) / step, (AIR - start) / step]), axis=0)
+    level = step == 0
+    low = np.where(level, 0.0, np.maximum(crossings[0], 0.0))
+    high = np.where(level, 1.0, np.minimum(crossings[1], 1.0))
+    hits = (low <= high) & ~(level & (np.abs(start) > AIR))
+    ends = along + np.stack([low, high]) * (np.roll(along, -1) - along)
+    return float(np.max(ends[:, hits], initial=-np.inf))

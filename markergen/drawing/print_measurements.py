@@ -1,0 +1,212 @@
+"""What to measure on a print: rulers, where a sheet has room for them, and pairs of dots that lie far apart."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from math import hypot, sqrt
+
+import numpy as np
+
+from markergen.drawing.annotations import Column, Drawn
+from markergen.drawing.figure import quiet_radius
+from markergen.drawing.scene import FINE, Box, Disk, Line, Point, Shape, bounds, ink_points, moved, turned
+from markergen.drawing.text import text
+from markergen.model.marker import ControlPoint, Marker
+
+LENGTHS = (200, 150, 100, 50, 20)
+"""Of rulers in mm, the best first."""
+
+BAND = 3.8
+"""Width of a ruler whose numbers stand beside its ticks, mm on A4."""
+
+AIR = 0.8
+"""Between a ruler and what is beside it, mm on A4."""
+
+LONG, SHORT, DIGITS = 3.2, 1.8, 1.5
+"""Heights of ticks and numbers, mm on A4."""
+
+Span = tuple[float, float]
+
+LEAST = 10.0
+"""Of a length worth measuring, mm."""
+
+SHOWN = (0.993, 0.9955)
+"""Of a ruler: what the example of a command measures."""
+
+USUAL = 200
+"""Length of rulers in mm that `markergen rescale` takes for granted."""
+
+
+def ruler(
+    start: Point, length: int, axis: int, scale: float, factor: float = 1.0, inward: int = 1, name: str = "ruler"
+) -> Drawn:
+    """Ruler from `start` along x (axis 0) or y (1), a tick every 10 mm, a number at every 50 (20 on short ones).
+
+    Parameters
+    ----------
+    start : (x, y)
+    length : int
+        What it is to measure, mm; drawn `factor` times as long.
+    axis : int
+    scale : float
+        Of ticks and numbers.
+    factor : float
+    inward : int
+        Side of the base line that its ticks are on: 1 up or right, -1 down or left.
+    name : str
+    """
+
+    def at(along: float, aside: float) -> Point:
+        along, aside = along * factor, aside * inward * scale
+        return (start[0] + along, start[1] + aside) if axis == 0 else (start[0] + aside, start[1] + along)
+
+    marks: list[Shape] = [Line((at(0, 0), at(length, 0)), FINE, name)]
+    texts: list[Shape] = []
+    step, height = (50 if length >= 50 else length), DIGITS * scale
+    for mm in range(0, length + 1, 10):
+        marks.append(Line((at(mm, 0), at(mm, LONG if mm % step == 0 else SHORT)), FINE, f"{name}-{mm}"))
+        if mm == 0 or mm % step:
+            continue
+        # Before its tick and above the short ones, so that the whole ruler keeps to a narrow band.
+        words = f"{mm} mm" if mm == length else str(mm)
+        low = (SHORT + 0.4) * scale
+        near = low if inward > 0 else -low - height
+        x, y = start[0] + (mm * factor if axis == 0 else 0), start[1] + (mm * factor if axis == 1 else 0)
+        if axis == 0:
+            texts.append(text(words, x - 0.7 * scale, y + near, height, "right", name=f"{name}-number-{mm}"))
+        else:
+            upright = text(words, x - 0.7 * scale, y, height, "right", name=f"{name}-number-{mm}")
+            texts.append(moved(turned(upright, x, y), near + height, 0.0))
+    return marks, texts
+
+
+def place_ruler(
+    strips: Sequence[tuple[Box, int]],
+    axis: int,
+    scale: float,
+    factor: float,
+    disks: Iterable[Disk],
+    shapes: Iterable[Shape],
+    name: str,
+) -> tuple[int, Drawn]:
+    """Longest ruler of `LENGTHS` that one of the strips of a page has room for, and its length; 0 if none has.
+
+    Parameters
+    ----------
+    strips : sequence of (box, inward)
+        Where it may stand, the best first, each `BAND * scale` wide: from its base line inward (1 up or right).
+    axis : int
+        0 along x, 1 along y.
+    scale, factor : float
+        See `ruler`.
+    disks : iterable of Disk
+        Dots; it keeps out of their quiet zones.
+    shapes : iterable of Shape
+        All else that it must not touch.
+    name : str
+    """
+    dots, others = list(disks), list(shapes)
+    free = [(strip, inward, _free_spans(strip, axis, dots, others, AIR * scale)) for strip, inward in strips]
+    for length in LENGTHS:
+        for strip, inward, spans in free:
+            for low, high in spans:
+                if high - low >= length * factor + FINE:
+                    base = strip[1 - axis] if inward > 0 else strip[3 - axis]
+                    begin = low + FINE / 2
+                    start = (begin, base) if axis == 0 else (base, begin)
+                    return length, ruler(start, length, axis, scale, factor, inward, name)
+    return 0, ([], [])
+
+
+def _free_spans(strip: Box, axis: int, disks: Sequence[Disk], shapes: Sequence[Shape], air: float) -> list[Span]:
+    """Spans along a strip that nothing blocks."""
+    low, high = strip[1 - axis], strip[3 - axis]
+    blocked: list[Span] = []
+    for disk in disks:
+        along, aside = (disk.x, disk.y) if axis == 0 else (disk.y, disk.x)
+        gap, reach = max(low - aside, aside - high, 0.0), quiet_radius(disk)
+        if gap < reach:
+            half = sqrt(reach**2 - gap**2)
+            blocked.append((along - half, along + half))
+    for shape in shapes:
+        if isinstance(shape, Line) and len(shape.points) > 2:
+            points = ink_points([shape])
+            near = points[(points[:, 1 - axis] > low - air) & (points[:, 1 - axis] < high + air), axis]
+            blocked += [(float(place) - 1 - air, float(place) + 1 + air) for place in near]
+        else:
+            box = bounds(shape)
+            if box[1 - axis] < high + air and box[3 - axis] > low - air:
+                blocked.append((box[axis] - air, box[axis + 2] + air))
+    spans, place = [], strip[axis]
+    for begin, end in [*sorted(blocked), (strip[axis + 2], strip[axis + 2])]:
+        if begin > place:
+            spans.append((place, min(begin, strip[axis + 2])))
+        place = max(place, end)
+    return spans
+
+
+def remedy_words(rulers: tuple[int, int]) -> tuple[str, str]:
+    """What to do if a sheet whose rulers are to measure these lengths in mm is not true, in words and as a command."""
+    options = ""
+    for name, length, share in zip("xy", rulers, SHOWN, strict=True):
+        if length:
+            nominal = f" --nominal-{name} {length}mm" if length != USUAL else ""
+            options += f" --measured-{name} {length * share:.1f}mm{nominal}"
+    return (
+        "If a length is off: print again at 100 % (actual size, not fitted to the page). Or keep the print, measure "
+        "both rulers and run, for instance:",
+        f"markergen rescale marker.json{options} -o corrected.json",
+    )
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two dots to measure between, mm: from center to center, and over their outer edges, which calipers can hold."""
+
+    first: int
+    second: int
+    between: float
+    over: float
+
+    def __str__(self) -> str:
+        return f"dots {self.first} and {self.second}: {self.between:.1f} mm ({self.over:.1f} mm over the outer edges)"
+
+
+def far_pair(points: Sequence[ControlPoint], axis: int, seam: float | None = None) -> Pair | None:
+    """Pair that lies farthest apart along x (axis 0) or y (1) and more along it than across; None if there is none.
+
+    With a seam, a coordinate on that axis in m, the two lie on either side of it.
+    """
+    if len(points) < 2:
+        return None
+    xy = np.array([[point.x, point.y] for point in points])
+    away = np.abs(xy[:, None] - xy)
+    along, across = away[..., axis], away[..., 1 - axis]
+    # A pair that lies obliquely says less about one axis. Rounded, so that equal pairs go by their numbers.
+    score = np.where((along >= across) & (along * 1e3 >= LEAST), np.round(along - 0.5 * across, 9), -np.inf)
+    if seam is not None:
+        side = xy[:, axis] > seam
+        score[side[:, None] == side] = -np.inf
+    i, j = divmod(int(np.argmax(score)), len(points))
+    if not np.isfinite(score[i, j]):
+        return None
+    first, second = points[i], points[j]
+    between = 1e3 * hypot(first.x - second.x, first.y - second.y)
+    over = between + 500 * (first.feature.diameter + second.feature.diameter)
+    return Pair(first.id, second.id, between, over)
+
+
+def measured_columns(marker: Marker, rulers: tuple[int, int], where: str = "") -> list[Column]:
+    """Facts to check a sheet by: a pair of dots along either axis, and the rulers."""
+    facts: list[Column] = []
+    for axis, name in enumerate("xy"):
+        pair = far_pair(marker.control_points, axis)
+        if pair:
+            heading = f"along {name}: dots {pair.first} and {pair.second}{where}"
+            lines = (f"{pair.between:.1f} mm between centers", f"{pair.over:.1f} mm over outer edges")
+            facts.append((name, heading, lines, "regular"))
+    return [*facts, ("rulers", "rulers", (ruler_words(rulers), "to be true to 0.1 mm"), "regular")]
+
+
+def ruler_words(rulers: tuple[int, int]) -> str:
+    """``x 200 mm, y 150 mm``."""
+    return ", ".join(f"{name} {length} mm" for name, length in zip("xy", rulers, strict=True) if length) or "none"

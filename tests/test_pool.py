@@ -1,0 +1,163 @@
+import math
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from markergen.errors import MarkergenError
+from markergen.pool import BLAS_THREADS, map_chunks
+
+ROOT = Path(__file__).parents[2]
+SCRIPT = """
+import time
+from markergen.pool import map_chunks
+map_chunks(time.sleep, [0, 0, 60, 60], 2, lambda index: print("done", index, flush=True))
+"""
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_results_keep_the_order_of_the_chunks(workers):
+    finished = []
+    assert map_chunks(math.factorial, range(6), workers, finished.append) == [1, 1, 2, 6, 24, 120]
+    assert sorted(finished) == list(range(6))
+
+
+def test_workers_use_one_thread_each_and_the_parent_keeps_its_own(monkeypatch):
+    monkeypatch.setenv(BLAS_THREADS[0], "7")
+    monkeypatch.delenv(BLAS_THREADS[1], raising=False)
+    assert map_chunks(os.getenv, BLAS_THREADS, 2, lambda _: None) == ["1"] * len(BLAS_THREADS)
+    assert os.environ[BLAS_THREADS[0]] == "7"
+    assert BLAS_THREADS[1] not in os.environ
+
+
+def test_an_error_in_a_worker_arrives():
+    with pytest.raises(ValueError, match="factorial"):
+        map_chunks(math.factorial, [3, -1], 2, lambda _: None)
+    assert not multiprocessing.active_children()
+
+
+def test_a_worker_that_ends_early_is_told_from_an_error_of_its_own():
+    with pytest.raises(MarkergenError, match="one that ended early; use one worker"):
+        map_chunks(os._exit, [3, 3], 2, lambda _: None)
+
+
+@pytest.fixture(params=[signal.SIG_IGN, signal.SIG_DFL], ids=["as in Python", "as after gmsh"])
+def sigpipe(request):
+    """What a process does that writes to a pipe nobody reads: Python makes it an error, and some libraries deadly."""
+    before = signal.signal(signal.SIGPIPE, request.param)
+    yield
+    signal.signal(signal.SIGPIPE, before or signal.SIG_IGN)
+
+
+@pytest.mark.usefixtures("sigpipe")
+def test_a_worker_that_ends_while_others_are_being_started(monkeypatch):
+    """As on a loaded machine, where the parent may get its next turn after the first worker had its last."""
+    start, started = multiprocessing.context.SpawnProcess.start, []
+
+    def start_late(process):
+        for other in started:
+            other.kill()
+            other.join()
+            time.sleep(0.5)
+        start(process)
+        started.append(process)
+
+    monkeypatch.setattr(multiprocessing.context.SpawnProcess, "start", start_late)
+    with pytest.raises(MarkergenError, match="one that ended early; use one worker"):
+        map_chunks(math.factorial, [3, 3], 2, lambda _: None)
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize(
+    ("function", "chunk", "error"),
+    [
+        (open, os.devnull, TypeError),
+        (exec, "class Odd(Exception): pass\nraise Odd('said in full')", RuntimeError),
+    ],
+    ids=["result", "error"],
+)
+def test_what_cannot_travel_is_an_error_of_its_chunk(function, chunk, error):
+    with pytest.raises(error, match=r"cannot pickle|Odd: said in full"):
+        map_chunks(function, [chunk, chunk], 2, lambda _: None)
+
+
+def test_large_chunks_and_results_pass():
+    """Beyond what a pipe holds, in both directions at once."""
+    chunks = [bytes([k]) * 3_000_000 for k in range(6)]
+    assert map_chunks(bytes, chunks, 2, lambda _: None) == chunks
+
+
+def test_an_interrupt_between_chunks_ends_the_workers_at_once():
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    start = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        map_chunks(time.sleep, [0, 60, 60], 2, interrupt)
+    # Two interpreters start in a second or two; sleeping out would take sixty.
+    assert time.monotonic() - start < 30
+    assert not multiprocessing.active_children()
+
+
+def run_file(path, text):
+    path.write_text(text)
+    return subprocess.run(
+        [sys.executable, str(path)],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+
+
+def test_a_script_needs_no_guard_and_runs_once(tmp_path):
+    script = (
+        'print("runs")\n'
+        "import math\n"
+        "from markergen.pool import map_chunks\n"
+        "print(map_chunks(math.factorial, [3, 4], 2, lambda _: None), __spec__, __file__)\n"
+    )
+    ran = run_file(tmp_path / "script.py", script)
+    assert (ran.stdout, ran.stderr) == (f"runs\n[6, 24] None {tmp_path / 'script.py'}\n", "")
+
+
+def test_what_a_script_defines_reaches_the_workers(tmp_path):
+    script = (
+        "from markergen.pool import map_chunks\n"
+        "def double(x):\n"
+        "    return 2 * x\n"
+        'if __name__ == "__main__":\n'
+        "    print(map_chunks(double, [3, 4], 2, lambda _: None))\n"
+    )
+    ran = run_file(tmp_path / "script.py", script)
+    assert (ran.stdout, ran.stderr) == ("[6, 8]\n", "")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="process groups are POSIX")
+@pytest.mark.parametrize("killed", [False, True], ids=["Ctrl-C", "parent killed"])
+def test_nothing_is_left_behind(killed):
+    """Ctrl-C reaches the whole process group; only the parent says so. A parent that is killed can say nothing."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", SCRIPT],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline().startswith("done")
+    if killed:
+        process.kill()
+    else:
+        os.killpg(process.pid, signal.SIGINT)
+    # The pipe closes when the last of the workers that inherited it has gone.
+    _, stderr = process.communicate(timeout=30)
+    assert process.returncode == (-signal.SIGKILL if killed else -signal.SIGINT)
+    assert stderr.count("Traceback") == (0 if killed else 1)
