@@ -76,7 +76,7 @@ class Fabrication:
         Whether to make holes in place of pockets with discs.
     tool : float or None
         Diameter in m of nozzle, mill or beam: the smallest feature that it can make.
-    dome : {"", "half", "ball"}
+    dome : {"half", "ball"}
         Shape of balls on a plate.
     draft : float
         Angle in rad by which pillars widen toward the plate.
@@ -100,7 +100,7 @@ class Fabrication:
     fit: Literal["", "slip", "press"] = ""
     through: bool = False
     tool: float | None = None
-    dome: Literal["", "half", "ball"] = ""
+    dome: Literal["half", "ball"] = "half"
     draft: float = 0.0
     foot: float = 0.001
     engrave: bool = True
@@ -112,11 +112,11 @@ class Fabrication:
             PROCESSES[self.process]
         if self.fit not in ("", "slip", "press"):
             raise InputError("a fit of slip or press", repr(self.fit), "use --fit slip or --fit press")
-        if self.dome not in ("", "half", "ball"):
+        if self.dome not in ("half", "ball"):
             raise InputError("domes of half or ball", repr(self.dome), "use --dome half or --dome ball")
-        for choice, option in CHOICES.items():
+        for choice in CHOICES:
             if getattr(self, choice) != getattr(Fabrication, choice):
-                _check_choice(self.process, choice, option)
+                check_choice(self.process, choice)
         for name, zero, example in (
             ("depth", False, "0.6mm"),
             ("gap", True, "0.1mm"),
@@ -137,8 +137,15 @@ class Fabrication:
             )
 
 
-def _check_choice(process: str, choice: str, option: str) -> None:
-    """Refuse one of `CHOICES`, made by that option, for a process that does not know it."""
+def check_choice(process: str, choice: str) -> None:
+    """Refuse one of `CHOICES` for a process that does not know it.
+
+    Raises
+    ------
+    InputError
+        If it does not, or there is no such process.
+    """
+    option = CHOICES[choice]
     if choice not in PROCESSES[process].choices:
         able = " or ".join(name for name in PROCESSES if choice in PROCESSES[name].choices)
         raise InputError(f"{option} with --process {able}", f"--process {process}", f"leave out {option}, or change it")
