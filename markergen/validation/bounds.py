@@ -102,7 +102,7 @@ def budget_of(series: SyntheticViews, bare_px: float = 0.0) -> PoseBudget:
 
 
 def error_budget(series: SyntheticViews, bare_px: float = 0.0) -> dict[str, Any]:
-    """Return the pose errors by source, RMS over the poses: image, print, calibration, total, in degrees and percent."""
+    """Return pose errors by source, RMS over the poses: image, print, calibration, total, in degrees and percent."""
     budget = budget_of(series, bare_px)
     image = image_covariance(series.marker, series.camera, series.poses, series.optics, bare_px)
     return {

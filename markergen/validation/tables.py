@@ -107,7 +107,7 @@ def comparison_table(results: Mapping[str, Any]) -> Table:
 
 
 def labels_table(results: Mapping[str, Any]) -> Table:
-    """Safety of each dot's label, or of many the least safe ones: the pose where it is least, and the dot it is taken for."""
+    """Safety of each dot's label, or of the least safe: the pose where it is least, and what the dot is taken for."""
     labels = results["labels"]
     dots = labels["dots"]
     title = "How safely each dot is told apart"
