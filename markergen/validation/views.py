@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect import Detection, detect
-from markergen.detect.overlay import overlay
 from markergen.detect.photometric import check_refinement, refine
+from markergen.detect.presentation import overlay
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
