@@ -29,7 +29,7 @@ from markergen.presentation.plots import axes_of, figure_bytes, new_figure
 from markergen.presentation.results import SavableResult, StrPath, Targets, json_bytes
 from markergen.presentation.tables import Table, data_frame, number
 from markergen.read.poses import poses_from
-from markergen.read.spec_file import spec_from_mapping
+from markergen.read.spec_file import spec_of
 from markergen.validation import fail_if, tables
 from markergen.validation.bounds import budget_of, error_budget
 from markergen.validation.metrics import STATISTICS
@@ -59,8 +59,7 @@ def setting_of(marker: Marker, poses: str | PoseDistribution | None = None, came
     InputError
         If the poses are unknown, or none sees the marker whole.
     """
-    stored = marker.provenance.get("spec")
-    spec = Spec() if stored is None else spec_from_mapping(stored, "provenance.spec", stored=True)
+    spec = spec_of(marker) or Spec()
     distribution = poses_from(spec.poses if poses is None else poses)
     camera = camera or spec.camera
     return Setting(marker.boundary, camera, distribution.seen_whole(marker.boundary, camera, marker.height))
