@@ -11,7 +11,6 @@ import io
 import json
 import logging
 import os
-import runpy
 import signal
 import stat
 import subprocess
@@ -19,6 +18,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from threading import Lock, Timer
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
@@ -379,7 +379,7 @@ def serve(script: str, memory: str) -> None:
     hello = _limit_memory(int(memory))
     functions: dict[str, Any] = {}
     try:
-        functions = runpy.run_path(script)
+        functions = _functions(script)
         functions.get("prepare", dict)()
     except ImportError as error:
         hello = {"missing": " ".join(str(error).split())}
@@ -392,6 +392,15 @@ def serve(script: str, memory: str) -> None:
         alarm(60 + int(2 * request["seconds"]))
         _send(replies, *_answer(functions[request["function"]], data))
         alarm(0)
+
+
+def _functions(script: str) -> dict[str, Any]:
+    spec = spec_from_file_location("markergen_parser", script)
+    assert spec is not None
+    assert spec.loader is not None
+    module = sys.modules["markergen_parser"] = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return vars(module)
 
 
 def _answer(function: Callable[[bytes], Any], data: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
