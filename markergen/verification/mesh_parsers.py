@@ -5,7 +5,6 @@ STL as text the words, of a GLB the lengths, the indices, and what it requires. 
 the colors of base materials, which tell a dot from the plate, and needs lxml besides.
 """
 
-import importlib
 import importlib.util
 import json
 import posixpath
@@ -98,7 +97,7 @@ def read_stl(data: bytes) -> Found:
         _check_text(data)
     elif not count:
         return _reply([])
-    load_stl = _trimesh_alone("stl").load_stl
+    load_stl = _load_stl()
     with warnings.catch_warnings():
         # numpy tells by a warning that it did not read on.
         warnings.simplefilter("error")
@@ -130,19 +129,20 @@ def _check_text(data: bytes) -> None:
         raise InputError("a complete STL", "triangles without three corners, or no end", "export it again")
 
 
-def _trimesh_alone(name: str) -> Any:
-    """Import a reader of trimesh without what the package imports for work on meshes: 0.6 s of scipy and networkx."""
+def _load_stl() -> Callable[[BytesIO], dict[str, Any]]:
+    """Import one reader of trimesh without what the package needs for work on meshes: 0.6 s of scipy and networkx."""
     found = importlib.util.find_spec("trimesh")
     assert found is not None
     package = types.ModuleType("trimesh")
     package.__path__ = list(found.submodule_search_locations or [])
     sys.modules["trimesh"] = package
     try:
-        return importlib.import_module(f"trimesh.exchange.{name}")
+        from trimesh.exchange.stl import load_stl
     finally:
         # Whoever needs all of it imports it anew.
         for each in [each for each in sys.modules if each.partition(".")[0] == "trimesh"]:
             del sys.modules[each]
+    return load_stl  # type: ignore[no-any-return]
 
 
 # --- GLB --------------------------------------------------------------------------------------------------------------
