@@ -142,7 +142,7 @@ def _load_stl() -> Callable[[BytesIO], dict[str, Any]]:
         # Whoever needs all of it imports it anew.
         for each in [each for each in sys.modules if each.partition(".")[0] == "trimesh"]:
             del sys.modules[each]
-    return load_stl  # type: ignore[no-any-return]
+    return load_stl
 
 
 # --- GLB --------------------------------------------------------------------------------------------------------------
