@@ -95,6 +95,22 @@ def pages_for(markers: Sequence[Marker], options: SheetOptions) -> tuple[Sheet, 
     return tuple(page for figure in figures for page in _pages(figure, options))
 
 
+def one_page(markers: Sequence[Marker], options: SheetOptions, suffix: str) -> Sheet:
+    """Lay markers out on the single page that a format holds.
+
+    Raises
+    ------
+    InputError
+        If they need several; also as `pages_for` does.
+    """
+    pages = pages_for(markers, options)
+    if len(pages) != 1:
+        raise InputError(
+            f"one page for {suffix}", f"{len(pages)} pages on {pages[0].paper}", "use .pdf, or a larger --paper"
+        )
+    return pages[0]
+
+
 def check_paper(boundary: Boundary, options: SheetOptions) -> None:
     """Refuse a boundary that the paper is too small for, whatever dots come to lie in it; see `pages_for`."""
     box = drawn_box(boundary)
