@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
-from markergen.model.board import Board
 from markergen.model.boundary import Circle
 from markergen.model.marker import Marker, check_supported, dressed
 from markergen.model.marker_json import read_marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
-from markergen.model.tag import Tag, parse_tag
+from markergen.model.tag import Board, Tag, parse_tag
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.dots import CLEARANCE, ROOM, choose_dots

@@ -18,7 +18,7 @@ from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.design import compare
 from markergen.optimize.label_safety import label_safety
 from markergen.optimize.region import Region
-from markergen.options.base import Progress
+from markergen.options import Progress
 from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_from_mapping
 from markergen.validation.bounds import error_budget

@@ -8,8 +8,7 @@ from markergen.errors import InputError, brief
 from markergen.files import Written, write_all
 from markergen.model.marker import Marker
 from markergen.objectives import Setting
-from markergen.options import check_progress
-from markergen.options.base import Progress
+from markergen.options import Progress, check_progress
 from markergen.presentation.plots import axes_of, figure_bytes, new_figure
 from markergen.presentation.results import SavableResult, StrPath, Targets, json_bytes
 from markergen.presentation.tables import Table, data_frame, number

@@ -3,10 +3,9 @@ import pytest
 
 from markergen.detect.fiducials import FiducialSettings
 from markergen.maths.projection import project
-from markergen.model.board import Board
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.poses import paper
-from markergen.model.tag import Tag
+from markergen.model.tag import Board, Tag
 from markergen.render import Optics
 from markergen.validation.contestants import DotMarker, Peer
 from markergen.validation.metrics import rotation_error_deg
