@@ -20,7 +20,7 @@ from markergen.optimize.label_safety import label_safety
 from markergen.optimize.region import Region
 from markergen.options import Progress
 from markergen.read.poses import poses_from
-from markergen.read.spec_file import spec_from_mapping
+from markergen.read.spec_file import spec_of
 from markergen.validation.bounds import error_budget
 from markergen.validation.result import ValidationResult
 from markergen.validation.run import validate
@@ -41,8 +41,7 @@ def setting_of(marker: Marker, poses: str | PoseDistribution | None = None, came
     InputError
         If the poses are unknown, or none sees the marker whole.
     """
-    stored = marker.provenance.get("spec")
-    spec = Spec() if stored is None else spec_from_mapping(stored, "provenance.spec", stored=True)
+    spec = spec_of(marker) or Spec()
     distribution = poses_from(spec.poses if poses is None else poses)
     camera = camera or spec.camera
     return Setting(marker.boundary, camera, distribution.seen_whole(marker.boundary, camera, marker.height))
