@@ -10,7 +10,8 @@ from markergen.api.loose import files_among, marker_of, paths_of
 from markergen.drawing.colors import parse_colors
 from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError
-from markergen.exporters import ExportOptions, check_outputs, save
+from markergen.exporters import ExportOptions
+from markergen.exporters.saving import check_outputs, save
 from markergen.files import Written
 from markergen.files import check_outputs as check_files
 from markergen.model.fabrication import CHOICES, DEFAULT_PROCESS, Fabrication, check_choice
