@@ -58,7 +58,7 @@ def with_options(
     Parameters
     ----------
     table : type
-        One of `markergen.options`.
+        One of `markergen.options.tables`.
     listed : mapping of title to callable, optional
         Rows of two columns that its help shows under each title, made when they are asked for.
     """
