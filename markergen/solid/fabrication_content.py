@@ -96,13 +96,12 @@ def _back(parts: Sequence[Part]) -> tuple[ViewFace, ...]:
     """View of the back, if it shows more than the outline and the holes that the front shows."""
     plates = [part for part in parts if part.is_plate]
     blank = seen([replace(part, cut=(), marked=()) for part in plates], BACK)
-    # Letters are filled, so that they are read; what goes through stays empty.
-    holes = [
-        replace(face, material="dark", fine=True) if face.material else face
+    # Letters are filled, so that they are read; what goes through stays empty. A plate still hides what is behind it.
+    faces = [
+        replace(face, material="dark", fine=True) if face.material and face not in blank else face
         for face in seen(plates, BACK)
-        if face not in blank
     ]
-    return (*blank, *holes) if any(face.material for face in holes) else ()
+    return tuple(faces) if any(face.material and face.fine for face in faces) else ()
 
 
 def _materials(parts: Sequence[Part]) -> str:

@@ -186,6 +186,9 @@ def test_notes_keep_the_capital_of_a_radius():
 
 def test_the_back_of_a_relief_is_its_plate_with_dark_letters():
     work, _ = described(make((0.0, 0.01, 0.02, 0.0, 0.0)), process="fdm")
-    widest = max(work.back, key=lambda face: face.box[2] - face.box[0])
-    assert (widest.material, widest.fine) == ("light", False)
-    assert any(face.material == "dark" and face.fine for face in work.back)
+    plate = max(range(len(work.back)), key=lambda k: work.back[k].box[2] - work.back[k].box[0])
+    assert (work.back[plate].material, work.back[plate].fine) == ("light", False)
+    # What comes after the plate is seen on it.
+    letters = [face for face in work.back[plate + 1 :] if face.material]
+    assert letters
+    assert all((face.material, face.fine) == ("dark", True) for face in letters)
