@@ -1,7 +1,7 @@
 """ChArUco boards: a chessboard with a tag in every white square."""
 
 from dataclasses import dataclass
-from math import hypot, isfinite
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,11 +70,6 @@ class Board:
     def tag_side(self) -> float:
         """Side in m of a tag's black square."""
         return self.square * (self.square_cells - 2) / self.square_cells
-
-    @property
-    def half_diagonal(self) -> float:
-        """Radius in m of the circle around the board."""
-        return self.square * hypot(self.columns, self.rows) / 2
 
     @property
     def corners(self) -> Array:

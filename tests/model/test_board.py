@@ -30,9 +30,8 @@ def test_geometry_of_a_board():
     board = Board("aruco:DICT_4X4_50", 5, 5, 0.04)
     assert board.tags == 12
     assert board.tag_side == pytest.approx(0.03)
-    assert board.half_diagonal == pytest.approx(0.1 * 2**0.5)
     corners = np.concatenate(board.outlines)
-    assert np.hypot(*corners.T).max() == pytest.approx(board.half_diagonal)
+    assert np.hypot(*corners.T).max() == pytest.approx(0.1 * 2**0.5)
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ def test_every_peer_fills_the_circle_with_the_white_it_needs():
     assert (tag.family, tag.id) == ("aruco:DICT_6X6_250", 17)
     for each in (tag, april):
         assert each.outer_side == pytest.approx(0.15 * 2**0.5)
-    assert board.half_diagonal == pytest.approx(0.15)
+    assert np.hypot(*np.concatenate(board.outlines).T).max() == pytest.approx(0.15)
     assert (board.columns, board.rows, board.family) == (4, 6, "aruco:DICT_5X5_100")
     # All tags of a board have a cell of white around them, inside of their squares.
     assert board.square == pytest.approx(board.tag_side * 9 / 7)
