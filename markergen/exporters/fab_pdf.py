@@ -27,8 +27,8 @@ from markergen.exporters import ExportOptions, Output, only
 from markergen.exporters.pdf_canvas import POINTS_PER_MM, bare_canvas, draw_shape, metadata, page_size, pdf_color
 from markergen.exporters.solids import solid_notes
 from markergen.model.marker import Marker
-from markergen.solid.make import parts_of
-from markergen.solid.workpiece import workpiece
+from markergen.solid.fabrication_content import workpiece
+from markergen.solid.processes import parts_of
 
 COLUMN = 105.0
 """Least width of a column in mm on A4: that of a table with six columns of numbers."""

@@ -15,8 +15,7 @@ import markergen
 from markergen.exporters import ExportOptions, Output
 from markergen.exporters.meshes import MATERIALS, MeshedPart, meshed
 from markergen.model.marker import Marker
-from markergen.solid.bodies import OTHER
-from markergen.solid.build import COLORS
+from markergen.solid.bodies import COLORS, OTHER
 
 TURN = (1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1)
 """The root node's matrix, column by column: (x, y, z) becomes (x, z, -y)."""

@@ -7,10 +7,10 @@ from functools import lru_cache
 from markergen.exporters import ExportOptions, only
 from markergen.exporters.solids import solid_notes
 from markergen.model.marker import Marker, marker_name
-from markergen.solid.build import COLORS
-from markergen.solid.make import parts_of, solids_of
+from markergen.solid.bodies import COLORS
+from markergen.solid.kernel import solids_of
 from markergen.solid.mesh import Mesh, mesh_of
-from markergen.solid.processes import Made
+from markergen.solid.processes import Made, parts_of
 
 MATERIALS = tuple(COLORS)
 """Names of the materials, in the order in which the formats list them."""
@@ -57,4 +57,4 @@ def meshed(markers: Sequence[Marker], options: ExportOptions, suffix: str) -> Me
 # Of several formats of one marker all but the first have their meshes at once.
 @lru_cache(maxsize=1)
 def _meshes(made: Made, tolerance: float) -> tuple[MeshedPart, ...]:
-    return tuple(MeshedPart(each.name, each.material, mesh_of(each, tolerance)) for each in solids_of(made))
+    return tuple(MeshedPart(each.name, each.material, mesh_of(each, tolerance)) for each in solids_of(made.parts))

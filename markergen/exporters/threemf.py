@@ -9,8 +9,7 @@ import markergen
 from markergen.exporters import ExportOptions, Output
 from markergen.exporters.meshes import MATERIALS, MeshedPart, meshed
 from markergen.model.marker import Marker
-from markergen.solid.bodies import OTHER
-from markergen.solid.build import COLORS
+from markergen.solid.bodies import COLORS, OTHER
 
 MODEL = "3D/3dmodel.model"
 TYPES = (

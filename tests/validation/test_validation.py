@@ -10,17 +10,17 @@ from markergen.model.marker import Marker
 from markergen.objectives import OBJECTIVES
 from markergen.optimize.label_safety import label_safety
 from markergen.presentation.results import json_bytes
-from markergen.validation import tables, view_tables
-from markergen.validation.proof import prove, setting_of
-from markergen.validation.views import Shoot
+from markergen.validation import tables
+from markergen.validation.validation import setting_of, validate
+from markergen.validation.views import SyntheticViews
 
 
 @pytest.fixture(scope="module")
 def results(pentagon):
     calls = []
     setting = setting_of(pentagon)
-    shoot = Shoot(pentagon, setting.camera, setting.poses, count=5, errors=ErrorSources())
-    found = prove(pentagon, setting, runs=5, shoot=shoot, stressed=True, progress=lambda *call: calls.append(call))
+    series = SyntheticViews(pentagon, setting.camera, setting.poses, count=5, errors=ErrorSources())
+    found = validate(pentagon, setting, runs=5, series=series, stressed=True, progress=lambda *call: calls.append(call))
     assert {stage for stage, _, _ in calls} == {"trials", "views", "stress"}
     return found
 
@@ -47,10 +47,10 @@ def test_tables_show_the_numbers_of_the_results(results):
         tables.homography_table(results),
         tables.comparison_table(results),
         tables.labels_table(results),
-        view_tables.budget_table(results),
-        view_tables.group_table(results["views"]),
-        view_tables.estimator_table(results["views"]),
-        view_tables.stress_table(results["views"]),
+        tables.budget_table(results),
+        tables.group_table(results["views"]),
+        tables.estimator_table(results["views"]),
+        tables.stress_table(results["views"]),
     ]
     for _, header, rows, _ in shown:
         assert {len(row) for row in rows} == {len(header)}
@@ -61,8 +61,8 @@ def test_tables_show_the_numbers_of_the_results(results):
             assert float(named["LM"][statistic]) == pytest.approx(expected, rel=5e-3)
         assert float(named["bound (CRLB)"]["rms"]) == pytest.approx(results["bound"][key], rel=5e-3)
     assert "400 poses (paper) x 5 runs, noise 0.2 px" in tables.heading(results)
-    assert any("5 of 5 detected" in line for line in view_tables.sentences(results))
-    assert any("print limits" in line for line in view_tables.sentences(results))
+    assert any("5 of 5 detected" in line for line in tables.view_sentences(results))
+    assert any("print limits" in line for line in tables.view_sentences(results))
 
 
 def test_the_setting_is_what_the_marker_was_designed_for(pentagon):
@@ -89,7 +89,7 @@ def test_numbers_keep_their_digits(value, text):
 def test_points_on_a_line_are_refused_in_one_line(make_marker, setting):
     line = make_marker(np.stack([np.linspace(-0.12, 0.12, 5), np.zeros(5)], -1), 0.15, 0.03)
     with pytest.raises(InputError, match="determine a homography"):
-        prove(line, setting, runs=1)
+        validate(line, setting, runs=1)
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_shares_are_plain_percentages(share, text):
 
 
 def test_trials_of_the_others_belong_to_one_layout(pentagon, setting):
-    found = prove(pentagon, setting, runs=2, trials_for_all=True)
+    found = validate(pentagon, setting, runs=2, trials_for_all=True)
     for row in found["comparisons"].values():
         assert row["criteria"]["rotation_deg"] * 0.2 == pytest.approx(row["bound"]["rotation_deg"])
         assert row["estimators"]["lm"]["rotation_deg"]["count"] > 0
@@ -111,7 +111,7 @@ def test_labels_are_told_apart_as_the_results_say(results, pentagon, setting):
     assert labels == json.loads(json.dumps(label_safety(pentagon, setting).as_dict(0.2)))
     assert labels["dots"][0] == {"id": 0, "px": None}
     assert labels["confusion"] < 1e-6
-    assert tables.sentences(results)[0].startswith("Labels are safe while")
+    assert tables.trial_sentences(results)[0].startswith("Labels are safe while")
     rows = tables.labels_table(results)[2]
     assert rows[0][-1] == "never: no other dot is like it"
     assert float(rows[1][1]) == pytest.approx(labels["dots"][1]["px"], rel=5e-3)
@@ -130,7 +130,7 @@ def test_a_relief_and_a_lens_are_said(results):
     assert tables.heading(raised).endswith(", equidistant lens")
     assert not tables.heading(results).endswith("lens")
     said = "DLT and IPPE assume a plane and step aside"
-    assert any(line.startswith(said) for line in tables.sentences(raised))
-    assert not any(line.startswith(said) for line in tables.sentences(results))
+    assert any(line.startswith(said) for line in tables.trial_sentences(raised))
+    assert not any(line.startswith(said) for line in tables.trial_sentences(results))
     assert "IPPE" not in tables.rotation_table(raised)[3]
     assert "IPPE" in tables.rotation_table(results)[3]

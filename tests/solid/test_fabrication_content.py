@@ -11,9 +11,8 @@ from markergen.model.feature import Feature
 from markergen.model.marker import ControlPoint, Marker, dressed
 from markergen.model.substrate import Hole, Substrate, parse_dowel, parse_mount
 from markergen.model.tag import Tag
-from markergen.solid.make import parts_of
-from markergen.solid.workpiece import workpiece
-from markergen.solid.workpiece_tables import ranges
+from markergen.solid.fabrication_content import ranges, workpiece
+from markergen.solid.processes import parts_of
 
 
 def make(heights=(0.0,) * 5, tag=True, **substrate) -> Marker:

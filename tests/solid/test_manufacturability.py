@@ -12,8 +12,8 @@ from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
-from markergen.solid.fits import STEPS, fit
-from markergen.solid.limits import Face, Footprint, depth_of, gaps
+from markergen.solid.manufacturability import depth_of
+from markergen.solid.plate import Footprint, gaps, plate_of
 from markergen.solid.processes import Made
 
 
@@ -176,17 +176,6 @@ def test_a_fit_and_a_gap_are_two_answers(pentagon):
     assert line.endswith("found --fit press and --gap 0.1 mm; leave one of them out")
 
 
-def test_fits_are_tabulated_up_to_500_mm():
-    for size in (0.5, *STEPS):
-        slip, press = fit("slip", size), fit("press", size)
-        assert slip.gap > 0 == press.gap
-        assert slip.play > slip.gap
-    assert fit("slip", 3).pocket == "F8 (+0.020 / +0.006 mm)"
-    assert fit("slip", 3.01).pocket == "F8 (+0.028 / +0.010 mm)"
-    with pytest.raises(InputError, match="at most 500 mm"):
-        fit("slip", 500.1)
-
-
 def test_control_points_below_the_face_or_without_a_dot_are_refused(at, make_ngon):
     assert "control point 1 at z = -1 mm" in refusal(at((0, 0), (50, 0, -1), (-50, 50), (-50, -50)), Fabrication())
     assert "without a dot (diameter 0)" in refusal(make_ngon(4, 0.1, 0.0), Fabrication("dome"))
@@ -194,11 +183,11 @@ def test_control_points_below_the_face_or_without_a_dot_are_refused(at, make_ngo
 
 def test_rooms_are_measured_exactly(at):
     marker = replace(at((0, 0), (50, 0), (-50, 0), (0, 50)), boundary=Circle(0.1), substrate=Substrate(edge=0.002))
-    face = Face(marker)
+    plate = plate_of(marker)
     point, tag = Footprint("a", ((60.0, 0.0),), 10.0), Footprint("b", ((0, 0), (20, 0), (20, 20), (0, 20)), 1.0)
     # The circle is a polygon that is 2 um off.
-    assert face.to_edge([point, tag]) == pytest.approx([32.0, 102 - 800**0.5 - 1], abs=3e-3)
-    assert face.to_edge([Footprint("out", ((110.0, 0.0),))]) < 0
+    assert plate.room([point, tag]) == pytest.approx([32.0, 102 - 800**0.5 - 1], abs=3e-3)
+    assert plate.room([Footprint("out", ((110.0, 0.0),))]) < 0
     assert gaps([point, tag], [tag]).ravel() == pytest.approx([29.0, float("inf")])
     assert depth_of(marker, Fabrication(), 0.6, "inlays") == 0.6
 

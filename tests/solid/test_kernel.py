@@ -5,24 +5,25 @@ from math import pi, tan
 import pytest
 
 from markergen.errors import OutputError
-from markergen.solid.bodies import Part, Path, Prism, Revolved, circle, cylinder, part_volume
-from markergen.solid.build import COLORS, build
+from markergen.geometry.contour import Contour, circle
+from markergen.solid.bodies import COLORS, Part, Prism, Revolved, cylinder
+from markergen.solid.kernel import build
 
 VOLUME = 1e-9
 """Open CASCADE integrates by quadrature, which is exact to this for planes, cylinders, cones and spheres."""
 
 QUARTER = tan(pi / 8)
-SQUARE = Path(((-50, -50), (50, -50), (50, 50), (-50, 50)))
-L_SHAPE = Path(((0, 0), (50, 0), (50, 20), (20, 20), (20, 50), (0, 50)))
-ROUNDED = Path(
+SQUARE = Contour(((-50, -50), (50, -50), (50, 50), (-50, 50)))
+L_SHAPE = Contour(((0, 0), (50, 0), (50, 20), (20, 20), (20, 50), (0, 50)))
+ROUNDED = Contour(
     ((-48, -50), (48, -50), (50, -48), (50, 50), (-50, 50), (-50, -48)), (0.0, QUARTER, 0.0, 0.0, 0.0, QUARTER)
 )
 
 
-def ngon(count: int, radius: float, sign: int = 1) -> Path:
+def ngon(count: int, radius: float, sign: int = 1) -> Contour:
     from math import cos, sin
 
-    return Path(
+    return Contour(
         tuple((radius * cos(2 * pi * k / count), sign * radius * sin(2 * pi * k / count)) for k in range(count))
     )
 
@@ -36,11 +37,11 @@ BODIES = {
     "inner corner, chamfer": Prism(L_SHAPE, (), -3, 0, 1),
     "fine outline with a hole, chamfer": Prism(ngon(120, 150), (ngon(40, 75, -1),), -3, 0, 1),
     "tube": cylinder(3, 4, 5, -1, 2, 2),
-    "countersink": Revolved(3, 4, Path(((0, -3), (2, -3), (2, -1), (3, 0), (0, 0)))),
-    "ball": Revolved(3, 4, Path(((0, -3), (0, 3)), (1, 0))),
-    "half ball on a plug": Revolved(1, 2, Path(((0, -1), (3, -1), (3, 0), (0, 3)), (0, 0, QUARTER, 0))),
+    "countersink": Revolved(3, 4, Contour(((0, -3), (2, -3), (2, -1), (3, 0), (0, 0)))),
+    "ball": Revolved(3, 4, Contour(((0, -3), (0, 3)), (1, 0))),
+    "half ball on a plug": Revolved(1, 2, Contour(((0, -1), (3, -1), (3, 0), (0, 3)), (0, 0, QUARTER, 0))),
     "pillar with a fillet": Revolved(
-        1, 2, Path(((0, 0), (4, 0), (3, 1), (2.5, 8), (0, 8)), (0.0, -QUARTER, 0.0, 0.0, 0.0))
+        1, 2, Contour(((0, 0), (4, 0), (3, 1), (2.5, 8), (0, 8)), (0.0, -QUARTER, 0.0, 0.0, 0.0))
     ),
 }
 
@@ -53,7 +54,7 @@ def test_bodies_have_their_volume_in_closed_form(body):
     assert solid.shape.ShapeType() == "Solid"
     assert solid.shape.isValid()
     assert [shell.Closed() for shell in solid.shape.Shells()] == [True]
-    assert solid.shape.Volume() == pytest.approx(part_volume(part), rel=VOLUME)
+    assert solid.shape.Volume() == pytest.approx(part.volume, rel=VOLUME)
 
 
 def test_surfaces_are_what_they_are_meant_to_be():
@@ -78,7 +79,7 @@ def test_joined_and_cut_at_once():
     solid = build(part)
     assert solid.shape.isValid()
     assert solid.shape.ShapeType() == "Solid"
-    assert solid.shape.Volume() == pytest.approx(part_volume(part), rel=VOLUME)
+    assert solid.shape.Volume() == pytest.approx(part.volume, rel=VOLUME)
     # The floors of what is marked, seen from above, and as the solid has them.
     own = {face.hashCode() for face in solid.shape.Faces()}
     assert all(face.hashCode() in own for face in solid.marked)
@@ -101,8 +102,8 @@ def test_marks_that_share_a_height_with_pockets_are_told_apart():
     [
         # Sticks out of the plate, cuts it in two, and leaves nothing of it.
         (cylinder(50, 0, 5, -1, 0), "mm\\^3 instead of"),
-        (Prism(Path(((-60, -1), (60, -1), (60, 1), (-60, 1))), (), -3, 0), "2 pieces"),
-        (Prism(Path(((-60, -60), (60, -60), (60, 60), (-60, 60))), (), -4, 1), "nothing"),
+        (Prism(Contour(((-60, -1), (60, -1), (60, 1), (-60, 1))), (), -3, 0), "2 pieces"),
+        (Prism(Contour(((-60, -60), (60, -60), (60, 60), (-60, 60))), (), -4, 1), "nothing"),
     ],
 )
 def test_what_is_not_one_sound_solid_is_told_with_its_name(cut, found):

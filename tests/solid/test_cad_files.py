@@ -11,9 +11,10 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.marker import marker_name
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
-from markergen.solid.build import COLORS, NamedSolid
-from markergen.solid.make import parts_of, solids_of
-from markergen.solid.step import normalize, write_step
+from markergen.solid.bodies import COLORS
+from markergen.solid.cad_files import normalize, write_brep, write_step
+from markergen.solid.kernel import NamedSolid, solids_of
+from markergen.solid.processes import parts_of
 
 MICROMETER = 1e-3
 
@@ -29,7 +30,7 @@ def marker(make_ngon):
 @pytest.fixture(scope="module", params=["fdm", "laser"])
 def written(request, marker):
     # Letters take the kernel longer than all else.
-    solids = solids_of(parts_of(marker, Fabrication(request.param, engrave=request.param == "laser")))
+    solids = solids_of(parts_of(marker, Fabrication(request.param, engrave=request.param == "laser")).parts)
     return marker, solids, write_step(solids, marker_name(marker))
 
 
@@ -153,13 +154,13 @@ from pathlib import Path
 from markergen.model.marker import marker_name
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker_json import from_json
-from markergen.solid.brep import write_brep
-from markergen.solid.make import parts_of, solids_of
-from markergen.solid.step import write_step
+from markergen.solid.cad_files import write_brep, write_step
+from markergen.solid.kernel import solids_of
+from markergen.solid.processes import parts_of
 marker = from_json(sys.stdin.buffer.read())
 # What addresses order things by is elsewhere.
 taken = [bytearray(4096 + k) for k in range(3000)]
-solids = solids_of(parts_of(marker, Fabrication(sys.argv[1], engrave=sys.argv[1] == "laser")))
+solids = solids_of(parts_of(marker, Fabrication(sys.argv[1], engrave=sys.argv[1] == "laser")).parts)
 write_step(solids[:1], "first")
 Path(sys.argv[2]).write_bytes(write_step(solids, marker_name(marker)) + write_brep(solids))
 """
@@ -167,7 +168,6 @@ Path(sys.argv[2]).write_bytes(write_step(solids, marker_name(marker)) + write_br
 
 def test_another_process_writes_the_same_bytes(written, tmp_path):
     from markergen.model.marker_json import to_json
-    from markergen.solid.brep import write_brep
 
     marker, solids, data = written
     process = "laser" if len(solids) == 1 else "fdm"
@@ -183,8 +183,6 @@ def test_another_process_writes_the_same_bytes(written, tmp_path):
 def test_brep_is_read_with_the_same_solids(written, tmp_path):
     import cadquery
 
-    from markergen.solid.brep import write_brep
-
     (tmp_path / "m.brep").write_bytes(write_brep(written[1]))
     read = cadquery.Shape.importBrep(str(tmp_path / "m.brep")).Solids()
     assert all(solid.isValid() for solid in read)
@@ -192,8 +190,6 @@ def test_brep_is_read_with_the_same_solids(written, tmp_path):
 
 
 def test_triangles_of_a_mesh_do_not_get_into_files(written):
-    from markergen.solid.brep import write_brep
-
     before = write_brep(written[1])
     written[1][0].shape.tessellate(0.1)
     assert write_brep(written[1]) == before

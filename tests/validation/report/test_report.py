@@ -9,8 +9,9 @@ import pytest
 
 from markergen.model.poses import PoseDistribution
 from markergen.validation.bounds import pose_bounds
-from markergen.validation.report import TEMPLATE, html_report, words
-from markergen.validation.report.expected import rms
+from markergen.validation.metrics import rms
+from markergen.validation.report import TEMPLATE, html_report
+from markergen.validation.report.subject import number
 
 
 class Page(HTMLParser):
@@ -109,7 +110,7 @@ def test_without_results_there_is_still_a_marker_and_what_to_run(content, pentag
     for option in ("--runs 1000", "--views 100", "--print-sigma"):
         assert option in text
     noise = rms(pose_bounds(pentagon.xyz, few.camera, few.poses, 1.0).rotation_deg)
-    assert f"{words.number(noise, 2)} deg" in text
+    assert f"{number(noise, 2)} deg" in text
     assert "image noise of 1 px alone" in text
 
 

@@ -4,11 +4,12 @@ import pytest
 import shapely
 
 from markergen.drawing.fabrication_drawing import ViewFace
-from markergen.solid.bodies import OFF, Part, Path, Prism, Revolved, circle, cylinder
-from markergen.solid.sections import BACK, cut_along, elevation, seen, size_of
+from markergen.geometry.contour import Contour, circle
+from markergen.solid.bodies import OFF, Part, Prism, Revolved, cylinder, size_of
+from markergen.solid.projection import BACK, cut_along, elevation, seen
 
 WIDE = (-100.0, -50.0, 100.0, 50.0)
-SQUARE = Path(((-20.0, -10.0), (20.0, -10.0), (20.0, 10.0), (-20.0, 10.0)))
+SQUARE = Contour(((-20.0, -10.0), (20.0, -10.0), (20.0, 10.0), (-20.0, 10.0)))
 
 
 def rings_of(face: ViewFace):
@@ -37,7 +38,7 @@ def test_a_cylinder_is_cut_in_a_rectangle_as_wide_as_its_chord(away):
 
 @pytest.mark.parametrize("away", [0.0, 3.0])
 def test_a_half_ball_is_cut_in_a_half_disk(away):
-    profile = Path(((0.0, 0.0), (5.0, 0.0), (0.0, 5.0)), (0.0, tan(pi / 8), 0.0))
+    profile = Contour(((0.0, 0.0), (5.0, 0.0), (0.0, 5.0)), (0.0, tan(pi / 8), 0.0))
     (face,) = cut_along([Part("dot-0", "dark", (Revolved(0.0, 0.0, profile),))], away, WIDE)
     radius = sqrt(25 - away**2)
     # The polygon lies within OFF of the arc.
@@ -61,17 +62,17 @@ def test_a_window_clips_and_parts_out_of_it_are_left_out():
 
 def test_size_holds_arcs_exactly():
     c, s = cos(0.3), sin(0.3)
-    turned = Path(((10 * c, 10 * s), (-10 * c, -10 * s)), (1.0, 1.0))
+    turned = Contour(((10 * c, 10 * s), (-10 * c, -10 * s)), (1.0, 1.0))
     assert size_of([Prism(turned, (), 0.0, 1.0)]) == pytest.approx((20, 20), abs=1e-12)
     assert size_of([Prism(circle(10.0), (), 0.0, 1.0)]) == pytest.approx((20, 20), abs=1e-12)
     # A quarter that does not reach any axis but at its ends.
-    quarter = Path(((0.0, 0.0), (3.0, 0.0), (0.0, 3.0)), (0.0, tan(pi / 8), 0.0))
+    quarter = Contour(((0.0, 0.0), (3.0, 0.0), (0.0, 3.0)), (0.0, tan(pi / 8), 0.0))
     assert size_of([Prism(quarter, (), 0.0, 1.0)]) == pytest.approx((3, 3), abs=1e-12)
     assert size_of([cylinder(1.0, 0.0, 2.0, 0, 1), cylinder(5.0, 1.0, 2.0, 0, 1)]) == pytest.approx((8, 5))
 
 
 def test_what_is_nearer_comes_later_and_holes_go_through():
-    sunk = Revolved(5.0, 0.0, Path(((0.0, -4.0), (1.0, -4.0), (1.0, -1.0), (2.0, 0.0), (0.0, 0.0))))
+    sunk = Revolved(5.0, 0.0, Contour(((0.0, -4.0), (1.0, -4.0), (1.0, -1.0), (2.0, 0.0), (0.0, 0.0))))
     parts = [
         plate(cylinder(-5.0, 0.0, 3.0, -1.0, 0.0), sunk, add=(cylinder(-5.0, 6.0, 3.0, 0.0, 9.0),)),
         Part("dot-0", "dark", (cylinder(-5.0, 0.0, 3.0, -1.0, 0.0, 1.5),)),
@@ -86,13 +87,13 @@ def test_what_is_nearer_comes_later_and_holes_go_through():
 
 
 def test_from_the_back_x_runs_to_the_left_and_pockets_do_not_show():
-    letter = Prism(Path(((2.0, 0.0), (4.0, 0.0), (4.0, 3.0), (2.0, 3.0))), (), -4.0, -3.7)
+    letter = Prism(Contour(((2.0, 0.0), (4.0, 0.0), (4.0, 3.0), (2.0, 3.0))), (), -4.0, -3.7)
     faces = seen([plate(cylinder(-5.0, 0.0, 3.0, -1.0, 0.0), letter)], BACK)
     assert len(faces) == 2
     assert faces[1].box == pytest.approx((-4, 0, -2, 3))
     assert faces[1].material == "light"
     # Of a countersunk hole the back shows the hole alone.
-    sunk = Revolved(5.0, 0.0, Path(((0.0, -4.0), (1.0, -4.0), (1.0, -1.0), (2.0, 0.0), (0.0, 0.0))))
+    sunk = Revolved(5.0, 0.0, Contour(((0.0, -4.0), (1.0, -4.0), (1.0, -1.0), (2.0, 0.0), (0.0, 0.0))))
     hole = seen([plate(sunk)], BACK)[1]
     assert hole.material == ""
     assert not hole.edges
@@ -112,7 +113,7 @@ def test_from_the_side_flush_dots_do_not_show_and_balls_do():
     assert [face.box for face in faces] == [
         pytest.approx(box) for box in ((-1, 0, 3, 6), (-2, 0, 2, 3), (-20, -4, 20, 0))
     ]
-    profile = Path(((0.0, -2.0), (1.0, -2.0), (1.0, 0.0), (3.0, 0.0), (0.0, 3.0)), (0.0, 0.0, 0.0, tan(pi / 8), 0.0))
+    profile = Contour(((0.0, -2.0), (1.0, -2.0), (1.0, 0.0), (3.0, 0.0), (0.0, 3.0)), (0.0, 0.0, 0.0, tan(pi / 8), 0.0))
     ball, slab = elevation([plate(), Part("dot-0", "dark", (Revolved(0.0, 0.0, profile),))])
     assert ball.material == "dark"
     assert ball.box == pytest.approx((-3, 0, 3, 3), abs=OFF)

@@ -1,41 +1,41 @@
-"""What a process can make of a plate: depths, gaps, smallest features, and walls between what is cut or stands."""
+"""Manufacturability: what a tool can make of a marker, and by how much the marker would have to change; mm.
+
+Depths and gaps that a plate has room for, smallest features of dots, tags and holes, and walls between whatever is cut
+or stands on a plate. What cannot be made is refused with the nearest value that can.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole
-from markergen.solid.bodies import Point, mm
-from markergen.solid.inks import NECK, Dot, cell_of
-from markergen.solid.plate import face_of, plate_regions
-
-Array = NDArray[np.float64]
+from markergen.solid.bodies import mm
+from markergen.solid.dot_geometry import NECK, SolidDot, cell_of
+from markergen.solid.plate import Footprint, Plate, gaps
 
 FLOOR = 0.2
 """Least thickness in mm of what is left under a pocket: one layer of a printer."""
 
 ROUNDING, FLATTENING = 1e-6, 5e-3
-"""mm by which a limit may be missed; more where polygons stand for the plate's arcs."""
+"""mm by which a limit may be missed, and where polygons stand for the plate's arcs."""
 
 
 @dataclass(frozen=True)
 class Tool:
-    """What makes the smallest features.
+    """The tool that limits how fine features can be.
 
     Attributes
     ----------
     word : str
         ``nozzle``, ``mill``, ``beam``, ``knife``.
     size : float
-        Diameter in mm: the narrowest thing that it can make.
+        Diameter in mm, which is the width of the narrowest feature.
     wall : float
-        Least width in mm of what stays between two things that are cut.
+        Least width in mm of the material between two cuts.
     own_wall : bool
         Whether a finer tool makes narrower walls.
     """
@@ -50,13 +50,13 @@ class Tool:
 
 
 def tool_of(fabrication: Fabrication, word: str, size: float, wall: float | None = None) -> Tool:
-    """Tool that was asked for, or the one that is usual; a wall of None is as wide as the tool."""
+    """Tool of the size asked for, or else of the usual one; a wall of None is as wide as the tool."""
     given = size if fabrication.tool is None else fabrication.tool * 1e3
     return Tool(word, given, given if wall is None else wall, wall is None)
 
 
 def depth_of(marker: Marker, fabrication: Fabrication, usual: float, what: str) -> float:
-    """Depth in mm that was asked for; else the usual one, or half the plate where that is less.
+    """Depth in mm that was asked for; else the usual one, or half the thickness of the plate where that is less.
 
     Raises
     ------
@@ -76,13 +76,13 @@ def depth_of(marker: Marker, fabrication: Fabrication, usual: float, what: str) 
     return depth
 
 
-def gap_of(fabrication: Fabrication, usual: float, dots: Sequence[Dot]) -> float:
-    """Gap in mm around inlays that was asked for, or the usual one.
+def gap_of(fabrication: Fabrication, usual: float, dots: Sequence[SolidDot]) -> float:
+    """Gap in mm around inlays: as asked for, or the usual one.
 
     Raises
     ------
     InputError
-        If it is negative, or takes a fifth of a ring's hole or more: the core would not show its middle.
+        If it is negative, or more than a fifth of a ring's inner radius: the core would no longer show the center.
     """
     gap = usual if fabrication.gap is None else mm(fabrication.gap)
     least = min((dot.inner or dot.radius for dot in dots), default=np.inf)
@@ -98,8 +98,8 @@ def gap_of(fabrication: Fabrication, usual: float, dots: Sequence[Dot]) -> float
     return gap
 
 
-def check_dots(dots: Sequence[Dot], tool: Tool, gap: float = 0.0) -> None:
-    """Refuse dots, rings and cores that are narrower than the tool makes them.
+def check_dots(dots: Sequence[SolidDot], tool: Tool, gap: float = 0.0) -> None:
+    """Refuse dots, rings and cores that are too narrow for the tool.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def check_dots(dots: Sequence[Dot], tool: Tool, gap: float = 0.0) -> None:
 
 
 def check_bores(holes: Sequence[Hole], tool: Tool) -> None:
-    """Refuse mounting and dowel holes that are narrower than the tool, unless they are drilled.
+    """Refuse mounting and dowel holes that are narrower than the tool, unless another tool drills them.
 
     Raises
     ------
@@ -140,12 +140,12 @@ def check_bores(holes: Sequence[Hole], tool: Tool) -> None:
 
 
 def check_tag(marker: Marker, tool: Tool, corner: float, gap: float = 0.0) -> None:
-    """Refuse a tag whose cells are narrower than the tool, or than two rounded corners of one cell are.
+    """Refuse a tag whose cells are narrower than the tool, or than the two rounded corners on one side of a cell.
 
     Parameters
     ----------
     corner : float
-        Radius of the tag's corners, mm; those that meet others are rounded more (see `Inlay.paths`).
+        Radius of the tag's corners, mm; those that meet others are rounded more (see `TagInk.contours`).
 
     Raises
     ------
@@ -168,73 +168,14 @@ def check_tag(marker: Marker, tool: Tool, corner: float, gap: float = 0.0) -> No
         )
 
 
-@dataclass(frozen=True)
-class Footprint:
-    """Where something stands on the plate or is cut into it: a point or an outline, and a margin around it; mm.
-
-    Attributes
-    ----------
-    name : str
-    points : tuple of (x, y)
-        One point, or the corners of an outline.
-    radius : float
-    """
-
-    name: str
-    points: tuple[Point, ...]
-    radius: float = 0.0
-
-
-class Face:
-    """The plate's upper face, for asking what room there is; mm.
-
-    Attributes
-    ----------
-    shape : shapely geometry
-        Without what is cut from it; arcs are polygons.
-    holes : tuple of Footprint
-        Mounting and dowel holes with their countersinks.
-    """
-
-    def __init__(self, marker: Marker) -> None:
-        self.shape = face_of(plate_regions(marker), marker.substrate.chamfer * 1e3)
-        self.holes = tuple(
-            Footprint(str(hole).removeprefix("the "), ((hole.x * 1e3, hole.y * 1e3),), hole.radius * 1e3)
-            for hole in marker.substrate.holes
-        )
-
-    def to_edge(self, footprints: Sequence[Footprint]) -> Array:
-        """Distances (m,) in mm from footprints to the plate's edge; negative: they hang over."""
-        return self.inside(_shapes(footprints)) - [each.radius for each in footprints]
-
-    def inside(self, shapes: Any) -> Array:
-        """Distance (...) in mm from shapely geometries to the plate's edge; not above 0: they are not all in it."""
-        import shapely
-
-        far: Array = shapely.distance(self.shape.boundary, shapes)
-        return np.where(shapely.covers(self.shape, shapes), far, -far)
-
-
-def gaps(footprints: Sequence[Footprint], others: Sequence[Footprint]) -> Array:
-    """Gaps (m, k) in mm between footprints, negative where they overlap by their margins; inf for one and itself."""
-    import shapely
-
-    if not (footprints and others):
-        return np.full((len(footprints), len(others)), np.inf)
-    found: Array = shapely.distance(_shapes(footprints)[:, None], _shapes(others)[None])
-    found -= np.array([each.radius for each in footprints])[:, None] + [each.radius for each in others]
-    found[np.array([[a is b for b in others] for a in footprints])] = np.inf
-    return found
-
-
-def check_apart(marker: Marker, face: Face, footprints: Sequence[Footprint], tool: Tool) -> None:
-    """Refuse footprints with less than a wall between them, or between them and a hole or the plate's edge.
+def check_apart(marker: Marker, plate: Plate, footprints: Sequence[Footprint], tool: Tool) -> None:
+    """Refuse footprints with less than a wall between them, or between one and a hole or the plate's edge.
 
     Raises
     ------
     InputError
     """
-    others = [*footprints, *face.holes]
+    others = [*footprints, *plate.hole_footprints]
     between = gaps(footprints, others)
     if between.size and between.min() < tool.wall - ROUNDING:
         i, j = divmod(int(np.argmin(between)), len(others))
@@ -246,7 +187,7 @@ def check_apart(marker: Marker, face: Face, footprints: Sequence[Footprint], too
             if j >= len(footprints)
             else f"design it with --clearance {up(marker.clearance * 1e3 + more)} or more",
         )
-    room = face.to_edge(footprints)
+    room = plate.room(footprints)
     if room.size and room.min() < tool.wall - FLATTENING:
         i = int(np.argmin(room))
         more = tool.wall - float(room[i])
@@ -262,23 +203,16 @@ def check_apart(marker: Marker, face: Face, footprints: Sequence[Footprint], too
 
 
 def found_room(gap: float) -> str:
-    """What is between two things, in words."""
+    """Gap between two things, in words."""
     return f"{gap:.4g} mm" if gap > ROUNDING else "none: they touch" if gap > -ROUNDING else f"{-gap:.4g} mm in common"
 
 
-def _shapes(footprints: Sequence[Footprint]) -> Any:
-    import shapely
-
-    shapes = [shapely.Point(f.points[0]) if len(f.points) == 1 else shapely.Polygon(f.points) for f in footprints]
-    return np.array(shapes, dtype=object)
-
-
 def up(mm: float) -> str:
-    """Length that can be typed, rounded up to two digits after the point."""
+    """Length as an option takes it, rounded up to hundredths of a mm."""
     return f"{np.ceil(mm * 100 - 1e-6) / 100:.6g}mm"
 
 
 def down(mm: float) -> str:
-    """Length that can be typed, rounded down to two digits, or to three where it is small."""
+    """Length as an option takes it, rounded down to hundredths of a mm, or to thousandths where it is small."""
     digits = 100 if mm >= 0.1 else 1000
     return f"{max(np.floor(mm * digits + 1e-6), 1.0) / digits:.6g}mm"

@@ -1,4 +1,4 @@
-"""What is dark on a marker, as plain shapes in mm: dots with their heights, and the tag's ink with corners to make."""
+"""Geometry of what is dark on a marker, in mm: dots with their heights, and the tag's ink with rounded corners."""
 
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -8,21 +8,22 @@ import numpy as np
 
 from markergen.drawing.figure import FLAT
 from markergen.errors import InputError
+from markergen.geometry.contour import Contour, Point
 from markergen.model.marker import Marker
 from markergen.model.tag import Mask, Tag, cell_outlines, to_plane
-from markergen.solid.bodies import Path, Point, mm
+from markergen.solid.bodies import mm
 from markergen.units import format_length
 
 QUARTER = tan(pi / 8)
 """Bulge of an arc that turns by a right angle."""
 
 NECK = 1 / (2 * (sqrt(2) - 1))
-"""Radius that two corners which meet get for each mm of wall between them: each arc is sqrt(2) - 1 radii off."""
+"""Corner radius per mm of wall between two corners that meet: each arc passes its corner at sqrt(2) - 1 radii."""
 
 
 @dataclass(frozen=True)
-class Dot:
-    """A dot in mm in the marker frame, at its height z; a ring if it has an inner radius."""
+class SolidDot:
+    """A dot to make, in mm in the marker frame, at its height z; a ring if it has an inner radius."""
 
     id: int
     x: float
@@ -42,8 +43,8 @@ class Dot:
         return self.z > 0
 
 
-def dots_of(marker: Marker) -> tuple[Dot, ...]:
-    """Dots of a marker, those that rounding put off the plane in it.
+def dots_of(marker: Marker) -> tuple[SolidDot, ...]:
+    """Dots of a marker; heights that are nothing but rounding become 0.
 
     Raises
     ------
@@ -64,7 +65,7 @@ def dots_of(marker: Marker) -> tuple[Dot, ...]:
                 "move the marker up, so that its lowest control point is at z = 0",
             )
     return tuple(
-        Dot(
+        SolidDot(
             point.id,
             mm(point.x),
             mm(point.y),
@@ -85,7 +86,7 @@ class Corner:
     x, y : float
         mm.
     left : bool
-        Whether the outline turns to the left here: the ink's own corner, not one that it goes around.
+        Whether the outline turns left here, so that the corner is convex.
     shared : bool
         Whether it meets the corner of other ink.
     """
@@ -97,34 +98,34 @@ class Corner:
 
 
 @dataclass(frozen=True)
-class Inlay:
-    """Cells of a tag that are joined by their sides: an outer outline, and those of holes in it, ink to the left."""
+class TagInk:
+    """Black cells of a tag that are connected by their sides: an outer ring and those of its holes, ink on the left."""
 
     outer: tuple[Corner, ...]
     holes: tuple[tuple[Corner, ...], ...] = ()
 
-    def paths(self, corner: float, neck: float, grow: float = 0.0) -> tuple[Path, tuple[Path, ...]]:
-        """Outer path and holes with rounded corners.
+    def contours(self, corner: float, neck: float, grow: float = 0.0) -> tuple[Contour, tuple[Contour, ...]]:
+        """Outer contour and holes with rounded corners.
 
         Parameters
         ----------
         corner : float
             Radius of every corner, mm; 0 leaves them sharp.
         neck : float
-            Width of the wall that is left where corners of ink meet, mm; they are rounded by more for it.
+            Width of the wall that stays where corners of ink meet, mm; they get a larger radius for it.
         grow : float
-            Moves the outline outward, around the same centers: the wall of a pocket with that much of a gap, mm.
+            Offset of the outline outward about the same arc centers, for the wall of a pocket with that gap, mm.
         """
         outer, *holes = (_rounded(ring, corner, neck, grow) for ring in (self.outer, *self.holes))
         return outer, tuple(holes)
 
-    def hull(self) -> list[Point]:
-        """Corners of the outer outline."""
+    def corners(self) -> list[Point]:
+        """Corners of the outer ring."""
         return [(corner.x, corner.y) for corner in self.outer]
 
 
-def inlays_of(tag: Tag | None) -> tuple[Inlay, ...]:
-    """Ink of a tag in pieces, from the one at the lower left on; cells that only meet at a corner are apart."""
+def tag_ink(tag: Tag | None) -> tuple[TagInk, ...]:
+    """Ink of a tag in pieces, the lower left one first; cells that only meet at a corner are apart."""
     if tag is None:
         return ()
     rings = cell_outlines(tag.ink)
@@ -132,7 +133,7 @@ def inlays_of(tag: Tag | None) -> tuple[Inlay, ...]:
     pieces: dict[int, list[tuple[Corner, ...]]] = {}
     labels = _labels(tag.ink)
     for ring in rings:
-        # They are walked with the ink to the right; here it is to the left.
+        # Cell outlines have the ink on their right.
         walk = ring[::-1]
         plane = to_plane(walk, tag.cells, tag.cells, tag.side / tag.cells) + tag.center
         arriving, leaving = plane - np.roll(plane, 1, axis=0), np.roll(plane, -1, axis=0) - plane
@@ -142,7 +143,7 @@ def inlays_of(tag: Tag | None) -> tuple[Inlay, ...]:
             for (x, y), turn, cell in zip(plane.tolist(), turns, walk.tolist(), strict=True)
         )
         pieces.setdefault(_beside(ring, labels), []).append(corners)
-    return tuple(sorted((_joined(piece) for piece in pieces.values()), key=lambda inlay: min(inlay.hull())[::-1]))
+    return tuple(sorted(map(_piece, pieces.values()), key=lambda ink: min(ink.corners())[::-1]))
 
 
 def cell_of(tag: Tag) -> float:
@@ -150,12 +151,12 @@ def cell_of(tag: Tag) -> float:
     return tag.side * 1e3 / tag.cells
 
 
-def _joined(rings: list[tuple[Corner, ...]]) -> Inlay:
+def _piece(rings: list[tuple[Corner, ...]]) -> TagInk:
     def extent(ring: tuple[Corner, ...]) -> float:
         return max(corner.x for corner in ring) - min(corner.x for corner in ring)
 
     outer = max(rings, key=extent)
-    return Inlay(outer, tuple(ring for ring in rings if ring is not outer))
+    return TagInk(outer, tuple(ring for ring in rings if ring is not outer))
 
 
 def _labels(ink: Mask) -> Mask:
@@ -174,8 +175,8 @@ def _beside(ring: np.ndarray, labels: Mask) -> int:
     return int(labels[int(np.floor(row)), int(np.floor(column))])
 
 
-def _rounded(ring: tuple[Corner, ...], corner: float, neck: float, grow: float) -> Path:
-    """Path around a ring of right-angled corners, moved outward by `grow`."""
+def _rounded(ring: tuple[Corner, ...], corner: float, neck: float, grow: float) -> Contour:
+    """Round a ring of right-angled corners that is offset outward by `grow`."""
     points: list[Point] = []
     bulges: list[float] = []
 
@@ -188,7 +189,7 @@ def _rounded(ring: tuple[Corner, ...], corner: float, neck: float, grow: float) 
 
     moved = [_outward(ring[i - 1], each, ring[(i + 1) % len(ring)], grow) for i, each in enumerate(ring)]
     for i, each in enumerate(moved):
-        # The wall between what has grown on both sides is to be as wide as the neck still.
+        # With both sides grown, the wall between them still has to be as wide as the neck.
         radius = max(corner, NECK * (neck + 2 * grow)) if each.shared else corner
         if radius:
             radius = max(0.0, radius + grow if each.left else radius - grow)
@@ -201,7 +202,7 @@ def _rounded(ring: tuple[Corner, ...], corner: float, neck: float, grow: float) 
         add(each.x + radius * vx, each.y + radius * vy, 0.0)
     if hypot(points[-1][0] - points[0][0], points[-1][1] - points[0][1]) < 1e-6:
         del points[-1], bulges[-1]
-    return Path(tuple(points), tuple(bulges))
+    return Contour(tuple(points), tuple(bulges))
 
 
 def _outward(before: Corner, corner: Corner, after: Corner, grow: float) -> Corner:

@@ -1,17 +1,19 @@
-"""Solids as STEP (AP214): named, colored, and the same bytes from run to run."""
+"""Solids as CAD files: STEP (AP214), named and colored, and BREP, Open CASCADE's own text; the same bytes every time.
+
+Both are written by cadquery and Open CASCADE. What is ours takes out of STEP what changes from run to run.
+"""
 
 import re
 from collections.abc import Sequence
+from io import BytesIO
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import markergen
 from markergen.errors import OutputError
-from markergen.solid.bodies import OTHER
-from markergen.solid.build import COLORS, NamedSolid
-from markergen.solid.kernel import import_cadquery
+from markergen.solid.bodies import COLORS, OTHER
+from markergen.solid.kernel import NamedSolid, import_cadquery
 
 ENTITY = re.compile(r"^#(\d+) = (.*?);$", re.MULTILINE | re.DOTALL)
 STRING_OR_REFERENCE = re.compile(r"'(?:[^']|'')*'|#(\d+)")
@@ -23,12 +25,48 @@ def write_step(solids: Sequence[NamedSolid], name: str) -> bytes:
 
     Open CASCADE puts the time into the header, counts assembly links over the life of the process, and writes colors
     in the order of memory addresses; `normalize` takes all three out.
+
+    Raises
+    ------
+    OutputError
+        If Open CASCADE cannot write it.
     """
-    import_cadquery()
+    cadquery = import_cadquery()
+    # Of cadquery's two ways to write STEP, the one that does not wrap every part in a compound: on compounds many
+    # programs lose the color.
+    from cadquery.occ_impl.exporters.assembly import exportStepMeta
+
+    def color(material: str) -> object:
+        return cadquery.Color(*COLORS[material], 1)
+
+    assembly = cadquery.Assembly(name=name)
+    for solid in solids:
+        part = cadquery.Assembly(solid.shape, name=solid.name, color=color(solid.material))
+        for face in solid.marked:
+            part.addSubshape(face, color=color(OTHER[solid.material]))
+        assembly.add(part)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "marker.step"
-        _transfer(solids, name, path)
+        # Without curves in the parameters of surfaces, which readers find for themselves, a file is half as large.
+        if not exportStepMeta(assembly, str(path), write_pcurves=False):
+            raise OutputError(f"expected Open CASCADE to write {path}, found a failure; check that the disk has room")
         return normalize(path.read_text(encoding="ascii"), name).encode("ascii")
+
+
+def write_brep(solids: Sequence[NamedSolid]) -> bytes:
+    """Write solids as one compound in mm, in the order given, without triangles; BREP has neither names nor colors."""
+    cadquery = import_cadquery()
+    from OCP.BRepTools import BRepTools
+    from OCP.Message import Message_ProgressRange
+    from OCP.TopTools import TopTools_FormatVersion
+
+    compound = cadquery.Compound.makeCompound([solid.shape for solid in solids]).wrapped
+    stream = BytesIO()
+    # The first version of the format, which FreeCAD, Gmsh and CadQuery all read.
+    BRepTools.Write_s(
+        compound, stream, False, False, TopTools_FormatVersion.TopTools_FormatVersion_VERSION_1, Message_ProgressRange()
+    )
+    return stream.getvalue()
 
 
 def normalize(text: str, name: str) -> str:
@@ -81,56 +119,3 @@ def _colored(entities: dict[int, str], root: int) -> int:
     return min(
         _references(entities[item])[-1] for item in _references(entities[root]) if "STYLED_ITEM" in entities[item]
     )
-
-
-def _transfer(solids: Sequence[NamedSolid], name: str, path: Path) -> None:
-    """Write an Open CASCADE document with one labeled solid per part.
-
-    Not cadquery.Assembly: it wraps every part in a compound, on which many programs lose the color.
-    """
-    from OCP.IFSelect import IFSelect_ReturnStatus
-    from OCP.Interface import Interface_Static
-    from OCP.Quantity import Quantity_Color, Quantity_TOC_sRGB
-    from OCP.STEPCAFControl import STEPCAFControl_Writer
-    from OCP.STEPControl import STEPControl_StepModelType
-    from OCP.TCollection import TCollection_ExtendedString
-    from OCP.TDataStd import TDataStd_Name
-    from OCP.TDocStd import TDocStd_Document
-    from OCP.TopLoc import TopLoc_Location
-    from OCP.XCAFDoc import XCAFDoc_ColorGen, XCAFDoc_ColorSurf, XCAFDoc_DocumentTool
-
-    document = TDocStd_Document(TCollection_ExtendedString("XmlOcaf"))
-    shapes = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
-    shapes.SetAutoNaming_s(False)
-    colors = XCAFDoc_DocumentTool.ColorTool_s(document.Main())
-
-    def call(label: Any, label_name: str) -> None:
-        TDataStd_Name.Set_s(label, TCollection_ExtendedString(label_name))
-
-    assembly = shapes.NewShape()
-    call(assembly, name)
-    for solid in solids:
-        part = shapes.NewShape()
-        shapes.SetShape(part, solid.shape.wrapped)
-        call(part, solid.name)
-        colors.SetColor(part, Quantity_Color(*solid.color, Quantity_TOC_sRGB), XCAFDoc_ColorGen)
-        for face in solid.marked:
-            other = Quantity_Color(*COLORS[OTHER[solid.material]], Quantity_TOC_sRGB)
-            colors.SetColor(shapes.AddSubShape(part, face.wrapped), other, XCAFDoc_ColorSurf)
-        call(shapes.AddComponent(assembly, part, TopLoc_Location()), solid.name)
-    shapes.UpdateAssemblies()
-    writer = STEPCAFControl_Writer()
-    # These are global to Open CASCADE, so they are set for every file; before there is a writer they do not exist.
-    # Without curves in the parameters of surfaces, which readers find for themselves, a file is half as large.
-    settings = (
-        Interface_Static.SetCVal_s("xstep.cascade.unit", "MM"),
-        Interface_Static.SetCVal_s("write.step.unit", "MM"),
-        Interface_Static.SetIVal_s("write.surfacecurve.mode", 0),
-    )
-    if not all(settings):
-        raise OutputError("expected Open CASCADE to take the units of STEP files, found that it does not; update it")
-    writer.SetColorMode(True)
-    writer.SetNameMode(True)
-    done = writer.Transfer(document, STEPControl_StepModelType.STEPControl_AsIs)
-    if not done or writer.Write(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
-        raise OutputError(f"expected Open CASCADE to write {path}, found a failure; check that the disk has room")
