@@ -35,7 +35,7 @@ from markergen.optimize.region import Region
 from markergen.optimize.relief import search_relief
 from markergen.optimize.relief_room import ReliefRoom
 from markergen.optimize.trace import Recorder, Step, trace_of
-from markergen.options.base import Progress
+from markergen.options import Progress
 from markergen.presentation.results import Result
 from markergen.presentation.tables import Table, data_frame
 from markergen.read.poses import poses_from

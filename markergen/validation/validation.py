@@ -23,8 +23,7 @@ from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.design import compare
 from markergen.optimize.label_safety import label_safety
 from markergen.optimize.region import Region
-from markergen.options import check_progress
-from markergen.options.base import Progress
+from markergen.options import Progress, check_progress
 from markergen.presentation.plots import axes_of, figure_bytes, new_figure
 from markergen.presentation.results import SavableResult, StrPath, Targets, json_bytes
 from markergen.presentation.tables import Table, data_frame, number

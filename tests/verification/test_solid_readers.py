@@ -13,7 +13,8 @@ import pytest
 from spoiled_solids import glb, gltf, model, stl, with_model
 
 from markergen.errors import InputError, MissingLibraryError
-from markergen.exporters import ExportOptions, save
+from markergen.exporters import ExportOptions
+from markergen.exporters.saving import save
 from markergen.model.fabrication import Fabrication
 from markergen.solid import reading
 from markergen.solid.processes import parts_of
