@@ -177,3 +177,15 @@ def test_materials_name_cores_and_what_is_engraved():
 def test_ranges():
     assert ranges([3, 1, 2, 7, 9, 8, 11, 12]) == "1 to 3, 7 to 9, 11, 12"
     assert ranges([]) == ""
+
+
+def test_notes_keep_the_capital_of_a_radius():
+    work, _ = described(make(corner_radius=0.01, chamfer=0.0005))
+    assert "Corners of the plate seen from above R10, chamfer around the face 0.5 x 45\xb0." in work.notes
+
+
+def test_the_back_of_a_relief_is_its_plate_with_dark_letters():
+    work, _ = described(make((0.0, 0.01, 0.02, 0.0, 0.0)), process="fdm")
+    widest = max(work.back, key=lambda face: face.box[2] - face.box[0])
+    assert (widest.material, widest.fine) == ("light", False)
+    assert any(face.material == "dark" and face.fine for face in work.back)
