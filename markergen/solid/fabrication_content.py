@@ -230,7 +230,8 @@ def _plate_notes(marker: Marker) -> list[str]:
         said.append(f"corners of the plate seen from above R{millimeters(mm(substrate.corner_radius))}")
     if substrate.chamfer:
         said.append(f"chamfer around the face {millimeters(mm(substrate.chamfer))} x 45\xb0")
-    return [f"{', '.join(said).capitalize()}."] if said else []
+    words = ", ".join(said)
+    return [f"{words[0].upper()}{words[1:]}."] if words else []
 
 
 def _alike(dots: Iterable[SolidDot]) -> list[tuple[tuple[float, float], list[SolidDot]]]:
