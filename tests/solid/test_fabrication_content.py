@@ -8,7 +8,7 @@ from markergen.geometry.contour import Contour, circle, placed
 from markergen.model.boundary import Circle, Polygon, polygon_from
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.feature import Feature
-from markergen.model.marker import ControlPoint, Marker, dressed
+from markergen.model.marker import ControlPoint, Marker, build_marker
 from markergen.model.substrate import Hole, Substrate, parse_dowel, parse_mount
 from markergen.model.tag import Tag
 from markergen.solid.fabrication_content import ranges, workpiece
@@ -18,7 +18,7 @@ from markergen.solid.processes import parts_of
 def make(heights=(0.0,) * 5, tag=True, **substrate) -> Marker:
     angles = 2 * np.pi * np.arange(5) / 5 + np.pi / 2
     points = np.stack([0.07 * np.cos(angles), 0.07 * np.sin(angles), heights], axis=-1)
-    marker = dressed(points, Circle(0.09), 0.02, 0.002)
+    marker = build_marker(points, Circle(0.09), 0.02, 0.002)
     plate = Substrate(0.005, holes=(*parse_mount("4xM3@60mm"), *parse_dowel("2x4mm@90mm")), **substrate)
     return replace(marker, tag=Tag("apriltag:36h11", 3, 0.03) if tag else None, substrate=plate)
 
