@@ -16,7 +16,7 @@ from markergen.maths.information import covariance, information
 from markergen.model.boundary import Boundary
 from markergen.model.camera import NO_DISTORTION, Camera
 from markergen.model.poses import PoseDistribution
-from markergen.objectives.aggregates import KINKED, aggregate_of
+from markergen.objectives.aggregates import NONSMOOTH, aggregate_of
 from markergen.objectives.blocks import in_pairs
 from markergen.objectives.lens import linearize_lens
 from markergen.objectives.weights import DotNoise, DotWeights
@@ -116,7 +116,7 @@ class Objective(ABC):
     ----------
     unit : str
         Of the values; empty for a bare number.
-    kinked : bool
+    nonsmooth : bool
         Whether the optimum may sit where the gradient jumps, so that a softened version leads there.
     aggregated : callable
         The aggregate: takes values (..., P) and a softness, returns (...) and its derivative.
@@ -131,7 +131,7 @@ class Objective(ABC):
     unit: str = ""
     default_aggregate: str = "rms"
     coordinates: tuple[str, ...] = ("unit",)
-    has_kinks: bool = False
+    nonsmooth_values: bool = False
     planar_only: bool = False
     knows_noise: bool = True
     default_restarts: int = 16
@@ -147,9 +147,9 @@ class Objective(ABC):
         self.aggregated = aggregate_of(self.aggregate)
 
     @property
-    def kinked(self) -> bool:
+    def nonsmooth(self) -> bool:
         """See the class."""
-        return self.has_kinks or self.aggregate.partition(":")[0] in KINKED
+        return self.nonsmooth_values or self.aggregate.partition(":")[0] in NONSMOOTH
 
     @abstractmethod
     def linearize(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:

@@ -55,7 +55,7 @@ class ConditionObjective(Objective):
     knows_noise = False
     default_aggregate = "logmean"
     coordinates = ("unit", "metric", "pixel", "hartley")
-    has_kinks = True
+    nonsmooth_values = True
     planar_only = True
     default_restarts = 24
 

@@ -18,8 +18,8 @@ from markergen.model.spec import Spec
 from markergen.model.tag import Tag, parse_tag
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.optimize.comparisons import comparison_layouts
-from markergen.optimize.dots import CLEARANCE, ROOM, choose_dots
-from markergen.optimize.region import Region
+from markergen.optimize.dot_size import CLEARANCE, ROOM, choose_dots
+from markergen.optimize.problem import Region
 from markergen.read.poses import poses_from
 from markergen.units import format_length
 from markergen.validation.contestants import Contestant, DotMarker, Peer

@@ -14,7 +14,7 @@ from markergen.objectives.autograd import AutogradObjective
 from markergen.objectives.criteria import regular_polygon
 from markergen.objectives.survive import SurvivalObjective
 from markergen.objectives.weights import DotNoise
-from markergen.optimize.goal import objective_of
+from markergen.optimize.problem import objective_of
 
 STEP = 1e-7
 

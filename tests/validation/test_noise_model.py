@@ -13,7 +13,7 @@ from markergen.model.camera import PAPER_CAMERA
 from markergen.model.image_noise import ImageNoise
 from markergen.model.poses import RIM_POINTS
 from markergen.model.spec import Spec
-from markergen.optimize.dots import choose_dots
+from markergen.optimize.dot_size import choose_dots
 from markergen.render import DEFAULT_OPTICS, render_view
 
 NOISE = ImageNoise()

@@ -7,10 +7,9 @@ from markergen.model.camera import PAPER_CAMERA
 from markergen.model.occlusion import eyes_of
 from markergen.objectives import Setting
 from markergen.objectives.criteria import criteria, regular_polygon
-from markergen.optimize.exchange import fewer
-from markergen.optimize.multistart import search
-from markergen.optimize.relief import search_relief
-from markergen.optimize.relief_room import ReliefRoom
+from markergen.optimize.problem import fewer
+from markergen.optimize.relief import ReliefRoom, search_relief
+from markergen.optimize.search import search
 from markergen.studies.cells import Cell, Result
 from markergen.studies.paper.options import BOUNDARY, REGION, objective_for, poses_of
 from markergen.studies.paper.trials import ESTIMATORS_FLAT, ESTIMATORS_RELIEF, layout_trials

@@ -7,7 +7,7 @@ from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.optimize.dots import choose_dots
+from markergen.optimize.dot_size import choose_dots
 from markergen.read.poses import poses_from
 from markergen.studies.cells import canonical
 

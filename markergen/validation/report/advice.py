@@ -10,7 +10,7 @@ from markergen.maths.projection import plane_homography
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
-from markergen.optimize.dots import CLEARANCE, PERCENTILE, PIXELS
+from markergen.optimize.dot_size import CLEARANCE, PERCENTILE, PIXELS
 from markergen.optimize.packing import largest_diameter
 from markergen.units import format_length
 from markergen.validation.report.words import at, number

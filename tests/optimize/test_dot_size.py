@@ -17,7 +17,7 @@ from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import regular_polygon
 from markergen.objectives.weights import DotNoise
 from markergen.optimize.design import design
-from markergen.optimize.dots import choose_dots, largest_that_leaves_room, pixels_across, smallest_detectable
+from markergen.optimize.dot_size import choose_dots, largest_that_leaves_room, pixels_across, smallest_detectable
 
 
 @pytest.fixture(scope="module")
