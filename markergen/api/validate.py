@@ -9,7 +9,7 @@ from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.options import ValidateKeywords, check_progress, settle, signature_of
 from markergen.options.base import CameraLike, File, Files, MarkerLike, Progress
-from markergen.read.cameras import read_camera_covariance
+from markergen.read.cameras.covariance import read_camera_covariance
 from markergen.render import optics_from_text
 from markergen.validation.proof import prove, setting_of
 from markergen.validation.validation import Validation, check_pictures

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, area, circle, flattened, placed, turned_over
 from markergen.model.boundary import Boundary, Circle, Polygon, area_without, polygon_from
-from markergen.model.boundary_file import BoundaryFile
+from markergen.model.shape_file import BoundaryFile
 
 SQUARE = ((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1))
 ROUNDING = 1e-12
