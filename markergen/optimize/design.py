@@ -21,13 +21,13 @@ from markergen.model.spec import Spec
 from markergen.model.substrate_checks import check_holes
 from markergen.objectives import OBJECTIVES, Objective, Setting
 from markergen.objectives.criteria import Criteria
+from markergen.objectives.observation import DotNoise
 from markergen.objectives.survive import hidden_dot_errors
-from markergen.objectives.weights import DotNoise
 from markergen.optimize.comparisons import compare, criteria_table, hidden_table
 from markergen.optimize.dot_size import FEWEST_PIXELS, DotSize, choose_dots, pixels_across
 from markergen.optimize.keyless import AsymmetricOptimum, asymmetric_search
 from markergen.optimize.label_ambiguity import LabelSafety, layout_safety
-from markergen.optimize.problem import Region, check, objective_of, room_of, rough_of
+from markergen.optimize.problem import Region, check, check_objective, objective_of, room_of, rough_of
 from markergen.optimize.relief import ReliefRoom, check_relief, search_relief
 from markergen.optimize.search import Optimum, search
 from markergen.optimize.trace import Recorder, Step, trace_of
@@ -216,10 +216,11 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
         If no pose sees the marker, the dots do not fit, a name in the spec is unknown, the best layout has no
         homography, or no layout was found whose labels are as safe as it demands.
     """
-    begin, kind = perf_counter(), OBJECTIVES[spec.objective]
+    begin = perf_counter()
+    check_objective(spec, spec.noise_model == "image")
     poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera, spec.relief)
     setting = Setting(spec.boundary, spec.camera, poses)
-    kind(setting, spec.aggregate, spec.coordinates)  # a wrong name is told before any search
+    OBJECTIVES[spec.objective](setting, spec.aggregate, spec.coordinates)  # a wrong name is told before any search
     dots = choose_dots(spec, setting.poses, progress)
     if spec.noise_model == "image":
         setting = replace(setting, noise=DotNoise(dots.diameter, spec.image_noise, spec.print_sigma))

@@ -18,7 +18,7 @@ from markergen.model.camera import Camera
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.objectives.weights import DotNoise
+from markergen.objectives.observation import DotNoise
 from markergen.optimize.packing import count_that_fit, fitting, largest_diameter, pack
 from markergen.optimize.polish import polish
 from markergen.optimize.problem import Region, objective_of, room_of, rough_of

@@ -38,13 +38,18 @@ def room_of(spec: Spec) -> Boundary:
     return area_without(spec.boundary, spec.blocked)
 
 
-def objective_of(spec: Spec, setting: Setting) -> Objective:
-    """The objective that the spec asks for, in a setting.
+def check_objective(spec: Spec, noisy: bool) -> None:
+    """Refuse an objective that does not know what it is asked about.
+
+    Parameters
+    ----------
+    noisy : bool
+        Whether it is to follow the noise of an image.
 
     Raises
     ------
     InputError
-        If there is none of that name, or the spec asks for what it does not know: a relief, or the noise of an image.
+        If there is none of that name, or it does not know the spec's relief or the noise.
     """
     kind = OBJECTIVES[spec.objective]
     if spec.relief and kind.planar_only:
@@ -53,13 +58,18 @@ def objective_of(spec: Spec, setting: Setting) -> Objective:
             f"objective={spec.objective!r}",
             f"use --objective {either(name for name in OBJECTIVES if not OBJECTIVES[name].planar_only)}",
         )
-    if setting.noise and not kind.knows_noise:
+    if noisy and not kind.knows_noise:
         raise InputError(
             "an objective that depends on the noise",
             f"objective={spec.objective!r} with the noise model image",
             f"use --objective {either(name for name in OBJECTIVES if OBJECTIVES[name].knows_noise)}",
         )
-    objective = kind(setting, spec.aggregate, spec.coordinates)
+
+
+def objective_of(spec: Spec, setting: Setting) -> Objective:
+    """The objective that the spec asks for, in a setting; refuses what `check_objective` does."""
+    check_objective(spec, bool(setting.noise))
+    objective = OBJECTIVES[spec.objective](setting, spec.aggregate, spec.coordinates)
     return SurvivalObjective(objective, spec.survive) if spec.survive else objective
 
 

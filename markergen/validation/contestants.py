@@ -199,7 +199,7 @@ class Peer(Contestant):
         found = detect_fiducial(grey.astype(np.uint8, copy=False), self.fiducial, setting or self.settings[0], camera)
         if not found.found:
             return Sighting(reason=found.reason)
-        batch = Correspondences.as_taken(self.points[found.ids], found.pixels[None], camera)
+        batch = Correspondences.from_distorted(self.points[found.ids], found.pixels[None], camera)
         rotation, translation = batch.once(LM).best
         if not np.isfinite(translation).all():
             return Sighting(reason="corners that determine no pose")

@@ -242,7 +242,7 @@ def _own_error(view: View, rotation: Array, translation: Array) -> tuple[Array, 
 
 def _pose_errors(shoot: Shoot, view: View, rotation: Array, translation: Array) -> dict[str, tuple[float, float]]:
     camera, points = shoot.camera, shoot.marker.xyz[view.found]
-    batch = Correspondences.as_taken(points, view.detection.pixels[None], camera)
+    batch = Correspondences.from_distorted(points, view.detection.pixels[None], camera)
     found: dict[str, tuple[Array, Array]] = {}
     own = view.detection.pose
     if own is not None:

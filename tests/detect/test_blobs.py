@@ -3,8 +3,7 @@ import pytest
 
 from markergen.detect.blobs import detect_dots
 from markergen.errors import InputError
-from markergen.maths.conic import circle_image
-from markergen.maths.projection import plane_homography
+from markergen.maths.projection import circle_image, plane_homography
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import paper
 from markergen.render import Optics, Scenery, render_view

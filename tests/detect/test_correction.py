@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from markergen.detect.correction import correct_centers
-from markergen.maths.conic import circle_image
-from markergen.maths.projection import apply_homography, plane_homography, project
+from markergen.maths.projection import apply_homography, circle_image, plane_homography, project
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import paper_roll
 

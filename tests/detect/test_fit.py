@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 from markergen.detect.fit import _turn, outlines, plane_outlines, pose_rows, refine_poses
-from markergen.maths.conic import circle_image
 from markergen.maths.information import pose_jacobian
-from markergen.maths.projection import plane_homography
+from markergen.maths.projection import circle_image, plane_homography
 from markergen.maths.rotation import angle_between, exponential
 from markergen.model.poses import paper_roll
 

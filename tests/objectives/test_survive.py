@@ -10,8 +10,8 @@ from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES
 from markergen.objectives.aggregates import aggregate_of
 from markergen.objectives.criteria import criteria, regular_polygon
+from markergen.objectives.observation import DotNoise
 from markergen.objectives.survive import SurvivalObjective, hidden_dot_errors, losses
-from markergen.objectives.weights import DotNoise
 from markergen.optimize.problem import Region, objective_of
 from markergen.optimize.search import search
 

@@ -3,7 +3,7 @@ import pytest
 
 from markergen.model.image_noise import ImageNoise
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.objectives.weights import DotNoise
+from markergen.objectives.observation import DotNoise
 from markergen.optimize.exchange import (
     AnyExchangeTable,
     TraceExchangeTable,

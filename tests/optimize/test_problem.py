@@ -3,8 +3,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from markergen.errors import InputError
 from markergen.model.boundary import Circle, polygon_from
+from markergen.model.spec import Spec
 from markergen.objectives.criteria import regular_polygon
+from markergen.optimize.design import design
 from markergen.optimize.problem import Region, breach, check
 
 
@@ -99,3 +102,18 @@ def test_it_agrees_with_the_region_of_the_search(rooms):
             assert breach(layout, boundary, keep_outs, 0.03, 0.003) == pytest.approx(max(expected, 0), abs=1e-9) or (
                 expected < 0
             )
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"noise_model": "image", "objective": "condition"}, "an objective that depends on the noise"),
+        ({"dot": "auto", "objective": "condition"}, "an objective that depends on the noise"),
+        ({"relief": 0.02, "objective": "condition"}, "use --objective pose, rotation or translation"),
+        ({"relief": 0.02, "objective": "homography"}, "an objective for points in space with a relief"),
+        ({"objective": "beauty"}, "a known objective"),
+    ],
+)
+def test_an_objective_is_refused_what_it_does_not_know(values, words):
+    with pytest.raises(InputError, match=words):
+        design(Spec(**values))

@@ -5,7 +5,7 @@ import pytest
 
 from markergen.detect import detect
 from markergen.estimators import ESTIMATORS, Correspondences
-from markergen.maths.dot_noise import center_covariance
+from markergen.maths.dot_crlb import center_covariance
 from markergen.maths.information import displacement_weight, pose_jacobian
 from markergen.maths.projection import project
 from markergen.maths.rotation import logarithm

@@ -8,6 +8,7 @@ from markergen.estimators import ESTIMATORS
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.optimize.dot_size import choose_dots
+from markergen.optimize.problem import check_objective
 from markergen.read.poses import poses_from
 from markergen.studies.cells import canonical
 
@@ -39,6 +40,7 @@ class Feasible:
         return tuple(dict.fromkeys(name for name in names if not (spec.relief and ESTIMATORS[name].planar_only)))
 
     def _check_names(self, spec: Spec) -> None:
+        check_objective(spec, spec.noise_model == "image")
         key = canonical(["names", spec.objective, spec.aggregate, spec.coordinates])
         self._once(key, lambda: self._build(spec))
 

@@ -11,7 +11,7 @@ from markergen.errors import MarkergenError
 from markergen.model.spec import Spec
 from markergen.objectives import Setting
 from markergen.objectives.criteria import criteria
-from markergen.objectives.weights import DotNoise
+from markergen.objectives.observation import DotNoise
 from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.design import design
 from markergen.optimize.dot_size import DotSize, choose_dots
