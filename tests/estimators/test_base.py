@@ -60,7 +60,7 @@ def test_reprojection_error_is_the_mean_squared_distance():
     assert np.array_equal(batch.reprojection_error(np.full((2, 3, 3), np.nan), np.ones((2, 3))), [np.inf, np.inf])
 
 
-def test_image_points_as_taken_are_led_back_through_the_lens():
+def test_distorted_image_points_are_led_back_through_the_lens():
     camera = replace(PAPER_CAMERA, distortion=Distortion("radtan", (-0.4, 0.0, 1e-3, -5e-4)))
     poses = paper()
     taken = camera.project(SQUARE, poses.rotation[:3], poses.translation[:3])

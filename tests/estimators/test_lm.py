@@ -84,7 +84,7 @@ def test_a_start_that_is_no_pose_stays():
     assert np.isfinite(end_rotation[2:]).all()
 
 
-def test_with_a_lens_the_residuals_are_those_of_the_image_as_taken():
+def test_with_a_lens_the_residuals_are_those_of_the_distorted_image():
     """The step of Gauss-Newton from the truth; at 0.01 px the second order is below 2 % of it away from the front."""
     camera = Camera(640, 480, 250.0, 250.0, 320.0, 240.0, Distortion("equidistant", (0.0035, 0.0007, -0.002, 0.0002)))
     poses = tilted(every=8)

@@ -86,7 +86,7 @@ def test_any_boundary_is_closed_polylines_of_its_corners(shape, make_in):
     marker = make_in(shape, 5, 0.012)
     lines = list(read(marker).modelspace().query("LWPOLYLINE[layer=='CUT']"))
     assert all(line.closed for line in lines)
-    outlines = shape.curves()[0]
+    outlines = shape.outlines()
     assert len(lines) == len(outlines)
     for line, outline in zip(lines, outlines, strict=True):
         np.testing.assert_allclose(np.array(line.get_points("xy")), outline * 1e3, atol=WRITTEN)

@@ -41,7 +41,7 @@ def layouts(dimension, n=6):
     return points if dimension == 2 else np.concatenate([points, rng.uniform(0, 0.02, (2, n, 1))], axis=-1)
 
 
-def test_pose_information_is_that_of_the_image_as_taken(bent):
+def test_pose_information_is_that_of_the_distorted_image(bent):
     points, poses, camera, step = layouts(3)[0], bent.poses, bent.camera, 1e-6
 
     def image(change):
