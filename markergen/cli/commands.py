@@ -9,7 +9,8 @@ import typer
 from markergen import __version__
 from markergen.cli import console
 from markergen.cli.options import GroupedCommand, with_options
-from markergen.options import (
+from markergen.options import VIEW
+from markergen.options.tables import (
     CompareKeywords,
     DesignKeywords,
     DetectKeywords,
@@ -19,7 +20,6 @@ from markergen.options import (
     ValidateKeywords,
     VerifyKeywords,
 )
-from markergen.options.base import VIEW
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None)
 

@@ -58,7 +58,7 @@ def with_options(
     Parameters
     ----------
     table : type
-        One of `markergen.options`.
+        One of `markergen.options.tables`.
     listed : (title, callable), optional
         Rows of two columns that its help shows under a title, made when they are asked for.
     """

@@ -19,8 +19,8 @@ from markergen.maths.distortion import distortion_hessian
 from markergen.maths.dot_crlb import directions, displaced, linearize, product
 from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import NO_DISTORTION, Camera
-from markergen.model.image_noise import ImageNoise
 from markergen.model.poses import PoseDistribution
+from markergen.model.spec import ImageNoise
 from markergen.units import format_length
 
 Array = NDArray[np.float64]

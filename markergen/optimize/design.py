@@ -31,7 +31,7 @@ from markergen.optimize.problem import Region, check, check_objective, objective
 from markergen.optimize.relief import ReliefRoom, check_relief, search_relief
 from markergen.optimize.search import Optimum, search
 from markergen.optimize.trace import Recorder, Step, trace_of
-from markergen.options.base import Progress
+from markergen.options import Progress
 from markergen.presentation.results import Result
 from markergen.presentation.tables import Table, data_frame
 from markergen.read.poses import poses_from

@@ -23,7 +23,7 @@ from markergen.optimize.packing import count_that_fit, fitting, largest_diameter
 from markergen.optimize.polish import polish
 from markergen.optimize.problem import Region, objective_of, room_of, rough_of
 from markergen.optimize.search import search
-from markergen.options.base import Progress
+from markergen.options import Progress
 from markergen.units import format_length
 
 Array = NDArray[np.float64]

@@ -32,7 +32,7 @@ from markergen.optimize.problem import Region
 from markergen.optimize.rival_labelings import Rivals, SeenLayout, seen_layout
 from markergen.optimize.search import Optimum, search
 from markergen.optimize.trace import Record
-from markergen.options.base import Progress
+from markergen.options import Progress
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from markergen.optimize.polish import ALL_PAIRS_UP_TO, REACH, SOFTNESSES, Cleara
 from markergen.optimize.problem import TOLERANCE, Region
 from markergen.optimize.search import DISTINCT, Optimum
 from markergen.optimize.trace import Record
-from markergen.options.base import Progress
+from markergen.options import Progress
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

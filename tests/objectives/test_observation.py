@@ -9,8 +9,8 @@ from markergen.maths.information import covariance, pose_jacobian, rotation_boun
 from markergen.maths.projection import project
 from markergen.maths.rotation import exponential
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
-from markergen.model.image_noise import ImageNoise
 from markergen.model.poses import PoseDistribution
+from markergen.model.spec import ImageNoise
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.aggregates import AGGREGATES
 from markergen.objectives.criteria import criteria, regular_polygon

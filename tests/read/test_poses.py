@@ -14,15 +14,15 @@ from markergen import guard
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
-from markergen.model.cone import Cone
 from markergen.model.marker_json import from_json, to_json
+from markergen.model.pose_sources.cone import Cone
 from markergen.model.poses import POSES, paper
 from markergen.model.recorded_poses import RecordedPoses
 from markergen.optimize.design import design
 from markergen.read.poses import POSE_FORMATS, poses_from, read_poses
 from markergen.read.poses.rows import numbers_of_rows
 from markergen.read.spec_file import spec_from_mapping
-from markergen.validation.proof import setting_of
+from markergen.validation.validation import setting_of
 
 QUATERNION = "tx,ty,tz,qx,qy,qz,qw"
 GOOD = "0,0,1,1,0,0,0"

@@ -1,0 +1,481 @@
+"""All options, declared once: name, type, unit, default, help and group of every option.
+
+The command line's options and its help, the keys of a spec file and their JSON Schema, and the keyword arguments of
+`markergen.design`, `export`, `validate` and the others are all made of the tables here; a new option is a new line.
+Each table is a ``TypedDict``, so that type checkers know the keywords, too.
+"""
+
+from typing import Annotated, TypedDict
+
+from markergen.options import (
+    DOTS,
+    ERRORS,
+    FILES,
+    IMAGES,
+    LAYOUT,
+    RUN,
+    SEARCH,
+    SHEET,
+    SOLID,
+    TRIALS,
+    VIEW,
+    CameraLike,
+    File,
+    Files,
+    Length,
+    LengthOrAuto,
+    Option,
+    Poses,
+    Shape,
+    Shapes,
+    Texts,
+)
+
+
+class SheetKeywords(TypedDict, total=False):
+    """Options of the sheet that a marker is printed on."""
+
+    paper: Annotated[
+        str,
+        Option(
+            SHEET,
+            "A0..A5, letter, legal, tabloid, or a size such as 300x400mm.",
+            otherwise="the smallest ISO size that holds it",
+            metavar="NAME|WxH",
+        ),
+    ]
+    orientation: Annotated[
+        str,
+        Option(SHEET, "portrait or landscape.", otherwise="portrait unless only landscape holds it", metavar="NAME"),
+    ]
+    margin: Annotated[
+        Length, Option(SHEET, "Margin that the printer leaves white.", otherwise="10 to 24 mm, depending on the paper")
+    ]
+    tile: Annotated[
+        bool,
+        Option(
+            SHEET,
+            "Spread a marker that is larger than the paper over several sheets.",
+            True,
+            flags="--tile/--no-tile",
+        ),
+    ]
+    overlap: Annotated[Length, Option(SHEET, "Width of the strip that neighboring sheets both print.", "10mm")]
+    dpi: Annotated[int, Option(SHEET, "Resolution of a .png in pixels per inch.", 600, metavar="N")]
+    colors: Annotated[
+        str,
+        Option(
+            SHEET,
+            "black, inverted, or two colors as #rrggbb,#rrggbb; append ,cut:NAME for a spot color of the cut lines, "
+            "such as black,cut:CutContour.",
+            "black",
+            metavar="NAME|INK,PAPER",
+        ),
+    ]
+
+
+class PlateKeywords(TypedDict, total=False):
+    """Options of the plate that carries the dots of a solid."""
+
+    thickness: Annotated[Length, Option(SOLID, "Thickness of the plate.", "3mm")]
+    edge: Annotated[
+        Length,
+        Option(SOLID, "Minimum width of the plate around a disk or rectangle; a drawing is the plate itself.", "2mm"),
+    ]
+    corner_radius: Annotated[Length, Option(SOLID, "Radius of the plate's corners, seen from above.", "0mm")]
+    chamfer: Annotated[Length, Option(SOLID, "Chamfer around the plate's upper face, at 45 degrees.", "0mm")]
+    outline: Annotated[
+        Shape,
+        Option(
+            SOLID,
+            "Outline of the plate, holes and all, instead of the boundary's: rect:0.3x0.2, or a drawing in "
+            "the marker frame, which moves with the boundary that --boundary takes from one.",
+            metavar="SHAPE|FILE[#LAYER]",
+        ),
+    ]
+    mount: Annotated[
+        Texts,
+        Option(
+            SOLID,
+            "Mounting holes: 4xM3@120mm on a pitch circle, 4xM3@120mm/0 with the first one at 0 degrees, 4xM3c@120mm "
+            "countersunk, 4x3.4mm@120mm by diameter, or M3:40mm,-20mm;-40mm,-20mm; may be repeated.",
+            metavar="HOLES",
+        ),
+    ]
+    dowel: Annotated[
+        Texts,
+        Option(
+            SOLID,
+            "Holes for dowel pins on the x axis: 2x4mm@130mm, or in the forms of --mount; may be repeated.",
+            metavar="HOLES",
+        ),
+    ]
+
+
+class ProcessKeyword(TypedDict, total=False):
+    """Option for how a solid is made."""
+
+    process: Annotated[
+        str,
+        Option(
+            SOLID,
+            "How solids are made: fdm, two materials; cnc, pockets and discs; laser, engraved; print, a recess for a "
+            "printed sheet; dome, half-balls or balls.",
+            "fdm",
+            metavar="NAME",
+        ),
+    ]
+
+
+class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
+    """Options of a design."""
+
+    n: Annotated[int, Option(LAYOUT, "Number of control points, 4 to 200.", 5)]
+    radius: Annotated[Length, Option(LAYOUT, "Radius of the disk that contains all dots.", "150mm")]
+    boundary: Annotated[
+        Shape,
+        Option(
+            LAYOUT,
+            "Instead of a disk: rect:200mmx100mm, or outlines with their holes from an SVG, DXF or GeoJSON file.",
+            metavar="SHAPE|FILE",
+        ),
+    ]
+    boundary_unit: Annotated[
+        str, Option(LAYOUT, "Unit of drawings that do not state one: mm, cm, m, in, pt, px.", metavar="UNIT")
+    ]
+    layer: Annotated[
+        str, Option(LAYOUT, "Layer of the drawing that the boundary is on.", otherwise="all", metavar="NAME")
+    ]
+    origin: Annotated[
+        str,
+        Option(
+            LAYOUT,
+            "Origin of the marker frame: center, of the smallest circle around the boundary, or file, where the "
+            "drawing has it.",
+            "center",
+            metavar="NAME",
+        ),
+    ]
+    keep_out: Annotated[
+        Shapes,
+        Option(
+            LAYOUT,
+            "Region without dots: circle:3mm@40mm,-20mm, rect:40mmx40mm, or a drawing in the same coordinates as that "
+            "of the boundary; may be repeated.",
+            metavar="SHAPE|FILE[#LAYER]",
+            aliases=("keep_outs",),
+        ),
+    ]
+    relief: Annotated[Length, Option(LAYOUT, "Dots may stand on pillars up to this high.", "0mm")]
+    template: Annotated[
+        File, Option(LAYOUT, "Start from a ready-made spec; see markergen templates.", metavar="NAME|FILE")
+    ]
+    camera: Annotated[
+        CameraLike,
+        Option(
+            VIEW,
+            "Calibration file: OpenCV, ROS camera_info, Kalibr or COLMAP.",
+            otherwise="the paper's camera",
+            metavar="FILE",
+        ),
+    ]
+    poses: Annotated[
+        Poses,
+        Option(
+            VIEW,
+            "Camera poses: paper, paper-roll, cone:distance=0.4..1m,tilt=0..60,azimuth=-30..30, or a CSV, "
+            "JSON, TUM or COLMAP file.",
+            "paper",
+            metavar="NAME|CONE|FILE",
+        ),
+    ]
+    noise_model: Annotated[
+        str,
+        Option(
+            VIEW,
+            "point: 1 px for every dot; image: from the image of each dot in each pose.",
+            otherwise="point",
+            metavar="NAME",
+        ),
+    ]
+    print_sigma: Annotated[
+        Length,
+        Option(
+            VIEW,
+            "Standard deviation of a printed dot's position along each axis, for --noise-model image and --dot auto.",
+            "0mm",
+        ),
+    ]
+    dot: Annotated[
+        LengthOrAuto,
+        Option(
+            DOTS,
+            "Dot diameter; auto: the one with the least predicted error, see --print-sigma.",
+            otherwise="what the camera needs",
+            metavar="LENGTH|auto",
+        ),
+    ]
+    clearance: Annotated[Length, Option(DOTS, "Smallest gap around dots.", otherwise="a tenth of --dot")]
+    asymmetric: Annotated[
+        float,
+        Option(
+            DOTS,
+            "No key ring: the layout itself identifies the dots, as long as image errors stay below this.",
+            0,
+            metavar="PX",
+        ),
+    ]
+    tag: Annotated[
+        str,
+        Option(
+            DOTS,
+            "A square tag in the middle that identifies the marker and its dots, such as aruco:DICT_4X4_50:7 or "
+            "apriltag:36h11:3.",
+            otherwise="none",
+            metavar="FAMILY:ID",
+        ),
+    ]
+    tag_size: Annotated[
+        Length,
+        Option(
+            DOTS,
+            "Side of the tag's black square, without its white edge.",
+            otherwise="a third of the radius, or less",
+            aliases=("tag_side",),
+        ),
+    ]
+    ids: Annotated[
+        str,
+        Option(
+            DOTS,
+            "A family of markers of one layout with these ids instead of the tag's own: 0-9, or 0,3,7; on one sheet, "
+            "with <stem>-<id>.json for each.",
+            metavar="LIST",
+        ),
+    ]
+    objective: Annotated[
+        str,
+        Option(
+            SEARCH, "What to minimize: pose, rotation, translation, homography or condition.", "pose", metavar="NAME"
+        ),
+    ]
+    aggregate: Annotated[
+        str,
+        Option(
+            SEARCH,
+            "Aggregate over the poses: rms, mean, logmean, max or cvar:0.9.",
+            otherwise="the objective's",
+            metavar="NAME",
+        ),
+    ]
+    coordinates: Annotated[
+        str,
+        Option(
+            SEARCH, "Coordinates in which condition is written: unit, metric, pixel, hartley.", "unit", metavar="NAME"
+        ),
+    ]
+    survive: Annotated[
+        int,
+        Option(SEARCH, "Minimize the error after the worst loss of K dots, 1 to 3.", 0, metavar="K"),
+    ]
+    seed: Annotated[int, Option(SEARCH, "Seed for the random starts; the same seed gives the same bytes.", 0)]
+    restarts: Annotated[int, Option(SEARCH, "Number of random starts.", otherwise="the objective's", metavar="N")]
+    output: Annotated[
+        Files,
+        Option(
+            FILES,
+            "Output file; its suffix selects the format (.pdf .svg .png .dxf .step .stl .json and more, see markergen "
+            "export); may be repeated.",
+            otherwise="marker.pdf, with relief marker.json",
+            metavar="PATH",
+            flags="-o --output",
+        ),
+    ]
+    trace: Annotated[
+        Files,
+        Option(
+            FILES,
+            "Write the steps of the search as .csv, or plotted as .svg or .png; may be repeated.",
+            metavar="FILE",
+        ),
+    ]
+
+
+OUTSIDE_FILES = ("template", "output", "trace")
+"""Options of a design that a spec file does not have."""
+
+
+class ExportKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
+    """Options of an export."""
+
+    compensate: Annotated[
+        bool,
+        Option(
+            SHEET,
+            "Draw a rescaled marker so that the measured printer makes it as designed.",
+            False,
+            flags="--compensate",
+        ),
+    ]
+    depth: Annotated[Length, Option(SOLID, "Depth of pockets, engraving or recess.", otherwise="the process decides")]
+    gap: Annotated[Length, Option(SOLID, "Gap between an inlay and its pocket.", otherwise="the process decides")]
+    fit: Annotated[
+        str, Option(SOLID, "Fit of discs in milled pockets: slip or press.", otherwise="slip", metavar="NAME")
+    ]
+    through: Annotated[
+        bool, Option(SOLID, "Holes as dots, instead of milled pockets with discs.", False, flags="--through")
+    ]
+    tool: Annotated[Length, Option(SOLID, "Diameter of nozzle, mill or beam.", otherwise="the process decides")]
+    dome: Annotated[str, Option(SOLID, "Shape for --process dome: half or ball.", "half", metavar="NAME")]
+    draft: Annotated[
+        float, Option(SOLID, "Angle by which pillars of a relief widen toward the plate.", 0, metavar="DEGREES")
+    ]
+    foot: Annotated[Length, Option(SOLID, "Radius of the fillet around a pillar's foot.", "1mm")]
+    engrave: Annotated[
+        bool,
+        Option(
+            SOLID,
+            "Name, spec, numbers, origin and x axis engraved on the back of the plate.",
+            True,
+            flags="--engrave/--no-engrave",
+        ),
+    ]
+    tolerance: Annotated[Length, Option(SOLID, "Maximum distance of a mesh from the true surface.", "5um")]
+    boundary_unit: Annotated[
+        str, Option(SOLID, "Unit of an --outline that does not state one: mm, cm, m, in, pt, px.", metavar="UNIT")
+    ]
+
+
+class ValidateKeywords(TypedDict, total=False):
+    """Options of a validation, beside the marker and the camera."""
+
+    poses: Annotated[
+        Poses,
+        Option(
+            VIEW,
+            "paper, paper-roll, cone:tilt=0..60,distance=0.4..1m, or a CSV, JSON, TUM or COLMAP file.",
+            otherwise="what it was designed for",
+            metavar="NAME|CONE|FILE",
+        ),
+    ]
+    runs: Annotated[int, Option(TRIALS, "Noisy trials for each pose; 0 gives the bounds alone.", 1000)]
+    noise: Annotated[float, Option(TRIALS, "Standard deviation on every image coordinate.", 0.2, metavar="PX")]
+    trials_for_all: Annotated[
+        bool,
+        Option(TRIALS, "Run trials for the n-gon, square and random layouts, too.", False, flags="--trials-for-all"),
+    ]
+    views: Annotated[
+        int, Option(IMAGES, "Synthetic images to find the marker in.", otherwise="100; 0 for bare points", metavar="N")
+    ]
+    optics: Annotated[
+        str, Option(IMAGES, "Optics of the views, such as blur_px=1.5,noise_grey=4.", metavar="KEY=VALUE,...")
+    ]
+    background: Annotated[
+        str, Option(IMAGES, "Background of the marker: plain, clutter or photo.", "plain", metavar="NAME")
+    ]
+    hide: Annotated[int, Option(IMAGES, "Number of dots that are covered in each view.", 0)]
+    refine: Annotated[
+        str,
+        Option(IMAGES, "none, or photometric: align the rendered model with the image.", "none", metavar="NAME"),
+    ]
+    stress: Annotated[
+        bool,
+        Option(
+            IMAGES, "Repeat the views with blur, noise, little light, a hidden dot, clutter.", False, flags="--stress"
+        ),
+    ]
+    print_sigma: Annotated[
+        Length, Option(ERRORS, "Standard deviation of a printed dot's position along each axis.", "0.1mm")
+    ]
+    camera_covariance: Annotated[
+        File,
+        Option(ERRORS, "Covariance, or a row of standard deviations, of fx, fy, cx, cy, ...", metavar="FILE"),
+    ]
+    seed: Annotated[int, Option(RUN, "Seed for the noise; the same seed gives the same results.", 0)]
+    workers: Annotated[int, Option(RUN, "Number of processes.", otherwise="one for each processor", metavar="N")]
+
+
+class CompareKeywords(TypedDict, total=False):
+    """Options of a comparison, beside the contestants."""
+
+    views: Annotated[int, Option(IMAGES, "Synthetic images of each, from the same poses.", 200)]
+    poses: Annotated[
+        Poses,
+        Option(
+            VIEW,
+            "paper, paper-roll, a cone, or a file of poses.",
+            otherwise="what the first was designed for",
+            metavar="NAME",
+        ),
+    ]
+    print_sigma: Annotated[
+        Length, Option(ERRORS, "Standard deviation of a printed dot's or corner's position along each axis.", "0mm")
+    ]
+    seed: Annotated[int, Option(RUN, "Seed for noise and poses; the same seed gives the same results.", 0)]
+    workers: Annotated[int, Option(RUN, "Number of processes.", otherwise="one for each processor", metavar="N")]
+
+
+class VerifyKeywords(TypedDict, total=False):
+    """Options of a verification, beside the marker and the files."""
+
+    tolerance: Annotated[
+        Length,
+        Option(RUN, "Maximum deviation of a dot.", otherwise="1 um; 5 um in a mesh; a quarter of a pixel in a PNG"),
+    ]
+
+
+class DetectKeywords(TypedDict, total=False):
+    """Options of a detector, beside the markers and the camera."""
+
+    camera_covariance: Annotated[
+        File,
+        Option(ERRORS, "Covariance, or a row of standard deviations, of fx, fy, cx, cy, ...", metavar="FILE"),
+    ]
+    print_sigma: Annotated[
+        Length, Option(ERRORS, "Standard deviation of a printed dot's position along each axis.", "0.1mm")
+    ]
+    refine: Annotated[
+        str,
+        Option(RUN, "none, or photometric: align the rendered model with the image.", "none", metavar="NAME"),
+    ]
+
+
+class RescaleKeywords(TypedDict, total=False):
+    """Measurements of a print, for rescaling."""
+
+    measured_x: Annotated[Length, Option(ERRORS, "Measured length of the ruler along x.")]
+    measured_y: Annotated[Length, Option(ERRORS, "Measured length of the ruler along y.", otherwise="as along x")]
+    nominal_x: Annotated[Length, Option(ERRORS, "Length printed beside the ruler along x.", "200mm")]
+    nominal_y: Annotated[Length, Option(ERRORS, "Length printed beside the ruler along y.", "200mm")]
+    measured_points: Annotated[
+        File,
+        Option(
+            ERRORS,
+            "Measured dots: id,x,y[,sigma | ,sx,sy[,rho]]; meters, or units as in x_mm.",
+            metavar="CSV",
+        ),
+    ]
+    force: Annotated[bool, Option(ERRORS, "Accept a print that is 5 % off or more.", False, flags="--force")]
+
+
+class StudyKeywords(TypedDict, total=False):
+    """Options for running a study."""
+
+    workers: Annotated[int, Option(RUN, "Number of processes.", otherwise="one for each processor", metavar="N")]
+    scheduler: Annotated[
+        str,
+        Option(RUN, "Compute on a running Dask cluster instead, such as tcp://10.0.0.1:8786.", metavar="ADDRESS"),
+    ]
+    resume: Annotated[
+        bool,
+        Option(RUN, "Continue in a folder: what is finished is not computed again.", False, flags="--resume"),
+    ]
+    runs: Annotated[
+        int,
+        Option(
+            TRIALS, "Noisy runs of each layout and pose.", otherwise="paper 20, sweep 100 or the file's", metavar="N"
+        ),
+    ]
+    scale: Annotated[
+        float, Option(TRIALS, "Share of the paper's study; 0.01 is a quick look.", otherwise="1", metavar="SHARE")
+    ]
