@@ -11,7 +11,7 @@ from markergen.model.marker import dressed
 from markergen.model.occlusion import eyes_of, hidden, passage, pillar_radius, sight_gaps
 from markergen.model.poses import paper
 from markergen.render.patches import project_patches
-from markergen.render.shapes import INK, marker_patches
+from markergen.render.view import INK, marker_patches
 
 SHARES, RIM = 150, 240
 
