@@ -154,6 +154,13 @@ def read(source: object, kind: str) -> Content:
     return Content(name, data)
 
 
+def check_size(content: Content, kind: str) -> None:
+    """Refuse a file that is too large for its kind, which its content or its name tells; raises InputError."""
+    limits = KINDS[kind]
+    if len(content.data) > limits.largest:
+        raise InputError(f"{limits.name} of at most {limits.size} in {content.name}", "a larger one", limits.smaller)
+
+
 def read_start(path: Path, count: int, pipes: bool = False) -> bytes:
     """First `count` bytes of a regular file, or with `pipes` of any, fewer if it has not as many.
 
@@ -235,8 +242,7 @@ def in_child(script: Path, function: str, content: Content, kind: str, expected:
         If the script cannot be started; the message is the reason alone.
     """
     limits = KINDS[kind]
-    if len(content.data) > limits.largest:
-        raise InputError(f"a file of at most {limits.size} in {content.name}", "a larger one", limits.smaller)
+    check_size(content, kind)
     child = _child(script, kind)
     with child.lock:
         reply = child.ask(function, content.data, limits.seconds + limits.seconds_per_byte * len(content.data))

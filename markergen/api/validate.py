@@ -68,9 +68,9 @@ def validate(
     Examples
     --------
     >>> from markergen.model.boundary import Circle
-    >>> from markergen.model.marker import dressed
+    >>> from markergen.model.marker import build_marker
     >>> from markergen.objectives.criteria import regular_polygon
-    >>> marker = dressed(regular_polygon(5, 0.125), Circle(0.15), diameter=0.036, clearance=0.0036)
+    >>> marker = build_marker(regular_polygon(5, 0.125), Circle(0.15), diameter=0.036, clearance=0.0036)
     >>> found = validate(marker, poses="cone:count=20", runs=20, views=0, workers=1)
     >>> found  # doctest: +ELLIPSIS
     <Validation: 5 dots, 20 poses x 20 runs, bound ... deg ... %, lm ...>

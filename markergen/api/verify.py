@@ -54,9 +54,9 @@ def verify(
     >>> from pathlib import Path
     >>> from markergen.exporters.saving import save
     >>> from markergen.model.boundary import Circle
-    >>> from markergen.model.marker import dressed
+    >>> from markergen.model.marker import build_marker
     >>> from markergen.objectives.criteria import regular_polygon
-    >>> marker = dressed(regular_polygon(5, 0.04), Circle(0.05), diameter=0.012, clearance=0.0012)
+    >>> marker = build_marker(regular_polygon(5, 0.04), Circle(0.05), diameter=0.012, clearance=0.0012)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     _ = save(marker, [Path(folder) / "marker.svg"])
     ...     found = verify(marker, Path(folder) / "marker.svg")

@@ -120,6 +120,12 @@ def validate(
         raise typer.Exit(console.FAILED)
 
 
+def _processes() -> list[tuple[str, str]]:
+    from markergen.model.fabrication import PROCESSES
+
+    return [(name, PROCESSES[name].summary or PROCESSES[name].label) for name in PROCESSES]
+
+
 def _suffixes() -> list[tuple[str, str]]:
     from markergen.exporters import catalog
 
@@ -127,7 +133,7 @@ def _suffixes() -> list[tuple[str, str]]:
 
 
 @app.command(cls=GroupedCommand)
-@with_options(ExportKeywords, listed=("Suffixes", _suffixes))
+@with_options(ExportKeywords, listed={"Suffixes": _suffixes, "Processes": _processes})
 def export(
     marker: Annotated[
         list[Path],

@@ -119,8 +119,7 @@ class ProcessKeyword(TypedDict, total=False):
         str,
         Option(
             SOLID,
-            "How solids are made: fdm, two materials; cnc, pockets and discs; laser, engraved; print, a recess for a "
-            "printed sheet; dome, half-balls or balls.",
+            "How solids are made: one of the processes that markergen export --help lists.",
             "fdm",
             metavar="NAME",
         ),

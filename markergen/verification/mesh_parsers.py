@@ -68,7 +68,7 @@ LARGEST = 500_000_000
 MOST_OBJECTS, DEEPEST = 20_000, 10
 
 
-class Mesh(NamedTuple):
+class MeshObject(NamedTuple):
     """Triangles of one object: see `mesh.Triangles`."""
 
     corners: NDArray[Any]
@@ -78,7 +78,7 @@ class Mesh(NamedTuple):
     palette: list[Color] = []  # noqa: RUF012  (never changed)
 
 
-def _reply(meshes: list[Mesh]) -> Found:
+def _reply(meshes: list[MeshObject]) -> Found:
     arrays: dict[str, NDArray[Any]] = {f"corners{k}": each.corners for k, each in enumerate(meshes)}
     arrays |= {f"paints{k}": each.paints for k, each in enumerate(meshes) if each.paints is not None}
     objects = [{"name": each.name, "color": each.color, "palette": each.palette} for each in meshes]
@@ -110,7 +110,7 @@ def read_stl(data: bytes) -> Found:
     whole = np.concatenate(corners) if corners else np.zeros((0, 3, 3))
     if not is_binary and len(whole) != data.lower().count(b"endfacet"):
         raise InputError("a complete STL", "triangles without three corners, or no end", "export it again")
-    return _reply([Mesh(whole)])
+    return _reply([MeshObject(whole)])
 
 
 def _check_text(data: bytes) -> None:
@@ -174,7 +174,7 @@ def read_glb(data: bytes) -> Found:
         raise InputError("a complete GLB", "parts that do not fit each other", "export it again") from None
 
 
-def _glb_mesh(name: str, primitives: list[tuple[str, dict[str, Any]]], graph: Any) -> Mesh:
+def _glb_mesh(name: str, primitives: list[tuple[str, dict[str, Any]]], graph: Any) -> MeshObject:
     corners, paints, palette = [], [], []
     for number, (frame, geometry) in enumerate(primitives):
         matrix = np.asarray(graph[frame][0], dtype=float)
@@ -194,8 +194,8 @@ def _glb_mesh(name: str, primitives: list[tuple[str, dict[str, Any]]], graph: An
     main = int(np.argmax(np.bincount(paint, minlength=1)))
     colors = [color for color in palette if color is not None]
     if len(colors) < len(palette):
-        return Mesh(every, name, palette[main])
-    return Mesh(every, name, palette[main], np.where(paint == main, -1, paint), colors)
+        return MeshObject(every, name, palette[main])
+    return MeshObject(every, name, palette[main], np.where(paint == main, -1, paint), colors)
 
 
 def _check_glb(data: bytes) -> None:
@@ -359,14 +359,14 @@ class _Model:
         if tag == f"{CORE} object":
             self._object = None
 
-    def built(self) -> list[Mesh]:
+    def built(self) -> list[MeshObject]:
         """Triangles in mm of everything that is built."""
-        found: list[Mesh] = []
+        found: list[MeshObject] = []
         for key, transform in self.items:
             self._add(found, key, transform, 0)
         return found
 
-    def _add(self, found: list[Mesh], key: str, transform: Array, depth: int) -> None:
+    def _add(self, found: list[MeshObject], key: str, transform: Array, depth: int) -> None:
         each = self.objects.get(key)
         if each is None or depth > DEEPEST or len(found) > MOST_OBJECTS:
             raise InputError("objects that there are", f"object {brief(key)}", "export it again")
@@ -390,7 +390,7 @@ class _Model:
         own = index.get(each.paint, -1) if each.paint else -1
         paints = np.array([index.get(paint, -1) if paint else own for paint in each.paints])
         paints[paints == own] = -1
-        found.append(Mesh(corners, each.name, palette[own] if own >= 0 else None, paints, palette))
+        found.append(MeshObject(corners, each.name, palette[own] if own >= 0 else None, paints, palette))
 
 
 def _transform(text: str | None) -> Array:

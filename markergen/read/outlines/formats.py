@@ -27,7 +27,7 @@ class Piece:
     Attributes
     ----------
     name : str
-        What the user would call it: kind, and id or layer.
+        Name that the user knows: kind, and id or layer.
     curves : tuple of Curve
     closed : bool
         The last end is joined to the first start by a line, if they are apart.
@@ -53,7 +53,7 @@ class Drawing:
     pixels : float
         px per unit of the coordinates, for a file in px.
     hint : str
-        What to consider for the choice of a unit, for the message that there is none.
+        Advice on choosing a unit, for the message that there is none.
     """
 
     pieces: list[Piece]
@@ -119,7 +119,7 @@ class OutlineFormat:
     Attributes
     ----------
     signs : str
-        What a file of this kind holds, for the message that no format fits.
+        Contents that tell a file of this kind, for the message that no format fits.
     fits : callable
         Tell whether a file is of this kind; at most one format says so of any file.
     read : callable
