@@ -47,7 +47,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Drawing:
+class CutDrawing:
     """What is drawn: paths by layer, and where words go; mm.
 
     Attributes
@@ -90,7 +90,7 @@ def write_dxf(marker: Marker) -> bytes:
     paths += [(ENGRAVE, path) for dot in dots for path in _circles(dot)]
     paths += [(ENGRAVE, _polygon(ring)) for ring in (designed.tag.outlines if designed.tag else ())]
     box = _box(_mm(np.concatenate(designed.boundary.outlines())))
-    return _write(designed, Drawing(MARKER, paths, [(dot.name.removeprefix("dot-"), dot) for dot in dots], box))
+    return _write(designed, CutDrawing(MARKER, paths, [(dot.name.removeprefix("dot-"), dot) for dot in dots], box))
 
 
 def write_laser_dxf(marker: Marker, fabrication: Fabrication) -> bytes:
@@ -120,10 +120,10 @@ def write_laser_dxf(marker: Marker, fabrication: Fabrication) -> bytes:
         (f"{dot.id}, z = {format_length(dot.z / 1e3)}" if dot.raised else str(dot.id), disk) for dot, disk in dots
     ]
     box = _box(np.array([point for outer, *_ in outlines for point in _extent(outer)]))
-    return _write(designed, Drawing(PLATE, paths, labels, box))
+    return _write(designed, CutDrawing(PLATE, paths, labels, box))
 
 
-def _write(marker: Marker, drawing: Drawing) -> bytes:
+def _write(marker: Marker, drawing: CutDrawing) -> bytes:
     from ezdxf import units
     from ezdxf.filemanagement import new
 
@@ -153,7 +153,7 @@ def _draw(space: Any, layer: str, path: Contour) -> None:
     space.add_lwpolyline(points, format="xyb", close=True, dxfattribs={"layer": layer})
 
 
-def _inform(space: Any, marker: Marker, drawing: Drawing) -> None:
+def _inform(space: Any, marker: Marker, drawing: CutDrawing) -> None:
     """Add the axes, each dot's number inside of it, and below the outline which marker this is."""
     from ezdxf.enums import TextEntityAlignment
 

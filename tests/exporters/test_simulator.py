@@ -3,7 +3,7 @@ import pytest
 from tetrahedra import part
 
 from markergen.exporters.meshes import MeshedPart
-from markergen.exporters.simulator import DENSITY, mass_of, number, numbers
+from markergen.exporters.simulators import DENSITY, mass_of, number, numbers
 from markergen.solid.bodies import Part, cylinder
 from markergen.solid.kernel import build
 from markergen.solid.mesh import mesh_of

@@ -13,7 +13,7 @@ import pytest
 from markergen.detect import Detector
 from markergen.detect.detection import detect
 from markergen.errors import InputError
-from markergen.exporters import outputs_of
+from markergen.exporters.saving import outputs_of
 from markergen.model import camera, marker
 from markergen.model.boundary import Circle
 from markergen.model.feature import Feature

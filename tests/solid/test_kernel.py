@@ -123,7 +123,7 @@ class Finder:
 sys.meta_path.insert(0, Finder())
 from pathlib import Path
 from markergen.errors import MissingLibraryError
-from markergen.exporters import save
+from markergen.exporters.saving import save
 from markergen.model.marker_json import from_json
 marker, folder = from_json(sys.stdin.read()), Path(sys.argv[1])
 save(marker, [folder / "m.pdf", folder / "m.svg", folder / "m.json"])

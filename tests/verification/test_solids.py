@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from spoiled_solids import SOLIDS, glb, gltf, model, resized, stl, stl_of_text, triangles, with_model
 
-from markergen.exporters import ExportOptions, save
+from markergen.exporters import ExportOptions
+from markergen.exporters.saving import save
 from markergen.model.fabrication import Fabrication
 from markergen.model.feature import Feature
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.verification import verify
-from markergen.verification.recess import SHEET
+from markergen.verification.solids import SHEET
 
 FABRICATIONS = {
     "fdm": Fabrication(),

@@ -1,16 +1,24 @@
-"""What the simulators' formats share: the mesh that they show, mass and moments, and a simple shape to bump into."""
+"""Simulators: the marker as one rigid body that shows its GLB, as URDF and as SDF.
+
+Both have a link whose frame is the marker frame, with mass and moments, and a simple shape to bump into. A GLB has y
+up. RViz and Drake turn it into z up when they load it, and older versions of RViz ignore the root node that turns it:
+either way the mesh of a URDF is in the marker frame as it stands. Gazebo takes it as it comes, so that an SDF turns the
+visual back by a quarter about x.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
+from math import pi
 from typing import Self
+from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.exporters import ExportOptions
-from markergen.exporters.glb import write_glb
-from markergen.exporters.meshes import MeshedPart, meshed
+import markergen
+from markergen.exporters import ExportOptions, Output
+from markergen.exporters.meshes import MeshedPart, meshed, write_glb
 from markergen.model.marker import Marker
 
 Array = NDArray[np.float64]
@@ -115,3 +123,87 @@ def number(value: float) -> str:
 def numbers(values: Array) -> str:
     """Write several numbers with spaces between them."""
     return " ".join(number(value) for value in values)
+
+
+def export_urdf(markers: Sequence[Marker], options: ExportOptions) -> Output:
+    """Write a robot of one link; beside it ``meshes/<stem>.glb``."""
+    body = Simulated.of(markers, options, ".urdf")
+    notes = (
+        f"RViz finds the mesh once it is in a package, as package://<package>/{body.mesh}; for Gazebo write .sdf.",
+        *body.notes,
+    )
+    return Output(_robot(body).encode(), notes, {body.mesh: body.glb})
+
+
+def _robot(body: Simulated) -> str:
+    shape, measures, middle = body.collision()
+    inside = " ".join(f'{name}="{value}"' for name, value in measures.items())
+    moments = " ".join(f'{name}="{value}"' for name, value in body.moments().items())
+    return f"""<?xml version="1.0" encoding="UTF-8"?>
+<robot name="{body.name}">
+  <link name="marker">
+    <inertial>
+      <origin xyz="{numbers(body.center)}" rpy="0 0 0"/>
+      <mass value="{number(body.mass)}"/>
+      <inertia {moments}/>
+    </inertial>
+    <visual>
+      <origin xyz="0 0 0" rpy="0 0 0"/>
+      <!-- {body.digest} -->
+      <geometry><mesh filename={quoteattr(body.mesh)}/></geometry>
+    </visual>
+    <collision>
+      <origin xyz="{numbers(middle)}" rpy="0 0 0"/>
+      <geometry><{shape} {inside}/></geometry>
+    </collision>
+  </link>
+</robot>
+"""
+
+
+def export_sdf(markers: Sequence[Marker], options: ExportOptions) -> Output:
+    """Write a model of one link; beside it ``model.config`` and ``meshes/<stem>.glb``."""
+    body = Simulated.of(markers, options, ".sdf")
+    beside = {"model.config": _config(body, options.stem).encode(), body.mesh: body.glb}
+    return Output(_model(body).encode(), body.notes, beside)
+
+
+def _model(body: Simulated) -> str:
+    shape, measures, middle = body.collision()
+    inside = "".join(f"<{name}>{value}</{name}>" for name, value in measures.items())
+    moments = "".join(f"<{name}>{value}</{name}>" for name, value in body.moments().items())
+    return f"""<?xml version="1.0" encoding="UTF-8"?>
+<sdf version="1.7">
+  <model name="{body.name}">
+    <static>true</static>
+    <link name="marker">
+      <inertial>
+        <pose>{numbers(body.center)} 0 0 0</pose>
+        <mass>{number(body.mass)}</mass>
+        <inertia>{moments}</inertia>
+      </inertial>
+      <visual name="visual">
+        <pose>0 0 0 {number(pi / 2)} 0 0</pose>
+        <!-- {body.digest} -->
+        <geometry><mesh><uri>{escape(body.mesh)}</uri></mesh></geometry>
+      </visual>
+      <collision name="collision">
+        <pose>{numbers(middle)} 0 0 0</pose>
+        <geometry><{shape}>{inside}</{shape}></geometry>
+      </collision>
+    </link>
+  </model>
+</sdf>
+"""
+
+
+def _config(body: Simulated, stem: str) -> str:
+    return f"""<?xml version="1.0" encoding="UTF-8"?>
+<model>
+  <name>{body.name}</name>
+  <version>1.0</version>
+  <sdf version="1.7">{escape(stem)}.sdf</sdf>
+  <author><name>markergen {markergen.__version__}</name></author>
+  <description>Fiducial marker; its link's frame is the marker frame: x right, y up, z out of the face.</description>
+</model>
+"""
