@@ -86,7 +86,7 @@ def fewer(poses: PoseDistribution, count: int = FEW_POSES) -> PoseDistribution:
 
 
 @dataclass(frozen=True)
-class Region:
+class FeasibleRegion:
     """The feasible layouts of dots of one diameter.
 
     Attributes
