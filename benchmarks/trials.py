@@ -31,8 +31,8 @@ from markergen.model.camera import PAPER_CAMERA
 from markergen.model.feature import Feature, key_ring
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.poses import PoseDistribution, paper
+from markergen.pool import map_chunks, processor_count
 from markergen.validation.bounds import pose_bounds
-from markergen.validation.pool import map_chunks, processor_count
 from markergen.validation.run import POSES_AT_ONCE, validate
 from markergen.validation.trials import Experiment, noisy_images
 

@@ -1,8 +1,6 @@
-"""Files are replaced atomically: whatever fails, the target is either as it was or complete. Reading never waits."""
+"""Files are replaced atomically: whatever fails, the target is either as it was or complete."""
 
-import errno
 import os
-import stat
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -45,32 +43,12 @@ def schemas() -> dict[str, Path]:
     return {path.name.removesuffix(ending): path for path in sorted(shipped_folder("schemas").glob(f"*{ending}"))}
 
 
-def read_start(path: Path, count: int) -> bytes:
-    """First `count` bytes of a regular file, fewer if it has not as many.
-
-    Raises
-    ------
-    OSError
-        If it cannot be read or is no regular file: a pipe that nobody writes to would be waited for without end.
-    ValueError
-        If the path has a null character.
-    """
-    with open(path, "rb", opener=_open_at_once) as file:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            raise OSError(errno.EINVAL, "a pipe or a device, not a regular file")
-        return file.read(count)
-
-
 def exists(path: Path) -> bool:
     """Tell whether there is something at a path, also one that is no path or that may not be looked at."""
     try:
         return path.exists()
     except (OSError, ValueError):  # A name that is too long, a folder that is closed, a null character.
         return False
-
-
-def _open_at_once(path: str, flags: int) -> int:
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def write_atomic(path: Path, data: bytes) -> None:

@@ -12,20 +12,19 @@ import pytest
 
 ROOT = Path(__file__).parent.parent / "markergen"
 ORDER = [
-    ("errors", "units", "registry", "files", "tables"), ("options",), ("geometry",), ("maths",), ("model",),
-    ("read",), ("objectives",), ("estimators",), ("optimize",), ("drawing",), ("solid",), ("exporters",), ("render",),
-    ("detect",), ("validation",), ("verification",), ("studies",), ("api",), ("cli", "__main__"),
+    ("errors", "units", "registry", "files", "guard", "pool"), ("options",), ("presentation",), ("geometry",),
+    ("maths",), ("model",), ("read",), ("objectives",), ("estimators",), ("optimize",), ("drawing",), ("solid",),
+    ("exporters",), ("render",), ("detect",), ("validation",), ("verification",), ("studies",), ("api",),
+    ("cli", "__main__"),
 ]  # fmt: skip
 DOORS = {
     # A class is loaded by its own name, from what is read a layer above.
     ("model/camera.py", "Camera.load"): "read.cameras.load_camera",
     ("model/camera.py", "Camera.from_message"): "read.cameras.ros.camera_of_message",
-    ("model/camera.py", "Camera.from_cv2"): "read.cameras.matrices.camera_of_arrays",
+    ("model/camera.py", "Camera.from_cv2"): "read.cameras.calibration.camera_of_arrays",
     ("model/marker.py", "Marker.load"): "model.marker_json.load_marker",
-    # A marker is saved and drawn by its own name, too.
+    # A marker is saved by its own name, too.
     ("model/marker.py", "Marker.save"): "api.export.export",
-    ("model/marker.py", "Marker.plot"): "validation.report.marker_plot.draw_marker",
-    ("model/marker.py", "Marker._repr_html_"): "model.picture.svg",
 }
 """Methods that call what stands above them, by `markergen.registry.door`, and what they call; there are no others."""
 LEVEL = {name: level for level, names in enumerate(ORDER) for name in names}

@@ -12,7 +12,7 @@ from markergen.model.marker import Marker
 from markergen.options import CompareKeywords, check_progress, settle, signature_of
 from markergen.options.base import File, Files, MarkerLike, Progress
 from markergen.validation.compare import compare as run
-from markergen.validation.comparison import Comparison, targets_of
+from markergen.validation.comparison import Comparison
 from markergen.validation.lineup import FORMS
 
 _log = logging.getLogger(__name__)
@@ -65,7 +65,8 @@ def compare(
     """
     check_progress(progress)
     settled = settle(options, CompareKeywords)
-    targets = targets_of(save, json, plot, files_among(*contestants, settled["poses"]))
+    targets = Comparison.targets(save, json=json, plot=plot)
+    targets.check(files_among(*contestants, settled["poses"]))
     texts, given = _named(contestants)
     began = time.perf_counter()
     _log.info("comparing %s", ", ".join(texts))

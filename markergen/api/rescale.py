@@ -12,8 +12,8 @@ from markergen.model.rescale import Rulers, remeasure
 from markergen.model.rescale import rescale as by_rulers
 from markergen.options import RescaleKeywords, settle, signature_of
 from markergen.options.base import MarkerLike
+from markergen.presentation.results import Result
 from markergen.read.measured import read_measured
-from markergen.tables import Result
 
 
 class Rescaled(Result):

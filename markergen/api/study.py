@@ -12,10 +12,11 @@ from markergen.api.loose import path_of
 from markergen.errors import InputError
 from markergen.files import Written
 from markergen.options import StudyKeywords, check_progress, given, signature_of
+from markergen.presentation.results import Result
+from markergen.presentation.tables import data_frame
 from markergen.studies.engines import engine_for
 from markergen.studies.run import CellProgress
 from markergen.studies.sweep import read_sweep, run_sweep, sweep_from_mapping
-from markergen.tables import Result, data_frame
 
 if TYPE_CHECKING:
     from pandas import DataFrame

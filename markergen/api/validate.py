@@ -9,10 +9,10 @@ from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.options import ValidateKeywords, check_progress, settle, signature_of
 from markergen.options.base import CameraLike, File, Files, MarkerLike, Progress
-from markergen.read.cameras import read_camera_covariance
+from markergen.read.cameras.covariance import read_camera_covariance
 from markergen.render import optics_from_text
 from markergen.validation.proof import prove, setting_of
-from markergen.validation.validation import Targets, Validation
+from markergen.validation.validation import Validation, check_pictures
 from markergen.validation.views import Shoot
 
 _log = logging.getLogger(__name__)
@@ -81,7 +81,7 @@ def validate(
     """
     check_progress(progress)
     settled = settle(options, ValidateKeywords)
-    targets = Targets.of(save, json, report, pictures)
+    targets = Validation.targets(save, pictures, json=json, report=report)
     optics = optics_from_text(settled["optics"] or "")
     judged = marker_of(marker)
     views = (VIEWS if judged.dot_diameter else 0) if settled["views"] is None else settled["views"]
@@ -93,7 +93,8 @@ def validate(
         judged, setting.camera, setting.poses, views, settled["seed"], optics, settled["background"], settled["hide"],
         ErrorSources(settled["print_sigma"], covariance), settled["refine"],
     )  # fmt: skip
-    targets.check(views, files_among(marker, camera, settled["camera_covariance"], settled["poses"]))
+    check_pictures(targets, views)
+    targets.check(files_among(marker, camera, settled["camera_covariance"], settled["poses"]))
     began = time.perf_counter()
     _log.info("validating: %d poses x %d runs, %d views", len(setting.poses), settled["runs"], views)
     results: dict[str, Any] = prove(

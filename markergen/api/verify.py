@@ -7,7 +7,7 @@ from markergen.api.loose import files_among, marker_of, paths_of
 from markergen.options import VerifyKeywords, settle, signature_of
 from markergen.options.base import File, Files, MarkerLike
 from markergen.verification.check import check_tolerance, verify_all
-from markergen.verification.verification import Verification, targets_of
+from markergen.verification.verification import Verification
 
 _log = logging.getLogger(__name__)
 
@@ -66,7 +66,8 @@ def verify(
     paths = paths_of(files, "files to verify")
     tolerance = settle(options, VerifyKeywords)["tolerance"]
     check_tolerance(tolerance)
-    targets = targets_of(save, json, [*files_among(marker), *paths])
+    targets = Verification.targets(save, json=json)
+    targets.check([*files_among(marker), *paths])
     judged = marker_of(marker)
     _log.info("verifying %d files", len(paths))
     checks = verify_all(judged, paths, tolerance)

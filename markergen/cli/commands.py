@@ -360,8 +360,8 @@ def templates(
       markergen templates desk-a4 > my.toml
       markergen design --template my.toml -o marker.pdf
     """
+    from markergen.presentation.tables import Table
     from markergen.read.templates import read_template, template_text, templates
-    from markergen.tables import Table
 
     if name:
         print(template_text(name), end="")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from markergen.options.base import Progress
-    from markergen.tables import Table
+    from markergen.presentation.tables import Table
     from markergen.validation.comparison import Comparison
     from markergen.validation.validation import Validation
     from markergen.verification.verification import Verification
@@ -113,6 +113,6 @@ def print_found(found: "Found", as_json: bool, parts: Iterable["str | Table"] | 
 
 def print_parts(parts: Iterable["str | Table"]) -> None:
     """Print sentences and tables; a terminal decides on their width."""
-    from markergen.tables import print_parts
+    from markergen.presentation.tables import print_parts
 
     print_parts(parts, sys.stdout)

@@ -25,7 +25,7 @@ from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.options import as_list
 from markergen.options.base import CameraLike, MarkerLike
-from markergen.read.cameras import read_camera_covariance
+from markergen.read.cameras.covariance import read_camera_covariance
 from markergen.read.images import grey_frame
 from markergen.units import parse_length
 

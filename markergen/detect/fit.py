@@ -3,17 +3,18 @@
 Normalized coordinates are (X/z, Y/z): the lens is undone, the camera matrix too. So nothing here knows of pixels.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.maths.information import mirrored_rotation
+from markergen.maths.least_squares import Arrays, Attempt, Damping, LeastSquares, Mask, levenberg_marquardt
 
 Array = NDArray[np.float64]
 
-DAMPING, LEAST_DAMPING, FACTOR = 1e-4, 1e-12, 10.0
-"""Marquardt's lambda to begin with, its floor, and what it is divided or multiplied by."""
+DAMPING = Damping(start=1e-4, least=1e-12, slack=1e-12, ridge=1e-14)
+"""The ridge holds the direction that dots on a line leave free."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,34 +147,8 @@ def refine_poses(
     rotation (k, 3, 3), translation (k, 3), chi2 (k,)
         chi2 is inf for a pose that does not see all weighted dots from the front.
     """
-    used = np.asarray(weight.any(axis=(-2, -1)))
-    residual, chi2 = _residual(points, radii, seen, weight, used, rotation, translation)
-    k = len(rotation)
-    damping = np.full(k, DAMPING)
-    diagonal = np.arange(6)
-    for _ in range(steps):
-        rows = pose_rows(points, rotation, translation)
-        weighted = (weight @ rows).reshape(k, -1, 6).swapaxes(-1, -2)
-        normal = weighted @ rows.reshape(k, -1, 6)
-        gradient = weighted @ residual.reshape(k, -1, 1)
-        size = normal[:, diagonal, diagonal]
-        # Dots on a line leave a direction free; what is tiny beside the rest holds it.
-        normal[:, diagonal, diagonal] += size * damping[:, None] + 1e-14 * size.max(axis=-1)[:, None] + 1e-300
-        step = np.asarray(np.linalg.solve(normal, gradient)[..., 0], dtype=float)
-        new_rotation, new_translation = _turn(step[:, :3]) @ rotation, translation + step[:, 3:]
-        new_residual, new_chi2 = _residual(points, radii, seen, weight, used, new_rotation, new_translation)
-        better = new_chi2 <= chi2 * (1 + 1e-12)
-        settled = better & (new_chi2 >= chi2 * (1 - tolerance))
-        rotation = np.where(better[:, None, None], new_rotation, rotation)
-        translation = np.where(better[:, None], new_translation, translation)
-        residual = np.where(better[:, None, None], new_residual, residual)
-        chi2 = np.where(better, new_chi2, chi2)
-        damping = np.where(better, np.maximum(damping / FACTOR, LEAST_DAMPING), damping * FACTOR)
-        moved = np.abs(step)
-        moved[:, 3:] /= np.sqrt(np.sum(translation**2, axis=-1, keepdims=True))
-        going = (moved.max(axis=-1) > tolerance) & ~settled & (chi2 < np.inf)
-        if not going.any():
-            break
+    problems = EllipseCenters(points, radii, seen, weight, np.asarray(weight.any(axis=(-2, -1))), tolerance)
+    (rotation, translation), chi2 = levenberg_marquardt(problems, (rotation, translation), DAMPING, steps)
     return rotation, translation, chi2
 
 
@@ -199,26 +174,57 @@ def _turn(vectors: Array) -> Array:
     return np.eye(3) + np.sin(angle) / angle * cross + 2 * half**2 * (cross @ cross)
 
 
-def _residual(
-    points: Array,
-    radii: Array,
-    seen: Array,
-    weight: Array,
-    used: NDArray[np.bool_],
-    rotation: Array,
-    translation: Array,
-) -> tuple[Array, Array]:
-    """Measured minus predicted centers (k, n, 2), 0 where not used, and chi2 (k,)."""
-    # The centers of `outlines`, without the shapes.
-    place = points @ rotation.swapaxes(-1, -2) + translation[:, None]
-    normal = rotation[:, None, :, 2]
-    depth = place[..., 2:]
-    square = radii[:, None] ** 2
-    level = depth**2 - square * (1 - normal[..., 2:] ** 2)
-    front = (depth[..., 0] > 0) & (level[..., 0] > 0) & (np.sum(place * normal, axis=-1) < 0)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        center = (place[..., :2] * depth + square * normal[..., 2:] * normal[..., :2]) / level
-        residual = np.where(used[..., None], seen - center, 0.0)
-        chi2 = np.sum((weight @ residual[..., None])[..., 0] * residual, axis=(-2, -1))
-    visible = (front | ~used).all(axis=-1)
-    return residual, np.where(visible & (chi2 < np.inf), chi2, np.inf)
+@dataclass(frozen=True, eq=False)
+class EllipseCenters(LeastSquares):
+    """Weighted distances of measured from predicted ellipse centers; see `refine_poses`.
+
+    `used` (k, n) tells which dots have a weight. Poses take steps until all have converged: they are few, and to leave
+    one by one would cost more than the steps.
+    """
+
+    points: Array
+    radii: Array
+    seen: Array
+    weight: Array
+    used: Mask
+    tolerance: float
+
+    def residuals(self, unknowns: Arrays) -> Arrays:
+        """chi2 (k,), inf where a dot used is not seen, and measured minus predicted centers (k, n, 2), 0 if unused."""
+        rotation, translation = unknowns
+        # The centers of `outlines`, without the shapes.
+        place = self.points @ rotation.swapaxes(-1, -2) + translation[:, None]
+        normal = rotation[:, None, :, 2]
+        depth = place[..., 2:]
+        square = self.radii[:, None] ** 2
+        level = depth**2 - square * (1 - normal[..., 2:] ** 2)
+        front = (depth[..., 0] > 0) & (level[..., 0] > 0) & (np.sum(place * normal, axis=-1) < 0)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            center = (place[..., :2] * depth + square * normal[..., 2:] * normal[..., :2]) / level
+            residual = np.where(self.used[..., None], self.seen - center, 0.0)
+            chi2 = np.sum((self.weight @ residual[..., None])[..., 0] * residual, axis=(-2, -1))
+        visible = (front | ~self.used).all(axis=-1)
+        return np.where(visible & (chi2 < np.inf), chi2, np.inf), residual
+
+    def normal_equations(self, unknowns: Arrays, found: Arrays) -> tuple[Array, Array]:
+        """See `LeastSquares.normal_equations`."""
+        rows, k = pose_rows(self.points, *unknowns), len(self.seen)
+        weighted = (self.weight @ rows).reshape(k, -1, 6).swapaxes(-1, -2)
+        return weighted @ rows.reshape(k, -1, 6), (weighted @ found[1].reshape(k, -1, 1))[..., 0]
+
+    def moved(self, unknowns: Arrays, step: Array) -> Arrays:
+        """See `LeastSquares.moved`."""
+        return _turn(step[:, :3]) @ unknowns[0], unknowns[1] + step[:, 3:]
+
+    def converged(self, attempt: Attempt) -> Mask:
+        """Tell whether all poses are at rest or beyond hope: true for all or for none."""
+        _, translation = attempt.kept
+        settled = attempt.good & (attempt.after >= attempt.before * (1 - self.tolerance))
+        moved = np.abs(attempt.step)
+        moved[:, 3:] /= np.sqrt(np.sum(translation**2, axis=-1, keepdims=True))
+        going = (moved.max(axis=-1) > self.tolerance) & ~settled & (attempt.cost < np.inf)
+        return np.full(len(going), not going.any())
+
+    def take(self, chosen: Mask) -> "EllipseCenters":
+        """See `LeastSquares.take`."""
+        return replace(self, seen=self.seen[chosen], weight=self.weight[chosen], used=self.used[chosen])

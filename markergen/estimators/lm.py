@@ -1,5 +1,7 @@
 """Levenberg-Marquardt on the reprojection error: the maximum-likelihood pose under Gaussian noise of the image."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,17 +9,18 @@ from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimates, Pos
 from markergen.estimators.base import turned
 from markergen.estimators.ippe import IPPE
 from markergen.estimators.sqpnp import SQPNP
-from markergen.maths.information import information, turned_jacobian
+from markergen.maths.information import apply_pose_step, information, turned_jacobian
+from markergen.maths.least_squares import Arrays, Attempt, Damping, LeastSquares, Mask, levenberg_marquardt
 from markergen.maths.projection import perspective, to_pixels
-from markergen.maths.rotation import exponential
+from markergen.model.camera import Camera
 
 Array = NDArray[np.float64]
 
 STEP = 1e-10
 """A trial has converged when a step turns by less than this, in rad, and moves by less than this share of |t|."""
 ITERATIONS = 100
-DAMPING, LEAST_DAMPING, FACTOR = 1e-3, 1e-10, 10.0
-"""Marquardt's lambda to begin with, its floor (J'J may be singular), and what it is divided or multiplied by."""
+DAMPING = Damping(start=1e-3, least=1e-10, slack=1e-12)
+"""It never falls to 0, for J'J may be singular; 1e-12 of the sum of squares is some 1e-13 px in a coordinate."""
 
 
 class LevenbergMarquardt(PoseEstimator):
@@ -32,15 +35,14 @@ class LevenbergMarquardt(PoseEstimator):
 
 
 def refine(batch: Correspondences, rotation: Array, translation: Array) -> tuple[Array, Array]:
-    """Minimize the squared reprojection error of every trial over its pose.
+    """Minimize the squared reprojection error of every trial over its pose (see `markergen.maths.least_squares`).
 
-    Solves (J'J + lambda diag J'J) s = J'r and applies s = (w, dt) as R <- exp([w]x) R, t <- t + dt, J being
-    `maths.information.pose_jacobian` and r the residuals in px, with Marquardt's rule for lambda. The noise is that of
-    the image as taken: with a lens, J and r are multiplied by its derivative at the measured points.
+    Unknowns are the pose (w, dt) of `maths.information`, residuals those of the image in px. The noise is that of the
+    distorted image: with a lens, residuals and their derivatives are multiplied by its derivative at the measured
+    points.
 
-    All trials take their steps together and leave when they have converged. cv2.solvePnPRefineLM finds the same poses
-    (a test says so) but takes three times as long, one call per trial, and stops after 20 iterations, which is too
-    few for far frontal poses.
+    cv2.solvePnPRefineLM finds the same poses (a test says so) but takes three times as long, one call per trial, and
+    stops after 20 iterations, which is too few for far frontal poses.
 
     Parameters
     ----------
@@ -53,58 +55,78 @@ def refine(batch: Correspondences, rotation: Array, translation: Array) -> tuple
     rotation (T, 3, 3), translation (T, 3) in m
     """
     rotation, translation = rotation.copy(), translation.copy()
-    focal = batch.camera.focal
     trials = np.flatnonzero(batch.solvable & np.isfinite(batch.reprojection_error(rotation, translation)))
-    residual = _residual(batch, trials, rotation[trials], translation[trials])
-    damping = np.full(len(trials), DAMPING)
-    for _ in range(ITERATIONS):
-        if not len(trials):
-            break
-        R, t = rotation[trials], translation[trials]
-        jacobian = _taken(batch, trials, turned_jacobian(turned(batch.of(trials), R), t, focal))
-        step = _damped_step(jacobian, residual, damping)
-        R, t = exponential(step[:, :3]) @ R, t + step[:, 3:]
-        new_residual = _residual(batch, trials, R, t)
-        before, after = (np.einsum("tk,tk->t", r, r) for r in (residual, new_residual))
-        # At the minimum both sums are equal but for rounding (1e-13 px in a coordinate); no step is refused for that.
-        better = after <= before * (1 + 1e-12)
-        rotation[trials[better]], translation[trials[better]] = R[better], t[better]
-        residual[better] = new_residual[better]
-        damping = np.where(better, np.maximum(damping / FACTOR, LEAST_DAMPING), damping * FACTOR)
-        distance = np.linalg.norm(t, axis=-1)
-        size = np.maximum(np.linalg.norm(step[:, :3], axis=-1), np.linalg.norm(step[:, 3:], axis=-1) / distance)
-        going = size > STEP
-        trials, residual, damping = trials[going], residual[going], damping[going]
+    lens = None if batch.lens is None else batch.lens[trials]
+    problems = Reprojection(batch.of(trials), batch.image_points[trials], lens, batch.camera)
+    poses = rotation[trials], translation[trials]
+    (rotation[trials], translation[trials]), _ = levenberg_marquardt(problems, poses, DAMPING, ITERATIONS)
     return rotation, translation
 
 
-def _residual(batch: Correspondences, trials: NDArray[np.intp], rotation: Array, translation: Array) -> Array:
-    """Image minus projection (trials, 2n) in px as taken; inf where a point is behind the camera."""
-    seen = turned(batch.of(trials), rotation) + translation[:, None]
-    behind = np.any(seen[..., 2] <= 0, axis=-1)
-    seen[behind] = 1.0
-    residual = batch.image_points[trials] - to_pixels(perspective(seen), batch.camera.matrix)
-    residual = _taken(batch, trials, residual.reshape(len(trials), 2 * batch.xyz.shape[-2], 1))[..., 0]
-    residual[behind] = np.inf
-    return residual
+@dataclass(frozen=True, eq=False)
+class Reprojection(LeastSquares):
+    """Distances of reprojected object points from the image points of T trials.
 
+    Attributes
+    ----------
+    object_points : array (n, 3) or (T, n, 3), m
+    image_points : array (T, n, 2), undistorted px
+    lens : array (T, n, 2, 2) or None
+        See `Correspondences.lens`.
+    camera : Camera
+    """
 
-def _taken(batch: Correspondences, trials: NDArray[np.intp], rows: Array) -> Array:
-    """Rows (trials, 2n, k) in px as taken, of those in ideal px."""
-    if batch.lens is None:
-        return rows
-    # Counted out, because of no trials at all no size can be left to numpy.
-    pairs = rows.reshape(len(trials), batch.xyz.shape[-2], 2, rows.shape[-1])
-    return (batch.lens[trials] @ pairs).reshape(rows.shape)
+    object_points: Array
+    image_points: Array
+    lens: Array | None
+    camera: Camera
 
+    def residuals(self, unknowns: Arrays) -> Arrays:
+        """Sum of squares (T,), image minus projection (T, 2n) in distorted px, and R X (T, n, 3).
 
-def _damped_step(jacobian: Array, residual: Array, damping: Array) -> Array:
-    """Solve (J'J + lambda diag J'J) s = J'r; s has shape (T, 6)."""
-    normal = information(jacobian)
-    diagonal = np.arange(6)
-    normal[:, diagonal, diagonal] *= 1 + damping[:, None]
-    gradient = np.einsum("tki,tk->ti", jacobian, residual)
-    return np.linalg.solve(normal, gradient[..., None])[..., 0]
+        The first two are inf where a point is behind the camera.
+        """
+        rotation, translation = unknowns
+        points = turned(self.object_points, rotation)
+        seen = points + translation[:, None]
+        behind = np.any(seen[..., 2] <= 0, axis=-1)
+        seen[behind] = 1.0
+        residual = self.image_points - to_pixels(perspective(seen), self.camera.matrix)
+        residual = self._distorted(residual.reshape(len(residual), 2 * residual.shape[1], 1))[..., 0]
+        residual[behind] = np.inf
+        return np.einsum("tk,tk->t", residual, residual), residual, points
+
+    def normal_equations(self, unknowns: Arrays, found: Arrays) -> tuple[Array, Array]:
+        """See `LeastSquares.normal_equations`."""
+        _, residual, points = found
+        jacobian = self._distorted(turned_jacobian(points, unknowns[1], self.camera.focal))
+        return information(jacobian), np.einsum("tki,tk->ti", jacobian, residual)
+
+    def moved(self, unknowns: Arrays, step: Array) -> Arrays:
+        """See `LeastSquares.moved`."""
+        return apply_pose_step(unknowns[0], unknowns[1], step)
+
+    def converged(self, attempt: Attempt) -> Mask:
+        """Tell which trials have come to rest, see `STEP`."""
+        turn, shift, distance = (
+            np.linalg.norm(each, axis=-1) for each in (attempt.step[:, :3], attempt.step[:, 3:], attempt.tried[1])
+        )
+        size = np.maximum(turn, shift / distance)
+        # A step that is not a number ends its trial as well.
+        return ~np.asarray(size > STEP)
+
+    def take(self, chosen: Mask) -> "Reprojection":
+        """See `LeastSquares.take`."""
+        points = self.object_points if self.object_points.ndim == 2 else self.object_points[chosen]
+        lens = None if self.lens is None else self.lens[chosen]
+        return Reprojection(points, self.image_points[chosen], lens, self.camera)
+
+    def _distorted(self, rows: Array) -> Array:
+        """Rows (T, 2n, k) in distorted px, of those in undistorted px."""
+        if self.lens is None:
+            return rows
+        pairs = rows.reshape(*self.image_points.shape, rows.shape[-1])
+        return (self.lens @ pairs).reshape(rows.shape)
 
 
 LM = LevenbergMarquardt()

@@ -11,9 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.maths.projection import rotate
-from markergen.maths.rotation import angle_between, skew
+from markergen.maths.rotation import angle_between, exponential, skew
 
 Array = NDArray[np.float64]
+
+
+def apply_pose_step(rotation: Array, translation: Array, step: Array) -> tuple[Array, Array]:
+    """Poses (k, 3, 3), (k, 3) after steps (w, dt) (k, 6): exp([w]x) R and t + dt."""
+    return exponential(step[:, :3]) @ rotation, translation + step[:, 3:]
 
 
 def pose_jacobian(points: Array, rotation: Array, translation: Array, focal: Array) -> Array:

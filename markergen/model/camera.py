@@ -217,7 +217,7 @@ class Camera:
         >>> Camera.from_cv2(matrix, [[0.1, -0.2, 0, 0, 0]], (640, 480)).distortion.model
         'radtan'
         """
-        return door("read.cameras.matrices.camera_of_arrays")(matrix, distortion, size, fisheye)
+        return door("read.cameras.calibration.camera_of_arrays")(matrix, distortion, size, fisheye)
 
     def __repr__(self) -> str:
         parts = [f"{name}={getattr(self, name)!r}" for name in ("width", "height", "fx", "fy", "cx", "cy")]

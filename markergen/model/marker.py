@@ -314,7 +314,9 @@ class Marker:
 
     def _repr_html_(self) -> str:
         """Return a picture of the layout, for notebooks."""
-        return door("model.picture.svg")(self)
+        from markergen.model.picture import svg
+
+        return svg(self)
 
     def __len__(self) -> int:
         return len(self.control_points)
@@ -361,7 +363,9 @@ class Marker:
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the marker to scale, in mm, into an axes of matplotlib or a new figure, and return the axes."""
-        return door("validation.report.marker_plot.draw_marker")(self, ax)
+        from markergen.model.picture import draw_marker
+
+        return draw_marker(self, ax)
 
     @property
     def height(self) -> float:

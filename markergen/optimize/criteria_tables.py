@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from markergen.objectives.criteria import columns
 from markergen.objectives.survive import HiddenDots
-from markergen.tables import Table, number
+from markergen.presentation.tables import Table, number
 
 LAYOUTS = {
     "flat": "best without relief",

@@ -36,8 +36,9 @@ from markergen.optimize.relief import search_relief
 from markergen.optimize.relief_room import ReliefRoom
 from markergen.optimize.trace import Recorder, Step, trace_of
 from markergen.options.base import Progress
+from markergen.presentation.results import Result
+from markergen.presentation.tables import Table, data_frame
 from markergen.read.poses import poses_from
-from markergen.tables import Result, Table, data_frame
 from markergen.units import format_length
 
 if TYPE_CHECKING:

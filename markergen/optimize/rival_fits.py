@@ -11,15 +11,15 @@ squares over the dots, are fitted better by the true labeling than by s: the tru
 pose of the rival more.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.maths.information import pose_jacobian
+from markergen.maths.information import apply_pose_step, pose_jacobian
+from markergen.maths.least_squares import Arrays, Attempt, Damping, LeastSquares, Mask, levenberg_marquardt
 from markergen.maths.projection import perspective, to_camera
-from markergen.maths.rotation import exponential
 from markergen.model.camera import Camera
 from markergen.model.poses import PoseDistribution
 
@@ -32,8 +32,7 @@ STEPS, TOLERANCE, NOTHING = 40, 1e-9, 1e-14
 ROUGH_STEPS, ROUGH_TOLERANCE = 10, 1e-3
 """The same where fits are only compared."""
 
-DAMPING, LEAST_DAMPING, MOST_DAMPING, FACTOR = 1e-3, 1e-9, 1e8, 10.0
-"""Marquardt's lambda to begin with, its bounds, and what it is divided or multiplied by."""
+DAMPING = Damping(start=1e-3, least=1e-9, most=1e8)
 
 EDGE_ON, WALL_PX = float(np.cos(np.deg2rad(80.0))), 300.0
 """Least cosine of a rival's tilt, and what it costs to have none: beyond, dots are lines and nobody takes them for
@@ -190,56 +189,60 @@ def fit_poses(
     tilt above `edge_on`; with it D is the least of a sum, and so never above what it would be at the limit. inf where
     the start does not have all points in front of the camera and their printed side toward it; no step leads there.
     """
-    rotation, translation = rotation.copy(), translation.copy()
-    fit = Fit(points, camera, edge_on)
-    residual, normalized, cost = fit.residuals(images, rotation, translation)
-    damping = np.full(len(images), DAMPING)
-    alive = np.flatnonzero(np.isfinite(cost) & (cost > NOTHING))
-    tolerance = ROUGH_TOLERANCE if rough else TOLERANCE
-    for _ in range(ROUGH_STEPS if rough else STEPS):
-        if not len(alive):
-            break
-        turn, shift = rotation[alive], translation[alive]
-        jacobian = fit.jacobian(turn, shift, normalized[alive])
-        normal = jacobian.swapaxes(-1, -2) @ jacobian
-        normal[:, np.arange(6), np.arange(6)] *= 1 + damping[alive, None]
-        gradient = np.einsum("kij,ki->kj", jacobian, residual[alive])
-        step = np.linalg.solve(normal, gradient[..., None])[..., 0]
-        turn, shift = exponential(step[:, :3]) @ turn, shift + step[:, 3:]
-        after = fit.residuals(images[alive], turn, shift)
-        before = cost[alive]
-        better = after[2] <= before
-        took = alive[better]
-        rotation[took], translation[took] = turn[better], shift[better]
-        residual[took], normalized[took], cost[took] = (each[better] for each in after)
-        damping[alive] = np.where(better, np.maximum(damping[alive] / FACTOR, LEAST_DAMPING), damping[alive] * FACTOR)
-        done = (better & (after[2] >= before * (1 - tolerance))) | (damping[alive] > MOST_DAMPING)
-        alive = alive[~done & (cost[alive] > NOTHING)]
+    fit = RivalFit(points, images, camera, edge_on, ROUGH_TOLERANCE if rough else TOLERANCE)
+    steps = ROUGH_STEPS if rough else STEPS
+    (rotation, translation), cost = levenberg_marquardt(fit, (rotation, translation), DAMPING, steps)
     return rotation, translation, np.sqrt(cost)
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
-    """Residuals of poses, all in px: those of n images, and last that of the tilt."""
+class RivalFit(LeastSquares):
+    """Residuals of K poses, all in px: those of n images (K, n, 2), and last that of the tilt."""
 
     points: Array
+    images: Array
     camera: Camera
     edge_on: float
+    tolerance: float = TOLERANCE
 
-    def residuals(self, images: Array, rotation: Array, translation: Array) -> tuple[Array, Array, Array]:
-        """Image minus projection (K, 2n + 1), normalized projections (K, n, 2), and the sum of squares (K,)."""
+    def residuals(self, unknowns: Arrays) -> Arrays:
+        """Sum of squares (K,), image minus projection (K, 2n + 1), and normalized projections (K, n, 2)."""
+        rotation, translation = unknowns
         seen = to_camera(self.points, rotation, translation)
         cosine = _cos_tilt(rotation, translation)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             normalized = perspective(seen)
-            offset = (images - self.camera.to_pixels(normalized)).reshape(len(images), 2 * len(self.points))
+            offset = (self.images - self.camera.to_pixels(normalized)).reshape(len(seen), 2 * len(self.points))
             # Its image is the limit, its projection the tilt.
             tilt = WALL_PX * np.maximum(1 - cosine / self.edge_on, 0.0)
             residual = np.concatenate([offset, tilt[:, None]], axis=-1)
             cost = np.sum(residual**2, axis=-1)
         # Beyond what the lens model covers there is no image.
         shown = (seen[..., 2] > 0).all(axis=-1) & (cosine > 0) & np.isfinite(cost)
-        return residual, normalized, np.where(shown, cost, np.inf)
+        return np.where(shown, cost, np.inf), residual, normalized
+
+    def worth_a_step(self, cost: Array) -> Mask:
+        """Those that start in front of the camera, and do not fit already."""
+        return np.asarray(np.isfinite(cost) & (cost > NOTHING))
+
+    def normal_equations(self, unknowns: Arrays, found: Arrays) -> tuple[Array, Array]:
+        """See `LeastSquares.normal_equations`."""
+        _, residual, normalized = found
+        jacobian = self.jacobian(unknowns[0], unknowns[1], normalized)
+        return jacobian.swapaxes(-1, -2) @ jacobian, np.einsum("kij,ki->kj", jacobian, residual)
+
+    def moved(self, unknowns: Arrays, step: Array) -> Arrays:
+        """See `LeastSquares.moved`."""
+        return apply_pose_step(unknowns[0], unknowns[1], step)
+
+    def converged(self, attempt: Attempt) -> Mask:
+        """Tell which no longer come nearer, or fit."""
+        settled = attempt.good & (attempt.after >= attempt.before * (1 - self.tolerance))
+        return np.asarray(settled | (attempt.cost <= NOTHING))
+
+    def take(self, chosen: Mask) -> "RivalFit":
+        """See `LeastSquares.take`."""
+        return replace(self, images=self.images[chosen])
 
     def jacobian(self, rotation: Array, translation: Array, normalized: Array) -> Array:
         """Derivative (K, 2n + 1, 6) of the projections by the pose (w, dt)."""

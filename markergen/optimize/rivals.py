@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.model.poses import PoseDistribution
-from markergen.optimize.rival_fits import Fit, Rivals, Scene
+from markergen.optimize.rival_fits import RivalFit, Rivals, Scene
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -149,8 +149,8 @@ def _exchanged(scene: Scene, bases: Rivals, at: Indices) -> tuple[Indices, Indic
 def _prices(scene: Scene, bases: Rivals, first: Indices, second: Indices) -> Array:
     """D^2 (K, pairs) to first order after dots `first` and `second` have exchanged their images."""
     images = np.take_along_axis(scene.images[bases.pose], bases.labeling[..., None], axis=1)
-    fit = Fit(scene.points, scene.camera, scene.edge_on)
-    residual, normalized, _ = fit.residuals(images, bases.rotation, bases.translation)
+    fit = RivalFit(scene.points, images, scene.camera, scene.edge_on)
+    _, residual, normalized = fit.residuals((bases.rotation, bases.translation))
     rows = fit.image_rows(bases.rotation, bases.translation, normalized)
     span = np.linalg.qr(rows.reshape(len(bases), -1, 6))[0].reshape(rows.shape)
     residual = residual[:, :-1].reshape(images.shape)

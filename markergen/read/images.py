@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
+from markergen.files import exists
+from markergen.guard import read, reason_of
 
 Grey = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -29,7 +31,6 @@ LARGEST_FRAME = 400_000_000
 LEAST_SIDE = 16
 """Least width and height in px: four dots that can be measured do not fit into less."""
 
-_LARGEST_FILE = 1 << 30
 _FORMATS = ("BMP", "JPEG", "PNG", "PPM", "TIFF", "WEBP")
 _KNOWN = "PNG, JPEG, TIFF, BMP, WebP or PGM"
 _ORIENTATION = 0x0112
@@ -247,28 +248,20 @@ def _matches(pattern: str) -> list[Path]:
             if each.suffix.lower() in SUFFIXES and not each.name.startswith(".") and not each.is_dir()
         )
     except (OSError, ValueError) as error:
-        raise InputError(f"a readable folder at {pattern}", _reason(error), "check the path") from None
+        raise InputError(f"a readable folder at {pattern}", reason_of(error), "check the path") from None
     if not images:
         raise InputError(f"images at {pattern}", "none", f"name {_KNOWN} files, or a folder that has some")
     return images
 
 
 def _content(path: Path) -> bytes:
-    reason = "a readable image at"
-    try:
-        if path.is_dir():
-            raise InputError(f"{reason} {path}", "a folder", "name its files, or give it where folders are taken")
-        if path.exists() and not path.is_file():
-            raise InputError(f"{reason} {path}", "no regular file", "save the image to a file first")
-        length = path.stat().st_size
-        if length > _LARGEST_FILE:
-            raise InputError(f"{reason} {path}", f"{length} bytes", "files of more than 1 GiB are not read")
-        data = path.read_bytes()
-    except (OSError, ValueError) as error:
-        raise InputError(f"{reason} {path}", _reason(error), "check the path") from None
-    if not data:
-        raise InputError(f"{reason} {path}", "an empty file", "export the image again")
-    return data
+    if "\0" in str(path):
+        raise InputError(f"a readable image at {path}", "an impossible name", "check the path")
+    if exists(path) and path.is_dir():
+        raise InputError(
+            f"a readable image at {path}", "a folder", "name its files, or give it where folders are taken"
+        )
+    return read(path, "image").data
 
 
 def _examine(path: Path, data: bytes) -> _Header:
@@ -351,10 +344,6 @@ def _quiet() -> Iterator[None]:
         finally:
             os.dup2(kept, 2)
             os.close(kept)
-
-
-def _reason(error: OSError | ValueError) -> str:
-    return (isinstance(error, OSError) and error.strerror) or "an impossible name"
 
 
 def _brief(error: Exception) -> str:

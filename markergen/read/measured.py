@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from markergen.errors import InputError, brief
+from markergen.guard import Content, read, text_of
 from markergen.model.rescale import MeasuredDot
 from markergen.units import METERS
 
-LARGEST_FILE, MOST_ROWS = 1_000_000, 10_000
-"""Bytes and rows; a marker has a dozen dots."""
+MOST_ROWS = 10_000
+"""A marker has a dozen dots."""
 
 WANTED = "id, x, y and, if known, sigma or sx, sy, rho"
 UNITS = {unit: float(size) for unit, size in METERS.items() if unit}
@@ -37,8 +38,8 @@ def read_measured(path: Path) -> tuple[MeasuredDot, ...]:
     InputError
         If the file cannot be read, a column is missing or unknown, a row is not numbers, or a sigma is negative.
     """
-    name = brief(str(path))
-    rows = _rows(path, name)
+    content = read(path, "measured")
+    name, rows = content.name, _rows(content)
     if not rows:
         raise InputError(f"the columns {WANTED} in {name}", "an empty file", "check the path")
     (line, first), *body = rows
@@ -48,16 +49,10 @@ def read_measured(path: Path) -> tuple[MeasuredDot, ...]:
     return tuple(_dot(words, columns, f"line {line} of {name}") for line, words in body)
 
 
-def _rows(path: Path, name: str) -> list[tuple[int, list[str]]]:
-    try:
-        with path.open("rb") as file:
-            data = file.read(LARGEST_FILE + 1)
-        text = data.decode("utf-8-sig")
-    except (OSError, ValueError) as error:  # Of decoding, and of a path with a null character.
-        reason = error.strerror if isinstance(error, OSError) else "bytes that are not UTF-8 text, or no path"
-        raise InputError(f"a readable table of measured dots at {name}", str(reason), "check the path") from None
-    if len(data) > LARGEST_FILE or text.count("\n") > MOST_ROWS:
-        raise InputError(f"at most {MOST_ROWS} rows in {name}", "more", "give one row for each dot")
+def _rows(content: Content) -> list[tuple[int, list[str]]]:
+    text = text_of(content)
+    if text.count("\n") > MOST_ROWS:
+        raise InputError(f"at most {MOST_ROWS} rows in {content.name}", "more", "give one row for each dot")
     lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1)]
     lines = [(number, line) for number, line in lines if line and not line.startswith("#")]
     mark = next((mark for mark in ",;\t" if lines and mark in lines[0][1]), None)

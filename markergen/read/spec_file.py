@@ -35,7 +35,7 @@ from markergen.options import OUTSIDE_FILES, DesignKeywords, PlateKeywords, decl
 from markergen.read.cameras import load_camera
 from markergen.read.outlines import drawn_plate, is_drawing, parse_boundary, read_room
 from markergen.read.poses import settled
-from markergen.read.poses.numbers import numbers_of_rows
+from markergen.read.poses.rows import numbers_of_rows
 from markergen.units import parse_length
 
 

@@ -6,9 +6,7 @@ from typing import Any
 
 from markergen.errors import InputError
 from markergen.files import shipped_folder
-
-LARGEST_SPEC = 10_000
-"""Characters; one dotted key of ten times as many keeps a TOML reader busy for a minute."""
+from markergen.guard import read, text_of
 
 
 def read_template(name: str) -> dict[str, Any]:
@@ -33,15 +31,7 @@ def template_text(name: str) -> str:
     path = Path(name)
     if path.suffix != ".toml" and name not in known:
         raise InputError("a known template or a .toml file", repr(name), f"known: {', '.join(known)}")
-    try:
-        with known.get(name, path).open(encoding="utf-8-sig") as file:
-            text = file.read(LARGEST_SPEC + 1)
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "bytes that are not UTF-8 text"
-        raise InputError(f"a readable spec at {path}", str(reason), "check the path") from None
-    if len(text) > LARGEST_SPEC:
-        raise InputError(f"a spec of at most {LARGEST_SPEC // 1000} kB at {path}", "a larger file", "check the path")
-    return text
+    return text_of(read(known.get(name, path), "spec"))
 
 
 def templates() -> dict[str, Path]:

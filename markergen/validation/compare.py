@@ -1,6 +1,5 @@
 """A comparison of markers, tags and boards: the same poses, optics and noise, each one's best settings."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -18,6 +17,7 @@ from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
 from markergen.options.base import Progress
+from markergen.pool import map_chunks, workers_for
 from markergen.render import DEFAULT_OPTICS, Optics
 from markergen.validation.bounds import pose_bounds
 from markergen.validation.contestants import Contestant
@@ -30,7 +30,6 @@ from markergen.validation.metrics import (
     statistics,
     translation_error_pct,
 )
-from markergen.validation.pool import map_chunks, workers_for
 from markergen.validation.views import WRONG_PX
 
 Array = NDArray[np.float64]
@@ -230,11 +229,6 @@ def compare(
             for k, row in enumerate(_tuning_rows(tuned.get(who, [])))
         ]
     return results
-
-
-def to_json(results: Mapping[str, Any]) -> bytes:
-    """Results of `compare` as JSON text."""
-    return (json.dumps(results, indent=2, allow_nan=False) + "\n").encode()
 
 
 def _observe(

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from markergen.tables import Table, number, percent
-from markergen.validation.figures import figure_bytes
+from markergen.presentation.plots import figure_bytes
+from markergen.presentation.tables import Table, number, percent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

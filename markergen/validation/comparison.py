@@ -1,32 +1,26 @@
 """The result of a comparison: to print, plot, save and process."""
 
 from collections.abc import Mapping, Sequence
-from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from markergen.files import Written, check_outputs, check_some, sorted_by_suffix, write_all
-from markergen.options import read_as
-from markergen.tables import Result, Table, data_frame, number
+from markergen.files import Written
+from markergen.presentation.plots import axes_of
+from markergen.presentation.results import SavableResult, StrPath, json_bytes
+from markergen.presentation.tables import Table, data_frame, number
 from markergen.validation import compare_report
-from markergen.validation.compare import to_json
-from markergen.validation.figures import axes_of, check_figure
 from markergen.validation.tables import STATISTICS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
 
-StrPath = str | PathLike[str]
-
-KINDS = {".json": "json", ".svg": "plot", ".png": "plot"}
-"""What a file holds by its suffix."""
 _SHOWN = 8
 """Contestants in one line."""
 
 
-class Comparison(Result):
+class Comparison(SavableResult):
     """The result of `markergen.compare`; ``print(comparison)`` shows what the command prints.
 
     Parameters
@@ -44,6 +38,8 @@ class Comparison(Result):
     ['ngon:5', 'square']
     """
 
+    KINDS: ClassVar[Mapping[str, str]] = {".json": "json", ".svg": "plot", ".png": "plot"}
+
     def __init__(self, results: Mapping[str, Any], written: Sequence[Written] = ()) -> None:
         self._results, self.written = dict(results), tuple(written)
 
@@ -58,36 +54,22 @@ class Comparison(Result):
         return MappingProxyType({entry["name"]: entry for entry in self._results["contestants"]})
 
     def save(self, *paths: StrPath, json: StrPath | None = None, plot: StrPath | None = None) -> list[Written]:
-        """Write files by suffix: .json the results, .svg or .png the errors drawn; all of them or none.
+        """Write files by suffix: .json the results, .svg or .png the errors drawn; see `SavableResult`.
 
         Parameters
         ----------
         json, plot : path or None
             Files for the results, under any suffix, and for the plot.
-
-        Returns
-        -------
-        list of Written
-
-        Raises
-        ------
-        InputError
-            If no file is named, or a suffix is unknown.
-        OutputError
-            If a file cannot be written; nothing was changed.
         """
-        targets = targets_of(paths, json, plot)
-        check_some(targets)
-        return self.write(targets)
-
-    def write(self, targets: Sequence[tuple[str, Path]]) -> list[Written]:
-        """Write what `targets_of` returned, see `save`."""
-        write_all({path: self._content(kind, path) for kind, path in targets})
-        return [Written(path) for _, path in targets]
+        return self.write(self.targets(paths, json=json, plot=plot).checked())
 
     def to_json(self) -> bytes:
         """Results as JSON text."""
-        return to_json(self._results)
+        return json_bytes(self._results)
+
+    def content(self, kind: str, path: Path) -> bytes:
+        """See `SavableResult.content`."""
+        return self.to_json() if kind == "json" else compare_report.plot_bytes(self._results, path)
 
     def to_frame(self) -> "DataFrame":
         """Return a pandas data frame with a row for each contestant.
@@ -126,31 +108,6 @@ class Comparison(Result):
         said = [f"{str(each['name'])[:80]} {number(each['rotation_deg']['rms'])} deg" for each in entries[:_SHOWN]]
         more = [f"and {len(entries) - _SHOWN} more"] if len(entries) > _SHOWN else []
         return f"<Comparison: {self._results['views']['count']} views; {', '.join([*said, *more])}>"
-
-    def _content(self, kind: str, path: Path) -> bytes:
-        return self.to_json() if kind == "json" else compare_report.plot_bytes(self._results, path)
-
-
-def targets_of(
-    paths: object = (), json: object = None, plot: object = None, inputs: Sequence[Path] = ()
-) -> list[tuple[str, Path]]:
-    """Kinds and paths of the files to write; refuses, before any work is done, those that could not be written.
-
-    Raises
-    ------
-    InputError
-        If one is no path, or its suffix is unknown.
-    OutputError
-        If a file cannot be written, is asked for twice, or is one of the inputs.
-    """
-    files = [*sorted_by_suffix(read_as("files", paths, "save") or (), KINDS)]
-    for kind, path in (("json", read_as("file", json, "json")), ("plot", read_as("file", plot, "plot"))):
-        files += [(kind, path)] if path is not None else []
-    for kind, path in files:
-        if kind == "plot":
-            check_figure(path)
-    check_outputs([path for _, path in files], inputs)
-    return files
 
 
 def _row(entry: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,6 +1,5 @@
 """The whole proof of a marker: trials, bounds, criteria, the layouts beside it, and synthetic views."""
 
-import json
 from collections.abc import Callable
 from typing import Any
 
@@ -136,8 +135,3 @@ def prove(
 def _beside(row: Criteria, noise_px: float) -> dict[str, Any]:
     # Criteria are for 1 px, and bounds are proportional to the noise.
     return {"criteria": dict(row), "bound": {key: noise_px * row[key] for key in ("rotation_deg", "translation_pct")}}
-
-
-def to_json(results: dict[str, Any]) -> bytes:
-    """Results of `prove` as JSON text."""
-    return (json.dumps(results, indent=2, allow_nan=False) + "\n").encode()

@@ -1,6 +1,5 @@
 """The results of a validation, and their published JSON form."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.model.marker import Marker
+from markergen.presentation.results import plain
 from markergen.validation.metrics import efficiency, mean_nees_interval, statistics
 from markergen.validation.trials import NEES_OF, Errors, Experiment, HomographyErrors, PoseErrors
 
@@ -148,14 +148,3 @@ def _range(values: Array | None) -> dict[str, Any] | None:
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-def plain(value: Any) -> Any:
-    """JSON values of dictionaries, sequences and numpy scalars; None for nan and inf, which JSON does not know."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value

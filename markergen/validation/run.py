@@ -11,8 +11,8 @@ from markergen.estimators import ESTIMATORS
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
+from markergen.pool import map_chunks, workers_for
 from markergen.validation.bounds import pose_bounds
-from markergen.validation.pool import map_chunks, workers_for
 from markergen.validation.result import ValidationResult
 from markergen.validation.trials import Experiment, join, run_trials
 

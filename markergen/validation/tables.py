@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from markergen.optimize.criteria_tables import LAYOUTS
-from markergen.tables import Table, number, percent
+from markergen.presentation.tables import Table, number, percent
 from markergen.validation.metrics import mean_nees_interval
 
 TITLES = {

@@ -1,26 +1,22 @@
 """The result of a validation: to print, plot, save, check and process."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from os import PathLike
-from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from markergen.errors import InputError, brief
-from markergen.files import Written, check_outputs, check_some, make_folder, sorted_by_suffix, write_all
+from markergen.files import Written, write_all
 from markergen.model.marker import Marker
 from markergen.objectives import Setting
-from markergen.options import check_progress, read_as
+from markergen.options import check_progress
 from markergen.options.base import Progress
-from markergen.tables import Result, Table, data_frame, number
+from markergen.presentation.plots import axes_of, figure_bytes, new_figure
+from markergen.presentation.results import SavableResult, StrPath, Targets, json_bytes
+from markergen.presentation.tables import Table, data_frame, number
 from markergen.validation import fail_if, tables, view_tables
 from markergen.validation.bounds import budget_of
-from markergen.validation.figures import axes_of, figure_bytes, new_figure
 from markergen.validation.pictures import Picture, remove_earlier
 from markergen.validation.pictures import pictures as taken
-from markergen.validation.proof import to_json
-from markergen.validation.report import check_report
 from markergen.validation.views import Shoot
 
 if TYPE_CHECKING:
@@ -28,14 +24,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-StrPath = str | PathLike[str]
-
-KINDS = {".html": "report", ".htm": "report", ".json": "json", ".svg": "plot", ".png": "plot"}
-"""What a file holds by its suffix."""
 _ANGLE = "polar_angle_deg"
 
 
-class Validation(Result):
+class Validation(SavableResult):
     """The result of `markergen.validate`.
 
     ``print(validation)`` shows what the command prints. It can be pickled, and keeps no images: those that a report or
@@ -60,6 +52,14 @@ class Validation(Result):
     >>> print(validation.views)
     None
     """
+
+    KINDS: ClassVar[Mapping[str, str]] = {
+        ".html": "report",
+        ".htm": "report",
+        ".json": "json",
+        ".svg": "plot",
+        ".png": "plot",
+    }
 
     def __init__(self, results: Mapping[str, Any], shoot: Shoot, written: Sequence[Written] = ()) -> None:
         self._results = dict(results)
@@ -134,37 +134,41 @@ class Validation(Result):
         pictures: StrPath | None = None,
         progress: Progress | None = None,
     ) -> list[Written]:
-        """Write files by suffix: .html the report, .json the results, .svg or .png the plot; all of them or none.
+        """Write files by suffix: .html the report, .json the results, .svg or .png the plot; see `SavableResult`.
 
         Parameters
         ----------
         json, report : path or None
             Files for the results, under any suffix, and for the report.
         pictures : path or None
-            Folder for failed, worst and typical views as .png; those of an earlier run are replaced.
+            Folder for failed, worst and typical views as .png; those of an earlier run are replaced. Raises InputError
+            if there are no views.
         progress : callable or None
             Called with the stage, what is done of it, and its total.
-
-        Returns
-        -------
-        list of Written
-
-        Raises
-        ------
-        InputError
-            If nothing is named, a suffix is unknown, or there are no views to take pictures of.
-        OutputError
-            If a file cannot be written; nothing was changed.
         """
         check_progress(progress)
-        targets = Targets.of(paths, json, report, pictures)
-        check_some([*targets.files, *([pictures] if pictures is not None else [])])
-        targets.check(self.shoot.count)
-        return self.write(targets, progress)
+        targets = self.targets(paths, pictures, json=json, report=report)
+        check_pictures(targets, self.shoot.count)
+        return self.write(targets.checked(), progress)
 
-    def write(self, targets: "Targets", progress: Progress | None = None) -> list[Written]:
-        """Write what was sorted and checked before, see `save`."""
-        contents = self._contents(targets, progress or (lambda *_: None))
+    def write(self, targets: Targets, progress: Progress | None = None) -> list[Written]:
+        """Write what was sorted and checked before, and the pictures of views that it needs."""
+        told = progress or (lambda *_: None)
+        shown: list[Picture] = []
+        if self.views and (targets.pictures is not None or "report" in [kind for kind, _ in targets.files]):
+            told("pictures", 0, 1)
+            shown = list(taken(self.shoot, self.views))
+            told("pictures", 1, 1)
+        contents = {}
+        for kind, path in targets.files:
+            if kind == "report":
+                told("report", 0, 1)
+                contents[path] = self._report(shown)
+                told("report", 1, 1)
+            else:
+                contents[path] = self.to_json() if kind == "json" else figure_bytes(self._figure, path)
+        if targets.pictures is not None:
+            contents |= {targets.pictures / f"{picture.name}.png": picture.png for picture in shown}
         write_all(contents)
         if targets.pictures is not None:
             remove_earlier(targets.pictures, {path.name for path in contents})
@@ -176,7 +180,7 @@ class Validation(Result):
 
     def to_json(self) -> bytes:
         """Results as JSON text."""
-        return to_json(self._results)
+        return json_bytes(self._results)
 
     def to_frame(self) -> "DataFrame":
         """Return a pandas data frame with a row for each estimator and polar angle, and one over all poses.
@@ -258,25 +262,6 @@ class Validation(Result):
         ]
         return f"<Validation: {', '.join(said)}>"
 
-    def _contents(self, targets: "Targets", progress: Progress) -> dict[Path, bytes]:
-        kinds = [kind for kind, _ in targets.files]
-        shown = []
-        if self.views and (targets.pictures is not None or "report" in kinds):
-            progress("pictures", 0, 1)
-            shown = list(taken(self.shoot, self.views))
-            progress("pictures", 1, 1)
-        contents = {}
-        for kind, path in targets.files:
-            if kind == "report":
-                progress("report", 0, 1)
-                contents[path] = self._report(shown)
-                progress("report", 1, 1)
-            else:
-                contents[path] = self.to_json() if kind == "json" else figure_bytes(self._figure, path)
-        if targets.pictures is not None:
-            contents |= {targets.pictures / f"{picture.name}.png": picture.png for picture in shown}
-        return contents
-
     def _report(self, shown: Sequence[Picture]) -> bytes:
         from markergen.validation.report import html_report
 
@@ -293,45 +278,10 @@ class Validation(Result):
         return found
 
 
-@dataclass(frozen=True)
-class Targets:
-    """Files to write, with their kinds (``json``, ``report``, ``plot``), and a folder for pictures."""
-
-    files: tuple[tuple[str, Path], ...]
-    pictures: Path | None = None
-
-    @classmethod
-    def of(cls, paths: object = (), json: object = None, report: object = None, pictures: object = None) -> "Targets":
-        """Sort paths by suffix; the kinds of the others are given.
-
-        Raises
-        ------
-        InputError
-            If one is no path, or its suffix is unknown.
-        """
-        files = [*sorted_by_suffix(read_as("files", paths, "save") or (), KINDS)]
-        for kind, path in (("json", read_as("file", json, "json")), ("report", read_as("file", report, "report"))):
-            files += [(kind, path)] if path is not None else []
-        for kind, path in files:
-            if kind == "report":
-                check_report(path)
-        return cls(tuple(files), read_as("file", pictures, "pictures"))
-
-    def check(self, views: int, inputs: Sequence[Path] = ()) -> None:
-        """Refuse, before any work is done, what could not be written; makes the folder for pictures.
-
-        Raises
-        ------
-        InputError
-            If there are no views to take pictures of.
-        OutputError
-            If a file cannot be written, is asked for twice, or is one of the inputs.
-        """
-        check_outputs([path for _, path in self.files], inputs)
-        if self.pictures is not None:
-            if not views:
-                raise InputError("views to take", "--views 0", "leave out --pictures, or ask for views")
-            make_folder(self.pictures)
+def check_pictures(targets: Targets, views: int) -> None:
+    """Refuse a folder for pictures where there are no views to take any of; raises InputError."""
+    if targets.pictures is not None and not views:
+        raise InputError("views to take", "--views 0", "leave out --pictures, or ask for views")
 
 
 def _rotation(rows: Mapping[str, Any]) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from markergen.maths.rotation import logarithm
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.objectives.homography import validation_grid
+from markergen.pool import map_chunks, workers_for
 from markergen.validation.bounds import image_covariance
 from markergen.validation.metrics import (
     POSE_PARAMETERS,
@@ -24,7 +25,6 @@ from markergen.validation.metrics import (
     statistics,
     translation_error_pct,
 )
-from markergen.validation.pool import map_chunks, workers_for
 from markergen.validation.views import Shoot, View, take_view
 
 Array = NDArray[np.float64]

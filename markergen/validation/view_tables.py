@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from markergen.tables import Table, number, percent
+from markergen.presentation.tables import Table, number, percent
 from markergen.validation.tables import STATISTICS, TITLES
 from markergen.validation.view_records import DETECTOR
 

@@ -1,6 +1,5 @@
 """One file held against marker.json."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -155,11 +154,6 @@ def verify_all(marker: Marker, paths: Sequence[Path], tolerance: float | None = 
         except (InputError, MissingLibraryError) as error:
             checks.append(Check(str(path), error=str(error)))
     return checks
-
-
-def to_json(checks: Sequence[Check]) -> str:
-    """One JSON array for all files."""
-    return json.dumps([check.as_dict() for check in checks], indent=2, allow_nan=False)
 
 
 def _best(marker: Marker, reading: Reading, tolerance: float) -> Check:

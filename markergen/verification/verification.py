@@ -1,26 +1,22 @@
 """The result of a verification: to print, save and iterate over."""
 
 from collections.abc import Iterator, Sequence
-from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
-from markergen.files import Written, check_outputs, check_some, sorted_by_suffix, write_all
-from markergen.options import read_as
-from markergen.tables import Result, Table, data_frame
-from markergen.verification.check import Check, to_json
+from markergen.files import Written
+from markergen.presentation.results import SavableResult, StrPath, json_bytes
+from markergen.presentation.tables import Table, data_frame
+from markergen.verification.check import Check
 from markergen.verification.words import lines, table
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-StrPath = str | PathLike[str]
-
 _SHOWN = 8
 """Files in one line."""
 
 
-class Verification(Result, Sequence[Check]):
+class Verification(SavableResult, Sequence[Check]):
     """The result of `markergen.verify`: a sequence with a `Check` of each file, in their order.
 
     ``print(verification)`` shows what the command prints. `passed` says whether all files are right; the truth value of
@@ -69,31 +65,12 @@ class Verification(Result, Sequence[Check]):
         return self._checks[index]
 
     def save(self, *paths: StrPath, json: StrPath | None = None) -> list[Written]:
-        """Write the results as .json, or with `json` under any name; all files or none.
-
-        Returns
-        -------
-        list of Written
-
-        Raises
-        ------
-        InputError
-            If no file is named, or a suffix is unknown.
-        OutputError
-            If a file cannot be written; nothing was changed.
-        """
-        targets = targets_of(paths, json)
-        check_some(targets)
-        return self.write(targets)
-
-    def write(self, targets: Sequence[Path]) -> list[Written]:
-        """Write what `targets_of` returned, see `save`."""
-        write_all(dict.fromkeys(targets, self.to_json()))
-        return [Written(path) for path in targets]
+        """Write the results as .json, or with `json` under any name; all files or none, see `SavableResult`."""
+        return self.write(self.targets(paths, json=json).checked())
 
     def to_json(self) -> bytes:
         """Results as JSON text: one array for all files."""
-        return to_json(self._checks).encode() + b"\n"
+        return json_bytes([check.as_dict() for check in self._checks])
 
     def to_frame(self) -> "DataFrame":
         """Return a pandas data frame with a row for each file.
@@ -129,23 +106,6 @@ class Verification(Result, Sequence[Check]):
         said = [f"{check.path[-80:]} {_verdict(check)}" for check in self._checks[:_SHOWN]]
         more = [f"and {len(self) - _SHOWN} more"] if len(self) > _SHOWN else []
         return f"<Verification: {', '.join([*said, *more])}>"
-
-
-def targets_of(paths: object = (), json: object = None, inputs: Sequence[Path] = ()) -> list[Path]:
-    """Return the files to write; refuses, before any work is done, those that could not be written.
-
-    Raises
-    ------
-    InputError
-        If one is no path, or its suffix is unknown.
-    OutputError
-        If a file cannot be written, is asked for twice, or is one of the inputs.
-    """
-    files = [path for _, path in sorted_by_suffix(read_as("files", paths, "save") or (), {".json": "json"})]
-    path = read_as("file", json, "json")
-    files += [path] if path is not None else []
-    check_outputs(files, inputs)
-    return files
 
 
 def _verdict(check: Check) -> str:

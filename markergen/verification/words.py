@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from markergen.tables import Table
+from markergen.presentation.tables import Table
 from markergen.verification.check import Check
 
 _CAPTION = (

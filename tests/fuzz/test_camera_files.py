@@ -11,7 +11,8 @@ from mutants import FLIPS, flipped, replaced
 
 from markergen.errors import InputError
 from markergen.model.camera import PAPER_CAMERA, Camera
-from markergen.read.cameras import read_camera, read_camera_covariance
+from markergen.read.cameras import read_camera
+from markergen.read.cameras.covariance import read_camera_covariance
 
 MATRIX = "rows: 3\n  cols: 3\n  data: [500, 0, 320, 0, 510., 2.4e+02, 0, 0, 1]"
 SEEDS = [

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from markergen.maths.rotation import exponential
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.poses import named_poses
-from markergen.optimize.rival_fits import EDGE_ON, Fit, fit_poses, scene_of
+from markergen.optimize.rival_fits import EDGE_ON, RivalFit, fit_poses, scene_of
 
 POSES = named_poses("cone:distance=0.8..1.2,tilt=20..60,count=6,seed=1")
 FISHY = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.2, 0.05, 0.001, -0.002)))
@@ -31,17 +31,16 @@ def test_the_true_labeling_fits_from_the_true_pose(camera, heights):
 
 
 def test_the_jacobian_is_the_derivative_on_both_sides_of_the_limit():
-    fit = Fit(np.pad(POINTS, ((0, 0), (0, 1))), FISHY, 0.8)
+    fit = RivalFit(np.pad(POINTS, ((0, 0), (0, 1))), np.zeros((5, 5, 2)), FISHY, 0.8)
     # 37 degrees is at a cosine of 0.8: of these tilts two are beyond.
     poses = named_poses("cone:distance=1,tilt=20..60,count=5,seed=1")
-    images = np.zeros((5, 5, 2))
-    _, normalized, _ = fit.residuals(images, poses.rotation, poses.translation)
+    _, _, normalized = fit.residuals((poses.rotation, poses.translation))
     jacobian = fit.jacobian(poses.rotation, poses.translation, normalized)
     assert 0 < np.count_nonzero(jacobian[:, -1].any(axis=-1)) < 5
     step = 1e-6
     for k, change in enumerate(step * np.eye(6)):
         ends = [
-            fit.residuals(images, exponential(s * change[:3]) @ poses.rotation, poses.translation + s * change[3:])[0]
+            fit.residuals((exponential(s * change[:3]) @ poses.rotation, poses.translation + s * change[3:]))[1]
             for s in (1, -1)
         ]
         # Central differences are good to about 1e-5 of some 1000 px per rad or m.

@@ -5,7 +5,7 @@ import pytest
 
 from markergen.errors import InputError
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
-from markergen.read.cameras import read_camera_covariance
+from markergen.read.cameras.covariance import read_camera_covariance
 
 LENS = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.1, 0.01, 0.0, 0.0)))
 

@@ -8,7 +8,8 @@ import pytest
 
 from markergen.errors import InputError
 from markergen.model.camera import NO_DISTORTION, PAPER_CAMERA, Camera, Distortion
-from markergen.read.cameras import CAMERA_FORMATS, read_camera, read_camera_covariance
+from markergen.read.cameras import CAMERA_FORMATS, read_camera
+from markergen.read.cameras.covariance import read_camera_covariance
 
 # As the tools write them: OpenCV's calibration sample (4 and 5), ROS's camera_calibration, a printed message, Kalibr,
 # COLMAP.

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from markergen import guard
 from markergen.errors import InputError
 from markergen.read.images import ORIENTATION_NOTE, TRANSPARENCY_NOTE, find_images, grey_frame, read_image
 
@@ -275,11 +276,11 @@ def test_no_permission(tmp_path, monkeypatch):
     path = tmp_path / "mine.png"
     path.write_bytes(FORMATS[".png"])
 
-    def forbidden(self):
+    def forbidden(path, count):
         raise PermissionError(13, "Permission denied")
 
     # Taking the right away does not stop the superuser, who may run the tests.
-    monkeypatch.setattr(Path, "read_bytes", forbidden)
+    monkeypatch.setattr(guard, "read_start", forbidden)
     with pytest.raises(InputError, match=r"mine.png, found Permission denied"):
         read_image(path)
 

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from markergen import guard
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
@@ -18,7 +20,7 @@ from markergen.model.poses import POSES, paper
 from markergen.model.recorded_poses import RecordedPoses
 from markergen.optimize.design import design
 from markergen.read.poses import POSE_FORMATS, poses_from, read_poses
-from markergen.read.poses.numbers import numbers_of_rows
+from markergen.read.poses.rows import numbers_of_rows
 from markergen.read.spec_file import spec_from_mapping
 from markergen.validation.proof import setting_of
 
@@ -141,7 +143,7 @@ def test_each_format_says_which_way_it_goes():
 
 def test_one_format_at_most_fits(write):
     rotation, translation = Cone(count=3).sample()
-    from markergen.read.poses.lines import PoseFile
+    from markergen.read.poses.rows import PoseFile
 
     for kind, writer in WRITERS.items():
         file = PoseFile("x", writer(rotation, translation).encode())
@@ -210,6 +212,10 @@ def test_tables_as_programs_write_them(write):
         ("0 0 0 1 1 0 0 0\n0 0 0 1 1 0 0 0 5\n", "at line 2 of poses.txt, found 9; for T_camera_marker write a header"),
         ("# t\n0 0 0 1 2 0 0 0\n", "a quaternion qx qy qz qw of length 1 at line 2 of poses.txt, found 2 0 0 0"),
         ("1 1 0 0 0 0 0 1 1 a\n\n2 1 0 0 0 0 0 1 1\n\n", "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME at line 3"),
+        (
+            "1 1 0 0 0 0 0 1 1 a\n\n" + "9" * 20_000 + " 1 0 0 0 0 0 1 1 a\n\n",
+            "TZ CAMERA_ID NAME at line 3 of poses.txt, found an endless number",
+        ),
         ("1 1 0 0 0 0 0 1 1 a\n2 1 0 0 0 0 0 1 1 b.jpg\n", "or an empty line, at line 2 of poses.txt, found another"),
         ("1 1 0 0 0 0 0 x 1 a\n\n", "numbers at line 1 of poses.txt, found 'x'"),
         ("1 0 0 0 0 0 0 1 1 a\n\n", "a quaternion qx qy qz qw of length 1 at line 1 of poses.txt, found 0 0 0 0"),
@@ -244,14 +250,14 @@ def test_each_defect_is_one_line_with_its_place(write, text, words):
 
 
 def test_files_that_are_too_large_or_not_there(write, tmp_path, monkeypatch):
-    monkeypatch.setattr("markergen.read.poses.lines.LARGEST_FILE", 1_000_000)
+    monkeypatch.setitem(guard.KINDS, "poses", replace(guard.KINDS["poses"], largest=1_000_000))
     with pytest.raises(InputError, match=r"at most 1 MB at .*, found a larger one; take every tenth pose"):
         read_poses(write("0" * 1_000_001))
-    monkeypatch.setattr("markergen.read.poses.lines.MOST_ROWS", 3)
+    monkeypatch.setattr("markergen.read.poses.rows.MOST_ROWS", 3)
     assert len(read_poses(write(f"{QUATERNION}\n" + f"{GOOD}\n" * 3))) == 3
     with pytest.raises(InputError, match=r"at most 3 poses in poses.txt, found more"):
         read_poses(write(f"{QUATERNION}\n" + f"{GOOD}\n" * 4))
-    monkeypatch.setattr("markergen.read.poses.lines.MOST_LINES", 10)
+    monkeypatch.setattr("markergen.read.poses.MOST_LINES", 10)
     with pytest.raises(InputError, match="more than 10 lines"):
         read_poses(write("#\n" * 11))
     monkeypatch.setattr("markergen.read.poses.json.LARGEST_JSON", 10)
@@ -290,7 +296,7 @@ def test_poses_from_any_wish(write, tmp_path, monkeypatch):
         ) as caught:
             poses_from(wish)
         assert len(str(caught.value)) < 500
-    with pytest.raises(InputError, match=r"a readable file of poses at 'no/such.csv'"):
+    with pytest.raises(InputError, match=r"a readable file of poses at no/such.csv"):
         poses_from("no/such.csv")
 
 

@@ -7,10 +7,11 @@ import pytest
 
 from markergen.errors import InputError
 from markergen.model.marker_json import to_json as marker_bytes
+from markergen.presentation.plots import check_figure
+from markergen.presentation.results import json_bytes
 from markergen.validation import compare as module
-from markergen.validation.compare import Observation, compare, to_json
+from markergen.validation.compare import Observation, compare
 from markergen.validation.compare_report import comparison_figure, heading, plot_bytes, sentences, tables
-from markergen.validation.figures import check_figure
 
 PEERS = ["aruco:DICT_4X4_50", "apriltag:36h11", "charuco:5x5"]
 
@@ -62,7 +63,7 @@ def test_four_times_as_accurate_as_the_best_peer(path):
 
 
 def test_results_are_plain_json_and_add_up(results):
-    found = json.loads(to_json(results.found))
+    found = json.loads(json_bytes(results.found))
     assert found["views"]["count"] == 20
     common = found["views"]["common"]
     for entry in found["contestants"]:
@@ -102,7 +103,7 @@ def test_progress_counts_both_stages_to_the_end(results):
 
 def test_same_seed_same_bytes_with_any_number_of_processes(path, few_tuning_views):
     def run(**options):
-        return to_json(compare([path, "square", "aruco:DICT_4X4_50"], views=3, **options))
+        return json_bytes(compare([path, "square", "aruco:DICT_4X4_50"], views=3, **options))
 
     first = run(workers=1)
     assert run(workers=2) == first
@@ -164,7 +165,7 @@ def test_who_finds_nothing_leaves_the_others_their_views(path, few_tuning_views,
     last = found["contestants"][-1]
     assert (last["rate"], last["rotation_deg"]["count"], last["ratio"]["rotation_deg"]) == (0, 0, None)
     assert {failure["reason"] for failure in last["failures"]} == {"blind"}
-    to_json(found)
+    json_bytes(found)
     for title, header, rows, caption in tables(found):
         assert title
         assert isinstance(caption, str)

@@ -9,8 +9,9 @@ from markergen.model.boundary import Circle
 from markergen.model.marker import Marker
 from markergen.objectives import OBJECTIVES
 from markergen.optimize.label_safety import label_safety
+from markergen.presentation.results import json_bytes
 from markergen.validation import tables, view_tables
-from markergen.validation.proof import prove, setting_of, to_json
+from markergen.validation.proof import prove, setting_of
 from markergen.validation.views import Shoot
 
 
@@ -25,7 +26,7 @@ def results(pentagon):
 
 
 def test_everything_is_plain_json(results):
-    assert json.loads(to_json(results)) == results
+    assert json.loads(json_bytes(results)) == results
 
 
 def test_criteria_bounds_and_condition_tell_one_story(results, setting, pentagon):

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from markergen.errors import InputError, brief
 from markergen.files import exists
+from markergen.guard import read
 from markergen.model.camera import Camera
-from markergen.read.cameras.covariance import read_camera_covariance
-from markergen.read.cameras.document import Document, document_of, read_bytes, read_open
+from markergen.read.cameras.document import Document, document_of
 from markergen.registry import Registry
 
-__all__ = ["CAMERA_FORMATS", "CameraFormat", "load_camera", "read_camera", "read_camera_covariance"]
+__all__ = ["CAMERA_FORMATS", "CameraFormat", "load_camera", "read_camera"]
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def load_camera(source: object) -> Camera:
     if isinstance(source, Mapping):
         return _camera_of(document_of(source, "the dict"), None)
     if callable(getattr(source, "read", None)):
-        return _camera_of(read_open(source, "camera file"), None)
+        return _camera_of(Document(*read(source, "camera")), None)
     raise InputError(
         "a path, an open file or a dict of a calibration",
         f"{type(source).__name__} {brief(source)}",
@@ -66,7 +66,7 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
         and key.
     """
     path, choice = _split(Path(path))
-    return _camera_of(Document(str(path), read_bytes(path, "camera file")), choice)
+    return _camera_of(Document(*read(path, "camera")), choice)
 
 
 def _camera_of(document: Document, choice: str | None) -> Camera:

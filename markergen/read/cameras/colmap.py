@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from markergen.errors import InputError, brief
 from markergen.model.camera import Camera, Distortion
 from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
-from markergen.read.cameras.document import Document, Table
-from markergen.read.cameras.models import located, make_camera
+from markergen.read.cameras.calibration import located, make_camera
+from markergen.read.cameras.document import Document, Fields
 
 CORNER = 0.5
 """Position of a pixel's middle in px, counted from its corner."""
@@ -67,7 +67,7 @@ def _camera(words: Sequence[str], file: str, number: str) -> Camera:
     _, model, width, height, *parameters = words
     if model not in MODELS:
         raise InputError(f"a known camera model at {place} in {file}", brief(model), f"known: {', '.join(MODELS)}")
-    table = Table(file, {"WIDTH": width, "HEIGHT": height, "PARAMS": parameters}, place)
+    table = Fields(file, {"WIDTH": width, "HEIGHT": height, "PARAMS": parameters}, place)
     focals, name, places = MODELS[model]
     values = table.numbers("PARAMS")
     count = focals + 2 + len(places)

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
+from markergen.guard import read
 from markergen.model.camera import Camera
-from markergen.read.cameras.document import Document, Table, read_bytes
+from markergen.read.cameras.document import Document, Fields
 
 Array = NDArray[np.float64]
 
@@ -30,9 +31,8 @@ def read_camera_covariance(source: Path | str | Array, camera: Camera) -> Array:
         or with a negative variance in some direction.
     """
     if isinstance(source, Path | str):
-        name, path = str(source), Path(source)
-        data = read_bytes(path, "camera covariance")
-        values = _npy(path) if data.startswith(b"\x93NUMPY") else _text(Document(name, data))
+        name, data = read(source, "covariance")
+        values = _npy(Path(source)) if data.startswith(b"\x93NUMPY") else _text(Document(name, data))
     else:
         name, values = "camera_covariance", _array(source)
     names = camera.parameter_names
@@ -85,7 +85,7 @@ def _text(document: Document) -> Array:
     for index, line in enumerate(document.text.splitlines()):
         words = line.partition("#")[0].replace(",", " ")
         if words.strip():
-            rows.append(Table(document.name, {f"line {index + 1}": words}).numbers(f"line {index + 1}"))
+            rows.append(Fields(document.name, {f"line {index + 1}": words}).numbers(f"line {index + 1}"))
     if not rows or len({len(row) for row in rows}) > 1:
         raise InputError(
             f"rows of equally many numbers in {document.name}",

@@ -11,52 +11,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
-from pathlib import Path
 from typing import Any
 
 from markergen.errors import InputError, brief
-from markergen.files import read_start
+from markergen.guard import KINDS, Content, text_of
 
-LARGEST_FILE, LARGEST_TOML = 1_000_000, 10_000
-"""Bytes; a calibration with all its images' residuals has some 100 kB, a spec in TOML some 2 kB.
-
-Python's parser takes a minute and 9 GB for 100 kB of one dotted key."""
 DEEPEST = 20
 """Most levels of lists and mappings; calibration files have four."""
 
 _LONGEST_KEY = 40
 _TOML = re.compile(r"\[+[\w.\"-]+\]|[\w.\"-]+\s*=")
 _OPENCV_HEADER = re.compile(r"\A\s*%YAML:1\.\d[^\n]*")  # Not YAML: OpenCV before 5 writes the directive with a colon.
-
-
-def read_bytes(path: Path, kind: str) -> bytes:
-    """Bytes of a small file; raises InputError if it cannot be read, is empty, or is beyond `LARGEST_FILE`."""
-    try:
-        data = read_start(path, LARGEST_FILE + 1)
-    except (OSError, ValueError) as error:  # ValueError: a path with a null character.
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise InputError(f"a readable {kind} at {brief(str(path))}", str(reason), "check the path") from None
-    return _fit(data, kind, str(path))
-
-
-def _fit(data: bytes, kind: str, name: str) -> bytes:
-    if len(data) > LARGEST_FILE:
-        raise InputError(f"a {kind} of at most {LARGEST_FILE // 10**6} MB at {name}", "a larger file", "check the path")
-    if not data.strip():
-        raise InputError(f"a {kind} at {name}", "an empty file", "check the path")
-    return data
-
-
-def read_open(file: Any, kind: str) -> "Document":
-    """Document of a file that is open for text or bytes; raises as `read_bytes` does."""
-    name = getattr(file, "name", None)
-    name = name if isinstance(name, str) else "the open file"
-    try:
-        data = file.read(LARGEST_FILE + 1)
-        data = data.encode() if isinstance(data, str) else bytes(data)
-    except (OSError, ValueError, TypeError) as error:  # A file that is closed, or open for writing, or none.
-        raise InputError(f"a readable {kind} at {name}", brief(str(error)), "open it for reading") from None
-    return Document(name, _fit(data, kind, name))
 
 
 def document_of(values: Mapping[str, Any], name: str) -> "Document":
@@ -91,13 +56,7 @@ class Document:
     @cached_property
     def text(self) -> str:
         """The whole text."""
-        try:
-            text = self.data.decode("utf-8-sig")
-        except UnicodeDecodeError:
-            text = "\0"
-        if "\0" in text:
-            raise InputError(f"text in {self.name}", "bytes that are not UTF-8 text", "check the path")
-        return text
+        return text_of(Content(self.name, self.data))
 
     @cached_property
     def lines(self) -> list[str]:
@@ -106,7 +65,7 @@ class Document:
         return [line for line in stripped if line and not line.startswith("#")]
 
     @cached_property
-    def table(self) -> "Table":
+    def fields(self) -> "Fields":
         """Values by key; empty if the file is not made of keys and values."""
         if self.text.lstrip().startswith("<"):
             values = _xml(self.text, self.name)
@@ -114,11 +73,11 @@ class Document:
             values = _toml(self.text, self.name)
         else:
             values = _yaml(self.text, self.name)
-        return Table(self.name, values if isinstance(values, dict) else {})
+        return Fields(self.name, values if isinstance(values, dict) else {})
 
 
 @dataclass(frozen=True)
-class Table:
+class Fields:
     """A mapping at a place of a file; whoever asks for a value gets it, or an InputError that names file and key.
 
     A key is found under any of the names given, in any case, with or without underscores and hyphens.
@@ -168,13 +127,13 @@ class Table:
             raise InputError(f"a list of numbers at {self.place(key)}", brief(items), "correct the file")
         return [self._number(key, item) for item in items]
 
-    def table(self, *names: str) -> "Table":
+    def fields(self, *names: str) -> "Fields":
         """Return the mapping under a key."""
         key = self.key(*names)
         value = self.values[key]
         if not isinstance(value, dict):
             raise InputError(f"keys and values at {self.place(key)}", brief(value), "correct the file")
-        return Table(self.file, value, f"{self.path}.{key}" if self.path else key)
+        return Fields(self.file, value, f"{self.path}.{key}" if self.path else key)
 
     def text(self, *names: str) -> str:
         """Return one piece of text."""
@@ -295,8 +254,9 @@ def _xml(text: str, name: str) -> dict[str, Any]:
 
 
 def _toml(text: str, name: str) -> dict[str, Any]:
-    if len(text) > LARGEST_TOML:
-        raise InputError(f"at most {LARGEST_TOML // 1000} kB of TOML in {name}", "a larger file", "check the path")
+    # Python's parser takes a minute and 9 GB for 100 kB of one dotted key.
+    if len(text) > KINDS["spec"].largest:
+        raise InputError(f"at most {KINDS['spec'].size} of TOML in {name}", "a larger file", "check the path")
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

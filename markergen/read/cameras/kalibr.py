@@ -5,14 +5,14 @@ import re
 from markergen.errors import InputError, brief
 from markergen.model.camera import Camera
 from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
+from markergen.read.cameras.calibration import make_camera, make_distortion
 from markergen.read.cameras.document import Document
-from markergen.read.cameras.models import make_camera, make_distortion
 
 _NAME = re.compile(r"cam\d{1,3}")
 
 
 def _names(document: Document) -> list[str]:
-    return [key for key, value in document.table.values.items() if _NAME.fullmatch(key) and isinstance(value, dict)]
+    return [key for key, value in document.fields.values.items() if _NAME.fullmatch(key) and isinstance(value, dict)]
 
 
 def _fits(document: Document) -> bool:
@@ -26,7 +26,7 @@ def _read(document: Document, choice: str | None) -> Camera:
         raise InputError(
             f"the camera {brief(name)} in {document.name}", ", ".join(names[:20]), f"add #{names[0]} to the path"
         )
-    table = document.table.table(name)
+    table = document.fields.fields(name)
     model = table.text("camera_model")
     if model != "pinhole":
         raise InputError(

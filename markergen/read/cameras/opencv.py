@@ -2,20 +2,19 @@
 
 from markergen.model.camera import Camera
 from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
+from markergen.read.cameras.calibration import MATRIX, MODEL, camera_of, no_choice
 from markergen.read.cameras.document import Document
-from markergen.read.cameras.matrices import MATRIX, MODEL, camera_of
-from markergen.read.cameras.models import no_choice
 
 FISHEYE = ("fisheye_model", "fisheye")
 
 
 def _fits(document: Document) -> bool:
-    return document.table.find(*MATRIX) is not None and document.table.find(*MODEL) is None
+    return document.fields.find(*MATRIX) is not None and document.fields.find(*MODEL) is None
 
 
 def _read(document: Document, choice: str | None) -> Camera:
     no_choice(document.name, choice)
-    table = document.table
+    table = document.fields
     key = table.find(*FISHEYE)
     # A flag of FileStorage is a number, that of a hand-written file a word.
     fisheye = key is not None and str(table.values[key]).strip().lower() not in ("0", "false", "no", "")

@@ -2,27 +2,27 @@
 
 from markergen.model.camera import Camera, Distortion
 from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
-from markergen.read.cameras.document import Document, Table
-from markergen.read.cameras.models import located, make_camera, no_choice
+from markergen.read.cameras.calibration import located, make_camera, no_choice
+from markergen.read.cameras.document import Document, Fields
 
 
-def _table(document: Document) -> Table:
-    table = document.table
-    return table.table("camera") if isinstance(table.values.get("camera"), dict) else table
+def _fields(document: Document) -> Fields:
+    table = document.fields
+    return table.fields("camera") if isinstance(table.values.get("camera"), dict) else table
 
 
 def _fits(document: Document) -> bool:
-    return "fx" in _table(document).values
+    return "fx" in _fields(document).values
 
 
 def _read(document: Document, choice: str | None) -> Camera:
     no_choice(document.name, choice)
-    table = _table(document)
+    table = _fields(document)
     # A misspelled distortion must not become a camera without one.
     table.only("width", "height", "fx", "fy", "cx", "cy", "distortion")
     distortion = Distortion()
     if "distortion" in table.values:
-        lens = table.table("distortion")
+        lens = table.fields("distortion")
         lens.only("model", "coefficients")
         with located(lens.place()):
             distortion = Distortion(lens.text("model"), tuple(lens.numbers("coefficients")))

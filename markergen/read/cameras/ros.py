@@ -9,31 +9,30 @@ from typing import Any
 from markergen.errors import InputError, brief
 from markergen.model.camera import Camera
 from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
-from markergen.read.cameras.document import Document, Table, document_of
-from markergen.read.cameras.matrices import HEIGHT, MATRIX, MODEL, WIDTH, camera_of
-from markergen.read.cameras.models import no_choice
+from markergen.read.cameras.calibration import HEIGHT, MATRIX, MODEL, WIDTH, camera_of, no_choice
+from markergen.read.cameras.document import Document, Fields, document_of
 
 FIELDS = ("height", "width", "distortion_model", "D", "d", "K", "k", "binning_x", "binning_y", "roi")
 PART = ("x_offset", "y_offset", "height", "width")
 """What counts of a message, in ROS 1 and 2, and of its region of interest."""
 
 
-def _table(document: Document) -> Table:
+def _message(document: Document) -> Fields:
     """Return the message, which some tools wrap into a key of its own."""
-    wrapper = document.table.find("camera_info")
-    if wrapper is not None and isinstance(document.table.values[wrapper], dict):
-        return document.table.table(wrapper)
-    return document.table
+    wrapper = document.fields.find("camera_info")
+    if wrapper is not None and isinstance(document.fields.values[wrapper], dict):
+        return document.fields.fields(wrapper)
+    return document.fields
 
 
 def _fits(document: Document) -> bool:
-    table = _table(document)
+    table = _message(document)
     return table.find(*MATRIX) is not None and table.find(*MODEL) is not None
 
 
 def _read(document: Document, choice: str | None) -> Camera:
     no_choice(document.name, choice)
-    return _camera(_table(document))
+    return _camera(_message(document))
 
 
 def camera_of_message(message: Any) -> Camera:
@@ -48,7 +47,7 @@ def camera_of_message(message: Any) -> Camera:
     roi = values.get("roi")
     if roi is not None and not isinstance(roi, Mapping):
         values = {**values, "roi": _attributes(roi, PART)}
-    return _camera(document_of(values, "the CameraInfo").table)
+    return _camera(document_of(values, "the CameraInfo").fields)
 
 
 def _attributes(message: Any, names: tuple[str, ...]) -> dict[str, Any]:
@@ -56,18 +55,18 @@ def _attributes(message: Any, names: tuple[str, ...]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _camera(table: Table) -> Camera:
+def _camera(table: Fields) -> Camera:
     for axis in ("binning_x", "binning_y"):
         if table.find(axis) is not None and table.whole(axis) > 1:
             raise InputError(
                 f"a full image, not a binned one, at {table.place(axis)}", str(table.whole(axis)), "calibrate the image"
             )
     if table.find("roi") is not None:
-        _refuse_part(table, table.table("roi"))
+        _refuse_part(table, table.fields("roi"))
     return camera_of(table, table.text(*MODEL))
 
 
-def _refuse_part(table: Table, roi: Table) -> None:
+def _refuse_part(table: Fields, roi: Fields) -> None:
     """K counts from the corner of the full image; that of a part of it would be shifted."""
     for corner in ("x_offset", "y_offset"):
         if roi.find(corner) is not None and roi.whole(corner) != 0:

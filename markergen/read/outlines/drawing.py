@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from markergen.errors import InputError, brief
-from markergen.files import read_start
+from markergen.guard import read_start
 from markergen.read.outlines.curves import Curve
 from markergen.units import METERS
 

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
 from markergen.files import exists
+from markergen.guard import read
 from markergen.model.poses import PoseDistribution, is_named, named_poses, pose_forms
 from markergen.model.recorded_poses import RecordedPoses
-from markergen.read.poses.lines import PoseFile, read_bytes
+from markergen.read.poses.rows import MOST_LINES, MOST_ROWS, PoseFile
 from markergen.registry import Registry
 
 __all__ = ["POSE_FORMATS", "PoseFormat", "poses_from", "read_poses", "settled"]
@@ -90,7 +91,13 @@ def read_poses(path: Path | str) -> RecordedPoses:
         one; the message names file and line.
     """
     path = Path(path)
-    data = read_bytes(path)
+    place, data = read(path, "poses")
+    if data.count(b"\n") > MOST_LINES:
+        raise InputError(
+            f"at most {MOST_ROWS} poses at {place}", f"more than {MOST_LINES} lines", "take every tenth pose"
+        )
+    if b"\0" in data:
+        raise InputError(f"text at {place}", "bytes that are not text", "write the poses as text")
     text = data.removeprefix(b"\xef\xbb\xbf")
     if b"\n" not in text:  # As spreadsheets on a Mac write it.
         text = text.replace(b"\r", b"\n")

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
 from markergen.read.poses import POSE_FORMATS, PoseFormat
-from markergen.read.poses.lines import PoseFile, Rows
-from markergen.read.poses.numbers import numbers_of
+from markergen.read.poses.rows import LONGEST_LINE, PoseFile, Rows, numbers_of
 
 WHICH_WAY = (
     "each image is T_camera_world, X_camera = R X_world + t, as COLMAP writes it, scaled to m; the world is the marker"
@@ -43,7 +42,10 @@ def _read(file: PoseFile) -> NDArray[np.float64]:
                 f"{FORM} at {file.place(line)}", brief(content[:100].decode("utf-8", "replace")), "correct it"
             )
         else:
-            rows.add(line, content[:1000].decode("utf-8", "replace").split(maxsplit=8)[1:8])
+            words = content[:LONGEST_LINE].decode("utf-8", "replace").split(maxsplit=8)[1:8]
+            if len(words) < 7:
+                raise InputError(f"{FORM} at {file.place(line)}", "an endless number", "correct it")
+            rows.add(line, words)
         points = not points
     values = rows.values()
     return numbers_of(values[:, 4:], values[:, [1, 2, 3, 0]], rows.place)

@@ -8,9 +8,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
 from markergen.read.poses import POSE_FORMATS, PoseFormat
-from markergen.read.poses.csv import WHICH_WAY, columns_of
-from markergen.read.poses.lines import PoseFile
-from markergen.read.poses.numbers import WANTED, numbers_of
+from markergen.read.poses.rows import WANTED, WHICH_WAY, PoseFile, columns_of, numbers_of
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.read.poses import POSE_FORMATS, PoseFormat
-from markergen.read.poses.lines import PoseFile, Rows
-from markergen.read.poses.numbers import WANTED, inverses, numbers_of
+from markergen.read.poses.rows import WANTED, PoseFile, Rows, inverses, numbers_of
 
 WHICH_WAY = (
     "each line is T_world_camera, the camera in the world, with t in m; the world is the marker frame (x right, y up,"

@@ -9,10 +9,10 @@ from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 
 from markergen.errors import InputError, MarkergenError, MissingLibraryError
+from markergen.pool import BLAS_THREADS
 from markergen.registry import Luggage, outside, receive
 from markergen.studies.cells import Cell, Result, Work, versions
 from markergen.studies.engines.base import ENGINES, Engine
-from markergen.validation.pool import BLAS_THREADS
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -3,9 +3,9 @@
 from collections.abc import Generator, Sequence
 from contextlib import closing
 
+from markergen.pool import as_completed_chunks, workers_for
 from markergen.studies.cells import Cell, Result, Work
 from markergen.studies.engines.base import ENGINES, Engine
-from markergen.validation.pool import as_completed_chunks, workers_for
 
 
 @ENGINES.register("processes")

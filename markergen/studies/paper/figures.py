@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.presentation.plots import INK, MUTED, SERIES, log_axis
 from markergen.studies.paper.descent import FRONTAL
 from markergen.studies.paper.gather import Study
 from markergen.studies.paper.options import BOUNDARY, CAMERAS, COORDINATES, NOISE_PX, poses_of
 from markergen.studies.paper.tables import histogram, typical_of
-from markergen.validation.report.axes import log_axis
-from markergen.validation.report.page import INK, MUTED, SERIES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

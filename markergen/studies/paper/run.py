@@ -5,6 +5,7 @@ from math import isnan
 from pathlib import Path
 
 from markergen.files import write_atomic
+from markergen.pool import processor_count
 from markergen.studies.engines import Engine
 from markergen.studies.paper.cells import cells_of, seconds_of, work
 from markergen.studies.paper.claims import CLAIMS
@@ -15,7 +16,6 @@ from markergen.studies.paper.page import claim_rows, claims_page, index_page
 from markergen.studies.paper.tables import csv_bytes, tables_of
 from markergen.studies.run import CellProgress, run_cells
 from markergen.studies.svg import svg_bytes
-from markergen.validation.pool import processor_count
 
 
 def run_paper(

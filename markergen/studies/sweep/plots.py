@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from markergen.errors import InputError
+from markergen.presentation.plots import SERIES, log_axis, positive
 from markergen.studies.svg import svg_bytes
 from markergen.studies.sweep.grid import Sweep, axis_text
 from markergen.studies.sweep.table import ALL, Row
 from markergen.units import parse_length
-from markergen.validation.report.axes import log_axis, positive
-from markergen.validation.report.page import SERIES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,10 +1,9 @@
 """The report: one HTML file that holds all it shows, the same bytes from the same results."""
 
 from collections.abc import Sequence
-from pathlib import Path
+from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
-from markergen.errors import InputError
 from markergen.estimators.budget import PoseBudget
 from markergen.model.marker import Marker
 from markergen.objectives import Setting
@@ -12,7 +11,7 @@ from markergen.objectives import Setting
 if TYPE_CHECKING:
     from markergen.validation.pictures import Picture
 
-__all__ = ["check_report", "html_report"]
+TEMPLATE = "report.html.j2"
 
 
 def html_report(
@@ -44,15 +43,16 @@ def html_report(
         UTF-8; no scripts, no dates, nothing loaded from elsewhere. What comes from files is escaped.
     """
     from markergen import __version__
+    from markergen.presentation.pages import data_uri, page_bytes
     from markergen.validation.report import measured, overview, words
-    from markergen.validation.report.page import data_uri, fill
     from markergen.validation.report.subject import Subject
 
     # A part that is null is one that is missing.
     present = {key: part for key, part in results.items() if part is not None}
     subject = Subject(present, marker, setting, budget)
     camera, poses = setting.camera, setting.poses
-    return fill(
+    return page_bytes(
+        files(__name__).joinpath(TEMPLATE).read_text("utf-8"),
         {
             "title": words.title(marker),
             "version": __version__,
@@ -72,11 +72,5 @@ def html_report(
             "pictures": [(picture, data_uri(picture.png)) for picture in pictures],
             "advice": overview.size_advice(subject),
             "command": overview.command(subject),
-        }
+        },
     )
-
-
-def check_report(path: Path) -> None:
-    """Refuse a path whose ending promises something else than a page."""
-    if path.suffix.lower() not in (".html", ".htm"):
-        raise InputError("a page .html", str(path), "name the report so that a browser opens it")

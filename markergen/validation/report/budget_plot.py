@@ -7,10 +7,9 @@ import numpy as np
 
 from markergen.estimators.budget import PoseBudget
 from markergen.model.poses import PoseDistribution
-from markergen.tables import percent
-from markergen.validation.report.axes import legend_below, log_axis, positive
+from markergen.presentation.plots import INK, legend_below, log_axis, positive
+from markergen.presentation.tables import percent
 from markergen.validation.report.expected import SOURCES, middle, rms
-from markergen.validation.report.page import INK
 from markergen.validation.report.words import shares
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from markergen.validation.report.page import INK
+from markergen.presentation.plots import INK
 from markergen.validation.report.words import number
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.validation.report.axes import legend_below
-from markergen.validation.report.page import INK, SERIES
+from markergen.presentation.plots import INK, SERIES, legend_below
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.validation.report.axes import legend_below, log_axis, positive
+from markergen.presentation.plots import FAINT, INK, SERIES, legend_below, log_axis, positive
 from markergen.validation.report.expected import middle
-from markergen.validation.report.page import FAINT, INK, SERIES
 from markergen.validation.tables import TITLES
 from markergen.validation.view_records import DETECTOR
 

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.presentation.plots import Plot, plot
+from markergen.presentation.tables import Table
 from markergen.render import Optics
-from markergen.tables import Table
 from markergen.validation import tables, view_tables
 from markergen.validation.bounds import image_covariance
 from markergen.validation.report.ellipses_plot import Ellipse, carried_over, draw_ellipses, share_inside
 from markergen.validation.report.errors_plot import distribution, draw_errors, errors_over, ranked
 from markergen.validation.report.expected import Cell, Expected, cells, middle, noise_of, rms
-from markergen.validation.report.page import Plot, plot
 from markergen.validation.report.subject import ERRORS, GROUPINGS, Results, Section, Subject, labeled
 from markergen.validation.report.words import number
 from markergen.validation.view_records import DETECTOR

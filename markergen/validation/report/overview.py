@@ -5,18 +5,18 @@ import shlex
 from functools import partial
 
 from markergen.model.marker import Marker
+from markergen.model.picture import draw_marker, shows_origin
 from markergen.optimize.criteria_tables import LAYOUTS
 from markergen.optimize.dots import PERCENTILE, PIXELS
+from markergen.presentation.plots import plot
+from markergen.presentation.tables import Table
 from markergen.render import DEFAULT_OPTICS
-from markergen.tables import Table
 from markergen.units import format_length
 from markergen.validation import tables
 from markergen.validation.report import advice, words
 from markergen.validation.report.budget_plot import budget_over_tilt, variance_shares
 from markergen.validation.report.comparison_plot import compared
 from markergen.validation.report.expected import middle, noise_of
-from markergen.validation.report.marker_plot import draw_marker, shows_origin
-from markergen.validation.report.page import plot
 from markergen.validation.report.poses_plot import fan, pose_sphere
 from markergen.validation.report.subject import ERRORS, Results, Section, Subject, labeled
 from markergen.validation.report.words import number

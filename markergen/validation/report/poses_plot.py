@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
-from markergen.validation.report.axes import ticks
+from markergen.presentation.plots import FAINT, INK, MUTED, ticks
 from markergen.validation.report.expected import Cell, interval, middle
-from markergen.validation.report.page import FAINT, INK, MUTED
 from markergen.validation.report.words import number
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ import numpy as np
 from markergen.estimators.budget import PoseBudget
 from markergen.model.marker import Marker
 from markergen.objectives import Setting
-from markergen.tables import Table
+from markergen.presentation.plots import Plot
+from markergen.presentation.tables import Table
 from markergen.validation.report.expected import Cell, Expected, bound, cells, expected, noise_of
-from markergen.validation.report.page import Plot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from markergen import tables
 from markergen.model.marker import Marker
+from markergen.presentation import tables
 from markergen.units import format_length
 from markergen.validation.report.expected import SOURCES, Cell, Expected, middle, rms
 

@@ -10,12 +10,14 @@ import pytest
 from markergen.estimators.budget import ErrorSources, pose_budget
 from markergen.model.poses import PoseDistribution, paper
 from markergen.objectives import Setting
+from markergen.presentation import plots
+from markergen.presentation.results import json_bytes
 from markergen.render import DEFAULT_OPTICS
 from markergen.validation.bounds import image_covariance
 from markergen.validation.metrics import statistics
 from markergen.validation.pictures import Picture
-from markergen.validation.proof import prove, to_json
-from markergen.validation.report import html_report, measured, overview, page
+from markergen.validation.proof import prove
+from markergen.validation.report import html_report, measured, overview
 from markergen.validation.report.errors_plot import draw_errors
 from markergen.validation.report.subject import Subject
 from markergen.validation.views import Shoot
@@ -45,7 +47,7 @@ def results(pentagon, few, budget):
     shoot = Shoot(pentagon, few.camera, few.poses, 0, errors=ErrorSources(1e-4, np.diag([0.5] * 4) ** 2))
     found = prove(pentagon, few, runs=3, shoot=shoot, workers=1)
     found["views"] = synthetic_views(pentagon, few, budget)
-    return json.loads(to_json(found))
+    return json.loads(json_bytes(found))
 
 
 def synthetic_views(marker, setting, budget):
@@ -165,8 +167,8 @@ def new_axes():
 def quick(monkeypatch):
     """Leave the drawing out: it costs two seconds a page."""
 
-    def drawn(draw, name, alt, caption, size=page.SIZE):
-        return page.Plot(f"<svg aria-label='{name}'></svg>", caption)
+    def drawn(draw, name, alt, caption, size=plots.SIZE):
+        return plots.Plot(f"<svg aria-label='{name}'></svg>", caption)
 
     for module in (overview, measured):
         monkeypatch.setattr(module, "plot", drawn)

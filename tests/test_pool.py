@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from markergen.errors import MarkergenError
-from markergen.validation.pool import BLAS_THREADS, map_chunks
+from markergen.pool import BLAS_THREADS, map_chunks
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = """
 import time
-from markergen.validation.pool import map_chunks
+from markergen.pool import map_chunks
 map_chunks(time.sleep, [0, 0, 60, 60], 2, lambda index: print("done", index, flush=True))
 """
 
@@ -119,7 +119,7 @@ def test_a_script_needs_no_guard_and_runs_once(tmp_path):
     script = (
         'print("runs")\n'
         "import math\n"
-        "from markergen.validation.pool import map_chunks\n"
+        "from markergen.pool import map_chunks\n"
         "print(map_chunks(math.factorial, [3, 4], 2, lambda _: None), __spec__, __file__)\n"
     )
     ran = run_file(tmp_path / "script.py", script)
@@ -128,7 +128,7 @@ def test_a_script_needs_no_guard_and_runs_once(tmp_path):
 
 def test_what_a_script_defines_reaches_the_workers(tmp_path):
     script = (
-        "from markergen.validation.pool import map_chunks\n"
+        "from markergen.pool import map_chunks\n"
         "def double(x):\n"
         "    return 2 * x\n"
         'if __name__ == "__main__":\n'

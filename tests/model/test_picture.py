@@ -3,7 +3,7 @@ import pytest
 
 from markergen.geometry.region import signed_area
 from markergen.model.boundary import Circle, polygon_from
-from markergen.validation.report.marker_plot import draw_marker, shows_origin
+from markergen.model.picture import draw_marker, shows_origin
 
 
 def drawn(marker):

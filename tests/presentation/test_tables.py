@@ -2,11 +2,13 @@ import doctest
 import io
 import sys
 
+import numpy as np
 import pytest
 
-from markergen import tables
 from markergen.errors import MissingLibraryError
-from markergen.tables import Result, Table, data_frame, number, percent, print_parts
+from markergen.presentation import tables
+from markergen.presentation.results import Result
+from markergen.presentation.tables import Table, csv_bytes, data_frame, number, percent, print_parts
 
 HOSTILE = "<script>[red]a&b[/red]:smile:"
 
@@ -59,6 +61,14 @@ def test_numbers_have_as_many_digits_as_asked_for(value, digits, text):
 
 def test_shares():
     assert [percent(share) for share in (None, 0, 0.1234, 1)] == ["-", "0 %", "12.3 %", "100 %"]
+
+
+def test_csv_has_no_cell_for_what_is_not_there():
+    rows = [{"a": 1, "b": np.float32(0.25), "c": np.nan}, {"a": "x,y", "c": -np.inf}, {"b": None, "c": 1 / 3}]
+    assert csv_bytes(rows, digits=4) == b'a,b,c\n1,0.25,\n"x,y",,\n,,0.3333\n'
+    assert csv_bytes(rows, ["c", "b", "a"]).splitlines()[::3] == [b"c,b,a", b"0.333333333,,"]
+    with pytest.raises(ValueError, match="not in fieldnames"):
+        csv_bytes(rows, ["a"])
 
 
 def test_data_frames_need_pandas(frames_of_rows, monkeypatch):

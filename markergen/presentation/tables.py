@@ -1,9 +1,11 @@
-"""Tables of text, and results made of them: on the terminal, in a notebook, and as a data frame."""
+"""Tables of text for the terminal and for notebooks; rows of values as CSV and as data frames."""
 
+import csv
 import html
-from abc import ABC, abstractmethod
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from io import StringIO
+from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 from markergen.errors import MissingLibraryError
@@ -83,22 +85,15 @@ class Table(NamedTuple):
         return f"<table>{title}<thead><tr>{_cells('th', self.header)}</tr></thead><tbody>{body}</tbody></table>{below}"
 
 
-class Result(ABC):
-    """A result of a function of the library: sentences and tables.
+def parts_as_text(parts: Iterable[str | Table]) -> str:
+    """Return sentences and tables as lines of plain text."""
+    return "\n".join(part if isinstance(part, str) else part.text().removesuffix("\n") for part in parts)
 
-    ``str()`` is what the command of the same name prints, ``repr()`` a line or two; a notebook shows tables.
-    """
 
-    @abstractmethod
-    def parts(self) -> Sequence[str | Table]:
-        """Sentences and tables in the order in which they are shown."""
-
-    def __str__(self) -> str:
-        return "\n".join(part if isinstance(part, str) else part.text().removesuffix("\n") for part in self.parts())
-
-    def _repr_html_(self) -> str:
-        shown = (_paragraph(part) if isinstance(part, str) else part.html() for part in self.parts())
-        return f"<div>{''.join(shown)}</div>"
+def parts_as_html(parts: Iterable[str | Table]) -> str:
+    """Return sentences and tables as HTML, everything escaped."""
+    shown = (_paragraph(part) if isinstance(part, str) else part.html() for part in parts)
+    return f"<div>{''.join(shown)}</div>"
 
 
 def print_parts(parts: Iterable[str | Table], file: TextIO) -> None:
@@ -148,6 +143,44 @@ def data_frame(rows: Sequence[Mapping[str, Any]]) -> "DataFrame":
             "expected pandas, which data frames are made with, found none; pip install pandas"
         ) from None
     return pandas.DataFrame(list(rows))
+
+
+def csv_bytes(rows: Sequence[Mapping[str, Any]], columns: Sequence[str] = (), digits: int = 9) -> bytes:
+    """Return rows of values as CSV.
+
+    Parameters
+    ----------
+    rows : sequence of mappings
+        Values by column; a cell is empty where there is none, or a number that is not finite.
+    columns : sequence of str
+        Names of the columns; without them the keys of the first row.
+    digits : int
+        Significant digits of numbers that are not whole.
+
+    Raises
+    ------
+    ValueError
+        If a row has a value for a column that is not among them.
+
+    Examples
+    --------
+    >>> csv_bytes([{"n": 4, "error": 0.1234567}, {"n": 5}], digits=3)
+    b'n,error\\n4,0.123\\n5,\\n'
+    """
+    text = StringIO()
+    writer = csv.DictWriter(text, columns or list(rows[0]), restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: _csv_cell(value, digits) for name, value in row.items()} for row in rows)
+    return text.getvalue().encode()
+
+
+def _csv_cell(value: Any, digits: int) -> str:
+    if value is None:
+        return ""
+    # Also numpy's floats of 32 bits, which are none of Python's.
+    if isinstance(value, Real) and not isinstance(value, Integral):
+        return f"{value:.{digits}g}" if math.isfinite(value) else ""
+    return str(value)
 
 
 def _escaped(text: str) -> str:

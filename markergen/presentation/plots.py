@@ -1,0 +1,236 @@
+"""Plots with matplotlib: the same drawing gives the same bytes, whatever the user's own settings are.
+
+Three kinds of picture, each drawn by a function of its caller: `svg_bytes` for a figure of a study, which looks the
+same wherever it is put; `plot` for a drawing inside a page, whose text stays text; `figure_bytes` for a file that a
+user names. `log_axis`, `positive` and `legend_below` are what their axes share, `SERIES` are the looks of their lines.
+"""
+
+import io
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from markergen.errors import InputError, brief
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+INK, MUTED, FAINT = "#1a1a1a", "#5a5a5a", "#cfcfcf"
+
+SERIES: tuple[dict[str, Any], ...] = (
+    {"color": "#0b5394", "linestyle": "-", "marker": "o"},
+    {"color": "#c55a11", "linestyle": "--", "marker": "s"},
+    {"color": "#5b8c2a", "linestyle": "-.", "marker": "^"},
+    {"color": "#8e4585", "linestyle": (0, (1, 1.2)), "marker": "D"},
+    {"color": "#7a6a00", "linestyle": (0, (4, 1, 1, 1, 1, 1)), "marker": "v"},
+    {"color": "#3a8f8f", "linestyle": (0, (7, 2)), "marker": "P"},
+)
+"""Looks of the lines of a plot: each differs from the others in dashes and marks as well as in color."""
+
+FORMATS: dict[str, dict[str, None]] = {".svg": {"Date": None, "Creator": None}, ".png": {"Software": None}}
+"""Formats of pictures by suffix, and what to leave out of each: a time, and a version."""
+
+SIZE = (4.9, 3.9)
+"""Width and height in inches of a plot that shares its row of a page with another."""
+
+_SALT = {"svg.hashsalt": "markergen"}
+"""Seed for the ids in an SVG file, which matplotlib otherwise draws at random."""
+
+_STYLE: dict[str, Any] = {
+    **_SALT,
+    "svg.fonttype": "path",  # A figure looks the same wherever it is put, whatever fonts are there.
+    "text.parse_math": False,
+    "font.size": 9.5,
+    "axes.titlesize": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "axes.linewidth": 0.7,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.5,
+    "lines.markersize": 4.5,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "legend.handlelength": 3.2,
+    "figure.constrained_layout.use": True,
+}
+
+_PAGE_STYLE: dict[str, Any] = {
+    **_STYLE,
+    "svg.fonttype": "none",  # Text stays text: a reader can search it, and a screen reader can read it.
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "hatch.linewidth": 0.7,
+}
+
+_NO_METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+
+_TICKS = (
+    (3, (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 9)),
+    (12, (1, 2, 3, 5, 7)),
+    (60, (1, 2, 5)),
+    (1000, (1, 3)),
+    (math.inf, (1,)),
+)
+"""Where a logarithmic axis is labeled in each decade, by the ratio of its ends."""
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A drawing on a page.
+
+    Attributes
+    ----------
+    svg : str
+        Inline SVG; its text is escaped.
+    caption : str
+        How to read it.
+    wide : bool
+        Whether it takes a row of its own.
+    """
+
+    svg: str
+    caption: str
+    wide: bool = False
+
+
+def plot(draw: Callable[["Axes"], object], name: str, alt: str, caption: str, size: tuple[float, float] = SIZE) -> Plot:
+    """Draw on new axes, and return the drawing as a part of a page.
+
+    Parameters
+    ----------
+    draw : callable
+        Takes matplotlib axes.
+    name : str
+        Unique in the page: no two drawings may share an id.
+    alt : str
+        What is to be seen, for whoever cannot see it.
+    size : (float, float)
+        Width and height in inches of a page on paper.
+    """
+    from matplotlib.figure import Figure
+
+    with _settings(_PAGE_STYLE):
+        figure = Figure(figsize=size)
+        draw(figure.add_subplot())
+        buffer = io.StringIO()
+        figure.savefig(buffer, format="svg", metadata=_NO_METADATA, transparent=True)
+    return Plot(_inline(buffer.getvalue(), name, alt), caption, wide=size[0] > SIZE[0])
+
+
+def svg_bytes(draw: Callable[["Figure"], object], size: tuple[float, float]) -> bytes:
+    """Draw on a new figure of that width and height in inches, and return it as an SVG file."""
+    from matplotlib.figure import Figure
+
+    with _settings(_STYLE):
+        figure = Figure(figsize=size)
+        draw(figure)
+        return _saved(figure, format="svg", metadata=_NO_METADATA)
+
+
+def figure_bytes(draw: Callable[[], "Figure"], path: Path) -> bytes:
+    """Return the figure that `draw` makes as a file in the format of the path's suffix."""
+    check_figure(path)
+    suffix = path.suffix.lower()
+    with _settings(_SALT):
+        return _saved(draw(), format=suffix[1:], dpi=150, metadata=FORMATS[suffix])
+
+
+def check_figure(path: Path) -> None:
+    """Refuse the name of a picture in a format that is not drawn.
+
+    Raises
+    ------
+    InputError
+        If the path ends neither in .svg nor in .png.
+    """
+    if path.suffix.lower() not in FORMATS:
+        raise InputError(f"a picture {' or '.join(FORMATS)}", str(path), "choose one of these endings")
+
+
+def new_figure(size: tuple[float, float] = (6.4, 4.8)) -> "Figure":
+    """Return an empty figure of `size` in inches that no window belongs to."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=size, layout="constrained")
+
+
+def axes_of(ax: object, size: tuple[float, float] = (6.4, 4.8)) -> "Axes":
+    """Return the axes that were given, or, for None, those of a new figure of `size` in inches.
+
+    Raises
+    ------
+    InputError
+        If it is something else, such as a figure, or the array of axes that ``plt.subplots(2)`` makes.
+    """
+    from matplotlib.axes import Axes
+
+    if ax is None:
+        return new_figure(size).add_subplot()
+    if not isinstance(ax, Axes):
+        raise InputError("axes of matplotlib", f"ax={brief(ax)}", "give one of those that plt.subplots makes, or None")
+    return ax
+
+
+def positive(value: float | None) -> float:
+    """Return a value that a logarithmic axis can show; nan, which leaves a gap, for any other."""
+    return float(value) if value and value > 0 and math.isfinite(value) else float("nan")
+
+
+def ticks(low: float, high: float) -> tuple[float, ...]:
+    """Return the steps within a decade at which a logarithmic scale from low to high is labeled."""
+    return next(steps for ratio, steps in _TICKS if high < ratio * low or ratio == math.inf)
+
+
+def log_axis(ax: "Axes", which: str) -> None:
+    """Make the ``x`` or ``y`` axis logarithmic, labeled with plain numbers."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    getattr(ax, f"set_{which}scale")("log")
+    axis = getattr(ax, f"{which}axis")
+    axis.set_major_locator(LogLocator(subs=ticks(*getattr(ax, f"get_{which}lim")()), numticks=40))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+
+def legend_below(ax: "Axes") -> None:
+    """Put the legend under the axes, where it covers no line."""
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2, columnspacing=1.2)
+
+
+@contextmanager
+def _settings(style: Mapping[str, Any]) -> Iterator[None]:
+    """Draw with these settings of matplotlib and its defaults; the user's own are as before afterwards."""
+    import matplotlib
+
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(style)
+        yield
+
+
+def _saved(figure: "Figure", **options: Any) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, **options)
+    return buffer.getvalue()
+
+
+def _inline(svg: str, name: str, alt: str) -> str:
+    from markupsafe import escape
+
+    # Ids are made from what is drawn, so that equal things in two drawings of one page would share them.
+    svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", svg[svg.index("<svg") :])
+    # Fonts and joins are the page's: a style inside a drawing would hold for all of the page.
+    svg = re.sub(r"<style.*?</style>|<metadata>.*?</metadata>|font-family: [^;\"]*; ", "", svg, flags=re.DOTALL)
+    box = re.search(r'viewBox="[^"]*"', svg)
+    head = f'<svg {box[0] if box else ""} role="img" aria-label="{escape(alt)}">'
+    return head + svg[svg.index(">") + 1 :].rstrip()

@@ -1,0 +1,146 @@
+"""What the results of the library's functions have in common: how they are shown, and how they are written to files."""
+
+import json
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, ClassVar
+
+from markergen.files import Written, check_outputs, check_some, make_folder, sorted_by_suffix, write_all
+from markergen.options import read_as
+from markergen.presentation.pages import check_page
+from markergen.presentation.plots import check_figure
+from markergen.presentation.tables import Table, parts_as_html, parts_as_text
+
+StrPath = str | PathLike[str]
+
+_CHECKS = {"plot": check_figure, "report": check_page}
+"""What is demanded of the name of a file by what it holds; results may have any suffix."""
+
+
+class Result(ABC):
+    """A result of a function of the library: sentences and tables.
+
+    ``str()`` is what the command of the same name prints, ``repr()`` a line or two; a notebook shows tables.
+    """
+
+    @abstractmethod
+    def parts(self) -> Sequence[str | Table]:
+        """Sentences and tables in the order in which they are shown."""
+
+    def __str__(self) -> str:
+        return parts_as_text(self.parts())
+
+    def _repr_html_(self) -> str:
+        return parts_as_html(self.parts())
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Files to write, and a folder for pictures.
+
+    Attributes
+    ----------
+    files : tuple of (str, Path)
+        What a file is to hold (``json``, ``plot``, ``report``), and its path.
+    pictures : Path or None
+    """
+
+    files: tuple[tuple[str, Path], ...]
+    pictures: Path | None = None
+
+    def check(self, inputs: Sequence[Path] = ()) -> None:
+        """Refuse, before any work is done, what could not be written; makes the folder for pictures.
+
+        Raises
+        ------
+        OutputError
+            If a file cannot be written, is asked for twice, or is one of the inputs.
+        """
+        check_outputs([path for _, path in self.files], inputs)
+        if self.pictures is not None:
+            make_folder(self.pictures)
+
+    def checked(self) -> "Targets":
+        """Return the targets themselves if there are any and they can be written; raises InputError or OutputError."""
+        check_some([*self.files, *([self.pictures] if self.pictures is not None else [])])
+        self.check()
+        return self
+
+
+class SavableResult(Result):
+    """A result that can be written to files, all of them or none.
+
+    The method ``save`` of each kind of result takes paths, whose suffixes tell what the files hold, and paths by what
+    they are to hold, such as ``json="results.txt"``. It returns what was written, and raises `InputError` if no file is
+    named or a suffix is unknown, and `OutputError` if a file cannot be written; then nothing was changed.
+
+    Attributes
+    ----------
+    KINDS : mapping
+        What a file holds by its suffix.
+    written : tuple of Written
+        Files that were asked for together with the result.
+    """
+
+    KINDS: ClassVar[Mapping[str, str]] = {".json": "json"}
+    written: tuple[Written, ...] = ()
+
+    @classmethod
+    def targets(cls, paths: object = (), pictures: object = None, **named: object) -> Targets:
+        """Sort paths by suffix, and add those whose kind is their keyword; `Targets.check` does the rest.
+
+        Raises
+        ------
+        InputError
+            If one is no path, or its suffix is unknown.
+        """
+        files = sorted_by_suffix(read_as("files", paths, "save") or (), cls.KINDS)
+        for kind, given in named.items():
+            path = read_as("file", given, kind)
+            if path is not None and kind in _CHECKS:
+                _CHECKS[kind](path)
+            files += [(kind, path)] if path is not None else []
+        return Targets(tuple(files), read_as("file", pictures, "pictures"))
+
+    def write(self, targets: Targets) -> list[Written]:
+        """Write what was sorted and checked before."""
+        contents = {path: self.content(kind, path) for kind, path in targets.files}
+        write_all(contents)
+        return [Written(path) for path in contents]
+
+    def content(self, kind: str, path: Path) -> bytes:
+        """Return what a file of that kind and name is to hold."""
+        del path
+        if kind != "json":
+            raise ValueError(f"no result is written as {kind}")
+        return self.to_json()
+
+    @abstractmethod
+    def to_json(self) -> bytes:
+        """Results as JSON text."""
+
+
+def json_bytes(value: Any) -> bytes:
+    """Return JSON text, indented, with a line end; raises ValueError for nan and inf, see `plain`."""
+    return (json.dumps(value, indent=2, allow_nan=False) + "\n").encode()
+
+
+def plain(value: Any) -> Any:
+    """Return JSON values of dictionaries, sequences and numpy scalars; None for nan and inf, which JSON lacks.
+
+    >>> plain({4: (1.5, float("nan"))})
+    {'4': [1.5, None]}
+    """
+    import numpy as np
+
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,275 @@
+"""Rows of a file of poses: its lines and words, what its columns mean, and the poses that their numbers are.
+
+Nothing here keeps more of a file in memory than its bytes and its numbers. Every way to write a rotation becomes a
+quaternion, and what is no rotation is refused.
+"""
+
+import csv
+import io
+from array import array
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError, brief
+from markergen.model.recorded_poses import COLUMNS
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Place = Callable[[int], str]
+"""Where the pose of that index stands, for messages: ``line 7 of poses.csv``."""
+
+MOST_ROWS = 100_000
+"""Poses of one file: an hour of video, and two seconds to look through."""
+
+MOST_LINES = 2 * MOST_ROWS + 1000
+"""Two for each pose, and comments."""
+
+LONGEST_LINE = 10_000
+"""Bytes of a line with numbers; the longest of them have some 300."""
+
+LARGEST_DISTANCE = 1e6
+"""Largest coordinate of a translation in m."""
+
+TOLERANCE = 1e-3
+"""How far the length of a quaternion may be from 1, and R'R from the identity: some files round to three digits."""
+
+DECIMALS = 12
+"""Of the numbers that are kept: pm and 1e-12 rad."""
+
+TRANSLATION = ("tx", "ty", "tz")
+ROTATIONS = (
+    ("qx", "qy", "qz", "qw"),
+    ("rx", "ry", "rz"),
+    ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33"),
+)
+"""Columns of the ways to write a rotation: quaternion, rotation vector in rad, matrix row by row."""
+
+WANTED = "tx ty tz and one of qx qy qz qw, rx ry rz, r11 r12 r13 r21 r22 r23 r31 r32 r33"
+
+IGNORED = ("id", "index", "frame", "image", "name")
+"""Columns that may stand beside the pose and are not read.
+
+A time is not one of them: a table with times is most often a trajectory, whose poses go the other way."""
+
+WHICH_WAY = (
+    "each row is T_camera_marker, X_camera = R X_marker + t, with t in m: the marker's origin in the camera frame"
+    " (x right, y down, z forward)"
+)
+
+
+@dataclass(frozen=True)
+class PoseFile:
+    """A file by name and bytes, without a byte order mark."""
+
+    name: str
+    data: bytes
+
+    def lines(self, blank: bool = False) -> Iterator[tuple[int, bytes]]:
+        """Lines with their numbers, from 1, without the blanks around them; no comments, and empty ones if `blank`."""
+        for number, line in enumerate(io.BytesIO(self.data), 1):
+            stripped = line.strip()
+            if stripped[:1] != b"#" and (blank or stripped):
+                yield number, stripped
+
+    @cached_property
+    def first(self) -> bytes:
+        """The first line that is neither empty nor a comment, or what of it is not too long; empty if there is none."""
+        return next((line[:LONGEST_LINE] for _, line in self.lines()), b"")
+
+    @cached_property
+    def odd(self) -> bool:
+        """Whether there may be numbers such as 1_0, which Python takes for 10."""
+        return b"_" in self.data
+
+    def place(self, number: int) -> str:
+        """Line and file, for messages."""
+        return f"line {number} of {self.name}"
+
+    def table(self) -> Iterator[tuple[int, list[str]]]:
+        """Rows with their line numbers, of words separated by commas, semicolons, tabs or blanks, as the first has it.
+
+        Words may stand in double quotes.
+        """
+        first = self.first.decode("utf-8", "replace")
+        delimiter = next((mark for mark in ",;\t" if mark in first), None)
+        if b'"' not in self.data:
+            yield from ((number, self.text(number, line).split(delimiter)) for number, line in self.lines())
+            return
+        for number, line in self.lines():
+            # Line by line: a quote that is not closed ends there.
+            reader = csv.reader([self.text(number, line)], delimiter=delimiter or " ", skipinitialspace=True)
+            try:
+                yield number, next(reader)
+            except csv.Error as error:
+                raise InputError(f"a row at {self.place(number)}", str(error), "correct the line") from None
+
+    def text(self, number: int, line: bytes) -> str:
+        """Text of a line."""
+        if len(line) > LONGEST_LINE:
+            raise InputError(
+                f"at most {LONGEST_LINE} characters at {self.place(number)}", str(len(line)), "check the file"
+            )
+        try:
+            return line.decode()
+        except UnicodeDecodeError:
+            raise InputError(
+                f"text at {self.place(number)}", "bytes that are not UTF-8 text", "write the file as UTF-8"
+            ) from None
+
+
+@dataclass
+class Rows:
+    """Rows of numbers that are collected from a file, each with where it stands."""
+
+    file: PoseFile
+    width: int
+    _numbers: "array[float]" = field(default_factory=lambda: array("d"))
+    _lines: "array[int]" = field(default_factory=lambda: array("l"))
+
+    def add(self, line: int, words: Sequence[str]) -> None:
+        """Add a row of `width` words; `line` is its place."""
+        try:
+            self._numbers.extend(map(float, words))
+        except ValueError:
+            bad = next(word for word in words if not _is_number(word))
+            raise InputError(f"numbers at {self.file.place(line)}", brief(bad), "correct the line") from None
+        if self.file.odd and any("_" in word for word in words):
+            raise InputError(f"numbers at {self.file.place(line)}", brief(" ".join(words)), "take out the _")
+        if len(self._lines) == MOST_ROWS:
+            raise InputError(f"at most {MOST_ROWS} poses in {self.file.name}", "more", "take every tenth pose")
+        self._lines.append(line)
+
+    def values(self) -> Array:
+        """Return array (P, width); raises InputError if there are no rows."""
+        if not self._lines:
+            raise InputError(f"at least one pose in {self.file.name}", "none", "check the file")
+        return np.frombuffer(self._numbers, dtype=float).reshape(-1, self.width)
+
+    def place(self, index: int) -> str:
+        """Where row `index` stands."""
+        return self.file.place(self._lines[index])
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def columns_of(names: Sequence[str], place: str) -> tuple[list[int], int]:
+    """Where among the columns those of the pose stand, translation first, and how many of them are the translation.
+
+    Raises
+    ------
+    InputError
+        If a column is missing, there twice, or unknown, or there are several rotations.
+    """
+    plain = [name.strip().lower() for name in names]
+    twice = next((name for index, name in enumerate(plain) if name in plain[:index]), None)
+    if twice is not None:
+        raise InputError(f"every column once at {place}", f"{brief(twice)} twice", "correct the header")
+    known = {*TRANSLATION, *IGNORED}.union(*ROTATIONS)
+    unknown = next((name for name in plain if name not in known), None)
+    if unknown is not None:
+        advice = "; poses over time are read from a TUM trajectory, which has no header" if "time" in unknown else ""
+        raise InputError(f"the columns {WANTED} at {place}", brief(unknown), f"correct the header{advice}")
+    given = [rotation for rotation in ROTATIONS if set(rotation) & set(plain)]
+    if len(given) != 1:
+        found = " and ".join(rotation[0] for rotation in given) or "no rotation"
+        raise InputError(f"one kind of rotation at {place}", found, f"the columns are {WANTED}")
+    wanted = (*TRANSLATION, *given[0])
+    missing = [name for name in wanted if name not in plain]
+    if missing:
+        raise InputError(f"the columns {' '.join(wanted)} at {place}", f"no {' '.join(missing)}", "add them")
+    return [plain.index(name) for name in wanted], len(TRANSLATION)
+
+
+def numbers_of(translation: Array, rotation: Array, place: Place) -> Array:
+    """Numbers (P, 7) of `RecordedPoses`, for translations (P, 3) in m and rotations (P, 4), (P, 3) or (P, 9).
+
+    Quaternions come as x y z w, rotation vectors in rad, matrices row by row. Both q and -q are the same rotation;
+    the one with w of 0 or more is taken.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite, a place is beyond 1000 km, a quaternion is not of length 1, a rotation vector is
+        longer than a whole turn, or a matrix is no rotation.
+    """
+    for values in (translation, rotation):
+        _refuse(np.any(~np.isfinite(values), axis=-1), "finite numbers", values, place)
+    _refuse(
+        np.any(np.abs(translation) > LARGEST_DISTANCE, axis=-1), "a translation of at most 1000 km", translation, place
+    )
+    quaternion = {4: _unit, 3: _of_vectors, 9: _of_matrices}[rotation.shape[-1]](rotation, place)
+    quaternion = quaternion * np.where(quaternion[:, 3:] < 0, -1.0, 1.0)
+    # A sum with 0.0 takes the sign from a zero.
+    return np.round(np.concatenate([translation, quaternion], axis=-1), DECIMALS) + 0.0
+
+
+def inverses(numbers: Array) -> Array:
+    """Numbers (P, 7) of the inverse poses."""
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_quat(numbers[:, 3:]).inv()
+    back = np.concatenate([-turn.apply(numbers[:, :3]), turn.as_quat(canonical=True)], axis=-1)
+    return np.round(back, DECIMALS) + 0.0
+
+
+def numbers_of_rows(rows: Sequence[str]) -> Array:
+    """Numbers (P, 7) that `RecordedPoses.as_dict` has written, to the last bit; raises InputError for other rows."""
+
+    def place(index: int) -> str:
+        return f"row {index}"
+
+    values = np.empty((len(rows), 7))
+    for index, row in enumerate(rows):
+        try:
+            values[index] = [float(word) for word in row.split()]
+        except ValueError:
+            raise InputError(f"7 numbers {COLUMNS} at {place(index)}", brief(row), "correct the row") from None
+    numbers_of(values[:, :3], values[:, 3:], place)
+    return values
+
+
+def _unit(quaternion: Array, place: Place) -> Array:
+    # Clipped, because the square of a long one may be beyond what a double holds.
+    length = np.linalg.norm(np.clip(quaternion, -2, 2), axis=-1)
+    _refuse(np.abs(length - 1) > TOLERANCE, "a quaternion qx qy qz qw of length 1", quaternion, place)
+    return quaternion / length[:, None]
+
+
+def _of_vectors(vectors: Array, place: Place) -> Array:
+    from scipy.spatial.transform import Rotation
+
+    whole = 2 * np.pi + TOLERANCE
+    # Degrees are told by being too large.
+    angle = np.linalg.norm(np.clip(vectors, -whole, whole), axis=-1)
+    beyond = (angle > whole) | (np.abs(vectors).max(axis=-1) > whole)
+    _refuse(beyond, "a rotation vector rx ry rz in rad, at most a whole turn", vectors, place)
+    quaternions: Array = Rotation.from_rotvec(vectors).as_quat()
+    return quaternions
+
+
+def _of_matrices(rows: Array, place: Place) -> Array:
+    from scipy.spatial.transform import Rotation
+
+    matrices = np.clip(rows, -2, 2).reshape(-1, 3, 3)
+    off = np.abs(matrices.swapaxes(-1, -2) @ matrices - np.eye(3)).max(axis=(-2, -1))
+    _refuse(off > TOLERANCE, "a rotation matrix r11..r33 with R'R = I", rows, place)
+    _refuse(np.linalg.det(matrices) < 0, "a rotation matrix r11..r33, not a reflection", rows, place)
+    quaternions: Array = Rotation.from_matrix(matrices).as_quat()
+    return quaternions
+
+
+def _refuse(bad: Mask, wanted: str, values: Array, place: Place) -> None:
+    if bad.any():
+        index = int(np.argmax(bad))
+        found = " ".join(f"{value:.6g}" for value in values[index])
+        raise InputError(f"{wanted} at {place(index)}", found, "correct the file")
