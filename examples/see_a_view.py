@@ -6,7 +6,7 @@ python examples/see_a_view.py view.png
 import argparse
 from pathlib import Path
 
-from markergen.detect.overlay import overlay
+from markergen.detect.presentation import overlay
 from markergen.model.spec import Spec
 from markergen.optimize.design import design
 from markergen.render import Optics

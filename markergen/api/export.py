@@ -14,8 +14,8 @@ from markergen.exporters import ExportOptions, check_outputs, save
 from markergen.files import Written
 from markergen.files import check_outputs as check_files
 from markergen.model.fabrication import DEFAULT_PROCESS, Fabrication, check_choice
-from markergen.model.holes import parse_dowel, parse_mount
 from markergen.model.marker import Marker
+from markergen.model.substrate import parse_dowel, parse_mount
 from markergen.model.substrate_checks import check_edge, check_holes
 from markergen.options import ExportKeywords, PlateKeywords, as_list, declared, given, signature_of
 from markergen.options.base import MarkerLike

@@ -15,6 +15,7 @@ from markergen.options import StudyKeywords, check_progress, given, signature_of
 from markergen.presentation.results import Result
 from markergen.presentation.tables import data_frame
 from markergen.studies.engines import engine_for
+from markergen.studies.named import STUDIES
 from markergen.studies.run import CellProgress
 from markergen.studies.sweep import read_sweep, run_sweep, sweep_from_mapping
 
@@ -119,14 +120,13 @@ def study(
     folder = path_of(output, "a folder to write to")
     engine = engine_for(asked.get("workers"), asked.get("scheduler"))
     run: Callable[..., list[Path]]
-    if isinstance(what, str) and what == "paper":
-        from markergen.studies.paper import PaperOptions, estimated_seconds, run_paper
-
-        choices = PaperOptions(**{name: asked[name] for name in ("runs", "scale") if name in asked})
-        run = partial(run_paper, folder, choices)
+    if isinstance(what, str) and what in STUDIES:
+        named = STUDIES[what]
+        choices = named.options(**{name: asked[name] for name in named.keywords if name in asked})
+        run = partial(named.run, folder, choices)
         engine.check()
         if announce and "scheduler" not in asked:
-            announce(f"the whole study: about {duration(estimated_seconds(choices, asked.get('workers')))}")
+            announce(f"the whole study: about {duration(named.seconds(choices, asked.get('workers')))}")
     elif "scale" in asked:
         raise InputError("--scale with the study paper", f"--scale with {what}", "leave it out, or give --runs")
     else:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from markergen.detect.detector import CovarianceSource, Detector, Found
-from markergen.detect.overlay import overlay as drawn_over
+from markergen.detect.presentation import overlay as drawn_over
 from markergen.errors import InputError, OutputError
 from markergen.files import check_outputs, make_folder, write_atomic
 from markergen.options import as_list

@@ -7,15 +7,13 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.blobs import Blobs, Image, detect_dots
-from markergen.detect.candidates import Poses, find_candidates
-from markergen.detect.correction import correct_centers
-from markergen.detect.fit import outlines
-from markergen.detect.ideal import Ellipses, undo_lens
-from markergen.detect.labels import Search, ambiguity, contender, search
-from markergen.detect.layout import Layout, layout_of
+from markergen.detect.blobs import Blobs, Ellipses, Image, detect_dots, undo_lens
+from markergen.detect.conic_projection import correct_centers, outlines
+from markergen.detect.fiducials import CONFIRMS, NO_TAGS, Sightings, look_for_tags
+from markergen.detect.identification import Search, ambiguity, contender, search
+from markergen.detect.labeling_hypotheses import Poses, find_labelings
 from markergen.detect.pose import DEFAULT_ERRORS, PoseEstimate, fit_pose, outlier
-from markergen.detect.tags import CONFIRMS, NO_TAGS, Sightings, look_for_tags
+from markergen.detect.pose_hypotheses import DotLayout, layout_of
 from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, Correspondences, HomographyEstimator
 from markergen.estimators.budget import ErrorSources
@@ -111,14 +109,14 @@ class Sought:
     Attributes
     ----------
     markers : tuple of Marker
-    layouts : tuple of Layout
+    layouts : tuple of DotLayout
         One for each marker; those of a family share theirs, and what is found for it.
     families : frozenset of str
         Of their tags.
     """
 
     markers: tuple[Marker, ...]
-    layouts: tuple[Layout, ...]
+    layouts: tuple[DotLayout, ...]
     families: frozenset[str]
 
 
@@ -234,7 +232,7 @@ def identify(
     left, reasons, found = dict.fromkeys(range(len(markers)), copies), dict[int, str](), list[Detection]()
     rivals, unlabeled = dict[int, int](), dict[int, Unlabeled]()
     while left:
-        find = cache(find_candidates)
+        find = cache(find_labelings)
         searches = {
             k: search(ellipses, layouts[k], camera, calibrated, errors.print_sigma, markers[k].tag, tags, find)
             for k in left

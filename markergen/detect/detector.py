@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from markergen.detect.blobs import detect_dots
 from markergen.detect.detection import MAX_COPIES, Detection, find_all, prepare
-from markergen.detect.overlay import draw
 from markergen.detect.photometric import check_refinement, refine
 from markergen.detect.pose import PoseEstimate
-from markergen.detect.record import as_dict, in_words, reason
+from markergen.detect.presentation import as_dict, draw, in_words, reason
 from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import logarithm

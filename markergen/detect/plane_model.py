@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.edge_model import BOXED, pixel_edge
+from markergen.detect.edge_psf import BOXED, pixel_edge
 from markergen.model.camera import Camera
 
 Array = NDArray[np.float64]
@@ -35,7 +35,7 @@ PLACE, SPREAD, BLUR, LIGHT, DARK, SLOPE = slice(0, 2), 2, slice(3, 6), 6, 7, sli
 
 
 @dataclass(frozen=True, eq=False)
-class Dot:
+class PredictedDot:
     """A dot as it is predicted; places are in its plane, from its predicted center, in its radii.
 
     Attributes
@@ -109,7 +109,7 @@ class Surroundings:
     hole: Array
 
 
-def surroundings(image: Grey, camera: Camera, dots: Sequence[Dot], blur: Array) -> Surroundings:
+def surroundings(image: Grey, camera: Camera, dots: Sequence[PredictedDot], blur: Array) -> Surroundings:
     """Gather the pixels near the outlines of one dot or more, but not those near another dot's.
 
     Parameters
@@ -148,7 +148,7 @@ def surroundings(image: Grey, camera: Camera, dots: Sequence[Dot], blur: Array) 
     )
 
 
-def _candidates(image: Grey, dot: Dot, center: Array, derivative: Array, edge: float) -> NDArray[np.intp]:
+def _candidates(image: Grey, dot: PredictedDot, center: Array, derivative: Array, edge: float) -> NDArray[np.intp]:
     """Columns and rows (k, 2) of the pixels that are in the band around the outline, and of some that are not."""
     half = np.hypot(derivative[:, 0], derivative[:, 1])
     # Lens and perspective bend the ellipse that the derivative at the center makes of the circle.
@@ -164,7 +164,7 @@ def _candidates(image: Grey, dot: Dot, center: Array, derivative: Array, edge: f
     return pixels[:, near].T
 
 
-def _near(dot: Dot, edge: float, place: Array, jacobian: Array) -> NDArray[np.bool_]:
+def _near(dot: PredictedDot, edge: float, place: Array, jacobian: Array) -> NDArray[np.bool_]:
     """Tell which places (2, N) are near this outline alone, whose edges are `edge` px wide to either side."""
     with np.errstate(invalid="ignore"):
         rho, steepness = _radial(place - dot.start[:, None], jacobian)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.fit import mirrored_poses, outlines, pose_rows, refine_poses
+from markergen.detect.conic_projection import mirrored_poses, outlines, pose_rows, refine_poses
 from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget, print_covariance

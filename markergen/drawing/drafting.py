@@ -1,11 +1,14 @@
-"""Drafting: dimensions with arrows, leaders, center lines and hatching, in mm on paper."""
+"""Drafting in mm on paper: lettering, dimensions, center lines, hatching, and callouts whose leaders keep clear."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from math import cos, hypot, pi, sin, sqrt
+from itertools import pairwise, product
+from math import cos, dist, hypot, inf, pi, radians, sin, sqrt, tan
 
-from markergen.drawing.fabrication_drawing import ViewFace
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.drawing.fabrication_drawing import Callout, ViewFace
 from markergen.drawing.scene import (
     BLACK,
     GRAY,
@@ -20,8 +23,11 @@ from markergen.drawing.scene import (
     rectangle,
     turned,
 )
-from markergen.drawing.text import text, text_width
+from markergen.drawing.text import SHIFT, text, text_width
 from markergen.geometry.contour import Contour, flattened
+from markergen.geometry.region import Region, line_distances
+
+Array = NDArray[np.float64]
 
 THICK, THIN = 0.4, 0.18
 """Widths in mm of edges that are seen, and of all that explains them (ISO 128)."""
@@ -29,14 +35,23 @@ THICK, THIN = 0.4, 0.18
 DARK = "#b9b9b9"
 """Fill of what is dark: pale enough for numbers on it, and that nobody takes a drawing for the marker."""
 
+WORDS = "words"
+"""Name of text that needs none of its own: what has a name goes into the layer of texts."""
+
 CLOSE = 6.0
 """Distance in mm between dimension lines, on A4."""
 
+SLANTS = tuple(tan(radians(angle)) for angle in (30, 45, 60, 75))
+"""Slopes of leaders that come to lie level before they reach their words."""
+
+MOST_PLACES = 12
+"""Of the features that are alike, those nearest to the words, which are tried."""
+
+HIT, CROSSED, BEND = 100.0, 300.0, 2.0
+"""What it costs, in mm of leader, to run across a feature or along the axis, across another leader, or to bend."""
+
 SMOOTH = 2e-3
 """How far in mm on paper a drawn line may lie off an arc."""
-
-WORDS = "words"
-"""Name of text that needs none of its own: what has a name goes into the layer of texts."""
 
 OFF, BEYOND = 0.8, 1.5
 """Where an extension line begins off its edge, and how far it goes on behind the dimension line, mm on A4."""
@@ -62,6 +77,48 @@ class Style:
     def head(self) -> float:
         """Length of an arrow head."""
         return 2.3 * self.scale
+
+
+@dataclass(frozen=True)
+class Lettering(FilledPath):
+    """A line of words as outlines, with all that a format with fonts needs to write them as text.
+
+    Attributes
+    ----------
+    words : str
+    start : (x, y)
+        Where the baseline begins, mm.
+    height : float
+        Height of a capital, mm.
+    upright : bool
+        Whether it reads upward, from the right of the sheet.
+    face : {"regular", "bold"}
+    """
+
+    words: str = ""
+    start: Point = (0.0, 0.0)
+    height: float = 1.0
+    upright: bool = False
+    face: str = "regular"
+
+
+def lettering(
+    words: str,
+    x: float,
+    y: float,
+    height: float,
+    align: str = "left",
+    upright: bool = False,
+    face: str = "regular",
+    color: str = BLACK,
+    name: str = WORDS,
+) -> Lettering:
+    """Words with their baseline from, about or up to (x, y), turned a quarter about it if upright; see `text`."""
+    path = text(words, x, y, height, align, face, color, name)
+    back = SHIFT[align] * text_width(words, height, face)
+    start = (x, y - back) if upright else (x - back, y)
+    segments = (turned(path, x, y) if upright else path).segments
+    return Lettering(segments, name, color, words, start, height, upright, face)
 
 
 @dataclass(frozen=True)
@@ -125,27 +182,19 @@ def cut_edges(face: ViewFace, view: DrawingView, box: Box) -> list[Shape]:
 
 def hatching(face: ViewFace, view: DrawingView, style: Style) -> list[Shape]:
     """Parallel lines at 45 degrees in a face: rising in what is light, falling and closer in what is dark."""
-    import shapely
-
     sign, gap = (-1.0, 1.1 * style.scale) if face.material == "dark" else (1.0, 2.0 * style.scale)
-    rings = [view.trace(contour) for contour in face.contours]
-    region = shapely.make_valid(shapely.Polygon(rings[0], rings[1:]))
-    left, bottom, right, top = shapely.bounds(region)
+    outer, *holes = (view.trace(contour) for contour in face.contours)
+    region = Region.polygon(outer, holes, mend=True)
+    left, bottom, right, top = region.box
     if not (right - left > 0 and top - bottom > 0):
         return []
     # Lines x - sign y = k * gap * sqrt(2), so that those of one material meet across parts.
     step = gap * sqrt(2)
     corners = [x - sign * y for x in (left, right) for y in (bottom, top)]
-    lines = []
-    for k in range(int(min(corners) // step), int(max(corners) // step) + 1):
-        c = k * step
-        lines.append(shapely.LineString([(c + sign * bottom, bottom), (c + sign * top, top)]))
-    found = shapely.get_parts(shapely.intersection(shapely.MultiLineString(lines), region))
-    return [
-        Line(tuple((float(x), float(y)) for x, y in run.coords), THIN * 0.7, "", GRAY)
-        for run in found
-        if run.geom_type == "LineString" and run.length > 0.05
-    ]
+    first, last = int(min(corners) // step), int(max(corners) // step)
+    lines = [((k * step + sign * bottom, bottom), (k * step + sign * top, top)) for k in range(first, last + 1)]
+    runs = [((a, b), (c, d)) for line in lines for (a, b), (c, d) in map(np.ndarray.tolist, region.runs(line))]
+    return [Line(run, THIN * 0.7, "", GRAY) for run in runs if dist(*run) > 0.05]
 
 
 def center_line(a: Point, b: Point, style: Style, color: str = BLACK) -> list[Shape]:
@@ -208,10 +257,10 @@ def across(
     if beside:
         # To the right of the arrows, on a line of its own.
         start = x1 + (1.9 * style.head if outside else 0.0)
-        ground, written = on_white(text(words, start + style.scale, y + 0.7 * style.scale, style.words, name=WORDS))
+        ground, written = on_white(lettering(words, start + style.scale, y + 0.7 * style.scale, style.words))
         shapes += [ground, Line(((x1, y), (start + width + 1.5 * style.scale, y)), THIN), written]
     else:
-        shapes += on_white(text(words, (x0 + x1) / 2, y + 0.7 * style.scale, style.words, "center", name=WORDS))
+        shapes += on_white(lettering(words, (x0 + x1) / 2, y + 0.7 * style.scale, style.words, "center"))
     return shapes
 
 
@@ -230,14 +279,14 @@ def upright(
         # Above the upper arrow, lying down where it has room.
         top = y1 + (1.9 * style.head if outside else 0.6 * style.scale)
         shapes.append(Line(((x, y1), (x, top + style.scale * 0.3)), THIN))
-        shapes += on_white(text(words, x, top + 0.9 * style.scale, style.words, "center", name=WORDS))
+        shapes += on_white(lettering(words, x, top + 0.9 * style.scale, style.words, "center"))
     else:
         here = (x - 0.7 * style.scale, (y0 + y1) / 2)
-        shapes += on_white(turned(text(words, *here, style.words, "center", name=WORDS), *here))
+        shapes += on_white(lettering(words, *here, style.words, "center", upright=True))
     return shapes
 
 
-def on_white(words: FilledPath, color: str = WHITE) -> list[Shape]:
+def on_white(words: Lettering, color: str = WHITE) -> list[Shape]:
     """Words on a ground of their own, so that no line runs through them."""
     left, bottom, right, top = bounds(words)
     return [rectangle((left - 0.3, bottom - 0.25, right + 0.3, top + 0.25), "", color), words]
@@ -262,6 +311,123 @@ def frame_lines(box: Box, width: float) -> Line:
 def scale_words(scale: float) -> str:
     """``1 : 2`` and the like."""
     return f"{scale:g} : 1" if scale >= 1 else f"1 : {round(1 / scale):g}"
+
+
+@dataclass(frozen=True)
+class _Leader:
+    cost: float
+    run: tuple[Point, Point, Point]
+    """Tip, elbow, and end at the words."""
+    top: float
+    """Upper end of the words."""
+
+
+def place_callouts(
+    callouts: Sequence[Callout], view: DrawingView, column: Box, style: Style, marks: Sequence[Box] = ()
+) -> list[Shape]:
+    """Words and leaders; those with the fewest places to point at choose first.
+
+    Parameters
+    ----------
+    callouts : sequence of Callout
+    view : DrawingView
+        What they point into.
+    column : box
+        Of the words, mm on paper; leaders come from its left.
+    style : Style
+    marks : sequence of box
+        Words on paper that leaders should keep off.
+    """
+    step, gap = 1.75 * style.words, 1.4 * style.words
+    circles = np.array([(*view.at((x, y)), view.scale * r) for each in callouts for x, y, r in each.places])
+    circles = np.concatenate([circles.reshape(-1, 3), _as_circles(marks)])
+    taken: list[tuple[float, float]] = []
+    runs: list[tuple[Point, Point, Point]] = []
+    shapes: list[Shape] = []
+    for callout in sorted(callouts, key=lambda each: len(each.places)):
+        height = step * (len(callout.lines) - 1) + style.words
+        best = _best(callout, view, column, height, gap, circles, taken, runs, style)
+        if best is None:
+            continue
+        taken.append((best.top - height, best.top))
+        runs.append(best.run)
+        shapes += leader(*best.run, style)
+        for number, line in enumerate(callout.lines):
+            base = best.top - style.words - number * step
+            shapes.append(lettering(line, column[0], base, style.words, name=f"callout-{len(taken)}-{number}"))
+    return shapes
+
+
+def _best(
+    callout: Callout,
+    view: DrawingView,
+    column: Box,
+    height: float,
+    gap: float,
+    circles: Array,
+    taken: Sequence[tuple[float, float]],
+    runs: Sequence[tuple[Point, Point, Point]],
+    style: Style,
+) -> _Leader | None:
+    """Cheapest leader of all places, heights of the words and slants; None if no room is left for the words."""
+    left, low, _, high = column
+    tops = [
+        top
+        for top in np.arange(low + height, high + 1e-9, 2.0 * style.scale).tolist()
+        if not any(top - height < upper + gap and top > lower - gap for lower, upper in taken)
+    ]
+    end = left - 1.2 * style.scale
+    nearest = sorted(callout.places, key=lambda place: (-place[0] - place[2], -place[1]))[:MOST_PLACES]
+    best: _Leader | None = None
+    for (x, y, r), top in product(nearest, tops):
+        at, radius = view.at((x, y)), view.scale * r
+        level = top - style.words / 2
+        drop = level - at[1]
+        elbows = [end - 3.5 * style.scale, *(at[0] + abs(drop) / slant for slant in SLANTS)]
+        for number, elbow in enumerate(elbows):
+            if not at[0] + radius < elbow <= elbows[0]:
+                continue
+            away = hypot(elbow - at[0], drop)
+            if away < radius + 1.5 * style.head:
+                continue
+            tip = at[0] + radius * (elbow - at[0]) / away, at[1] + radius * drop / away
+            run = tip, (elbow, level), (end, level)
+            length = away - radius + end - elbow
+            cost = length + (BEND if number else 0.0)
+            bound = best.cost if best else inf
+            if cost < bound:
+                cost += HIT * _hits(run, circles, (*at, radius)) + CROSSED * _crossings(run, runs)
+                cost += HIT * _along_axis(run, view)
+            if cost < bound:
+                best = _Leader(cost, run, top)
+    return best
+
+
+def _hits(run: tuple[Point, Point, Point], circles: Array, own: tuple[float, float, float]) -> int:
+    """How many circles but its own a leader runs across, or within half a millimeter of."""
+    others = circles[np.any(np.abs(circles - own) > 1e-6, axis=-1)]
+    near = np.zeros(len(others), dtype=bool)
+    for a, b in ((run[0], run[1]), (run[1], run[2])):
+        start, way = np.array(a), np.subtract(b, a)
+        share = np.clip((others[:, :2] - start) @ way / max(float(way @ way), 1e-12), 0, 1)
+        near |= np.hypot(*(others[:, :2] - start - share[:, None] * way).T) < others[:, 2] + 0.5
+    return int(near.sum())
+
+
+def _along_axis(run: tuple[Point, Point, Point], view: DrawingView) -> int:
+    """How many pieces of a leader lie on the x axis or close beside it."""
+    axis = view.at((0.0, 0.0))[1]
+    legs = ((run[0], run[1]), (run[1], run[2]))
+    return sum(max(abs(a[1] - axis), abs(b[1] - axis)) < 1.5 and abs(b[0] - a[0]) > 5 for a, b in legs)
+
+
+def _crossings(run: tuple[Point, Point, Point], others: Sequence[tuple[Point, Point, Point]]) -> int:
+    return int(np.sum(line_distances(run, others) < 0.5)) if others else 0
+
+
+def _as_circles(boxes: Sequence[Box]) -> Array:
+    """Circles around boxes."""
+    return np.array([((a + c) / 2, (b + d) / 2, hypot(c - a, d - b) / 2) for a, b, c, d in boxes]).reshape(-1, 3)
 
 
 def _arrows(a: Point, b: Point, outside: bool, style: Style) -> list[Shape]:

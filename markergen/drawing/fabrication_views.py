@@ -14,8 +14,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise, product
-from math import hypot, inf, radians, tan
+from itertools import pairwise
+from math import hypot
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,17 +29,29 @@ from markergen.drawing.drafting import (
     arrow,
     center_circle,
     center_line,
+    cut_edges,
     drawn,
     inside,
-    leader,
+    lettering,
     on_white,
+    place_callouts,
+    scale_words,
     upright,
 )
-from markergen.drawing.fabrication_drawing import Callout, Dimension, DotLabel, Workpiece, around, millimeters
+from markergen.drawing.fabrication_drawing import (
+    Dimension,
+    DotLabel,
+    SectionView,
+    ViewFace,
+    Workpiece,
+    around,
+    millimeters,
+)
 from markergen.drawing.label_placement import place_numbers
-from markergen.drawing.paper import Frame
-from markergen.drawing.scene import GRAY, WHITE, Box, Disk, Point, Shape, bounds
-from markergen.drawing.text import text, text_width
+from markergen.drawing.paper import LEAST_ROOM, PAPERS, Frame, Paper, SheetOptions, find_paper, oriented
+from markergen.drawing.scene import GRAY, WHITE, Box, Disk, Point, Shape, bounds, union
+from markergen.drawing.text import text_width
+from markergen.errors import InputError
 from markergen.geometry.contour import flattened
 
 Array = NDArray[np.float64]
@@ -56,14 +68,14 @@ NEAR = 0.05
 LEAST_NUMBER = 1.2
 """Height in mm of the smallest number of a dot; a smaller one is left out, and the table tells."""
 
-SLANTS = tuple(tan(radians(angle)) for angle in (30, 45, 60, 75))
-"""Slopes of leaders that come to lie level before they reach their words."""
+USUAL = ("a4-landscape", "a4", "a3-landscape", "a3")
+"""Papers that are tried where none is named, in this order."""
 
-MOST_PLACES = 12
-"""Of the features that are alike, those nearest to the words, which are tried."""
+GOOD = 0.5
+"""Scale from which on no larger paper is tried."""
 
-HIT, CROSSED, BEND = 100.0, 300.0, 2.0
-"""What it costs, in mm of leader, to run across a feature or along the axis, across another leader, or to bend."""
+BLOCK = 12.0
+"""Height of the title block, mm on A4."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +88,152 @@ class ViewPlacement:
     callouts: Box
 
 
-def lay_out(work: Workpiece, frame: Frame, room: Box) -> ViewPlacement | None:
+@dataclass(frozen=True)
+class FrontPage:
+    """The first page: the marker from the front and from the side.
+
+    Attributes
+    ----------
+    frame : Frame
+    scale : float
+        Lengths on paper over lengths of the marker.
+    origin : (x, y)
+        Where the marker's origin is in the front view, mm from the page's lower left corner.
+    shapes : tuple of Shape
+        In mm from there; what is written is `Lettering`.
+    """
+
+    frame: Frame
+    scale: float
+    origin: Point
+    shapes: tuple[Shape, ...]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A view of its own to be put among tables and notes.
+
+    Attributes
+    ----------
+    title : str
+        What is seen and at what scale.
+    width, height : float
+        mm on paper.
+    shapes : tuple of Shape
+        In mm from the lower left corner; what is written is `Lettering`.
+    """
+
+    title: str
+    width: float
+    height: float
+    shapes: tuple[Shape, ...]
+
+
+def front_page(work: Workpiece, options: SheetOptions) -> FrontPage:
+    """Draw the front and side views, with dimensions, numbers and callouts, on the paper that shows them large enough.
+
+    Without a paper named it is A4, or A3 where that allows a larger scale than 1 : 2 or less.
+
+    Raises
+    ------
+    InputError
+        If the paper is unknown, or too small for any scale.
+    """
+    frame, layout = _place(work, options)
+    return FrontPage(frame, layout.scale, (layout.front.x, layout.front.y), tuple(_draw_front(work, layout, frame)))
+
+
+def drawing_area(frame: Frame) -> Box:
+    """Inside of the border, above the title block, mm."""
+    air = 3 * frame.scale
+    return frame.margin + air, frame.margin + BLOCK * frame.scale + air, frame.right - air, frame.top - air
+
+
+def section_picture(section: SectionView, width: float, height: float, style: Style) -> Picture:
+    """Draw a cut through the solid at the largest scale that suits a column of that width and height, mm."""
+    left, bottom, right, top = section.box
+    tier = CLOSE * style.scale
+    beside, below = (0.8 + len(section.upright)) * tier, 0.8 * tier
+    low = max(min(min((face.box[1] for face in section.faces), default=bottom), top), bottom)
+
+    def lift(scale: float) -> float:
+        # Words that stand beside short dimensions are not to meet those of the heights.
+        narrow = any(text_width(span.words, style.words) > scale * (span.end - span.start) for span in section.across)
+        return 1.5 * tier if narrow else 0.6 * tier
+
+    def fits(scale: float, room: float) -> bool:
+        tall = scale * (top - low) + lift(scale) + len(section.across) * tier + below
+        return scale * (right - left) + beside + 0.5 * tier <= width and tall <= room
+
+    # Small where that shows enough, with more room where it would be smaller than the solid.
+    rooms = min(0.45 * height, 52 * style.scale), 0.7 * height
+    scales = [next((each for each in SCALES[1:] if fits(each, room)), SCALES[-1]) for room in rooms]
+    scale = scales[0] if scales[0] >= 1 else min(scales[1], 1.0)
+    above = max(lift(scale) + len(section.across) * tier, 1.5 * tier)
+    deep = scale * (top - low) + above + below
+    view = DrawingView(0.3 * tier - scale * left, below - scale * low, scale)
+    shapes: list[Shape] = []
+    for face in section.faces:
+        shapes += drawn(face, view, True, style)
+    for face in section.faces:
+        shapes += cut_edges(face, view, section.box)
+    for axis in section.axes:
+        (x, foot), (_, head) = view.at((axis, low)), view.at((axis, top))
+        over = 2 * style.scale
+        shapes += center_line((x, foot - over), (x, head + over), style)
+    # The outer ones first, so that the words of the inner ones lie on their extension lines.
+    for number, span in reversed(list(enumerate(section.across))):
+        line = view.at((0.0, top))[1] + lift(scale) + number * tier
+        starts = [view.at((0.0, _highest(section.faces, at, top)))[1] for at in (span.start, span.end)]
+        x0, x1 = (view.at((at, 0.0))[0] for at in (span.start, span.end))
+        shapes += across(x0, x1, line, (starts[0], starts[1]), span.words, style)
+    edge = view.at((right, 0.0))[0]
+    shapes += _stacked(section.upright, view, edge, edge + 0.9 * tier, tier, style)
+    return Picture(f"{section.title}, {scale_words(scale)}", width, deep, tuple(shapes))
+
+
+def back_picture(work: Workpiece, width: float, height: float) -> Picture:
+    """Draw the back at the largest scale that suits a column of that width and height, mm."""
+    left, bottom, right, top = around(work.back)
+    room = min(0.6 * height, width)
+    # Half a millimeter on each side for the strokes.
+    scale = next((s for s in SCALES if s * (right - left) + 1 <= width and s * (top - bottom) <= room), SCALES[-1])
+    view = DrawingView(0.5 - scale * left, 0.5 - scale * bottom, scale)
+    shapes = tuple(shape for face in work.back for shape in drawn(face, view))
+    return Picture(f"Seen from the back, {scale_words(scale)}", width, scale * (top - bottom) + 1, shapes)
+
+
+def _place(work: Workpiece, options: SheetOptions) -> tuple[Frame, ViewPlacement]:
+    """Paper and the layout of the drawing on it."""
+    best: tuple[Frame, ViewPlacement] | None = None
+    papers = _papers(options)
+    for paper in papers:
+        frame = options.frame(paper)
+        roomy = min(frame.width, frame.top - frame.margin) > LEAST_ROOM
+        layout = _placement(work, frame, drawing_area(frame)) if roomy else None
+        if layout and (best is None or layout.scale > best[1].scale):
+            best = frame, layout
+        if best and best[1].scale >= GOOD:
+            break
+    if best is None:
+        raise InputError(
+            "paper that a fabrication sheet fits on", ", ".join(map(str, papers)), "use --paper A4 or larger"
+        )
+    return best
+
+
+def _papers(options: SheetOptions) -> list[Paper]:
+    if options.paper is not None:
+        paper = find_paper(options.paper, options.orientation)
+        fixed = options.orientation or oriented(options.paper)
+        return [paper] if fixed else [paper.turned, paper]
+    papers = [PAPERS[name] for name in USUAL]
+    if options.orientation:
+        papers = [each for each in papers if (each.width > each.height) == (options.orientation == "landscape")]
+    return papers
+
+
+def _placement(work: Workpiece, frame: Frame, room: Box) -> ViewPlacement | None:
     """Largest scale at which both views fit in a part of the page with what belongs to them; None if they do not."""
     style = Style(frame.scale)
     left, bottom, right, top = _reach(work)
@@ -105,14 +262,14 @@ def lay_out(work: Workpiece, frame: Frame, room: Box) -> ViewPlacement | None:
     return None
 
 
-def draw_front(work: Workpiece, layout: ViewPlacement, frame: Frame) -> list[Shape]:
+def _draw_front(work: Workpiece, layout: ViewPlacement, frame: Frame) -> list[Shape]:
     """Both views with dimensions, numbers and callouts."""
     style, view = Style(frame.scale), layout.front
     shapes: list[Shape] = []
     for face in work.front:
         shapes += drawn(face, view)
     shapes += _axes(work, view, style)
-    shapes += _numbers(work, view, style)
+    shapes += _dot_numbers(work, view, style)
     shapes += _sizes(work, layout, style)
     marks = [bounds(shape) for shape in shapes if shape.name]
     return shapes + place_callouts(work.callouts, view, layout.callouts, style, marks)
@@ -129,21 +286,24 @@ def _axes(work: Workpiece, view: DrawingView, style: Style) -> list[Shape]:
     left, bottom, right, top = view.box(_reach(work))
     x, y = view.at((0.0, 0.0))
     over = 4.5 * style.scale
+    ends = left - over, bottom - over, right + over, top + over
     shapes: list[Shape] = [
         *center_line((left - over / 2, y), (right + over, y), style),
         *center_line((x, bottom - over / 2), (x, top + over), style),
         arrow((right + over, y), (1, 0), style),
         arrow((x, top + over), (0, 1), style),
-        text("x", right + over + 0.8 * style.scale, y + 0.6 * style.scale, style.words, name="axis-x"),
-        text("y", x + 1.2 * style.scale, top + over - style.words * 0.6, style.words, name="axis-y"),
+        lettering("x", right + over + 0.8 * style.scale, y + 0.6 * style.scale, style.words, name="axis-x"),
+        lettering("y", x + 1.2 * style.scale, top + over - style.words * 0.6, style.words, name="axis-y"),
     ]
     for callout in work.callouts:
         if callout.pitch:
-            shapes += center_circle(x, y, view.scale * callout.pitch, style)
+            # Holes in the corners of a plate have a circle that is larger than it.
+            dashes = center_circle(x, y, view.scale * callout.pitch, style)
+            shapes += [dash for dash in dashes if union(bounds(dash), ends) == ends]
     return shapes
 
 
-def _numbers(work: Workpiece, view: DrawingView, style: Style) -> list[Shape]:
+def _dot_numbers(work: Workpiece, view: DrawingView, style: Style) -> list[Shape]:
     """Numbers in their dots where they fit, else beside them."""
     shapes: list[Shape] = []
     rest: list[tuple[str, Disk]] = []
@@ -154,8 +314,8 @@ def _numbers(work: Workpiece, view: DrawingView, style: Style) -> list[Shape]:
         # Half the diagonal of the number, with some air, is at most the circle's radius.
         height = min(style.words, 0.85 * room / (hypot(width, 1.0) / 2))
         if height >= LEAST_NUMBER * style.scale:
-            words = text(label.words, x, y - height / 2, height, "center", name=f"number-{label.words}")
-            shapes += on_white(words, label_ground(work, label))
+            words = lettering(label.words, x, y - height / 2, height, "center", name=f"number-{label.words}")
+            shapes += on_white(words, _label_ground(work, label))
         else:
             # What has to stay free around the dot is the dot alone.
             rest.append((label.words, Disk(x, y, 0.55 * view.scale * label.radius + 0.1)))
@@ -169,11 +329,11 @@ def _numbers(work: Workpiece, view: DrawingView, style: Style) -> list[Shape]:
         for name, place in zip(names, places, strict=True):
             if place:
                 at = place[0], place[1] - height / 2
-                shapes.append(text(name, *at, height, "center", name=f"number-{name}"))
+                shapes.append(lettering(name, *at, height, "center", name=f"number-{name}"))
     return shapes
 
 
-def label_ground(work: Workpiece, label: DotLabel) -> str:
+def _label_ground(work: Workpiece, label: DotLabel) -> str:
     """Color of what a number stands on: that of the uppermost face there."""
     at = label.x, label.y
     # Odd: in the outer contour and in none of its holes.
@@ -207,14 +367,14 @@ def _sizes(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
     if not work.round:
         x = left - 1.4 * tier
         shapes += upright(bottom, top, x, left, millimeters(height), style)
-    shapes += stacked(work.heights, side, right, right + tier, tier, style)
+    shapes += _stacked(work.heights, side, right, right + tier, tier, style)
     above = high + 1.5 * style.scale, left
     words = "seen from -y"
-    shapes.append(text(words, above[1], above[0], 0.8 * style.words, color=GRAY, name="side-words"))
+    shapes.append(lettering(words, above[1], above[0], 0.8 * style.words, color=GRAY, name="side-words"))
     return shapes
 
 
-def stacked(
+def _stacked(
     spans: Sequence[Dimension], view: DrawingView, start: float, first: float, tier: float, style: Style
 ) -> list[Shape]:
     """Dimensions along z in the order given, each a tier farther to the right."""
@@ -225,123 +385,7 @@ def stacked(
     return shapes
 
 
-@dataclass(frozen=True)
-class _Leader:
-    cost: float
-    run: tuple[Point, Point, Point]
-    """Tip, elbow, and end at the words."""
-    top: float
-    """Upper end of the words."""
-
-
-def place_callouts(
-    callouts: Sequence[Callout], view: DrawingView, column: Box, style: Style, marks: Sequence[Box] = ()
-) -> list[Shape]:
-    """Words and leaders; those with the fewest places to point at choose first.
-
-    Parameters
-    ----------
-    callouts : sequence of Callout
-    view : DrawingView
-        What they point into.
-    column : box
-        Of the words, mm on paper; leaders come from its left.
-    style : Style
-    marks : sequence of box
-        Words on paper that leaders should keep off.
-    """
-    step, gap = 1.75 * style.words, 1.4 * style.words
-    circles = np.array([(*view.at((x, y)), view.scale * r) for each in callouts for x, y, r in each.places])
-    circles = np.concatenate([circles.reshape(-1, 3), _as_circles(marks)])
-    taken: list[tuple[float, float]] = []
-    runs: list[tuple[Point, Point, Point]] = []
-    shapes: list[Shape] = []
-    for callout in sorted(callouts, key=lambda each: len(each.places)):
-        height = step * (len(callout.lines) - 1) + style.words
-        best = _best(callout, view, column, height, gap, circles, taken, runs, style)
-        if best is None:
-            continue
-        taken.append((best.top - height, best.top))
-        runs.append(best.run)
-        shapes += leader(*best.run, style)
-        for number, line in enumerate(callout.lines):
-            base = best.top - style.words - number * step
-            shapes.append(text(line, column[0], base, style.words, name=f"callout-{len(taken)}-{number}"))
-    return shapes
-
-
-def _best(
-    callout: Callout,
-    view: DrawingView,
-    column: Box,
-    height: float,
-    gap: float,
-    circles: Array,
-    taken: Sequence[tuple[float, float]],
-    runs: Sequence[tuple[Point, Point, Point]],
-    style: Style,
-) -> _Leader | None:
-    """Cheapest leader of all places, heights of the words and slants; None if no room is left for the words."""
-    left, low, _, high = column
-    tops = [
-        top
-        for top in np.arange(low + height, high + 1e-9, 2.0 * style.scale).tolist()
-        if not any(top - height < upper + gap and top > lower - gap for lower, upper in taken)
-    ]
-    end = left - 1.2 * style.scale
-    nearest = sorted(callout.places, key=lambda place: (-place[0] - place[2], -place[1]))[:MOST_PLACES]
-    best: _Leader | None = None
-    for (x, y, r), top in product(nearest, tops):
-        at, radius = view.at((x, y)), view.scale * r
-        level = top - style.words / 2
-        drop = level - at[1]
-        elbows = [end - 3.5 * style.scale, *(at[0] + abs(drop) / slant for slant in SLANTS)]
-        for number, elbow in enumerate(elbows):
-            if not at[0] + radius < elbow <= elbows[0]:
-                continue
-            away = hypot(elbow - at[0], drop)
-            if away < radius + 1.5 * style.head:
-                continue
-            tip = at[0] + radius * (elbow - at[0]) / away, at[1] + radius * drop / away
-            run = tip, (elbow, level), (end, level)
-            length = away - radius + end - elbow
-            cost = length + (BEND if number else 0.0)
-            bound = best.cost if best else inf
-            if cost < bound:
-                cost += HIT * _hits(run, circles, (*at, radius)) + CROSSED * _crossings(run, runs)
-                cost += HIT * _along_axis(run, view)
-            if cost < bound:
-                best = _Leader(cost, run, top)
-    return best
-
-
-def _hits(run: tuple[Point, Point, Point], circles: Array, own: tuple[float, float, float]) -> int:
-    """How many circles but its own a leader runs across, or within half a millimeter of."""
-    others = circles[np.any(np.abs(circles - own) > 1e-6, axis=-1)]
-    near = np.zeros(len(others), dtype=bool)
-    for a, b in ((run[0], run[1]), (run[1], run[2])):
-        start, way = np.array(a), np.subtract(b, a)
-        share = np.clip((others[:, :2] - start) @ way / max(float(way @ way), 1e-12), 0, 1)
-        near |= np.hypot(*(others[:, :2] - start - share[:, None] * way).T) < others[:, 2] + 0.5
-    return int(near.sum())
-
-
-def _along_axis(run: tuple[Point, Point, Point], view: DrawingView) -> int:
-    """How many pieces of a leader lie on the x axis or close beside it."""
-    axis = view.at((0.0, 0.0))[1]
-    legs = ((run[0], run[1]), (run[1], run[2]))
-    return sum(max(abs(a[1] - axis), abs(b[1] - axis)) < 1.5 and abs(b[0] - a[0]) > 5 for a, b in legs)
-
-
-def _crossings(run: tuple[Point, Point, Point], others: Sequence[tuple[Point, Point, Point]]) -> int:
-    import shapely
-
-    if not others:
-        return 0
-    lines = shapely.linestrings([np.array(other) for other in others])
-    return int(np.sum(shapely.distance(shapely.LineString(run), lines) < 0.5))
-
-
-def _as_circles(boxes: Sequence[Box]) -> Array:
-    """Circles around boxes."""
-    return np.array([((a + c) / 2, (b + d) / 2, hypot(c - a, d - b) / 2) for a, b, c, d in boxes]).reshape(-1, 3)
+def _highest(faces: Sequence[ViewFace], at: float, top: float) -> float:
+    """Where the extension line of a place along the cut begins: at the highest corner of the edge there."""
+    found = [z for face in faces for ring in face.contours for s, z in ring.points if abs(s - at) < 1e-3]
+    return max(found, default=top)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.drawing.paper import Paper
+from markergen.geometry.region import Region
 
 Array = NDArray[np.float64]
 
@@ -238,9 +239,7 @@ def clipped(shapes: Iterable[Shape], box: Box) -> Iterator[Shape]:
     A cut disk becomes an outline within `FLATNESS` of it, a cut line several, named ``<name>``, ``<name>-part-2`` and
     so on. An outline that is cut must be of straight segments, as those of tags are.
     """
-    import shapely
-
-    window = shapely.box(*box)
+    window = Region.rectangle(*box)
     for shape in shapes:
         left, bottom, right, top = bounds(shape)
         if left >= box[0] and bottom >= box[1] and right <= box[2] and top <= box[3]:
@@ -249,47 +248,33 @@ def clipped(shapes: Iterable[Shape], box: Box) -> Iterator[Shape]:
         if left >= box[2] or bottom >= box[3] or right <= box[0] or top <= box[1]:
             continue
         if isinstance(shape, Line):
-            parts = shapely.get_parts(
-                shapely.line_merge(shapely.intersection(shapely.LineString(shape.points), window))
-            )
-            runs = [part for part in parts if part.geom_type == "LineString" and part.length > 0]
-            for number, run in enumerate(runs, 1):
+            for number, run in enumerate(window.runs(shape.points), 1):
                 suffix = f"-part-{number}" if number > 1 else ""
-                points = tuple((float(x), float(y)) for x, y in run.coords)
-                yield replace(shape, points=points, name=shape.name + suffix)
+                yield replace(shape, points=_points(run), name=shape.name + suffix)
             continue
-        region = _region(shape)
-        inside = shapely.intersection(region, window)
-        rings: list[Segment] = []
-        for part in shapely.get_parts(inside):
-            if part.geom_type == "Polygon" and not part.is_empty:
-                for ring in (part.exterior, *part.interiors):
-                    rings += _ring([(float(x), float(y)) for x, y in ring.coords[:-1]])
+        rings = [_ring(_points(ring)) for ring in (_region(shape) & window).rings]
         if rings:
-            yield FilledPath(tuple(rings), shape.name, shape.color)
+            yield FilledPath(tuple(segment for ring in rings for segment in ring), shape.name, shape.color)
 
 
-def _region(shape: Disk | FilledPath):  # type: ignore[no-untyped-def]  # shapely is imported where it is used
-    """Shapely region of a disk or of an outline of straight segments; holes run against what they are cut from."""
-    import shapely
-
+def _region(shape: Disk | FilledPath) -> Region:
+    """Region of a disk or of a path of straight segments, in which holes run against what they are cut from."""
     if isinstance(shape, Disk):
         count = max(ceil(pi * sqrt(shape.radius / (2 * FLATNESS))), 16)
         angle = 2 * pi * np.arange(count) / count
         unit = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         holes = [shape.inner_radius * unit + (shape.x, shape.y)] if shape.inner_radius else []
-        region = shapely.Polygon(shape.radius * unit + (shape.x, shape.y), holes)
-    else:
-        rings: list[list[Point]] = []
-        for command, points in shape.segments:
-            if command == "M":
-                rings.append([])
-            rings[-1] += points
-        # Even-odd: a ring in another is its hole.
-        region = shapely.Polygon()
-        for ring in sorted((shapely.Polygon(ring) for ring in rings), key=lambda ring: -ring.area):
-            region = shapely.symmetric_difference(region, ring)
-    return region
+        return Region.polygon(shape.radius * unit + (shape.x, shape.y), holes)
+    rings: list[list[Point]] = []
+    for command, points in shape.segments:
+        if command == "M":
+            rings.append([])
+        rings[-1] += points
+    return Region.odd(rings)
+
+
+def _points(ring: Array) -> tuple[Point, ...]:
+    return tuple((x, y) for x, y in ring.tolist())
 
 
 def _ring(points: Sequence[Point]) -> tuple[Segment, ...]:

@@ -64,6 +64,18 @@ def text_width(string: str, height: float, face: str = "regular") -> float:
     return height / cap * sum(glyph.width for glyph in glyphs)
 
 
+def font_size(height: float, face: str = "regular") -> float:
+    """Size of the font in mm whose capitals are `height` mm high."""
+    _, cap, em = _face(face)
+    return height * em / cap
+
+
+def written(string: str, face: str = "regular") -> str:
+    """Text as `text` draws it: with ``?`` for every character that the face lacks."""
+    table, _, _ = _face(face)
+    return "".join(character if character in table else "?" for character in string)
+
+
 def wrap(string: str, width: float, height: float) -> list[str]:
     """Lines of words no wider than `width` mm; a single word that is wider has a line of its own."""
     lines = [""]
@@ -77,23 +89,23 @@ def wrap(string: str, width: float, height: float) -> list[str]:
 
 
 def _glyphs(string: str, face: str) -> tuple[list[_Glyph], float]:
-    table, cap = _face(face)
+    table, cap, _ = _face(face)
     return [table.get(character, table["?"]) for character in string], cap
 
 
 @cache
-def _face(face: str) -> tuple[dict[str, _Glyph], float]:
-    """Glyphs of Latin-1 by character, and the height of a capital, in font units."""
+def _face(face: str) -> tuple[dict[str, _Glyph], float, float]:
+    """Glyphs of Latin-1 by character, the height of a capital, and the size of the font, in font units."""
     from fontTools.ttLib import TTFont
 
     with TTFont(_font_file(FACES[face]), lazy=True) as font:
-        shapes, names = font.getGlyphSet(), font.getBestCmap()
+        shapes, names, em = font.getGlyphSet(), font.getBestCmap(), float(font["head"].unitsPerEm)
         table = {
             chr(code): _Glyph(shapes[names[code]].width, _segments(shapes[names[code]], shapes))
             for code in range(0x20, 0x100)
             if code in names
         }
-    return table, max(y for _, points in table["H"].segments for _, y in points)
+    return table, max(y for _, points in table["H"].segments for _, y in points), em
 
 
 def _segments(glyph: Any, shapes: Any) -> tuple[Segment, ...]:

@@ -4,8 +4,8 @@ The bulge of a side is the tangent of a quarter of the angle that its arc turns 
 straight line, 1 half a turn to the left. Lengths are in any unit, the same throughout.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from math import acos, asin, atan, atan2, ceil, cos, hypot, inf, pi, sin, sqrt
 
 import numpy as np
@@ -35,6 +35,8 @@ class Contour:
         Corners, each one once; counterclockwise, or clockwise around a hole. Two are enough if a side is an arc.
     bulges : tuple of float
         Of the sides from each corner to the next one, the last one to the first. Empty: all are straight.
+    about : (x, y, radius) or None
+        Center and radius that `circle` made a full circle from: its corners have lost digits of them.
 
     Examples
     --------
@@ -44,6 +46,7 @@ class Contour:
 
     points: tuple[Point, ...]
     bulges: tuple[float, ...] = ()
+    about: tuple[float, float, float] | None = field(default=None, repr=False, compare=False)
 
     @property
     def has_arcs(self) -> bool:
@@ -64,8 +67,8 @@ class Contour:
     @property
     def as_circle(self) -> tuple[float, float, float] | None:
         """Center x, y and radius of a circle; None for any other contour."""
-        if not self.is_circle:
-            return None
+        if self.about or not self.is_circle:
+            return self.about
         (x, y), (u, v) = self.points
         return (x + u) / 2, (y + v) / 2, hypot(x - u, y - v) / 2
 
@@ -73,7 +76,21 @@ class Contour:
 def circle(radius: float, x: float = 0.0, y: float = 0.0, hole: bool = False) -> Contour:
     """Full circle as two half turns; clockwise as a hole."""
     sign = -1.0 if hole else 1.0
-    return Contour(((x + radius, y), (x - radius, y)), (sign, sign))
+    return Contour(((x + radius, y), (x - radius, y)), (sign, sign), (x, y, radius))
+
+
+def rings_and_circles(contours: Iterable[Contour]) -> tuple[list[Array], Array]:
+    """Contours without arcs as closed polygons (m, 2), and full circles (c, 4) as center x, y, radius and side.
+
+    The side is 1 for a circle with what it encloses to its left, and -1 for one around a hole.
+    """
+    rings, circles = [], []
+    for contour in contours:
+        if (whole := contour.as_circle) is None:
+            rings.append(np.array(contour.points, dtype=float))
+        else:
+            circles.append((*whole, contour.bulges[0]))
+    return rings, np.array(circles, dtype=float).reshape(-1, 4)
 
 
 def center_of(side: Side) -> Point:
@@ -212,15 +229,14 @@ def inset(contour: Contour, distance: float) -> Contour:
 
 def backward(contour: Contour) -> Contour:
     """Contour the other way around, from its last corner on."""
-    return Contour(
-        contour.points[::-1], (*(0.0 - b for b in contour.bulges[-2::-1]), *(0.0 - b for b in contour.bulges[-1:]))
-    )
+    bulges = (*(0.0 - b for b in contour.bulges[-2::-1]), *(0.0 - b for b in contour.bulges[-1:]))
+    return Contour(contour.points[::-1], bulges, contour.about)
 
 
 def turned_over(contour: Contour) -> Contour:
     """Contour the other way around, from the same corner on."""
     points, bulges = contour.points, contour.bulges
-    return Contour((*points[:1], *points[:0:-1]), tuple(0.0 - bulge for bulge in bulges[::-1]))
+    return Contour((*points[:1], *points[:0:-1]), tuple(0.0 - bulge for bulge in bulges[::-1]), contour.about)
 
 
 def mirrored(contour: Contour) -> Contour:

@@ -7,12 +7,13 @@ edge if its middle is deep enough. No approximation by a polygon is involved; a 
 `Interior` finds nearest points, the deepest ones and random ones by it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.geometry.contour import Contour, rings_and_circles
 from markergen.geometry.distance import Arcs, Mask, Segments
 from markergen.geometry.region import Region
 
@@ -34,7 +35,9 @@ class Interior:
 
     Parameters
     ----------
-    rings, circles, depth
+    contours : iterable of Contour
+        The outline, of straight sides and full circles, with the region to their left.
+    depth : callable
         As of `Inset`.
     size : float
         Radius of a circle around the outline.
@@ -44,13 +47,13 @@ class Interior:
 
     def __init__(
         self,
-        rings: Sequence[Array],
-        circles: Array,
+        contours: Iterable[Contour],
         depth: Callable[[Array], Array],
         size: float,
         region: Callable[[], Region],
     ) -> None:
-        self._curves, self._depth, self._size, self._region = (rings, circles), depth, size, region
+        self._curves, self._depth = rings_and_circles(contours), depth
+        self._size, self._region = size, region
         self._insets: dict[float, Inset] = {}
 
     def project(self, points: Array, inset: float) -> Array:

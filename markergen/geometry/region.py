@@ -160,6 +160,16 @@ class Region:
         return float(self._shape.area)
 
     @property
+    def perimeter(self) -> float:
+        """Length of the edge, holes and all."""
+        return float(self._shape.length)
+
+    @property
+    def crosses_itself(self) -> bool:
+        """Whether its edge crosses or touches itself; then mend it, or its area is not what it encloses."""
+        return not self._shape.is_valid
+
+    @property
     def box(self) -> Box:
         """Left, lower, right and upper end; of nothing, nan."""
         left, low, right, high = self._shape.bounds

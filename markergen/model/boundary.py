@@ -73,13 +73,21 @@ class Boundary(ABC):
         """Closed polygons (m, 2) in m, outer ones counterclockwise and holes clockwise; a circle's is a fine one."""
 
     @abstractmethod
-    def contours(self) -> tuple[Contour, ...]:
-        """The outline exactly as it is: closed contours in m of lines and arcs, with the region to their left."""
+    def contours(self, flat: bool = False) -> tuple[Contour, ...]:
+        """The outline exactly as it is: closed contours in m of lines and arcs, with the region to their left.
+
+        If `flat`, what depth and search take it for: the arcs of a `Polygon` are fine polygons; disks stay circles.
+        """
 
     @property
     def region(self) -> Region:
         """What `outlines` enclose."""
         return Region.enclosed(self.outlines())
+
+    @property
+    def is_round(self) -> bool:
+        """Whether full circles are all its outline."""
+        return all(contour.is_circle for contour in self.contours(flat=True))
 
     @property
     def has_arcs(self) -> bool:
@@ -93,13 +101,6 @@ class Boundary(ABC):
         Any other outline is taken for one that was drawn, which is that of the plate (see `Substrate.edge_around`).
         """
         return False
-
-    @abstractmethod
-    def curves(self) -> tuple[tuple[Array, ...], Array]:
-        """What depth and search take the outline for: closed polygons as in `outlines`, and circles (c, 4).
-
-        Of a circle the center x, y and the radius in m, and 1 with the region inside it or -1 with the region outside.
-        """
 
     @abstractmethod
     def as_dict(self) -> dict[str, Any]:
@@ -170,7 +171,7 @@ class Circle(Boundary):
         """See `Boundary.outlines`."""
         return (self.rim(CIRCLE_CORNERS),)
 
-    def contours(self) -> tuple[Contour, ...]:
+    def contours(self, flat: bool = False) -> tuple[Contour, ...]:  # noqa: ARG002  (a circle is exact)
         """See `Boundary.contours`."""
         return (circle(self.size, *self.center),)
 
@@ -178,10 +179,6 @@ class Circle(Boundary):
     def has_measures(self) -> bool:
         """See `Boundary.has_measures`."""
         return True
-
-    def curves(self) -> tuple[tuple[Array, ...], Array]:
-        """See `Boundary.curves`."""
-        return (), np.array([[*self.center, self.size, 1.0]])
 
     def as_dict(self) -> dict[str, Any]:
         """See `Boundary.as_dict`; the center is left out where it is the origin."""
@@ -204,7 +201,7 @@ class _Drawn(Boundary):
         return _interior(self).sample(count, inset, rng)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Polygon(_Drawn):
     """One or more regions with edges that are straight or arcs, each with or without holes.
 
@@ -237,6 +234,10 @@ class Polygon(_Drawn):
 
     def __hash__(self) -> int:
         return self._hash
+
+    def __repr__(self) -> str:
+        # Corners are many; `as_dict` has them.
+        return f"Polygon({str(self).removeprefix('polygon of ')}, {sum(map(len, self.rings))} corners)"
 
     def __getstate__(self) -> dict[str, Any]:
         # What follows from the corners is not sent to other processes.
@@ -299,8 +300,10 @@ class Polygon(_Drawn):
         """See `Boundary.outlines`."""
         return self._arrays
 
-    def contours(self) -> tuple[Contour, ...]:
+    def contours(self, flat: bool = False) -> tuple[Contour, ...]:
         """See `Boundary.contours`."""
+        if flat and self.has_arcs:
+            return tuple(Contour(tuple((x, y) for x, y in ring.tolist())) for ring in self._arrays)
         bulges = self.bulges or ((),) * len(self.rings)
         return tuple(Contour(ring, row) for ring, row in zip(self.rings, bulges, strict=True))
 
@@ -314,10 +317,6 @@ class Polygon(_Drawn):
         """See `Boundary.has_measures`."""
         x, y = ({abs(corner[axis]) for corner in self.rings[0]} for axis in (0, 1))
         return len(self.rings) == 1 and len(self.rings[0]) == 4 and len(x) == len(y) == 1 and not self.has_arcs
-
-    def curves(self) -> tuple[tuple[Array, ...], Array]:
-        """See `Boundary.curves`."""
-        return self._arrays, np.zeros((0, 4))
 
     def as_dict(self) -> dict[str, Any]:
         """See `Boundary.as_dict`; with bulges where there are arcs."""
@@ -388,19 +387,10 @@ class Without(_Drawn):
         taken = Region.union([keep_out.region for keep_out in self.keep_outs])
         return (self.boundary.region - taken).oriented().rings
 
-    def contours(self) -> tuple[Contour, ...]:
+    def contours(self, flat: bool = False) -> tuple[Contour, ...]:
         """See `Boundary.contours`; parts that lie outside of the region are among them."""
-        taken = (contour for keep_out in self.keep_outs for contour in keep_out.contours())
-        return (*self.boundary.contours(), *map(backward, taken))
-
-    def curves(self) -> tuple[tuple[Array, ...], Array]:
-        """See `Boundary.curves`; parts that lie outside of the region are among them."""
-        rings, circles = self.boundary.curves()
-        for keep_out in self.keep_outs:
-            more, round_ = keep_out.curves()
-            rings += tuple(ring[::-1] for ring in more)
-            circles = np.concatenate([circles, round_ * [1, 1, 1, -1]])
-        return rings, circles
+        taken = (contour for keep_out in self.keep_outs for contour in keep_out.contours(flat))
+        return (*self.boundary.contours(flat), *map(backward, taken))
 
     def as_dict(self) -> dict[str, Any]:
         """See `Boundary.as_dict`."""
@@ -461,7 +451,7 @@ def area_without(boundary: Boundary, keep_outs: Sequence[Boundary]) -> Boundary:
 
 @lru_cache(maxsize=64)
 def _interior(boundary: Boundary) -> Interior:
-    return Interior(*boundary.curves(), boundary.depth, boundary.radius, lambda: boundary.region)
+    return Interior(boundary.contours(flat=True), boundary.depth, boundary.radius, lambda: boundary.region)
 
 
 def _directions(angles: Array) -> Array:

@@ -11,15 +11,14 @@ from functools import cache
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, Field, field_validator, model_validator
 from pydantic import Tag as Choice
 
 from markergen.errors import InputError, brief
-from markergen.model.boundary_file import BoundaryFile, Finite, built
 from markergen.model.feature import Feature, Polarity
 from markergen.model.findings import UNNAMED, Location
 from markergen.model.marker import ControlPoint, JointCovariance, Marker, MeasuredSize, Plate
-from markergen.model.substrate_file import SubstrateFile
+from markergen.model.shape_file import STRICT, BoundaryFile, Finite, SubstrateFile, built, holds_together
 from markergen.model.tag import FAMILIES, Tag
 
 FORMAT = "markergen-marker"
@@ -43,21 +42,11 @@ Id = Annotated[int, Field(ge=0, le=2**31 - 1)]
 Three = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 
 
-class _Strict(BaseModel):
-    # Built when first used: the parts by themselves only if a file is damaged.
-    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
+class _MarkerPart(BaseModel):
+    model_config = STRICT
 
 
-def _told(file: Any) -> Any:
-    """Build a part to see whether it holds together; tell what contradicts itself as pydantic does."""
-    try:
-        file.build()
-    except InputError as error:
-        raise ValueError(str(error)) from None
-    return file
-
-
-class _Frame(_Strict):
+class _Frame(_MarkerPart):
     """Marker frame, spelled out for whoever reads the file without this program."""
 
     unit: Literal["m"] = "m"
@@ -69,21 +58,21 @@ class _Frame(_Strict):
     )
 
 
-class _Feature(_Strict):
+class _Feature(_MarkerPart):
     kind: Literal["dot", "ring"]
     diameter: NonNegative
     inner_diameter: NonNegative = 0.0
     polarity: Annotated[Polarity, SINCE_2, Field(description="Of the dot on its ground.")] = "dark"
 
 
-class _MeasuredSize(_Strict):
+class _MeasuredSize(_MarkerPart):
     """Size of one dot as measured on the print, m."""
 
     diameter: Positive
     diameter_sigma: Annotated[NonNegative | None, Field(description="Standard deviation; null: not told.")] = None
 
 
-class _ControlPoint(_Strict):
+class _ControlPoint(_MarkerPart):
     id: Id
     x: Finite
     y: Finite
@@ -111,14 +100,14 @@ class _ControlPoint(_Strict):
         )
 
 
-class _PrintCorrection(_Strict):
+class _PrintCorrection(_MarkerPart):
     """What the printer made of 1 along x and y: the control points are those of the print."""
 
     scale_x: Annotated[float, Field(ge=SMALLEST_SCALE, le=LARGEST_SCALE)]
     scale_y: Annotated[float, Field(ge=SMALLEST_SCALE, le=LARGEST_SCALE)]
 
 
-class _Tag(_Strict):
+class _Tag(_MarkerPart):
     """A square tag at z = 0, upright in the marker frame; lengths in m."""
 
     family: Literal[tuple(FAMILIES)]  # type: ignore[valid-type]  # a table, not a list of words
@@ -138,7 +127,7 @@ class _Tag(_Strict):
         return Tag(self.family, self.id, self.side, (x, y))
 
 
-class _JointCovariance(_Strict):
+class _JointCovariance(_MarkerPart):
     """Covariance of control points that were measured together, marker frame; in place of each one's own."""
 
     order: Annotated[list[Id], Field(min_length=1, max_length=MOST_CONTROL_POINTS, description="Their ids.")]
@@ -154,27 +143,27 @@ class _JointCovariance(_Strict):
 
     @model_validator(mode="after")
     def _valid(self) -> "_JointCovariance":
-        return _told(self)
+        return holds_together(self)
 
     def build(self) -> JointCovariance:
         return JointCovariance(tuple(self.order), self.axes, tuple(map(tuple, self.matrix)))
 
 
-class _Rulers(_Strict):
+class _Rulers(_MarkerPart):
     """Lengths that the sheet prints beside its rulers, m; null or missing for one that it has not."""
 
     x: Positive | None = None
     y: Positive | None = None
 
 
-class _Pose(_Strict):
+class _Pose(_MarkerPart):
     """T_marker_plate: X_marker = R X_plate + t."""
 
     rotation: Annotated[list[Three], Field(min_length=3, max_length=3, description="R, row by row.")]
     translation: Annotated[Three, Field(description="t, m.")]
 
 
-class _Plate(_Strict):
+class _Plate(_MarkerPart):
     """One of several plates; in its own frame x is right, y up, z out of the printed face, which is z = 0."""
 
     name: Annotated[str, Field(min_length=1, max_length=40)]
@@ -190,7 +179,7 @@ class _Plate(_Strict):
     @model_validator(mode="after")
     def _valid(self) -> "_Plate":
         # A tag that contradicts itself is told with its own path.
-        return _told(self.model_copy(update={"tag": None})) and self
+        return holds_together(self.model_copy(update={"tag": None})) and self
 
     def build(self) -> Plate:
         pose, tag = self.pose, self.tag.build() if self.tag else None
@@ -199,7 +188,7 @@ class _Plate(_Strict):
         return Plate(self.name, rows, (x, y, z), self.boundary.build(), ids, built(self.keep_outs), tag)
 
 
-class MarkerFile(_Strict):
+class MarkerFile(_MarkerPart):
     """A fiducial marker: lengths in m, marker frame x right, y up, z out of the printed face."""
 
     format: Literal["markergen-marker"]

@@ -14,7 +14,6 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from markergen.errors import InputError
 from markergen.model.boundary import Boundary
-from markergen.model.boundary_file import BoundaryFile
 from markergen.model.marker_file import (
     MOST_CONTROL_POINTS,
     MOST_PLATES,
@@ -27,8 +26,8 @@ from markergen.model.marker_file import (
     _PrintCorrection,
     _Tag,
 )
+from markergen.model.shape_file import BoundaryFile, SubstrateFile
 from markergen.model.substrate_checks import crowded, sunk
-from markergen.model.substrate_file import SubstrateFile
 
 Array = NDArray[np.float64]
 Value = TypeVar("Value")

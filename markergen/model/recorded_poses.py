@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
-from markergen.model.poses import PoseDistribution
-from markergen.model.visibility import SEEN, visibility
+from markergen.model.poses import SEEN, PoseDistribution, visibility
 
 Array = NDArray[np.float64]
 

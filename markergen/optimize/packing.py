@@ -160,7 +160,7 @@ def lattice(boundary: Boundary, diameter: float, clearance: float) -> Array:
     sites = np.stack([i + j / 2, j * np.sqrt(0.75)], axis=-1).reshape(-1, 2) * pitch
     shifts = np.stack(np.meshgrid(np.arange(4) / 4, np.arange(4) / 4), axis=-1).reshape(-1, 1, 2) * pitch
     # A disk looks the same from every side.
-    turns = [turn_z(angle)[:2, :2].T for angle in (TURNS if boundary.curves()[0] else TURNS[:1])]
+    turns = [turn_z(angle)[:2, :2].T for angle in (TURNS[:1] if boundary.is_round else TURNS)]
     placed = np.concatenate([(sites + shifts) @ turn for turn in turns])
     # A billionth of the pitch is what a dot that touches the outline may be short of by rounding.
     inset = diameter / 2 + clearance - 1e-9 * pitch

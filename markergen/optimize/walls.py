@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.geometry.contour import rings_and_circles
 from markergen.model.boundary import Boundary
 
 Array = NDArray[np.float64]
@@ -38,7 +39,7 @@ class Walls:
     open_start, open_end : arrays (s,) of bool
         Ends of chains at corners that point outward: there the edge goes on as a straight line.
     circles : array (c, 4)
-        As of `Boundary.curves`.
+        As of `rings_and_circles`.
     """
 
     start: Array
@@ -109,7 +110,7 @@ class Walls:
 
 def walls_of(boundary: Boundary) -> Walls:
     """The outline of a boundary in smooth pieces."""
-    rings, circles = boundary.curves()
+    rings, circles = rings_and_circles(boundary.contours(flat=True))
     chains = [chain for ring in rings for chain in _chains(ring)]
     empty = np.zeros((0, 2))
     start = np.concatenate([empty, *(corners[:-1] for corners, *_ in chains)])

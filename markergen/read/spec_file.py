@@ -21,16 +21,14 @@ from pydantic import (
 
 from markergen.errors import InputError, brief
 from markergen.model.boundary import Boundary, Circle
-from markergen.model.boundary_file import BoundaryFile, built
 from markergen.model.camera import LARGEST_SIDE, Camera, Distortion
 from markergen.model.findings import findings_of, listed
-from markergen.model.holes import parse_dowel, parse_mount
 from markergen.model.image_noise import ImageNoise
 from markergen.model.poses import PoseDistribution
 from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
+from markergen.model.shape_file import BoundaryFile, SubstrateFile, built
 from markergen.model.spec import Spec
-from markergen.model.substrate import Hole
-from markergen.model.substrate_file import SubstrateFile
+from markergen.model.substrate import Hole, parse_dowel, parse_mount
 from markergen.options import OUTSIDE_FILES, DesignKeywords, PlateKeywords, declared
 from markergen.read.cameras import load_camera
 from markergen.read.outlines import drawn_plate, is_drawing, parse_boundary, read_room

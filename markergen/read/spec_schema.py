@@ -4,8 +4,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from markergen.model.boundary_file import BoundaryFile
-from markergen.model.substrate_file import HoleFile
+from markergen.model.shape_file import BoundaryFile, HoleFile
 from markergen.options import OUTSIDE_FILES, DesignKeywords, Option, PlateKeywords, declared
 from markergen.read.spec_file import CameraTable, ImageNoiseTable
 

@@ -54,7 +54,7 @@ def marker_patches(
 
 def _plate(boundary: Boundary, margin: float) -> tuple[Array, ...]:
     """Closed polygons (m, 2) of the boundary's region with a margin around it."""
-    if boundary.curves()[0]:
+    if not boundary.is_round:
         return (boundary.region.offset(margin, segments=64) if margin else boundary.region).rings
     rim = boundary.rim(_RIM_VERTICES)
     return (rim - margin * boundary.depth_gradient(rim),)

@@ -81,11 +81,14 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
 def _back(parts: Sequence[Part]) -> tuple[ViewFace, ...]:
     """The back, if there is more to see on it than the outline and the holes that the front shows."""
     plates = [part for part in parts if part.is_plate]
-    faces = seen(plates, BACK)
-    count = sum(len(part.add) for part in plates)
+    blank = seen([replace(part, cut=(), marked=()) for part in plates], BACK)
     # Letters are filled, so that they are read; what goes through stays empty.
-    holes = [replace(face, material="dark", fine=True) if face.material else face for face in faces[count:]]
-    return (*faces[:count], *holes) if any(face.material for face in holes) else ()
+    holes = [
+        replace(face, material="dark", fine=True) if face.material else face
+        for face in seen(plates, BACK)
+        if face not in blank
+    ]
+    return (*blank, *holes) if any(face.material for face in holes) else ()
 
 
 def _materials(parts: Sequence[Part]) -> str:

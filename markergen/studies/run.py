@@ -1,17 +1,142 @@
-"""Running a study: what is missing is computed, what is finished is kept."""
+"""Running a study: finished cells live in its folder, one file for each; what is missing is computed."""
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
+import hashlib
+import io
+import json
+import os
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from markergen.studies.cells import Cell, Work
+import numpy as np
+
+from markergen.errors import InputError, MarkergenError, OutputError
+from markergen.files import make_folder, write_atomic
+from markergen.studies.cells import Cell, Result, Work, canonical, versions
 from markergen.studies.engines import Engine
-from markergen.studies.store import Results, Store, open_store
+
+IDENTITY, CELLS = "study.json", "cells"
+"""File that says which study it is, and folder of the cells' files."""
+
+DIGEST = 64
+"""Hexadecimal digits of SHA-256 at the end of a cell's file, where a ZIP archive has its comment."""
+
+LARGEST_IDENTITY = 10_000_000
+"""Bytes."""
 
 CellProgress = Callable[[int, int, float], None]
 """Takes the cells that are done, all of them, and the seconds that are left, nan while nobody can tell."""
+
+
+class Store:
+    """The finished cells of one study; made by `open_store`."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def path(self, cell: Cell) -> Path:
+        """File of a cell."""
+        return self.folder / CELLS / f"{cell.name}.npz"
+
+    def holds(self, cell: Cell) -> bool:
+        """Tell whether a cell is finished and its file as it was written."""
+        try:
+            return _is_whole(self.path(cell).read_bytes(), cell)
+        except OSError:
+            return False
+
+    def read(self, cell: Cell) -> Result:
+        """Arrays of a finished cell.
+
+        Raises
+        ------
+        MarkergenError
+            If there is no such file, or it is not as it was written.
+        """
+        path = self.path(cell)
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise MarkergenError(f"expected a finished cell in {path}, found: {error.strerror}; use --resume") from None
+        if not _is_whole(data, cell):
+            raise MarkergenError(f"expected {path} as it was written, found it changed; use --resume to make it anew")
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            names = [name for name in archive.namelist() if name.endswith(".npy")]
+            return {
+                name.removesuffix(".npy"): np.lib.format.read_array(io.BytesIO(archive.read(name))) for name in names
+            }
+
+    def write(self, cell: Cell, result: Result) -> None:
+        """Keep the arrays of a finished cell, all of its file or nothing.
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written, such as on a full disk.
+        """
+        path = self.path(cell)
+        try:
+            write_atomic(path, cell_bytes(cell, result))
+        except OutputError as error:
+            reason = getattr(error.__cause__, "strerror", None) or str(error)
+            raise OutputError(
+                f"expected to write {path}, found: {reason}; finished cells remain: make room, and use --resume"
+            ) from error
+
+
+class Results(Mapping[Cell, Result]):
+    """Arrays of finished cells in the order of a study; they are read when they are asked for."""
+
+    def __init__(self, store: Store, cells: Sequence[Cell]) -> None:
+        self._store, self._cells = store, dict.fromkeys(cells)
+
+    def __getitem__(self, cell: Cell) -> Result:
+        if cell not in self._cells:
+            raise KeyError(cell)
+        return self._store.read(cell)
+
+    def __iter__(self) -> Iterator[Cell]:
+        return iter(self._cells)
+
+    def __len__(self) -> int:
+        return len(self._cells)
+
+
+@contextmanager
+def open_store(folder: Path, identity: Mapping[str, Any], resume: bool) -> Iterator[Store]:
+    """Make or find the folder of a study, for nobody else at the same time.
+
+    Parameters
+    ----------
+    folder : Path
+    identity : mapping
+        Plain JSON values: what the study is. The versions of what computes it are added.
+    resume : bool
+        Whether the folder may hold finished cells of this very study.
+
+    Raises
+    ------
+    InputError
+        If the folder holds something else, another study, or this one without `resume`; nothing in it is touched.
+    OutputError
+        If the folder cannot be made or written to.
+    """
+    text = canonical({**identity, **versions()})
+    _check_identity(folder, text, resume)
+    make_folder(folder / CELLS)
+    with _alone(folder):
+        # Another run may have begun, and even ended, since.
+        _check_identity(folder, text, resume)
+        for leftover in (folder / CELLS).glob(".*"):
+            # What a process that was killed had not finished writing.
+            leftover.unlink(missing_ok=True)
+        path = folder / IDENTITY
+        if not path.exists():
+            write_atomic(path, text.encode() + b"\n")
+        yield Store(folder)
 
 
 def run_cells(
@@ -102,3 +227,98 @@ def compute(
                 del left[cell]
                 tell()
     return Results(store, every)
+
+
+def cell_bytes(cell: Cell, result: Result) -> bytes:
+    """File of a cell: an .npz archive with the cell's key and its arrays, the same bytes for the same arrays."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        _add(archive, "cell.json", cell.key.encode())
+        for name, array in result.items():
+            member = io.BytesIO()
+            np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
+            _add(archive, f"{name}.npy", member.getvalue())
+        archive.comment = b"0" * DIGEST
+    data = buffer.getvalue()[:-DIGEST]
+    return data + hashlib.sha256(data).hexdigest().encode()
+
+
+def _add(archive: zipfile.ZipFile, name: str, data: bytes) -> None:
+    # Without a date of its own a member has that of the epoch of ZIP, and the same bytes every time.
+    info = zipfile.ZipInfo(name)
+    info.compress_type = zipfile.ZIP_DEFLATED
+    archive.writestr(info, data)
+
+
+def _is_whole(data: bytes, cell: Cell) -> bool:
+    body, digest = data[:-DIGEST], data[-DIGEST:]
+    if hashlib.sha256(body).hexdigest().encode() != digest:
+        return False
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        return archive.read("cell.json") == cell.key.encode()
+
+
+def _check_identity(folder: Path, text: str, resume: bool) -> None:
+    try:
+        entries = {path.name for path in folder.iterdir()}
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise OutputError(f"expected a folder at {folder}, found: {error.strerror}; choose another path") from None
+    # A run that was ended at its very start has made a folder for its cells, and nothing else.
+    if IDENTITY not in entries:
+        if entries <= {CELLS} and not any((folder / CELLS).glob("*.npz")):
+            return
+        raise InputError(
+            "a new or empty folder, or one of this study", f"other files in {folder}", "choose another with -o"
+        )
+    try:
+        with (folder / IDENTITY).open("rb") as file:
+            there = json.loads(file.read(LARGEST_IDENTITY))
+    except (OSError, ValueError, RecursionError):
+        there = None
+    here = json.loads(text)
+    if not isinstance(there, dict):
+        raise InputError(f"a readable {IDENTITY}", f"{folder / IDENTITY} spoiled", "choose another folder with -o")
+    if there != here:
+        raise InputError(
+            "a new or empty folder, or one of this study", _difference(folder, there, here), "choose another with -o"
+        )
+    if not resume:
+        raise InputError("a new or empty folder", f"this study, begun in {folder}", "continue it with --resume")
+
+
+def _difference(folder: Path, there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
+    keys = [key for key in {**here, **there} if there.get(key) != here.get(key)]
+    words = [f"{key} {_short(there.get(key))} there, {_short(here.get(key))} here" for key in keys[:3]]
+    return f"another study in {folder}: " + "; ".join(words) + (" and more" if len(keys) > 3 else "")
+
+
+def _short(value: Any) -> str:
+    text = "none" if value is None else canonical(value)
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Hold the folder's lock, which the system takes back from a process that ends, however it does."""
+    try:
+        import fcntl
+    except ImportError:  # Windows: two runs of one study write the same files, each at once.
+        yield
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(
+                "one run of a study at a time", f"another at work in {folder}", "wait for it, or choose another folder"
+            ) from None
+        except OSError:
+            # Some network file systems have no locks.
+            pass
+        yield
+    finally:
+        with suppress(OSError):
+            os.close(handle)

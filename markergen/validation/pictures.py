@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from markergen.detect.overlay import overlay
+from markergen.detect.presentation import overlay
 from markergen.validation.views import Shoot, take_view
 
 FAILURES, WORST, TYPICAL = 6, 3, 3

@@ -6,9 +6,8 @@ from numpy.typing import NDArray
 from markergen.errors import InputError
 from markergen.model.marker import Marker
 from markergen.read.outlines.curves import Arc, Bezier, Curve
-from markergen.read.outlines.drawing import OutlineFile
-from markergen.read.outlines.formats import OUTLINE_FORMATS
-from markergen.read.outlines.svg_tree import parse
+from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFile
+from markergen.read.outlines.svg import parse
 from markergen.verification.reading import READERS, Page, Reading, circles_of, round_shape
 
 Array = NDArray[np.float64]

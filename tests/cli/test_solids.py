@@ -14,9 +14,8 @@ from markergen.cli import main
 from markergen.exporters import EXPORTERS
 from markergen.model.boundary import Circle, Polygon
 from markergen.model.fabrication import Fabrication
-from markergen.model.holes import parse_dowel, parse_mount
 from markergen.model.marker_json import read_marker, to_json
-from markergen.model.substrate import Substrate
+from markergen.model.substrate import Substrate, parse_dowel, parse_mount
 
 
 @pytest.fixture

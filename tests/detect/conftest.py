@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from markergen.detect.blobs import Blobs
-from markergen.detect.fit import outlines
-from markergen.detect.layout import layout_of
+from markergen.detect.conic_projection import outlines
+from markergen.detect.pose_hypotheses import layout_of
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.feature import Feature, key_ring

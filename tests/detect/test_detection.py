@@ -7,7 +7,7 @@ import pytest
 from markergen.detect import detect, detect_all
 from markergen.detect.blobs import Blobs, detect_dots
 from markergen.detect.detection import identify, made_up_camera
-from markergen.detect.record import as_dict, reason
+from markergen.detect.presentation import as_dict, reason
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.projection import apply_homography

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from markergen.detect.plane_model import BLUR, UNKNOWNS, Dot, grey_levels, surroundings
+from markergen.detect.plane_model import BLUR, UNKNOWNS, PredictedDot, grey_levels, surroundings
 from markergen.maths.projection import plane_homography
 from markergen.model.camera import PAPER_CAMERA, Distortion
 from markergen.model.poses import paper
@@ -16,7 +16,7 @@ def dot_of(marker, i, pose, start=(0.0, 0.0)):
     homography = plane_homography(POSES.rotation[[pose]], POSES.translation[[pose]], np.eye(3))[0]
     radius = point.feature.diameter / 2
     plane = homography @ np.array([[radius, 0, point.x], [0, radius, point.y], [0, 0, 1]])
-    return Dot(plane, np.array(start), point.feature.inner_diameter / point.feature.diameter, np.zeros((0, 3)))
+    return PredictedDot(plane, np.array(start), point.feature.inner_diameter / point.feature.diameter, np.zeros((0, 3)))
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ def test_rays_come_back_to_the_plane(pentagon, blank):
 
 def test_pixels_near_other_dots_are_left_out(pentagon, blank):
     dot = dot_of(pentagon, 1, 30)
-    near = Dot(dot.plane, dot.start, 0.0, np.array([[2.1, 0, 1.0]]))
+    near = PredictedDot(dot.plane, dot.start, 0.0, np.array([[2.1, 0, 1.0]]))
     alone, beside = (surroundings(blank, PAPER_CAMERA, [each], np.array([0.8])) for each in (dot, near))
     assert beside.grey.size < alone.grey.size
     assert np.hypot(beside.place[0] - 2.1, beside.place[1]).min() > 1.05

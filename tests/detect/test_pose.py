@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from markergen.detect.conic_projection import pose_rows
 from markergen.detect.detection import identify
-from markergen.detect.fit import pose_rows
 from markergen.detect.pose import LEAST_TO_DROP, estimate_pose, outlier
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources, pose_budget, print_covariance

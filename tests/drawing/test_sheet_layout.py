@@ -17,9 +17,8 @@ from markergen.drawing.sheet_layout import check_paper, pages_for, sheet_for
 from markergen.drawing.text import text, text_width
 from markergen.errors import InputError
 from markergen.model.boundary import Circle, polygon_from
-from markergen.model.holes import parse_mount
 from markergen.model.marker import Marker
-from markergen.model.substrate import Substrate
+from markergen.model.substrate import Substrate, parse_mount
 
 PRINTER_MARGIN = 8.0
 ROUNDING = 1e-6  # mm; sums of doubles of a few hundred mm

@@ -44,7 +44,11 @@ def test_own_camera(monkeypatch, capsys, tmp_path):
 def test_every_example_is_run_here():
     here = Path(__file__).read_text()
     assert all(path.name in here for path in EXAMPLES.glob("*.py"))
-    assert all(len(path.read_text().splitlines()) <= MOST_LINES for path in EXAMPLES.rglob("*.py"))
+    assert all(
+        len(path.read_text().splitlines()) <= MOST_LINES
+        for path in EXAMPLES.rglob("*.py")
+        if path.parent.name != "markergen_paper"
+    )
 
 
 def test_design_and_save(monkeypatch, capsys, tmp_path):

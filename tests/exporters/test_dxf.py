@@ -12,8 +12,7 @@ from markergen.exporters.dxf import write_dxf, write_laser_dxf
 from markergen.geometry.contour import Contour, circle
 from markergen.model.boundary import Circle, polygon_from
 from markergen.model.fabrication import Fabrication
-from markergen.model.holes import parse_mount
-from markergen.model.substrate import Hole, Substrate
+from markergen.model.substrate import Hole, Substrate, parse_mount
 from markergen.model.tag import Tag
 
 WRITTEN = 1e-6
@@ -87,7 +86,7 @@ def test_any_boundary_is_closed_polylines_of_its_corners(shape, make_in):
     marker = make_in(shape, 5, 0.012)
     lines = list(read(marker).modelspace().query("LWPOLYLINE[layer=='CUT']"))
     assert all(line.closed for line in lines)
-    outlines = shape.curves()[0]
+    outlines = shape.outlines()
     assert len(lines) == len(outlines)
     for line, outline in zip(lines, outlines, strict=True):
         np.testing.assert_allclose(np.array(line.get_points("xy")), outline * 1e3, atol=WRITTEN)

@@ -10,9 +10,8 @@ import pytest
 from markergen.exporters import EXPORTERS, ExportOptions, Output
 from markergen.exporters.meshes import Meshed, meshed
 from markergen.model.fabrication import Fabrication
-from markergen.model.holes import parse_mount
 from markergen.model.marker import Marker
-from markergen.model.substrate import Substrate
+from markergen.model.substrate import Substrate, parse_mount
 from markergen.model.tag import Tag
 from markergen.solid.bodies import part_volume
 

@@ -13,7 +13,8 @@ from markergen.drawing.paper import Paper
 from markergen.drawing.scene import Disk, Layer, Line, Scene, polygon
 from markergen.drawing.sheet_layout import sheet_for
 from markergen.errors import InputError
-from markergen.exporters.pdf import _circle, write_pdf
+from markergen.exporters.pdf import write_pdf
+from markergen.exporters.pdf_canvas import _circle
 
 DPI = 600
 MM = 25.4 / DPI

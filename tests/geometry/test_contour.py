@@ -24,6 +24,7 @@ from markergen.geometry.contour import (
     mirrored,
     placed,
     radius_of,
+    rings_and_circles,
     turned_over,
     turns_of,
 )
@@ -182,3 +183,19 @@ def test_flattened_is_on_the_contour(contour):
             sweep = 4 * atan(side[2])
             turn = atan2(side[1][1] - cy, side[1][0] - cx) - atan2(side[0][1] - cy, side[0][0] - cx) - sweep
             assert cos(turn) == pytest.approx(1)
+
+
+def test_a_circle_remembers_the_digits_that_it_was_made_of():
+    whole = (0.0313, -0.0217, 0.013)
+    made = circle(whole[2], *whole[:2])
+    assert made.as_circle == backward(made).as_circle == turned_over(made).as_circle == whole
+    assert Contour(made.points, made.bulges) == made
+    assert Contour(made.points, made.bulges).as_circle == pytest.approx(whole, abs=1e-17)
+
+
+def test_contours_as_arrays():
+    square = Contour(((0, 0), (1, 0), (1, 1), (0, 1)))
+    rings, circles = rings_and_circles([circle(0.1, 2, 3), square, circle(0.2, hole=True)])
+    assert [ring.tolist() for ring in rings] == [[[0, 0], [1, 0], [1, 1], [0, 1]]]
+    assert circles.tolist() == [[2, 3, 0.1, 1], [0, 0, 0.2, -1]]
+    assert rings_and_circles([])[1].shape == (0, 4)

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, area, circle, flattened, placed, turned_over
 from markergen.model.boundary import Boundary, Circle, Polygon, area_without, polygon_from
-from markergen.model.boundary_file import BoundaryFile
+from markergen.model.shape_file import BoundaryFile
 
 SQUARE = ((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1))
 ROUNDING = 1e-12
@@ -425,3 +425,9 @@ def test_what_is_written_with_measures_is_told_from_what_is_drawn(shapes):
     # A rectangle is written about the origin, and upright.
     assert not polygon_from([square + 0.01], "file").has_measures
     assert not polygon_from([square @ [[0.6, 0.8], [-0.8, 0.6]]]).has_measures
+
+
+def test_the_repr_of_an_outline_is_short_however_many_corners_it_has():
+    angles = np.linspace(0, 2 * np.pi, 1000, endpoint=False)
+    fine = polygon_from([circle(0.1), 0.01 * np.stack([np.cos(angles), np.sin(angles)], axis=-1)])
+    assert repr(fine) == "Polygon(200 mm x 200 mm with 1 hole, 1002 corners)"

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 
 from markergen.errors import InputError
 from markergen.model.boundary import Circle, polygon_from
-from markergen.model.holes import parse_dowel
 from markergen.model.marker_json import from_json, json_schema, read_marker, to_json
-from markergen.model.substrate import Hole, Substrate
+from markergen.model.substrate import Hole, Substrate, parse_dowel
 from markergen.model.tag import Tag
 
 SCHEMA = Path(__file__).parents[2] / "docs" / "marker-v1.schema.json"

@@ -4,10 +4,9 @@ import pytest
 
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
-from markergen.model.holes import parse_mount
 from markergen.model.image_noise import ImageNoise
 from markergen.model.spec import Spec
-from markergen.model.substrate import Hole, Substrate
+from markergen.model.substrate import Hole, Substrate, parse_mount
 from markergen.model.tag import Tag
 
 

@@ -10,8 +10,7 @@ from markergen.errors import InputError
 from markergen.geometry.contour import circle
 from markergen.geometry.region import Region
 from markergen.model.boundary import Circle, polygon_from
-from markergen.model.holes import parse_mount
-from markergen.model.substrate import Hole, Substrate
+from markergen.model.substrate import Hole, Substrate, parse_mount
 from markergen.model.substrate_checks import WALL, check_edge, check_holes, check_plate, crowded, plate_face
 from markergen.model.tag import Tag
 

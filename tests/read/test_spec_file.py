@@ -7,12 +7,11 @@ from markergen.errors import InputError
 from markergen.geometry.contour import Contour, circle
 from markergen.model.boundary import Circle, Polygon, polygon_from
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
-from markergen.model.holes import parse_dowel, parse_mount
 from markergen.model.image_noise import ImageNoise
 from markergen.model.poses import named_poses
 from markergen.model.recorded_poses import RecordedPoses
 from markergen.model.spec import Spec
-from markergen.model.substrate import Hole, Substrate
+from markergen.model.substrate import Hole, Substrate, parse_dowel, parse_mount
 from markergen.read.spec_file import spec_from_mapping
 from markergen.read.templates import read_template, templates
 

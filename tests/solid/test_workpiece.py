@@ -8,9 +8,8 @@ from markergen.geometry.contour import Contour, circle, placed
 from markergen.model.boundary import Circle, Polygon, polygon_from
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.feature import Feature
-from markergen.model.holes import parse_dowel, parse_mount
 from markergen.model.marker import ControlPoint, Marker, dressed
-from markergen.model.substrate import Hole, Substrate
+from markergen.model.substrate import Hole, Substrate, parse_dowel, parse_mount
 from markergen.model.tag import Tag
 from markergen.solid.make import parts_of
 from markergen.solid.workpiece import workpiece

@@ -1,10 +1,127 @@
-"""The table of outline formats."""
+"""The table of outline formats, the file that each is given, and the drawing that it makes of it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 
-from markergen.read.outlines.drawing import Drawing, OutlineFile
+from markergen.errors import InputError, brief
+from markergen.guard import read_start
+from markergen.read.outlines.curves import Curve
 from markergen.registry import Registry
+from markergen.units import METERS
+
+UNITS = {unit: float(size) for unit, size in METERS.items() if unit} | {"px": 0.0254 / 96, "pt": 0.0254 / 72}
+"""Size in m of each unit that a drawing may be in; Inkscape, Figma and browsers count 96 px an inch."""
+
+LARGEST_FILE = 10_000_000
+"""Bytes; an outline has some kB, a drawing with a photograph inside some MB."""
+MOST_PIECES = 10_000
+"""Lines, curves and steps to find them in one file; as many as a boundary may have corners."""
+MOST_LISTED = 12
+
+_WHOLE = "export the outline alone, simplified"
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Curves one after the other, each starting where the one before ends.
+
+    Attributes
+    ----------
+    name : str
+        What the user would call it: kind, and id or layer.
+    curves : tuple of Curve
+    closed : bool
+        The last end is joined to the first start by a line, if they are apart.
+    """
+
+    name: str
+    curves: tuple[Curve, ...]
+    closed: bool
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """All outlines of a file.
+
+    Attributes
+    ----------
+    pieces : list of Piece
+    scale : float or None
+        m per unit of the coordinates; None if the file does not tell.
+    y_down : bool
+    others : list of str
+        Kinds of things that are no outlines (text, images), for the message that there are none.
+    pixels : float
+        px per unit of the coordinates, for a file in px.
+    hint : str
+        What to consider for the choice of a unit, for the message that there is none.
+    """
+
+    pieces: list[Piece]
+    scale: float | None
+    y_down: bool = False
+    others: list[str] = field(default_factory=list)
+    pixels: float = 1.0
+    hint: str = ""
+
+
+@dataclass(frozen=True)
+class OutlineFile:
+    """A file by name and bytes; limits on what is drawn in it are `patience` times as high."""
+
+    name: str
+    data: bytes
+    patience: int = 1
+
+    @property
+    def text(self) -> str:
+        """The whole text; raises InputError if it is none."""
+        try:
+            text = self.data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = self.data.decode("cp1252", "replace")
+        if "\0" in text:
+            raise InputError(f"text in {self.name}", "null characters", "check the path")
+        return text
+
+    def damaged(self, syntax: str, found: str) -> InputError:
+        """Return the error that the file is not complete."""
+        return InputError(f"{syntax} in {self.name}", found, "the file is cut off or damaged: write it again")
+
+    def unreadable(self, expected: str, found: str, remedy: str) -> InputError:
+        """Return an error about something in the file."""
+        return InputError(f"{expected} in {self.name}", found, remedy)
+
+    def external(self, what: str) -> InputError:
+        """Return the error that the file refers to others."""
+        return self.unreadable("no references to other files", what, "embed it, or take it out")
+
+    def too_much(self, what: str) -> InputError:
+        """Return the error that reading would take too long; `what` is a limit such as ``at most 5 layers``."""
+        return self.unreadable(what, "more", _WHOLE)
+
+    def unknown_layer(self, layer: str, known: list[str]) -> InputError:
+        """Return the error that a layer is not there, with those that are."""
+        names = [brief(name) for name in known[:MOST_LISTED]]
+        more = f" and {len(known) - MOST_LISTED} more" if len(known) > MOST_LISTED else ""
+        remedy = f"known layers: {', '.join(names)}{more}" if known else "leave out --layer: the file has no layers"
+        return self.unreadable("a known layer", brief(layer), remedy)
+
+
+def load(path: Path) -> OutlineFile:
+    """Read the bytes of a file; raises InputError if it cannot be read, is empty, or is beyond `LARGEST_FILE`."""
+    name = str(path) if len(str(path)) <= 200 and str(path).isprintable() else brief(str(path))
+    try:
+        data = read_start(path, LARGEST_FILE + 1)
+    except (OSError, ValueError) as error:  # ValueError: a path with a null character.
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise InputError(f"a readable outline at {name}", str(reason), "check the path") from None
+    if len(data) > LARGEST_FILE:
+        raise InputError(f"an outline of at most {LARGEST_FILE // 10**6} MB in {name}", "a larger file", _WHOLE)
+    if not data.strip():
+        raise InputError(f"an outline in {name}", "an empty file", "check the path")
+    return OutlineFile(name, data)
 
 
 @dataclass(frozen=True)

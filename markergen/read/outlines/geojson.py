@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import brief
 from markergen.read.outlines.curves import Polyline
-from markergen.read.outlines.drawing import MOST_PIECES, Drawing, OutlineFile, Piece
-from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFormat
+from markergen.read.outlines.formats import MOST_PIECES, OUTLINE_FORMATS, Drawing, OutlineFile, OutlineFormat, Piece
 
 LARGEST_JSON = 3_000_000
 """Bytes; each takes 40 in memory."""

@@ -4,22 +4,29 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import count
-from typing import Any
-from xml.etree.ElementTree import Element
+from typing import NoReturn
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import brief
+from markergen.geometry.region import Region
 from markergen.read.outlines.curves import MOST_POINTS, Curve
-from markergen.read.outlines.drawing import MOST_PIECES, Drawing, OutlineFile, Piece
-from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFormat
-from markergen.read.outlines.svg_shapes import PX, Shapes
-from markergen.read.outlines.svg_style import INITIAL, Sheet, Style, gone, seen, sheet_of, style_of
-from markergen.read.outlines.svg_tree import DEEPEST, INKSCAPE, XLINK, parse
+from markergen.read.outlines.formats import MOST_PIECES, OUTLINE_FORMATS, Drawing, OutlineFile, OutlineFormat, Piece
+from markergen.read.outlines.svg_shapes import INITIAL, PX, Shapes, Sheet, Style, gone, seen, sheet_of, style_of
 
 Array = NDArray[np.float64]
 Viewport = tuple[float, float]
+
+MOST_ELEMENTS, DEEPEST = 100_000, 100
+LONGEST_CLASS = 1000
+"""Characters of an element's class names; Illustrator writes some ten."""
+SVG = "http://www.w3.org/2000/svg"
+INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
+XLINK = "http://www.w3.org/1999/xlink"
+_W3C = "-//W3C//DTD SVG "
 
 SHAPES = ("path", "rect", "circle", "ellipse", "line", "polygon", "polyline")
 GROUPS = ("g", "a", "switch")
@@ -34,6 +41,70 @@ _FONTS = re.compile(r"@font-face\s*+\{[^}]*+\}")
 _URL = re.compile(r"url\(\s*['\"]?#([^'\")]*)['\"]?\s*\)")
 
 
+def parse(file: OutlineFile) -> Element:
+    """Root of the tree; names are ``namespace name``, those of SVG itself have no namespace.
+
+    Raises
+    ------
+    InputError
+        If it is no XML, declares entities or a document type of its own, or has too many elements or too deep ones.
+    """
+    builder = TreeBuilder()
+    # Namespaces are joined to names by a blank, which neither can hold.
+    parser = expat.ParserCreate(namespace_separator=" ")
+    parser.buffer_text = True
+    depth = count = 0
+
+    def refuse(*_: object) -> NoReturn:
+        raise file.unreadable(
+            "plain SVG without a document type of its own", "declarations of entities or another document's",
+            "save it again as plain SVG",
+        )  # fmt: skip
+
+    def doctype(_: str, system: str | None, public: str | None, internal: int) -> None:
+        # The W3C's own says nothing and is never fetched; Illustrator and matplotlib write it.
+        if internal or not (public or "").startswith(_W3C) or not (system or "").startswith("http://www.w3.org/"):
+            refuse()
+
+    def instruct(target: str, _: str) -> None:
+        if target == "xml-stylesheet":
+            raise file.external("a style sheet")
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        nonlocal depth, count
+        depth, count = depth + 1, count + 1
+        if depth > DEEPEST:
+            raise file.too_much(f"at most {DEEPEST} levels of groups")
+        if count > MOST_ELEMENTS:
+            raise file.too_much(f"at most {MOST_ELEMENTS} elements")
+        if len(attributes.get("class", "")) > LONGEST_CLASS:
+            raise file.too_much(f"at most {LONGEST_CLASS} characters of class names")
+        builder.start(name.removeprefix(f"{SVG} "), attributes)
+
+    def end(name: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(name)
+
+    parser.StartDoctypeDeclHandler = doctype
+    parser.EntityDeclHandler = refuse
+    parser.ExternalEntityRefHandler = refuse
+    parser.SkippedEntityHandler = refuse
+    parser.ProcessingInstructionHandler = instruct
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.CharacterDataHandler = builder.data
+    try:
+        parser.Parse(file.data, True)
+    except expat.ExpatError as error:
+        raise file.damaged("complete XML", f"line {error.lineno}: {expat.ErrorString(error.code)}") from None
+    except (ValueError, LookupError) as error:  # An encoding that Python does not know.
+        raise file.damaged("XML", brief(str(error))) from None
+    root = builder.close()
+    if root.tag != "svg":
+        raise file.unreadable("an svg element", brief(root.tag), "check the path")
+    return root
+
+
 def _read(file: OutlineFile, layer: str | None) -> Drawing:
     """Drawing in the user units of the root."""
     root = parse(file)
@@ -42,7 +113,7 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
     if root.get("transform", "").strip():
         raise file.unreadable("transforms inside the drawing", "one of the svg element itself", "put it on a group")
     sheet = sheet_of(root, file)
-    reader = _Reader(file, sheet, _by_id(root), _layer_elements(root, layer, file))
+    reader = _SvgReader(file, sheet, _by_id(root), _layer_elements(root, layer, file))
     style = style_of(root, INITIAL, sheet)
     if not gone(style) or layer is not None:
         reader.children(root, _Place(stretch, style, viewport, reader.layers is None, 0))
@@ -61,7 +132,7 @@ class _Place:
 
 
 @dataclass
-class _Reader:
+class _SvgReader:
     file: OutlineFile
     sheet: Sheet
     by_id: dict[str, Element]
@@ -163,8 +234,6 @@ class _Reader:
 
     def _holds(self, url: str, pieces: list[Piece], place: _Place) -> bool:
         """Tell whether a clip leaves pieces whole; many editors clip everything to the page."""
-        import shapely
-
         match = _URL.fullmatch(url)
         clip = self.by_id.get(match[1]) if match else None
         if clip is None or clip.tag != "clipPath" or clip.get("clipPathUnits") == "objectBoundingBox":
@@ -174,11 +243,11 @@ class _Reader:
         if not (np.isfinite(size) and size > 0):
             return False
         near = 1e-5 * size
-        drawn = shapely.points(np.concatenate([self._clippable(curve, near) for p in pieces for curve in p.curves]))
+        drawn = np.concatenate([self._clippable(curve, near) for piece in pieces for curve in piece.curves])
         inside = np.zeros(len(drawn), dtype=bool)
         for shape in self._clip(clip, place, near):
             # Not inside alone: a clip to the page may be the very outline.
-            inside |= shapely.dwithin(shape, drawn, 2 * near)
+            inside |= shape.within(drawn, 2 * near)
         return bool(inside.all())
 
     def _clippable(self, curve: Curve, tolerance: float) -> Array:
@@ -190,20 +259,16 @@ class _Reader:
             raise self.file.too_much(f"at most {2 * MOST_PIECES} curves in clips")
         return points
 
-    def _clip(self, clip: Element, place: _Place, tolerance: float) -> list[Any]:
-        """Polygons of what a clip leaves, or none if they are many."""
-        import shapely
-
-        reader = _Reader(self.file, {}, {}, None)
+    def _clip(self, clip: Element, place: _Place, tolerance: float) -> list[Region]:
+        """Regions that a clip leaves, or none if they are many."""
+        reader = _SvgReader(self.file, {}, {}, None)
         reader._numbers, reader._shapes = self._numbers, self._shapes
         matrix = _times(place.matrix, self._shapes.matrix(clip, "a clip"))
         reader.children(clip, _Place(matrix, INITIAL, place.viewport, True, place.depth))
         if len(reader.pieces) > MOST_CLIPS:
             return []
         rings = [np.concatenate([curve.flatten(tolerance) for curve in piece.curves]) for piece in reader.pieces]
-        polygons = [shapely.Polygon(ring) for ring in rings if len(ring) >= 3 and np.isfinite(ring).all()]
-        shapely.prepare(polygons)
-        return polygons
+        return [Region.polygon(ring) for ring in rings if len(ring) >= 3 and np.isfinite(ring).all()]
 
 
 def _frame(root: Element, file: OutlineFile) -> tuple[float | None, float, Array, Viewport]:

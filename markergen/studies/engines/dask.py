@@ -12,7 +12,7 @@ from markergen.errors import InputError, MarkergenError, MissingLibraryError
 from markergen.pool import BLAS_THREADS
 from markergen.registry import Luggage, outside, receive
 from markergen.studies.cells import Cell, Result, Work, versions
-from markergen.studies.engines.base import ENGINES, Engine
+from markergen.studies.engines import ENGINES, Engine
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -5,7 +5,7 @@ from contextlib import closing
 
 from markergen.pool import as_completed_chunks, workers_for
 from markergen.studies.cells import Cell, Result, Work
-from markergen.studies.engines.base import ENGINES, Engine
+from markergen.studies.engines import ENGINES, Engine
 
 
 @ENGINES.register("processes")

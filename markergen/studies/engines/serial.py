@@ -3,7 +3,7 @@
 from collections.abc import Generator, Sequence
 
 from markergen.studies.cells import Cell, Result, Work
-from markergen.studies.engines.base import ENGINES, Engine
+from markergen.studies.engines import ENGINES, Engine
 
 
 @ENGINES.register("serial")

@@ -4,7 +4,7 @@ import hashlib
 import itertools
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from math import isfinite, prod
 from pathlib import Path
@@ -15,12 +15,15 @@ from markergen.estimators import ESTIMATORS
 from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.findings import listed
 from markergen.model.spec import Spec
+from markergen.objectives import OBJECTIVES, Setting
+from markergen.optimize.dots import choose_dots
 from markergen.read.cameras import read_camera
 from markergen.read.outlines import read_room
+from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_from_mapping
 from markergen.read.templates import read_template, templates
 from markergen.studies.cells import canonical
-from markergen.studies.sweep.feasible import Feasible
+from markergen.studies.named import STUDIES
 
 LAYOUTS = ("designed", "ngon", "square", "random")
 """Where the control points are: designed for the spec, regular and as large as can be, or at random. A square has four
@@ -125,7 +128,7 @@ def read_sweep(name: str, runs: int | None = None) -> Sweep:
     """
     known = studies()
     if not name.endswith(".toml") and name not in known:
-        raise InputError("paper, a known study, or a .toml file", repr(name), f"known: {', '.join(['paper', *known])}")
+        raise InputError("paper, a known study, or a .toml file", repr(name), f"known: {', '.join([*STUDIES, *known])}")
     path = known.get(name, Path(name))
     return sweep_from_mapping(read_template(str(path)), path.stem, runs)
 
@@ -298,7 +301,7 @@ def _combinations(
 ) -> Iterator[GridPoint]:
     """Points of the grid; those that cannot be become findings, one for each reason."""
     impossible: dict[str, list[str]] = {}
-    feasible = Feasible()
+    feasible = _Feasible()
     for pairs in itertools.product(*axes.values()):
         written = {key: given for key, (given, _) in zip(axes, pairs, strict=True)}
         values = {**fixed, **{key: fit for key, (_, fit) in zip(axes, pairs, strict=True)}}
@@ -317,6 +320,65 @@ def _combinations(
 
 def _where(written: Mapping[str, Any]) -> str:
     return " ".join(f"{key}={axis_text(value)}" for key, value in written.items()) or "the spec"
+
+
+class _Feasible:
+    """Checks specs, and remembers what it has looked at: most points of a grid share their room and poses."""
+
+    def __init__(self) -> None:
+        self._seen: dict[str, InputError | None] = {}
+
+    def check(self, spec: Spec, layout: str, estimators: Sequence[str]) -> tuple[str, ...]:
+        """Names of the estimators that a point of the grid is tried with: those given, or all that can do with it.
+
+        Raises
+        ------
+        InputError
+            If no pose sees the marker, the dots do not fit, names are unknown, or the parts do not go together.
+        """
+        self._check_names(spec)
+        if layout != "designed":
+            for name in ("relief", "asymmetric"):
+                if getattr(spec, name):
+                    raise InputError(f"layout='designed' for {name}", f"layout={layout!r}", f"leave out {name}")
+        planar = [name for name in estimators if spec.relief and ESTIMATORS[name].planar_only]
+        if planar:
+            raise InputError("estimators that can do with a relief", ", ".join(planar), "leave them out")
+        self._check_room(spec)
+        names = estimators or ESTIMATORS.names()
+        return tuple(dict.fromkeys(name for name in names if not (spec.relief and ESTIMATORS[name].planar_only)))
+
+    def _check_names(self, spec: Spec) -> None:
+        key = canonical(["names", spec.objective, spec.aggregate, spec.coordinates])
+        self._once(key, lambda: self._build(spec))
+
+    def _build(self, spec: Spec) -> None:
+        poses = poses_from("paper")
+        OBJECTIVES[spec.objective](Setting(spec.boundary, spec.camera, poses), spec.aggregate, spec.coordinates)
+
+    def _check_room(self, spec: Spec) -> None:
+        values: dict[str, Any] = spec.as_dict()
+        for name in ("objective", "aggregate", "coordinates", "seed", "restarts", "survive", "asymmetric"):
+            values.pop(name, None)
+        self._once(canonical(values), lambda: _check_room(spec))
+
+    def _once(self, key: str, look: Callable[[], None]) -> None:
+        if key not in self._seen:
+            try:
+                look()
+                self._seen[key] = None
+            except InputError as error:
+                self._seen[key] = error
+        found = self._seen[key]
+        if found is not None:
+            raise found
+
+
+def _check_room(spec: Spec) -> None:
+    poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera, spec.relief)
+    # The best size for every pose is a search of its own: its cell tells if there is none.
+    if spec.dot != "auto":
+        choose_dots(spec, poses)
 
 
 def axis_text(value: Any) -> str:

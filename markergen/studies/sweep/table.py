@@ -1,8 +1,6 @@
 """The tidy table of a sweep: one row for each point of the grid, polar angle, and estimator."""
 
-import csv
-import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,11 +10,13 @@ from markergen.objectives import Criterion
 from markergen.objectives.criteria import columns as criteria_columns
 from markergen.studies.cells import Result
 from markergen.studies.sweep.grid import GridPoint, Sweep, axis_text
-from markergen.studies.sweep.work import ERROR
 from markergen.validation.metrics import share_interval
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
+
+ERROR = "error"
+"""Name of the array that a cell has alone if it cannot be computed: the reason."""
 
 ALL = "all"
 """Polar angle of the rows over all poses."""
@@ -80,15 +80,6 @@ def rows(sweep: Sweep, point: GridPoint, layout: Result, trials: Result | None) 
             yield base | bounds | (_measured(trials, estimator, mask) if estimator else {})
 
 
-def csv_bytes(sweep: Sweep, table: Sequence[Row]) -> bytes:
-    """Table as CSV: a header, six digits, nothing where there is no value."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, columns(sweep), restval="", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({key: _cell(value) for key, value in row.items()} for row in table)
-    return text.getvalue().encode()
-
-
 def mean_square_interval(kept: Array, squares: Array, fourth_powers: Array) -> tuple[float, float, float]:
     """Mean square of the errors at some poses with the ends of its 95 % interval; nan where there is none.
 
@@ -135,9 +126,3 @@ def _measured(trials: Result, estimator: str, mask: NDArray[np.bool_]) -> Row:
 
 def _root_mean_square(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-def _cell(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.6g}" if np.isfinite(value) else ""
-    return str(value)

@@ -78,7 +78,7 @@ def test_path_data_as_svgelements_sees_it(data):
     """Points of svgelements' own curves are on the polygon; closed by the reader, so that any path has a ring."""
     from svgelements import Path as SvgPath
 
-    from markergen.read.outlines.drawing import OutlineFile
+    from markergen.read.outlines.formats import OutlineFile
     from markergen.read.outlines.svg_shapes import Element, Shapes
 
     def numbers(count):

@@ -46,7 +46,7 @@ def test_every_format_reads_the_same(write):
 
 
 def test_each_file_is_of_one_format(write):
-    from markergen.read.outlines.drawing import load
+    from markergen.read.outlines.formats import load
 
     for path in DATA.iterdir():
         if path.suffix in (".svg", ".dxf", ".geojson"):

@@ -10,7 +10,7 @@ from drawings import SQUARE, dxf, geojson, svg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from markergen.read.outlines.rings import Track, close
+from markergen.read.outlines.reader import Track, closed_contours
 
 
 def track(name, points, closed):
@@ -29,7 +29,7 @@ def test_segments_in_any_order_and_direction_are_joined(n, rng, noisy):
             ends = ends + np.array([[rng.uniform(-3e-7, 3e-7) for _ in range(2)] for _ in range(2)])
         tracks.append(track(f"line {i}", ends[::-1] if rng.random() < 0.5 else ends, False))
     rng.shuffle(tracks)
-    (ring,) = close(tracks, 1e-6, "file")
+    (ring,) = closed_contours(tracks, 1e-6, "file")
     assert len(ring.points) == n
     assert not ring.has_arcs
     assert shapely.Polygon(ring.points).symmetric_difference(shapely.Polygon(corners)).area <= 1e-6 * 0.7
@@ -42,7 +42,7 @@ def test_two_rings_and_a_closed_one_keep_their_order():
     square = np.array([[9, 0], [10, 0], [10, 1], [9, 1]], dtype=float)
     tracks = [track("a", half(3, 1), False), track("b", square, True), track("c", half(0, 1), False)]
     tracks += [track("d", half(0, -1), False), track("e", half(3, -1), False)]
-    assert [min(x for x, _ in ring.points) for ring in close(tracks, 1e-6, "file")] == [3, 9, 0]
+    assert [min(x for x, _ in ring.points) for ring in closed_contours(tracks, 1e-6, "file")] == [3, 9, 0]
 
 
 def test_an_open_outline_tells_where_and_how_wide(refused):

@@ -4,10 +4,11 @@ import io
 import numpy as np
 import pytest
 
+from markergen.presentation.tables import csv_bytes
 from markergen.studies.sweep import sweep_from_mapping
 from markergen.studies.sweep.grid import KEYS
-from markergen.studies.sweep.table import ALL, COLUMNS, columns, csv_bytes, mean_square_interval, rows
-from markergen.studies.sweep.work import ERROR, layout_cell, trials_cell, work
+from markergen.studies.sweep.run import DIGITS, layout_cell, trials_cell, work
+from markergen.studies.sweep.table import ALL, COLUMNS, ERROR, columns, mean_square_interval, rows
 from markergen.validation.metrics import statistics
 from markergen.validation.trials import PoseErrors
 
@@ -43,7 +44,7 @@ def test_the_interval_of_nothing_and_of_single_trials():
 
 
 def test_sums_give_the_same_statistics_as_the_trials_themselves():
-    from markergen.studies.sweep.work import _sums
+    from markergen.studies.sweep.run import _sums
 
     rng = np.random.default_rng(0)
     rotation, failed = rng.random((5, 9)), rng.random((5, 9)) < 0.2
@@ -66,7 +67,7 @@ def test_there_is_a_row_for_every_point_polar_angle_and_estimator():
     table = table_of(sweep)
     # Eight poses at as many polar angles, and all of them together.
     assert len(table) == 2 * 2 * 2 * (1 + 8) * 2
-    header, *lines = csv.reader(io.StringIO(csv_bytes(sweep, table).decode()))
+    header, *lines = csv.reader(io.StringIO(csv_bytes(table, columns(sweep), DIGITS).decode()))
     assert header == columns(sweep)
     assert len(set(header)) == len(header)
     assert all(len(line) == len(header) for line in lines)

@@ -1,0 +1,12 @@
+"""The study of Acuna & Willert (2018), reproduced: its experiments, its claims, and what lies beyond them.
+
+It uses markergen as anybody may, and is in its table of studies as ``paper``.
+"""
+
+from markergen.studies.named import NamedStudy
+from markergen_paper.options import PaperOptions
+from markergen_paper.study import estimated_seconds, run_paper
+
+PAPER = NamedStudy(PaperOptions, run_paper, estimated_seconds)
+
+__all__ = ["PAPER", "PaperOptions", "estimated_seconds", "run_paper"]

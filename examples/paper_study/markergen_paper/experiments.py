@@ -1,0 +1,256 @@
+"""The experiments, one for each kind of cell: what each computes, and the arrays that it keeps."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.model.camera import PAPER_CAMERA
+from markergen.model.occlusion import eyes_of
+from markergen.model.poses import PoseDistribution
+from markergen.objectives import OBJECTIVES, Setting
+from markergen.objectives.criteria import criteria, regular_polygon
+from markergen.optimize.exchange import fewer
+from markergen.optimize.multistart import search
+from markergen.optimize.relief import search_relief
+from markergen.optimize.relief_room import ReliefRoom
+from markergen.optimize.supersab import descend
+from markergen.optimize.trace import Recorder
+from markergen.studies.cells import Cell, Result
+from markergen_paper.measurements import (
+    ESTIMATORS_FLAT,
+    ESTIMATORS_RELIEF,
+    Kept,
+    bound_ratios,
+    conditions,
+    layout_trials,
+)
+from markergen_paper.options import BOUNDARY, CAMERAS, COORDINATES, REGION, objective_for, poses_of
+
+Array = NDArray[np.float64]
+
+CONDITIONED, DESCENT, EARLY, JOINT = "conditioned", "descent", "early", "joint"
+"""Kinds of cells."""
+
+BOUNDED = 10
+"""Layouts of each pose on which the bounds of the relative error are tried, once each."""
+
+FRONTAL, POINTS = 0, 4
+"""Pose of the paper's example, at 0.6 m, and its number of points."""
+
+FIRST_STEPS = 0.2
+"""Share of a descent's steps that are its first ones."""
+
+GAINED = ("c", "homography_px", "rotation_deg")
+"""What a descent gains: c(A), and the errors that 1 px of noise causes to first order."""
+
+STARTED_FROM, NEAR_BEST = 20, 0.02
+"""Random starts, and how near to the best of their ends one has to end to be shown."""
+
+RESTARTS, RELIEF_STARTS, RANDOM = 8, 4, 25
+"""Random starts of a search over all poses, in the plane and in space, and random layouts that stand beside it."""
+
+RELIEFS = {"relief-20": 0.02, "relief-50": 0.05}
+"""Heights in m that control points may have."""
+
+
+def work(cell: Cell) -> Result:
+    """Compute a cell of any kind."""
+    return _WORK[cell.kind](cell)
+
+
+def conditioned(cell: Cell) -> Result:
+    """Random and optimized layouts of n points under each pose of a cell.
+
+    Settings: ``n``, ``poses`` (indices), ``starts``, ``runs``, ``noise_px``, ``optimized`` (by the name of an
+    objective, how many of the starts it descends from), ``seed``.
+
+    Returns
+    -------
+    dict of arrays (P, B), by set and what it tells
+        Sets are ``ill`` (the random starts), the names of ``optimized``, and ``ngon``, the regular polygon on the rim.
+        ``ill.c.unit`` is c(A) in unit coordinates, ``ill.lm.rotation_deg.mean`` and so on are those of
+        `layout_trials`, ``metric.layouts`` (P, B, n, 2) the layouts in m, ``ill.upper.metric`` and ``.lower`` the
+        ratios of `bound_ratios`.
+    """
+    settings = cell.settings
+    poses = poses_of(settings["poses"])
+    parts = [
+        _one_pose(settings, poses.taken(np.array([i]), 0), _rng(cell, index))
+        for i, index in enumerate(settings["poses"])
+    ]
+    return {key: np.stack([part[key] for part in parts]) for key in parts[0]}
+
+
+def _one_pose(settings: Mapping[str, Any], pose: PoseDistribution, rng: np.random.Generator) -> Kept:
+    n, starts = settings["n"], settings["starts"]
+    layouts = {"ill": REGION.sample(starts, n, rng)}
+    for name, count in settings["optimized"].items():
+        layouts[name] = descend(objective_for(name, pose), REGION, layouts["ill"][:count]).points
+    # The paper's square has its corners at 45 degrees; the polygon is tried as often as a fifth of the random layouts.
+    ngon = regular_polygon(n, BOUNDARY.radius) @ _turn(np.pi / 4 if n == 4 else 0.0)
+    layouts["ngon"] = np.broadcast_to(ngon, (max(2, starts // 5), n, 2))
+    result: Kept = {}
+    for name, batch in layouts.items():
+        kept = layout_trials(batch, pose, PAPER_CAMERA, settings["noise_px"], settings["runs"], rng)
+        result |= {f"{name}.{key}": value for key, value in kept.items()}
+        for coordinates in COORDINATES:
+            c = conditions(coordinates, batch, pose, PAPER_CAMERA)
+            result[f"{name}.c.{coordinates}"] = c.astype(np.float32)
+        if name != "ngon":
+            result[f"{name}.layouts"] = batch.astype(np.float32)
+        result |= _bounds(name, batch[:BOUNDED], pose, settings["noise_px"], rng)
+    return result
+
+
+def _bounds(name: str, layouts: Array, pose: PoseDistribution, noise_px: float, rng: np.random.Generator) -> Kept:
+    exact = PAPER_CAMERA.project(layouts, pose.rotation, pose.translation)[:, 0]
+    noisy = exact + noise_px * rng.standard_normal(exact.shape)
+    result: Kept = {}
+    for coordinates in COORDINATES:
+        upper, lower = bound_ratios(coordinates, layouts, exact, noisy, pose, PAPER_CAMERA)
+        result[f"{name}.upper.{coordinates}"] = upper.astype(np.float32)
+        result[f"{name}.lower.{coordinates}"] = lower.astype(np.float32)
+    return result
+
+
+def _rng(cell: Cell, pose: int) -> np.random.Generator:
+    """Random numbers of a pose, of its own whichever other poses the cell has."""
+    return np.random.default_rng(np.random.SeedSequence(cell.seed, spawn_key=(pose,)))
+
+
+def _turn(angle: float) -> Array:
+    return np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+
+
+def descent(cell: Cell) -> Result:
+    """The fronto-parallel descent of four points, with noisy runs at each of its steps.
+
+    Settings: ``camera`` (a name in `CAMERAS`), ``noise_px``, ``runs``, ``seed``.
+
+    Returns
+    -------
+    dict of arrays, S steps
+        ``layouts`` (S, 4, 2) in m, ``c.metric`` and so on (S,), ``lm.rotation_deg.mean`` and so on (S,), and with
+        ``square.`` before them the same of the square on the rim, (1,).
+    """
+    settings = cell.settings
+    pose, camera, rng = poses_of([FRONTAL]), CAMERAS[settings["camera"]], cell.rng
+    recorder = Recorder()
+    starts = REGION.sample(STARTED_FROM, POINTS, rng)
+    found = descend(objective_for("metric", pose, camera), REGION, starts, record=recorder)
+    # A start that ends in the best optimum, as the paper's does, and is neither near it nor degenerate.
+    good = np.flatnonzero(found.values <= found.values.min() * (1 + NEAR_BEST))
+    begun = conditions("metric", starts[good], pose, camera)
+    chosen = good[np.argsort(begun, kind="stable")[len(good) // 2]]
+    layouts = np.stack([layout for _, layout in recorder.way(found.points[chosen])])
+    square = regular_polygon(POINTS, BOUNDARY.radius)[None] @ np.array([[1, 1], [-1, 1]]) / np.sqrt(2)
+    result: Result = {"layouts": layouts}
+    for before, batch in (("", layouts), ("square.", square)):
+        kept = layout_trials(batch, pose, camera, settings["noise_px"], settings["runs"], rng)
+        result |= {before + key: value for key, value in kept.items()}
+        result |= {f"{before}c.{name}": conditions(name, batch, pose, camera) for name in COORDINATES}
+    return result
+
+
+def early(cell: Cell) -> Result:
+    """How much of what a descent gains it has gained in its first steps.
+
+    Settings: ``coordinates``, ``n``, ``poses`` (indices), ``starts``, ``seed``.
+
+    Returns
+    -------
+    dict of arrays (P, B)
+        ``c``, ``homography_px`` and ``rotation_deg``: share of the fall of the logarithm that the first fifth of the
+        steps brought, nan where the start determined nothing or nothing was gained; ``steps``: how many there were.
+    """
+    settings, rng = cell.settings, cell.rng
+    poses = poses_of(settings["poses"])
+    rows = [_shares(settings, poses.taken(np.array([i]), 0), rng) for i in range(len(poses))]
+    return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
+
+
+def _shares(settings: Mapping[str, Any], pose: PoseDistribution, rng: np.random.Generator) -> dict[str, Array]:
+    objective = objective_for(settings["coordinates"], pose)
+    setting: Setting = objective.setting
+    measures = {
+        "c": objective,
+        "homography_px": OBJECTIVES["homography"](setting),
+        "rotation_deg": OBJECTIVES["rotation"](setting),
+    }
+    recorder = Recorder()
+    found = descend(objective, REGION, REGION.sample(settings["starts"], settings["n"], rng), record=recorder)
+    shares: dict[str, list[float]] = {key: [] for key in ("steps", *GAINED)}
+    for points in found.points:
+        way = np.stack([layout for _, layout in recorder.way(points)])
+        shares["steps"].append(len(way) - 1)
+        taken = round(FIRST_STEPS * (len(way) - 1))
+        for key, measure in measures.items():
+            first, then, last = np.log(measure(way[[0, taken, -1]]))
+            gained = np.isfinite([first, then, last]).all() and first > last
+            shares[key].append((first - then) / (first - last) if gained else np.nan)
+    return {key: np.array(values) for key, values in shares.items()}
+
+
+def joint(cell: Cell) -> Result:
+    """One kind of layout of n points, and its errors under every pose.
+
+    Settings: ``layout`` (an objective's name, ``ngon``, ``random``, or a relief), ``n``, ``poses`` (indices), ``runs``,
+    ``noise_px``, ``seed``.
+
+    Returns
+    -------
+    dict of arrays
+        ``layouts`` (B, n, 2 or 3) in m, ``lm.rotation_deg.mean`` and so on (P, B), and the criteria of
+        `objectives.criteria` under their names, (B,), for noise of 1 px.
+    """
+    settings, rng = cell.settings, cell.rng
+    poses = poses_of(settings["poses"])
+    layouts = layouts_of(settings["layout"], settings["n"], settings["poses"], rng)
+    estimators = ESTIMATORS_RELIEF if layouts.shape[-1] == 3 else ESTIMATORS_FLAT
+    rows = [
+        layout_trials(
+            layouts,
+            poses.taken(np.array([i]), 0),
+            PAPER_CAMERA,
+            settings["noise_px"],
+            settings["runs"],
+            rng,
+            estimators,
+        )
+        for i in range(len(poses))
+    ]
+    table = criteria(layouts, Setting(BOUNDARY, PAPER_CAMERA, poses))
+    return {
+        "layouts": layouts,
+        **{key: np.stack([row[key] for row in rows]) for key in rows[0]},
+        **{key: np.array([row[key] for row in table]) for key in table[0]},
+    }
+
+
+def layouts_of(name: str, n: int, indices: list[int], rng: np.random.Generator) -> Array:
+    """Layouts (B, n, 2), or (1, n, 3) with relief, in m."""
+    if name == "ngon":
+        return regular_polygon(n, BOUNDARY.radius)[None]
+    if name == "random":
+        return REGION.sample(RANDOM, n, rng)
+    poses = poses_of(indices)
+    if name == "hartley":
+        # autograd takes ten times as long as the closed forms, and the optimum is degenerate for any poses.
+        poses = fewer(poses)
+    if name not in RELIEFS:
+        return search(objective_for(name, poses), REGION, n, rng, RESTARTS).points[None]
+    # Bare points stand on pillars of no width, which hide nothing.
+    room = ReliefRoom(REGION, RELIEFS[name], eyes_of(poses))
+    flat = regular_polygon(n, BOUNDARY.radius)
+    rough = objective_for("pose", fewer(poses))
+    return search_relief(objective_for("pose", poses), room, flat, rng, RELIEF_STARTS, rough=rough).points[None]
+
+
+_WORK: dict[str, Callable[[Cell], Result]] = {
+    CONDITIONED: conditioned,
+    DESCENT: descent,
+    EARLY: early,
+    JOINT: joint,
+}

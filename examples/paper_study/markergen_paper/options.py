@@ -1,0 +1,128 @@
+"""How much of the study is computed, and in what setting."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+import markergen as mg
+from markergen.model.boundary import Circle
+from markergen.model.camera import PAPER_CAMERA
+from markergen.model.poses import PoseDistribution, paper
+from markergen.objectives import OBJECTIVES, Objective, Setting
+from markergen.optimize.region import Region
+
+Index = NDArray[np.intp]
+
+BOUNDARY = Circle(0.15)
+REGION = Region(BOUNDARY)
+"""The paper's disk; control points are bare, and may lie on its rim."""
+
+REAL_CAMERA = mg.Camera(1288, 964, 1070.82, 1071.20, 647.98, 488.27)
+"""The camera of the paper's experiment with a screen."""
+
+CAMERAS = {"paper": PAPER_CAMERA, "real": REAL_CAMERA}
+
+COORDINATES = ("metric", "unit", "pixel", "hartley")
+"""What c(A) is written in: first the paper's own, Eq. 4."""
+
+OBJECTIVE_OF = {name: ("condition", name) for name in COORDINATES} | {
+    "pose": ("pose", "unit"),
+    "homography": ("homography", "unit"),
+}
+"""Objective and coordinates by the names that optimized layouts have in this study."""
+
+NUMBERS = (4, 5, 6, 7, 8)
+"""Control points of the layouts that are optimized."""
+
+RANDOM_ONLY = 9
+"""Control points up to which random layouts are compared with four optimized ones."""
+
+NOISE_PX, QUIET_PX = 4.0, 1.0
+"""The only noise that the paper states, and a fourth of it, at which estimates from afar do not break down."""
+
+STARTS, RUNS, STEP_RUNS, AZIMUTHS, GROUPS = 100, 20, 1000, 20, 20
+"""Random starts for each pose and n; noisy runs of a layout; those of a step of the descent; azimuths of each of the
+twenty pairs of distance and polar angle."""
+
+MOST_RUNS = 100_000
+
+
+@dataclass(frozen=True)
+class PaperOptions:
+    """How much is computed.
+
+    Attributes
+    ----------
+    runs : int
+        Noisy runs of each layout; 1000 is the paper's own number.
+    scale : float
+        Share of the 400 poses x 100 starts, 1 for all of them.
+    seed : int
+
+    Raises
+    ------
+    InputError
+        If a number is out of range.
+    """
+
+    runs: int = RUNS
+    scale: float = 1.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not 2 <= self.runs <= MOST_RUNS:
+            raise mg.InputError(
+                f"2 to {MOST_RUNS} runs of a layout", f"runs={self.runs}", "use --runs 20, or 1000 as the paper"
+            )
+        if not 0 < self.scale <= 1:
+            raise mg.InputError("a scale above 0, up to 1", f"scale={self.scale}", "use --scale 0.01 for a quick look")
+        if self.seed < 0:
+            raise mg.InputError("a seed of 0 or more", f"seed={self.seed}", "give a whole number")
+
+    @property
+    def azimuths(self) -> int:
+        """Azimuths of each distance and polar angle: the scale's root, so that poses and starts go down together."""
+        return max(1, round(AZIMUTHS * self.scale**0.5))
+
+    @property
+    def poses(self) -> list[int]:
+        """Indices into the paper's 400 poses, at every distance and polar angle."""
+        turns = AZIMUTHS * np.arange(self.azimuths) // self.azimuths
+        return (AZIMUTHS * np.arange(GROUPS)[:, None] + turns).ravel().tolist()
+
+    @property
+    def starts(self) -> int:
+        """Random starts for each pose and n."""
+        return max(4, round(STARTS * AZIMUTHS * self.scale / self.azimuths))
+
+    @property
+    def fewer_poses(self) -> list[int]:
+        """Indices of three in twenty of the poses, for what stands beside the paper's own setting."""
+        kept = max(1, 3 * self.azimuths // AZIMUTHS)
+        return np.reshape(self.poses, (GROUPS, -1))[:, :: self.azimuths // kept][:, :kept].ravel().tolist()
+
+    @property
+    def fewer(self) -> int:
+        """Starts for what stands beside the paper's own setting: other coordinates, objectives, and noise."""
+        return max(4, self.starts // 10)
+
+    @property
+    def step_runs(self) -> int:
+        """Noisy runs of each step of the descent."""
+        return max(100, round(STEP_RUNS * self.scale**0.5))
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the options as plain JSON values."""
+        return {"runs": self.runs, "scale": self.scale, "seed": self.seed}
+
+
+def poses_of(indices: list[int]) -> PoseDistribution:
+    """Some of the paper's poses; all of them see the whole disk."""
+    return paper().taken(np.array(indices), 0)
+
+
+def objective_for(name: str, poses: PoseDistribution, camera: mg.Camera = PAPER_CAMERA) -> Objective:
+    """An objective by its name in `OBJECTIVE_OF`, for some poses."""
+    kind, coordinates = OBJECTIVE_OF[name]
+    return OBJECTIVES[kind](Setting(BOUNDARY, camera, poses), "", coordinates)

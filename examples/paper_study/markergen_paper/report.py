@@ -1,0 +1,315 @@
+"""What the study writes to read: tables of plain rows, the claims as text, and a page."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.presentation.pages import page_bytes
+from markergen.presentation.tables import csv_bytes
+from markergen_paper.claims import Claim, ClaimTest, verdict
+from markergen_paper.figures import Draw
+from markergen_paper.measurements import MEASURES
+from markergen_paper.options import COORDINATES, GROUPS, NOISE_PX, QUIET_PX
+from markergen_paper.results import TYPICAL_GROUPS, PaperResults, PoseLayouts, histogram, typical_of
+
+Array = NDArray[np.float64]
+Row = Mapping[str, Any]
+
+Findings = Sequence[tuple[Claim, list[ClaimTest]]]
+
+_PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<title>The paper, reproduced</title>
+<style>
+body { font: 15px/1.5 system-ui, sans-serif; color: #1a1a1a; max-width: 64em; margin: 2em auto; padding: 0 1em; }
+table { border-collapse: collapse; font-size: 13px; }
+th, td { padding: .3em .8em; text-align: left; border-bottom: 1px solid #e4e4e4; vertical-align: top; }
+figure { margin: 2em 0; } figcaption { color: #5a5a5a; }
+img { max-width: 100%; height: auto; }
+.holds { color: #2c6e12; } .fails { color: #a02c12; } .part { color: #8a6100; }
+div { overflow-x: auto; }
+</style>
+</head>
+<body>
+<h1>The paper, reproduced</h1>
+<p>{{ summary }}</p>
+<h2>Its claims</h2>
+{% for claim in claims %}
+<h3>{{ claim.words }}</h3>
+<p>{{ claim.test }}</p>
+<div><table>
+<thead><tr><th>A written in</th><th>noise</th><th>verdict</th><th>measured</th></tr></thead>
+<tbody>
+{% for row in claim.rows %}<tr><td>{{ row.coordinates }}</td><td>{{ row.noise }}</td>
+<td class="{{ row.look }}">{{ row.verdict }}</td><td>{{ row.measured }}</td></tr>
+{% endfor %}</tbody>
+</table></div>
+{% endfor %}
+<p>Every single test is in <a href="claims.csv">claims.csv</a>.</p>
+<h2>Its figures</h2>
+{% for name, caption in figures %}
+<figure><img src="{{ name }}.svg" alt="{{ caption }}"><figcaption>{{ caption }}</figcaption></figure>
+{% endfor %}
+<p>The data: {% for name in tables %}<a href="{{ name }}.csv">{{ name }}.csv</a> {% endfor %}</p>
+</body>
+</html>
+"""
+
+
+def rows_csv(rows: Sequence[Row]) -> bytes:
+    """Return rows as CSV, empty where there is no number; infinity, the c(A) of a degenerate layout, is one."""
+    return csv_bytes([{key: _infinite(value) for key, value in row.items()} for row in rows])
+
+
+def _infinite(value: Any) -> Any:
+    return str(value) if isinstance(value, float | np.floating) and np.isinf(value) else value
+
+
+def tables_of(study: PaperResults) -> dict[str, list[Row]]:
+    """All tables by the names of their files, without suffix."""
+    tables: dict[str, list[Row]] = {
+        **{f"descent-{camera}": list(_descent(result)) for camera, result in study.descents.items()},
+        "early": list(_early(study)),
+        "conditioned": list(_conditioned(study)),
+        "conditioned-by-angle": list(_by_angle(study)),
+        "joint": list(_joint(study)),
+        "joint-layouts": list(_joint_layouts(study)),
+    }
+    for n in TYPICAL_GROUPS:
+        counts, edges = histogram(study, n)
+        centers = (edges[1:] + edges[:-1]) / 2
+        tables[f"final-{n}-histogram"] = [
+            {"x_m": x, "y_m": y, "aligned": state, "points": count}
+            for state, part in zip(("no", "yes"), counts, strict=True)
+            for x, column in zip(centers, part, strict=True)
+            for y, count in zip(centers, column.tolist(), strict=True)
+            if count
+        ]
+        tables[f"final-{n}-typical"] = [
+            {"group": group, "share": share, "point": i, "x_m": x, "y_m": y}
+            for group, (layout, share) in enumerate(typical_of(study, n))
+            for i, (x, y) in enumerate(layout)
+        ]
+    return tables
+
+
+def sets_of(table: PoseLayouts) -> list[str]:
+    """Names of the sets of layouts of a table: ``ill``, ``ngon``, and what was optimized."""
+    return [key.removesuffix(".dlt.failed") for key in table.arrays if key.endswith(".dlt.failed")]
+
+
+def _descent(result: Mapping[str, NDArray[Any]]) -> Iterator[Row]:
+    """Steps of a descent, and the square at the end."""
+    numbers = {key: value for key, value in result.items() if not key.startswith("square.") and key != "layouts"}
+    for step, layout in enumerate(result["layouts"]):
+        places = {f"{axis}{i}_m": layout[i, j] for i in range(len(layout)) for j, axis in enumerate("xy")}
+        yield {"step": step, **places, **{key: value[step] for key, value in numbers.items()}}
+    yield {"step": "square", **dict.fromkeys(places, np.nan), **{key: result[f"square.{key}"][0] for key in numbers}}
+
+
+def _early(study: PaperResults) -> Iterator[Row]:
+    for (coordinates, n), result in study.early.items():
+        for measure in ("c", "homography_px", "rotation_deg"):
+            values = result[measure][np.isfinite(result[measure])]
+            quartiles = np.quantile(values, [0.25, 0.5, 0.75]) if len(values) else [np.nan] * 3
+            yield {
+                "coordinates": coordinates, "n": n, "measure": measure, "descents": len(values),
+                **dict(zip(("share_q25", "share_median", "share_q75"), quartiles, strict=True)),
+                "steps_mean": float(result["steps"].mean()),
+            }  # fmt: skip
+
+
+def _each(study: PaperResults) -> Iterator[tuple[str, float, int, PoseLayouts]]:
+    """Extent, noise, n and table of every comparison of random with optimized layouts."""
+    for n, table in study.full.items():
+        yield "full", NOISE_PX, n, table
+    for (noise_px, n), table in study.beside.items():
+        yield "beside", noise_px, n, table
+
+
+def _conditioned(study: PaperResults) -> Iterator[Row]:
+    for extent, noise_px, n, table in _each(study):
+        for name in sets_of(table):
+            yield from _rows(table, name, {"extent": extent, "noise_px": noise_px, "n": n, "layouts": name}, study)
+
+
+def _by_angle(study: PaperResults) -> Iterator[Row]:
+    for extent, noise_px, n, table in _each(study):
+        for angle in np.unique(table.polar_deg):
+            part = table.of(table.poses[table.polar_deg == angle])
+            head = {"extent": extent, "noise_px": noise_px, "n": n, "polar_deg": angle}
+            for name in sets_of(table):
+                yield from _rows(part, name, {**head, "layouts": name}, study)
+
+
+def _rows(table: PoseLayouts, name: str, head: Row, study: PaperResults) -> Iterator[Row]:
+    for coordinates in COORDINATES:
+        values = table[f"{name}.c.{coordinates}"]
+        yield {**head, **_spread(f"c({coordinates})", values, values.size)}
+    for measure, estimators in MEASURES.items():
+        for estimator in estimators:
+            key = f"{name}.{estimator}"
+            flips = table.arrays.get(f"{key}.flipped")
+            mean = table[f"{key}.{measure}.mean"]
+            trials = mean.size * study.options.runs
+            yield {
+                **head,
+                **_spread(f"{estimator} {measure}", mean, trials),
+                **{"std": _pooled_std(mean, table[f"{key}.{measure}.std"], 1 - table[f"{key}.failed"])},
+                "failed": float(table[f"{key}.failed"].mean()),
+                "flipped": np.nan if flips is None else float(flips.mean()),
+            }
+
+
+def _spread(measure: str, values: Array, count: int) -> dict[str, Any]:
+    kept = np.asarray(values[np.isfinite(values)], dtype=float)
+    if not len(kept):
+        kept = np.array([np.nan])
+    q25, median, q75 = np.quantile(kept, [0.25, 0.5, 0.75])
+    with np.errstate(divide="ignore"):
+        geometric = np.exp(np.mean(np.log(kept)))
+    return {
+        "measure": measure, "count": count, "mean": kept.mean(), "geometric_mean": geometric,
+        "q25": q25, "median": median, "q75": q75, "std": np.nan, "failed": np.nan, "flipped": np.nan,
+    }  # fmt: skip
+
+
+def _pooled_std(mean: Array, std: Array, kept: Array) -> float:
+    """Standard deviation of all trials together, of means, deviations and shares kept of each layout's."""
+    usable = np.isfinite(mean) & np.isfinite(std)
+    if not usable.any():
+        return np.nan
+    m, s, w = (np.asarray(a[usable], dtype=float) for a in (mean, std, kept))
+    center = np.average(m, weights=w)
+    return float(np.sqrt(np.average(s**2 + (m - center) ** 2, weights=w)))
+
+
+def _joint(study: PaperResults) -> Iterator[Row]:
+    criteria = ("pose_m", "homography_px", "condition", "rotation_deg", "translation_pct")
+    for (name, n), result in study.joint.items():
+        bounds = {f"bound_{key}": np.median(result[key]) if key in result else np.nan for key in criteria}
+        row = {"layout": name, "n": n, "layouts": len(result["layouts"]), **bounds}
+        for estimator, measure in (("dlt", "he_px2"), *((e, m) for e in ("epnp", "ippe", "sqpnp", "lm")
+                                   for m in ("rotation_deg", "translation_pct"))):  # fmt: skip
+            row[f"{estimator}_{measure}_rms"] = rms_of(result, f"{estimator}.{measure}")
+        yield row
+
+
+def rms_of(result: Mapping[str, NDArray[Any]], key: str) -> float:
+    """RMS over poses and trials, of the median layout, of what was measured; nan if it was not."""
+    if f"{key}.mean" not in result:
+        return np.nan
+    mean, std = (np.asarray(result[f"{key}.{each}"], dtype=float) for each in ("mean", "std"))
+    with np.errstate(invalid="ignore"):
+        square = np.where(np.isfinite(mean), mean**2 + std**2, np.nan)
+    counts = np.isfinite(square).sum(axis=0)
+    each = np.sqrt(np.nansum(square, axis=0) / np.maximum(counts, 1))
+    return float(np.median(each[counts > 0])) if counts.any() else np.nan
+
+
+def _joint_layouts(study: PaperResults) -> Iterator[Row]:
+    for (name, n), result in study.joint.items():
+        if name == "random":
+            continue
+        for i, point in enumerate(result["layouts"][0]):
+            x, y, z = (*point, 0.0)[:3]
+            yield {"layout": name, "n": n, "point": i, "x_m": x, "y_m": y, "z_m": z}
+
+
+def claim_rows(findings: Findings) -> list[Row]:
+    """Every test of every claim, one row each."""
+    return [
+        {
+            "claim": claim.name,
+            "coordinates": finding.coordinates,
+            "noise_px": np.nan if finding.noise_px is None else finding.noise_px,
+            "measure": finding.measure,
+            "value": finding.judged.value,
+            "low": finding.judged.low,
+            "high": finding.judged.high,
+            "p": finding.judged.p,
+            "p_against": finding.judged.p_against,
+            "count": finding.judged.count,
+            "note": finding.note,
+            "verdict": verdict([finding]),
+        }
+        for claim, group in findings
+        for finding in group
+    ]
+
+
+def claims_page(findings: Findings, study: PaperResults) -> str:
+    """The table of the claims as Markdown."""
+    lines = ["# The paper's claims, measured", "", _summary(study), ""]
+    for claim, group in findings:
+        lines += [f"## {claim.words}", "", claim.test, "", "| A written in | noise | verdict | measured |"]
+        lines.append("|---|---|---|---|")
+        for row in _verdicts(group):
+            lines.append(f"| {row['coordinates']} | {row['noise']} | **{row['verdict']}** | {row['measured']} |")
+        lines.append("")
+    return "\n".join([*lines, "Every single test, with its 99 % interval, is in claims.csv.", ""])
+
+
+def index_page(
+    findings: Findings, figures: Mapping[str, tuple[Draw, Any, str]], tables: Iterable[str], study: PaperResults
+) -> bytes:
+    """The page, the same bytes for the same results."""
+    values = {
+        "summary": _summary(study),
+        "claims": [{"words": claim.words, "test": claim.test, "rows": _verdicts(group)} for claim, group in findings],
+        "figures": [(name, caption) for name, (_, _, caption) in figures.items()],
+        "tables": [*tables, "claims"],
+    }
+    return page_bytes(_PAGE, values)
+
+
+def _verdicts(group: Sequence[ClaimTest]) -> list[dict[str, str]]:
+    """A row for each coordinates and noise: the verdict, and the middle and the ends of what was measured."""
+    rows = []
+    for key in dict.fromkeys((finding.coordinates, finding.noise_px) for finding in group):
+        part = [finding for finding in group if (finding.coordinates, finding.noise_px) == key]
+        words = verdict(part)
+        look = "holds" if words == "holds" else "fails" if words == "does not hold" else "part"
+        rows.append(
+            {
+                "coordinates": key[0],
+                "noise": "" if key[1] is None else f"{key[1]:g} px",
+                "verdict": words,
+                "look": look,
+                "measured": _measured(part),
+            }
+        )
+    return rows
+
+
+def _measured(part: Sequence[ClaimTest]) -> str:
+    ordered = sorted((finding for finding in part if np.isfinite(finding.judged.value)), key=lambda f: f.judged.value)
+    if not ordered:
+        return "nothing"
+    if len(ordered) == 1:
+        return f"{_tell(ordered[0])} ({ordered[0].measure})"
+    least, most = ordered[0], ordered[-1]
+    return f"from {_tell(least)} ({least.measure}) to {_tell(most)} ({most.measure})"
+
+
+def _tell(finding: ClaimTest) -> str:
+    judged = finding.judged
+    note = f", {finding.note}" if finding.note else ""
+    return f"{judged.value:.3g} [{judged.low:.3g}, {judged.high:.3g}]{note}"
+
+
+def _summary(study: PaperResults) -> str:
+    options = study.options
+    poses, layouts = len(options.poses), len(options.poses) * options.starts
+    return (
+        f"{poses} poses (4 distances, 5 polar angles, azimuths: {poses // GROUPS}), {options.starts} random starts "
+        f"for each pose and n = 4..8, {options.runs} noisy runs of each layout, which pools "
+        f"{layouts * options.runs:,} for each n; noise of {NOISE_PX:g} px. Other coordinates of A, other objectives, "
+        f"and noise of {QUIET_PX:g} px: {len(options.fewer_poses)} poses and {options.fewer} starts. Values are "
+        "medians with their 99 % intervals. Failed trials are left out and counted. EPnP is the better of two calls, "
+        "because a single one measures the roll of the camera; LM starts from IPPE."
+    )

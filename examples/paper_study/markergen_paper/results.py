@@ -1,0 +1,221 @@
+"""Results of the cells, put together, and what final layouts look like: near to a square, turned alike, typical."""
+
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.studies.cells import Cell, Result
+from markergen_paper.experiments import CONDITIONED, DESCENT, EARLY, JOINT
+from markergen_paper.options import COORDINATES, NOISE_PX, OBJECTIVE_OF, QUIET_PX, PaperOptions, poses_of
+
+Array = NDArray[np.float64]
+
+
+BINS = 60
+"""Cells of a histogram of final layouts along each axis."""
+
+TYPICAL_GROUPS = {4: 1, 5: 2}
+"""Numbers of points whose final layouts are shown, and how many typical ones, as in the paper."""
+
+SQUARE_LIKE = 0.15
+"""A layout whose corners are off from the nearest square by this share of its size, RMS, still looks like one."""
+
+TYPICAL = 500
+"""Layouts of a group among which the most typical one is looked for."""
+
+_INNER = 0.6
+"""Points within this share of the farthest one's distance from the center are inner ones."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseLayouts:
+    """Layouts of n points under P poses: what `conditioned` tells, of all its cells.
+
+    Attributes
+    ----------
+    poses : array (P,)
+        Indices into the paper's 400.
+    arrays : mapping
+        By name, arrays (P, B, ...).
+    """
+
+    poses: NDArray[np.intp]
+    arrays: Mapping[str, NDArray[Any]]
+
+    def __getitem__(self, key: str) -> NDArray[Any]:
+        return self.arrays[key]
+
+    def of(self, poses: NDArray[np.intp]) -> "PoseLayouts":
+        """Return the same for some of its poses."""
+        rows = np.flatnonzero(np.isin(self.poses, poses))
+        return PoseLayouts(self.poses[rows], {key: array[rows] for key, array in self.arrays.items()})
+
+    def level(self, key: str, count: int | None = None) -> Array:
+        """Geometric mean (P,) over the first `count` layouts of a positive value (P, B); nan where it has none.
+
+        Random layouts near a line make a plain mean that of the worst few.
+        """
+        values = np.asarray(self.arrays[key][:, :count], dtype=float)
+        usable = np.isfinite(values) & (values > 0)
+        total = np.sum(np.log(np.where(usable, values, 1.0)), axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.exp(total / usable.sum(axis=1))
+
+    @property
+    def polar_deg(self) -> Array:
+        """Polar angles (P,)."""
+        return np.round(poses_of(self.poses.tolist()).polar_angle_deg, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class PaperResults:
+    """Everything that was computed.
+
+    Attributes
+    ----------
+    options : PaperOptions
+    full : mapping
+        By n, the comparison in the paper's own coordinates and noise.
+    beside : mapping
+        By noise in px and n, the smaller one in all coordinates and for other objectives.
+    descents : mapping
+        By camera, what `descent` tells.
+    early : mapping
+        By coordinates and n, what `early` tells.
+    joint : mapping
+        By layout and n, what `joint` tells.
+    """
+
+    options: PaperOptions
+    full: Mapping[int, PoseLayouts]
+    beside: Mapping[tuple[float, int], PoseLayouts]
+    descents: Mapping[str, Result]
+    early: Mapping[tuple[str, int], Result]
+    joint: Mapping[tuple[str, int], Result]
+
+    def table(self, name: str, noise_px: float, n: int) -> PoseLayouts:
+        """Where layouts that were optimized under that name are: the largest there is."""
+        return self.full[n] if (name, noise_px) == (COORDINATES[0], NOISE_PX) else self.beside[noise_px, n]
+
+    @property
+    def settings(self) -> list[tuple[str, float]]:
+        """Coordinates and noise that claims are judged in, the paper's own first."""
+        return [(name, noise_px) for noise_px in (NOISE_PX, QUIET_PX) for name in COORDINATES]
+
+
+def gather(options: PaperOptions, results: Mapping[Cell, Result]) -> PaperResults:
+    """Put the results of all cells together, in the order of the cells."""
+    blocks: dict[tuple[bool, float, int], list[tuple[list[int], Result]]] = defaultdict(list)
+    others: dict[str, dict[Any, Result]] = defaultdict(dict)
+    for cell, result in results.items():
+        settings = cell.settings
+        if cell.kind == CONDITIONED:
+            everything = len(settings["optimized"]) == len(OBJECTIVE_OF)
+            blocks[everything, settings["noise_px"], settings["n"]].append((settings["poses"], result))
+        elif cell.kind == DESCENT:
+            others[cell.kind][settings["camera"]] = result
+        elif cell.kind == EARLY:
+            others[cell.kind][settings["coordinates"], settings["n"]] = result
+        else:
+            others[JOINT][settings["layout"], settings["n"]] = result
+    tables = {key: _joined(parts) for key, parts in blocks.items()}
+    return PaperResults(
+        options,
+        {n: table for (everything, _, n), table in tables.items() if not everything},
+        {(noise_px, n): table for (everything, noise_px, n), table in tables.items() if everything},
+        others[DESCENT],
+        others[EARLY],
+        others[JOINT],
+    )
+
+
+def _joined(parts: list[tuple[list[int], Result]]) -> PoseLayouts:
+    poses = np.concatenate([indices for indices, _ in parts]).astype(np.intp)
+    arrays = {key: np.concatenate([result[key] for _, result in parts]) for key in parts[0][1]}
+    return PoseLayouts(poses, arrays)
+
+
+def finals(study: PaperResults, n: int) -> Array:
+    """Final layouts (k, n, 2) of all descents in the paper's coordinates, m."""
+    return np.asarray(study.full[n][f"{COORDINATES[0]}.layouts"], dtype=float).reshape(-1, n, 2)
+
+
+def histogram(study: PaperResults, n: int) -> tuple[list[NDArray[np.intp]], Array]:
+    """Counts (BINS, BINS) of final points by x and y, as they are and aligned, and the edges (BINS + 1,) in m."""
+    layouts = finals(study, n)
+    edges = np.linspace(-0.16, 0.16, BINS + 1)
+    counts = []
+    for batch in (layouts, aligned(layouts)):
+        points = batch.reshape(-1, 2)
+        counts.append(np.histogram2d(points[:, 0], points[:, 1], (edges, edges))[0].astype(np.intp))
+    return counts, edges
+
+
+def typical_of(study: PaperResults, n: int) -> list[tuple[Array, float]]:
+    """Typical final layouts (n, 2) in m, aligned, and the shares of all that are of their kind."""
+    return typical(aligned(finals(study, n)), TYPICAL_GROUPS[n])
+
+
+def square_misfit(layouts: Array) -> Array:
+    """Distance (...) of four points (..., 4, 2) from the nearest square of any place, size, and turn, in parts of size.
+
+    RMS distance of the points over that from their centroid: 0 for a square, 1 for what has nothing of one.
+    """
+    centered = layouts - layouts.mean(axis=-2, keepdims=True)
+    z = centered[..., 0] + 1j * centered[..., 1]
+    # Around the centroid the corners of a square come one after the other.
+    z = np.take_along_axis(z, np.argsort(np.angle(z), axis=-1), axis=-1)
+    square = np.array([1, 1j, -1, -1j])
+    size = np.sum(np.abs(z) ** 2, axis=-1)
+    along = np.abs(np.sum(z * square.conj(), axis=-1)) ** 2 / 4
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.sqrt(np.clip(1 - along / size, 0.0, 1.0))
+
+
+def best_square_misfit(layouts: Array) -> Array:
+    """Least `square_misfit` (...) of any four of five points (..., 5, 2)."""
+    return np.min([square_misfit(np.delete(layouts, i, axis=-2)) for i in range(layouts.shape[-2])], axis=0)
+
+
+def aligned(layouts: Array) -> Array:
+    """Layouts (k, n, 2) turned so that their corners, as far as they repeat n-fold, lie where those of an n-gon do."""
+    z = layouts[..., 0] + 1j * layouts[..., 1]
+    n = layouts.shape[-2]
+    size = np.abs(z).max(axis=-1, keepdims=True)
+    phase = np.angle(np.sum((z / size) ** n, axis=-1)) / n
+    turned = z * np.exp(1j * (np.pi / 2 - phase))[..., None]
+    if n == 4:
+        turned *= np.exp(1j * np.pi / 4)
+    return np.stack([turned.real, turned.imag], axis=-1)
+
+
+def typical(layouts: Array, groups: int) -> list[tuple[Array, float]]:
+    """Most typical layouts (n, 2) of the largest groups by how many points are inner ones, and the groups' shares.
+
+    Of a group that one is typical whose sorted distances are nearest to the medians over the group.
+    """
+    radius = np.linalg.norm(layouts, axis=-1)
+    inner = np.sum(radius < _INNER * radius.max(axis=-1, keepdims=True), axis=-1)
+    kinds, counts = np.unique(inner, return_counts=True)
+    found = []
+    for kind in kinds[np.argsort(-counts, kind="stable")][:groups]:
+        group = layouts[inner == kind]
+        group = group[:: max(1, len(group) // TYPICAL)]
+        distances = np.sort(_pairs(group), axis=-1)
+        nearest = np.argmin(np.sum((distances - np.median(distances, axis=0)) ** 2, axis=-1))
+        found.append((group[nearest], float(np.mean(inner == kind))))
+    return found
+
+
+def least_gap(layouts: Array) -> Array:
+    """Smallest distance (...) between two points of layouts (..., n, 2)."""
+    return _pairs(layouts).min(axis=-1)
+
+
+def _pairs(layouts: Array) -> Array:
+    first, second = np.triu_indices(layouts.shape[-2], 1)
+    return np.linalg.norm(layouts[..., first, :] - layouts[..., second, :], axis=-1)

@@ -1,0 +1,204 @@
+"""The whole study: its cells and what each costs, then tables, figures, claims, and a page."""
+
+from collections.abc import Iterator, Sequence
+from math import isnan
+from pathlib import Path
+from typing import Any
+
+from markergen.files import write_atomic
+from markergen.pool import processor_count
+from markergen.presentation.plots import svg_bytes
+from markergen.studies.cells import Cell
+from markergen.studies.engines import Engine
+from markergen.studies.run import CellProgress, run_cells
+from markergen_paper.claims import CLAIMS
+from markergen_paper.experiments import CONDITIONED, DESCENT, EARLY, JOINT, RANDOM, RELIEFS, work
+from markergen_paper.figures import figures_of
+from markergen_paper.options import (
+    CAMERAS,
+    COORDINATES,
+    GROUPS,
+    NOISE_PX,
+    NUMBERS,
+    OBJECTIVE_OF,
+    QUIET_PX,
+    RANDOM_ONLY,
+    PaperOptions,
+)
+from markergen_paper.report import claim_rows, claims_page, index_page, rows_csv, tables_of
+from markergen_paper.results import PaperResults, gather
+
+TRIAL_S, DESCENTS_S, DESCENT_S, STEPS = 1.6e-4, 0.08, 1e-3, 70
+"""Seconds of one core for a trial with all estimators, and for descents under one pose together and each; steps of the
+descent that is shown."""
+
+SEARCH_S, AUTOGRAD_S = 0.025, 13.0
+"""The same for a pose of a search over many, and for one that autograd has to do, whatever the poses."""
+
+CELL_S = 25.0
+"""A cell takes about so long: short enough to lose little, long enough that starting it costs nothing."""
+
+EARLY_NUMBERS, EARLY_STARTS = (4, 6, 8), 10
+JOINT_NUMBERS, JOINT_RUNS, JOINT_RANDOM_RUNS = (4, 5, 6, 8), 50, 10
+"""Numbers of points of layouts for all poses, and noisy runs of a layout under each pose."""
+
+
+def run_paper(
+    folder: Path,
+    options: PaperOptions,
+    engine: Engine,
+    resume: bool = False,
+    progress: CellProgress | None = None,
+) -> list[Path]:
+    """Compute the study in a folder, and write its tables (CSV), figures (SVG), claims, and a page to look at.
+
+    The files depend on the options alone: not on the engine, its workers, or what was interrupted.
+
+    Parameters
+    ----------
+    folder : Path
+        New, empty, or with `resume` that of the same study.
+    progress : callable or None
+        Called first with an estimate of the time that all of it takes.
+
+    Returns
+    -------
+    list of Path
+        What was written, the page first.
+
+    Raises
+    ------
+    InputError
+        If the folder is not for this study.
+    OutputError
+        If a file cannot be written: what is finished remains.
+    """
+    cells = cells_of(options)
+    told = _with_estimate(progress, estimated_seconds(options, engine.options.workers)) if progress else None
+    results = run_cells(work, cells, folder, {"study": "paper", **options.as_dict()}, engine, resume, told, seconds_of)
+    written = []
+    for name, data in _files(gather(options, results)):
+        write_atomic(folder / name, data)
+        written.append(folder / name)
+    return written[::-1]
+
+
+def estimated_seconds(options: PaperOptions, workers: int | None = None) -> float:
+    """About how long the study takes on a usual processor of this day, s; linear in poses x starts x n x runs.
+
+    Parameters
+    ----------
+    workers : int or None
+        Processes; None is one for each processor.
+    """
+    return sum(map(seconds_of, cells_of(options))) / (workers or processor_count())
+
+
+def _with_estimate(progress: CellProgress, seconds: float) -> CellProgress:
+    """Progress that gives an estimate of the time left until one was measured."""
+
+    def tell(done: int, total: int, left: float) -> None:
+        progress(done, total, seconds if isnan(left) else left)
+
+    return tell
+
+
+def _files(study: PaperResults) -> Iterator[tuple[str, bytes]]:
+    """Names and contents of the files, the page last."""
+    tables = tables_of(study)
+    for name, rows in tables.items():
+        yield f"{name}.csv", rows_csv(rows)
+    figures = figures_of(study)
+    for name, (draw, size, _) in figures.items():
+        yield f"{name}.svg", svg_bytes(draw, size)
+    findings = [(claim, list(claim.find(study))) for claim in CLAIMS]
+    yield "claims.csv", rows_csv(claim_rows(findings))
+    yield "claims.md", claims_page(findings, study).encode()
+    yield "index.html", index_page(findings, figures, tables, study)
+
+
+def cells_of(options: PaperOptions) -> list[Cell]:
+    """All cells of the study, in a fixed order."""
+    return [
+        *(
+            _cell(DESCENT, options, camera=camera, noise_px=NOISE_PX, runs=options.step_runs)
+            for camera in CAMERAS
+        ),
+        *_early(options),
+        *_conditioned(options, options.poses, NOISE_PX, options.starts, COORDINATES[:1]),
+        *_random_only(options),
+        *(
+            cell
+            for noise_px in (NOISE_PX, QUIET_PX)
+            for cell in _conditioned(options, options.fewer_poses, noise_px, options.fewer, tuple(OBJECTIVE_OF))
+        ),
+        *_joint(options),
+    ]  # fmt: skip
+
+
+def _conditioned(
+    options: PaperOptions, poses: Sequence[int], noise_px: float, starts: int, optimized: Sequence[str]
+) -> list[Cell]:
+    settings = {
+        "runs": options.runs,
+        "noise_px": noise_px,
+        "starts": starts,
+        "optimized": dict.fromkeys(optimized, starts),
+    }
+    return [cell for n in NUMBERS for cell in _in_blocks(options, poses, {**settings, "n": n})]
+
+
+def _random_only(options: PaperOptions) -> list[Cell]:
+    settings = {"runs": options.runs, "noise_px": NOISE_PX, "starts": options.fewer, "optimized": {}}
+    return _in_blocks(options, options.poses, {**settings, "n": RANDOM_ONLY})
+
+
+def _in_blocks(options: PaperOptions, poses: Sequence[int], settings: dict[str, Any]) -> list[Cell]:
+    """Cells of neighboring poses, that of a whole distance and polar angle at most."""
+    each = seconds_of(_cell(CONDITIONED, options, poses=[0], **settings))
+    size = min(max(1, int(CELL_S / each)), -(-len(poses) // GROUPS))
+    return [
+        _cell(CONDITIONED, options, poses=list(poses[start : start + size]), **settings)
+        for start in range(0, len(poses), size)
+    ]
+
+
+def seconds_of(cell: Cell) -> float:
+    """About how long one core takes for a cell, s."""
+    settings = cell.settings
+    if cell.kind == CONDITIONED:
+        optimized = settings["optimized"]
+        descents = sum(optimized.values())
+        trials = (settings["starts"] * 1.2 + descents) * settings["runs"]
+        return len(settings["poses"]) * (trials * TRIAL_S + len(optimized) * DESCENTS_S + descents * DESCENT_S)
+    if cell.kind == DESCENT:
+        return STEPS * settings["runs"] * TRIAL_S
+    if cell.kind == EARLY:
+        return len(settings["poses"]) * (DESCENTS_S + 2 * settings["starts"] * DESCENT_S)
+    layouts = RANDOM if settings["layout"] == "random" else 1
+    searched = SEARCH_S * len(settings["poses"]) if settings["layout"] in OBJECTIVE_OF else 0.0
+    if settings["layout"] == "hartley":
+        searched = AUTOGRAD_S
+    return len(settings["poses"]) * layouts * settings["runs"] * TRIAL_S + searched
+
+
+def _early(options: PaperOptions) -> list[Cell]:
+    starts = min(EARLY_STARTS, options.starts)
+    return [
+        _cell(EARLY, options, coordinates=name, n=n, poses=options.fewer_poses, starts=starts)
+        for name in COORDINATES
+        for n in EARLY_NUMBERS
+    ]
+
+
+def _joint(options: PaperOptions) -> list[Cell]:
+    cells = []
+    for name in ("ngon", "random", *OBJECTIVE_OF, *RELIEFS):
+        runs = JOINT_RANDOM_RUNS if name == "random" else JOINT_RUNS
+        settings = {"layout": name, "poses": options.poses, "runs": runs, "noise_px": QUIET_PX}
+        cells += [_cell(JOINT, options, n=n, **settings) for n in JOINT_NUMBERS]
+    return cells
+
+
+def _cell(kind: str, options: PaperOptions, **settings: Any) -> Cell:
+    return Cell(kind, {**settings, "seed": options.seed})

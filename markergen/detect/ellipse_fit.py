@@ -1,0 +1,465 @@
+"""Ellipses of dots, fitted to the grey levels around their outlines, many at once."""
+
+from copy import copy
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.detect.candidate_regions import Regions
+from markergen.detect.edge_psf import blurred_ellipse
+from markergen.detect.outline_pixels import (
+    QUANTIZATION,
+    SECTORS,
+    OutlinePixels,
+    outline_pixels,
+    sector_of,
+    strangeness,
+    white_noise,
+)
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+
+# Columns of the unknowns.
+CENTER, SHAPE, LIGHT, DARK, BLUR, SLOPE = slice(0, 2), slice(2, 5), 5, 6, 7, slice(8, 10)
+HOLE, SCALE = slice(10, 12), 12
+COUNT = 13
+
+MIN_SEMI_PX = 0.6
+"""Thinner than half a pixel's blur nothing is told from a line."""
+
+_CONVERGED_PX, _SETTLED_PX = 1e-3, 0.02
+"""A step of every center below the first ends the iteration: the next would be under 4e-4 px, a tenth of the best
+standard deviation. What still takes steps above the second at the end is no dot."""
+
+_LONGEST_STEP_PX, _LONGEST_SCALE_STEP = 2.0, 0.1
+_MIN_BLUR, _MAX_BLUR = 0.28, 6.0
+"""In px, with the pixel's own area, which alone is 0.29."""
+
+_OUTLIER_SHARE, _OUTLIER_SIGMA, _OUTLIER_SPREAD = 0.12, 5.0, 4.0
+"""Pixels off by more than this share of the contrast, so many times the noise, and so many times the standard deviation
+of the residual, show something else."""
+
+_MAX_LEFT_OUT = 5
+"""Of the sectors, with the neighbors of those that are strange: half an ellipse is much of another ellipse too."""
+_MAX_TRIMMED = 0.15
+
+NOISE_SLACK, _MOST_NOISE = 1.5, 2.0
+"""Noise is accepted, and expected, so many times that of the plainest parts of the image: it grows with the light."""
+
+_SCALE_SIGMA, _SCALE_NOISE = 0.05, 0.02
+"""What is expected of a hole's size beside half of the ring's, as if it were measured at this noise per contrast."""
+
+_OF_DOTS = "ring", "index", "origin", "size", "unknowns", "left_out", "step", "normal"
+_OF_PIXELS = "weight", "residual", "slope", "direction", "silent"
+"""The state's arrays (B, ...) and (..., N)."""
+
+_SATURATION = tuple(2**bits - 1 for bits in range(8, 17))
+
+
+class EllipseDescent:
+    """Unknowns (B, 13) of the dots still in the race, and their pixels with weights 0 or 1.
+
+    The columns: center (2) and M (m11, m12, m22) of the ellipse |M (x - c)| = 1; grey levels of light and dark; blur;
+    the light's slope (2), relative, 1/px; center (2) and size, relative to the outline's, of a ring's hole.
+
+    Parameters
+    ----------
+    pixels : OutlinePixels
+    center, shape : arrays (B, 2) and (B, 2, 2), px and 1/px
+        The ellipses at the start; `shape` is M.
+    light, dark, blur : arrays (B,), grey levels and px
+    ring : array (B,) of bool
+    noise : float, grey levels
+        Of plain parts of the image.
+    top : int
+        The image's highest grey level, which tells whether it is saturated.
+    """
+
+    def __init__(
+        self,
+        pixels: OutlinePixels,
+        center: Array,
+        shape: Array,
+        light: Array,
+        dark: Array,
+        blur: Array,
+        ring: Bools,
+        noise: float,
+        top: int,
+    ) -> None:
+        count = len(center)
+        self.pixels, self.ring, self.image_noise = pixels, ring, noise
+        self.saturation = top if top in _SATURATION else None
+        self.index = np.arange(count)
+        self.origin, self.size = center, np.sort(1 / np.linalg.eigvalsh(shape), axis=-1)
+        self.unknowns = np.zeros((count, COUNT))
+        self.unknowns[:, CENTER] = self.unknowns[:, HOLE] = center
+        self.unknowns[:, SHAPE] = shape[:, [0, 0, 1], [0, 1, 1]]
+        self.unknowns[:, LIGHT], self.unknowns[:, DARK] = light, dark
+        self.unknowns[:, BLUR] = np.clip(blur, 0.5, _MAX_BLUR)
+        self.unknowns[:, SCALE] = 0.5
+        self.left_out = np.zeros((count, SECTORS), dtype=bool)
+        self.step = np.full(count, np.inf)
+        # Of the last evaluation of the model:
+        self.normal = np.zeros((count, COUNT, COUNT))
+        self.weight = np.ones(len(pixels.x))
+        self.residual = np.zeros(len(pixels.x))
+        self.direction, self.slope = np.zeros((2, len(pixels.x))), np.zeros(len(pixels.x))
+        self.silent = np.zeros(len(pixels.x), dtype=bool)
+
+    @property
+    def contrast(self) -> Array:
+        """Light minus dark (B,)."""
+        return np.asarray(self.unknowns[:, LIGHT] - self.unknowns[:, DARK])
+
+    def keep(self, chosen: Bools) -> None:
+        """Drop all but the chosen (B,)."""
+        if chosen.all():
+            return
+        of_chosen = chosen[self.pixels.owner]
+        for name in _OF_PIXELS:
+            setattr(self, name, getattr(self, name)[..., of_chosen])
+        for name in _OF_DOTS:
+            setattr(self, name, getattr(self, name)[chosen])
+        self.pixels = self.pixels.of(chosen)
+
+    def run(self, steps: int, chosen: Bools | None = None) -> None:
+        """Take steps until the centers, or those of the chosen, stand still; what runs away is dropped."""
+        if chosen is not None and not chosen.all():
+            self._run_part(steps, chosen)
+            return
+        for done in range(1, steps + 1):
+            if not len(self.index):
+                return
+            gradient = self._evaluate()
+            scale = np.maximum(np.einsum("bii->bi", self.normal), 1e-12) ** -0.5
+            scaled = self.normal * scale[:, :, None] * scale[:, None, :]
+            # A ridge of rounding's size keeps the matrices of what is no ellipse from being singular.
+            step = scale * np.linalg.solve(scaled + 1e-9 * np.eye(COUNT), (scale * gradient)[..., None])[..., 0]
+            self._move(step)
+            moving = self.step > _CONVERGED_PX
+            if 2 * moving.sum() <= len(moving):
+                # Most stand still, and each costs as much as one that moves.
+                self._run_part(steps - done, moving)
+                return
+
+    def _run_part(self, steps: int, chosen: Bools) -> None:
+        if steps == 0 or not chosen.any():
+            return
+        part = copy(self)
+        part.keep(chosen)
+        part.run(steps)
+        place = np.searchsorted(self.index, part.index)
+        for name in _OF_DOTS:
+            getattr(self, name)[place] = getattr(part, name)
+        of_place = np.isin(self.pixels.owner, place)
+        for name in _OF_PIXELS:
+            getattr(self, name)[..., of_place] = getattr(part, name)
+        alive = ~chosen
+        alive[place] = True
+        self.keep(alive)
+
+    def _evaluate(self) -> Array:
+        """Residual, and normal matrices J'J, of the pixels that count; J'r (B, 13)."""
+        model, jacobian = self._model()
+        if self.saturation is not None:
+            self.silent = model > self.saturation
+            model = np.minimum(model, self.saturation)
+            jacobian[:, self.silent] = 0
+        self.residual = self.pixels.grey - model
+        # A neighbor's edge in the band, or a speck, says nothing about this dot.
+        weight = self.weight * (np.abs(self.residual) < 0.5 * self.contrast[self.pixels.owner])
+        weighted = jacobian * weight
+        spans = list(zip(self.pixels.start[:-1], self.pixels.start[1:], strict=True))
+        self.normal = np.stack([weighted[:, a:b] @ jacobian[:, a:b].T for a, b in spans])
+        gradient = np.stack([weighted[:, a:b] @ self.residual[a:b] for a, b in spans])
+        # A disk has no hole to move. Where the blur is as wide as a ring's ink, a darker and thinner ring looks the
+        # same: half is usual.
+        self.normal[:, range(10, COUNT), range(10, COUNT)] += ~self.ring[:, None]
+        prior = self.ring * (_SCALE_NOISE * self.contrast / _SCALE_SIGMA) ** 2
+        self.normal[:, SCALE, SCALE] += prior
+        gradient[:, SCALE] += prior * (0.5 - self.unknowns[:, SCALE])
+        return gradient
+
+    def _move(self, step: Array) -> None:
+        """Take the step (B, 13), within reason."""
+        now = self.unknowns
+        moved = now + step
+        moved[:, CENTER] = now[:, CENTER] + np.clip(step[:, CENTER], -_LONGEST_STEP_PX, _LONGEST_STEP_PX)
+        moved[:, BLUR] = np.clip(moved[:, BLUR], now[:, BLUR] / 2, now[:, BLUR] * 2)
+        moved[:, BLUR] = np.clip(moved[:, BLUR], _MIN_BLUR, _MAX_BLUR)
+        moved[:, SCALE] = now[:, SCALE] + np.clip(step[:, SCALE], -_LONGEST_SCALE_STEP, _LONGEST_SCALE_STEP)
+        moved[:, SCALE] = np.clip(moved[:, SCALE], 0.1, 0.9)
+        self.unknowns = moved
+        self.step = np.abs(step[:, CENTER]).max(axis=-1)
+        trace = moved[:, 2] + moved[:, 4]
+        determinant = moved[:, 2] * moved[:, 4] - moved[:, 3] ** 2
+        sane = np.isfinite(moved).all(axis=-1) & (determinant > 0) & (trace > 0) & (self.contrast > 0)
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            # The smaller eigenvalue of M lies between det/trace and twice that, the larger one below the trace.
+            sane &= determinant / trace > 0.3 / self.size[:, 1]
+            sane &= trace < 2 / MIN_SEMI_PX
+            sane &= np.linalg.norm(moved[:, CENTER] - self.origin, axis=-1) < self.size[:, 0] + 1
+        self.keep(sane)
+
+    def _model(self) -> tuple[Array, Array]:
+        """Grey levels (N,) and their derivatives (13, N)."""
+        counts = np.diff(self.pixels.start)
+        p = np.repeat(self.unknowns.T, counts, axis=1)
+        origin = np.repeat(self.origin.T, counts, axis=1)
+        x, y = self.pixels.x - p[0], self.pixels.y - p[1]
+        across, down = self.pixels.x - origin[0], self.pixels.y - origin[1]
+        lit = 1 + p[8] * across + p[9] * down
+        contrast = (p[LIGHT] - p[DARK]) * lit
+        jacobian = np.zeros((COUNT, len(x)))
+
+        ink, by_rho, by_blur, (u, v) = blurred_ellipse(x, y, (p[2], p[3], p[4]), p[BLUR])
+        slope = -contrast * by_rho
+        normal_x, normal_y = slope * (p[2] * u + p[3] * v), slope * (p[3] * u + p[4] * v)
+        self.direction, self.slope = np.stack([u, v]), np.hypot(normal_x, normal_y)
+        jacobian[0], jacobian[1] = -normal_x, -normal_y
+        jacobian[2], jacobian[3], jacobian[4] = slope * u * x, slope * (u * y + v * x), slope * v * y
+        jacobian[BLUR] = -contrast * by_blur
+        ring = np.flatnonzero(np.repeat(self.ring, counts))
+        if len(ring):
+            q = p[:, ring]
+            m11, m12, m22 = q[2:5] / q[SCALE]
+            x, y = self.pixels.x[ring] - q[10], self.pixels.y[ring] - q[11]
+            hole, by_rho, by_blur, (u, v) = blurred_ellipse(x, y, (m11, m12, m22), q[BLUR])
+            ink[ring] -= hole
+            slope = contrast[ring] * by_rho
+            gradient_x, gradient_y = m11 * u + m12 * v, m12 * u + m22 * v
+            jacobian[10, ring], jacobian[11, ring] = -slope * gradient_x, -slope * gradient_y
+            jacobian[2:5, ring] += slope / q[SCALE] * np.stack([u * x, u * y + v * x, v * y])
+            # d rho/d scale = -rho/scale, and rho = x'grad rho.
+            jacobian[SCALE, ring] = -slope * (x * gradient_x + y * gradient_y) / q[SCALE]
+            jacobian[BLUR, ring] += contrast[ring] * by_blur
+        jacobian[LIGHT], jacobian[DARK] = (1 - ink) * lit, ink * lit
+        level = p[LIGHT] - (p[LIGHT] - p[DARK]) * ink
+        jacobian[8], jacobian[9] = level * across, level * down
+        return level * lit, jacobian
+
+    def misfit(self) -> Array:
+        """Mean square (B,) of the residual, grey levels squared, no pixel counting for more than half the contrast."""
+        half = 0.5 * self.contrast[self.pixels.owner]
+        squares = np.clip(self.residual, -half, half) ** 2
+        count = np.diff(self.pixels.start)
+        return np.asarray(np.bincount(self.pixels.owner, squares, len(count)) / np.maximum(count, 1))
+
+    def drop_hopeless(self, misfit: float) -> None:
+        """Drop what is farther from explained than by a share of the contrast and the noise."""
+        self.keep(self.misfit() < (misfit * self.contrast) ** 2 + (NOISE_SLACK * self.image_noise) ** 2)
+
+    def leave_out(self) -> Bools:
+        """Give no weight to pixels and sectors that show something else; for which dots (B,) this is news."""
+        strange = self.strangeness()
+        # What is strange here pulls the fit, and so makes other sectors strange: the worst go first.
+        worst = np.where(self.left_out, 0, strange).max(axis=-1, keepdims=True)
+        bad = strange > np.maximum(1, worst / 2)
+        # An occluder's edge rarely ends where a sector does.
+        self.left_out = self.left_out | bad | np.roll(bad, 1, axis=-1) | np.roll(bad, -1, axis=-1)
+        self.keep(self.left_out.sum(axis=-1) <= _MAX_LEFT_OUT)
+        limit = np.maximum(_OUTLIER_SHARE * self.contrast, _OUTLIER_SIGMA * self.noise())
+        # Where the blur is another than the model's, much is off by some, and means no harm.
+        limit = np.maximum(limit, _OUTLIER_SPREAD * np.sqrt(self.variance()))
+        kept = (np.abs(self.residual) < limit[self.pixels.owner]) & ~self.left_out.ravel()[self._sector()]
+        changed = np.bincount(self.pixels.owner, kept != self.weight, len(self.index)) > 0
+        self.weight = kept.astype(float)
+        return np.asarray(changed)
+
+    def complete(self) -> Bools:
+        """Whether (B,) the fit stands still and every edge, but for what was left out, is that of the dot."""
+        trimmed = (self.weight == 0) & ~self.left_out.ravel()[self._sector()]
+        count = np.diff(self.pixels.start)
+        few = np.bincount(self.pixels.owner, trimmed, len(count)) <= _MAX_TRIMMED * count
+        return np.asarray((self.step < _SETTLED_PX) & few & ((self.strangeness() <= 1) | self.left_out).all(axis=-1))
+
+    def strangeness(self) -> Array:
+        """How far (B, SECTORS) the edge is from where it should be; 1 is the most allowed."""
+        model = self.pixels.grey - self.residual
+        blur, size = self.unknowns[:, BLUR], self.size[:, 1]
+        return strangeness(self._sector(), self.slope, model, self.residual, self.contrast, blur, size, self.noise())
+
+    def noise(self) -> Array:
+        """Standard deviation (B,) of the grey noise in the band, no more than the image's noise allows.
+
+        Of a small dot no pixel is far from an edge, and a misfit looks like noise.
+        """
+        most = max(_MOST_NOISE * self.image_noise + 0.5, np.sqrt(QUANTIZATION))
+        return np.minimum(white_noise(self.pixels, self.residual), most)
+
+    def variance(self) -> Array:
+        """Variance (B,) of the pixels that count, grey levels squared, no less than that of rounding."""
+        owner, count = self.pixels.owner, len(self.index)
+        # Saturated pixels show no noise.
+        weight = self.weight * ~self.silent
+        squares = np.bincount(owner, weight * self.residual**2, count)
+        freedom = np.bincount(owner, weight, count) - np.where(self.ring, COUNT, COUNT - 3)
+        return np.asarray(np.maximum(squares / np.maximum(freedom, 1), QUANTIZATION))
+
+    def _sector(self) -> Indices:
+        return sector_of(self.pixels, self.direction)
+
+
+Image = NDArray[np.uint8] | NDArray[np.uint16]
+
+_CHECKPOINTS = (1, 0.3), (2, 0.17), (5, 0.12)
+"""Steps, and the largest RMS residual after them, as a share of the contrast and beyond the noise."""
+_STEPS, _ROUNDS = 5, 4
+
+_BAND_BLURS, _MIN_BAND_PX, _MAX_BAND_PX = 3.0, 2.5, 9.0
+"""Half-width of the band of pixels around the outline that are fitted: beyond it the levels are flat and tell nothing,
+and the next dot may begin."""
+
+_MAX_MISFIT, _MAX_NOISE = 0.06, 0.2
+"""Largest RMS residual beyond the noise, and largest noise, at the end, as shares of the contrast."""
+_MIN_MAJOR_PX, _MAX_ELONGATION, _MAX_SIGMA_PX = 2.4, 10.0, 0.5
+_HOLE_SCALES = 0.15, 0.85
+
+_DISK_BELOW, _RING_ABOVE, _RING_GAIN = 0.15, 0.7, 20.0
+"""Levels in the middle of what is surely a disk, or a ring; what a ring in doubt must gain in log-likelihood, twice."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedDots:
+    """B fitted dots.
+
+    Attributes
+    ----------
+    index : array (B,) of int
+        The region that each began as.
+    center : array (B, 2), px
+    covariance : array (B, 2, 2), px^2, of the center
+    semi : array (B, 2), px, longest first
+    angle : array (B,), rad, of the longest axis from x
+    ring : array (B,) of bool
+    blur : array (B,), px
+    misfit : array (B,)
+        Twice the log-likelihood that the dot lacks, but for a constant that all fits of one outline share.
+    """
+
+    index: Indices
+    center: Array
+    covariance: Array
+    semi: Array
+    angle: Array
+    ring: Bools
+    blur: Array
+    misfit: Array
+
+    def __len__(self) -> int:
+        return len(self.center)
+
+    def take(self, index: Bools | Indices) -> "FittedDots":
+        """Return those of an index."""
+        return FittedDots(*(getattr(self, field.name)[index] for field in fields(self)))
+
+
+def fit_dots(image: Image, regions: Regions, noise: float) -> FittedDots:
+    """Least-squares fit of blurred dark ellipses, or elliptic rings, to grey levels; what is no dot is dropped.
+
+    Model: (1 + g'x) (light - (light - dark) (D - D_hole)), with D the share of ink (`blurred_ellipse`) and g the
+    slope of the light over the dot; saturated where the image is. Ellipse, levels, slope and blur are unknown, and for
+    a ring the hole's center and scale too: under perspective hole and outline are not concentric. Every pixel counts by
+    what it tells, so the center's error is near the least that the image's noise allows.
+
+    Parts of the outline that show no edge, or one elsewhere (an occluder, a touching neighbor), are found sector by
+    sector and left out. A fifth of the outline may be missing; with more the dot is dropped, for half an ellipse is
+    much of another ellipse, with another center, too.
+
+    Parameters
+    ----------
+    image : array (h, w)
+    regions : Regions
+    noise : float, grey levels
+        Of plain parts of the image, to tell noise from what is not explained.
+
+    Returns
+    -------
+    FittedDots
+        With the covariance of each center by the fit's normal matrix and the noise that it leaves, no less than that
+        of rounding to whole grey levels.
+    """
+    # What is neither dark nor light in the middle is fitted both as a disk and as a ring.
+    doubtful = (regions.middle > _DISK_BELOW) & (regions.middle < _RING_ABOVE)
+    index = np.concatenate([np.arange(len(regions)), np.flatnonzero(doubtful)])
+    ring = np.concatenate([regions.middle >= _RING_ABOVE, np.ones(int(doubtful.sum()), dtype=bool)])
+    descent = _descent(image, regions.take(index), ring, ring | doubtful[index], noise)
+    for steps, misfit in _CHECKPOINTS:
+        descent.run(steps)
+        descent.drop_hopeless(misfit)
+    for _ in range(_ROUNDS):
+        descent.run(_STEPS, descent.leave_out())
+    dots = _dots(descent, index)
+    return dots.take(_better(dots))
+
+
+def _descent(image: Image, regions: Regions, ring: Bools, filled: Bools, noise: float) -> EllipseDescent:
+    values, vectors = np.linalg.eigh(regions.spread)
+    shape = np.einsum("bik,bk,bjk->bij", vectors, values**-0.5, vectors)
+    band = np.clip(_BAND_BLURS * regions.blur, _MIN_BAND_PX, _MAX_BAND_PX)
+    pixels = outline_pixels(image, regions.center, regions.spread, band, filled)
+    top = int(image.max(initial=0))
+    return EllipseDescent(pixels, regions.center, shape, regions.light, regions.dark, regions.blur, ring, noise, top)
+
+
+def _dots(descent: EllipseDescent, index: Indices) -> FittedDots:
+    """What has the outline of a dot nearly all around, with the center's covariance."""
+    if len(descent.index):
+        noise, variance = descent.noise(), descent.variance()
+        good = variance < (NOISE_SLACK * noise) ** 2 + (_MAX_MISFIT * descent.contrast) ** 2
+        descent.keep(good & (noise < _MAX_NOISE * descent.contrast) & descent.complete())
+    variance, unknowns = descent.variance(), descent.unknowns
+    step, covariance = _shrink_slope(descent.normal, variance, unknowns[:, SLOPE])
+    # M's smaller eigenvalue belongs to the longer semi-axis.
+    values, vectors = np.linalg.eigh((unknowns + step)[:, SHAPE][:, [0, 1, 1, 2]].reshape(-1, 2, 2))
+    scale = unknowns[:, SCALE]
+    good = np.einsum("bii->b", covariance[:, CENTER, CENTER]) < _MAX_SIGMA_PX**2
+    good &= (1 / values[:, 0] > _MIN_MAJOR_PX) & (1 / values[:, 1] > MIN_SEMI_PX)
+    good &= values[:, 1] < _MAX_ELONGATION * values[:, 0]
+    good &= ~descent.ring | ((scale > _HOLE_SCALES[0]) & (scale < _HOLE_SCALES[1]))
+    return FittedDots(
+        index[descent.index],
+        unknowns[:, CENTER] + step[:, CENTER],
+        covariance[:, CENTER, CENTER],
+        1 / values,
+        np.arctan2(vectors[:, 1, 0], vectors[:, 0, 0]),
+        descent.ring,
+        unknowns[:, BLUR],
+        np.diff(descent.pixels.start) * np.log(np.maximum(descent.misfit(), 1e-12)),
+    ).take(good)
+
+
+def _shrink_slope(normal: Array, variance: Array, slope: Array) -> tuple[Array, Array]:
+    """Last step (B, 13), and covariance (B, 13, 13), when the slope of the light is expected to be as in other dots.
+
+    A slope that is free costs a third of the center's information, one that is left out displaces the center where the
+    light is uneven. So it has a normal prior about zero whose variance is what all slopes of the image show beyond
+    their own errors (DerSimonian and Laird's estimate): none in even light, as much as need be in other.
+    """
+    if not len(slope):
+        return np.zeros((0, normal.shape[-1])), normal
+    free = variance[:, None, None] * np.linalg.pinv(normal, hermitian=True)
+    own = np.einsum("bii->b", free[:, SLOPE, SLOPE]) / 2
+    weight = np.maximum(own, 1e-15) ** -2
+    between = np.sum(weight * (np.sum(slope**2, axis=-1) / 2 - own)) / np.sum(weight)
+    prior = variance / max(float(between), 1e-12)
+    stiff = normal.copy()
+    stiff[:, [8, 9], [8, 9]] += prior[:, None]
+    inverse = np.linalg.pinv(stiff, hermitian=True)
+    # On some processors the product that it is made of is symmetric but for rounding.
+    inverse = (inverse + inverse.swapaxes(-1, -2)) / 2
+    step = -np.einsum("bij,bj->bi", inverse[:, :, SLOPE], prior[:, None] * slope)
+    return step, variance[:, None, None] * inverse
+
+
+def _better(dots: FittedDots) -> Bools:
+    """Of dots that were fitted as a disk and as a ring the one that fits: the ring only if it does so clearly."""
+    chosen = np.ones(len(dots), dtype=bool)
+    for ring in np.flatnonzero(dots.ring):
+        for disk in np.flatnonzero((dots.index == dots.index[ring]) & ~dots.ring):
+            chosen[disk if dots.misfit[disk] - dots.misfit[ring] > _RING_GAIN else ring] = False
+    return chosen

@@ -1,0 +1,357 @@
+"""Labelings that blobs allow: guessed poses, the blobs near the dots that they predict, and the fit to those."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.detect.blobs import Ellipses
+from markergen.detect.conic_projection import (
+    Outlines,
+    correct_centers,
+    mirrored_poses,
+    outlines,
+    plane_outlines,
+    refine_poses,
+)
+from markergen.detect.pose_hypotheses import DotLayout, guess_poses
+from markergen.maths.projection import apply_homography, perspective
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+LEAST_DOTS = 4
+"""Fewer do not determine pose and labels."""
+
+MAX_LABELINGS = 600
+"""Labelings that are fitted, times the marker's dots; those with the most dots first."""
+
+ROUNDS, TRIM_PX, MAX_TRIMMED = 3, 1.0, 60
+"""Rounds of second looks; misfit from which on dots are left out in one; labelings that this may make."""
+
+SPREAD = 0.2
+"""Logarithm of the largest common factor of all outlines that is let pass."""
+
+FIT_TOLERANCE = 1e-3
+"""Of the fit: where its misfit changes by no more than this share, it is known well enough to tell labelings apart."""
+
+FOCAL_FACTORS = (1.0, 0.4, 3.0)
+"""Focal lengths that are tried without a camera, in units of the one that is made up."""
+
+NEAR_REACH, NEAR_PX = 0.5, 1.0
+"""How far from where a fitted labeling puts it a dot may lie: share of its radius, plus px."""
+GUESS_PX = 2.0
+"""What is added in px to a layout's reach for guesses."""
+_CHUNK = 2_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Labelings:
+    """A labelings, those with the most dots first.
+
+    Attributes
+    ----------
+    blobs : array (A, n) of int
+        Index of the ellipse of each control point; -1 for none.
+    misfit : array (A,), px
+        See `misfits`; inf for labelings of fewer than four dots.
+    model : Poses or Planes
+        What was fitted.
+    predicted : Outlines
+        Of all dots.
+    """
+
+    blobs: Indices
+    misfit: Array
+    model: "Model"
+    predicted: Outlines
+
+    def __len__(self) -> int:
+        return len(self.blobs)
+
+    @property
+    def count(self) -> Indices:
+        """Dots (A,) that have a blob."""
+        return np.sum(self.blobs >= 0, axis=-1)
+
+    def take(self, chosen: Indices) -> "Labelings":
+        """Return the chosen ones."""
+        return Labelings(self.blobs[chosen], self.misfit[chosen], self.model.take(chosen), self.predicted.take(chosen))
+
+
+class Model(Protocol):
+    """Guesses of what maps the marker to the image: K of them."""
+
+    def outlines(self, layout: DotLayout) -> Outlines:
+        """Where dots are predicted."""
+
+    def project(self, points: Array) -> Array:
+        """Images (K, m, 2) in normalized coordinates of points (m, 3) in m on the marker's plane."""
+
+    def take(self, chosen: Indices) -> "Model":
+        """Return the chosen ones."""
+
+    def joined(self, other: "Model") -> "Model":
+        """Return these and others of the same kind."""
+
+    def mirrored(self, layout: DotLayout) -> "Model | None":
+        """Return what makes the marker look much the same, and ends in another minimum; None if nothing does."""
+
+    def fitted(self, blobs: Indices, ellipses: Ellipses, layout: DotLayout, px: float) -> "Model":
+        """Least-squares fit to labelings (K, n)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Calibrated: rotation (K, 3, 3), translation (K, 3) in m."""
+
+    rotation: Array
+    translation: Array
+
+    def outlines(self, layout: DotLayout) -> Outlines:
+        """Where dots are predicted."""
+        return outlines(layout.points, layout.radii, self.rotation, self.translation)
+
+    def project(self, points: Array) -> Array:
+        """Images (K, m, 2) of points (m, 3) in m; nan for those behind the camera."""
+        seen = points @ self.rotation.swapaxes(-1, -2) + self.translation[:, None]
+        return np.where(seen[..., 2:] > 0, perspective(np.where(seen[..., 2:] > 0, seen, 1.0)), np.nan)
+
+    def take(self, chosen: Indices) -> "Poses":
+        """Return the chosen ones."""
+        return Poses(self.rotation[chosen], self.translation[chosen])
+
+    def mirrored(self, layout: DotLayout) -> "Poses | None":
+        """Return the mirrored poses of a flat marker."""
+        return Poses(*mirrored_poses(layout.points, self.rotation, self.translation)) if layout.flat else None
+
+    def joined(self, other: Model) -> "Poses":
+        """Return these and others of the same kind."""
+        assert isinstance(other, Poses)
+        return Poses(
+            np.concatenate([self.rotation, other.rotation]), np.concatenate([self.translation, other.translation])
+        )
+
+    def fitted(self, blobs: Indices, ellipses: Ellipses, layout: DotLayout, px: float) -> "Poses":
+        """Least-squares fit to labelings (K, n)."""
+        weight = (blobs >= 0)[..., None, None] * (px**2 * np.eye(2))
+        rotation, translation, _ = refine_poses(
+            layout.points,
+            layout.radii,
+            ellipses.center[blobs],
+            weight,
+            self.rotation,
+            self.translation,
+            8,
+            FIT_TOLERANCE,
+        )
+        return Poses(rotation, translation)
+
+
+@dataclass(frozen=True, eq=False)
+class Planes:
+    """Without calibration: homographies (K, 3, 3) from the marker plane in m."""
+
+    homography: Array
+
+    def outlines(self, layout: DotLayout) -> Outlines:
+        """Where dots are predicted."""
+        return plane_outlines(layout.points[:, :2], layout.radii, self.homography)
+
+    def project(self, points: Array) -> Array:
+        """Images (K, m, 2) of points (m, 3) in m of the marker's plane."""
+        return apply_homography(self.homography, points[:, :2])
+
+    def take(self, chosen: Indices) -> "Planes":
+        """Return the chosen ones."""
+        return Planes(self.homography[chosen])
+
+    def mirrored(self, layout: DotLayout) -> None:
+        """Return nothing: there is one homography."""
+
+    def joined(self, other: Model) -> "Planes":
+        """Return these and others of the same kind."""
+        assert isinstance(other, Planes)
+        return Planes(np.concatenate([self.homography, other.homography]))
+
+    def fitted(self, blobs: Indices, ellipses: Ellipses, layout: DotLayout, px: float) -> "Planes":  # noqa: ARG002
+        """DLT of each labeling (K, n), corrected for the difference between centers of ellipses and of dots."""
+        homography = self.homography.copy()
+        patterns, group = np.unique(blobs >= 0, axis=0, return_inverse=True)
+        for k, used in enumerate(patterns):
+            rows = np.flatnonzero(group.ravel() == k)
+            _, fit = correct_centers(ellipses.center[blobs[rows][:, used]], layout.points[used, :2], layout.radii[used])
+            finite = np.isfinite(fit).all(axis=(-2, -1))
+            homography[rows[finite]] = fit[finite]
+        return Planes(homography)
+
+
+def find_labelings(
+    ellipses: Ellipses, layout: DotLayout, px: float, calibrated: bool = True, rings_tell: bool = True
+) -> Labelings:
+    """Labelings of `LEAST_DOTS` dots or more, fitted; without any, the best of fewer, for the record.
+
+    Parameters
+    ----------
+    px : float
+        Pixels per unit of the normalized coordinates.
+    calibrated : bool
+        Fit poses; else homographies.
+    rings_tell : bool
+        Only rings stand for rings, and only disks for disks.
+    """
+    guesses = _guesses(ellipses, layout, px, calibrated, rings_tell)
+    drawn = guesses.outlines(layout)
+    blobs, distance = assign(drawn, ellipses, layout, layout.reach, GUESS_PX / px, rings_tell)
+    chosen = _distinct(blobs, distance)
+    enough = chosen[np.sum(blobs[chosen] >= 0, axis=-1) >= LEAST_DOTS][: max(24, MAX_LABELINGS // len(layout))]
+    if not len(enough):
+        chosen = chosen[:1]
+        return Labelings(blobs[chosen], np.full(len(chosen), np.inf), guesses.take(chosen), drawn.take(chosen))
+    candidates = _fitted(blobs[enough], guesses.take(enough), ellipses, layout, px)
+    for _ in range(ROUNDS):
+        labelings, start = _next(candidates, ellipses, layout, px, rings_tell)
+        if not len(labelings):
+            break
+        candidates = _joined(candidates, _fitted(labelings, candidates.model.take(start), ellipses, layout, px))
+    return candidates.take(_distinct(candidates.blobs, candidates.misfit))
+
+
+def misfits(predicted: Outlines, ellipses: Ellipses, blobs: Indices, px: float) -> Array:
+    """RMS (A,) in px by which centers and outlines of labeled blobs (A, n) miss the predicted ones.
+
+    sqrt(sum |dc|^2/(m - 3) + sum |dS|^2/m) over the m dots that have a blob, with c the centers, whose fit takes up six
+    of 2m numbers, and S the symmetric square roots of the shapes. A common factor of all outlines, up to a fifth, is
+    let pass: ink spreads, and bright surroundings eat into dark dots.
+    """
+    used = blobs >= 0
+    count = used.sum(axis=-1)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        offset = np.where(used[..., None], ellipses.center[blobs] - predicted.center, 0.0)
+        seen, drawn = _root(ellipses.shape)[blobs], _root(predicted.shape)
+        ratio = np.where(used, 0.5 * np.log(_determinant(seen) / _determinant(drawn)), 0.0)
+        factor = np.exp(np.clip(ratio.sum(axis=-1) / count, -SPREAD, SPREAD))
+        outline = np.where(used[..., None, None], seen - factor[:, None, None, None] * drawn, 0.0)
+        by_center, by_outline = np.sum(offset**2, axis=-1), np.sum(outline**2, axis=(-2, -1))
+        error = px * np.sqrt(by_center.sum(axis=-1) / np.maximum(count - 3, 1) + by_outline.sum(axis=-1) / count)
+    visible = (predicted.seen | ~used).all(axis=-1)
+    return np.where(visible & np.isfinite(error), error, np.inf)
+
+
+def _fitted(blobs: Indices, start: Model, ellipses: Ellipses, layout: DotLayout, px: float) -> Labelings:
+    """Labelings (K, n) fitted from where they were guessed and from the mirrored pose, whichever fits better."""
+    count, mirrored = len(blobs), start.mirrored(layout)
+    if mirrored is not None:
+        blobs, start = np.concatenate([blobs, blobs]), start.joined(mirrored)
+    model = start.fitted(blobs, ellipses, layout, px)
+    drawn = model.outlines(layout)
+    candidates = Labelings(blobs, misfits(drawn, ellipses, blobs, px), model, drawn)
+    if mirrored is None:
+        return candidates
+    return candidates.take(np.arange(count) + count * (candidates.misfit[count:] < candidates.misfit[:count]))
+
+
+def _next(
+    candidates: Labelings, ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool
+) -> tuple[Indices, Indices]:
+    """Labelings (k, n) that fitted ones suggest and that were not fitted yet, and which of them each comes from.
+
+    A second look from the fitted pose: dots that the guess missed come in, strangers go. And where nothing better fits,
+    each dot in turn is left out, for which a stranger near its place may have been taken.
+    """
+    old = candidates.blobs
+    near, _ = assign(candidates.predicted, ellipses, layout, NEAR_REACH, NEAR_PX / px, rings_tell)
+    count = candidates.count
+    good = count[candidates.misfit < TRIM_PX].max(initial=LEAST_DOTS - 1)
+    poor = np.flatnonzero((candidates.misfit >= TRIM_PX) & (count - 1 > good))
+    poor = poor[np.lexsort((candidates.misfit[poor], -count[poor]))][: max(1, MAX_TRIMMED // len(layout))]
+    row, dot = np.nonzero(old[poor] >= 0)
+    row = poor[row]
+    trimmed = old[row]
+    trimmed[np.arange(len(row)), dot] = -1
+    labelings = np.concatenate([old, near, trimmed])
+    # Those that are fitted already come first among equals, and are not fitted again.
+    fresh = _distinct(labelings, (np.arange(len(labelings)) >= len(old)).astype(float))
+    fresh = fresh[(fresh >= len(old)) & (np.sum(labelings[fresh] >= 0, axis=-1) >= LEAST_DOTS)]
+    start = np.concatenate([np.arange(len(old)), np.arange(len(old)), row])
+    return labelings[fresh], start[fresh]
+
+
+def _guesses(ellipses: Ellipses, layout: DotLayout, px: float, calibrated: bool, rings_tell: bool) -> Model:
+    if calibrated:
+        seeds = guess_poses(ellipses, layout, px, rings_tell)
+        return Poses(seeds.rotation, seeds.translation)
+    planes = []
+    for factor in FOCAL_FACTORS:
+        scaled = Ellipses(ellipses.center / factor, ellipses.shape / factor**2, ellipses.ring, ellipses.index)
+        seeds = guess_poses(scaled, layout, px * factor, rings_tell)
+        origin = seeds.translation + layout.points[0, 2] * seeds.rotation[:, :, 2]
+        homography = np.concatenate([seeds.rotation[:, :, :2], origin[..., None]], axis=-1)
+        planes.append(np.diag([factor, factor, 1.0]) @ homography)
+    return Planes(np.concatenate(planes))
+
+
+def assign(
+    predicted: Outlines, ellipses: Ellipses, layout: DotLayout, reach: float, margin: float, rings_tell: bool
+) -> tuple[Indices, Array]:
+    """Nearest blob (K, n) of each predicted dot, -1 if none is within reach; and the sum (K,) of squared distances.
+
+    Distances are in units of what is allowed: `reach` radii of the blob, plus a margin.
+    """
+    gate = np.linalg.inv(reach**2 * ellipses.shape + margin**2 * np.eye(2))
+    # |L'd|^2 = d' G d.
+    factor = np.linalg.cholesky(gate)
+    strange = np.zeros((len(layout), len(ellipses)), dtype=bool)
+    if rings_tell:
+        strange = layout.rings[:, None] != ellipses.ring
+    n = len(layout)
+    center = np.where(predicted.seen[..., None], predicted.center, np.inf)
+    blobs, total = np.empty((len(center), n), dtype=np.intp), np.empty(len(center))
+    chunk = max(1, _CHUNK // (n * len(ellipses)))
+    for start in range(0, len(center), chunk):
+        part = slice(start, start + chunk)
+        with np.errstate(invalid="ignore"):
+            dx, dy = (center[part, :, None, i] - ellipses.center[:, i] for i in (0, 1))
+            along = factor[:, 0, 0] * dx + factor[:, 1, 0] * dy
+            across = factor[:, 1, 1] * dy
+            square = along * along + across * across
+        square[np.isnan(square)] = np.inf
+        square[:, strange] = np.inf
+        nearest = square.argmin(axis=-1)
+        least = np.take_along_axis(square, nearest[..., None], axis=-1)[..., 0]
+        nearest[least > 1] = -1
+        # Of two dots with the same blob, the farther one goes without.
+        same = (nearest[:, :, None] == nearest[:, None, :]) & (least[:, :, None] > least[:, None, :])
+        nearest[same.any(axis=-1)] = -1
+        blobs[part], total[part] = nearest, np.where(nearest >= 0, least, 0.0).sum(axis=-1)
+    return blobs, total
+
+
+def _distinct(blobs: Indices, error: Array) -> Indices:
+    """Indices of distinct labelings (A, n), those with the most dots first, then by error; of equal ones the best."""
+    order = np.lexsort((error, -np.sum(blobs >= 0, axis=-1)))
+    # A random linear form tells rows apart: exact in integers up to overflow, which wraps around the same way.
+    weight = np.random.default_rng(0).integers(1, 2**62, blobs.shape[1])
+    _, first = np.unique((blobs[order] + 2) @ weight, return_index=True)
+    return order[np.sort(first)]
+
+
+def _joined(first: Labelings, second: Labelings) -> Labelings:
+    return Labelings(
+        np.concatenate([first.blobs, second.blobs]),
+        np.concatenate([first.misfit, second.misfit]),
+        first.model.joined(second.model),
+        first.predicted.joined(second.predicted),
+    )
+
+
+def _determinant(matrix: Array) -> Array:
+    return matrix[..., 0, 0] * matrix[..., 1, 1] - matrix[..., 0, 1] * matrix[..., 1, 0]
+
+
+def _root(shape: Array) -> Array:
+    """Symmetric square root (..., 2, 2) of positive matrices: (E + sqrt(det E) I)/sqrt(tr E + 2 sqrt(det E))."""
+    area = np.sqrt(_determinant(shape))
+    trace = shape[..., 0, 0] + shape[..., 1, 1]
+    return (shape + area[..., None, None] * np.eye(2)) / np.sqrt(trace + 2 * area)[..., None, None]

@@ -1,0 +1,126 @@
+"""Shapes replayed on a page of reportlab's canvas, in mm, as every PDF here has them."""
+
+from math import cos, pi, sin, tan
+from typing import Any
+
+import markergen
+from markergen.drawing.colors import channels, spot_name
+from markergen.drawing.paper import Paper
+from markergen.drawing.scene import Disk, Line, Point, Segment, Shape
+from markergen.errors import InputError
+
+POINTS_PER_MM = 72 / 25.4
+
+ARCS = 16
+"""Bezier arcs per circle. The radial error falls with the sixth power of their angle: 4 arcs are off by 2.7e-4 of the
+radius (5 um on a 36 mm dot), 16 by 7e-8."""
+
+MOST_POINTS = 14400
+"""Longest side of a page that readers must accept, 5.08 m (PDF's appendix on limits)."""
+
+
+def bare_canvas(*arguments: Any, **options: Any) -> Any:
+    """Make a canvas that selects no font: reportlab otherwise lists Helvetica, unembedded, on every page."""
+    from reportlab.pdfgen.canvas import Canvas
+
+    class BareCanvas(Canvas):  # type: ignore[misc]  # reportlab has no types
+        def _make_preamble(self) -> None:
+            self._preamble = "1 0 0 1 0 0 cm"
+
+    return BareCanvas(*arguments, **options)
+
+
+def page_size(paper: Paper) -> tuple[float, float]:
+    """Width and height in points.
+
+    Raises
+    ------
+    InputError
+        If the paper is larger than readers of PDF must accept.
+    """
+    if max(paper.width, paper.height) * POINTS_PER_MM > MOST_POINTS:
+        raise InputError("a page of at most 5080 mm, PDF's limit", str(paper), "use a smaller paper or .svg")
+    return paper.width * POINTS_PER_MM, paper.height * POINTS_PER_MM
+
+
+def metadata(title: str, subject: str, *keywords: str) -> dict[str, Any]:
+    """Title, subject, author, creator and keywords of a document."""
+    return {
+        "title": title,
+        "subject": subject,
+        "author": "markergen",
+        "creator": f"markergen {markergen.__version__}",
+        "keywords": ["fiducial marker", title, *keywords],
+    }
+
+
+def draw_shape(canvas: Any, shape: Shape) -> None:
+    """Paint a shape (mm): a line stroked, all else filled; spot colors overprint."""
+    path = canvas.beginPath()
+    if isinstance(shape, Line):
+        canvas.setStrokeColor(pdf_color(shape.color))
+        canvas.setStrokeOverprint(spot_name(shape.color) is not None)
+        canvas.setLineWidth(shape.width * POINTS_PER_MM)
+        points = shape.points[:-1] if shape.closed else shape.points
+        end: tuple[Segment, ...] = (("Z", ()),) if shape.closed else ()
+        _trace(path, (("M", points[:1]), *(("L", (point,)) for point in points[1:]), *end))
+        canvas.drawPath(path, stroke=1, fill=0)
+        return
+    canvas.setFillColor(pdf_color(shape.color))
+    canvas.setFillOverprint(spot_name(shape.color) is not None)
+    if isinstance(shape, Disk):
+        for radius in filter(None, (shape.radius, shape.inner_radius)):
+            _trace(path, _circle(shape.x, shape.y, radius))
+        canvas.drawPath(path, stroke=0, fill=1, fillMode=0)  # even-odd: the hole stays unpainted
+    else:
+        _trace(path, shape.segments)
+        canvas.drawPath(path, stroke=0, fill=1, fillMode=1)  # nonzero winding, as fonts have it
+
+
+def _circle(x: float, y: float, radius: float) -> tuple[Segment, ...]:
+    """Cubic arcs through points of the circle, tangent to it there: handles of length 4/3 tan(angle/4) radius."""
+    turn = 2 * pi / ARCS
+    handle = 4 / 3 * tan(turn / 4)
+
+    def at(index: int, along: float) -> Point:
+        angle = index * turn
+        return (
+            x + radius * (cos(angle) - along * sin(angle)),
+            y + radius * (sin(angle) + along * cos(angle)),
+        )
+
+    arcs = tuple(("C", (at(i, handle), at(i + 1, -handle), at(i + 1, 0))) for i in range(ARCS))
+    return (("M", (at(0, 0),)), *arcs, ("Z", ()))
+
+
+def _trace(path: Any, segments: tuple[Segment, ...]) -> None:
+    """Replay segments (mm) on a reportlab path (pt), quadratic curves as cubic ones: PDF has no others."""
+    here: Point = (0.0, 0.0)
+    for command, in_mm in segments:
+        points = [(x * POINTS_PER_MM, y * POINTS_PER_MM) for x, y in in_mm]
+        if command == "Z":
+            path.close()
+            continue
+        end = points[-1]
+        if command == "M":
+            path.moveTo(*end)
+        elif command == "L":
+            path.lineTo(*end)
+        elif command == "Q":
+            (cx, cy), (ex, ey) = points
+            first = here[0] + 2 / 3 * (cx - here[0]), here[1] + 2 / 3 * (cy - here[1])
+            path.curveTo(*first, ex + 2 / 3 * (cx - ex), ey + 2 / 3 * (cy - ey), ex, ey)
+        else:
+            path.curveTo(*points[0], *points[1], *end)
+        here = end
+
+
+def pdf_color(color: str) -> Any:
+    """Color for reportlab: RGB, or a spot color with what it looks like as its tint in CMYK."""
+    from reportlab.lib.colors import CMYKColorSep, Color, rgb2cmyk
+
+    red, green, blue = (channel / 255 for channel in channels(color))
+    name = spot_name(color)
+    if name is None:
+        return Color(red, green, blue)
+    return CMYKColorSep(*rgb2cmyk(red, green, blue), spotName=name)

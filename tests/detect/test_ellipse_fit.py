@@ -1,0 +1,308 @@
+import cv2
+import numpy as np
+import pytest
+
+from markergen.detect.candidate_regions import Regions, find_regions
+from markergen.detect.ellipse_fit import BLUR, CENTER, COUNT, SCALE, SHAPE, SLOPE, EllipseDescent, fit_dots
+from markergen.detect.outline_pixels import OutlinePixels
+
+WIDTH, HEIGHT, FINE = 96, 80, 6
+MIDDLE = (48.3, 40.8)
+
+
+def inside(center, semi, angle):
+    """Share of each subpixel (FINE h, FINE w) in an ellipse: its edge is straight in so small a pixel."""
+    y, x = (np.indices((FINE * HEIGHT, FINE * WIDTH)) + 0.5) / FINE - 0.5
+    dx, dy = x - center[0], y - center[1]
+    u, v = (np.cos(angle) * dx + np.sin(angle) * dy) / semi[0], (np.cos(angle) * dy - np.sin(angle) * dx) / semi[1]
+    rho = np.maximum(np.hypot(u, v), 1e-9)
+    return np.clip(0.5 - FINE * (rho - 1) * rho / np.hypot(u / semi[0], v / semi[1]), 0, 1)
+
+
+def expose(ink, blur=0.7, noise=0.0, seed=0, dark=30, light=225, psf=None, shade=None):
+    """Image of 8 bits; the scene is blurred in subpixels, by another way than the fit's model does it."""
+    if psf is not None:
+        ink = cv2.filter2D(ink, -1, psf / psf.sum(), borderType=cv2.BORDER_REPLICATE)
+    elif blur:
+        ink = cv2.GaussianBlur(ink, (0, 0), blur * FINE, borderType=cv2.BORDER_REPLICATE)
+    grey = light - (light - dark) * cv2.resize(ink, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+    grey = grey * (1 if shade is None else shade)
+    grey = grey + noise * np.random.default_rng(seed).standard_normal(grey.shape)
+    return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+
+
+def outline(center, semi, angle=0.0, middle=0.0, blur=0.8, light=225, dark=30):
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    spread = turn @ np.diag(np.array(semi, dtype=float) ** 2) @ turn.T
+    levels = (np.array([float(each)]) for each in (light, dark, blur, middle))
+    return Regions(np.array([center], dtype=float), spread[None], *levels)
+
+
+def fit(image, center=MIDDLE, semi=(10, 10), angle=0.0, off=(0.3, -0.3), grown=0.3, noise=2.0, **start):
+    """Fit from a start that is as wrong as those that regions give."""
+    return fit_dots(image, outline(np.add(center, off), np.add(grown, semi), angle, **start), noise)
+
+
+@pytest.mark.parametrize(
+    ("semi", "angle"),
+    [
+        ((24, 24), 0.0),
+        ((22, 9), 0.5),
+        ((9.6, 3.3), -1.2),
+        ((5, 5), 0.0),
+        ((6, 3), 1.5),
+        ((3, 1.5), 0.3),
+        ((16, 2), 1.0),
+    ],
+)
+def test_recovers_center_and_axes_without_noise(semi, angle):
+    dots = fit(expose(inside(MIDDLE, semi, angle)), semi=semi, angle=angle)
+    assert len(dots) == 1
+    assert not dots.ring[0]
+    # Rounding to whole levels, 0.29 grey levels RMS, and a model off by 0.01 of the contrast at the thin ones.
+    np.testing.assert_allclose(dots.center[0], MIDDLE, rtol=0, atol=3e-3 if semi[1] > 2 else 0.012)
+    # The model knows how a blur rounds off the tips: without that the axes lose up to 0.2 px.
+    np.testing.assert_allclose(dots.semi[0], semi, rtol=0, atol=0.06)
+    assert abs(dots.blur[0] - np.sqrt(0.7**2 + 1 / 12)) < 0.05
+    if semi[0] != semi[1]:
+        assert abs(np.sin(dots.angle[0] - angle)) < 0.01
+
+
+def test_noise_moves_the_center_no_more_than_it_must():
+    radius, noise = 10.0, 2.0
+    errors, squared = [], []
+    for seed in range(60):
+        center = np.array([48.0, 40.0]) + np.random.default_rng([1, seed]).random(2)
+        dots = fit(expose(inside(center, (radius, radius), 0), noise=noise, seed=seed), center)
+        errors.append(dots.center[0] - center)
+        squared.append(errors[-1] @ np.linalg.solve(dots.covariance[0], errors[-1]))
+    # The bound of the center: information per unit of outline is the integral of the edge's squared slope,
+    # contrast^2/(2 sqrt(pi) blur), over the noise's variance, and half of it counts along each axis.
+    blur = np.sqrt(0.7**2 + 1 / 12)
+    bound = np.sqrt(noise**2 + 1 / 12) / np.sqrt(np.pi * radius * 195**2 / (2 * np.sqrt(np.pi) * blur))
+    # An RMS of 120 values scatters by 6.5 %, three times which is allowed, and the light's slope costs up to 15 %.
+    assert 0.8 * bound < np.sqrt(np.mean(np.square(errors))) < 1.35 * bound
+    # The mean of 60 values of chi^2 with 2 degrees of freedom: 2, and 2.6 times its standard deviation of 0.26.
+    assert abs(np.mean(squared) - 2) < 0.67
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("semi", "noise"), [((12, 12), 2), ((9, 3), 2), ((4, 2), 2), ((12, 6), 20), ((3, 1.5), 4)])
+def test_the_covariance_is_that_of_many_fits(semi, noise):
+    errors, squared = [], []
+    for seed in range(200):
+        rng = np.random.default_rng([2, seed])
+        center, angle = np.array([48.0, 40.0]) + rng.random(2), rng.uniform(0, np.pi)
+        image = expose(inside(center, semi, angle), noise=noise, seed=seed)
+        dots = fit(image, center, semi, angle, noise=noise)
+        if len(dots):
+            errors.append(dots.center[0] - center)
+            squared.append(errors[-1] @ np.linalg.solve(dots.covariance[0], errors[-1]))
+    assert len(errors) > 195
+    # 2.6 standard deviations of a mean of 200 values of chi^2 with 2 degrees of freedom.
+    assert abs(np.mean(squared) - 2) < 2.6 * 2 / np.sqrt(len(errors))
+    assert np.abs(np.mean(errors, axis=0)).max() < 4 * np.std(errors) / np.sqrt(len(errors))
+
+
+def test_the_covariance_is_long_across_a_thin_dot():
+    dots = fit(expose(inside(MIDDLE, (15, 4), 0), noise=2), semi=(15, 4))
+    # Nearly all of its outline runs along x, and tells of y.
+    assert dots.covariance[0, 0, 0] > 3 * dots.covariance[0, 1, 1]
+    np.testing.assert_array_equal(dots.covariance[0], dots.covariance[0].T)
+
+
+def test_ring_is_told_from_disk_and_its_shifted_hole_does_no_harm():
+    ink = inside(MIDDLE, (18, 10), 0.4) - inside(np.add(MIDDLE, (0.2, -0.1)), (9, 5), 0.4)
+    for middle in (1.0, 0.5):
+        dots = fit(expose(ink), semi=(18, 10), angle=0.4, middle=middle)
+        assert dots.ring.tolist() == [True]
+        np.testing.assert_allclose(dots.center[0], MIDDLE, rtol=0, atol=3e-3)
+        np.testing.assert_allclose(dots.semi[0], (18, 10), rtol=0, atol=0.05)
+
+
+def test_a_disk_in_doubt_is_a_disk():
+    dots = fit(expose(inside(MIDDLE, (8, 5), 0.4), noise=4), semi=(8, 5), angle=0.4, middle=0.4, noise=4)
+    assert dots.ring.tolist() == [False]
+
+
+def test_contrast_and_blur_need_not_be_known():
+    image = expose(inside(MIDDLE, (12, 8), 0.3), blur=1.8, dark=101, light=133)
+    dots = fit(image, semi=(12, 8), angle=0.3, light=130, dark=105, blur=1.0)
+    np.testing.assert_allclose(dots.center[0], MIDDLE, rtol=0, atol=0.01)
+
+
+@pytest.mark.parametrize("kind", ["defocus", "motion"])
+def test_other_blurs_than_a_normal_one_leave_the_center_where_it_is(kind):
+    y, x = np.indices((49, 49)) - 24
+    psf = (np.hypot(x, y) < 20 if kind == "defocus" else (abs(y - x / 2) < 4) & (abs(x) < 18)).astype(float)
+    dots = fit(expose(inside(MIDDLE, (11, 7), 0.3), psf=psf, noise=2), semi=(11, 7), angle=0.3, blur=1.5)
+    # Both are symmetric. The noise alone moves it by 0.006.
+    np.testing.assert_allclose(dots.center[0], MIDDLE, rtol=0, atol=0.02)
+
+
+def test_a_slope_of_the_light_is_seen():
+    shade = np.linspace(0.75, 1.1, WIDTH)
+    dots = fit(expose(inside(MIDDLE, (12, 12), 0), shade=shade), semi=(12, 12))
+    # Without it in the model the center is 0.03 px off.
+    np.testing.assert_allclose(dots.center[0], MIDDLE, rtol=0, atol=4e-3)
+
+
+def test_saturated_light_does_no_harm():
+    # From the middle on the light is beyond 255.
+    dots = fit(expose(inside(MIDDLE, (12, 12), 0), shade=np.linspace(0.8, 1.5, WIDTH)), semi=(12, 12))
+    np.testing.assert_allclose(dots.center[0], MIDDLE, rtol=0, atol=0.01)
+
+
+@pytest.mark.parametrize("shape", ["square", "triangle", "flat", "bright", "half", "letter"])
+def test_what_is_no_dot_is_refused(shape):
+    y, x = np.indices((HEIGHT, WIDTH)) - 40
+    inside = {
+        "square": (abs(x) < 12) & (abs(y) < 12),
+        "triangle": (y < 10) & (y > 1.7 * abs(x) - 18),
+        "flat": np.zeros((HEIGHT, WIDTH), bool),
+        "bright": np.hypot(x, y) > 12,
+        "half": (np.hypot(x, y) < 12) & (x > 0),
+        "letter": (np.hypot(x, y) < 12) & ~((np.hypot(x, y) < 7) | ((abs(y) < 9) & (x > 0))),
+    }[shape]
+    image = cv2.GaussianBlur(np.where(inside, 30.0, 225.0), (0, 0), 0.7).astype(np.uint8)
+    middles = (1.0,) if shape in ("letter", "bright") else (0.0, 0.4, 1.0)
+    for middle in middles:
+        assert len(fit_dots(image, outline((40.0, 40.0), (12, 12), middle=middle), 0.0)) == 0
+
+
+@pytest.mark.parametrize("grey", [30, 120, 225, 250])
+@pytest.mark.parametrize("ring", [False, True])
+def test_what_lies_over_a_dot_never_moves_its_center(grey, ring):
+    rng = np.random.default_rng([grey, ring])
+    found = 0
+    for seed in range(25):
+        semi, angle = (rng.uniform(8, 16), rng.uniform(5, 8)), rng.uniform(0, np.pi)
+        ink = inside(MIDDLE, semi, angle) - (inside(MIDDLE, np.divide(semi, 2), angle) if ring else 0)
+        # An edge across, from none of the dot hidden to half of it.
+        towards, height = rng.uniform(0, 2 * np.pi), rng.uniform(0, 1.3)
+        y, x = (np.indices(ink.shape) + 0.5) / FINE - 0.5
+        along = np.cos(towards) * (x - MIDDLE[0]) + np.sin(towards) * (y - MIDDLE[1])
+        reach = np.hypot(semi[0] * np.cos(towards - angle), semi[1] * np.sin(towards - angle))
+        ink = np.where(along > height * reach, (225 - grey) / 195, ink)
+        dots = fit(expose(ink, noise=2, seed=seed), semi=semi, angle=angle, middle=float(ring))
+        found += len(dots)
+        if len(dots):
+            error = dots.center[0] - MIDDLE
+            # 6 standard deviations, and 0.02 px for what is hidden by less than a pixel.
+            assert np.linalg.norm(error) < 0.02 + 6 * np.sqrt(np.trace(dots.covariance[0]))
+    # A quarter of the edges miss the dot, of which some are too near to tell.
+    assert found >= 2
+
+
+def test_a_speck_beside_the_dot_is_left_out():
+    image = expose(inside(MIDDLE, (12, 12), 0))
+    image[40:43, 62:64] = 30
+    # Six dark pixels of a hundred would pull a centroid by 0.2 px.
+    np.testing.assert_allclose(fit(image, semi=(12, 12)).center[0], MIDDLE, rtol=0, atol=0.02)
+
+
+@pytest.mark.parametrize("gap", [1.5, 2, 3])
+def test_a_dark_thing_beside_the_dot_does_no_harm(gap):
+    ink = inside(MIDDLE, (12, 9), 0)
+    ink[:, int(FINE * (MIDDLE[0] + 12 + gap + 0.5)) :] = 1
+    dots = fit(expose(ink, noise=2), semi=(12, 9))
+    # Its blurred edge darkens the dot's. The noise alone moves the center by 0.005.
+    np.testing.assert_allclose(dots.center[0], MIDDLE, rtol=0, atol=0.03)
+
+
+def test_many_at_once_are_what_they_are_alone():
+    centers = [(20.2, 20.7), (60.4, 22.1), (30.5, 58.3), (70.8, 55.6)]
+    ink = sum(inside(center, (9, 6), k) for k, center in enumerate(centers))
+    image = expose(ink, noise=1)
+    outlines = find_regions(image)
+    together = fit_dots(image, outlines, 1.0)
+    assert len(together) == 4
+    for k, i in enumerate(together.index):
+        alone = fit_dots(image, outlines.take(np.array([i])), 1.0)
+        # But for the slope of the light, which is expected to be as in the others.
+        np.testing.assert_allclose(alone.center[0], together.center[k], rtol=0, atol=5e-3)
+
+
+def test_nothing_of_nothing():
+    image = np.full((50, 60), 200, np.uint8)
+    dots = fit_dots(image, outline(MIDDLE, (9, 9)).take(np.zeros(0, dtype=np.intp)), 0.0)
+    assert len(dots) == 0
+    assert dots.covariance.shape == (0, 2, 2)
+    assert dots.center.shape == (0, 2)
+
+
+TRUTH = np.array([[20.3, 18.6, 0.09, 0.02, 0.12, 200, 40, 0.9, 0.002, -0.001, 20.5, 18.5, 0.5]])
+
+
+def grid(grey=None):
+    y, x = np.indices((40, 42)).reshape(2, -1).astype(float)
+    grey = np.zeros(x.size) if grey is None else grey
+    return OutlinePixels(x, y, grey, np.zeros(x.size, dtype=np.intp), np.array([0, x.size]))
+
+
+def descent(unknowns, pixels, ring=True, top=200):
+    matrix = unknowns[:, [2, 3, 3, 4]].reshape(-1, 2, 2)
+    light, dark, blur = unknowns[:, 5], unknowns[:, 6], unknowns[:, 7]
+    made = EllipseDescent(pixels, unknowns[:, CENTER], matrix, light, dark, blur, np.array([ring]), 1.0, top)
+    made.unknowns = unknowns.copy()
+    # The light's slope is about a place that stands still.
+    made.origin = TRUTH[:, CENTER]
+    return made
+
+
+@pytest.mark.parametrize("column", range(COUNT))
+def test_derivatives(column):
+    step = 1e-5 * np.abs(TRUTH[0]).max(where=np.arange(COUNT) == column, initial=1e-2)
+    high, low = TRUTH.copy(), TRUTH.copy()
+    high[0, column] += step
+    low[0, column] -= step
+    by_hand = (descent(high, grid())._model()[0] - descent(low, grid())._model()[0]) / (2 * step)
+    jacobian = descent(TRUTH, grid())._model()[1]
+    # What changes along the edge's normal is exact; the rest, of the width and curvature of the edge, is left out.
+    scale = np.abs(by_hand).max()
+    assert np.sqrt(np.mean((jacobian[column] - by_hand) ** 2)) < 0.06 * scale
+
+
+@pytest.mark.parametrize("ring", [False, True])
+def test_finds_what_made_the_image(ring):
+    image = descent(TRUTH, grid(), ring)._model()[0]
+    start = TRUTH.copy()
+    start[0, CENTER] += [0.5, -0.4]
+    start[0, SHAPE] *= 0.93
+    start[0, BLUR], start[0, SLOPE], start[0, SCALE] = 1.3, 0, 0.45
+    fit = descent(start, grid(image), ring)
+    fit.run(30)
+    used = COUNT if ring else COUNT - 3
+    # The last step of a center is below 1e-3 px, and the next would be far below.
+    np.testing.assert_allclose(fit.unknowns[0, :used], TRUTH[0, :used], rtol=2e-3, atol=2e-4)
+    assert fit.complete().all()
+    assert not fit.leave_out().any()
+
+
+def test_what_runs_away_is_dropped():
+    fit = descent(TRUTH, grid(np.random.default_rng(0).uniform(0, 255, 40 * 42)))
+    fit.run(30)
+    fit.drop_hopeless(0.12)
+    assert len(fit.index) == 0
+    # And all goes on with none.
+    fit.run(5)
+    assert fit.leave_out().shape == (0,)
+    assert fit.complete().shape == (0,)
+
+
+def test_the_chosen_move_and_the_others_stay():
+    image = descent(TRUTH, grid())._model()[0]
+    one = grid(image)
+    n = one.x.size
+    two = OutlinePixels(
+        np.tile(one.x, 2), np.tile(one.y, 2), np.tile(image, 2), np.repeat([0, 1], n), np.array([0, n, 2 * n])
+    )
+    start = np.concatenate([TRUTH, TRUTH])
+    start[:, CENTER] += 0.3
+    matrix = start[:, [2, 3, 3, 4]].reshape(-1, 2, 2)
+    fit = EllipseDescent(two, start[:, CENTER], matrix, *start[:, 5:8].T, np.array([True, True]), 1.0, 200)
+    fit.run(20, np.array([False, True]))
+    np.testing.assert_array_equal(fit.unknowns[0, CENTER], start[0, CENTER])
+    np.testing.assert_allclose(fit.unknowns[1, CENTER], TRUTH[0, CENTER], rtol=0, atol=2e-3)
+    assert not fit.residual[:n].any()
+    assert np.abs(fit.residual[n:]).max() < 1

@@ -1,0 +1,227 @@
+import time
+
+import numpy as np
+import pytest
+
+from markergen.detect.blobs import Blobs, undo_lens
+from markergen.detect.identification import MAX_BLOBS, ambiguity, search
+from markergen.detect.pose_hypotheses import layout_of
+from markergen.model.camera import PAPER_CAMERA
+
+DIRECTIONS = np.exp(1j * (0.3 + 2 * np.pi * np.arange(3) / 3))
+RELIEF = [0, 0.02, 0.01, 0.02, 0, 0.005]
+
+
+def labels(blobs, marker, calibrated=True):
+    """Indices of the blobs of each dot, -1 for none, or None; and the reason."""
+    found = search(undo_lens(blobs, PAPER_CAMERA), layout_of(marker), PAPER_CAMERA, calibrated)
+    reason = found.reason or ambiguity(found)
+    return (None if reason else found.blobs), reason
+
+
+def check(view, marker, hidden=(), calibrated=True):
+    """All dots that are there have their blob, and the others none."""
+    found, reason = labels(view.blobs, marker, calibrated)
+    assert found is not None, reason
+    expected = np.where(np.isin(np.arange(len(marker)), hidden), -1, np.arange(len(marker)))
+    np.testing.assert_array_equal(np.where(found >= 0, view.dot[found], -1), expected)
+
+
+@pytest.mark.parametrize("calibrated", [True, False])
+@pytest.mark.parametrize("n", [4, 5, 6, 8, 12])
+def test_labels_follow_the_dots_in_any_order(ngon, sight, n, calibrated):
+    for pose in range(0, 400, 37):
+        check(sight(ngon(n), pose), ngon(n), calibrated=calibrated)
+
+
+@pytest.mark.parametrize("calibrated", [True, False])
+def test_asymmetric_layout_needs_no_ring(make, irregular, sight, calibrated):
+    marker = make(irregular.xyz[:, :2], rings=())
+    for pose in range(0, 400, 53):
+        check(sight(marker, pose), marker, calibrated=calibrated)
+        check(sight(marker, pose, hidden=[pose % 6]), marker, [pose % 6])
+
+
+def test_relief(ngon, sight):
+    marker = ngon(6, heights=RELIEF)
+    for pose in range(0, 400, 37):
+        check(sight(marker, pose), marker)
+        check(sight(marker, pose, hidden=[1 + pose % 5], strangers=10), marker, [1 + pose % 5])
+
+
+@pytest.mark.parametrize("pose", [0, 31, 245, 399])
+@pytest.mark.parametrize("calibrated", [True, False])
+def test_a_regular_layout_without_ring_is_ambiguous(ngon, sight, pose, calibrated):
+    for n in (4, 5, 6):
+        marker = ngon(n, rings=())
+        assert "ambiguous" in labels(sight(marker, pose).blobs, marker, calibrated)[1]
+
+
+@pytest.mark.parametrize("corners", [3, 4])
+def test_a_ring_in_the_middle_of_a_regular_layout_is_ambiguous(make, ngon, sight, corners):
+    marker = make([(0, 0), *ngon(corners).xyz[:, :2]])
+    assert "ambiguous" in labels(sight(marker, 122).blobs, marker)[1]
+
+
+def test_four_dots_around_a_ring_are_told_apart_by_the_camera(make, sight):
+    # Any assignment of four dots is a homography; only the right one is a pose of the camera.
+    points = [(0, 0)] + [
+        (0.1284 * s * d.real, 0.1284 * s * d.imag) for s, d in zip((0.6, 0.85, 1), DIRECTIONS, strict=True)
+    ]
+    marker = make(points)
+    for pose in range(0, 400, 53):
+        check(sight(marker, pose), marker)
+
+
+@pytest.mark.parametrize("n", [5, 6, 8])
+def test_dots_may_be_hidden_as_long_as_the_ring_is_seen(ngon, sight, n):
+    marker = ngon(n)
+    for pose in range(0, 400, 37):
+        hidden = 1 + np.random.default_rng(pose).permutation(n - 1)[: max(1, (n - 4) // 2)]
+        check(sight(marker, pose, hidden=hidden), marker, hidden)
+
+
+@pytest.mark.parametrize("n", [5, 6, 8])
+@pytest.mark.parametrize("strangers", [0, 10])
+def test_without_its_ring_a_regular_layout_is_ambiguous(ngon, sight, n, strangers):
+    """A pentagon's other four dots fix the place of the fifth, but a ring may have been read as a dot."""
+    for pose in range(0, 400, 61):
+        found, reason = labels(sight(ngon(n), pose, hidden=[0], strangers=strangers).blobs, ngon(n))
+        assert found is None
+        assert reason
+
+
+def test_ring_that_reads_as_a_dot_gives_no_labels(pentagon, sight):
+    for pose in range(0, 400, 61):
+        blobs = sight(pentagon, pose).blobs
+        blobs.ring[:] = False
+        assert "ambiguous without the key ring" in labels(blobs, pentagon)[1]
+        for other in range(5):
+            # With another dot hidden, the other four fit with the ring's place free, and turned.
+            kept = np.arange(5) != other
+            left = Blobs(*(getattr(blobs, f)[kept] for f in ("center", "semi", "angle", "ring", "covariance")))
+            assert labels(left, pentagon)[0] is None
+
+
+@pytest.mark.parametrize("n", [5, 8])
+def test_strangers_are_passed_over(ngon, sight, n):
+    marker = ngon(n)
+    for pose in range(0, 400, 61):
+        check(sight(marker, pose, strangers=30), marker)
+
+
+def test_never_wrong_with_dots_hidden_among_strangers(ngon, irregular, sight):
+    found = 0
+    for trial in range(150):
+        rng = np.random.default_rng(trial)
+        marker = [ngon(5), ngon(6), ngon(8), irregular, ngon(6, heights=RELIEF)][trial % 5]
+        hidden = rng.permutation(len(marker))[: int(rng.integers(1, len(marker) - 3))]
+        view = sight(marker, int(rng.integers(400)), hidden=hidden, strangers=int(rng.integers(0, 16)), seed=trial)
+        blobs, _ = labels(view.blobs, marker)
+        if blobs is not None:
+            found += 1
+            used = blobs >= 0
+            np.testing.assert_array_equal(view.dot[blobs[used]], np.flatnonzero(used))
+    # Those without their ring are refused, a third of them, and some where a stranger lies on a dot.
+    assert found > 75
+
+
+def test_mirrored_dots_are_refused(irregular, sight):
+    blobs = sight(irregular, 130).blobs
+    mirrored = Blobs(blobs.center * [-1, 1] + [640, 0], blobs.semi, -blobs.angle, blobs.ring, blobs.covariance)
+    assert labels(mirrored, irregular)[0] is None
+
+
+@pytest.mark.parametrize("n", [4, 5, 6, 8])
+def test_mirrored_dots_without_a_camera_are_refused_however_symmetric(ngon, make, sight, n):
+    """Any four dots have a homography, and a layout that is nearly symmetric looks nearly the same in a mirror."""
+    found = 0
+    for trial in range(24):
+        rng = np.random.default_rng(trial)
+        pose, regular = int(rng.integers(400)), ngon(n, diameter=0.024)
+        marker = make(regular.xyz[:, :2] + 0.012 * rng.standard_normal((n, 2)), diameter=0.024)
+        blobs = sight(marker, pose, semi_noise=0.02, seed=trial).blobs
+        found += labels(blobs, marker, calibrated=False)[0] is not None
+        mirrored = Blobs(blobs.center * [-1, 1] + [639, 0], blobs.semi, -blobs.angle, blobs.ring, blobs.covariance)
+        assert labels(mirrored, marker, calibrated=False)[0] is None, trial
+    # Some of the layouts are symmetric within what is told apart.
+    assert found > 18
+
+
+def test_without_a_camera_four_dots_are_enough_only_if_there_are_no_more(ngon, sight):
+    for pose in range(0, 400, 61):
+        four = sight(ngon(6), pose, hidden=[2, 5], semi_noise=0.02).blobs
+        assert labels(four, ngon(6))[0] is not None
+        found, reason = labels(four, ngon(6), calibrated=False)
+        assert found is None
+        assert reason
+        check(sight(ngon(8), pose, hidden=[2, 5], semi_noise=0.02), ngon(8), [2, 5], calibrated=False)
+
+
+def test_misplaced_dot_is_left_out_or_refused(ngon, sight):
+    for n, rest in ((5, 4), (6, 5)):
+        for pose in range(3, 400, 61):
+            view = sight(ngon(n), pose, noise=0.01)
+            moved = np.flatnonzero(view.dot == 2)[0]
+            view.blobs.center[moved] += [20, 0]
+            found, reason = labels(view.blobs, ngon(n))
+            assert found is None or (np.sum(found >= 0) == rest and found[2] == -1), reason
+    view = sight(ngon(4), 130)
+    view.blobs.center[0] += [20, 0]
+    assert labels(view.blobs, ngon(4))[0] is None
+
+
+def test_corners_of_a_square_grid_are_no_12_gon(ngon):
+    x, y = np.meshgrid(np.arange(12), np.arange(12))
+    center = np.stack([x, y], axis=-1).reshape(-1, 2) * 27.0 + 60
+    rng = np.random.default_rng(0)
+    blobs = Blobs(
+        center, np.full((144, 2), 6.0), np.zeros(144), rng.random(144) < 0.5, np.broadcast_to(np.eye(2), (144, 2, 2))
+    )
+    start = time.process_time()
+    found, reason = labels(blobs, ngon(12))
+    assert found is None, reason
+    # As bad as it gets, all dots equal and in one plane: 0.7 s here.
+    assert time.process_time() - start < 10
+
+
+def test_every_early_end_has_its_reason(pentagon, sight):
+    view = sight(pentagon, 130)
+    fields = [getattr(view.blobs, f) for f in ("center", "semi", "angle", "ring", "covariance")]
+    assert "found 3 dots, and labels take 4 of the marker's 5" in labels(Blobs(*(f[:3] for f in fields)), pentagon)[1]
+    crowd = Blobs(*(np.concatenate([f] * (MAX_BLOBS // 5 + 1)) for f in fields))
+    assert "too many" in labels(crowd, pentagon)[1]
+    elsewhere = fields[0] * [1, 0.3]
+    assert "fit the marker's layout of 5" in labels(Blobs(elsewhere, *fields[1:]), pentagon)[1]
+    assert (
+        "found 5 dots, no key ring" in labels(Blobs(elsewhere, *fields[1:3], ~np.ones(5, bool), fields[4]), pentagon)[1]
+    )
+    alien = Blobs(elsewhere, fields[1] * [20, 1], *fields[2:])
+    assert "not in the marker's layout" in labels(alien, pentagon)[1]
+
+
+def test_marker_cut_off_by_the_edge_is_said(pentagon, sight):
+    view = sight(pentagon, 0, noise=0)
+    # Two of five dots beyond the right edge, and strangers too small to be mistaken for them.
+    blobs = view.blobs
+    shift = 660 - np.sort(blobs.center[:, 0])[3]
+    kept = blobs.center[:, 0] + shift < 625
+    parts = [getattr(blobs, f)[kept] for f in ("center", "semi", "angle", "ring", "covariance")]
+    strangers = [
+        np.array([[30, 30.0], [60, 300.0]]),
+        np.full((2, 2), 4.0),
+        np.zeros(2),
+        np.zeros(2, bool),
+        np.zeros((2, 2, 2)),
+    ]
+    cut = Blobs(*(np.concatenate(pair) for pair in zip([parts[0] + [shift, 0], *parts[1:]], strangers, strict=True)))
+    assert "cut off" in labels(cut, pentagon)[1]
+
+
+def test_dots_on_one_line_or_point_are_refused_without_a_warning(pentagon):
+    ring, covariance = np.arange(5) == 0, np.broadcast_to(np.eye(2), (5, 2, 2))
+    line = np.stack([np.linspace(100, 500, 5), np.full(5, 240.0)], axis=-1)
+    for center in (line, np.full((5, 2), 240.0)):
+        for calibrated in (True, False):
+            blobs = Blobs(center, np.full((5, 2), 10.0), np.zeros(5), ring, covariance)
+            assert labels(blobs, pentagon, calibrated)[0] is None

@@ -1,0 +1,88 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from markergen.detect.blobs import undo_lens
+from markergen.detect.conic_projection import outlines
+from markergen.detect.labeling_hypotheses import LEAST_DOTS, Planes, Poses, find_labelings, misfits
+from markergen.detect.pose_hypotheses import layout_of
+from markergen.maths.projection import plane_homography
+from markergen.maths.rotation import angle_between
+from markergen.model.camera import PAPER_CAMERA
+
+
+def by_dot(view):
+    """Labeling (1, n) of the blobs of a sight, and their ellipses."""
+    order = np.argsort(view.dot)
+    return order[view.dot[order] >= 0][None], undo_lens(view.blobs, PAPER_CAMERA)
+
+
+def best_of(found):
+    """The labeling of least misfit, a pixel for each dot that it lacks: subsets fit best of all."""
+    return found.blobs[(found.misfit - found.count).argmin()]
+
+
+def named(view, blobs):
+    """Which dots the blobs of a labeling are."""
+    return np.where(blobs >= 0, view.dot[blobs], -1)
+
+
+@pytest.mark.parametrize("heights", [None, [0, 0.02, 0.01, 0.02, 0]])
+def test_exact_blobs_have_no_misfit(ngon, sight, heights):
+    layout = layout_of(ngon(5, heights=heights))
+    for pose in range(0, 400, 41):
+        view = sight(ngon(5, heights=heights), pose, noise=0, semi_noise=0)
+        blobs, ellipses = by_dot(view)
+        drawn = outlines(layout.points, layout.radii, view.rotation[None], view.translation[None])
+        # Rounding of nearly equal semi-axes.
+        assert misfits(drawn, ellipses, blobs, 800.0)[0] < 1e-5
+        # All dots larger by a tenth are ink that spreads; one of them is not.
+        wider = replace(ellipses, shape=1.21 * ellipses.shape)
+        assert misfits(drawn, wider, blobs, 800.0)[0] < 1e-5
+        one = ellipses.shape.copy()
+        one[blobs[0, 2]] *= 1.21
+        assert misfits(drawn, replace(ellipses, shape=one), blobs, 800.0)[0] > 0.1
+        # An offset of one dot by 1 px, over the two that five dots have left.
+        moved = ellipses.center.copy()
+        moved[blobs[0, 2], 0] += 1 / 800
+        error = misfits(drawn, replace(ellipses, center=moved), blobs, 800.0)
+        np.testing.assert_allclose(error, np.sqrt(0.5), rtol=1e-4)
+
+
+def test_fits_find_pose_and_homography(pentagon, sight):
+    layout = layout_of(pentagon)
+    view = sight(pentagon, 130, noise=0, semi_noise=0)
+    blobs, ellipses = by_dot(view)
+    start = Poses(view.rotation[None], view.translation[None] * 1.05)
+    found = start.fitted(blobs, ellipses, layout, 800.0)
+    # The fit ends where its misfit changes by less than a thousandth.
+    assert angle_between(found.rotation, view.rotation)[0] < 1e-3
+    homography = plane_homography(view.rotation[None], view.translation[None], np.eye(3))
+    plane = Planes(np.eye(3)[None]).fitted(blobs, ellipses, layout, 800.0).homography
+    np.testing.assert_allclose(plane / plane[:, 2:, 2:], homography / homography[:, 2:, 2:], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("calibrated", [True, False])
+def test_the_true_labeling_comes_first_and_no_labeling_twice(pentagon, sight, calibrated):
+    for pose in range(5, 400, 61):
+        view = sight(pentagon, pose, strangers=15)
+        ellipses = undo_lens(view.blobs, PAPER_CAMERA)
+        found = find_labelings(ellipses, layout_of(pentagon), 800.0, calibrated)
+        np.testing.assert_array_equal(named(view, best_of(found)), np.arange(5))
+        assert len(np.unique(found.blobs, axis=0)) == len(found)
+        assert (found.count >= LEAST_DOTS).all()
+        assert (np.diff(found.count) <= 0).all()
+        for blobs in found.blobs:
+            used = blobs[blobs >= 0]
+            assert len(np.unique(used)) == len(used)
+
+
+def test_a_stranger_near_a_hidden_dots_place_is_let_go(ngon, sight):
+    marker = ngon(6)
+    for pose in range(5, 400, 61):
+        view = sight(marker, pose, noise=0.01)
+        place = np.flatnonzero(view.dot == 3)[0]
+        view.blobs.center[place] += 0.7 * view.blobs.semi[place].min()
+        found = find_labelings(undo_lens(view.blobs, PAPER_CAMERA), layout_of(marker), 800.0)
+        np.testing.assert_array_equal(named(view, best_of(found)), [0, 1, 2, -1, 4, 5])

@@ -1,0 +1,70 @@
+import cv2
+import numpy as np
+import pytest
+
+from markergen.detect import detect
+from markergen.detect.presentation import overlay
+from markergen.model.camera import PAPER_CAMERA
+from markergen.model.poses import paper
+from markergen.render import Optics, render_view
+
+POSES = paper()
+
+
+def view(marker, pose):
+    rotation, translation = POSES.rotation[pose], POSES.translation[pose]
+    return render_view(marker, PAPER_CAMERA, rotation, translation, Optics(), np.random.default_rng(0))
+
+
+def decoded(png):
+    return cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
+
+
+@pytest.mark.parametrize("camera", [PAPER_CAMERA, None])
+def test_draws_on_the_dots_and_leaves_the_rest(pentagon, camera):
+    image = view(pentagon, 130)
+    found = detect(image, pentagon, camera)
+    assert found.found
+    png = overlay(image, pentagon, camera, [found])
+    assert png == overlay(image, pentagon, camera, [found])
+    drawn = decoded(png)
+    changed = (drawn != image[..., None]).any(axis=-1)
+    for x, y in np.rint(found.pixels).astype(int):
+        assert changed[y, x]
+    # The corners of the image are far from the marker.
+    assert not changed[:40, :40].any()
+    assert not changed[-40:, -40:].any()
+
+
+def test_every_outline_is_drawn(shapes, make_in):
+    marker = make_in(shapes["plate"], 5, 0.02, seed=2)
+    image = view(marker, 30)
+    found = detect(image, marker, PAPER_CAMERA)
+    assert found.pose is not None
+    drawn = decoded(overlay(image, marker, PAPER_CAMERA, [found]))
+    changed = (drawn != image[..., None]).any(axis=-1)
+    for ring in shapes["plate"].outlines():
+        middles = (ring + np.roll(ring, -1, axis=0)) / 2
+        pixels = PAPER_CAMERA.project(middles, POSES.rotation[[30]], POSES.translation[[30]])[0]
+        # The pose that was found is within a pixel of the true one.
+        columns, rows = np.rint(pixels).astype(int).T
+        near = [changed[y - 1 : y + 2, x - 1 : x + 2].any() for x, y in zip(columns, rows, strict=True)]
+        assert np.mean(near) > 0.95
+
+
+def test_axes_need_a_pose(pentagon):
+    image = view(pentagon, 130)
+    with_pose, without = (
+        decoded(overlay(image, pentagon, camera, [detect(image, pentagon, camera)])) for camera in (PAPER_CAMERA, None)
+    )
+    assert (with_pose != without).any()
+
+
+def test_without_detections_the_image_stays():
+    image = np.arange(60, dtype=np.uint8).reshape(6, 10)
+    np.testing.assert_array_equal(decoded(overlay(image, [], None, []))[..., 0], image)
+
+
+def test_sixteen_bits_are_shown_in_eight():
+    image = (np.arange(60).reshape(6, 10) * 257).astype(np.uint16)
+    np.testing.assert_array_equal(decoded(overlay(image, [], None, []))[..., 1], image >> 8)
