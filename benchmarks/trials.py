@@ -1,8 +1,8 @@
-"""Time of `validate` against a bare loop over the same arrays, OpenCV calls and DLT, with as many workers.
+"""Time of trials against a bare loop over the same arrays, OpenCV calls and DLT, with as many workers.
 
     python -m benchmarks.trials [--poses 400] [--runs 1000] [--workers 2]
 
-The bare loop is given its arrays ready made, and only its calls are timed; `validate` is timed as a whole, with the
+The bare loop is given its arrays ready made, and only its calls are timed; ours are timed as a whole, with the
 start of its processes, the noise, the errors and the statistics. OpenCV's own LM refinement is slower than everything
 else but SQPnP, so there are two ratios: with it in the bare loop, and with our batched LM in both.
 
@@ -33,8 +33,7 @@ from markergen.model.marker import ControlPoint, Marker
 from markergen.model.poses import PoseDistribution, paper
 from markergen.pool import map_chunks, processor_count
 from markergen.validation.bounds import pose_bounds
-from markergen.validation.run import POSES_AT_ONCE, validate
-from markergen.validation.trials import Experiment, noisy_images
+from markergen.validation.trials import POSES_AT_ONCE, Experiment, noisy_images, run_experiment
 
 Times = dict[str, NDArray[np.float64]]
 
@@ -48,7 +47,7 @@ def main() -> None:
 
     marker, poses = pentagon(), subset(paper(), options.poses)
     before, start = processor_seconds(), time.perf_counter()
-    validate(marker, PAPER_CAMERA, poses, runs=options.runs, workers=options.workers).as_dict()
+    run_experiment(marker, PAPER_CAMERA, poses, runs=options.runs, workers=options.workers).as_dict()
     ours = np.array([time.perf_counter() - start, processor_seconds() - before])
 
     bounds = pose_bounds(marker.xyz, PAPER_CAMERA, poses, 0.2)
@@ -61,7 +60,7 @@ def main() -> None:
     print("                                    wall s  processor s")
     for name, (wall, processor) in spent.items():
         print(f"  {name:30} {wall / options.workers:9.2f} {processor:12.2f}")
-    print(f"validate                         {ours[0]:9.2f} {ours[1]:12.2f}")
+    print(f"run_experiment                   {ours[0]:9.2f} {ours[1]:12.2f}")
     for name, label in [("lm_opencv", "OpenCV's LM"), ("lm_batched", "our batched LM")]:
         bare = (spent["dlt"] + spent["epnp"] + spent["ippe"] + spent["sqpnp"] + spent[name]) / [options.workers, 1]
         print(f"bare loop with {label:17} {bare[0]:9.2f} {bare[1]:12.2f}")

@@ -10,14 +10,15 @@ from markergen.detect.presentation import overlay
 from markergen.model.spec import Spec
 from markergen.optimize.design import design
 from markergen.render import Optics
-from markergen.validation.views import Shoot, take_view
+from markergen.validation.views import SyntheticViews, take_view
 
 
 def main(path: Path) -> None:
     """Design the default marker and look at it once, from somewhere steep, through a slightly blurred lens."""
     found = design(Spec())
     setting = found.setting
-    view = take_view(Shoot(found.marker, setting.camera, setting.poses, count=3, optics=Optics(blur_px=1.0)), 1)
+    series = SyntheticViews(found.marker, setting.camera, setting.poses, count=3, optics=Optics(blur_px=1.0))
+    view = take_view(series, 1)
     path.write_bytes(overlay(view.image, found.marker, setting.camera, [view.detection]))
     print(f"pose {view.pose}: {'found' if view.detection.found else view.detection.reason}")
     print(f"largest error of a dot's center: {view.error_px.max():.4f} px")

@@ -72,6 +72,46 @@ def map_chunks(
     return [results[index] for index in range(len(chunks))]
 
 
+def ranges(count: int, size: int) -> list[range]:
+    """Split the numbers from 0 to count - 1 into chunks of `size`; the last one may be shorter.
+
+    >>> ranges(5, 2)
+    [range(0, 2), range(2, 4), range(4, 5)]
+    """
+    return [range(start, min(start + size, count)) for start in range(0, count, size)]
+
+
+def map_counted(
+    function: Callable[[C], R],
+    chunks: Sequence[C],
+    workers: int,
+    progress: Callable[[int, int], None] | None = None,
+    size: Callable[[C], int] = len,  # type: ignore[assignment]
+) -> list[R]:
+    """Return function(chunk) of every chunk as `map_chunks` does, and report what is done of the whole.
+
+    Parameters
+    ----------
+    workers : int
+        Processes; no more are started than there are chunks.
+    progress : callable or None
+        Called with the sizes of the chunks that are done, added up, and with their total; at first with 0.
+    size : callable
+        How much a chunk counts.
+    """
+    total, done = sum(map(size, chunks)), 0
+    if progress:
+        progress(0, total)
+
+    def finished(index: int) -> None:
+        nonlocal done
+        done += size(chunks[index])
+        if progress:
+            progress(done, total)
+
+    return map_chunks(function, chunks, max(1, min(workers, len(chunks))), finished)
+
+
 def as_completed_chunks(
     function: Callable[[C], R], chunks: Sequence[C], workers: int
 ) -> Generator[tuple[int, R], None, None]:

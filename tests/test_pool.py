@@ -1,3 +1,5 @@
+import doctest
+import itertools
 import math
 import multiprocessing
 import os
@@ -9,10 +11,11 @@ from pathlib import Path
 
 import pytest
 
+from markergen import pool
 from markergen.errors import MarkergenError
-from markergen.pool import BLAS_THREADS, map_chunks
+from markergen.pool import BLAS_THREADS, map_chunks, map_counted, ranges
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[1]
 SCRIPT = """
 import time
 from markergen.pool import map_chunks
@@ -161,3 +164,20 @@ def test_nothing_is_left_behind(killed):
     _, stderr = process.communicate(timeout=30)
     assert process.returncode == (-signal.SIGKILL if killed else -signal.SIGINT)
     assert stderr.count("Traceback") == (0 if killed else 1)
+
+
+@pytest.mark.parametrize("workers", [1, 9])
+def test_what_is_done_is_counted_from_nothing_to_all(workers):
+    calls = []
+    chunks = ranges(7, 3)
+    assert chunks == [range(3), range(3, 6), range(6, 7)]
+    assert map_counted(sum, chunks, workers, lambda *call: calls.append(call)) == [3, 12, 6]
+    assert (calls[0], calls[-1]) == ((0, 7), (7, 7))
+    assert sorted(b[0] - a[0] for a, b in itertools.pairwise(calls)) == [1, 3, 3]
+    assert map_counted(max, [(1, 5), (2, 3)], 1, lambda *call: calls.append(call), size=max) == [5, 3]
+    assert calls[-3:] == [(0, 8), (5, 8), (8, 8)]
+    assert map_counted(sum, [], workers) == []
+
+
+def test_the_examples_run():
+    assert doctest.testmod(pool).failed == 0

@@ -11,9 +11,9 @@ from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
 from markergen.options import CompareKeywords, check_progress, settle, signature_of
 from markergen.options.base import File, Files, MarkerLike, Progress
+from markergen.validation.baselines import FORMS
 from markergen.validation.compare import compare as run
 from markergen.validation.comparison import Comparison
-from markergen.validation.lineup import FORMS
 
 _log = logging.getLogger(__name__)
 

@@ -9,8 +9,8 @@ from typing import Any, Unpack
 from markergen.api.export import choices_of
 from markergen.api.loose import files_among
 from markergen.errors import InputError
-from markergen.exporters import ExportOptions, check_outputs, save, with_record
-from markergen.exporters.family import family_paths, save_family
+from markergen.exporters import ExportOptions
+from markergen.exporters.saving import check_outputs, family_paths, save, save_family, with_record
 from markergen.files import Written, write_all
 from markergen.files import check_outputs as check_files
 from markergen.model.spec import Spec

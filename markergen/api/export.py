@@ -10,10 +10,11 @@ from markergen.api.loose import files_among, marker_of, paths_of
 from markergen.drawing.colors import parse_colors
 from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError
-from markergen.exporters import ExportOptions, check_outputs, save
+from markergen.exporters import ExportOptions
+from markergen.exporters.saving import check_outputs, save
 from markergen.files import Written
 from markergen.files import check_outputs as check_files
-from markergen.model.fabrication import DEFAULT_PROCESS, Fabrication, check_choice
+from markergen.model.fabrication import CHOICES, DEFAULT_PROCESS, Fabrication, check_choice
 from markergen.model.marker import Marker
 from markergen.model.substrate import parse_dowel, parse_mount
 from markergen.model.substrate_checks import check_edge, check_holes
@@ -83,8 +84,9 @@ def choices_of(asked: Mapping[str, Any]) -> ExportOptions:
     if "colors" in asked:
         laid["colors"] = parse_colors(asked["colors"])
     making = {name: asked[name] for name in MADE if name in asked}
-    if "dome" in making:  # Refused for other processes, even if it is the default.
-        check_choice(making.get("process", DEFAULT_PROCESS), "dome", "--dome")
+    for choice in CHOICES:
+        if making.get(choice):  # Also where it is the default: other processes have no such choice.
+            check_choice(making.get("process", DEFAULT_PROCESS), choice)
     if "draft" in making:
         making["draft"] = radians(making["draft"])
     dpi = {"dpi": asked["dpi"]} if "dpi" in asked else {}

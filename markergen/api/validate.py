@@ -11,9 +11,9 @@ from markergen.options import ValidateKeywords, check_progress, settle, signatur
 from markergen.options.base import CameraLike, File, Files, MarkerLike, Progress
 from markergen.read.cameras.covariance import read_camera_covariance
 from markergen.render import optics_from_text
-from markergen.validation.proof import prove, setting_of
-from markergen.validation.validation import Validation, check_pictures
-from markergen.validation.views import Shoot
+from markergen.validation.validation import Validation, check_pictures, setting_of
+from markergen.validation.validation import validate as run
+from markergen.validation.views import SyntheticViews
 
 _log = logging.getLogger(__name__)
 
@@ -89,7 +89,7 @@ def validate(
         raise InputError("views to take", "--views 0", "leave out --stress, or ask for views")
     setting = setting_of(judged, settled["poses"], camera_of(camera))
     covariance = settled["camera_covariance"] and read_camera_covariance(settled["camera_covariance"], setting.camera)
-    shoot = Shoot(
+    series = SyntheticViews(
         judged, setting.camera, setting.poses, views, settled["seed"], optics, settled["background"], settled["hide"],
         ErrorSources(settled["print_sigma"], covariance), settled["refine"],
     )  # fmt: skip
@@ -97,13 +97,13 @@ def validate(
     targets.check(files_among(marker, camera, settled["camera_covariance"], settled["poses"]))
     began = time.perf_counter()
     _log.info("validating: %d poses x %d runs, %d views", len(setting.poses), settled["runs"], views)
-    results: dict[str, Any] = prove(
-        judged, setting, settled["noise"], settled["runs"], shoot, settled["seed"], settled["workers"],
+    results: dict[str, Any] = run(
+        judged, setting, settled["noise"], settled["runs"], series, settled["seed"], settled["workers"],
         settled["trials_for_all"], settled["stress"], progress,
     )  # fmt: skip
     _log.info("validated in %.1f s", time.perf_counter() - began)
-    written = Validation(results, shoot).write(targets, progress)
-    return Validation(results, shoot, written)
+    written = Validation(results, series).write(targets, progress)
+    return Validation(results, series, written)
 
 
 validate.__signature__ = signature_of(validate, ValidateKeywords)  # type: ignore[attr-defined]

@@ -52,7 +52,7 @@ def verify(
     --------
     >>> import tempfile
     >>> from pathlib import Path
-    >>> from markergen.exporters import save
+    >>> from markergen.exporters.saving import save
     >>> from markergen.model.boundary import Circle
     >>> from markergen.model.marker import dressed
     >>> from markergen.objectives.criteria import regular_polygon

@@ -1,4 +1,4 @@
-"""What stands around markers on a sheet: arrows of the axes, columns of facts, paragraphs and the title block."""
+"""Annotations around markers on a sheet: axis arrows, columns of facts, paragraphs and the title block."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ Column = tuple[str, str, tuple[str, ...], str]
 """Slug, heading, lines and face of a column of facts."""
 
 MOST_LISTED = 12
-"""Of the dots that a note names."""
+"""Largest number of dots that a note names."""
 
 
 def axis_arrows(frame: Frame) -> Drawn:
@@ -66,7 +66,7 @@ def title_block(frame: Frame, markers: Sequence[Marker], factor: Point = (1.0, 1
 
 
 def scale_column(factor: Point) -> Column:
-    """How large the drawing is, and for which printer if it is not for every one."""
+    """Column with the scale of the drawing, and the printer that it is compensated for, if any."""
     if factor == (1.0, 1.0):
         return "scale", "scale", ("1 : 1, print at 100 %",), "regular"
     printer, drawn = (", ".join(f"{name} {value:.6g}" for name, value in zip("xy", pair, strict=True)) for pair in (

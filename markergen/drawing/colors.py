@@ -8,7 +8,7 @@ from markergen.errors import InputError
 HEX = re.compile(r"#[0-9a-f]{6}")
 SPOT = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]*")
 MAGENTA = "#ff00ff"
-"""What a spot color looks like on screen unless told otherwise: the signal color that cutters' programs show."""
+"""Screen color of a spot color unless told otherwise: the signal color that cutters' programs show."""
 LEAST_CONTRAST = 64
 """Difference of ink and paper in grey levels of 255 below which no camera tells a dot from its ground reliably."""
 FORMS = "black, inverted or #rrggbb,#rrggbb (ink,paper), and after it, if wanted, ,cut:NAME or ,cut:#rrggbb"
@@ -32,7 +32,7 @@ def channels(color: str) -> tuple[int, int, int]:
 
 
 def is_grey(color: str) -> bool:
-    """Whether red, green and blue are the same."""
+    """Tell whether red, green and blue are equal."""
     return len(set(channels(color))) == 1
 
 
@@ -44,7 +44,7 @@ def luma(color: str) -> float:
 
 @dataclass(frozen=True)
 class Colors:
-    """What a sheet is drawn in.
+    """Colors of a sheet.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Colors:
 
     @property
     def grounded(self) -> bool:
-        """Whether the ground has to be printed: the paper is not white."""
+        """Whether the ground has to be printed, because the paper is not white."""
         return self.paper != "#ffffff"
 
     def mix(self, share: float) -> str:

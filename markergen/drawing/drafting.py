@@ -45,16 +45,16 @@ SLANTS = tuple(tan(radians(angle)) for angle in (30, 45, 60, 75))
 """Slopes of leaders that come to lie level before they reach their words."""
 
 MOST_PLACES = 12
-"""Of the features that are alike, those nearest to the words, which are tried."""
+"""Largest number of like features, nearest to the words first, that a leader is tried to."""
 
 HIT, CROSSED, BEND = 100.0, 300.0, 2.0
-"""What it costs, in mm of leader, to run across a feature or along the axis, across another leader, or to bend."""
+"""Cost in mm of leader of running across a feature or along the axis, across another leader, and of a bend."""
 
 SMOOTH = 2e-3
-"""How far in mm on paper a drawn line may lie off an arc."""
+"""Largest distance in mm on paper of a drawn line from its arc."""
 
 OFF, BEYOND = 0.8, 1.5
-"""Where an extension line begins off its edge, and how far it goes on behind the dimension line, mm on A4."""
+"""Gap between an edge and its extension line, and overshoot beyond the dimension line, mm on A4."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def lettering(
 
 @dataclass(frozen=True)
 class DrawingView:
-    """Where on the paper a view is, and how large: (0, 0) of the view at (x, y), lengths times `scale`."""
+    """Place and scale of a view on paper: its (0, 0) at (x, y), lengths times `scale`."""
 
     x: float
     y: float
@@ -404,7 +404,7 @@ def _best(
 
 
 def _hits(run: tuple[Point, Point, Point], circles: Array, own: tuple[float, float, float]) -> int:
-    """How many circles but its own a leader runs across, or within half a millimeter of."""
+    """Number of circles but its own that a leader runs across, or within half a millimeter of."""
     others = circles[np.any(np.abs(circles - own) > 1e-6, axis=-1)]
     near = np.zeros(len(others), dtype=bool)
     for a, b in ((run[0], run[1]), (run[1], run[2])):
@@ -415,7 +415,7 @@ def _hits(run: tuple[Point, Point, Point], circles: Array, own: tuple[float, flo
 
 
 def _along_axis(run: tuple[Point, Point, Point], view: DrawingView) -> int:
-    """How many pieces of a leader lie on the x axis or close beside it."""
+    """Number of legs of a leader that lie on the x axis or close beside it."""
     axis = view.at((0.0, 0.0))[1]
     legs = ((run[0], run[1]), (run[1], run[2]))
     return sum(max(abs(a[1] - axis), abs(b[1] - axis)) < 1.5 and abs(b[0] - a[0]) > 5 for a, b in legs)

@@ -1,6 +1,6 @@
-"""What a fabrication drawing shows, as plain data in mm: views of a solid, its sections, its parts and the words.
+"""Content of a fabrication drawing as plain data in mm: views of a solid, its sections, its parts and the words.
 
-Nothing in here knows how solids are described; `markergen.solid` tells what is seen and cut of one.
+Independent of how solids are described: `markergen.solid` fills it in, `fabrication_views` draws it.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from markergen.geometry.contour import Contour
 
 @dataclass(frozen=True)
 class ViewFace:
-    """What is seen or cut of one body; it hides what comes before it.
+    """Visible or cut face of one body; it hides the faces before it.
 
     Attributes
     ----------

@@ -57,13 +57,13 @@ from markergen.geometry.contour import flattened
 Array = NDArray[np.float64]
 
 SCALES = (10, 5, 2, 1, 1 / 2, 1 / 5, 1 / 10, 1 / 20, 1 / 50, 1 / 100, 1 / 200)
-"""Of ISO 5455."""
+"""Scales to choose from (ISO 5455)."""
 
 LEAST_VIEW = 20.0
 """Size in mm on paper of the front view, below which it shows nothing."""
 
 NEAR = 0.05
-"""Off an arc in mm of the marker: near enough to tell what a number stands on."""
+"""Largest distance in mm from an arc, near enough to tell what a number stands on."""
 
 LEAST_NUMBER = 1.2
 """Height in mm of the smallest number of a dot; a smaller one is left out, and the table tells."""
@@ -80,7 +80,7 @@ BLOCK = 12.0
 
 @dataclass(frozen=True)
 class ViewPlacement:
-    """Where the two views go on a page, and at what scale."""
+    """Places of the two views on a page, and their scale."""
 
     scale: float
     front: DrawingView
@@ -110,7 +110,7 @@ class FrontPage:
 
 
 @dataclass(frozen=True)
-class Picture:
+class DetailView:
     """A view of its own to be put among tables and notes.
 
     Attributes
@@ -149,7 +149,7 @@ def drawing_area(frame: Frame) -> Box:
     return frame.margin + air, frame.margin + BLOCK * frame.scale + air, frame.right - air, frame.top - air
 
 
-def section_picture(section: SectionView, width: float, height: float, style: Style) -> Picture:
+def section_view(section: SectionView, width: float, height: float, style: Style) -> DetailView:
     """Draw a cut through the solid at the largest scale that suits a column of that width and height, mm."""
     left, bottom, right, top = section.box
     tier = CLOSE * style.scale
@@ -189,10 +189,10 @@ def section_picture(section: SectionView, width: float, height: float, style: St
         shapes += across(x0, x1, line, (starts[0], starts[1]), span.words, style)
     edge = view.at((right, 0.0))[0]
     shapes += _stacked(section.upright, view, edge, edge + 0.9 * tier, tier, style)
-    return Picture(f"{section.title}, {scale_words(scale)}", width, deep, tuple(shapes))
+    return DetailView(f"{section.title}, {scale_words(scale)}", width, deep, tuple(shapes))
 
 
-def back_picture(work: Workpiece, width: float, height: float) -> Picture:
+def back_view(work: Workpiece, width: float, height: float) -> DetailView:
     """Draw the back at the largest scale that suits a column of that width and height, mm."""
     left, bottom, right, top = around(work.back)
     room = min(0.6 * height, width)
@@ -200,7 +200,7 @@ def back_picture(work: Workpiece, width: float, height: float) -> Picture:
     scale = next((s for s in SCALES if s * (right - left) + 1 <= width and s * (top - bottom) <= room), SCALES[-1])
     view = DrawingView(0.5 - scale * left, 0.5 - scale * bottom, scale)
     shapes = tuple(shape for face in work.back for shape in drawn(face, view))
-    return Picture(f"Seen from the back, {scale_words(scale)}", width, scale * (top - bottom) + 1, shapes)
+    return DetailView(f"Seen from the back, {scale_words(scale)}", width, scale * (top - bottom) + 1, shapes)
 
 
 def _place(work: Workpiece, options: SheetOptions) -> tuple[Frame, ViewPlacement]:
@@ -386,6 +386,6 @@ def _stacked(
 
 
 def _highest(faces: Sequence[ViewFace], at: float, top: float) -> float:
-    """Where the extension line of a place along the cut begins: at the highest corner of the edge there."""
+    """Start of the extension line at a place along the cut: the highest corner of the edge there."""
     found = [z for face in faces for ring in face.contours for s, z in ring.points if abs(s - at) < 1e-3]
     return max(found, default=top)

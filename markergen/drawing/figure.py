@@ -14,12 +14,12 @@ from markergen.model.marker import Marker
 Array = NDArray[np.float64]
 
 FLAT = 1e-9
-"""How far in m a control point may lie off the plane and still be flat: rounding, far below any printer."""
+"""Largest height in m of a control point that counts as flat: rounding, far below any printer."""
 
 
 @dataclass(frozen=True)
 class Figure:
-    """What is drawn of one marker.
+    """One marker as it is drawn.
 
     Attributes
     ----------
@@ -156,7 +156,7 @@ def size_mm(boundary: Boundary) -> Point:
 
 
 def is_disk(boundary: Boundary) -> bool:
-    """Whether the outline is as wide and as high as the circle around it."""
+    """Tell whether the outline is as wide and as high as the circle around it."""
     left, bottom, right, top = drawn_box(boundary)
     across = 2e3 * boundary.radius
     return max(abs(right - left - across), abs(top - bottom - across)) < 1e-6 * across

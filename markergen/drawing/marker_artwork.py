@@ -31,12 +31,13 @@ from markergen.drawing.scene import (
 from markergen.drawing.text import text
 from markergen.geometry.contour import flattened
 from markergen.geometry.outlines import walked
+from markergen.geometry.region import Region
 from markergen.model.boundary import Boundary, Circle
 
 Array = NDArray[np.float64]
 
 NUMBER_HEIGHT = 2.6
-"""Of the dots' numbers in mm on A4."""
+"""Height of the digits of dot numbers, mm on A4."""
 
 GRAY_SHARE, GROUND = 0.647, 5.5
 """Ink in the color of numbers; width in mm on A4 that a printed ground has around everything, so that numbers fit."""
@@ -45,16 +46,16 @@ TICK = 4.0
 """Length of an axis tick in mm on A4."""
 
 CENTROID_PULL = 2e-3
-"""How far in mm the center cross may move the center of gravity of a dot it does not sit in the middle of."""
+"""Largest shift in mm of a dot's center of gravity by a center cross that is not in its middle."""
 
 SHORTEST_ARM = 0.5
-"""Of the center cross, mm; a shorter one would be taken for a speck."""
+"""Shortest arm of the center cross, mm; a shorter one would be taken for a speck."""
 
 AIR = 1.0
-"""Between an outline and a tick or the center cross, mm."""
+"""Gap between an outline and a tick or the center cross, mm."""
 
 TRUE = 5e-4
-"""How far in mm a closed line may lie off a circle."""
+"""Largest distance in mm of a closed line from its circle."""
 
 HEADINGS = {"+x": (1, 0), "+y": (0, 1), "-x": (-1, 0), "-y": (0, -1)}
 """The axes' four directions."""
@@ -176,7 +177,7 @@ def axis_ticks(
 
 
 def _shadow(box: Box, heading: tuple[int, int], air: float) -> tuple[float, float]:
-    """Where the ray from the origin enters and leaves a box with some air around it; (0, 0) if it misses."""
+    """Distances at which a ray from the origin enters and leaves a box with some air around it; (0, 0) if it misses."""
     low, high = np.array(box[:2]) - air, np.array(box[2:]) + air
     side = 1 - int(np.argmax(np.abs(heading)))
     if not low[side] < 0 < high[side]:
@@ -281,27 +282,19 @@ def _runs(rim: Array, free: NDArray[np.bool_], corner: NDArray[np.bool_]) -> lis
 
 
 def axis_reach(figure: Figure) -> dict[str, float]:
-    """How far from the origin in mm the outline reaches along each axis: where ticks may begin.
+    """Reach of the outline along each axis, mm from the origin, beyond which ticks may begin.
 
     What counts is the outline within `AIR` of the axis; where there is none on that side, all of it.
     """
-    rings = [np.asarray(ring * 1e3 * figure.factor) for ring in figure.marker.boundary.outlines()]
+    region = Region.enclosed(ring * 1e3 * figure.factor for ring in figure.marker.boundary.outlines())
+    whole = region.box
+    beyond = max(map(abs, whole)) + AIR
+    strips = Region.rectangle(-beyond, -AIR, beyond, AIR), Region.rectangle(-AIR, -beyond, AIR, beyond)
+    near = [part.box if (part := region & strip) else None for strip in strips]
     reach = {}
     for name, heading in HEADINGS.items():
-        along, aside = ([np.asarray(ring @ np.array(axis)) for ring in rings] for axis in (heading, heading[::-1]))
-        near = max(_farthest(a, b) for a, b in zip(along, aside, strict=True))
-        reach[name] = near if near > 0 else max(float(a.max()) for a in along)
+        axis, side = (0, heading[0]) if heading[0] else (1, heading[1])
+        end = axis + (2 if side > 0 else 0)
+        box = near[axis]
+        reach[name] = side * (box[end] if box and side * box[end] > 0 else whole[end])
     return reach
-
-
-def _farthest(along: Array, aside: Array) -> float:
-    """Largest `along` of a closed polygon in the strip where `aside` is at most `AIR`; -inf if it misses the strip."""
-    start, step = aside, np.roll(aside, -1) - aside
-    with np.errstate(divide="ignore", invalid="ignore"):
-        crossings = np.sort(np.stack([(-AIR - start) / step, (AIR - start) / step]), axis=0)
-    level = step == 0
-    low = np.where(level, 0.0, np.maximum(crossings[0], 0.0))
-    high = np.where(level, 1.0, np.minimum(crossings[1], 1.0))
-    hits = (low <= high) & ~(level & (np.abs(start) > AIR))
-    ends = along + np.stack([low, high]) * (np.roll(along, -1) - along)
-    return float(np.max(ends[:, hits], initial=-np.inf))

@@ -11,10 +11,10 @@ from markergen.drawing.colors import BLACK_ON_WHITE, Colors
 from markergen.errors import InputError
 
 DESCENT = 0.65
-"""How far letters reach below their line, mm on A4."""
+"""Depth of letters below their baseline, mm on A4."""
 
 LEAST_ROOM = 70.0
-"""Between the margins, mm: below it no words fit under the marker."""
+"""Least width and height between the margins, mm: below it no words fit under the marker."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ SMALLEST, LARGEST = 100.0, 5000.0
 _CUSTOM = re.compile(r"([\d.]+)\s*(?:mm)?\s*[xX*]\s*([\d.]+)\s*mm")
 
 Orientation = Literal["", "portrait", "landscape"]
-"""Which way round a sheet is used; empty: as its name says."""
+"""Orientation of a sheet; empty: as its name says."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class Frame:
 
     @property
     def margin(self) -> float:
-        """Where baselines and base lines are: letters and strokes reach a little beyond, but not to the edge given."""
+        """Distance of baselines from the paper's edge; letters reach a little beyond, but not to the edge given."""
         return (12 if self.edge is None else DESCENT) * self.scale + (self.edge or 0.0)
 
     @property
@@ -122,7 +122,7 @@ class Frame:
 
     @property
     def width(self) -> float:
-        """Between the margins."""
+        """Width between the margins."""
         return self.paper.width - 2 * self.margin
 
     @property
@@ -153,7 +153,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class SheetOptions:
-    """What a user may choose about sheets; lengths in m.
+    """Options of printed sheets; lengths in m.
 
     Attributes
     ----------
@@ -242,7 +242,7 @@ def find_paper(name: str, orientation: Orientation = "") -> Paper:
 
 
 def oriented(name: str) -> bool:
-    """Whether the name of a paper says which way round it is."""
+    """Tell whether the name of a paper says its orientation."""
     return name.strip().lower().endswith(("-portrait", "-landscape")) or bool(_CUSTOM.fullmatch(name.strip().lower()))
 
 

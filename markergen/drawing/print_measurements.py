@@ -13,13 +13,13 @@ from markergen.drawing.text import text
 from markergen.model.marker import ControlPoint, Marker
 
 LENGTHS = (200, 150, 100, 50, 20)
-"""Of rulers in mm, the best first."""
+"""Lengths of rulers in mm, the best first."""
 
 BAND = 3.8
 """Width of a ruler whose numbers stand beside its ticks, mm on A4."""
 
 AIR = 0.8
-"""Between a ruler and what is beside it, mm on A4."""
+"""Gap between a ruler and its neighbors, mm on A4."""
 
 LONG, SHORT, DIGITS = 3.2, 1.8, 1.5
 """Heights of ticks and numbers, mm on A4."""
@@ -27,10 +27,10 @@ LONG, SHORT, DIGITS = 3.2, 1.8, 1.5
 Span = tuple[float, float]
 
 LEAST = 10.0
-"""Of a length worth measuring, mm."""
+"""Shortest length worth measuring, mm."""
 
 SHOWN = (0.993, 0.9955)
-"""Of a ruler: what the example of a command measures."""
+"""Shares of the rulers' lengths along x and y that the command in the example has measured."""
 
 USUAL = 200
 """Length of rulers in mm that `markergen rescale` takes for granted."""
@@ -145,7 +145,7 @@ def _free_spans(strip: Box, axis: int, disks: Sequence[Disk], shapes: Sequence[S
 
 
 def remedy_words(rulers: tuple[int, int]) -> tuple[str, str]:
-    """What to do if a sheet whose rulers are to measure these lengths in mm is not true, in words and as a command."""
+    """Remedy for a sheet whose rulers do not measure these lengths in mm: a sentence, and a command."""
     options = ""
     for name, length, share in zip("xy", rulers, SHOWN, strict=True):
         if length:

@@ -31,7 +31,7 @@ LAYERS = ("ground", "dots", "tag", "cut", "marks", "text")
 """Layers of a marker's sheet, from the bottom up."""
 
 FLATNESS = 1e-4
-"""How far in mm the outline of a clipped circle may lie off it."""
+"""Largest distance in mm of the outline of a clipped circle from the circle."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ def union(first: Box, *others: Box) -> Box:
 
 
 def overlap(a: Box, b: Box) -> Box:
-    """What two boxes that overlap have in common."""
+    """Intersection of two boxes that overlap."""
     return max(a[0], b[0]), max(a[1], b[1]), min(a[2], b[2]), min(a[3], b[3])
 
 

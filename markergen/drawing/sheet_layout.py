@@ -58,7 +58,7 @@ CAPTION, CAPTION_LINES = 1.7, 3
 """Height of a capital in captions in mm on A4, and their lines."""
 
 GAP = 4.0
-"""Between neighbors, mm on A4."""
+"""Gap between neighbors, mm on A4."""
 
 BESIDE = 6.0
 """Width left for the ruler along y, mm on A4."""
@@ -95,6 +95,22 @@ def pages_for(markers: Sequence[Marker], options: SheetOptions) -> tuple[Sheet, 
     return tuple(page for figure in figures for page in _pages(figure, options))
 
 
+def one_page(markers: Sequence[Marker], options: SheetOptions, suffix: str) -> Sheet:
+    """Lay markers out on the single page that a format holds.
+
+    Raises
+    ------
+    InputError
+        If they need several; also as `pages_for` does.
+    """
+    pages = pages_for(markers, options)
+    if len(pages) != 1:
+        raise InputError(
+            f"one page for {suffix}", f"{len(pages)} pages on {pages[0].paper}", "use .pdf, or a larger --paper"
+        )
+    return pages[0]
+
+
 def check_paper(boundary: Boundary, options: SheetOptions) -> None:
     """Refuse a boundary that the paper is too small for, whatever dots come to lie in it; see `pages_for`."""
     box = drawn_box(boundary)
@@ -105,7 +121,7 @@ def check_paper(boundary: Boundary, options: SheetOptions) -> None:
 
 @dataclass(frozen=True)
 class _Reach:
-    """How far the outline and the quiet zones reach from the origin: left, down, right, up; mm."""
+    """Reach of the outline and of the quiet zones from the origin: left, down, right, up; mm."""
 
     outline: Box
     quiet: Box
@@ -114,7 +130,7 @@ class _Reach:
 
 
 def _figure(marker: Marker, options: SheetOptions) -> Figure:
-    """What is drawn: the marker as designed, whatever was measured on a print; larger where the printer shrinks."""
+    """Figure to draw: the marker as designed, whatever was measured on a print; larger where the printer shrinks."""
     sx, sy = marker.print_scale
     if not options.compensate:
         return Figure(marker.as_designed, ink=options.colors.ink)
@@ -180,7 +196,7 @@ def _both_ways(sizes: Sequence[Paper]) -> list[Paper]:
 
 
 def _reach_of(outline: Box, quiet: Box, colors: Colors) -> _Reach:
-    """How far a marker reaches with an outline and quiet zones in these boxes (mm, marker frame)."""
+    """Reach of a marker with an outline and quiet zones in these boxes (mm, marker frame)."""
     sides = [(-box[0], -box[1], box[2], box[3]) for box in (outline, quiet)]
     return _Reach(sides[0], sides[1], colors.grounded)
 
@@ -203,7 +219,7 @@ def _needs(frame: Frame, reach: _Reach) -> Box:
 
 
 def _origin_on(frame: Frame, reach: _Reach) -> Point | None:
-    """Where the origin goes: centered across the paper if it can, in the middle of the room above the footer.
+    """Place for the origin: centered across the paper if possible, in the middle of the room above the footer.
 
     None if the marker does not fit.
     """
@@ -219,7 +235,7 @@ def _origin_on(frame: Frame, reach: _Reach) -> Point | None:
 def _footer(
     frame: Frame, markers: Sequence[Marker], factor: Point, taken: Mapping[str, Sequence[Shape]], where: str = ""
 ) -> tuple[dict[str, tuple[Shape, ...]], tuple[int, int]]:
-    """What stands below and beside markers, and the lengths of the rulers.
+    """Draw what stands below and beside markers; also the lengths of the rulers.
 
     Rulers, axes, lengths to measure, what to do if they are off, and the title block.
     """
@@ -259,8 +275,8 @@ def _single_page(figure: Figure, options: SheetOptions, frame: Frame, origin: Po
     x, y = origin
     left, bottom, right, top = frame.region
     room = left - x, bottom - y, right - x, top - y
-    face = draw_artwork(figure, options.colors, frame.scale, room)
-    placed = moved_layers(face.layers, x, y)
+    artwork = draw_artwork(figure, options.colors, frame.scale, room)
+    placed = moved_layers(artwork.layers, x, y)
     below, lengths = _footer(frame, [figure.marker], figure.factor, placed)
     size = size_words(figure.marker.boundary)
     paper = frame.paper
@@ -271,7 +287,7 @@ def _single_page(figure: Figure, options: SheetOptions, frame: Frame, origin: Po
         lengths,
         marker_name(figure.marker),
         f"Fiducial marker with {len(figure.marker)} dots, {size}, at true size on {paper}. Print at 100 %.",
-        _single_notes(figure, f"{'stands on' if options.paper else 'needs'} {paper}", lengths, face.nameless)
+        _single_notes(figure, f"{'stands on' if options.paper else 'needs'} {paper}", lengths, artwork.nameless)
         + (() if around_origin(room) else (_AWAY,)),
         (0.0, 0.0, paper.width, paper.height),
     )
@@ -332,7 +348,7 @@ class PageGrid:
         return self.cell[0], self.cell[1] + self.below, self.cell[2], self.cell[3]
 
     def origin(self, index: int) -> Point:
-        """Where the origin of a marker goes, cell by cell from the top left; what is left over is shared."""
+        """Place for the origin of a marker, cell by cell from the top left; spare room is shared."""
         row, column = divmod(index, self.columns)
         left, bottom, right, top = _region(self.frame)
         step_x, step_y = (right - left) / self.columns, (top - bottom) / self.rows
@@ -341,7 +357,7 @@ class PageGrid:
 
 
 def _region(frame: Frame) -> Box:
-    """Where cells may be: the ruler along y stands beside them."""
+    """Part of the page for the cells, beside the ruler along y."""
     left, bottom, right, top = frame.region
     return left + BESIDE * frame.scale, bottom, right, top
 
@@ -364,11 +380,11 @@ def _grid_page(figures: Sequence[Figure], grid: PageGrid, options: SheetOptions,
     layers: list[dict[str, tuple[Shape, ...]]] = []
     nameless: list[str] = []
     for index, figure in enumerate(figures):
-        face = draw_artwork(figure, options.colors, frame.scale, grid.room)
-        drawn = {**face.layers, "text": (*face.layers["text"], *_caption(figure.marker, grid.room, frame.scale))}
+        artwork = draw_artwork(figure, options.colors, frame.scale, grid.room)
+        drawn = {**artwork.layers, "text": (*artwork.layers["text"], *_caption(figure.marker, grid.room, frame.scale))}
         named = {name: renamed(shapes, f"marker-{index + 1}-" if index else "") for name, shapes in drawn.items()}
         layers.append(moved_layers(named, *grid.origin(index)))
-        nameless += [f"{dot} of marker {index + 1} on page {number}" for dot in face.nameless]
+        nameless += [f"{dot} of marker {index + 1} on page {number}" for dot in artwork.nameless]
     merged = {name: tuple(shape for each in layers for shape in each[name]) for name in layers[0]}
     markers = [figure.marker for figure in figures]
     alike = all(marker.control_points == markers[0].control_points for marker in markers)

@@ -21,36 +21,36 @@ KERF = 0.5
 """Nearest in mm that a seam may come to a dot's edge: what scissors miss a line by."""
 
 STEP, MOST_PLACES = 0.5, 1000
-"""Between places that are tried for a seam, mm, and how many at most."""
+"""Step between places that are tried for a seam, mm, and the most that are tried."""
 
 SHORTEST = 25.0
-"""Of a tile, mm."""
+"""Least width and height of a tile, mm."""
 
 CUT, EVEN = 1e3, 1e-3
-"""What a cut dot and an uneven tile weigh, against 1 for a seam that grazes a dot."""
+"""Costs of a cut dot and of uneven tiles, against 1 for a seam that grazes a dot."""
 
 STRIP = 20.5
 """Height of the strip at the foot of a tile's page that tells what it is, mm on A4."""
 
 ARM, LEAST_ARM = 3.0, 1.5
-"""Of registration crosses, mm."""
+"""Arm of a registration cross, mm, and the shortest of use."""
 
 END = 9.0
-"""From a corner of tiles to the nearest registration cross, mm."""
+"""Distance from a corner of tiles to the nearest registration cross, mm."""
 
 CENTER = 15.0
-"""From the marker's center to a seam if it can be, mm."""
+"""Distance that a seam keeps from the marker's center if possible, mm."""
 
 MARK_WIDTH = 0.2
 """Width of registration crosses in mm."""
 
 MOST_TILES = 100
-"""Of one marker; more, and nobody glues them together."""
+"""Largest number of tiles of one marker; nobody glues more together."""
 
 
 @dataclass(frozen=True)
 class Item:
-    """What should not be cut, along one axis: its middle, its half width without and with a quiet zone; mm.
+    """A thing not to be cut, along one axis: its middle, its half width without and with a quiet zone; mm.
 
     A half width of -`KERF` is for what may be cut, but should not be near a seam.
     """
@@ -82,7 +82,7 @@ class Tile:
     box: Box
 
     def holds(self, x: float, y: float) -> bool:
-        """Whether a point of the figure is on this tile; a point on a seam is on one of the two."""
+        """Tell whether a point of the figure is on this tile; a point on a seam is on one of the two."""
         return self.box[0] <= x < self.box[2] and self.box[1] <= y < self.box[3]
 
 
@@ -120,7 +120,7 @@ class Tiling:
 
     @property
     def layout_words(self) -> str:
-        """How many rows of how many tiles."""
+        """Words for the number of rows and of tiles in each."""
         return f"{self.rows} row{'s' if self.rows > 1 else ''} of {self.columns}"
 
     @property
@@ -141,17 +141,17 @@ class Tiling:
         )
 
     def seams_of(self, tile: Tile) -> tuple[bool, bool, bool, bool]:
-        """Whether there is a neighbor on the left, below, on the right, above."""
+        """Tell whether there is a neighbor on the left, below, on the right, above."""
         return tile.column > 0, tile.row < self.rows - 1, tile.column < self.columns - 1, tile.row > 0
 
     def printed(self, tile: Tile) -> Box:
-        """What is printed of the figure on a tile: half the overlap more at each seam."""
+        """Part of the figure that is printed on a tile: half the overlap more at each seam."""
         half, (left, below, right, above) = self.overlap / 2, self.seams_of(tile)
         box = tile.box
         return box[0] - half * left, box[1] - half * below, box[2] + half * right, box[3] + half * above
 
     def shift(self, tile: Tile) -> Point:
-        """From the marker frame to the tile's page: what is printed is in the middle of the window, or at its seam.
+        """Shift from the marker frame to the tile's page, which puts the tile amid the window or at its seam.
 
         A lone seam is as far in the window as it can be, so that the margin beyond stays free for the marker.
         """

@@ -49,7 +49,7 @@ CROP = 4.0
 """Length of crop marks, mm."""
 
 BLEED = 1.0
-"""How far a printed ground goes on beyond a seam, mm."""
+"""Overshoot of a printed ground beyond a seam, mm."""
 
 Layers = Mapping[str, Sequence[Shape]]
 
@@ -57,13 +57,13 @@ PALE = "#c8c8c8"
 """Color of the dots in the picture: nobody takes it for the marker."""
 
 CORNERS = 48
-"""Of a dot in the picture: no circle, so that no program takes it for the marker either."""
+"""Corners of a dot in the picture: no circle, so that no program takes it for the marker either."""
 
 LARGEST = 0.6
 """Scale of the picture at most: at 1 or nearly so its dots would be taken for those of the marker, print or file."""
 
 MOST_LENGTHS = 4
-"""Across seams on each axis that are listed."""
+"""Largest number of lengths across seams that are listed for each axis."""
 
 
 def tile_sheets(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Sheet, ...]:
@@ -74,7 +74,7 @@ def tile_sheets(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[S
 
 
 def _layers(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Layers, Sequence[str]]:
-    """All that is to be divided, mm, marker frame: the face, and crosses on the seams."""
+    """All that is to be divided, mm, marker frame: the artwork, and crosses on the seams."""
     scale, color = tiles.frame.scale, options.colors.ink
     near = any(abs(place) < CENTER / 2 for place in (*tiles.across.places, *tiles.upward.places))
     bare = draw_artwork(figure, options.colors, scale, tiles.extent)
@@ -85,9 +85,9 @@ def _layers(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Layer
     seams += [Line(((left, y), (right, y)), HAIRLINE) for y in tiles.upward.places]
     # Numbers keep off seams and crosses, as off all other ink, and stay on the tile of their dot.
     homes = [next(tile.box for tile in tiles.tiles if tile.holds(dot.x, dot.y)) for dot in figure.dots]
-    face = draw_artwork(figure, options.colors, scale, tiles.extent, ink_points([*seams, *crosses]), homes)
-    marks = [shape for shape in face.layers["marks"] if not (near and shape.name.startswith("center-"))]
-    return {**face.layers, "marks": (*marks, *crosses)}, face.nameless
+    artwork = draw_artwork(figure, options.colors, scale, tiles.extent, ink_points([*seams, *crosses]), homes)
+    marks = [shape for shape in artwork.layers["marks"] if not (near and shape.name.startswith("center-"))]
+    return {**artwork.layers, "marks": (*marks, *crosses)}, artwork.nameless
 
 
 def _page(figure: Figure, tiles: Tiling, tile: Tile, layers: Layers) -> Sheet:
@@ -119,7 +119,7 @@ def _page(figure: Figure, tiles: Tiling, tile: Tile, layers: Layers) -> Sheet:
 
 
 def _part(tiles: Tiling, tile: Tile, layers: Layers) -> dict[str, list[Shape]]:
-    """What of the face belongs on a tile.
+    """Part of the artwork that belongs on a tile.
 
     A dot is printed once, on the tile that it lies on; only one that a seam cuts is on several, as far as they reach.
     """
@@ -170,7 +170,7 @@ def _crop_marks(tiles: Tiling, box: Box, seams: tuple[bool, bool, bool, bool]) -
 def _strip(
     figure: Figure, tiles: Tiling, tile: Tile, drawn: Layers, seams: tuple[bool, bool, bool, bool]
 ) -> tuple[dict[str, tuple[Shape, ...]], tuple[int, int]]:
-    """What tells which tile this is and whether it is true, at the foot of its page and beside it."""
+    """Draw what identifies a tile and what to measure on it, at the foot of its page and beside it."""
     frame, scale = tiles.frame, tiles.frame.scale
     left, bottom, right, top = tiles.window
     band_scale = min(scale, 1.2)
@@ -317,7 +317,7 @@ def _picture(figure: Figure, tiles: Tiling, room: Box) -> tuple[list[Shape], lis
 
 
 def _gap(place: Point, size: Point, disks: NDArray[np.float64]) -> float:
-    """Between a box at its lower left corner and the nearest disk (x, y, radius); below 0 if they overlap."""
+    """Gap between a box at its lower left corner and the nearest disk (x, y, radius); below 0 if they overlap."""
     low = np.array(place)
     beyond = np.maximum(np.maximum(low - disks[:, :2], disks[:, :2] - low - size), 0)
     return float(np.min(np.hypot(*beyond.T) - disks[:, 2]))

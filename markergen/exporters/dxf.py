@@ -13,14 +13,14 @@ import markergen
 from markergen.drawing.figure import marker_dots
 from markergen.drawing.scene import Disk
 from markergen.exporters import ExportOptions, Output, only, without_paper
+from markergen.geometry.contour import Contour, circle, placed
 from markergen.geometry.contour import box as contour_box
-from markergen.geometry.contour import placed
 from markergen.model.boundary import Boundary
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker, marker_name
-from markergen.solid.bodies import Path, Prism, circle
-from markergen.solid.inks import dots_of
-from markergen.solid.plate import plate_regions
+from markergen.solid.bodies import Prism
+from markergen.solid.dot_geometry import dots_of
+from markergen.solid.plate import plate_of
 from markergen.solid.processes import Made
 from markergen.units import format_length
 
@@ -47,7 +47,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Drawing:
+class CutDrawing:
     """What is drawn: paths by layer, and where words go; mm.
 
     Attributes
@@ -62,7 +62,7 @@ class Drawing:
     """
 
     meaning: Mapping[str, str]
-    paths: Sequence[tuple[str, Path]]
+    paths: Sequence[tuple[str, Contour]]
     labels: Sequence[tuple[str, Disk]]
     box: Array
 
@@ -90,7 +90,7 @@ def write_dxf(marker: Marker) -> bytes:
     paths += [(ENGRAVE, path) for dot in dots for path in _circles(dot)]
     paths += [(ENGRAVE, _polygon(ring)) for ring in (designed.tag.outlines if designed.tag else ())]
     box = _box(_mm(np.concatenate(designed.boundary.outlines())))
-    return _write(designed, Drawing(MARKER, paths, [(dot.name.removeprefix("dot-"), dot) for dot in dots], box))
+    return _write(designed, CutDrawing(MARKER, paths, [(dot.name.removeprefix("dot-"), dot) for dot in dots], box))
 
 
 def write_laser_dxf(marker: Marker, fabrication: Fabrication) -> bytes:
@@ -105,11 +105,11 @@ def write_laser_dxf(marker: Marker, fabrication: Fabrication) -> bytes:
     """
     designed = marker.as_designed
     made: Made = PROCESSES[fabrication.process](designed, fabrication)
-    regions = plate_regions(designed)
+    outlines = plate_of(designed).outlines
     dots = [(dot, Disk(dot.x, dot.y, dot.radius, dot.inner, dot.name)) for dot in dots_of(designed)]
     holes = [(hole, _mm([hole.x, hole.y, hole.diameter / 2, hole.sink / 2]).tolist()) for hole in
              designed.substrate.holes]  # fmt: skip
-    paths = [(CUT, path) for region in regions for path in region]
+    paths = [(CUT, path) for outline in outlines for path in outline]
     paths += [(CUT, circle(radius, x, y)) for _, (x, y, radius, _) in holes]
     paths += [(ENGRAVE, path) for _, disk in dots for path in _circles(disk)]
     marks = [body for body in made.marked if isinstance(body, Prism)]
@@ -119,11 +119,11 @@ def write_laser_dxf(marker: Marker, fabrication: Fabrication) -> bytes:
     labels = [
         (f"{dot.id}, z = {format_length(dot.z / 1e3)}" if dot.raised else str(dot.id), disk) for dot, disk in dots
     ]
-    box = _box(np.array([point for outer, *_ in regions for point in _extent(outer)]))
-    return _write(designed, Drawing(PLATE, paths, labels, box))
+    box = _box(np.array([point for outer, *_ in outlines for point in _extent(outer)]))
+    return _write(designed, CutDrawing(PLATE, paths, labels, box))
 
 
-def _write(marker: Marker, drawing: Drawing) -> bytes:
+def _write(marker: Marker, drawing: CutDrawing) -> bytes:
     from ezdxf import units
     from ezdxf.filemanagement import new
 
@@ -143,7 +143,7 @@ def _write(marker: Marker, drawing: Drawing) -> bytes:
         return document.encode(stream.getvalue())
 
 
-def _draw(space: Any, layer: str, path: Path) -> None:
+def _draw(space: Any, layer: str, path: Contour) -> None:
     if (disk := _round(path)) is not None:
         x, y, radius = disk
         space.add_circle((x, y), radius, dxfattribs={"layer": layer})
@@ -153,7 +153,7 @@ def _draw(space: Any, layer: str, path: Path) -> None:
     space.add_lwpolyline(points, format="xyb", close=True, dxfattribs={"layer": layer})
 
 
-def _inform(space: Any, marker: Marker, drawing: Drawing) -> None:
+def _inform(space: Any, marker: Marker, drawing: CutDrawing) -> None:
     """Add the axes, each dot's number inside of it, and below the outline which marker this is."""
     from ezdxf.enums import TextEntityAlignment
 
@@ -173,19 +173,19 @@ def _inform(space: Any, marker: Marker, drawing: Drawing) -> None:
     write(words, left, bottom - 2 * size, size * min(1.0, 60 / len(words)), TextEntityAlignment.LEFT)
 
 
-def _paths(outline: Boundary) -> list[Path]:
+def _paths(outline: Boundary) -> list[Contour]:
     return [placed(contour, 1e3, digits=9) for contour in outline.contours()]
 
 
-def _circles(dot: Disk) -> list[Path]:
+def _circles(dot: Disk) -> list[Contour]:
     return [circle(radius, dot.x, dot.y) for radius in (dot.radius, dot.inner_radius) if radius]
 
 
-def _polygon(ring: Array) -> Path:
-    return Path(tuple((x, y) for x, y in _mm(ring).tolist()))
+def _polygon(ring: Array) -> Contour:
+    return Contour(tuple((x, y) for x, y in _mm(ring).tolist()))
 
 
-def _round(path: Path) -> tuple[float, float, float] | None:
+def _round(path: Contour) -> tuple[float, float, float] | None:
     """Center and radius of a path of two half turns."""
     if (whole := path.as_circle) is None:
         return None
@@ -194,7 +194,7 @@ def _round(path: Path) -> tuple[float, float, float] | None:
     return x, y, radius
 
 
-def _extent(path: Path) -> list[tuple[float, float]]:
+def _extent(path: Contour) -> list[tuple[float, float]]:
     """Points that have a path's box."""
     if (disk := _round(path)) is not None:
         x, y, radius = disk

@@ -13,12 +13,12 @@ from markergen.drawing.drafting import THICK, THIN, Lettering, Style, frame_line
 from markergen.drawing.fabrication_drawing import DrawingTable, Workpiece
 from markergen.drawing.fabrication_views import (
     BLOCK,
+    DetailView,
     FrontPage,
-    Picture,
-    back_picture,
+    back_view,
     drawing_area,
     front_page,
-    section_picture,
+    section_view,
 )
 from markergen.drawing.paper import SheetOptions
 from markergen.drawing.scene import BLACK, GRAY, LIGHT, Line, Shape
@@ -27,14 +27,14 @@ from markergen.exporters import ExportOptions, Output, only
 from markergen.exporters.pdf_canvas import POINTS_PER_MM, bare_canvas, draw_shape, metadata, page_size, pdf_color
 from markergen.exporters.solids import solid_notes
 from markergen.model.marker import Marker
-from markergen.solid.make import parts_of
-from markergen.solid.workpiece import workpiece
+from markergen.solid.fabrication_content import workpiece
+from markergen.solid.processes import parts_of
 
 COLUMN = 105.0
 """Least width of a column in mm on A4: that of a table with six columns of numbers."""
 
 GAP = 7.0
-"""Between columns, mm on A4."""
+"""Gap between columns, mm on A4."""
 
 SHORT = 12
 """Rows of a table up to which it is kept in one piece; a longer one leaves at least two rows on either side."""
@@ -101,9 +101,9 @@ def _build(work: Workpiece, front: FrontPage, pages: int) -> tuple[bytes, int]:
 def _story(work: Workpiece, width: float, height: float, style: Style) -> list[Any]:
     """All that flows, for columns of that width and height in mm."""
     tables = [_table(table, width, style) for table in work.tables]
-    sections = [_picture(section_picture(section, width, height, style), style) for section in work.sections]
+    sections = [_detail(section_view(section, width, height, style), style) for section in work.sections]
     notes = _notes(work.notes, style)
-    back = [_picture(back_picture(work, width, height), style)] if work.back else []
+    back = [_detail(back_view(work, width, height), style)] if work.back else []
     return [*tables[:2], *sections, *tables[2:], *notes, *back]
 
 
@@ -153,21 +153,21 @@ def _table(table: DrawingTable, width: float, style: Style) -> Any:
     return KeepTogether([flowing]) if len(rows) <= SHORT else flowing
 
 
-def _picture(picture: Picture, style: Style) -> Any:
+def _detail(view: DetailView, style: Style) -> Any:
     """A view with its title, in one piece."""
     from reportlab.platypus import Flowable, KeepTogether, Paragraph
 
-    class View(Flowable):  # type: ignore[misc]  # reportlab has no types
+    class Detail(Flowable):  # type: ignore[misc]  # reportlab has no types
         spaceAfter = _points(4 * style.scale)[0]
 
         def wrap(self, *_: float) -> tuple[float, ...]:
-            return _points(picture.width, picture.height)
+            return _points(view.width, view.height)
 
         def draw(self) -> None:
-            _draw(self.canv, picture.shapes)
+            _draw(self.canv, view.shapes)
 
-    title = Paragraph(_escaped(picture.title), _paragraph_style("heading", style))
-    return KeepTogether([title, View()])
+    title = Paragraph(_escaped(view.title), _paragraph_style("heading", style))
+    return KeepTogether([title, Detail()])
 
 
 def _notes(sentences: Sequence[str], style: Style) -> list[Any]:
@@ -241,7 +241,7 @@ def _paragraph_style(kind: str, style: Style) -> Any:
             fontName=_font("bold"),
             fontSize=type_size,
             leading=leading,
-            spaceBefore=space,
+            spaceBefore=2 * space,
             spaceAfter=space,
             keepWithNext=1,
         )

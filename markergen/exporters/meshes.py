@@ -1,19 +1,59 @@
-"""What the mesh formats share: a marker's parts as meshes, and words about them."""
+"""Meshes: the parts of a marker as STL, 3MF and GLB, always the same bytes.
 
+GLB (glTF 2.0, binary) is in meters, the others in mm. All meshes are in the marker frame. The root node of a GLB turns
+them into glTF's, whose y is up: x stays, the marker's z (out of its face) becomes up, and its y becomes -z, so that it
+lies on the ground face up. Programs with z up turn it back when they load it (Blender, Drake, RViz), and so have the
+marker frame again.
+"""
+
+import json
+import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from io import BytesIO
+from typing import Any
+from xml.sax.saxutils import quoteattr
 
-from markergen.exporters import ExportOptions, only
+import numpy as np
+
+import markergen
+from markergen.exporters import ExportOptions, Output, only
 from markergen.exporters.solids import solid_notes
 from markergen.model.marker import Marker, marker_name
-from markergen.solid.build import COLORS
-from markergen.solid.make import parts_of, solids_of
-from markergen.solid.mesh import Mesh, mesh_of
-from markergen.solid.processes import Made
+from markergen.solid.bodies import COLORS, OTHER
+from markergen.solid.kernel import solids_of
+from markergen.solid.mesh import Mesh, kept_apart, mesh_of
+from markergen.solid.processes import Made, parts_of
 
 MATERIALS = tuple(COLORS)
 """Names of the materials, in the order in which the formats list them."""
+
+FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+MODEL = "3D/3dmodel.model"
+TYPES = (
+    '<?xml version="1.0" encoding="UTF-8"?>\n'
+    '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
+    '<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
+    '<Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/>'
+    "</Types>\n"
+)
+RELATIONS = (
+    '<?xml version="1.0" encoding="UTF-8"?>\n'
+    '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
+    f'<Relationship Id="model" Target="/{MODEL}" '
+    'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/>'
+    "</Relationships>\n"
+)
+EPOCH = (1980, 1, 1, 0, 0, 0)
+"""The earliest time that a zip file can hold: the same in every file."""
+
+TURN = (1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1)
+"""The root node's matrix, column by column: (x, y, z) becomes (x, z, -y)."""
+
+ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
+FLOAT, UNSIGNED_INT = 5126, 5125
 
 
 @dataclass(frozen=True)
@@ -57,4 +97,181 @@ def meshed(markers: Sequence[Marker], options: ExportOptions, suffix: str) -> Me
 # Of several formats of one marker all but the first have their meshes at once.
 @lru_cache(maxsize=1)
 def _meshes(made: Made, tolerance: float) -> tuple[MeshedPart, ...]:
-    return tuple(MeshedPart(each.name, each.material, mesh_of(each, tolerance)) for each in solids_of(made))
+    return tuple(MeshedPart(each.name, each.material, mesh_of(each, tolerance)) for each in solids_of(made.parts))
+
+
+def export_stl(markers: Sequence[Marker], options: ExportOptions) -> Output:
+    """All parts as one STL in mm; where they are of two materials also ``<stem>-light.stl`` and ``<stem>-dark.stl``."""
+    made = meshed(markers, options, ".stl")
+    by_material = {
+        material: [part for part in made.parts if part.material == material]
+        for material in MATERIALS
+        if any(part.material == material for part in made.parts)
+    }
+    beside = {}
+    notes = ["STL has no unit: it is in millimeters, in the marker frame.", *made.notes]
+    if len(by_material) > 1:
+        beside = {
+            f"{options.stem}-{material}.stl": write_stl(some, made.name) for material, some in by_material.items()
+        }
+        notes.append(f"Beside it, one file for each material to print together: {', '.join(beside)}.")
+    if any(part.mesh.marked.any() for part in made.parts):
+        notes.append("STL has no colors: what is engraved is as light as the plate in it.")
+    return Output(write_stl(made.parts, made.name), tuple(notes), beside)
+
+
+def write_stl(parts: Sequence[MeshedPart], name: str) -> bytes:
+    """Write parts as one binary STL called `name`: a closed surface each, in mm, marker frame."""
+    meshes = kept_apart([part.mesh for part in parts])
+    corners = np.concatenate([mesh.points[mesh.triangles] for mesh in meshes])
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
+    facets = np.zeros(len(corners), FACET)
+    # The kernel leaves some triangles with corners in a line, which close the surface and have no normal.
+    facets["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+    facets["corners"] = corners
+    # A text STL begins with "solid", so a binary one must not.
+    header = f"{name}, markergen {markergen.__version__}, mm".encode("ascii").ljust(80)
+    return header + np.uint32(len(facets)).astype("<u4").tobytes() + facets.tobytes()
+
+
+def export_3mf(markers: Sequence[Marker], options: ExportOptions) -> Output:
+    """All parts as 3MF in mm, with their materials; slicers load them as the parts of one object."""
+    made = meshed(markers, options, ".3mf")
+    return Output(write_3mf(made.parts, made.name), made.notes)
+
+
+def write_3mf(parts: Sequence[MeshedPart], name: str) -> bytes:
+    """Write parts as a 3MF package whose one build item is an object called `name` made of them; mm, marker frame."""
+    package = BytesIO()
+    with zipfile.ZipFile(package, "w") as archive:
+        archive.comment = name.encode("ascii")
+        for path, text in (
+            ("[Content_Types].xml", TYPES),
+            ("_rels/.rels", RELATIONS),
+            (MODEL, _3mf_model(parts, name)),
+        ):
+            entry = zipfile.ZipInfo(path, EPOCH)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            archive.writestr(entry, text)
+    return package.getvalue()
+
+
+def _3mf_model(parts: Sequence[MeshedPart], name: str) -> str:
+    materials = "".join(f'<base name="{material}" displaycolor="{_hex(COLORS[material])}"/>' for material in MATERIALS)
+    # The object made of all comes last: a 3MF refers only to what stands before.
+    whole = len(parts) + 2
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        '<model unit="millimeter" xml:lang="en-US" '
+        'xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">\n'
+        f'<metadata name="Title">{name}</metadata>\n'
+        f'<metadata name="Application">markergen {markergen.__version__}</metadata>\n'
+        f'<resources>\n<basematerials id="1">{materials}</basematerials>\n'
+        + "".join(_3mf_object(number, part) for number, part in enumerate(parts, start=2))
+        + f'<object id="{whole}" type="model" name="{name}"><components>'
+        + "".join(f'<component objectid="{number}"/>' for number in range(2, whole))
+        + f'</components></object>\n</resources>\n<build><item objectid="{whole}"/></build>\n</model>\n'
+    )
+
+
+def _3mf_object(number: int, part: MeshedPart) -> str:
+    mesh, material = part.mesh, MATERIALS.index(part.material)
+    mark = f' pid="1" p1="{MATERIALS.index(OTHER[part.material])}"'
+    # Nine digits are what a 32-bit float holds.
+    vertices = "".join(f'<vertex x="{x:.9g}" y="{y:.9g}" z="{z:.9g}"/>\n' for x, y, z in mesh.points.tolist())
+    triangles = "".join(
+        f'<triangle v1="{a}" v2="{b}" v3="{c}"{mark if marked else ""}/>\n'
+        for (a, b, c), marked in zip(mesh.triangles.tolist(), mesh.marked.tolist(), strict=True)
+    )
+    return (
+        f'<object id="{number}" type="model" name={quoteattr(part.name)} pid="1" pindex="{material}"><mesh>\n'
+        f"<vertices>\n{vertices}</vertices>\n<triangles>\n{triangles}</triangles>\n</mesh></object>\n"
+    )
+
+
+def _hex(color: tuple[float, float, float]) -> str:
+    return "#" + "".join(f"{round(channel * 255):02X}" for channel in color) + "FF"
+
+
+def export_glb(markers: Sequence[Marker], options: ExportOptions) -> Output:
+    """All parts as GLB in meters, y up."""
+    made = meshed(markers, options, ".glb")
+    return Output(write_glb(made.parts, made.name), made.notes)
+
+
+def write_glb(parts: Sequence[MeshedPart], name: str) -> bytes:
+    """Write parts as the children of one node called `name`, each with its own mesh; m."""
+    binary = bytearray()
+    views: list[dict[str, Any]] = []
+    accessors: list[dict[str, Any]] = []
+
+    def add(values: Any, target: int, **accessor: Any) -> int:
+        """Number of a new accessor of an array; all types are four bytes wide, so that all are aligned."""
+        views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": values.nbytes, "target": target})
+        binary.extend(values.tobytes())
+        accessors.append({"bufferView": len(views) - 1, **accessor})
+        return len(accessors) - 1
+
+    meshes = []
+    for part in parts:
+        points = (part.mesh.points / 1e3).astype("<f4")
+        position = add(
+            points, ARRAY_BUFFER, componentType=FLOAT, count=len(points), type="VEC3",
+            # Written as the floats they are: some readers hold the array against them.
+            min=points.min(axis=0).astype(float).tolist(), max=points.max(axis=0).astype(float).tolist(),
+        )  # fmt: skip
+        primitives = []
+        for material, chosen in ((part.material, ~part.mesh.marked), (OTHER[part.material], part.mesh.marked)):
+            indices = part.mesh.triangles[chosen].astype("<u4").ravel()
+            if len(indices):
+                corners = add(
+                    indices, ELEMENT_ARRAY_BUFFER, componentType=UNSIGNED_INT, count=len(indices), type="SCALAR"
+                )
+                primitives.append(
+                    {
+                        "attributes": {"POSITION": position},
+                        "indices": corners,
+                        "material": MATERIALS.index(material),
+                    }
+                )
+        meshes.append({"name": part.name, "primitives": primitives})
+    document = {
+        "asset": {"version": "2.0", "generator": f"markergen {markergen.__version__}"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [
+            {"name": name, "matrix": TURN, "children": list(range(1, len(parts) + 1))},
+            *({"name": part.name, "mesh": number} for number, part in enumerate(parts)),
+        ],
+        "meshes": meshes,
+        "materials": [_gltf_material(material) for material in MATERIALS],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": len(binary)}],
+    }
+    text = json.dumps(document, separators=(",", ":")).encode("ascii")
+    return _glb_container(text, bytes(binary))
+
+
+def _gltf_material(name: str) -> dict[str, Any]:
+    # glTF takes colors before gamma, and a material is metal unless it says otherwise.
+    color = [*(round(_linear(channel), 6) for channel in COLORS[name]), 1.0]
+    return {
+        "name": name,
+        "pbrMetallicRoughness": {"baseColorFactor": color, "metallicFactor": 0.0, "roughnessFactor": 0.9},
+    }
+
+
+def _linear(channel: float) -> float:
+    """A channel of sRGB in linear light (IEC 61966-2-1)."""
+    return channel / 12.92 if channel <= 0.04045 else float(((channel + 0.055) / 1.055) ** 2.4)
+
+
+def _glb_container(text: bytes, binary: bytes) -> bytes:
+    """Header, and two chunks whose lengths are multiples of four."""
+    text += b" " * (-len(text) % 4)
+    chunks = b"".join(
+        np.array([len(chunk)], "<u4").tobytes() + kind + chunk for kind, chunk in ((b"JSON", text), (b"BIN\0", binary))
+    )
+    return b"glTF" + np.array([2, 12 + len(chunks)], "<u4").tobytes() + chunks

@@ -12,8 +12,9 @@ import markergen
 from markergen.drawing.colors import channels, is_grey
 from markergen.drawing.paper import Paper, find_paper
 from markergen.drawing.scene import Disk, FilledPath, Line, Shape, Sheet
+from markergen.drawing.sheet_layout import one_page
 from markergen.errors import InputError
-from markergen.exporters import ExportOptions, Output, one_page
+from markergen.exporters import ExportOptions, Output
 from markergen.geometry.coverage import Runs, covered_runs, unit_disk
 from markergen.model.marker import Marker
 
@@ -38,7 +39,7 @@ LEAST_DPI, MOST_DPI = 10, 10_000
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
     """Sheet of the markers as PNG, in grey levels or RGB."""
     check_image(options)
-    sheet = one_page(markers, options, ".png")
+    sheet = one_page(markers, options.sheet, ".png")
     width, height = image_size(sheet.paper, options.dpi)
     note = f"The image has {width} x {height} pixels and says that they are {options.dpi} to the inch."
     return Output(write_png(sheet, options.dpi), (*sheet.notes, note))

@@ -1,10 +1,32 @@
-"""What the formats of solids share: words about the parts, and the drawing that comes with an engraved plate."""
+"""Solids as CAD has them: STEP and BREP, and what all formats of solids say and bring along."""
 
-from markergen.exporters import EXPORTERS, ExportOptions, without_paper
+from collections.abc import Sequence
+
+from markergen.exporters import EXPORTERS, ExportOptions, Output, only, without_paper
 from markergen.model.fabrication import PROCESSES
-from markergen.model.marker import Marker
+from markergen.model.marker import Marker, marker_name
+from markergen.solid.cad_files import write_brep, write_step
+from markergen.solid.kernel import solids_of
 from markergen.solid.plate import plate_size
-from markergen.solid.processes import Made
+from markergen.solid.processes import Made, parts_of
+
+
+def export_step(markers: Sequence[Marker], options: ExportOptions) -> Output:
+    """One assembly of solids as STEP (AP214), in mm; the paper is without effect."""
+    marker = only(markers, ".step").as_designed
+    made = parts_of(marker, options.fabrication)
+    data = write_step(solids_of(made.parts), marker_name(marker))
+    return Output(data, solid_notes(marker, made, options), beside_solid(marker, options))
+
+
+def export_brep(markers: Sequence[Marker], options: ExportOptions) -> Output:
+    """One compound of solids as BREP text, in mm; the paper is without effect."""
+    marker = only(markers, ".brep").as_designed
+    made = parts_of(marker, options.fabrication)
+    data = write_brep(solids_of(made.parts))
+    names = ", ".join(part.name for part in made.parts[:4]) + (", ..." if len(made.parts) > 4 else "")
+    order = f"BREP has neither names nor colors: the solids are, in this order, {names}."
+    return Output(data, (*solid_notes(marker, made, options), order), beside_solid(marker, options))
 
 
 def solid_notes(marker: Marker, made: Made, options: ExportOptions) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""How a marker is made as a solid: the process, and what of it a user may choose."""
+"""How a marker is made as a solid: the table of processes, and the choices that a user has."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Process:
-    """A way to make the dots, the tag and the pillars of a marker.
+    """A way to make the dots, the tag and the pillars of a marker, and all that others have to know of it.
 
     Attributes
     ----------
@@ -22,18 +22,21 @@ class Process:
         Make a `markergen.solid.processes.Made` of a marker as it was designed and the `Fabrication` that was asked for,
         or refuse it in one line (InputError).
     label : str
-        What it is called on screen and paper, beside its name: "milled".
+        Name on screen and paper, beside the one in the table: "milled".
+    summary : str
+        What it makes, in a few words for the list of processes in help.
     choices : tuple of str
         Which of `CHOICES` it knows.
     balls : bool
-        Whether dots are balls, whose diameters a drawing marks with an S.
+        Whether dots are spheres, whose diameters a drawing marks with an S.
     engraved : bool
-        Whether the machine works from a drawing: a .dxf of the whole plate, with what is `Made.marked`, then comes
-        beside solids.
+        Whether the machine works from a drawing of flat paths to cut and engrave: a .dxf is then one of the whole plate
+        with what is `Made.marked`, and comes beside solids.
     """
 
     make: Callable[["Marker", "Fabrication"], Any]
     label: str
+    summary: str = ""
     choices: tuple[str, ...] = ()
     balls: bool = False
     engraved: bool = False
@@ -44,15 +47,15 @@ class Process:
 
 
 PROCESSES: Registry[Process] = Registry("process", "markergen.solid.processes", "markergen.processes", Process)
-"""Processes by name. Their modules stand above this one, and are imported when one is asked for."""
+"""Processes by name. Their modules are in a layer above, and imported when one is asked for."""
 
 DEFAULT_PROCESS = "fdm"
 
-CHOICES = {"fit": "--fit", "through": "--through", "dome": "--dome ball"}
+CHOICES = {"fit": "--fit", "through": "--through", "dome": "--dome"}
 """Choices that only some processes know, and the options that make them."""
 
 SMALLEST_TOLERANCE, LARGEST_TOLERANCE = 1e-7, 1e-3
-"""Of a mesh in m: finer ones have no end of triangles, coarser ones show no dots."""
+"""Limits for the tolerance of a mesh in m: finer ones have no end of triangles, coarser ones show no dots."""
 
 
 @dataclass(frozen=True)
@@ -64,16 +67,17 @@ class Fabrication:
     process : str
         Name of one of `PROCESSES`.
     depth : float or None
-        Of pockets, of what is engraved, or of the recess, m.
+        Depth of pockets, engraving or recess, m.
     gap : float or None
-        Between an inlay and the wall of its pocket all around, m.
+        Gap between an inlay and the wall of its pocket all around, m.
     fit : {"", "slip", "press"}
-        Of discs in milled pockets.
+        Fit of discs in milled pockets.
     through : bool
-        Holes in place of milled pockets with discs.
+        Whether to make holes in place of pockets with discs.
     tool : float or None
         Diameter in m of nozzle, mill or beam: the smallest feature that it can make.
     dome : {"half", "ball"}
+        Shape of balls on a plate.
     draft : float
         Angle in rad by which pillars widen toward the plate.
     foot : float
@@ -110,9 +114,9 @@ class Fabrication:
             raise InputError("a fit of slip or press", repr(self.fit), "use --fit slip or --fit press")
         if self.dome not in ("half", "ball"):
             raise InputError("domes of half or ball", repr(self.dome), "use --dome half or --dome ball")
-        for choice, option in CHOICES.items():
+        for choice in CHOICES:
             if getattr(self, choice) != getattr(Fabrication, choice):
-                check_choice(self.process, choice, option)
+                check_choice(self.process, choice)
         for name, zero, example in (
             ("depth", False, "0.6mm"),
             ("gap", True, "0.1mm"),
@@ -133,14 +137,15 @@ class Fabrication:
             )
 
 
-def check_choice(process: str, choice: str, option: str) -> None:
-    """Refuse one of `CHOICES`, made by that option, for a process that does not know it.
+def check_choice(process: str, choice: str) -> None:
+    """Refuse one of `CHOICES` for a process that does not know it.
 
     Raises
     ------
     InputError
         If it does not, or there is no such process.
     """
+    option = CHOICES[choice]
     if choice not in PROCESSES[process].choices:
         able = " or ".join(name for name in PROCESSES if choice in PROCESSES[name].choices)
         raise InputError(f"{option} with --process {able}", f"--process {process}", f"leave out {option}, or change it")

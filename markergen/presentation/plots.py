@@ -191,13 +191,13 @@ def ticks(low: float, high: float) -> tuple[float, ...]:
     return next(steps for ratio, steps in _TICKS if high < ratio * low or ratio == math.inf)
 
 
-def log_axis(ax: "Axes", which: str) -> None:
-    """Make the ``x`` or ``y`` axis logarithmic, labeled with plain numbers."""
+def log_axis(ax: "Axes", which: str, steps: tuple[float, ...] = ()) -> None:
+    """Make the ``x`` or ``y`` axis logarithmic, with plain numbers at some steps of each decade: these, or `ticks`."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
     getattr(ax, f"set_{which}scale")("log")
     axis = getattr(ax, f"{which}axis")
-    axis.set_major_locator(LogLocator(subs=ticks(*getattr(ax, f"get_{which}lim")()), numticks=40))
+    axis.set_major_locator(LogLocator(subs=steps or ticks(*getattr(ax, f"get_{which}lim")()), numticks=40))
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 

@@ -24,6 +24,7 @@ from markergen.model.boundary import Boundary, Circle
 from markergen.model.camera import LARGEST_SIDE, Camera, Distortion
 from markergen.model.findings import findings_of, listed
 from markergen.model.image_noise import ImageNoise
+from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
 from markergen.model.shape_file import BoundaryFile, SubstrateFile, built
@@ -235,6 +236,18 @@ _SpecFile: Any = create_model(
     **_DECLARED,
 )
 _KEPT = {field.name for field in fields(Spec)}
+
+
+def spec_of(marker: Marker) -> Spec | None:
+    """Spec that a marker was designed with; None if its file does not say.
+
+    Raises
+    ------
+    InputError
+        If what the file says is no spec.
+    """
+    stored = marker.provenance.get("spec")
+    return None if stored is None else spec_from_mapping(stored, "provenance.spec", stored=True)
 
 
 def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) -> Spec:

@@ -1,45 +1,75 @@
-"""Bodies as plain data, in mm in the marker frame: what a solid is made of before any CAD kernel sees it.
+"""Bodies as plain data, in mm in the marker frame: what a part is made of, before a CAD kernel sees it.
 
-Paths are contours in mm. Volumes are closed forms, so that what the kernel makes of a body can be held against them.
+Outlines and profiles are contours of exact lines and arcs. Volumes, boxes and heights are closed forms, against which
+the kernel's results are checked, and from which the fabrication sheet takes its figures.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import atan, pi, sin
-from typing import Any
 
 from markergen.geometry import contour
-from markergen.geometry.contour import Contour, Point, Side, area, center_of, circle, inset
+from markergen.geometry.contour import Contour, area, inset
 
-__all__ = [
-    "OFF", "OTHER", "Body", "Part", "Path", "Point", "Prism", "Revolved", "Side", "area", "center_of", "circle",
-    "cylinder", "flattened", "inset", "mm", "part_volume", "polygon_of", "span", "volume",
-]  # fmt: skip
-
-Path = Contour
-
-OFF = 2e-3
-"""mm that a polygon may be off the arcs that it stands for: a tenth of what is seen on paper."""
+Box = tuple[float, float, float, float]
+"""Left, lower, right and upper end."""
 
 OTHER = {"light": "dark", "dark": "light"}
-"""Material that marked floors look like."""
+"""Material that the floor of a mark looks like, by the material around it."""
+
+COLORS = {"light": (1.0, 1.0, 1.0), "dark": (0.05, 0.05, 0.05)}
+"""Red, green and blue of a material, 0 to 1, sRGB."""
+
+SAME = 1e-6
+"""mm: lengths that differ by less are equal."""
+
+OFF = 2e-3
+"""mm that a polygon may be off the arcs it stands for: a tenth of what is visible on paper."""
 
 
 @dataclass(frozen=True)
 class Prism:
-    """An upright prism between two heights: an outer path, and holes in it.
+    """An upright prism between two heights, with through holes.
 
     Attributes
     ----------
+    outer : Contour
+        Counterclockwise.
+    holes : tuple of Contour
+        Clockwise.
+    bottom, top : float
     chamfer : float
-        Of the edge of the outer path at the top, 45 degrees. The path's arcs then go on smoothly at both ends.
+        Leg of a 45 degree chamfer around the upper outer edge. Arcs of the outline are then tangent to their neighbors.
     """
 
-    outer: Path
-    holes: tuple[Path, ...]
+    outer: Contour
+    holes: tuple[Contour, ...]
     bottom: float
     top: float
     chamfer: float = 0.0
+
+    @property
+    def box(self) -> Box:
+        """Bounding box seen from above, exact for arcs."""
+        return contour.box(self.outer)
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Lowest and highest z."""
+        return self.bottom, self.top
+
+    @property
+    def volume(self) -> float:
+        """Volume in mm^3: area times height, less the chamfer.
+
+        The area at a height within the chamfer is a polynomial of the second degree, for which Simpson's rule is exact.
+        """
+        full = area(self.outer)
+        whole = (full + sum(map(area, self.holes))) * (self.top - self.bottom)
+        if not self.chamfer:
+            return whole
+        half, top = (area(inset(self.outer, share * self.chamfer)) for share in (0.5, 1.0))
+        return whole - self.chamfer * (full - (full + 4 * half + top) / 6)
 
 
 @dataclass(frozen=True)
@@ -48,14 +78,38 @@ class Revolved:
 
     Attributes
     ----------
-    profile : Path
-        In (radius, z), radius >= 0, counterclockwise with the radius to the right and z up. Sides on the axis are
-        allowed; a profile that keeps off it makes a ring.
+    x, y : float
+    profile : Contour
+        In (radius, z), radius >= 0, counterclockwise with the radius to the right and z up. Sides may lie on the axis;
+        a profile that stays off the axis makes a ring.
     """
 
     x: float
     y: float
-    profile: Path
+    profile: Contour
+
+    @property
+    def radii(self) -> tuple[float, float]:
+        """Smallest and largest radius."""
+        inner, _, outer, _ = contour.box(self.profile)
+        return inner, outer
+
+    @property
+    def box(self) -> Box:
+        """Bounding box seen from above."""
+        _, r = self.radii
+        return self.x - r, self.y - r, self.x + r, self.y + r
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Lowest and highest z."""
+        _, low, _, high = contour.box(self.profile)
+        return low, high
+
+    @property
+    def volume(self) -> float:
+        """Volume in mm^3 by Pappus' theorem: 2 pi times the moment of the profile about the axis."""
+        return 2 * pi * _moment(self.profile)
 
 
 Body = Prism | Revolved
@@ -63,17 +117,19 @@ Body = Prism | Revolved
 
 @dataclass(frozen=True)
 class Part:
-    """One part to make: bodies that are joined, less bodies that are cut from them.
+    """One part to make: bodies joined together, less bodies cut from them.
 
     Attributes
     ----------
     name : str
         ``plate``, or ``plate-1`` and so on where there are several; ``dot-<id>``, ``dot-<id>-core``, ``tag-<k>``.
     material : {"light", "dark"}
-    add, cut : tuple of Body
-        What is cut lies inside of what is added, or ends at its surface.
+    add : tuple of Body
+        Joined. They do not overlap.
+    cut : tuple of Body
+        Removed. Each lies inside of what is added, or ends at its surface, apart from the others.
     marked : tuple of Body
-        Cut as well, and their floors are of the other color: engraved.
+        Removed as well, leaving floors of the other color: engraved marks.
     """
 
     name: str
@@ -84,14 +140,25 @@ class Part:
 
     @property
     def is_plate(self) -> bool:
-        """Whether it is a plate, and not what stands or lies in one."""
+        """Whether it is a plate rather than something that lies or stands in one."""
         return self.name.startswith("plate")
 
     @property
     def is_disk(self) -> bool:
-        """Whether its outline is one circle."""
+        """Whether its outline is a single circle."""
         body = self.add[0]
         return isinstance(body, Revolved) or body.outer.is_circle
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Lowest and highest z."""
+        lows, highs = zip(*(body.span for body in self.add), strict=True)
+        return min(lows), max(highs)
+
+    @property
+    def volume(self) -> float:
+        """Volume in mm^3."""
+        return sum(body.volume for body in self.add) - sum(body.volume for body in (*self.cut, *self.marked))
 
 
 def mm(meters: float) -> float:
@@ -99,54 +166,25 @@ def mm(meters: float) -> float:
     return round(meters * 1e3, 9) + 0.0
 
 
-def volume(body: Body) -> float:
-    """Volume of a body in mm^3: area times height, or Pappus' rule by the moment of the profile about the axis.
-
-    A chamfer's sections are a polynomial of the second degree in the height, for which Simpson's rule is exact.
-    """
-    if isinstance(body, Prism):
-        full = area(body.outer)
-        section = full + sum(area(hole) for hole in body.holes)
-        whole = section * (body.top - body.bottom)
-        if not body.chamfer:
-            return whole
-        half, top = (area(inset(body.outer, share * body.chamfer)) for share in (0.5, 1.0))
-        return whole - body.chamfer * (full - (full + 4 * half + top) / 6)
-    return 2 * pi * _moment(body.profile)
-
-
-def part_volume(part: Part) -> float:
-    """Volume of a part whose added bodies do not overlap and whose cuts lie inside of them and apart."""
-    return sum(map(volume, part.add)) - sum(map(volume, (*part.cut, *part.marked)))
-
-
-def span(body: Body) -> tuple[float, float]:
-    """Lowest and highest z of a body in mm; an arc's to a tenth of a micrometer."""
-    if isinstance(body, Prism):
-        return body.bottom, body.top
-    heights = [z for _, z in flattened(body.profile, 1e-4)]
-    return min(heights), max(heights)
-
-
 def cylinder(x: float, y: float, radius: float, bottom: float, top: float, inner: float = 0.0) -> Revolved:
-    """Upright cylinder, or tube if it has an inner radius."""
-    return Revolved(x, y, Path(((inner, bottom), (radius, bottom), (radius, top), (inner, top))))
+    """Upright cylinder; a tube if it has an inner radius."""
+    return Revolved(x, y, Contour(((inner, bottom), (radius, bottom), (radius, top), (inner, top))))
 
 
-def flattened(path: Path, off: float = OFF) -> list[Point]:
-    """Corners of a polygon for the path, from which its arcs are no farther than `off` mm."""
-    return contour.flattened(path, off)
+def span_of(parts: Sequence[Part]) -> tuple[float, float]:
+    """Lowest and highest z of several parts."""
+    lows, highs = zip(*(part.span for part in parts), strict=True)
+    return min(lows), max(highs)
 
 
-def polygon_of(outer: Path, holes: Sequence[Path] = ()) -> Any:
-    """Shapely polygon of paths."""
-    import shapely
+def size_of(bodies: Sequence[Body]) -> tuple[float, float]:
+    """Width and height of bodies seen from above, exact for arcs."""
+    lefts, bottoms, rights, tops = zip(*(body.box for body in bodies), strict=True)
+    return max(rights) - min(lefts), max(tops) - min(bottoms)
 
-    return shapely.Polygon(flattened(outer), [flattened(hole) for hole in holes])
 
-
-def _moment(profile: Path) -> float:
-    """Integral of the radius over the inside of a profile, by Green's theorem: that of r^2/2 dz along it."""
+def _moment(profile: Contour) -> float:
+    """Integral of the radius over the inside of a profile, by Green's theorem: the integral of r^2/2 dz along it."""
     total = 0.0
     for (r, z), (u, w), bulge in profile.sides:
         total += (w - z) * (r * r + r * u + u * u) / 6
@@ -155,13 +193,13 @@ def _moment(profile: Path) -> float:
             chord = ((u - r) ** 2 + (w - z) ** 2) ** 0.5
             radius = chord / (2 * abs(sin(angle / 2)))
             segment = radius**2 * (angle - sin(angle)) / 2
-            # The segment's middle lies to the right of the chord for a turn to the left, at 4 R sin^3(a/2) / (3 (a -
-            # sin a)) from the arc's center; its moment is area times the middle's distance from the axis.
+            # For a turn to the left the segment's centroid lies to the right of the chord, 4 R sin^3(a/2) / (3 (a - sin
+            # a)) from the arc's center; its moment is its area times the centroid's distance from the axis.
             half = angle / 2
             normal = ((w - z) / chord, -(u - r) / chord)
             offset = 4 * radius * abs(sin(half)) ** 3 / (3 * abs(angle - sin(angle)))
             center = chord / 2 * (1 - bulge**2) / (2 * abs(bulge))
             side = 1.0 if bulge > 0 else -1.0
-            middle = (r + u) / 2 + side * normal[0] * (offset - center)
-            total += segment * middle
+            centroid = (r + u) / 2 + side * normal[0] * (offset - center)
+            total += segment * centroid
     return total

@@ -1,16 +1,23 @@
-"""What is engraved on the back of a plate, to be read from behind: name, spec hash, tag, origin, x-axis and ids."""
+"""Engraving on the back of a plate, to be read from behind: name, spec hash, tag, origin, x-axis and ids.
+
+Letters are outlines of the font that sheets are printed in, with exact arcs for its curves, rather than a CAD kernel's
+text: the fabrication sheet shows them without a kernel, and they are the same on every machine.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import atan2, hypot, inf, tan
-from typing import Any
 
 import numpy as np
 
 from markergen.drawing.text import text, text_width
+from markergen.geometry.contour import Contour, Point, center_of
+from markergen.geometry.region import Region
 from markergen.model.marker import ControlPoint, Marker, marker_name
-from markergen.solid.bodies import Body, Path, Point, Prism, area, center_of, circle, flattened, mm, polygon_of, span
-from markergen.solid.limits import FLOOR
+from markergen.solid.bodies import Body, Prism, mm
+from markergen.solid.manufacturability import FLOOR
+from markergen.solid.plate import grouped
+from markergen.solid.projection import plan
 
 DEPTH = 0.3
 """mm: one or two layers of a printer, one pass of an engraver."""
@@ -22,30 +29,30 @@ MARGIN = 1.0
 """Least distance in mm from edges, holes and other engraving."""
 
 HEIGHTS = (6.0, 5.0, 4.0, 3.0, 2.5)
-"""Of capital letters in mm, tried one after the other; their strokes are a fifth of it wide."""
+"""Heights of capital letters in mm, tried one after the other; strokes are a fifth of that wide."""
 
 LARGEST_ID, SMALLEST_ID = 4.0, 2.5
-"""Height in mm of the digits behind dots."""
+"""Largest and smallest height in mm of the digits behind dots."""
 
 STEPS = 32
-"""Places that are tried for the title across the plate, and up."""
+"""Number of places tried for the title across the plate, and as many up."""
 
 LINE = 1.6
-"""From one line of text to the next, in heights of a capital."""
+"""Line spacing, in heights of a capital."""
 
 SMALLEST_SIDE = 1e-4
-"""mm: shorter sides of letters are left out, and flatter arcs are lines."""
+"""Shortest side of a letter in mm; arcs that are flatter become lines."""
 
 SHAPE = 0.006
-"""How far letters may be off their font, in heights of a capital: nobody sees it, and there are half the faces."""
+"""Largest deviation of letters from their font, in heights of a capital: invisible, and it halves the faces."""
 
 MOST_BULGE = 0.8
-"""Of one arc in a letter: nearly a half turn."""
+"""Largest bulge of one arc in a letter: nearly a half turn."""
 
 
 @dataclass(frozen=True)
 class Engraving:
-    """Bodies to cut from the back, and sentences about what is left out."""
+    """Bodies to cut from the back, and sentences about what was left out."""
 
     cut: tuple[Prism, ...] = ()
     notes: tuple[str, ...] = ()
@@ -53,35 +60,33 @@ class Engraving:
 
 @dataclass(frozen=True)
 class _Block:
-    """Something to engrave: closed paths as seen from above, outer ones counterclockwise, and the box they need."""
+    """Something to engrave: contours seen from above, outer ones counterclockwise, and the box that they need."""
 
-    paths: tuple[Path, ...]
+    contours: tuple[Contour, ...]
     box: tuple[float, float, float, float]
 
 
-def engraving(marker: Marker, plate: Any, bottom: float, cut: Sequence[Body]) -> Engraving:
+def engraving(marker: Marker, plate: Region, bottom: float, cut: Sequence[Body]) -> Engraving:
     """Engrave the back of a plate where it has room.
 
     Parameters
     ----------
     marker : Marker
-    plate : shapely geometry
+    plate : Region
         Its outlines in mm.
     bottom : float
         Height of the back, mm.
     cut : sequence of Body
-        All else that is cut from it.
+        Everything else that is cut from it.
     """
-    import shapely
-
     thickness, least = mm(marker.substrate.thickness), DEPTH + FLOOR
     if thickness < least:
         return Engraving(
             notes=(f"The back is not engraved: a plate of {thickness:.6g} mm is thinner than {least:.6g} mm.",)
         )
-    deep = [_plan(body) for body in cut if span(body)[0] < bottom + DEPTH + WALL]
-    room = _Room(shapely.difference(shapely.buffer(plate, -MARGIN), shapely.buffer(shapely.union_all(deep), MARGIN)))
-    left, low, right, high = plate.bounds
+    deep = Region.union(plan(body) for body in cut if body.span[0] < bottom + DEPTH + WALL)
+    room = _Room(plate.offset(-MARGIN, segments=8) - deep.offset(MARGIN, segments=8))
+    left, low, right, high = plate.box
     lacking = []
     if not room.take(_axes(min(1.0, max(right - left, high - low) / 60))):
         lacking.append("origin and x-axis")
@@ -99,52 +104,45 @@ def engraving(marker: Marker, plate: Any, bottom: float, cut: Sequence[Body]) ->
         more = f" and {len(unnamed) - 5} more" if len(unnamed) > 5 else ""
         lacking.append(f"id{'s' * (len(unnamed) > 1)} {', '.join(unnamed[:5])}{more}")
     notes = (f"The back has no room for: {'; '.join(lacking)}.",) if lacking else ()
-    return Engraving(tuple(prism for block in room.taken for prism in _prisms(block.paths, bottom)), notes)
+    letters = [piece for block in room.taken for piece in grouped(block.contours)]
+    return Engraving(tuple(Prism(outer, tuple(holes), bottom, bottom + DEPTH) for outer, *holes in letters), notes)
 
 
 class _Room:
-    """Where there is still room, as a shapely geometry, and what has been given some."""
+    """Free room on the back, and the blocks that have taken some."""
 
-    def __init__(self, free: Any) -> None:
+    def __init__(self, free: Region, taken: Sequence[_Block] = ()) -> None:
         self._free = free
-        self.taken: list[_Block] = []
+        self.taken = [*taken]
 
     def copy(self) -> "_Room":
-        """The same room, of which what is given from now on is not taken from this one."""
-        other = _Room(self._free)
-        other.taken = [*self.taken]
-        return other
+        """Return the same room, from which later blocks are taken independently."""
+        return _Room(self._free, self.taken)
 
     def take(self, block: _Block) -> bool:
-        """Give a block its room, if it is free."""
-        import shapely
-
-        box = shapely.box(*block.box)
-        if not shapely.contains_properly(self._free, box):
+        """Give a block its room, if that is free."""
+        box = Region.rectangle(*block.box)
+        if not self._free.surrounds(box):
             return False
-        self._free = shapely.difference(self._free, shapely.buffer(box, MARGIN, join_style="mitre"))
+        self._free -= box.offset(MARGIN, "miter")
         self.taken.append(block)
         return True
 
     def take_somewhere(self, lines: Sequence[str], height: float) -> bool:
-        """Give lines of text room as near to the middle as there is some."""
-        import shapely
-
-        if self._free.is_empty:
+        """Give lines of text the free room that is nearest to the middle."""
+        if not self._free:
             return False
-        left, low, right, high = self._free.bounds
-        block = _lines(lines, (left + right) / 2, (low + high) / 2, height)
-        shapely.prepare(self._free)
+        left, low, right, high = self._free.box
+        x, y = (left + right) / 2, (low + high) / 2
         # From behind, the first ones are on the upper left.
         dx, dy = np.meshgrid(*((np.arange(STEPS + 1) / STEPS - 0.5) * size for size in (left - right, low - high)))
-        a, b, c, d = block.box
-        fits = shapely.contains_properly(self._free, shapely.box(a + dx, b + dy, c + dx, d + dy))
+        fits = self._free.surrounds_boxes(
+            np.array(_lines(lines, x, y, height).box) + np.stack([dx, dy, dx, dy], axis=-1)
+        )
         if not fits.any():
             return False
         best = np.unravel_index(np.argmin(np.where(fits, np.hypot(dx, dy).round(6), np.inf)), fits.shape)
-        return self.take(
-            _lines(lines, (left + right) / 2 + float(dx[best]), (low + high) / 2 + float(dy[best]), height)
-        )
+        return self.take(_lines(lines, x + float(dx[best]), y + float(dy[best]), height))
 
 
 def _title(marker: Marker, room: _Room) -> bool:
@@ -183,36 +181,36 @@ def _behind(point: ControlPoint, points: Sequence[ControlPoint]) -> Iterator[_Bl
 
 def _axes(unit: float) -> _Block:
     """A cross at the origin, its x-axis an arrow, with an x."""
-    import shapely
-
     half, arm, end = 0.4 * unit, 4.0 * unit, 14.0 * unit
     strokes = [
-        shapely.box(-arm, -half, end - 2 * unit, half),
-        shapely.box(-half, -arm, half, arm),
-        shapely.Polygon([(end, 0), (end - 3 * unit, 1.5 * unit), (end - 3 * unit, -1.5 * unit)]),
+        Region.rectangle(-arm, -half, end - 2 * unit, half),
+        Region.rectangle(-half, -arm, half, arm),
+        Region.polygon([(end, 0), (end - 3 * unit, 1.5 * unit), (end - 3 * unit, -1.5 * unit)]),
     ]
-    outline = shapely.orient_polygons(shapely.union_all(strokes))
-    corners = shapely.get_coordinates(outline)[:-1].tolist()
+    (corners,) = Region.union(strokes).oriented().rings
     letter = _lines(("x",), end + 3 * unit, 0.8 * unit, max(3 * unit, SMALLEST_ID))
-    return _Block((Path(tuple((x, y) for x, y in corners)), *letter.paths), (-arm, -arm, letter.box[2], arm))
+    arrow = Contour(tuple((x, y) for x, y in corners.tolist()))
+    return _Block((arrow, *letter.contours), (-arm, -arm, letter.box[2], arm))
 
 
 def _lines(lines: Sequence[str], x: float, y: float, height: float) -> _Block:
     """Lines of text around (x, y), mirrored so that they read from behind."""
     wide = max(text_width(line, height, "bold") for line in lines)
     tall = height * (1 + LINE * (len(lines) - 1))
-    paths: list[Path] = []
+    contours: list[Contour] = []
     for number, line in enumerate(lines):
         base = tall / 2 - height - number * LINE * height
-        for path in _outlines(line, height):
-            points = tuple((round(x - u, 6), round(y + base + v, 6)) for u, v in path.points)
+        for letter in _outlines(line, height):
+            points = tuple((round(x - u, 6), round(y + base + v, 6)) for u, v in letter.points)
             # What turned left turns right in the mirror.
-            paths.append(Path(points, tuple(-bulge for bulge in path.bulges)))
+            contours.append(Contour(points, tuple(-bulge for bulge in letter.bulges)))
     # Some letters reach below their line.
-    return _Block(tuple(paths), (x - wide / 2, y - tall / 2 - 0.3 * height, x + wide / 2, y + tall / 2 + 0.1 * height))
+    return _Block(
+        tuple(contours), (x - wide / 2, y - tall / 2 - 0.3 * height, x + wide / 2, y + tall / 2 + 0.1 * height)
+    )
 
 
-def _outlines(line: str, height: float) -> Iterator[Path]:
+def _outlines(line: str, height: float) -> Iterator[Contour]:
     """Outlines of a line of text around x = 0, with as few arcs as `SHAPE` allows for their curves."""
     begin = start = (0.0, 0.0)
     sides: list[tuple[Point, ...]] = []
@@ -229,8 +227,8 @@ def _outlines(line: str, height: float) -> Iterator[Path]:
             yield _with_arcs(sides, SHAPE * height)
 
 
-def _with_arcs(sides: Sequence[tuple[Point, ...]], off: float) -> Path:
-    """Path of lines, and of curves through three points, of which one arc stands for as many as it can."""
+def _with_arcs(sides: Sequence[tuple[Point, ...]], off: float) -> Contour:
+    """Contour of lines, and of arcs that each stand for as many of the curves through three points as they can."""
     points: list[Point] = []
     bulges: list[float] = []
     first = 0
@@ -245,7 +243,7 @@ def _with_arcs(sides: Sequence[tuple[Point, ...]], off: float) -> Path:
         points.append(sides[first][0])
         bulges.append(bulge)
         first = last + 1
-    return Path(tuple(points), tuple(bulges))
+    return Contour(tuple(points), tuple(bulges))
 
 
 def _bulge(arc: Sequence[Point]) -> float:
@@ -262,23 +260,3 @@ def _off(run: Sequence[Point], bulge: float) -> float:
     x, y = center_of((run[0], run[-1], bulge))
     distances = [hypot(u - x, v - y) for u, v in run]
     return max(abs(distance - distances[0]) for distance in distances)
-
-
-def _prisms(paths: Sequence[Path], bottom: float) -> list[Prism]:
-    """Letters, each outer path with the holes that lie in it."""
-    import shapely
-
-    holes = [path for path in paths if area(path) < 0]
-    found = []
-    for outer in paths:
-        if area(outer) > 0:
-            inside = polygon_of(outer)
-            within = tuple(hole for hole in holes if shapely.contains(inside, shapely.Point(hole.points[0])))
-            found.append(Prism(outer, within, bottom, bottom + DEPTH))
-    return found
-
-
-def _plan(body: Body) -> Any:
-    if isinstance(body, Prism):
-        return polygon_of(body.outer)
-    return polygon_of(circle(max(r for r, _ in flattened(body.profile)), body.x, body.y))

@@ -1,19 +1,52 @@
-"""Bodies as Open CASCADE has them: swept up or around, joined and cut by its Booleans."""
+"""Parts as solids of Open CASCADE: bodies swept up or around, then joined and cut by its Booleans.
 
-from collections.abc import Callable, Sequence
+cadquery does what it offers. Made here with OCP are faces in planes that are known instead of fitted, arcs about exact
+centers, chamfers that survive nearly tangent sides, and Booleans that remember the floors of what is engraved.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from math import atan, hypot, pi
 from types import ModuleType
 from typing import Any
 
-from markergen.errors import MissingLibraryError
-from markergen.geometry.contour import backward
-from markergen.solid.bodies import Body, Path, Prism, Side, center_of, inset
+from markergen.errors import MissingLibraryError, OutputError
+from markergen.geometry.contour import Contour, Side, backward, center_of, inset
+from markergen.solid.bodies import COLORS, Body, Part, Prism
 
 NEAR = 1e-6
-"""mm: edges that are closer are one."""
+"""mm: edges that are closer are sewn into one."""
 
 LEVEL = 1 - 1e-9
-"""Least upright part of the normal of a face that counts as level."""
+"""Least upright component of the normal of a face that counts as level."""
+
+TOLERANCE = 1e-5
+"""Largest difference between the kernel's volume of a part and the closed form, as a share."""
+
+
+@dataclass(frozen=True)
+class NamedSolid:
+    """One part as the CAD kernel holds it.
+
+    Attributes
+    ----------
+    name : str
+        As in `Part`.
+    material : {"light", "dark"}
+    color : (red, green, blue)
+        0 to 1, sRGB.
+    shape : cadquery.Solid
+        In mm, marker frame: the face of the plate is z = 0, the plate is below.
+    marked : tuple of cadquery.Face
+        Faces of `shape` that have the other material's color.
+    """
+
+    name: str
+    material: str
+    color: tuple[float, float, float]
+    shape: Any
+    marked: tuple[Any, ...] = ()
 
 
 def import_cadquery() -> ModuleType:
@@ -26,14 +59,51 @@ def import_cadquery() -> ModuleType:
 
 
 def missing_kernel(need: str, found: str) -> MissingLibraryError:
-    """Error that says what is needed for, what was found, and what to install."""
+    """Error that says what cadquery is needed for, what was found, and what to install."""
     return MissingLibraryError(
         f"{need} the library cadquery with the system's libGL and libX11, found: {found}; "
         "install them with: pip install 'markergen[solids]' && apt-get install libgl1 libx11-6"
     )
 
 
-def solid_of(body: Body) -> Any:
+# Several files of one marker are written one after the other, and the kernel is what takes the time.
+@lru_cache(maxsize=1)
+def solids_of(parts: tuple[Part, ...]) -> tuple[NamedSolid, ...]:
+    """Make all parts; raises as `build` does."""
+    return tuple(map(build, parts))
+
+
+def build(part: Part) -> NamedSolid:
+    """Make one part.
+
+    Raises
+    ------
+    OutputError
+        If the kernel makes no valid solid of it, or one whose volume is not the part's.
+    MissingLibraryError
+        If cadquery or a system library that it needs is missing.
+    """
+    import_cadquery()
+    try:
+        shape, floors = _joined(*([_solid(body) for body in bodies] for bodies in (part.add, part.cut, part.marked)))
+        volume = shape.Volume()
+        sound = shape.isValid() and abs(volume - part.volume) <= TOLERANCE * abs(volume)
+    except Exception as error:
+        # Open CASCADE raises errors of many classes, none of them Python's.
+        raise _failed(part, " ".join(str(error).split()) or type(error).__name__) from None
+    if not sound:
+        raise _failed(part, f"{volume:.9g} mm^3 instead of {part.volume:.9g} mm^3")
+    return NamedSolid(part.name, part.material, COLORS[part.material], shape, floors)
+
+
+def _failed(part: Part, found: str) -> OutputError:
+    return OutputError(
+        f"expected Open CASCADE to make a valid solid of the part {part.name!r}, found {found}; change the depth, "
+        "the thickness or the outline a little"
+    )
+
+
+def _solid(body: Body) -> Any:
     """TopoDS_Solid of a body."""
     from OCP.BRepPrimAPI import BRepPrimAPI_MakePrism, BRepPrimAPI_MakeRevol
     from OCP.gp import gp_Ax1, gp_Dir, gp_Pln, gp_Pnt, gp_Vec
@@ -42,22 +112,45 @@ def solid_of(body: Body) -> Any:
         return _chamfered(body)
     if isinstance(body, Prism):
         level = gp_Pln(gp_Pnt(0, 0, body.bottom), gp_Dir(0, 0, 1))
-        base = _face(level, [_wire(path, body.bottom) for path in (body.outer, *body.holes)])
+        base = _face(level, [_wire(contour, body.bottom) for contour in (body.outer, *body.holes)])
         return BRepPrimAPI_MakePrism(base, gp_Vec(0, 0, body.top - body.bottom)).Shape()
     place = gp_Pnt(body.x, body.y, 0)
     profile = _face(gp_Pln(place, gp_Dir(0, -1, 0)), [_wire(body.profile, None, (body.x, body.y))])
     return BRepPrimAPI_MakeRevol(profile, gp_Ax1(place, gp_Dir(0, 0, 1))).Shape()
 
 
-def faces_of(shape: Any) -> list[Any]:
-    """TopoDS_Faces of a shape, oriented as it has them."""
-    from OCP.TopAbs import TopAbs_FACE
-    from OCP.TopoDS import TopoDS
+def _joined(added: Sequence[Any], cut: Sequence[Any], marked: Sequence[Any]) -> tuple[Any, tuple[Any, ...]]:
+    """One cadquery.Solid of all that is added less all the others, and its level faces at floors of what is marked.
 
-    return _explored(shape, TopAbs_FACE, TopoDS.Face_s)
+    One operation with many arguments each: Open CASCADE then takes hundreds of pockets in a second.
+    """
+    from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut, BRepAlgoAPI_Fuse
+
+    shape, floors = added[0], []
+    if len(added) > 1:
+        shape = _operated(BRepAlgoAPI_Fuse(), added[:1], added[1:]).Shape()
+    if cut or marked:
+        operation = _operated(BRepAlgoAPI_Cut(), [shape], [*cut, *marked])
+        shape = operation.Shape()
+        for body in marked:
+            for face in _faces(body):
+                if _side(face) < 0:
+                    floors += list(operation.Modified(face)) or [face]
+    solids = import_cadquery().Shape.cast(shape).Solids()
+    if len(solids) != 1:
+        raise ValueError(f"{len(solids)} pieces" if solids else "nothing")
+    # As the solid has them, which is the other way around.
+    (solid,) = solids
+    faces = solid.Faces() if floors else []
+    return solid, tuple(face for face in faces if any(face.wrapped.IsSame(floor) for floor in floors))
 
 
-def side_of(face: Any) -> int:
+def _faces(shape: Any) -> list[Any]:
+    """TopoDS_Faces of a TopoDS_Shape, oriented as it has them."""
+    return [face.wrapped for face in import_cadquery().Shape.cast(shape).Faces()]
+
+
+def _side(face: Any) -> int:
     """1 if a face is level and its outside is above it, -1 if below; 0 if it is not level."""
     from OCP.BRepAdaptor import BRepAdaptor_Surface
     from OCP.GeomAbs import GeomAbs_Plane
@@ -73,30 +166,6 @@ def side_of(face: Any) -> int:
     return 1 if (up > 0) != (face.Orientation() == TopAbs_REVERSED) else -1
 
 
-def joined(added: Sequence[Any], cut: Sequence[Any], marked: Sequence[Any]) -> tuple[Any, list[Any]]:
-    """TopoDS_Solid of all that is added together less all the others, and its level faces at floors of what is marked.
-
-    One operation with many arguments each: Open CASCADE then takes hundreds of pockets in a second.
-    """
-    from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut, BRepAlgoAPI_Fuse
-
-    shape, floors = added[0], []
-    if len(added) > 1:
-        shape = _operated(BRepAlgoAPI_Fuse(), added[:1], added[1:]).Shape()
-    if cut or marked:
-        operation = _operated(BRepAlgoAPI_Cut(), [shape], [*cut, *marked])
-        shape = operation.Shape()
-        for body in marked:
-            for face in faces_of(body):
-                if side_of(face) < 0:
-                    floors += list(operation.Modified(face)) or [face]
-    (solid, *more) = _solids(shape) or [None]
-    if solid is None or more:
-        raise ValueError(f"{len(more) + 1} pieces" if more else "nothing")
-    # As the solid has them, which is the other way around.
-    return solid, [face for face in faces_of(solid) if any(face.IsSame(floor) for floor in floors)]
-
-
 def _operated(operation: Any, arguments: Sequence[Any], tools: Sequence[Any]) -> Any:
     from OCP.TopTools import TopTools_ListOfShape
 
@@ -109,23 +178,6 @@ def _operated(operation: Any, arguments: Sequence[Any], tools: Sequence[Any]) ->
     return operation
 
 
-def _solids(shape: Any) -> list[Any]:
-    from OCP.TopAbs import TopAbs_SOLID
-    from OCP.TopoDS import TopoDS
-
-    return _explored(shape, TopAbs_SOLID, TopoDS.Solid_s)
-
-
-def _explored(shape: Any, kind: Any, cast: Callable[[Any], Any]) -> list[Any]:
-    from OCP.TopExp import TopExp_Explorer
-
-    found, explorer = [], TopExp_Explorer(shape, kind)
-    while explorer.More():
-        found.append(cast(explorer.Current()))
-        explorer.Next()
-    return found
-
-
 def _chamfered(body: Prism) -> Any:
     """Prism with a chamfer, sewn from its faces: the kernel's own chamfers go wrong where sides turn by little."""
     from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut
@@ -134,13 +186,13 @@ def _chamfered(body: Prism) -> Any:
     from OCP.TopoDS import TopoDS
 
     rim, edge = body.top - body.chamfer, inset(body.outer, body.chamfer)
-    lower, upper = (solid_of(Prism(path, (), body.bottom, z)) for path, z in ((body.outer, rim), (edge, body.top)))
+    lower, upper = (_solid(Prism(each, (), body.bottom, z)) for each, z in ((body.outer, rim), (edge, body.top)))
     sewing = BRepBuilderAPI_Sewing(NEAR)
-    for face in faces_of(lower):
-        if side_of(face) <= 0:
+    for face in _faces(lower):
+        if _side(face) <= 0:
             sewing.Add(face)
-    for face in faces_of(upper):
-        if side_of(face) > 0:
+    for face in _faces(upper):
+        if _side(face) > 0:
             sewing.Add(face)
     pairs = list(zip(body.outer.sides, edge.sides, strict=True))
     whole = body.outer.is_circle
@@ -149,12 +201,15 @@ def _chamfered(body: Prism) -> Any:
     sewing.Perform()
     solid = BRepBuilderAPI_MakeSolid(TopoDS.Shell_s(sewing.SewedShape())).Solid()
     BRepLib.OrientClosedSolid_s(solid)
-    holes = [solid_of(Prism(backward(hole), (), body.bottom, body.top)) for hole in body.holes]
-    return _solids(_operated(BRepAlgoAPI_Cut(), [solid], holes).Shape())[0] if holes else solid
+    if not body.holes:
+        return solid
+    holes = [_solid(Prism(backward(hole), (), body.bottom, body.top)) for hole in body.holes]
+    cut = _operated(BRepAlgoAPI_Cut(), [solid], holes).Shape()
+    return import_cadquery().Shape.cast(cut).Solids()[0].wrapped
 
 
 def _slant(one: Side, other: Side, low: float, high: float, angle: float) -> Any:
-    """Face from a side of a path up to the same side moved inward: of a plane, or of a cone for an arc of an angle."""
+    """Face of a chamfer between a side and the same side moved inward: a plane, or for an arc of an angle a cone."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakePolygon
     from OCP.BRepPrimAPI import BRepPrimAPI_MakeRevol
     from OCP.gp import gp_Ax1, gp_Ax3, gp_Dir, gp_Pln, gp_Pnt
@@ -170,11 +225,11 @@ def _slant(one: Side, other: Side, low: float, high: float, angle: float) -> Any
         return _face(gp_Pln(gp_Ax3(corners[0], normal, along)), [ring])
     axis = gp_Ax1(gp_Pnt(*center_of(one), 0), gp_Dir(0, 0, 1 if bulge > 0 else -1))
     edge = BRepBuilderAPI_MakeEdge(gp_Pnt(x, y, low), gp_Pnt(p, q, high)).Edge()
-    return faces_of(BRepPrimAPI_MakeRevol(edge, axis, angle).Shape())[0]
+    return _faces(BRepPrimAPI_MakeRevol(edge, axis, angle).Shape())[0]
 
 
 def _face(plane: Any, wires: Sequence[Any]) -> Any:
-    """Face in a plane that is given, because one that Open CASCADE finds from the wire is off by rounding."""
+    """Face in a given plane, since the one that Open CASCADE fits to the wire is off by rounding."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
 
     maker = BRepBuilderAPI_MakeFace(plane, wires[0], True)
@@ -183,7 +238,7 @@ def _face(plane: Any, wires: Sequence[Any]) -> Any:
     return maker.Face()
 
 
-def _wire(path: Path, height: float | None, axis: tuple[float, float] = (0.0, 0.0)) -> Any:
+def _wire(contour: Contour, height: float | None, axis: tuple[float, float] = (0.0, 0.0)) -> Any:
     """Wire at a height, or with a height of None upright in the half plane of positive x from the axis."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakeVertex, BRepBuilderAPI_MakeWire
     from OCP.gp import gp_Ax2, gp_Circ, gp_Dir, gp_Pnt
@@ -191,25 +246,24 @@ def _wire(path: Path, height: float | None, axis: tuple[float, float] = (0.0, 0.
     def point(x: float, y: float) -> Any:
         return gp_Pnt(axis[0] + x, axis[1], y) if height is None else gp_Pnt(x, y, height)
 
-    # About these a turn to the left in the path is a turn to the left in space.
+    # Arcs that turn left in the contour turn left in space about these.
     left = gp_Dir(0, -1, 0) if height is None else gp_Dir(0, 0, 1)
     right, along = left.Reversed(), gp_Dir(1, 0, 0)
     wire = BRepBuilderAPI_MakeWire()
-    vertices = [BRepBuilderAPI_MakeVertex(point(*corner)).Vertex() for corner in path.points]
-    bulges = path.bulges or (0.0,) * len(vertices)
-    if (whole := path.as_circle) is not None:
+    vertices = [BRepBuilderAPI_MakeVertex(point(*corner)).Vertex() for corner in contour.points]
+    if (whole := contour.as_circle) is not None:
         # Two half turns are a circle with one edge: half the faces, and what readers look for as a circle.
         x, y, radius = whole
-        circle = gp_Circ(gp_Ax2(point(x, y), left if bulges[0] > 0 else right, along), radius)
+        circle = gp_Circ(gp_Ax2(point(x, y), left if contour.bulges[0] > 0 else right, along), radius)
         return BRepBuilderAPI_MakeWire(BRepBuilderAPI_MakeEdge(circle).Edge()).Wire()
-    for i, ((x, y), bulge) in enumerate(zip(path.points, bulges, strict=True)):
-        j = (i + 1) % len(vertices)
-        u, v = path.points[j]
+    for side, start, end in zip(contour.sides, vertices, (*vertices[1:], vertices[0]), strict=True):
+        (x, y), _, bulge = side
         if not bulge:
-            wire.Add(BRepBuilderAPI_MakeEdge(vertices[i], vertices[j]).Edge())
+            wire.Add(BRepBuilderAPI_MakeEdge(start, end).Edge())
             continue
-        center = center_of(((x, y), (u, v), bulge))
-        radius = hypot(x - center[0], y - center[1])
-        circle = gp_Circ(gp_Ax2(point(*center), left if bulge > 0 else right, along), radius)
-        wire.Add(BRepBuilderAPI_MakeEdge(circle, vertices[i], vertices[j]).Edge())
+        center = center_of(side)
+        circle = gp_Circ(
+            gp_Ax2(point(*center), left if bulge > 0 else right, along), hypot(x - center[0], y - center[1])
+        )
+        wire.Add(BRepBuilderAPI_MakeEdge(circle, start, end).Edge())
     return wire.Wire()

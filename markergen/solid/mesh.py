@@ -1,4 +1,8 @@
-"""Meshes of solids: closed, within a tolerance of the surface, and the same from run to run."""
+"""Meshes of solids: closed, within a tolerance of the surface, and the same from run to run.
+
+Open CASCADE makes the triangles, but not by cadquery's `tessellate`, which has one tolerance for balls, bores and
+letters alike, and keeps the order of the faces. Here points lie on a grid that all parts have in common.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,24 +13,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import OutputError
-from markergen.solid.build import NamedSolid
+from markergen.solid.kernel import NamedSolid
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 ANGLE = 2 * pi / 96
-"""Largest angle in rad that a chord stands for as the kernel counts it; a circle gets up to twice as many chords.
+"""Largest angle in rad of a chord as the kernel counts it; a circle gets up to twice as many chords.
 
-So cylinders lack 0.02 % of their volume and balls 0.08 % at the most, however small they are.
+Cylinders therefore lack at most 0.02 % of their volume, and balls 0.08 %, however small they are.
 """
 
 CLOSER = 2.2
-"""How much closer the kernel is told to stay: on balls it goes up to 2.1 times as far off as it is told."""
+"""Factor by which the kernel is given a smaller tolerance: on balls it exceeds what it is given up to 2.1 times."""
 
 FINEST = -14
-"""Power of two in mm of the finest grid that points are on, 0.06 um: all markers of up to half a meter have the same.
+"""Exponent of 2, in mm, of the finest grid for points, 0.06 um; all markers of up to half a meter share it.
 
-Parts that touch then have the same points where they do.
+Parts that touch then have their points in common there.
 """
 
 
@@ -37,7 +41,7 @@ class Mesh:
     Attributes
     ----------
     points : array (n, 3)
-        In mm, marker frame, each one once, and exact as 32-bit floats.
+        In mm, marker frame, each one once, exactly representable as 32-bit floats.
     triangles : array (m, 3)
         Indices of points, counterclockwise seen from outside.
     marked : array (m,) of bool
@@ -56,7 +60,7 @@ class Mesh:
 
 
 def mesh_of(solid: NamedSolid, tolerance: float) -> Mesh:
-    """Mesh a solid; no point of the surface is further than `tolerance` mm from it.
+    """Mesh a solid; no point of its surface is farther than `tolerance` mm from the mesh.
 
     Raises
     ------
@@ -92,10 +96,10 @@ def is_closed(triangles: Indices) -> bool:
 
 
 def kept_apart(meshes: Sequence[Mesh]) -> list[Mesh]:
-    """Meshes none of which shares a point with one before it: those that are shared move 0.1 um into their own part.
+    """Meshes without common points: points that an earlier mesh has move 0.1 um into their own part.
 
-    An inlay fills its pocket without a gap. Programs that take equal points for one would find edges between four
-    triangles there, and call the whole leaky.
+    An inlay fills its pocket without a gap. Programs that merge equal points would find edges between four triangles
+    there, and report a leak.
     """
     seen: set[bytes] = set()
     apart = []
@@ -126,7 +130,7 @@ def _grid(points: Array) -> float:
 
 
 def _proper(triangles: Indices) -> NDArray[np.bool_]:
-    """Which triangles have three corners."""
+    """Tell which triangles have three different corners."""
     a, b, c = triangles.T
     return (a != b) & (b != c) & (c != a)
 
@@ -137,9 +141,9 @@ def _triangulate(solid: NamedSolid, tolerance: float) -> tuple[Array, NDArray[np
     from OCP.BRepTools import BRepTools
 
     shape = solid.shape.wrapped
-    # What is kept of an earlier mesh would be taken for this one, and would be written along with the shape.
+    # An earlier mesh would be reused for this one, and written along with the shape.
     BRepTools.Clean_s(shape)
-    # The kernel keeps what is close enough of a first mesh, and with it the points on the edges.
+    # The kernel keeps the parts of a first mesh that are close enough, and with them the points on edges.
     BRepMesh_IncrementalMesh(_parts_of_turns(solid), _parameters(tolerance, pi / 4))
     BRepMesh_IncrementalMesh(shape, _parameters(tolerance, ANGLE))
     corners, marked = [], []
@@ -162,9 +166,9 @@ def _parameters(tolerance: float, angle: float) -> Any:
 
 
 def _parts_of_turns(solid: NamedSolid) -> Any:
-    """Upright round faces of less than half a turn: letters and rounded corners, of which volume says little.
+    """Upright round faces of less than half a turn: letters and rounded corners, whose volume matters little.
 
-    There are hundreds in what is engraved on a back, and as fine as dots they would make most of the mesh.
+    An engraved back has hundreds of them, and as fine as dots they would make most of the mesh.
     """
     from OCP.BRep import BRep_Builder
     from OCP.BRepAdaptor import BRepAdaptor_Surface

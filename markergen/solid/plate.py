@@ -1,184 +1,250 @@
-"""The plate: the boundary, with an edge around a disk or a rectangle, or an outline of its own; corners and holes."""
+"""The plate: its outlines and holes, the room on its upper face, and the parts that are made of it; mm, marker frame.
+
+Its outline is the boundary's, with an edge around a disk or a rectangle, or one of its own; corners may be rounded.
+Arcs stay arcs in the parts. Distances on the face are taken from polygons no farther than `OFF` from them.
+"""
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.drawing.figure import size_words
 from markergen.errors import InputError
-from markergen.geometry import region as geometry
-from markergen.geometry.contour import box, placed, turns_of
+from markergen.geometry.contour import Contour, Point, area, circle, inset, placed, turns_of
 from markergen.geometry.fillet import filleted, largest_fillet
-from markergen.model.boundary import Circle
+from markergen.geometry.region import Region, distances
+from markergen.model.boundary import Boundary, Circle
 from markergen.model.marker import Marker
-from markergen.model.substrate import Hole
+from markergen.model.substrate import Hole, Substrate
 from markergen.model.substrate_checks import disk_radius
-from markergen.solid.bodies import (
-    Body,
-    Part,
-    Path,
-    Prism,
-    Revolved,
-    area,
-    circle,
-    cylinder,
-    inset,
-    mm,
-    polygon_of,
-)
+from markergen.solid.bodies import OFF, Body, Part, Prism, Revolved, cylinder, mm, size_of
 from markergen.units import format_length
 
 Array = NDArray[np.float64]
-Region = tuple[Path, ...]
-"""Outer path and the paths of its holes."""
+Outline = tuple[Contour, ...]
+"""Outer contour, counterclockwise, and those of its holes, clockwise."""
 
 TANGENT = 5e-7
-"""mm by which cones and planes of a chamfer may miss each other where an arc does not go on quite smoothly."""
+"""mm by which cones and planes of a chamfer may miss each other at an arc's end that is not quite tangent."""
 
 SMOOTH = 0.35
 """Angle in rad: an outline that turns by less in a corner stands for a curve, and has no corner to round."""
 
 
-def plate_parts(marker: Marker, face: float = 0.0) -> list[Part]:
-    """Plates with their mounting holes, one for each region of the outline.
+@dataclass(frozen=True)
+class Footprint:
+    """Where something stands on a plate or is cut into it: a point or a polygon, and a margin around it; mm.
 
-    Parameters
+    Attributes
     ----------
-    face : float
-        Height of their upper face in mm.
+    name : str
+    points : tuple of (x, y)
+        One point, or the corners of a polygon.
+    radius : float
+        Margin.
+    """
+
+    name: str
+    points: tuple[Point, ...]
+    radius: float = 0.0
+
+
+@dataclass(frozen=True)
+class Plate:
+    """All plates of a marker: one for each separate piece of the outline.
+
+    Attributes
+    ----------
+    outlines : tuple of Outline
+    thickness, chamfer : float
+        mm.
+    holes : tuple of Hole
+        Mounting and dowel holes, in m, as the marker has them.
+    """
+
+    outlines: tuple[Outline, ...]
+    thickness: float
+    chamfer: float
+    holes: tuple[Hole, ...] = ()
+
+    @cached_property
+    def pieces(self) -> tuple[Region, ...]:
+        """Each plate seen from above, without mounting holes."""
+        return tuple(Region.of_contour(outer, holes, OFF) for outer, *holes in self.outlines)
+
+    @cached_property
+    def outline(self) -> Region:
+        """All plates seen from above, without mounting holes."""
+        return Region.union(self.pieces)
+
+    @cached_property
+    def face(self) -> Region:
+        """Upper face within the chamfer, without mounting holes."""
+        if not self.chamfer:
+            return self.outline
+        return Region.union(
+            Region.of_contour(inset(outer, self.chamfer), holes, OFF) for outer, *holes in self.outlines
+        )
+
+    @cached_property
+    def hole_footprints(self) -> tuple[Footprint, ...]:
+        """Mounting and dowel holes with their countersinks."""
+        return tuple(
+            Footprint(str(hole).removeprefix("the "), ((hole.x * 1e3, hole.y * 1e3),), hole.radius * 1e3)
+            for hole in self.holes
+        )
+
+    @property
+    def size(self) -> str:
+        """``304 mm across`` for a disk, else width and height: ``200 x 100 mm``."""
+        if len(self.outlines) == 1 and (whole := self.outlines[0][0].as_circle):
+            return f"{2 * whole[2]:.6g} mm across"
+        width, height = size_of([Prism(outer, (), 0.0, 0.0) for outer, *_ in self.outlines])
+        return f"{width:.6g} x {height:.6g} mm"
+
+    def room(self, footprints: Sequence[Footprint]) -> Array:
+        """Distances (m,) from footprints to the edge of the face; negative where they hang over it."""
+        if not footprints:
+            return np.zeros(0)
+        return self.face.clearance([each.points for each in footprints]) - [each.radius for each in footprints]
+
+    def bores(self, face: float = 0.0) -> list[Revolved]:
+        """Mounting and dowel holes as bodies to cut, from a face at that height down through the plate."""
+        bottom = self.bottom(face)
+        return [_bore(hole, bottom, face) for hole in self.holes]
+
+    def bottom(self, face: float = 0.0) -> float:
+        """Height of the back of a plate whose face is at a height."""
+        return mm((face - self.thickness) / 1e3)
+
+    def parts(
+        self, face: float = 0.0, cut: Sequence[Body] = (), marked: Sequence[Body] = (), add: Sequence[Body] = ()
+    ) -> list[Part]:
+        """Make the plates, each with its own bores and whatever is cut from it, marked on it or joined to it.
+
+        Parameters
+        ----------
+        face : float
+            Height of the upper face.
+        cut, marked, add : sequence of Body
+            As in `Part`.
+        """
+        bottom = self.bottom(face)
+        names = ["plate"] if len(self.outlines) == 1 else [f"plate-{k}" for k in range(1, len(self.outlines) + 1)]
+        bodies = [Prism(outer, tuple(holes), bottom, face, self.chamfer) for outer, *holes in self.outlines]
+        cuts, marks, joined = (self._shared_out(each) for each in ((*self.bores(face), *cut), marked, add))
+        return [
+            Part(name, "light", (body, *joined[k]), cuts[k], marks[k])
+            for k, (name, body) in enumerate(zip(names, bodies, strict=True))
+        ]
+
+    def _shared_out(self, bodies: Sequence[Body]) -> list[tuple[Body, ...]]:
+        """Bodies by the plate that each belongs to."""
+        if len(self.pieces) == 1 or not bodies:
+            return [tuple(bodies)] * len(self.pieces)
+        points = [(body.x, body.y) if isinstance(body, Revolved) else body.outer.points[0] for body in bodies]
+        # The nearest plate rather than the one around it: a recess may be as large as its plate.
+        nearest = np.argmin([piece.distance(points) for piece in self.pieces], axis=0)
+        return [
+            tuple(body for body, own in zip(bodies, nearest, strict=True) if own == k) for k in range(len(self.pieces))
+        ]
+
+
+def plate_of(marker: Marker) -> Plate:
+    """Plate of a marker, with rounded corners.
+
+    Under a disk it is a disk that holds the boundary with its edge and every dot's quiet zone, a white ring half a dot
+    diameter wide. Around a rectangle the edge has mitered corners. Any other boundary is itself the plate's outline, as
+    is an outline of its own.
 
     Raises
     ------
     InputError
         If the corner radius or the chamfer does not fit the outline.
     """
-    regions = plate_regions(marker)
-    top, bottom = face, mm(face / 1e3 - marker.substrate.thickness)
-    chamfer = mm(marker.substrate.chamfer)
-    names = ["plate"] if len(regions) == 1 else [f"plate-{number}" for number in range(1, len(regions) + 1)]
-    parts = [
-        Part(name, "light", (Prism(outer, tuple(holes), bottom, top, chamfer),))
-        for name, (outer, *holes) in zip(names, regions, strict=True)
-    ]
-    return with_cuts(parts, cut=[_hole(hole, bottom, top) for hole in marker.substrate.holes])
-
-
-def plate_regions(marker: Marker) -> list[Region]:
-    """Outlines of the plates in mm, with rounded corners: outer paths counterclockwise, holes clockwise.
-
-    The plate of a disk is a disk that holds the boundary with its edge and every dot's quiet zone (a white ring half a
-    dot diameter wide). Around a rectangle the edge has mitered corners. Any other boundary is the plate, and so is an
-    outline of the plate's own; arcs stay arcs.
-    """
-    substrate = marker.substrate
-    if substrate.outline is None and isinstance(marker.boundary, Circle):
-        x, y = marker.boundary.center
-        regions: list[Region] = [(circle(plate_radius(marker), mm(x), mm(y)),)]
-    else:
-        contours = [placed(contour, 1e3, digits=9) for contour in (substrate.outline or marker.boundary).contours()]
-        if edge := mm(substrate.edge_around(marker.boundary)):
-            contours = [placed(inset(contour, -edge), 1.0, digits=9) for contour in contours]
-        corner = mm(substrate.corner_radius)
-        regions = [tuple(_rounded(path, corner) for path in region) for region in _regions(contours)]
-    for outer, *_ in regions:
-        _check_chamfer(outer, mm(substrate.chamfer))
-    return regions
-
-
-def plate_radius(marker: Marker) -> float:
-    """Radius of a disk's plate in mm: the boundary and an edge, or what the quiet zones need if that is more."""
-    dots = [(p.x, p.y, p.feature.diameter / 2) for p in marker.control_points]
-    return mm(disk_radius(marker.substrate, marker.boundary, dots))
+    disk = 0.0
+    if marker.substrate.outline is None and isinstance(marker.boundary, Circle):
+        dots = [(p.x, p.y, p.feature.diameter / 2) for p in marker.control_points]
+        disk = mm(disk_radius(marker.substrate, marker.boundary, dots))
+    return _plate(marker.substrate, marker.boundary, disk)
 
 
 def plate_size(marker: Marker) -> str:
-    """Size of the plate: ``304 mm across`` for a disk, else width and height as in ``200 x 100 mm``."""
-    if marker.substrate.outline is not None:
-        return size_words(marker.substrate.outline)
-    if isinstance(marker.boundary, Circle):
-        return f"{2 * plate_radius(marker):.6g} mm across"
-    regions = plate_regions(marker)
-    if len(regions) == 1 and (whole := regions[0][0].as_circle):
-        return f"{2 * whole[2]:.6g} mm across"
-    boxes = np.array([box(outer) for outer, *_ in regions])
-    width, height = boxes[:, 2:].max(axis=0) - boxes[:, :2].min(axis=0)
-    return f"{width:.6g} x {height:.6g} mm"
+    """Size of the plate in words: as its outline was given, or as `Plate.size` tells."""
+    outline = marker.substrate.outline
+    return plate_of(marker).size if outline is None else size_words(outline)
 
 
-def face_of(regions: Sequence[Region], chamfer: float = 0.0) -> Any:
-    """Upper face of the plates without what is cut from it: a shapely geometry in mm."""
-    import shapely
-
-    return shapely.union_all([polygon_of(inset(outer, chamfer), holes) for outer, *holes in regions])
-
-
-def with_cuts(
-    parts: Sequence[Part], cut: Sequence[Body] = (), marked: Sequence[Body] = (), add: Sequence[Body] = ()
-) -> list[Part]:
-    """Plates from which bodies are cut, or to which they are joined, each one where the plate is that it lies in."""
-    import shapely
-
-    plans = []
-    for part in parts:
-        (plate,) = [body for body in part.add[:1] if isinstance(body, Prism)]
-        plans.append(polygon_of(plate.outer, plate.holes))
-
-    def lies_in(body: Body) -> int:
-        x, y = (body.x, body.y) if isinstance(body, Revolved) else body.outer.points[0]
-        # The nearest plate rather than the one around it: a recess may be as large as its plate.
-        return min(range(len(plans)), key=lambda k: shapely.distance(plans[k], shapely.Point(x, y)))
-
-    def with_own(k: int, own: Sequence[Body], bodies: Sequence[Body]) -> tuple[Body, ...]:
-        return (*own, *(body for body in bodies if lies_in(body) == k))
-
-    return [
-        replace(
-            part,
-            add=with_own(k, part.add, add),
-            cut=with_own(k, part.cut, cut),
-            marked=with_own(k, part.marked, marked),
-        )
-        for k, part in enumerate(parts)
-    ]
+def gaps(footprints: Sequence[Footprint], others: Sequence[Footprint]) -> Array:
+    """Gaps (m, k) in mm between footprints, negative where their margins overlap; inf between one and itself."""
+    if not (footprints and others):
+        return np.full((len(footprints), len(others)), np.inf)
+    found = distances([each.points for each in footprints], [each.points for each in others])
+    found -= np.array([each.radius for each in footprints])[:, None] + [each.radius for each in others]
+    found[np.array([[a is b for b in others] for a in footprints])] = np.inf
+    return found
 
 
-def _hole(hole: Hole, bottom: float, top: float) -> Revolved:
+def grouped(contours: Sequence[Contour]) -> list[Outline]:
+    """Each outer contour, and after it the holes in it; an island in a hole is a piece with holes of its own."""
+    shapes = [Region.of_contour(contour, (), OFF) for contour in contours]
+    pieces: dict[int, list[Contour]] = {k: [contour] for k, contour in enumerate(contours) if area(contour) > 0}
+    for contour, shape in zip(contours, shapes, strict=True):
+        if area(contour) < 0:
+            inside = [shape.inner_point()]
+            around = [k for k in pieces if shapes[k].area > shape.area and shapes[k].contains(inside)[0]]
+            pieces[min(around, key=lambda k: shapes[k].area)].append(contour)
+    return [tuple(piece) for piece in pieces.values()]
+
+
+# Every step of making and describing a marker asks for its plate.
+@lru_cache(maxsize=8)
+def _plate(substrate: Substrate, boundary: Boundary, disk: float) -> Plate:
+    """Plate of a substrate; a disk of that radius around the boundary's center unless it is 0."""
+    chamfer = mm(substrate.chamfer)
+    if disk:
+        x, y = boundary.center
+        outlines: list[Outline] = [(circle(disk, mm(x), mm(y)),)]
+    else:
+        contours = [placed(each, 1e3, digits=9) for each in (substrate.outline or boundary).contours()]
+        if edge := mm(substrate.edge_around(boundary)):
+            contours = [placed(inset(each, -edge), 1.0, digits=9) for each in contours]
+        corner = mm(substrate.corner_radius)
+        outlines = [tuple(_rounded(each, corner) for each in piece) for piece in _separate(contours)]
+    for outer, *_ in outlines:
+        _check_chamfer(outer, chamfer)
+    return Plate(tuple(outlines), mm(substrate.thickness), chamfer, substrate.holes)
+
+
+def _bore(hole: Hole, bottom: float, top: float) -> Revolved:
     x, y, radius, sink = mm(hole.x), mm(hole.y), mm(hole.diameter) / 2, mm(hole.sink) / 2
     if sink <= radius:
         return cylinder(x, y, radius, bottom, top)
-    # A head of 90 degrees: as deep as it is wider than the hole.
+    # A screw head of 90 degrees: the countersink is as deep as it is wider than the hole.
     low = top - (sink - radius)
-    return Revolved(x, y, Path(((0.0, bottom), (radius, bottom), (radius, low), (sink, top), (0.0, top))))
+    return Revolved(x, y, Contour(((0.0, bottom), (radius, bottom), (radius, low), (sink, top), (0.0, top))))
 
 
-def _regions(contours: Sequence[Path]) -> list[Region]:
-    """Separate regions that contours enclose: each an outer one and then its holes."""
-    import shapely
-
-    if not any(contour.has_arcs for contour in contours):
-        found = geometry.Region.enclosed([np.array(contour.points) for contour in contours]).oriented().pieces
-        return [tuple(Path(tuple((x, y) for x, y in np.round(r, 9).tolist())) for r in each.rings) for each in found]
-    shapes = [polygon_of(contour) for contour in contours]
-    regions: dict[int, list[Path]] = {k: [contour] for k, contour in enumerate(contours) if area(contour) > 0}
-    for contour, shape in zip(contours, shapes, strict=True):
-        if area(contour) < 0:
-            # The smallest one around it: an island in a hole may have holes of its own.
-            inside = shapely.Point(shape.representative_point())
-            around = [k for k in regions if shapely.contains(shapes[k], inside) and shapes[k].area > shape.area]
-            regions[min(around, key=lambda k: shapes[k].area)].append(contour)
-    return [tuple(region) for region in regions.values()]
+def _separate(contours: Sequence[Contour]) -> list[Outline]:
+    """Separate pieces that contours enclose."""
+    if any(contour.has_arcs for contour in contours):
+        return grouped(contours)
+    pieces = Region.enclosed([contour.points for contour in contours]).oriented().pieces
+    return [
+        tuple(Contour(tuple((x, y) for x, y in np.round(ring, 9).tolist())) for ring in piece.rings) for piece in pieces
+    ]
 
 
-def _rounded(path: Path, radius: float) -> Path:
-    """Path with its corners rounded, those that point inward as well: a mill leaves them round."""
+def _rounded(contour: Contour, radius: float) -> Contour:
+    """Round the corners of a contour, also those that point inward, which a mill leaves round."""
     if not radius:
-        return path
-    found = filleted(path, radius, SMOOTH)
+        return contour
+    found = filleted(contour, radius, SMOOTH)
     if found is None:
-        room = largest_fillet(path, SMOOTH, radius)
+        room = largest_fillet(contour, SMOOTH, radius)
         raise InputError(
             f"a corner radius of at most {room:.4g} mm for this outline",
             f"corner_radius={format_length(radius / 1e3)}",
@@ -187,8 +253,8 @@ def _rounded(path: Path, radius: float) -> Path:
     return found
 
 
-def _check_chamfer(outer: Path, chamfer: float) -> None:
-    """Refuse a chamfer at which a side of the outline is used up."""
+def _check_chamfer(outer: Contour, chamfer: float) -> None:
+    """Refuse a chamfer that uses up a side of the outline."""
     if not chamfer:
         return
     sides = outer.sides
@@ -199,7 +265,7 @@ def _check_chamfer(outer: Path, chamfer: float) -> None:
             f"an outline that turns by {np.degrees(max(sharp)):.3g} degrees where an arc ends",
             "use a --corner-radius, or leave out --chamfer",
         )
-    steps, moved = (_steps(path) for path in (outer, inset(outer, chamfer)))
+    steps, moved = (_steps(contour) for contour in (outer, inset(outer, chamfer)))
     before = np.hypot(*steps.T)
     # How much shorter each side becomes; one that turns around has a negative length.
     lost = before - np.sum(steps * moved, axis=-1) / before
@@ -212,6 +278,6 @@ def _check_chamfer(outer: Path, chamfer: float) -> None:
         )
 
 
-def _steps(path: Path) -> Array:
-    corners = np.array(path.points)
+def _steps(contour: Contour) -> Array:
+    corners = np.array(contour.points)
     return np.roll(corners, -1, axis=0) - corners

@@ -1,4 +1,4 @@
-"""Pillars under raised dots: round, wider toward the plate by a draft, with a fillet around the foot."""
+"""Pillars under raised dots: round, with a draft and a fillet around the foot; they crowd nothing and hide no dot."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,30 +8,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
+from markergen.geometry.contour import Contour
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker import Marker
 from markergen.model.occlusion import eyes_of, passage, pillar_radius
 from markergen.model.poses import PoseDistribution
-from markergen.solid.bodies import Path, Revolved
-from markergen.solid.inks import Dot
-from markergen.solid.limits import FLATTENING, Face, Footprint, Tool, found_room, gaps, up
+from markergen.solid.bodies import Revolved
+from markergen.solid.dot_geometry import SolidDot
+from markergen.solid.manufacturability import FLATTENING, Tool, found_room, up
+from markergen.solid.plate import Footprint, Plate, gaps
 
 Array = NDArray[np.float64]
 
 LEAST_FOOT = 0.05
-"""Fillets of a smaller radius in mm are left out."""
+"""Radius in mm of the smallest fillet that is made."""
 
 CONES = 4
-"""That a pillar is taken for when lines of sight pass it: its wall, and three for the fillet."""
+"""Number of cones that stand for a pillar where lines of sight are checked: one for its wall, three for its fillet."""
 
 FORGIVEN = 1e-6
-"""mm by which a pillar may stand in a line of sight: rounding."""
+"""mm by which a pillar may reach into a line of sight: rounding."""
 
 PILLAR, EDGE = "the pillar of ", "the plate's edge"
-"""What messages call them."""
+"""Names of pillars and the edge in messages."""
 
 AT_ONCE = 200_000
-"""Lines of sight in one chunk."""
+"""Lines of sight in one batch."""
 
 
 @dataclass(frozen=True)
@@ -40,17 +42,17 @@ class Pillar:
 
     Attributes
     ----------
-    dot : Dot
-        On the middle of its top.
+    dot : SolidDot
+        On the center of its top.
     radius : float
-        Of its top.
+        Radius of its top.
     draft : float
         Angle in rad by which it widens toward the plate.
     foot : float
         Radius of the fillet around its foot.
     """
 
-    dot: Dot
+    dot: SolidDot
     radius: float
     draft: float = 0.0
     foot: float = 0.0
@@ -62,7 +64,7 @@ class Pillar:
 
     @property
     def reach(self) -> float:
-        """Radius at the plate with the fillet, which touches plate and wall at `tangent` from their corner."""
+        """Radius at the plate with the fillet, which is tangent to plate and wall at `tangent` from their corner."""
         return self.base + self.tangent
 
     @property
@@ -75,12 +77,12 @@ class Pillar:
         """From the plate's face at z = 0 to the dot's height."""
         x, y, z = self.dot.x, self.dot.y, self.dot.z
         if not self.foot:
-            profile = Path(((0.0, 0.0), (self.base, 0.0), (self.radius, z), (0.0, z)))
+            profile = Contour(((0.0, 0.0), (self.base, 0.0), (self.radius, z), (0.0, z)))
             return Revolved(x, y, profile)
         side = (self.base - self.tangent * sin(self.draft), self.tangent * cos(self.draft))
         bulge = -tan((pi / 2 - self.draft) / 4)
         points = ((0.0, 0.0), (self.reach, 0.0), side, (self.radius, z), (0.0, z))
-        return Revolved(x, y, Path(points, (0.0, bulge, 0.0, 0.0, 0.0)))
+        return Revolved(x, y, Contour(points, (0.0, bulge, 0.0, 0.0, 0.0)))
 
     def cones(self) -> tuple[Array, Array, Array]:
         """Heights, radii and tangents (CONES,) of the tops and the sides of upright cones that cover the pillar.
@@ -101,10 +103,10 @@ class Pillar:
 
 def pillars_of(
     marker: Marker,
-    dots: Sequence[Dot],
+    dots: Sequence[SolidDot],
     fabrication: Fabrication,
     tool: Tool,
-    face: Face,
+    plate: Plate,
     others: Sequence[Footprint],
     rim: float,
     poses: PoseDistribution | None,
@@ -117,11 +119,11 @@ def pillars_of(
     Parameters
     ----------
     others : sequence of Footprint
-        What is cut into the plate's face, holes aside.
+        What is cut into the plate's face apart from holes.
     rim : float
         Least width in mm of the pillar's top around its dot.
     poses : PoseDistribution or None
-        From which no pillar may hide a dot; None: nobody knows.
+        Poses from which no pillar may hide a dot; None if they are unknown.
 
     Raises
     ------
@@ -134,10 +136,10 @@ def pillars_of(
     clearance = marker.clearance * 1e3
     bare = [Pillar(dot, max(pillar_radius(2 * dot.radius, clearance), dot.radius + rim)) for dot in raised]
     drafted = [replace(pillar, draft=fabrication.draft) for pillar in bare]
-    _check_room(marker, bare, drafted, tool, face, others)
+    _check_room(marker, bare, drafted, tool, plate, others)
     _check_sight(marker, dots, bare, drafted, poses)
     asked = fabrication.foot * 1e3
-    feet = _feet(drafted, tool, face, others, asked)
+    feet = _feet(drafted, tool, plate, others, asked)
     pillars = [replace(pillar, foot=foot) for pillar, foot in zip(drafted, feet, strict=True)]
     while poses is not None and any(pillar.foot for pillar in pillars) and hiding(dots, pillars, poses):
         pillars = [replace(pillar, foot=_floor(pillar.foot / 2)) for pillar in pillars]
@@ -163,16 +165,16 @@ def _check_room(
     bare: Sequence[Pillar],
     drafted: Sequence[Pillar],
     tool: Tool,
-    face: Face,
+    plate: Plate,
     others: Sequence[Footprint],
 ) -> None:
     """Refuse pillars without a wall's width between them and whatever is beside them."""
-    free = _room(drafted, tool, face, others)
+    free = _room(drafted, tool, plate, others)
     worst = int(np.argmin([room for room, _ in free]))
     room, neighbor = free[worst]
     if room >= (-FLATTENING if neighbor == EDGE else -FORGIVEN):
         return
-    straight, _ = _room(bare, tool, face, others)[worst]
+    straight, _ = _room(bare, tool, plate, others)[worst]
     pillar = drafted[worst]
     if straight >= -FORGIVEN:
         # Both pillars widen by their height times the tangent.
@@ -182,7 +184,7 @@ def _check_room(
         remedy = f"use --draft {np.floor(most * 10) / 10:g} or less"
     elif neighbor == EDGE:
         remedy = "use a larger --edge or --outline"
-    elif neighbor in {hole.name for hole in face.holes}:
+    elif neighbor in {hole.name for hole in plate.hole_footprints}:
         remedy = f"move the hole by {up(-room)}"
     else:
         # A pillar is wider than its dot by a share of the clearance, so half of it is left between two.
@@ -195,12 +197,12 @@ def _check_room(
     )
 
 
-def _room(pillars: Sequence[Pillar], tool: Tool, face: Face, others: Sequence[Footprint]) -> list[tuple[float, str]]:
+def _room(pillars: Sequence[Pillar], tool: Tool, plate: Plate, others: Sequence[Footprint]) -> list[tuple[float, str]]:
     """How far in mm each pillar could widen with a wall left beside it, and toward what; pillars share what is left."""
     feet = [Footprint(PILLAR + p.dot.name, ((p.dot.x, p.dot.y),), p.base) for p in pillars]
-    beside = [*face.holes, *others]
+    beside = [*plate.hole_footprints, *others]
     found = []
-    between, aside, edge = gaps(feet, feet), gaps(feet, beside), face.to_edge(feet)
+    between, aside, edge = gaps(feet, feet), gaps(feet, beside), plate.room(feet)
     for i in range(len(feet)):
         rooms = [(edge[i] - tool.wall, EDGE)]
         rooms += [
@@ -211,9 +213,11 @@ def _room(pillars: Sequence[Pillar], tool: Tool, face: Face, others: Sequence[Fo
     return [(float(room), name) for room, name in found]
 
 
-def _feet(pillars: Sequence[Pillar], tool: Tool, face: Face, others: Sequence[Footprint], asked: float) -> list[float]:
+def _feet(
+    pillars: Sequence[Pillar], tool: Tool, plate: Plate, others: Sequence[Footprint], asked: float
+) -> list[float]:
     feet = []
-    for pillar, (room, _) in zip(pillars, _room(pillars, tool, face, others), strict=True):
+    for pillar, (room, _) in zip(pillars, _room(pillars, tool, plate, others), strict=True):
         # The fillet ends below the pillar's top.
         tangent = min(room, 0.8 * pillar.dot.z / cos(pillar.draft))
         most = tangent * tan((pi / 2 + pillar.draft) / 2)
@@ -228,7 +232,7 @@ def _floor(foot: float) -> float:
 
 def _check_sight(
     marker: Marker,
-    dots: Sequence[Dot],
+    dots: Sequence[SolidDot],
     bare: Sequence[Pillar],
     drafted: Sequence[Pillar],
     poses: PoseDistribution | None,
@@ -256,7 +260,7 @@ def _check_sight(
     )
 
 
-def hiding(dots: Sequence[Dot], pillars: Sequence[Pillar], poses: PoseDistribution) -> tuple[str, str, int] | None:
+def hiding(dots: Sequence[SolidDot], pillars: Sequence[Pillar], poses: PoseDistribution) -> tuple[str, str, int] | None:
     """Pillar and dot that it hides most often, and in how many poses; None if none is hidden.
 
     A cone whose radius falls by k per height hides what an upright cylinder does that is smaller by k times the height
@@ -292,19 +296,16 @@ def hiding(dots: Sequence[Dot], pillars: Sequence[Pillar], poses: PoseDistributi
     return pillars[worst[1]].dot.name, dots[worst[0]].name, int(counts[worst])
 
 
-def poses_of(marker: Marker) -> PoseDistribution | None:
+def designed_poses(marker: Marker) -> PoseDistribution | None:
     """Poses that a marker was designed for and that see it whole; None if its file does not say."""
     from markergen.read.poses import poses_from
-    from markergen.read.spec_file import spec_from_mapping
+    from markergen.read.spec_file import spec_of
 
-    stored = marker.provenance.get("spec")
-    if stored is None:
-        return None
-    spec = spec_from_mapping(stored, "provenance.spec", stored=True)
-    return poses_from(spec.poses).seen_whole(marker.boundary, spec.camera, marker.height)
+    spec = spec_of(marker)
+    return None if spec is None else poses_from(spec.poses).seen_whole(marker.boundary, spec.camera, marker.height)
 
 
-def balls_hide(dots: Sequence[Dot], poses: PoseDistribution) -> int:
+def balls_hide(dots: Sequence[SolidDot], poses: PoseDistribution) -> int:
     """Number of poses in which a ball of some dot's size on it hides a part of another.
 
     Two balls overlap in a picture if the angle between their middles is below the sum of their own half angles.

@@ -1,1 +1,1 @@
-"""How well a marker does: trials with noise against the bounds, synthetic views, and checks of the results."""
+"""The accuracy of a marker: noisy trials against bounds, synthetic views, comparisons, and checks of results."""

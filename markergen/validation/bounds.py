@@ -24,14 +24,15 @@ from markergen.objectives.lens import lens_blocks, through_lens
 from markergen.render import Optics
 from markergen.render.optics import FULL_SCALE, light_at
 from markergen.render.view import dot_ellipses
-from markergen.validation.views import Shoot
+from markergen.validation.metrics import rms
+from markergen.validation.views import SyntheticViews
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class PoseBounds:
-    """What no unbiased estimator can beat, to first order, for each of P poses.
+    """Bounds that no unbiased estimator can beat, to first order, for each of P poses.
 
     Attributes
     ----------
@@ -92,26 +93,22 @@ def image_covariance(
     return ideal / np.maximum(quality, 1e-9)[..., None, None] ** 2
 
 
-def budget_of(shoot: Shoot, bare_px: float = 0.0) -> PoseBudget:
-    """Error budget (P, 6, 6) of every pose of a shoot, with its optics, print and calibration."""
-    poses = shoot.poses
-    image = image_covariance(shoot.marker, shoot.camera, poses, shoot.optics, bare_px)
-    errors = shoot.errors.of(shoot.marker)
-    return pose_budget(shoot.marker.xyz, poses.rotation, poses.translation, shoot.camera, image, errors)
+def budget_of(series: SyntheticViews, bare_px: float = 0.0) -> PoseBudget:
+    """Error budget (P, 6, 6) of every pose of a series, with its optics, print and calibration."""
+    poses = series.poses
+    image = image_covariance(series.marker, series.camera, poses, series.optics, bare_px)
+    errors = series.errors.of(series.marker)
+    return pose_budget(series.marker.xyz, poses.rotation, poses.translation, series.camera, image, errors)
 
 
-def error_budget(shoot: Shoot, bare_px: float = 0.0) -> dict[str, Any]:
-    """What limits the pose, RMS over the poses: image, print, calibration, and the total, in degrees and percent."""
-    budget = budget_of(shoot, bare_px)
-    image = image_covariance(shoot.marker, shoot.camera, shoot.poses, shoot.optics, bare_px)
+def error_budget(series: SyntheticViews, bare_px: float = 0.0) -> dict[str, Any]:
+    """Return pose errors by source, RMS over the poses: image, print, calibration, total, in degrees and percent."""
+    budget = budget_of(series, bare_px)
+    image = image_covariance(series.marker, series.camera, series.poses, series.optics, bare_px)
     return {
-        "print_sigma_mm": 1e3 * shoot.errors.print_sigma,
-        "camera_exact": shoot.errors.camera_covariance is None,
+        "print_sigma_mm": 1e3 * series.errors.print_sigma,
+        "camera_exact": series.errors.camera_covariance is None,
         "image_px": float(np.sqrt(np.mean(np.trace(image, axis1=-2, axis2=-1)))),
-        "rotation_deg": {name: _rms(part) for name, part in budget.rotation_deg.items()},
-        "translation_pct": {name: _rms(part) for name, part in budget.translation_pct(shoot.poses.translation).items()},
+        "rotation_deg": {name: rms(part) for name, part in budget.rotation_deg.items()},
+        "translation_pct": {name: rms(part) for name, part in budget.translation_pct(series.poses.translation).items()},
     }
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))

@@ -17,11 +17,10 @@ from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
 from markergen.options.base import Progress
-from markergen.pool import map_chunks, workers_for
+from markergen.pool import map_counted, ranges, workers_for
 from markergen.render import DEFAULT_OPTICS, Optics
+from markergen.validation.baselines import Contestant, line_up
 from markergen.validation.bounds import pose_bounds
-from markergen.validation.contestants import Contestant
-from markergen.validation.lineup import line_up
 from markergen.validation.metrics import (
     FLIP_SEPARATION,
     flipped,
@@ -41,7 +40,7 @@ TUNING_VIEWS = 60
 NEARLY_ALL = 0.95
 """A setting that finds fewer than this share of what the best one finds is not chosen, however accurate."""
 RESAMPLES = 2000
-"""Of the bootstrap: the ends of its 95 % interval are then known to a fiftieth of the interval."""
+"""Resamples of the bootstrap: the ends of its 95 % interval are then known to a fiftieth of the interval."""
 AT_ONCE = 10
 """Views in one chunk of work."""
 WORTH_A_WORKER = 60
@@ -64,7 +63,7 @@ class Series:
     seed : int
     optics : Optics
     print_sigma : float, m
-        Of every dot's, or square corner's, place in print along each axis, drawn anew for each view.
+        Standard deviation of every dot's or square corner's place in print along each axis, drawn anew for each view.
     stage : int
         Makes other views of the same seed.
 
@@ -106,7 +105,7 @@ class Series:
         # The noise of a pixel is the same for all contestants; print errors come from a stream of their own.
         noise, print_rng = np.random.default_rng([self.stage, self.seed, self.count, view]).spawn(2)
         moved = contestant.print_error(self.print_sigma, print_rng)
-        image = contestant.render(self.camera, rotation, translation, self.optics, noise, moved)
+        image = contestant.render(self.camera, (rotation, translation), self.optics, noise, moved)
         found = []
         for choice in choices:
             sighting = contestant.sight(image, self.camera, choice, self.print_sigma)
@@ -134,7 +133,7 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What one detector made of one view: nan and nothing where it found nothing, or something wrong."""
+    """Errors of one detector in one view: nan and nothing where it found nothing, or something wrong."""
 
     rotation_deg: float = np.nan
     translation_pct: float = np.nan
@@ -239,24 +238,10 @@ def _observe(
     progress: Progress | None,
 ) -> dict[int, list[list[Observation]]]:
     """Observations of each contestant, view by view and setting by setting."""
-    tasks = [
-        (who, settings, range(start, min(start + AT_ONCE, series.count)))
-        for start in range(0, series.count, AT_ONCE)
-        for who, settings in choices.items()
-    ]
-    total = series.count * len(choices)
-    if progress:
-        progress(stage, 0, total)
-    done = 0
-
-    def finished(index: int) -> None:
-        nonlocal done
-        done += len(tasks[index][2])
-        if progress:
-            progress(stage, done, total)
-
-    workers = workers_for(workers, 1 + total // WORTH_A_WORKER)
-    parts = map_chunks(partial(_observe_chunk, series), tasks, max(1, min(workers, len(tasks))), finished)
+    tasks = [(who, settings, part) for part in ranges(series.count, AT_ONCE) for who, settings in choices.items()]
+    told = (lambda done, total: progress(stage, done, total)) if progress else None
+    workers = workers_for(workers, 1 + series.count * len(choices) // WORTH_A_WORKER)
+    parts = map_counted(partial(_observe_chunk, series), tasks, workers, told, size=lambda task: len(task[2]))
     found: dict[int, list[list[Observation]]] = {who: [] for who in choices}
     for (who, _, _), part in zip(tasks, parts, strict=True):
         found[who] += part

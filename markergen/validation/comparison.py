@@ -1,21 +1,29 @@
-"""The result of a comparison: to print, plot, save and process."""
+"""The result of a comparison, with its tables and its plot: to print, draw, save and process."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+
 from markergen.files import Written
-from markergen.presentation.plots import axes_of
+from markergen.presentation.plots import axes_of, figure_bytes, log_axis
 from markergen.presentation.results import SavableResult, StrPath, json_bytes
-from markergen.presentation.tables import Table, data_frame, number
-from markergen.validation import compare_report
-from markergen.validation.tables import STATISTICS
+from markergen.presentation.tables import Table, data_frame, number, percent
+from markergen.validation.metrics import STATISTICS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from pandas import DataFrame
 
+_COLORS = ("#0b5394", "#b45f06", "#38761d", "#741b47", "#674ea7", "#134f5c", "#7f6000", "#444444")
+_LINES = ("-", "--", "-.", ":")
+_MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
+_STEPS = (1, 2, 5)
+"""Numbers in each decade that logarithmic axes are labeled with."""
 _SHOWN = 8
 """Contestants in one line."""
 
@@ -26,7 +34,7 @@ class Comparison(SavableResult):
     Parameters
     ----------
     results : mapping
-        Of `markergen.validation.compare.compare`.
+        Values that `markergen.validation.compare.compare` returns.
     written : sequence of Written
         Files that were asked for together with the results.
 
@@ -69,7 +77,7 @@ class Comparison(SavableResult):
 
     def content(self, kind: str, path: Path) -> bytes:
         """See `SavableResult.content`."""
-        return self.to_json() if kind == "json" else compare_report.plot_bytes(self._results, path)
+        return self.to_json() if kind == "json" else figure_bytes(partial(comparison_figure, self._results), path)
 
     def to_frame(self) -> "DataFrame":
         """Return a pandas data frame with a row for each contestant.
@@ -94,13 +102,13 @@ class Comparison(SavableResult):
         ax : matplotlib axes or None
             Where to draw; None makes a figure of its own, which is ``ax.figure``.
         """
-        return compare_report.draw_errors(self._results, axes_of(ax))
+        return draw_errors(self._results, axes_of(ax))
 
     def parts(self) -> list[str | Table]:
         """Sentences and tables in the order in which the command prints them."""
         results = self._results
         return [
-            compare_report.heading(results), *compare_report.tables(results), *compare_report.sentences(results)
+            heading(results), *comparison_tables(results), *sentences(results)
         ]  # fmt: skip
 
     def __repr__(self) -> str:
@@ -117,3 +125,165 @@ def _row(entry: Mapping[str, Any]) -> dict[str, Any]:
     ratio = entry["ratio"]["rotation_deg"] or {"rms": None, "interval": (None, None)}
     low, high = ratio["interval"]
     return row | {"ratio": ratio["rms"], "ratio_low": low, "ratio_high": high}
+
+
+def comparison_tables(results: Mapping[str, Any]) -> list[Table]:
+    """Results of `compare` as tables: what is found and how accurately, and the rotation error by tilt and distance."""
+    return [
+        _overview(results),
+        _common(results),
+        _split(results, "by_polar_angle", "deg", "polar angle"),
+        _split(results, "by_distance", "m", "distance"),
+    ]
+
+
+def heading(results: Mapping[str, Any]) -> str:
+    """Say what was compared, from where, through what."""
+    camera, poses, optics = results["camera"], results["poses"], results["optics"]
+    return (
+        f"{results['views']['count']} views of each from {poses['count']} poses ({poses['name']}), "
+        f"in a circle of radius {1e3 * results['radius']:g} mm\n"
+        f"camera {camera['width']}x{camera['height']}, focal length {camera['fx']:g} px, "
+        f"blur {optics['blur_px']:g} px, noise {optics['noise_grey']:g} grey levels, "
+        f"levels {optics['dark']:g} to {optics['light']:g}"
+    )
+
+
+def sentences(results: Mapping[str, Any]) -> list[str]:
+    """Say how large each contestant is, how it was looked for, and what was assumed of the print."""
+    lines = [f"{name}: {entry['size']}; {entry['setting']}" for name, entry in _named(results)]
+    if results["print_sigma_mm"]:
+        lines.append(
+            f"Print error {results['print_sigma_mm']:g} mm per axis, of every dot and of every corner of a square."
+        )
+    else:
+        lines.append("Without print error: it hits all alike, and hides what the image would allow.")
+    return lines
+
+
+def _overview(results: Mapping[str, Any]) -> Table:
+    rows: list[list[str]] = []
+    for name, entry in _named(results):
+        ratio = entry["ratio"]["rotation_deg"]
+        within = f" ({number(ratio['interval'][0], 2)}..{number(ratio['interval'][1], 2)})" if ratio and rows else ""
+        rows.append(
+            [
+                name,
+                percent(entry["rate"]),
+                str(entry["wrong"]),
+                *(number(entry["rotation_deg"][key]) for key in ("rms", "median")),
+                number(entry["translation_pct"]["rms"]),
+                number(entry["point_px"]["rms"]),
+                (number(ratio["rms"], 2) if ratio else "-") + within,
+            ]
+        )
+    header = ["", "found", "wrong", "RE rms", "median", "TE rms", "px rms", "ratio (95 %)"]
+    caption = (
+        "Over the views that each found; RE in deg, TE in %. "
+        f"Ratio: RMS of RE over that of {rows[0][0]}, in the views that both found."
+    )
+    return Table("Found, and how accurately", header, rows, caption)
+
+
+def _common(results: Mapping[str, Any]) -> Table:
+    rows = [
+        [
+            name,
+            *(number(entry["common"]["rotation_deg"][key]) for key in ("rms", "median", "p95")),
+            *(number(entry["common"]["translation_pct"][key]) for key in ("rms", "median", "p95")),
+            str(entry["flips"]),
+        ]
+        for name, entry in _named(results)
+    ]
+    views = results["views"]
+    header = ["", "RE rms", "median", "p95", "TE rms", "median", "p95", "flips"]
+    title = f"Over the {views['common']} of {views['count']} views that all found"
+    return Table(title, header, rows, "Flips are counted over all views.")
+
+
+def _split(results: Mapping[str, Any], by: str, unit: str, words: str) -> Table:
+    groups = list(results["contestants"][0][by])
+    rows = [[name, *(_cell(entry[by][group]) for group in groups)] for name, entry in _named(results)]
+    title = f"RE rms, deg, by {words}"
+    caption = "Over the views that each found; in brackets how many those are, where not all."
+    return Table(title, ["", *(f"{group} {unit}" for group in groups)], rows, caption)
+
+
+def _cell(group: Mapping[str, Any]) -> str:
+    share = "" if group["rate"] == 1 else f" ({percent(group['rate'])})"
+    return number(group["rotation_deg"]["rms"]) + share
+
+
+def _named(results: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """Contestants with names that fit a column: of files without their folders, unless two would be the same."""
+    names = [entry["name"] for entry in results["contestants"]]
+    short = [Path(name).name if name.endswith(".json") else name for name in names]
+    return list(zip(short if len(set(short)) == len(short) else names, results["contestants"], strict=True))
+
+
+def comparison_figure(results: Mapping[str, Any]) -> "Figure":
+    """Rotation errors of all contestants, and their RMS by tilt, over the views that all found; deg, logarithmic."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 1.9 + 0.42 * len(results["contestants"])), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=[1, 1.15])
+    draw_errors(results, left)
+    draw_by_tilt(results, right)
+    views = results["views"]
+    figure.suptitle(f"Rotation error over the {views['common']} of {views['count']} views that all found", fontsize=11)
+    return figure
+
+
+def draw_errors(results: Mapping[str, Any], ax: "Axes") -> "Axes":
+    """Draw median, RMS and 95th percentile of each contestant's rotation error in a row of its own."""
+    entries = _with_short_names(results)
+    looks: dict[str, dict[str, Any]] = {
+        "median": {"marker": "o", "markerfacecolor": "white"},
+        "rms": {"marker": "D", "markerfacecolor": "#222222"},
+        "p95": {"marker": "|", "markersize": 11},
+    }
+    for y, entry in enumerate(entries):
+        found = entry["common"]["rotation_deg"]
+        if not found["count"]:
+            ax.annotate("not found", (0.5, y), xycoords=("axes fraction", "data"), ha="center", va="center")
+            continue
+        ax.plot([found["median"], found["p95"]], [y, y], color=_COLORS[y % len(_COLORS)], linewidth=2, zorder=1)
+        for key, look in looks.items():
+            ax.plot(
+                found[key], y, linestyle="none", color="#222222", zorder=2, label={"p95": "95 %"}.get(key, key), **look
+            )
+        ax.annotate(number(found["rms"], 2), (found["rms"], y), (0, 6), textcoords="offset points", ha="center",
+                    fontsize=8)  # fmt: skip
+    ax.set_yticks(range(len(entries)), [entry["name"] for entry in entries])
+    ax.set_ylim(len(entries) - 0.4, -0.7)
+    log_axis(ax, "x", _STEPS)
+    ax.set_xlabel("RE, deg")
+    ax.grid(axis="x", color="#dddddd")
+    handles, labels = ax.get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    ax.legend(unique.values(), unique.keys(), fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1), ncols=3)
+    return ax
+
+
+def draw_by_tilt(results: Mapping[str, Any], ax: "Axes") -> "Axes":
+    """Draw the RMS of each contestant's rotation error over the polar angle."""
+    entries = _with_short_names(results)
+    groups = list(entries[0]["by_polar_angle"])
+    angles = [float(np.mean([float(end) for end in group.split("..")])) for group in groups]
+    for k, entry in enumerate(entries):
+        values = [entry["by_polar_angle"][group]["common"]["rotation_deg"]["rms"] for group in groups]
+        ax.plot(
+            angles, [value or np.nan for value in values], label=entry["name"], color=_COLORS[k % len(_COLORS)],
+            linestyle=_LINES[k % len(_LINES)], marker=_MARKS[k % len(_MARKS)], markersize=5,
+        )  # fmt: skip
+    log_axis(ax, "y", _STEPS)
+    ax.set_xticks(angles, groups)
+    ax.set_xlabel("polar angle, deg")
+    ax.set_ylabel("RE rms, deg")
+    ax.grid(color="#dddddd")
+    ax.legend(fontsize=8, loc="center left", bbox_to_anchor=(1, 0.5))
+    return ax
+
+
+def _with_short_names(results: Mapping[str, Any]) -> list[dict[str, Any]]:
+    return [entry | {"name": name} for name, entry in _named(results)]

@@ -16,6 +16,8 @@ FLIP_SEPARATION = 6.0
 EFFICIENCY_LIMIT_DEG = 2.5
 """Above this rotation bound the first-order bound itself does not hold, and an efficiency would mean nothing."""
 POSE_PARAMETERS = 6
+STATISTICS = ("mean", "std", "rms", "median", "p95", "max")
+"""Keys of `statistics` beside the count, in the order of columns."""
 
 
 def rotation_error_deg(estimate: Array, rotation: Array) -> Array:
@@ -75,17 +77,22 @@ def pose_nees(
 def statistics(values: Array) -> Statistics:
     """Count, mean, std, rms, median, 95th percentile and maximum of values of any shape; None where there are none."""
     if not values.size:
-        return {"count": 0, **dict.fromkeys(["mean", "std", "rms", "median", "p95", "max"])}
+        return {"count": 0, **dict.fromkeys(STATISTICS)}
     median, p95 = np.quantile(values, [0.5, 0.95])
     return {
         "count": values.size,
         "mean": float(np.mean(values)),
         "std": float(np.std(values)),
-        "rms": float(np.sqrt(np.mean(values**2))),
+        "rms": rms(values),
         "median": float(median),
         "p95": float(p95),
         "max": float(np.max(values)),
     }
+
+
+def rms(values: Array) -> float:
+    """Root mean square of values of any shape; inf if one of them is."""
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def efficiency(rotation_deg: Array, kept: Mask, bound_deg: Array) -> float | None:

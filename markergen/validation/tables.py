@@ -1,4 +1,4 @@
-"""Results as rows of text, for the terminal and any other page."""
+"""Results of a validation as tables and sentences: trials, layouts beside the marker, labels, budget, views."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,7 +7,8 @@ import numpy as np
 
 from markergen.optimize.criteria_tables import LAYOUTS
 from markergen.presentation.tables import Table, number, percent
-from markergen.validation.metrics import mean_nees_interval
+from markergen.validation.metrics import STATISTICS, mean_nees_interval
+from markergen.validation.view_records import DETECTOR
 
 TITLES = {
     "detect": "detection's own",
@@ -18,9 +19,12 @@ TITLES = {
     "dlt": "DLT",
 }
 MOST_DOTS = 40
-"""Of more dots, a table of labels has only the least safe."""
-STATISTICS = ("mean", "std", "rms", "median", "p95", "max")
+"""Dots in a table of labels; of more, it has the least safe."""
 BOUND = "bound (CRLB)"
+SOURCES = ("image", "print", "camera", "total")
+"""Sources that an error budget adds up, and their sum."""
+
+_VIEW_HEADER = ["", "views", "found", "wrong", "dots px", "bound", "RE deg", "TE %", "H px", "NEES", "in 95 %"]
 
 
 def rotation_table(results: Mapping[str, Any]) -> Table:
@@ -103,7 +107,7 @@ def comparison_table(results: Mapping[str, Any]) -> Table:
 
 
 def labels_table(results: Mapping[str, Any]) -> Table:
-    """How safely each dot can be told apart, or of many the least safe ones: from where, and for what it is taken."""
+    """Safety of each dot's label, or of the least safe: the pose where it is least, and what the dot is taken for."""
     labels = results["labels"]
     dots = labels["dots"]
     title = "How safely each dot is told apart"
@@ -139,8 +143,56 @@ def labels_table(results: Mapping[str, Any]) -> Table:
     return Table(title, header, rows, caption)
 
 
+def budget_table(results: Mapping[str, Any]) -> Table:
+    """Pose errors by source, RMS over the poses."""
+    budget = results["budget"]
+    rows = [
+        [name, *(number(budget[key][source]) for source in SOURCES)]
+        for name, key in (("RE, deg", "rotation_deg"), ("TE, %", "translation_pct"))
+    ]
+    camera = "taken as exact, unless --camera-covariance" if budget["camera_exact"] else "as --camera-covariance"
+    caption = (
+        f"Dot centers measured to {number(budget['image_px'])} px; dots printed to {budget['print_sigma_mm']:g} mm "
+        f"per axis (--print-sigma); the camera {camera} says."
+    )
+    return Table(
+        "Error budget: what limits the pose, rms", ["", "image", "print", "calibration", "total"], rows, caption
+    )
+
+
+def group_table(views: Mapping[str, Any]) -> Table:
+    """The views in all, at each polar angle, and at each distance."""
+    rows = [_view_row("all", views)]
+    rows += [_view_row(f"{angle}°", group) for angle, group in views["by_polar_angle"].items()]
+    rows += [_view_row(f"{distance} m", group) for distance, group in views["by_distance"].items()]
+    caption = (
+        "RMS, of the detection's own pose, by tilt and distance; bound: what the image's noise allows a dot's center."
+    )
+    return Table(f"Synthetic views{_conditions(views)}", _VIEW_HEADER, rows, caption)
+
+
+def estimator_table(views: Mapping[str, Any]) -> Table:
+    """Pose errors of each estimator on the dots that were found."""
+    rows = [
+        [
+            TITLES.get(name, name),
+            *(number(row["rotation_deg"][key]) for key in STATISTICS),
+            *(number(row["translation_pct"][key]) for key in ("rms", "p95")),
+        ]
+        for name, row in views["estimators"].items()
+    ]
+    header = ["", *(f"RE {key}" for key in STATISTICS), "TE rms", "TE p95"]
+    return Table("Pose from the views: RE in deg, TE in %", header, rows, "")
+
+
+def stress_table(views: Mapping[str, Any]) -> Table:
+    """The same views under worse conditions."""
+    rows = [_view_row("as above", views), *(_view_row(name, group) for name, group in views["stress"].items())]
+    return Table("The same views under worse conditions", _VIEW_HEADER, rows, "")
+
+
 def heading(results: Mapping[str, Any]) -> str:
-    """What was measured, from where, with what."""
+    """Say what was measured, from where, with what."""
     camera, poses = results["camera"], results["poses"]
     dropped = f", {poses['dropped']} more do not see the whole marker" if poses["dropped"] else ""
     lens = f", {camera['distortion']['model']} lens" if "distortion" in camera else ""
@@ -152,8 +204,8 @@ def heading(results: Mapping[str, Any]) -> str:
     )
 
 
-def sentences(results: Mapping[str, Any]) -> list[str]:
-    """What needs no table: who steps aside, how safe the labels are, and whether the covariance is calibrated."""
+def trial_sentences(results: Mapping[str, Any]) -> list[str]:
+    """Say what needs no table: who steps aside, how safe the labels are, and whether the covariance is calibrated."""
     found = []
     if "condition" not in (results.get("criteria") or {"condition": None}):
         found.append("DLT and IPPE assume a plane and step aside, for this marker has relief; LM begins from SQPnP.")
@@ -174,5 +226,64 @@ def sentences(results: Mapping[str, Any]) -> list[str]:
     return found
 
 
+def view_sentences(results: Mapping[str, Any]) -> list[str]:
+    """Say what the views come to, what failed, and what to improve first."""
+    found = []
+    views = results["views"]
+    if views:
+        line = f"Views: {views['detected']} of {views['count']} detected, {views['wrong']} with wrong labels"
+        if views["detected"]:
+            line += (
+                f", dot centers off by {number(views['point_px']['rms'])} px rms "
+                f"({number(views['uncorrected_px']['rms'])} px before the correction for perspective)"
+            )
+        found.append(f"{line}.")
+        found += [
+            f"  not detected: {view['polar_angle_deg']:g} deg at {view['distance']:.3g} m: {view['reason']}"
+            for view in views["failures"][:5]
+        ]
+    parts = {source: results["budget"]["rotation_deg"][source] or 0.0 for source in SOURCES[:3]}
+    most = max(parts, key=lambda source: parts[source])
+    total = results["budget"]["rotation_deg"]["total"]
+    if total:
+        remedy = {
+            "image": "larger dots, more light, a sharper lens, or more pixels",
+            "print": "a better print, or measured dot centers",
+            "camera": "a better calibration of the camera",
+        }[most]
+        found.append(
+            f"The {most} limits the rotation: {percent((parts[most] / total) ** 2)} of its variance; {remedy}."
+        )
+    return found
+
+
 def _sentence(words: str) -> str:
     return f"{words[0].upper()}{words[1:]}."
+
+
+def _view_row(name: str, group: Mapping[str, Any]) -> list[str]:
+    own = group["estimators"].get(DETECTOR, {})
+    return [
+        name,
+        str(group["count"]),
+        percent(group["rate"]),
+        str(group["wrong"]),
+        *(number(value, 2) for value in (group["point_px"]["rms"], group["image_bound_px"])),
+        *(number(own.get(key, {}).get("rms"), 2) for key in ("rotation_deg", "translation_pct")),
+        number(group["homography_px"]["rms"], 2),
+        number(group["nees"]["mean"]),
+        percent(group["nees"]["coverage"]),
+    ]
+
+
+def _conditions(views: Mapping[str, Any]) -> str:
+    optics = views["optics"]
+    said = [f"blur {optics['blur_px']:g} px", f"noise {optics['noise_grey']:g} grey levels"]
+    if views["background"] != "plain":
+        said.append(f"{views['background']} behind")
+    if views["hidden"]:
+        said.append(f"{views['hidden']} of the dots hidden")
+    if views["refine"] != "none":
+        said.append(f"{views['refine']} refinement")
+    said.append(f"dots misprinted by {views['print_sigma_mm']:g} mm" if views["print_sigma_mm"] else "printed exactly")
+    return ": " + ", ".join(said)

@@ -1,25 +1,35 @@
-"""Trials: noise on the image points of a pose, estimates from them, errors of the estimates."""
+"""Noisy trials of a marker at every pose: estimates from image points with noise, their errors, and the bounds."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, AnyEstimator, Correspondences, PoseEstimator
 from markergen.maths.projection import project, to_camera
 from markergen.model.camera import Camera
+from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.objectives.homography import validation_grid
-from markergen.validation.bounds import PoseBounds
+from markergen.pool import map_counted, ranges, workers_for
+from markergen.presentation.results import plain
+from markergen.validation.bounds import PoseBounds, pose_bounds
 from markergen.validation.metrics import (
     FLIP_SEPARATION,
+    efficiency,
     flipped,
     homography_error_px2,
     homography_failed,
+    mean_nees_interval,
     pose_failed,
     pose_nees,
+    rms,
     rotation_error_deg,
+    statistics,
     translation_error_pct,
 )
 
@@ -32,6 +42,14 @@ NEES_OF = "lm"
 """The maximum-likelihood estimator, the one whose covariance the bound is."""
 LEAST_DEPTH = 0.1
 """Validation points nearer to the camera's plane than this share of the marker's distance are left out of HE."""
+
+MOST_RUNS = 1_000_000
+POSES_AT_ONCE = 4
+"""Poses in one chunk of work: about a second of computing at 1000 runs."""
+MOST_NOISE_PX = 1000.0
+"""Beyond any image; no estimate means anything long before."""
+WORTH_A_WORKER = 10_000
+"""Trials (poses times runs) below which starting another process takes longer than it saves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +91,7 @@ class Experiment:
     ----------
     points : array (n, 3), m
     radius : float
-        Of the marker, m; the validation grid goes by it.
+        Radius of the marker in m; the validation grid goes by it.
     camera : Camera
     poses : PoseDistribution
     bounds : PoseBounds
@@ -93,6 +111,170 @@ class Experiment:
     runs: int
     seed: int
     estimators: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class TrialResults:
+    """The errors of all trials of one marker, and their statistics.
+
+    Attributes
+    ----------
+    marker : Marker
+    experiment : Experiment
+        Camera, poses that see the marker whole, bounds, noise, runs, and seed.
+    errors : mapping
+        By estimator; arrays (P, runs). Empty if there were no runs.
+    condition : array (P,) or None
+        Condition number c(A) of every pose, in unit coordinates.
+    """
+
+    marker: Marker
+    experiment: Experiment
+    errors: Mapping[str, Errors]
+    condition: Array | None = None
+
+    def as_dict(
+        self,
+        criteria: Any = None,
+        comparisons: Any = None,
+        views: Any = None,
+        budget: Any = None,
+        labels: Any = None,
+    ) -> dict[str, Any]:
+        """Return the results as plain JSON values, None in place of a number that does not exist.
+
+        Parameters
+        ----------
+        criteria, comparisons, views, budget, labels
+            JSON values that others compute, put in their places.
+        """
+        experiment = self.experiment
+        poses = experiment.poses
+        by_polar_angle, by_distance = poses.by_polar_angle(), poses.by_distance()
+        content = {
+            "marker": {
+                "control_points": len(self.marker),
+                "boundary": self.marker.boundary.as_dict(),
+                "dot_diameter": self.marker.dot_diameter,
+                "spec_hash": self.marker.spec_hash,
+            },
+            "criteria": criteria,
+            "comparisons": comparisons,
+            "nees": self._nees(by_polar_angle),
+            "camera": experiment.camera.as_dict(),
+            "poses": {"name": poses.name, "count": len(poses), "dropped": poses.dropped},
+            "noise_px": experiment.noise_px,
+            "runs": experiment.runs,
+            "seed": experiment.seed,
+            "condition": _range(self.condition),
+            "homography": {
+                name: _by_group(_homography, errors, by_polar_angle)
+                for name, errors in self.errors.items()
+                if isinstance(errors, HomographyErrors)
+            },
+            "estimators": {
+                name: _by_group(self._pose, errors, by_polar_angle)
+                | {"by_distance": {name: self._pose(errors, mask) for name, mask in by_distance.items()}}
+                for name, errors in self.errors.items()
+                if isinstance(errors, PoseErrors)
+            },
+            "bound": self._bound(np.ones(len(poses), dtype=bool))
+            | {
+                "by_polar_angle": {name: self._bound(mask) for name, mask in by_polar_angle.items()},
+                "by_distance": {name: self._bound(mask) for name, mask in by_distance.items()},
+            },
+            "labels": labels,
+            "budget": budget,
+            "views": views,
+        }
+        values: dict[str, Any] = plain(content)
+        return values
+
+    def _pose(self, errors: PoseErrors, poses: Mask) -> dict[str, Any]:
+        failed, flipped = errors.failed[poses], errors.flipped[poses]
+        rotation_deg, translation_pct = errors.rotation_deg[poses], errors.translation_pct[poses]
+        return {
+            "rotation_deg": statistics(rotation_deg[~failed]),
+            "translation_pct": statistics(translation_pct[~failed]),
+            "nearest_rotation_deg": statistics(errors.nearest_deg[poses][~failed]),
+            "flip_rate": np.mean(flipped),
+            "failure_rate": np.mean(failed),
+            "efficiency": efficiency(rotation_deg, ~(failed | flipped), self.experiment.bounds.rotation_deg[poses]),
+        }
+
+    def _bound(self, poses: Mask) -> dict[str, Any]:
+        bounds = self.experiment.bounds
+        return {
+            "rotation_deg": rms(bounds.rotation_deg[poses]),
+            "translation_pct": rms(bounds.translation_pct[poses]),
+        }
+
+    def _nees(self, groups: Mapping[str, Mask]) -> dict[str, Any] | None:
+        errors = self.errors.get(NEES_OF)
+        return _by_group(_nees, errors, groups) if isinstance(errors, PoseErrors) else None
+
+
+def run_experiment(
+    marker: Marker,
+    camera: Camera,
+    poses: PoseDistribution,
+    noise_px: float = 0.2,
+    runs: int = 1000,
+    seed: int = 0,
+    estimators: Sequence[str] | None = None,
+    workers: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    condition: Array | None = None,
+) -> TrialResults:
+    """Run noisy trials of a marker at every pose that sees it whole, with each estimator, and bound them.
+
+    Parameters
+    ----------
+    marker : Marker
+    camera : Camera
+    poses : PoseDistribution
+    noise_px : float
+        Standard deviation of the Gaussian noise on every image coordinate.
+    runs : int
+        Trials per pose; 0 gives the bounds alone.
+    seed : int
+        Equal seeds give equal results, whatever the number of workers.
+    estimators : sequence of str or None
+        Names from `ESTIMATORS`; None takes all that can do with the marker (a relief rules the planar ones out).
+    workers : int or None
+        Processes; None takes as many as there are processors and as the work is worth, 1 computes in this process.
+    progress : callable or None
+        Called with the number of poses done and the number of all.
+    condition : array (P,) or None
+        Condition numbers to report, one for every pose that sees the marker whole.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range, an estimator unknown or not fit for a relief, or no pose sees the marker whole.
+    """
+    _check(noise_px, runs, seed)
+    poses = poses.seen_whole(marker.boundary, camera, marker.height)
+    points = marker.xyz
+    experiment = Experiment(
+        points=points,
+        radius=marker.boundary.radius,
+        camera=camera,
+        poses=poses,
+        bounds=pose_bounds(points, camera, poses, noise_px),
+        noise_px=noise_px,
+        runs=runs,
+        seed=seed,
+        estimators=_fitting(points, estimators),
+    )
+    if condition is not None and len(condition) != len(poses):
+        raise ValueError(f"{len(condition)} condition numbers for {len(poses)} poses")
+    if not runs:
+        return TrialResults(marker, experiment, {}, condition)
+    workers = workers_for(workers, 1 + len(poses) * runs // WORTH_A_WORKER)
+    results = map_counted(partial(run_trials, experiment), ranges(len(poses), POSES_AT_ONCE), workers, progress)
+    errors = join([errors for chunk in results for errors in chunk], stack=True)
+    return TrialResults(marker, experiment, errors, condition)
 
 
 def run_trials(experiment: Experiment, indices: Iterable[int]) -> list[dict[str, Errors]]:
@@ -154,3 +336,54 @@ def _errors(experiment: Experiment, index: int, batch: Correspondences, estimato
     every_deg = rotation_error_deg(found.rotation, rotation)
     nearest_deg = np.fmin.reduce(every_deg, axis=1)
     return PoseErrors(every_deg[:, 0], nearest_deg, te_pct, nees, failed, flips)
+
+
+def _fitting(points: Array, names: Sequence[str] | None) -> tuple[str, ...]:
+    relief = bool(points[:, 2].any())
+    if names is None:
+        return tuple(name for name in ESTIMATORS if not (relief and ESTIMATORS[name].planar_only))
+    for name in names:
+        if relief and ESTIMATORS[name].planar_only:
+            raise InputError(
+                "an estimator that can do with a relief", repr(name), "leave it out: it is for points in one plane"
+            )
+    return tuple(ESTIMATORS[name].name for name in dict.fromkeys(names))
+
+
+def _check(noise_px: float, runs: int, seed: int) -> None:
+    if not 0 <= noise_px <= MOST_NOISE_PX:
+        expected = f"a noise from 0 to {MOST_NOISE_PX:g} px"
+        raise InputError(expected, f"noise={noise_px}", "give --noise a number such as 0.2")
+    if not 0 <= runs <= MOST_RUNS:
+        raise InputError(f"0 to {MOST_RUNS} runs", f"runs={runs}", "give --runs a whole number such as 1000")
+    if seed < 0:
+        raise InputError("a seed of 0 or more", f"seed={seed}", "give a non-negative whole number")
+
+
+def _by_group(summarize: Any, errors: Errors, groups: Mapping[str, Mask]) -> dict[str, Any]:
+    everything = np.logical_or.reduce(list(groups.values()))
+    overall: dict[str, Any] = summarize(errors, everything)
+    return overall | {"by_polar_angle": {angle: summarize(errors, poses) for angle, poses in groups.items()}}
+
+
+def _homography(errors: HomographyErrors, poses: Mask) -> dict[str, Any]:
+    failed = errors.failed[poses]
+    he_px2 = errors.he_px2[poses][~failed]
+    return {
+        "he_px2": statistics(he_px2),
+        "rms_px": statistics(np.sqrt(he_px2)),
+        "failure_rate": np.mean(failed),
+    }
+
+
+def _nees(errors: PoseErrors, poses: Mask) -> dict[str, Any]:
+    """Mean NEES, and the 99 % interval around 6 that it falls into if the bound's covariance is right."""
+    values = errors.nees[poses]
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return {"count": 0, "mean": None, "interval": None}
+    return {"count": values.size, "mean": np.mean(values), "interval": mean_nees_interval(values.size)}
+
+
+def _range(values: Array | None) -> dict[str, Any] | None:
+    return None if values is None else {"mean": np.mean(values), "min": np.min(values), "max": np.max(values)}

@@ -1,30 +1,155 @@
-"""The result of a validation: to print, plot, save, check and process."""
+"""Validate a marker: trials, bounds, criteria, layouts beside it, synthetic views; and the result of all that.
 
-from collections.abc import Mapping, Sequence
+`validate` computes plain JSON values, `Validation` prints, plots, saves, checks and processes them.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from markergen.errors import InputError, brief
+from markergen.estimators.budget import ErrorSources
 from markergen.files import Written, write_all
-from markergen.model.marker import Marker
-from markergen.objectives import Setting
+from markergen.model.camera import Camera
+from markergen.model.marker import Marker, check_supported, dressed
+from markergen.model.poses import PoseDistribution
+from markergen.model.spec import Spec
+from markergen.objectives import OBJECTIVES, Setting
+from markergen.objectives.criteria import Criteria, criteria, without_height
+from markergen.optimize.comparisons import comparison_layouts
+from markergen.optimize.design import compare
+from markergen.optimize.label_safety import label_safety
+from markergen.optimize.region import Region
 from markergen.options import check_progress
 from markergen.options.base import Progress
 from markergen.presentation.plots import axes_of, figure_bytes, new_figure
 from markergen.presentation.results import SavableResult, StrPath, Targets, json_bytes
 from markergen.presentation.tables import Table, data_frame, number
-from markergen.validation import fail_if, tables, view_tables
-from markergen.validation.bounds import budget_of
-from markergen.validation.pictures import Picture, remove_earlier
-from markergen.validation.pictures import pictures as taken
-from markergen.validation.views import Shoot
+from markergen.read.poses import poses_from
+from markergen.read.spec_file import spec_of
+from markergen.validation import fail_if, tables
+from markergen.validation.bounds import budget_of, error_budget
+from markergen.validation.metrics import STATISTICS
+from markergen.validation.report import html_report
+from markergen.validation.report.plots import errors_over
+from markergen.validation.trials import TrialResults, run_experiment
+from markergen.validation.view_records import stress, summarize, take_records
+from markergen.validation.views import Picture, SyntheticViews, pictures, remove_earlier
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
+Array = NDArray[np.float64]
+
 _ANGLE = "polar_angle_deg"
+
+
+def setting_of(marker: Marker, poses: str | PoseDistribution | None = None, camera: Camera | None = None) -> Setting:
+    """Return the camera and poses that a marker was designed for, or others: poses as `poses_from` takes them.
+
+    A marker whose file does not say what it was designed for is judged in the paper's setting.
+
+    Raises
+    ------
+    InputError
+        If the poses are unknown, or none sees the marker whole.
+    """
+    spec = spec_of(marker) or Spec()
+    distribution = poses_from(spec.poses if poses is None else poses)
+    camera = camera or spec.camera
+    return Setting(marker.boundary, camera, distribution.seen_whole(marker.boundary, camera, marker.height))
+
+
+def validate(
+    marker: Marker,
+    setting: Setting,
+    noise_px: float = 0.2,
+    runs: int = 1000,
+    series: SyntheticViews | None = None,
+    seed: int = 0,
+    workers: int | None = None,
+    trials_for_all: bool = False,
+    stressed: bool = False,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Validate a marker and return the results as plain JSON values.
+
+    Parameters
+    ----------
+    noise_px : float
+        Standard deviation of the noise on every image coordinate.
+    runs : int
+        Noisy trials for each pose; 0 gives the bounds alone.
+    series : SyntheticViews or None
+        Synthetic images to render and detect; their optics and error sources are those of the error budget. None is no
+        images, the default optics, and a print good to 0.1 mm.
+    trials_for_all : bool
+        Run the trials for the layouts beside the marker as well; otherwise they have criteria and bounds.
+    stressed : bool
+        Repeat the views under worse conditions.
+    progress : callable or None
+        Called with the stage, what is done of it, and its total.
+
+    Returns
+    -------
+    dict
+        In the form that docs/validate.md describes.
+
+    Raises
+    ------
+    InputError
+        If the control points determine no homography, those of a relief no pose, or a number is out of range; also as
+        `check_supported` does.
+    """
+    check_supported(marker, "to validate")
+
+    def told(stage: str) -> Callable[[int, int], None] | None:
+        return (lambda done, total: progress(stage, done, total)) if progress else None
+
+    def trials(judged: Marker, stage: str) -> TrialResults:
+        layout = without_height(judged.xyz)[None]
+        # A relief has no homography.
+        condition = OBJECTIVES["condition"](setting).per_pose(layout)[0] if layout.shape[-1] == 2 else None
+        return run_experiment(
+            judged, setting.camera, setting.poses, noise_px, runs, seed,
+            workers=workers, progress=told(stage), condition=condition,
+        )  # fmt: skip
+
+    points = without_height(marker.xyz)
+    region = Region(marker.boundary, marker.dot_diameter, marker.clearance)
+    judge, what = ("condition", "homography") if points.shape[-1] == 2 else ("pose", "pose")
+    if not np.isfinite(OBJECTIVES[judge](setting)(points[None])[0]):
+        raise InputError(
+            f"control points that determine a {what}",
+            "too many of them on one line or in one place",
+            "design the marker again, with four points in general position",
+        )
+    own = trials(marker, "trials")
+    table = compare(points, region, setting, seed)
+    beside: dict[str, Any] = {name: _beside(row, noise_px) for name, row in table.items() if name != "design"}
+    if trials_for_all:
+        for name, layouts in comparison_layouts(region, len(points), seed).items():
+            middle = median_layout(layouts, setting)
+            found = trials(dressed(middle, marker.boundary, marker.dot_diameter, marker.clearance), name).as_dict()
+            beside[name] = {key: found[key] for key in ("bound", "estimators", "homography")}
+            beside[name]["criteria"] = criteria(middle[None], setting)[0]
+    series = series or SyntheticViews(marker, setting.camera, setting.poses, 0, errors=ErrorSources())
+    views = summarize(series, take_records(series, workers, told("views"))) if series.count else None
+    if views is not None and stressed:
+        views["stress"] = stress(series, workers, told("stress"))
+    budget = error_budget(series, noise_px)
+    labels = label_safety(marker, setting).as_dict(noise_px) if marker.dot_diameter else None
+    return own.as_dict(criteria=table["design"], comparisons=beside, views=views, budget=budget, labels=labels)
+
+
+def median_layout(layouts: Array, setting: Setting) -> Array:
+    """Return the layout (n, d) whose pose criterion is the median of those of layouts (k, n, d), k odd."""
+    return np.asarray(layouts[np.argsort(OBJECTIVES["pose"](setting)(layouts))[len(layouts) // 2]])
 
 
 class Validation(SavableResult):
@@ -36,8 +161,8 @@ class Validation(SavableResult):
     Parameters
     ----------
     results : mapping
-        Of `prove`, in the form that docs/validate.md describes.
-    shoot : Shoot
+        Values that `validate` returns, in the form that docs/validate.md describes.
+    series : SyntheticViews
         Marker, camera, poses, optics and error sources of the results.
     written : sequence of Written
         Files that were asked for together with the results.
@@ -61,9 +186,9 @@ class Validation(SavableResult):
         ".png": "plot",
     }
 
-    def __init__(self, results: Mapping[str, Any], shoot: Shoot, written: Sequence[Written] = ()) -> None:
+    def __init__(self, results: Mapping[str, Any], series: SyntheticViews, written: Sequence[Written] = ()) -> None:
         self._results = dict(results)
-        self.shoot, self.written = shoot, tuple(written)
+        self.series, self.written = series, tuple(written)
 
     @property
     def results(self) -> Mapping[str, Any]:
@@ -73,12 +198,12 @@ class Validation(SavableResult):
     @property
     def marker(self) -> Marker:
         """The marker that was validated."""
-        return self.shoot.marker
+        return self.series.marker
 
     @property
     def setting(self) -> Setting:
         """Camera, and the poses that see the marker whole."""
-        return Setting(self.marker.boundary, self.shoot.camera, self.shoot.poses)
+        return Setting(self.marker.boundary, self.series.camera, self.series.poses)
 
     @property
     def bound(self) -> Mapping[str, Any]:
@@ -148,7 +273,7 @@ class Validation(SavableResult):
         """
         check_progress(progress)
         targets = self.targets(paths, pictures, json=json, report=report)
-        check_pictures(targets, self.shoot.count)
+        check_pictures(targets, self.series.count)
         return self.write(targets.checked(), progress)
 
     def write(self, targets: Targets, progress: Progress | None = None) -> list[Written]:
@@ -157,7 +282,7 @@ class Validation(SavableResult):
         shown: list[Picture] = []
         if self.views and (targets.pictures is not None or "report" in [kind for kind, _ in targets.files]):
             told("pictures", 0, 1)
-            shown = list(taken(self.shoot, self.views))
+            shown = list(pictures(self.series, self.views))
             told("pictures", 1, 1)
         contents = {}
         for kind, path in targets.files:
@@ -217,8 +342,6 @@ class Validation(SavableResult):
         ax : matplotlib axes or None
             Where to draw; None makes a figure of its own, which is ``ax.figure``.
         """
-        from markergen.validation.report.errors_plot import errors_over
-
         ax = axes_of(ax)
         measured = {name: _rotation(row["by_polar_angle"]) for name, row in self.estimators.items()}
         if self.views and not measured:
@@ -240,15 +363,15 @@ class Validation(SavableResult):
             shown += [tables.polar_angle_table(results, key) for key in ("rotation_deg", "translation_pct")]
             if results["homography"]:
                 shown.append(tables.homography_table(results))
-        shown += [tables.comparison_table(results), view_tables.budget_table(results)]
+        shown += [tables.comparison_table(results), tables.budget_table(results)]
         views = results["views"]
         if views:
-            shown.append(view_tables.group_table(views))
+            shown.append(tables.group_table(views))
             if views["detected"]:
-                shown.append(view_tables.estimator_table(views))
+                shown.append(tables.estimator_table(views))
             if "stress" in views:
-                shown.append(view_tables.stress_table(views))
-        return [*shown, *tables.sentences(results), *view_tables.sentences(results)]
+                shown.append(tables.stress_table(views))
+        return [*shown, *tables.trial_sentences(results), *tables.view_sentences(results)]
 
     def __repr__(self) -> str:
         results, views = self._results, self._results["views"]
@@ -263,9 +386,7 @@ class Validation(SavableResult):
         return f"<Validation: {', '.join(said)}>"
 
     def _report(self, shown: Sequence[Picture]) -> bytes:
-        from markergen.validation.report import html_report
-
-        budget = budget_of(self.shoot, self._results["noise_px"])
+        budget = budget_of(self.series, self._results["noise_px"])
         return html_report(self._results, self.marker, self.setting, shown, budget)
 
     def _figure(self) -> "Figure":
@@ -295,6 +416,11 @@ def _rms(row: Mapping[str, Any]) -> dict[str, Any]:
 def _columns(row: Mapping[str, Any], bound: Mapping[str, Any]) -> dict[str, Any]:
     columns: dict[str, Any] = {}
     for key in ("rotation_deg", "translation_pct"):
-        columns |= {f"{key}_{name}": row[key][name] for name in ("count", *tables.STATISTICS)}
+        columns |= {f"{key}_{name}": row[key][name] for name in ("count", *STATISTICS)}
         columns[f"{key}_bound"] = bound.get(key)
     return columns | {key: row.get(key) for key in ("efficiency", "flip_rate", "failure_rate")}
+
+
+def _beside(row: Criteria, noise_px: float) -> dict[str, Any]:
+    # Criteria are for 1 px, and bounds are proportional to the noise.
+    return {"criteria": dict(row), "bound": {key: noise_px * row[key] for key in ("rotation_deg", "translation_pct")}}

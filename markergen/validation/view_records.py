@@ -1,7 +1,7 @@
-"""What a series of synthetic views says of a marker: how often it is found, how accurately, and whether it knows."""
+"""Records of synthetic views and their statistics: detection rate, errors, calibration of the covariance, stress."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -13,7 +13,7 @@ from markergen.maths.rotation import logarithm
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.objectives.homography import validation_grid
-from markergen.pool import map_chunks, workers_for
+from markergen.pool import map_counted, ranges, workers_for
 from markergen.validation.bounds import image_covariance
 from markergen.validation.metrics import (
     POSE_PARAMETERS,
@@ -25,7 +25,7 @@ from markergen.validation.metrics import (
     statistics,
     translation_error_pct,
 )
-from markergen.validation.views import Shoot, View, take_view
+from markergen.validation.views import SyntheticViews, View, take_view
 
 Array = NDArray[np.float64]
 
@@ -38,10 +38,21 @@ WORTH_A_WORKER = 60
 """Views below which starting another process takes longer than it saves."""
 NOMINAL_COVERAGE = 0.95
 
+CONDITIONS: dict[str, Callable[[SyntheticViews], SyntheticViews]] = {
+    "blur 2 px": lambda series: replace(series, optics=replace(series.optics, blur_px=2.0)),
+    "noise 8": lambda series: replace(series, optics=replace(series.optics, noise_grey=8.0)),
+    "half the light": lambda series: replace(
+        series, optics=replace(series.optics, dark=series.optics.dark / 2, light=series.optics.light / 2)
+    ),
+    "one dot hidden": lambda series: replace(series, hidden=1),
+    "clutter": lambda series: replace(series, background="clutter"),
+}
+"""Worse conditions by name, and what each makes of a series."""
+
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What remains of a view when its image is gone.
+    """The errors of a view, without its image.
 
     Attributes
     ----------
@@ -57,7 +68,7 @@ class Record:
     poses : mapping
         (RE in degrees, TE in percent) by estimator; of estimators that failed, none.
     pose_error : array (6,)
-        Of the detector's pose: log(R_hat R'), rad, and t_hat - t, m, in the camera frame; nan where there is none.
+        Error of the detector's pose in the camera frame: log(R_hat R'), rad, and t_hat - t, m; nan if there is none.
     nees : float
         Its square by the covariance that the detector claims.
     homography_px : float
@@ -79,7 +90,7 @@ class Record:
     homography_px: float
 
 
-def record(shoot: Shoot, view: View) -> Record:
+def record(series: SyntheticViews, view: View) -> Record:
     """Hold a view against the truth."""
     empty = np.zeros(0)
     if not view.detected:
@@ -87,55 +98,44 @@ def record(shoot: Shoot, view: View) -> Record:
             view.index, view.pose, False, view.wrong, view.failure, np.zeros(0, dtype=np.intp), np.zeros((0, 2)),
             empty, empty, {}, np.full(6, np.nan), np.nan, np.nan,
         )  # fmt: skip
-    rotation, translation = shoot.poses.rotation[view.pose], shoot.poses.translation[view.pose]
+    rotation, translation = series.poses.rotation[view.pose], series.poses.translation[view.pose]
     here = PoseDistribution("here", rotation[None], translation[None])
-    covariance = image_covariance(shoot.marker, shoot.camera, here, shoot.optics)[0]
+    covariance = image_covariance(series.marker, series.camera, here, series.optics)[0]
     bound = np.trace(covariance, axis1=-2, axis2=-1)
-    poses = _pose_errors(shoot, view, rotation, translation)
+    poses = _pose_errors(series, view, rotation, translation)
     error, nees = _own_error(view, rotation, translation)
     return Record(
         view.index, view.pose, True, False, "", view.found, view.error, view.uncorrected_px,
         bound[view.found], poses, error, nees,
-        _homography_px(shoot, view, rotation, translation),
+        _homography_px(series, view, rotation, translation),
     )  # fmt: skip
 
 
 def take_records(
-    shoot: Shoot, workers: int | None = None, progress: Callable[[int, int], None] | None = None
+    series: SyntheticViews, workers: int | None = None, progress: Callable[[int, int], None] | None = None
 ) -> list[Record]:
-    """Take all views of a shoot, spread over processes; the same records for any number of them."""
-    chunks = [range(start, min(start + AT_ONCE, shoot.count)) for start in range(0, shoot.count, AT_ONCE)]
-    workers = workers_for(workers, 1 + shoot.count // WORTH_A_WORKER)
-    done = 0
-    if progress:
-        progress(0, shoot.count)
-
-    def finished(index: int) -> None:
-        nonlocal done
-        done += len(chunks[index])
-        if progress:
-            progress(done, shoot.count)
-
-    parts = map_chunks(partial(_chunk, shoot), chunks, min(workers, len(chunks)), finished)
+    """Take all views of a series, spread over processes; the same records for any number of them."""
+    workers = workers_for(workers, 1 + series.count // WORTH_A_WORKER)
+    parts = map_counted(partial(_chunk, series), ranges(series.count, AT_ONCE), workers, progress)
     return [each for part in parts for each in part]
 
 
-def _chunk(shoot: Shoot, indices: Iterable[int]) -> list[Record]:
-    return [record(shoot, take_view(shoot, k)) for k in indices]
+def _chunk(series: SyntheticViews, indices: Iterable[int]) -> list[Record]:
+    return [record(series, take_view(series, k)) for k in indices]
 
 
-def summarize(shoot: Shoot, records: list[Record]) -> dict[str, Any]:
+def summarize(series: SyntheticViews, records: list[Record]) -> dict[str, Any]:
     """Plain values of the series in the form that docs/validate.md describes; nan where a number does not exist."""
-    poses = shoot.poses
-    names = [DETECTOR, *_estimators(shoot.marker)]
+    poses = series.poses
+    names = [DETECTOR, *_estimators(series.marker)]
     pose = np.array([each.pose for each in records])
     return {
         **_summary(records, names),
-        "optics": {**vars(shoot.optics)},
-        "background": shoot.background,
-        "hidden": shoot.hidden,
-        "refine": shoot.refine,
-        "print_sigma_mm": 1e3 * shoot.errors.print_sigma,
+        "optics": {**vars(series.optics)},
+        "background": series.background,
+        "hidden": series.hidden,
+        "refine": series.refine,
+        "print_sigma_mm": 1e3 * series.errors.print_sigma,
         "by_polar_angle": _by_group(records, names, pose, poses.by_polar_angle()),
         "by_distance": _by_group(records, names, pose, poses.by_distance()),
         "samples": [_sample(each, poses) for each in records if each.detected],
@@ -143,6 +143,24 @@ def summarize(shoot: Shoot, records: list[Record]) -> dict[str, Any]:
             {"view": each.index, **_where(each, poses), "reason": each.failure} for each in records if not each.detected
         ],
     }
+
+
+def stress(
+    series: SyntheticViews, workers: int | None = None, progress: Callable[[int, int], None] | None = None
+) -> dict[str, Any]:
+    """Return the summary of the views under each condition, in the form of `summarize` without its single views."""
+    results = {}
+    total = len(CONDITIONS) * series.count
+    for number, (name, worsen) in enumerate(CONDITIONS.items()):
+        told = _shifted(progress, number * series.count, total) if progress else None
+        worse = worsen(series)
+        found = summarize(worse, take_records(worse, workers, told))
+        results[name] = {key: value for key, value in found.items() if key != "samples"}
+    return results
+
+
+def _shifted(progress: Callable[[int, int], None], start: int, total: int) -> Callable[[int, int], None]:
+    return lambda done, _: progress(start + done, total)
 
 
 def _estimators(marker: Marker) -> dict[str, PoseEstimator]:
@@ -240,14 +258,16 @@ def _own_error(view: View, rotation: Array, translation: Array) -> tuple[Array, 
     return error, float(error @ np.linalg.solve(own.budget.total, error))
 
 
-def _pose_errors(shoot: Shoot, view: View, rotation: Array, translation: Array) -> dict[str, tuple[float, float]]:
-    camera, points = shoot.camera, shoot.marker.xyz[view.found]
+def _pose_errors(
+    series: SyntheticViews, view: View, rotation: Array, translation: Array
+) -> dict[str, tuple[float, float]]:
+    camera, points = series.camera, series.marker.xyz[view.found]
     batch = Correspondences.as_taken(points, view.detection.pixels[None], camera)
     found: dict[str, tuple[Array, Array]] = {}
     own = view.detection.pose
     if own is not None:
         found[DETECTOR] = (own.rotation[None], own.translation[None])
-    for name, estimator in _estimators(shoot.marker).items():
+    for name, estimator in _estimators(series.marker).items():
         found[name] = batch.once(estimator).best
     errors = {}
     for name, estimate in found.items():
@@ -257,11 +277,11 @@ def _pose_errors(shoot: Shoot, view: View, rotation: Array, translation: Array) 
     return errors
 
 
-def _homography_px(shoot: Shoot, view: View, rotation: Array, translation: Array) -> float:
+def _homography_px(series: SyntheticViews, view: View, rotation: Array, translation: Array) -> float:
     if view.detection.homography is None:
         return np.nan
-    grid = validation_grid(shoot.marker.boundary.radius)
-    pixels = shoot.camera.ideal.project(grid, rotation[None], translation[None])[0]
+    grid = validation_grid(series.marker.boundary.radius)
+    pixels = series.camera.ideal.project(grid, rotation[None], translation[None])[0]
     return float(np.sqrt(homography_error_px2(view.detection.homography[None], grid, pixels)[0]))
 
 

@@ -1,12 +1,17 @@
-"""Synthetic views of a marker, detected as a photo would be and held against the truth they were made from."""
+"""Synthetic views of a marker, detected as a photo would be and held against the truth, and pictures of some."""
 
+import re
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect import Detection, detect
 from markergen.detect.photometric import check_refinement, refine
+from markergen.detect.presentation import overlay
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
@@ -14,7 +19,7 @@ from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.render import DEFAULT_OPTICS, Optics, Scenery, render_view
 from markergen.render.scenery import BACKGROUNDS, hiding
-from markergen.validation.misprint import misprinted
+from markergen.validation.print_error import misprinted
 
 Array = NDArray[np.float64]
 
@@ -23,10 +28,13 @@ WRONG_PX = 5.0
 
 MOST_VIEWS = 1_000_000
 
+FAILURES, WORST, TYPICAL = 6, 3, 3
+"""Pictures of each kind at the most."""
+
 
 @dataclass(frozen=True, eq=False)
-class Shoot:
-    """What decides a series of synthetic views; the same shoot gives the same images, whoever takes them and when.
+class SyntheticViews:
+    """A series of synthetic views by all that decides it; equal ones give the same images, whoever takes them and when.
 
     Attributes
     ----------
@@ -91,7 +99,7 @@ class View:
     Attributes
     ----------
     index, pose : int
-        Of the view in its shoot, and of its pose in the distribution.
+        Number of the view in its series, and of its pose in the distribution.
     image : array (height, width)
     detection : Detection
     truth : array (n, 2), px
@@ -141,29 +149,94 @@ class View:
 
     @property
     def failure(self) -> str:
-        """Why it counts as not detected; empty if it does not."""
+        """Reason why it counts as not detected; empty if it does not."""
         if self.wrong:
             return f"wrong label: a dot is {self.error_px.max():.1f} px off"
         return self.detection.reason
 
 
-def take_view(shoot: Shoot, k: int) -> View:
-    """Render and detect view k (0 to count - 1) of a shoot."""
-    marker, camera = shoot.marker, shoot.camera
-    pose = shoot.pose_of(k)
-    rotation, translation = shoot.poses.rotation[pose], shoot.poses.translation[pose]
+def take_view(series: SyntheticViews, k: int) -> View:
+    """Render and detect view k (0 to count - 1) of a series."""
+    marker, camera = series.marker, series.camera
+    pose = series.pose_of(k)
+    rotation, translation = series.poses.rotation[pose], series.poses.translation[pose]
     # Each source has its own random numbers, so that a view without print error differs by that alone.
-    noise, misprint, surroundings = (np.random.default_rng([shoot.seed, shoot.count, k, part]) for part in range(3))
-    printed = misprinted(marker, shoot.errors, misprint)
-    hidden = np.sort(surroundings.choice(len(marker), shoot.hidden, replace=False))
+    noise, misprint, surroundings = (np.random.default_rng([series.seed, series.count, k, part]) for part in range(3))
+    printed = misprinted(marker, series.errors, misprint)
+    hidden = np.sort(surroundings.choice(len(marker), series.hidden, replace=False))
     scenery = Scenery(
-        background=None if shoot.background == "plain" else BACKGROUNDS[shoot.background](camera, surroundings),
+        background=None if series.background == "plain" else BACKGROUNDS[series.background](camera, surroundings),
         occluders=hiding(printed, hidden, camera, rotation, translation, surroundings),
     )
-    image = render_view(printed, camera, rotation, translation, shoot.optics, noise, scenery)
-    found = detect(image, marker, camera, shoot.errors)
-    if shoot.refine == "photometric" and found.found:
-        found = refine(image, marker, camera, found, shoot.errors)
+    image = render_view(printed, camera, rotation, translation, series.optics, noise, scenery)
+    found = detect(image, marker, camera, series.errors)
+    if series.refine == "photometric" and found.found:
+        found = refine(image, marker, camera, found, series.errors)
     truth = camera.project(printed.xyz, rotation[None], translation[None])[0]
     ids = np.array([point.id for point in marker.control_points], dtype=np.intp)
     return View(k, pose, image, found, truth, hidden, ids)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One picture with what to say about it.
+
+    Attributes
+    ----------
+    name : str
+        Fit for a file's name.
+    title, caption : str
+    png : bytes
+    """
+
+    name: str
+    title: str
+    caption: str
+    png: bytes
+
+
+def pictures(series: SyntheticViews, views: Mapping[str, Any]) -> Iterator[Picture]:
+    """Take views worth looking at again, and draw into each what was found: failures, the worst, and typical ones.
+
+    Parameters
+    ----------
+    views : mapping
+        Summary of the same series by `view_records.summarize`.
+    """
+    failures = views["failures"]
+    # Evenly among all that failed, since neighbors look alike.
+    for each in _spread(failures, FAILURES):
+        yield _picture(series, each, "failure", each["reason"])
+    ranked = sorted(views["samples"], key=lambda each: -(each["rotation_deg"] or 0.0))
+    for each in ranked[:WORST]:
+        yield _picture(series, each, "worst", _errors(each))
+    for each in _spread(ranked[WORST:], TYPICAL):
+        yield _picture(series, each, "typical", _errors(each))
+
+
+def remove_earlier(folder: Path, new: Container[str] = ()) -> None:
+    """Remove pictures that an earlier run left in a folder, known by their names; other files and the new ones stay."""
+    for path in folder.iterdir():
+        if path.name not in new and re.fullmatch(r"(failure|worst|typical)-\d{4,}\.png", path.name):
+            path.unlink()
+
+
+def _spread(items: list[Any], count: int) -> list[Any]:
+    return items if len(items) <= count else [items[(2 * i + 1) * len(items) // (2 * count)] for i in range(count)]
+
+
+def _errors(each: Mapping[str, Any]) -> str:
+    found = f"dots off by {each['point_px_rms']:.4f} px"
+    if each["rotation_deg"] is None:
+        return found
+    return f"{found}, rotation by {each['rotation_deg']:.3f} deg, translation by {each['translation_pct']:.3f} %"
+
+
+def _picture(series: SyntheticViews, each: Mapping[str, Any], kind: str, said: str) -> Picture:
+    view = take_view(series, each["view"])
+    where = f"{each['polar_angle_deg']:g} deg at {each['distance']:.3g} m"
+    marks = [view.detection] if view.detection.found else []
+    return Picture(
+        f"{kind}-{each['view']:04d}", f"{kind.capitalize()}: {where}", f"View {each['view']}, {where}: {said}.",
+        overlay(view.image, series.marker, series.camera, marks),
+    )  # fmt: skip

@@ -19,7 +19,7 @@ from markergen.model.marker_json import to_json
 from markergen.model.poses import named_poses
 from markergen.options import ValidateKeywords, declared
 from markergen.validation import validation as results_module
-from markergen.validation.report.errors_plot import errors_over
+from markergen.validation.report.plots import errors_over
 from markergen.validation.validation import Validation
 
 FAST = {"poses": "cone:count=20", "runs": 0, "views": 0, "workers": 1}
@@ -268,7 +268,7 @@ def test_the_plot_draws_what_was_measured(proved, bounds):
 
 def test_without_trials_the_plot_shows_the_views(proved):
     views = dict(proved.found.results) | {"estimators": {}}
-    labels = Validation(views, proved.found.shoot).plot().get_legend_handles_labels()[1]
+    labels = Validation(views, proved.found.series).plot().get_legend_handles_labels()[1]
     assert "detection's own, RMS" in labels
     assert errors_over.__module__.startswith("markergen.validation.report")
 

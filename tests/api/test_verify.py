@@ -12,7 +12,7 @@ from markergen.api import verify as module
 from markergen.api.verify import verify
 from markergen.cli import main
 from markergen.errors import InputError, MissingLibraryError, OutputError
-from markergen.exporters import save
+from markergen.exporters.saving import save
 from markergen.model.marker_json import to_json
 
 HOSTILE = "<script>[red]x.svg"

@@ -3,7 +3,7 @@ import json
 import pytest
 
 from markergen.cli import main
-from markergen.exporters import save
+from markergen.exporters.saving import save
 from markergen.model.marker_json import to_json
 
 

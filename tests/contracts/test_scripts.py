@@ -35,10 +35,10 @@ if __name__ == "__main__":
     from markergen.studies.engines import engine_for
     from markergen.studies.sweep.grid import read_sweep
     from markergen.studies.sweep.run import run_sweep
-    from markergen.validation.run import validate
+    from markergen.validation.trials import run_experiment
     poses = named_poses("cone:count=12")
     marker = read_marker(Path("m.json"))
-    both = [validate(marker, PAPER_CAMERA, poses, runs=3, estimators=["mine", "lm"], workers=n) for n in (1, 2)]
+    both = [run_experiment(marker, PAPER_CAMERA, poses, runs=3, estimators=["mine", "lm"], workers=n) for n in (1, 2)]
     for found in both:
         mine, lm = (found.errors[name] for name in ("mine", "lm"))
         assert np.array_equal(mine.rotation_deg, lm.rotation_deg, equal_nan=True)

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from markergen.cli import main
-from markergen.exporters.glb import write_glb
-from markergen.exporters.meshes import MeshedPart
+from markergen.exporters.meshes import MeshedPart, write_glb
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.marker_json import to_json
 from markergen.render import Optics, render_view

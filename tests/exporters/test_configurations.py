@@ -10,11 +10,7 @@ import pytest
 import yaml
 
 from markergen.errors import InputError
-from markergen.exporters.apriltag import write_bundle
-from markergen.exporters.kalibr import write_kalibr
-from markergen.exporters.opencv import write_opencv
-from markergen.exporters.point_table import write_table
-from markergen.exporters.ros2 import write_ros2
+from markergen.exporters.formats.points import write_bundle, write_kalibr, write_opencv, write_ros2, write_table
 from markergen.model.tag import Tag
 
 WRITERS = {

@@ -11,8 +11,8 @@ from markergen.drawing.paper import ISO, SheetOptions
 from markergen.drawing.sheet_layout import pages_for
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions
-from markergen.exporters.family import family_paths, save_family
 from markergen.exporters.pdf import write_pdf
+from markergen.exporters.saving import family_paths, save_family
 from markergen.model.boundary import Circle
 from markergen.model.marker import dressed
 from markergen.model.marker_json import from_json, read_marker, to_json

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from tetrahedra import plate_and_dot
 
-from markergen.exporters.glb import write_glb
+from markergen.exporters.meshes import write_glb
 
 CORNERS = np.array([[0, 0, 0], [400, 0, 0], [0, 300, 0], [0, 0, 200.0]])
 

@@ -1,11 +1,11 @@
 from markergen.exporters import ExportOptions
-from markergen.exporters.marker_json import export
+from markergen.exporters.formats.points import write_record
 from markergen.model.marker_json import from_json, to_json
 
 
 def test_is_the_marker_itself(make_ngon):
     for diameter in (0.0, 0.02):
         marker = make_ngon(5, 0.1, diameter)
-        output = export([marker], ExportOptions(dpi=0))
+        output = write_record([marker], ExportOptions(dpi=0))
         assert output.data == to_json(marker)
         assert from_json(output.data.decode()) == marker

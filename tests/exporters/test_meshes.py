@@ -13,7 +13,6 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.marker import Marker
 from markergen.model.substrate import Substrate, parse_mount
 from markergen.model.tag import Tag
-from markergen.solid.bodies import part_volume
 
 PLACE = 5e-3
 """mm: what is asked of dot centers in meshes."""
@@ -64,7 +63,7 @@ def test_parts_have_their_volumes(kind):
     for part, body in zip(found.parts, found.made.parts, strict=True):
         assert part.name == body.name
         # 0.1 % is asked of STL.
-        assert part.mesh.volume == pytest.approx(part_volume(body), rel=1e-3)
+        assert part.mesh.volume == pytest.approx(body.volume, rel=1e-3)
 
 
 def test_stl_is_watertight_as_a_whole_and_by_material(kind):
@@ -82,7 +81,7 @@ def test_stl_is_watertight_as_a_whole_and_by_material(kind):
         assert mesh.is_winding_consistent
         assert mesh.body_count == count
     whole = trimesh.load_mesh(BytesIO(output.data), file_type="stl")
-    assert whole.volume == pytest.approx(sum(map(part_volume, found.made.parts)), rel=1e-3)
+    assert whole.volume == pytest.approx(sum(part.volume for part in found.made.parts), rel=1e-3)
 
 
 def test_3mf_is_read_without_a_warning(kind):

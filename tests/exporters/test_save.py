@@ -7,17 +7,8 @@ import pytest
 
 from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError, OutputError
-from markergen.exporters import (
-    EXPORTERS,
-    ExportOptions,
-    Output,
-    check_outputs,
-    save,
-    stem_of,
-    suffix_of,
-    with_record,
-    write,
-)
+from markergen.exporters import EXPORTERS, ExportOptions, Output, stem_of, suffix_of
+from markergen.exporters.saving import check_outputs, save, with_record, write
 from markergen.model.marker_json import read_marker
 from markergen.model.spec import Spec
 

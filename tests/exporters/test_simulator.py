@@ -3,9 +3,9 @@ import pytest
 from tetrahedra import part
 
 from markergen.exporters.meshes import MeshedPart
-from markergen.exporters.simulator import DENSITY, mass_of, number, numbers
+from markergen.exporters.simulators import DENSITY, mass_of, number, numbers
 from markergen.solid.bodies import Part, cylinder
-from markergen.solid.build import build
+from markergen.solid.kernel import build
 from markergen.solid.mesh import mesh_of
 
 BOX = np.array([[x, y, z] for x in (0, 20) for y in (0, 30) for z in (-5, 0)], float)

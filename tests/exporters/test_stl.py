@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from tetrahedra import SIDES, part
 
-from markergen.exporters.stl import FACET, write_stl
+from markergen.exporters.meshes import FACET, write_stl
 
 CORNERS = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0], [0, 0, 4]], float)
 

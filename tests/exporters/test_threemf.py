@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tetrahedra import plate_and_dot
 
-from markergen.exporters.threemf import MODEL, write_3mf
+from markergen.exporters.meshes import MODEL, write_3mf
 
 CORE = "{http://schemas.microsoft.com/3dmanufacturing/core/2015/02}"
 CORNERS = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0], [-1.5, 123.456787, -4]])

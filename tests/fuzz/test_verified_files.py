@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from mutants import FLIPS, flipped
 
 from markergen.errors import InputError
-from markergen.exporters import ExportOptions, save
+from markergen.exporters import ExportOptions
+from markergen.exporters.saving import save
 from markergen.model.fabrication import Fabrication
 from markergen.verification import verify
 from markergen.verification.check import to_json

@@ -29,7 +29,7 @@ def test_every_process_has_defaults(process):
         ({"process": "cnc", "fit": "loose"}, "a fit of slip or press"),
         ({"fit": "slip"}, "--fit with --process cnc, found --process fdm"),
         ({"through": True}, "--through with --process cnc"),
-        ({"process": "laser", "dome": "ball"}, "--dome ball with --process dome"),
+        ({"process": "laser", "dome": "ball"}, "--dome with --process dome"),
         ({"process": "dome", "dome": "whole"}, "domes of half or ball"),
     ],
 )

@@ -13,7 +13,7 @@ import pytest
 from markergen.detect import Detector
 from markergen.detect.detection import detect
 from markergen.errors import InputError
-from markergen.exporters import outputs_of
+from markergen.exporters.saving import outputs_of
 from markergen.model import camera, marker
 from markergen.model.boundary import Circle
 from markergen.model.feature import Feature
@@ -22,8 +22,8 @@ from markergen.model.marker_json import from_json, to_json
 from markergen.model.rescale import MeasuredDot, Rulers, remeasure, rescale
 from markergen.model.tag import FAMILIES, family_bits, family_size
 from markergen.render import DEFAULT_OPTICS, render_view
-from markergen.validation.lineup import line_up
-from markergen.validation.proof import prove
+from markergen.validation.baselines import line_up
+from markergen.validation.validation import validate
 from markergen.verification.check import verify
 
 DATA = Path(__file__).parent / "data"
@@ -201,7 +201,7 @@ def test_what_cannot_be_used_yet_is_refused_at_every_door(unused, setting, tmp_p
     image = np.full((480, 640), 200, np.uint8)
     doors = {
         "to detect": [lambda: detect(image, made), lambda: Detector(path)],
-        "to validate": [lambda: prove(made, setting, runs=0)],
+        "to validate": [lambda: validate(made, setting, runs=0)],
         "to compare": [lambda: line_up([str(path)])],
         "to rescale": [lambda: rescale(made, Rulers(0.199, None))],
         "to measure dots of": [lambda: remeasure(made, (MeasuredDot(0, 0, 0), MeasuredDot(1, 1, 0)))],

@@ -4,24 +4,11 @@ import numpy as np
 import pytest
 import shapely
 
-from markergen.solid.bodies import (
-    Part,
-    Path,
-    Prism,
-    Revolved,
-    area,
-    center_of,
-    circle,
-    cylinder,
-    flattened,
-    inset,
-    part_volume,
-    span,
-    volume,
-)
+from markergen.geometry.contour import Contour, area, center_of, circle, flattened, inset
+from markergen.solid.bodies import Part, Prism, Revolved, cylinder
 
 QUARTER = tan(pi / 8)
-ROUNDED = Path(
+ROUNDED = Contour(
     ((-8, -5), (8, -5), (10, -3), (10, 3), (8, 5), (-8, 5), (-10, 3), (-10, -3)),
     (0, QUARTER, 0, QUARTER, 0, QUARTER, 0, QUARTER),
 )
@@ -36,32 +23,32 @@ def test_areas():
     assert area(circle(3, 1, 2, hole=True)) == pytest.approx(-9 * pi, rel=EXACT)
     assert area(ROUNDED) == pytest.approx(200 - (4 - pi) * 4, rel=EXACT)
     # A square with a bite of a quarter circle.
-    assert area(Path(((0, 0), (1, 0), (0, 1)), (0, -QUARTER, 0))) == pytest.approx(1 - pi / 4, rel=EXACT)
+    assert area(Contour(((0, 0), (1, 0), (0, 1)), (0, -QUARTER, 0))) == pytest.approx(1 - pi / 4, rel=EXACT)
 
 
 def test_volumes_of_prisms():
-    assert volume(Prism(ROUNDED, (circle(1, hole=True),), -3, 0)) == pytest.approx(3 * (200 - 4 * (4 - pi) - pi))
+    assert Prism(ROUNDED, (circle(1, hole=True),), -3, 0).volume == pytest.approx(3 * (200 - 4 * (4 - pi) - pi))
     cone = pi / 3 * (50**2 + 50 * 49 + 49**2)
-    assert volume(Prism(circle(50), (), -3, 0, 1)) == pytest.approx(pi * 50**2 * 2 + cone, rel=EXACT)
-    square = Path(((0, 0), (10, 0), (10, 10), (0, 10)))
-    assert volume(Prism(square, (), 0, 4, 4)) == pytest.approx(4 / 3 * (100 + 4 + 20), rel=EXACT)
+    assert Prism(circle(50), (), -3, 0, 1).volume == pytest.approx(pi * 50**2 * 2 + cone, rel=EXACT)
+    square = Contour(((0, 0), (10, 0), (10, 10), (0, 10)))
+    assert Prism(square, (), 0, 4, 4).volume == pytest.approx(4 / 3 * (100 + 4 + 20), rel=EXACT)
 
 
 @pytest.mark.parametrize(
     ("profile", "expected"),
     [
-        (Path(((0, 0), (3, 0), (3, 2), (0, 2))), 18 * pi),
-        (Path(((0, 0), (3, 0), (0, 4))), 12 * pi),
+        (Contour(((0, 0), (3, 0), (3, 2), (0, 2))), 18 * pi),
+        (Contour(((0, 0), (3, 0), (0, 4))), 12 * pi),
         # A ball, as one arc from pole to pole, and a half one on a plug.
-        (Path(((0, -3), (0, 3)), (1, 0)), 36 * pi),
-        (Path(((0, -1), (3, -1), (3, 0), (0, 3)), (0, 0, QUARTER, 0)), 9 * pi + 18 * pi),
+        (Contour(((0, -3), (0, 3)), (1, 0)), 36 * pi),
+        (Contour(((0, -1), (3, -1), (3, 0), (0, 3)), (0, 0, QUARTER, 0)), 9 * pi + 18 * pi),
         # A torus, and what a fillet of radius 1 adds around a pillar of radius 2.
-        (Path(((7, 0), (3, 0)), (1, 1)), 2 * pi**2 * 5 * 4),
-        (Path(((2, 0), (3, 0), (2, 1)), (0, -QUARTER, 0)), 2 * pi * (3 * (1 - pi / 4) - 1 / 6)),
+        (Contour(((7, 0), (3, 0)), (1, 1)), 2 * pi**2 * 5 * 4),
+        (Contour(((2, 0), (3, 0), (2, 1)), (0, -QUARTER, 0)), 2 * pi * (3 * (1 - pi / 4) - 1 / 6)),
     ],
 )
 def test_volumes_of_revolution(profile, expected):
-    assert volume(Revolved(1, 2, profile)) == pytest.approx(expected, rel=1e-11)
+    assert Revolved(1, 2, profile).volume == pytest.approx(expected, rel=1e-11)
 
 
 def test_inset_keeps_the_distance():
@@ -69,7 +56,7 @@ def test_inset_keeps_the_distance():
     assert area(inner) == pytest.approx(19 * 9 - (4 - pi) * 1.5**2, rel=EXACT)
     assert inset(circle(50, 3, 4), 2) == circle(48, 3, 4)
     star = [(cos(k * pi / 5) * (3 if k % 2 else 7), sin(k * pi / 5) * (3 if k % 2 else 7)) for k in range(10)]
-    inner = inset(Path(tuple(star)), 0.3)
+    inner = inset(Contour(tuple(star)), 0.3)
     for k in range(10):
         side = np.subtract(star[(k + 1) % 10], star[k])
         for point in (inner.points[k], inner.points[(k + 1) % 10]):
@@ -86,7 +73,7 @@ def test_flattened_paths_stay_close_and_on_the_arcs(off):
         assert np.hypot(*middles.T).min() >= radius - off
         assert (shapely.LinearRing(corners).is_ccw) == (area(path) > 0)
     assert shapely.Polygon(flattened(ROUNDED, off)).area == pytest.approx(area(ROUNDED), abs=4 * pi * off)
-    assert flattened(Path(((0, 0), (1, 0), (0, 1))), off) == [(0, 0), (1, 0), (0, 1)]
+    assert flattened(Contour(((0, 0), (1, 0), (0, 1))), off) == [(0, 0), (1, 0), (0, 1)]
 
 
 def test_centers_of_arcs():
@@ -96,16 +83,16 @@ def test_centers_of_arcs():
 
 
 def test_spans():
-    assert span(Prism(ROUNDED, (), -3, 0)) == (-3, 0)
-    assert span(cylinder(1, 2, 3, -2, 5)) == (-2, 5)
+    assert Prism(ROUNDED, (), -3, 0).span == (-3, 0)
+    assert cylinder(1, 2, 3, -2, 5).span == (-2, 5)
     # A cap whose arc goes on below its ends.
     low = -(1 - cos(asin(1 / sqrt(2)))) * sqrt(2)
-    cap = Revolved(0, 0, Path(((-1e-9, low), (1, 0), (0, 0)), (tan(pi / 16), 0, 0)))
-    assert isclose(span(cap)[0], low, abs_tol=1e-4)
+    cap = Revolved(0, 0, Contour(((-1e-9, low), (1, 0), (0, 0)), (tan(pi / 16), 0, 0)))
+    assert isclose(cap.span[0], low, abs_tol=1e-4)
 
 
 def test_volume_of_a_part():
     part = Part(
         "plate", "light", (Prism(ROUNDED, (), -3, 0),), (cylinder(0, 0, 2, -1, 0),), (cylinder(5, 0, 1, -0.5, 0),)
     )
-    assert part_volume(part) == pytest.approx(3 * area(ROUNDED) - 4 * pi - pi / 2, rel=EXACT)
+    assert part.volume == pytest.approx(3 * area(ROUNDED) - 4 * pi - pi / 2, rel=EXACT)

@@ -6,21 +6,23 @@ import pytest
 import shapely
 
 from markergen.drawing.text import text_width
+from markergen.geometry.contour import area, flattened
 from markergen.model.substrate import Substrate
 from markergen.model.tag import FAMILIES, Tag
-from markergen.solid.bodies import area, cylinder, flattened
-from markergen.solid.engraving import DEPTH, MARGIN, WALL, _lines, _prisms, engraving
-from markergen.solid.plate import face_of, plate_regions
+from markergen.solid.bodies import cylinder
+from markergen.solid.engraving import DEPTH, MARGIN, WALL, _lines, engraving
+from markergen.solid.plate import grouped, plate_of
 
 
-def polygon(prism):
-    return shapely.Polygon(flattened(prism.outer, 1e-3), [flattened(hole, 1e-3) for hole in prism.holes])
+def polygon(outer, *holes):
+    return shapely.Polygon(flattened(outer, 1e-3), [flattened(hole, 1e-3) for hole in holes])
 
 
 def engraved(marker, cut=(), thickness=3.0):
-    plate = face_of(plate_regions(marker))
-    found = engraving(marker, plate, -thickness, cut)
-    return plate, found, [polygon(prism) for prism in found.cut]
+    plate = plate_of(marker)
+    found = engraving(marker, plate.outline, -thickness, cut)
+    outline = shapely.union_all([polygon(*outline) for outline in plate.outlines])
+    return outline, found, [polygon(prism.outer, *prism.holes) for prism in found.cut]
 
 
 def pockets(marker, depth=0.6):
@@ -31,18 +33,18 @@ def test_letters_neither_touch_nor_cross():
     """Every character that a title may have, next to each other in all tags' names."""
     lines = [f"{family}:{'0123456789'}" for family in FAMILIES] + ["markergen 0123456789abcdef", "x"]
     for line in lines:
-        shapes = [polygon(prism) for prism in _prisms(_lines((line,), 0, 0, 4.0).paths, -3.0)]
+        shapes = [polygon(*letter) for letter in grouped(_lines((line,), 0, 0, 4.0).contours)]
         assert all(shape.is_valid for shape in shapes)
         assert min(one.distance(other) for one, other in combinations(shapes, 2)) > 0.01 if len(shapes) > 1 else True
 
 
 def test_it_reads_from_behind_and_stays_in_its_box():
     block = _lines(("1a", "b"), 10, 20, 4.0)
-    one, a, b = (polygon(prism) for prism in _prisms(block.paths, -3.0))
+    one, a, b = (polygon(*letter) for letter in grouped(block.contours))
     # Seen from behind, x runs to the left.
     assert one.centroid.x > a.centroid.x
     assert b.centroid.y < min(one.centroid.y, a.centroid.y)
-    assert len(_prisms(block.paths, -3.0)[1].holes) == 1
+    assert len(grouped(block.contours)[1]) == 2
     box = shapely.box(*block.box)
     assert all(box.contains(shape) for shape in (one, a, b))
     assert box.centroid.x == pytest.approx(10)
@@ -53,7 +55,7 @@ def test_arcs_stand_for_the_font_s_curves():
     from markergen.drawing.text import text
 
     block = _lines(("3",), 0, 0, 4.0)
-    (three,) = block.paths
+    (three,) = block.contours
     curves = [points for command, points in text("3", 0, 0, 4.0, "center", "bold").segments if command == "Q"]
     assert 0 < sum(bulge != 0 for bulge in three.bulges) < len(curves)
     start, points = (0.0, 0.0), []

@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 
 from markergen.errors import OutputError
-from markergen.solid.bodies import Part, Path, Prism, Revolved, circle, cylinder, part_volume
-from markergen.solid.build import build
+from markergen.geometry.contour import Contour, circle
+from markergen.solid.bodies import Part, Prism, Revolved, cylinder
+from markergen.solid.kernel import build
 from markergen.solid.mesh import Mesh, is_closed, kept_apart, mesh_of
 
 QUARTER = tan(pi / 8)
 """Bulge of a quarter turn."""
 
-SQUARE = Path(((-4.0, -4.0), (4.0, -4.0), (4.0, 4.0), (-4.0, 4.0)))
-HALF_BALL = Path(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)), (0.0, QUARTER, 0.0))
+SQUARE = Contour(((-4.0, -4.0), (4.0, -4.0), (4.0, 4.0), (-4.0, 4.0)))
+HALF_BALL = Contour(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)), (0.0, QUARTER, 0.0))
 
 PARTS = {
     part.name: part
@@ -21,16 +22,16 @@ PARTS = {
         Part("small disc", "dark", (cylinder(101.0, -32.0, 0.3, -0.6, 0.0),)),
         Part("ring", "dark", (cylinder(10.0, 20.0, 1.0, -0.6, 0.0, 0.5),)),
         Part("half-ball", "dark", (Revolved(20.0, -30.0, HALF_BALL),)),
-        Part("ball", "dark", (Revolved(20.0, -30.0, Path(((0.0, -6.0), (0.0, 6.0)), (1.0, 0.0))),)),
+        Part("ball", "dark", (Revolved(20.0, -30.0, Contour(((0.0, -6.0), (0.0, 6.0)), (1.0, 0.0))),)),
         Part(
             "pillar on a plate",
             "light",
             (
-                Prism(Path(((-9.0, -9.0), (9.0, -9.0), (9.0, 9.0), (-9.0, 9.0))), (), -3.0, 0.0),
+                Prism(Contour(((-9.0, -9.0), (9.0, -9.0), (9.0, 9.0), (-9.0, 9.0))), (), -3.0, 0.0),
                 Revolved(
                     0.0,
                     0.0,
-                    Path(
+                    Contour(
                         ((0.0, 0.0), (6.0, 0.0), (5.0, 1.0), (4.5, 12.0), (0.0, 12.0)), (0.0, -QUARTER, 0.0, 0.0, 0.0)
                     ),
                 ),
@@ -56,7 +57,7 @@ def test_is_closed_and_as_large_as_the_part(part):
     mesh = mesh_of(build(part), 0.005)
     assert is_closed(mesh.triangles)
     # Asked of STL; a ball, curved both ways, is the worst, with 0.08 %.
-    assert mesh.volume == pytest.approx(part_volume(part), rel=1e-3)
+    assert mesh.volume == pytest.approx(part.volume, rel=1e-3)
     assert len(np.unique(mesh.points, axis=0)) == len(mesh.points)
 
 

@@ -3,15 +3,14 @@ from math import acos, pi, tan
 
 import numpy as np
 import pytest
-import shapely
 
 from markergen.errors import InputError
-from markergen.geometry.contour import Contour, placed
+from markergen.geometry.contour import Contour, area, circle, placed
 from markergen.model.boundary import Circle, polygon_from
 from markergen.model.substrate import Hole, Substrate
-from markergen.solid.bodies import Part, area, circle, cylinder, part_volume
-from markergen.solid.build import build
-from markergen.solid.plate import face_of, plate_parts, plate_radius, plate_regions, plate_size, with_cuts
+from markergen.solid.bodies import Part, cylinder
+from markergen.solid.kernel import build
+from markergen.solid.plate import Plate, plate_of, plate_size
 
 EXACT = 1e-9
 """Coordinates are rounded to picometers."""
@@ -21,8 +20,13 @@ def made(marker, **measures):
     return replace(marker, substrate=Substrate(**measures))
 
 
+def plate_radius(marker):
+    ((disk,),) = plate_of(marker).outlines
+    return disk.as_circle[2]
+
+
 def plan_area(marker):
-    return sum(area(path) for region in plate_regions(marker) for path in region)
+    return sum(area(path) for outline in plate_of(marker).outlines for path in outline)
 
 
 def test_a_disk_s_plate_holds_the_boundary_and_every_quiet_zone(make_ngon):
@@ -39,28 +43,30 @@ def test_a_rectangle_has_a_mitered_edge_and_any_other_outline_is_the_plate(shape
     wide = shape.region.offset(edge, "miter")
     assert plan_area(marker) == pytest.approx(1e6 * wide.area, rel=EXACT)
     corners = [corner for ring in shape.outlines() for corner in (1e3 * ring).tolist()]
-    rim = face_of(plate_regions(marker)).boundary
     # No corner is nearer to the rim than the edge is wide, and none of its sides farther.
-    distances = shapely.distance(rim, shapely.points(corners))
+    distances = np.abs(plate_of(marker).face.depth(corners))
     assert distances == pytest.approx(1e3 * edge, abs=1e-6)
 
 
 def test_an_outline_with_a_sharp_corner_or_in_two_parts_is_the_plate_as_it_is(make_in):
     needle = polygon_from([np.array([[0, 0], [0.2, -0.008], [0.2, 0.008]])])
     marker = make_in(needle, 1, 0.005)
-    (plate,) = plate_regions(marker)
+    (plate,) = plate_of(marker).outlines
     assert np.ptp(np.array(plate[0].points)[:, 0]) == pytest.approx(200, abs=EXACT)
     gap = 0.003
     halves = polygon_from([np.array([[x, 0], [x + 0.05, 0], [x + 0.05, 0.05], [x, 0.05]]) for x in (0, 0.05 + gap)])
-    assert [part.name for part in plate_parts(make_in(halves, 2, 0.01))] == ["plate-1", "plate-2"]
+    assert [part.name for part in plate_of(make_in(halves, 2, 0.01)).parts()] == ["plate-1", "plate-2"]
     # What an old file says of an edge around an outline is not made either.
-    assert [part.name for part in plate_parts(made(make_in(halves, 2, 0.01), edge=0.002))] == ["plate-1", "plate-2"]
+    assert [part.name for part in plate_of(made(make_in(halves, 2, 0.01), edge=0.002)).parts()] == [
+        "plate-1",
+        "plate-2",
+    ]
     assert plate_size(make_in(halves, 2, 0.01)) == "103 x 50 mm"
 
 
 def test_corners_are_rounded_inner_ones_too(shapes, make_in):
     marker = made(make_in(shapes["L"], 5, 0.01), edge=0.0, corner_radius=0.004)
-    (plate,) = plate_parts(marker)
+    (plate,) = plate_of(marker).parts()
     # Five corners lose what a sixth one gains.
     assert plan_area(marker) == pytest.approx(25600 - 4 * (4 - pi) / 4 * 16, rel=EXACT)
     solid = build(plate).shape
@@ -76,19 +82,19 @@ def test_corners_are_rounded_inner_ones_too(shapes, make_in):
 def test_corners_and_chamfers_that_do_not_fit_are_told(shapes, make_in, make_ngon):
     marker = make_in(shapes["rectangle"], 5, 0.01)
     with pytest.raises(InputError, match=r"at most 52 mm .*corner_radius=60 mm; use --corner-radius 52mm"):
-        plate_regions(made(marker, corner_radius=0.06))
-    plate_regions(made(marker, corner_radius=0.052))
+        plate_of(made(marker, corner_radius=0.06))
+    plate_of(made(marker, corner_radius=0.052))
     with pytest.raises(InputError, match=r"a chamfer below 1 mm .*chamfer=1.5 mm; use --chamfer 0.99mm"):
-        plate_regions(made(marker, corner_radius=0.001, chamfer=0.0015))
-    plate_regions(made(marker, corner_radius=0.001, chamfer=0.0009))
+        plate_of(made(marker, corner_radius=0.001, chamfer=0.0015))
+    plate_of(made(marker, corner_radius=0.001, chamfer=0.0009))
     with pytest.raises(InputError, match="a chamfer below 12 mm"):
-        plate_regions(replace(make_ngon(4, 0.01, 0.002), substrate=Substrate(thickness=0.02, chamfer=0.015)))
+        plate_of(replace(make_ngon(4, 0.01, 0.002), substrate=Substrate(thickness=0.02, chamfer=0.015)))
 
 
 def test_the_upper_face_is_within_the_chamfer(make_ngon):
-    regions = plate_regions(make_ngon(5, 0.15, 0.002))
+    outlines = plate_of(make_ngon(5, 0.15, 0.002)).outlines
     # Polygons are 2 um off their arcs at most.
-    assert face_of(regions, 1.5).area == pytest.approx(pi * 150.5**2, abs=2 * pi * 150.5 * 2e-3)
+    assert Plate(outlines, 3.0, 1.5).face.area == pytest.approx(pi * 150.5**2, abs=2 * pi * 150.5 * 2e-3)
 
 
 @pytest.mark.parametrize(
@@ -102,8 +108,8 @@ def test_the_upper_face_is_within_the_chamfer(make_ngon):
 )
 def test_holes(make_ngon, hole, removed):
     marker = made(make_ngon(5, 0.15, 0.01), holes=(hole,))
-    (plate,) = plate_parts(marker)
-    assert part_volume(plate) == pytest.approx(pi * 154**2 * 3 - removed, rel=EXACT)
+    (plate,) = plate_of(marker).parts()
+    assert plate.volume == pytest.approx(pi * 154**2 * 3 - removed, rel=EXACT)
     solid = build(plate).shape
     rims = [edge for edge in solid.Edges() if edge.geomType() == "CIRCLE" and edge.radius() < 10]
     for edge in rims:
@@ -114,24 +120,22 @@ def test_holes(make_ngon, hole, removed):
 
 def test_an_outline_of_its_own_has_no_edge(make_ngon):
     marker = made(make_ngon(5, 0.05, 0.01), outline=Circle(0.08), edge=0.002, thickness=0.004)
-    assert plate_regions(marker) == [(circle(80),)]
+    assert plate_of(marker).outlines == ((circle(80),),)
     assert plate_size(marker) == "160 mm across"
     square = polygon_from([0.07 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])])
-    (plate,) = plate_parts(made(make_ngon(5, 0.05, 0.01), outline=square, corner_radius=0.01, thickness=0.004))
-    assert part_volume(plate) == pytest.approx(4 * (140**2 - (4 - pi) * 100), rel=EXACT)
+    (plate,) = plate_of(made(make_ngon(5, 0.05, 0.01), outline=square, corner_radius=0.01, thickness=0.004)).parts()
+    assert plate.volume == pytest.approx(4 * (140**2 - (4 - pi) * 100), rel=EXACT)
 
 
 def test_the_face_may_be_lower(make_ngon):
-    (plate,) = plate_parts(make_ngon(5, 0.05, 0.01), face=-1.5)
+    (plate,) = plate_of(make_ngon(5, 0.05, 0.01)).parts(face=-1.5)
     assert (plate.add[0].bottom, plate.add[0].top) == (-4.5, -1.5)
 
 
 def test_each_plate_gets_what_lies_in_it(shapes, make_in):
-    plates = plate_parts(make_in(shapes["two squares"], 5, 0.01))
-    one, other = plates if plates[0].add[0].outer.points[0][0] < 0 else plates[::-1]
-    found = with_cuts(
-        [one, other], [cylinder(80, 0, 1, -1, 0)], [cylinder(-80, 0, 1, -1, 0)], [cylinder(80, 9, 1, 0, 1)]
-    )
+    plate = plate_of(make_in(shapes["two squares"], 5, 0.01))
+    found = plate.parts(0.0, [cylinder(80, 0, 1, -1, 0)], [cylinder(-80, 0, 1, -1, 0)], [cylinder(80, 9, 1, 0, 1)])
+    found.sort(key=lambda part: part.add[0].outer.points[0][0])
     assert [(len(part.add), len(part.cut), len(part.marked)) for part in found] == [(1, 0, 1), (2, 1, 0)]
     assert isinstance(found[0], Part)
 
@@ -156,8 +160,8 @@ def edges_of(shape):
 def test_arcs_stay_arcs_from_the_boundary_to_the_solid(make_in):
     boundary, flat = arcs_plate()
     marker = make_in(boundary, 5, 0.01)
-    (plate,) = plate_parts(marker)
-    assert part_volume(plate) == pytest.approx(3 * flat, rel=EXACT)
+    (plate,) = plate_of(marker).parts()
+    assert plate.volume == pytest.approx(3 * flat, rel=EXACT)
     solid = build(plate).shape
     assert solid.Volume() == pytest.approx(3 * flat, rel=1e-9)
     # The D's arc is two of them, and the hole one.
@@ -171,12 +175,12 @@ def test_arcs_stay_arcs_from_the_boundary_to_the_solid(make_in):
 def test_corners_between_arcs_and_lines_are_rounded(make_in, chamfer):
     boundary, flat = arcs_plate()
     marker = made(make_in(boundary, 5, 0.01), corner_radius=0.001, chamfer=chamfer)
-    (plate,) = plate_parts(marker)
+    (plate,) = plate_of(marker).parts()
     solid = build(plate).shape
     assert solid.isValid()
     assert edges_of(solid).count(1.0) == 4
     # The two corners of the D are all that is rounded.
-    lost = (part_volume(plate) - 3 * flat) if not chamfer else 0.0
+    lost = (plate.volume - 3 * flat) if not chamfer else 0.0
     assert 0 <= lost < 3 * 2 * 0.5
     cones = [face for face in solid.Faces() if face.geomType() == "CONE"]
     assert len(cones) == (4 if chamfer else 0)
@@ -184,31 +188,31 @@ def test_corners_between_arcs_and_lines_are_rounded(make_in, chamfer):
 
 def test_a_chamfer_around_an_outline_of_arcs(make_in):
     disk = polygon_from([circle(0.125), circle(0.04)])
-    (plate,) = plate_parts(made(make_in(disk, 5, 0.01), chamfer=0.001))
+    (plate,) = plate_of(made(make_in(disk, 5, 0.01), chamfer=0.001)).parts()
     # Less than a cylinder by what is around a cone's stump of 1 mm.
     lost = pi * (125**2 - (125**2 + 125 * 124 + 124**2) / 3)
-    assert part_volume(plate) == pytest.approx(3 * pi * (125**2 - 40**2) - lost, rel=EXACT)
-    assert build(plate).shape.Volume() == pytest.approx(part_volume(plate), rel=1e-9)
+    assert plate.volume == pytest.approx(3 * pi * (125**2 - 40**2) - lost, rel=EXACT)
+    assert build(plate).shape.Volume() == pytest.approx(plate.volume, rel=1e-9)
     # An arc that turns inward: its cone opens upward.
     bite = Contour(((-80, -50), (80, -50), (80, 50), (30, 50), (-30, 50), (-80, 50)), (0, 0, 0, -1, 0, 0))
     with pytest.raises(InputError, match=r"an outline that turns by .* degrees .*use a --corner-radius, or leave out"):
-        plate_parts(made(make_in(polygon_from([placed(bite, 1e-3)]), 5, 0.01), chamfer=0.001))
+        plate_of(made(make_in(polygon_from([placed(bite, 1e-3)]), 5, 0.01), chamfer=0.001)).parts()
     # With a radius in every corner it goes all around.
     rounded = made(make_in(polygon_from([placed(bite, 1e-3)]), 5, 0.01), chamfer=0.001, corner_radius=0.002)
-    (plate,) = plate_parts(rounded)
-    assert build(plate).shape.Volume() == pytest.approx(part_volume(plate), rel=1e-7)
+    (plate,) = plate_of(rounded).parts()
+    assert build(plate).shape.Volume() == pytest.approx(plate.volume, rel=1e-7)
 
 
 def test_an_outline_of_its_own_keeps_its_arcs(make_ngon):
     boundary, flat = arcs_plate()
     marker = made(make_ngon(4, 0.02, 0.004), outline=boundary, thickness=0.004)
-    (plate,) = plate_parts(marker)
-    assert part_volume(plate) == pytest.approx(4 * flat, rel=EXACT)
+    (plate,) = plate_of(marker).parts()
+    assert plate.volume == pytest.approx(4 * flat, rel=EXACT)
 
 
 def test_an_island_in_a_hole_is_a_plate_of_its_own(make_in):
     rings = [circle(0.1), circle(0.08, hole=True), circle(0.07), circle(0.03, hole=True), circle(0.01, 0.05, 0.0)]
-    plates = plate_parts(make_in(polygon_from(rings), 5, 0.004))
+    plates = plate_of(make_in(polygon_from(rings), 5, 0.004)).parts()
     assert [part.name for part in plates] == ["plate-1", "plate-2"]
     areas = [pi * (100**2 - 80**2), pi * (70**2 - 30**2 - 10**2)]
-    assert [part_volume(part) / 3 for part in plates] == pytest.approx(areas)
+    assert [part.volume / 3 for part in plates] == pytest.approx(areas)

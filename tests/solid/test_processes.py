@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 
 from markergen.errors import InputError
+from markergen.geometry.contour import area, flattened
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
-from markergen.solid.bodies import Part, Prism, Revolved, area, flattened, part_volume, volume
-from markergen.solid.inks import dots_of
-from markergen.solid.make import parts_of, solids_of
-from markergen.solid.plate import plate_radius
+from markergen.solid.bodies import Part, Prism, Revolved
+from markergen.solid.dot_geometry import dots_of
+from markergen.solid.kernel import solids_of
+from markergen.solid.plate import plate_of
+from markergen.solid.processes import parts_of
 
 VOLUME = 1e-6
 """Share: Open CASCADE integrates volumes of planes, cylinders, cones, balls and tori to about 1e-9; asked are 1e-4."""
@@ -79,14 +81,14 @@ def test_the_table_has_all_processes_and_no_other():
 
 def check_solids(marker: Marker, fabrication: Fabrication) -> None:
     made = parts_of(marker, fabrication)
-    parts, solids = made.parts, solids_of(made)
+    parts, solids = made.parts, solids_of(made.parts)
     assert [part.name for part in parts] == [solid.name for solid in solids]
     assert len({part.name for part in parts}) == len(parts)
     for part, solid in zip(parts, solids, strict=True):
         assert solid.shape.isValid(), part.name
         assert solid.shape.ShapeType() == "Solid"
         assert solid.shape.Shells()[0].Closed(), part.name
-        assert solid.shape.Volume() == pytest.approx(part_volume(part), rel=VOLUME), part.name
+        assert solid.shape.Volume() == pytest.approx(part.volume, rel=VOLUME), part.name
     shapes = [(solid.shape, solid.shape.BoundingBox()) for solid in solids]
     for (one, a), (other, b) in combinations(shapes, 2):
         apart = a.xmin > b.xmax or b.xmin > a.xmax or a.ymin > b.ymax or b.ymin > a.ymax or a.zmin > b.zmax
@@ -123,7 +125,7 @@ def test_plain_data_is_the_same_every_time(make, variant):
 def test_rims_of_dots_are_where_the_marker_says(make, variant, relief):
     """Every dot is a round edge at its center and height, of its radius, of the inlay or of what is cut for it."""
     marker, fabrication = make(5, relief), VARIANTS[variant]
-    solids = {solid.name: solid.shape for solid in solids_of(parts_of(marker, fabrication))}
+    solids = {solid.name: solid.shape for solid in solids_of(parts_of(marker, fabrication).parts)}
     for dot in dots_of(marker):
         shape = solids.get(dot.name, solids["plate"])
         for radius in filter(None, (dot.radius, dot.inner)):
@@ -142,7 +144,8 @@ def test_balls_have_their_middles_in_the_control_points(make, dome):
 
     marker = make(5, relief=True)
     solids = {
-        solid.name: solid.shape for solid in solids_of(parts_of(marker, Fabrication("dome", dome=dome, engrave=False)))
+        solid.name: solid.shape
+        for solid in solids_of(parts_of(marker, Fabrication("dome", dome=dome, engrave=False)).parts)
     }
     for dot in dots_of(marker):
         balls = [
@@ -167,10 +170,10 @@ def test_a_key_dot_is_a_dark_ring_around_a_light_core(make):
     ring, core, dot = (by_name(made.parts)[name] for name in ("dot-0", "dot-0-core", "dot-1"))
     assert (ring.material, core.material, dot.material) == ("dark", "light", "dark")
     r = marker.dot_diameter * 500
-    assert part_volume(ring) == pytest.approx(pi * 0.6 * (r**2 - (r / 2) ** 2))
-    assert part_volume(core) == pytest.approx(pi * 0.6 * (r / 2 - 0.1) ** 2)
-    assert part_volume(dot) == pytest.approx(pi * 0.6 * r**2)
-    assert [volume(body) for body in made.cut] == pytest.approx([pi * 0.6 * (r + 0.1) ** 2] * 5)
+    assert ring.volume == pytest.approx(pi * 0.6 * (r**2 - (r / 2) ** 2))
+    assert core.volume == pytest.approx(pi * 0.6 * (r / 2 - 0.1) ** 2)
+    assert dot.volume == pytest.approx(pi * 0.6 * r**2)
+    assert [body.volume for body in made.cut] == pytest.approx([pi * 0.6 * (r + 0.1) ** 2] * 5)
 
 
 def test_fits_are_those_of_the_standard(make):
@@ -203,7 +206,7 @@ def test_a_sheet_with_nothing_but_holes_may_be_thin_and_has_no_words_about_discs
     thin = replace(marker, control_points=points, substrate=Substrate(thickness=0.0002))
     (plate,) = parts_of(thin, Fabrication("cnc", through=True)).parts
     dots = sum(pi * dot.radius**2 for dot in dots_of(thin))
-    assert part_volume(plate) == pytest.approx((pi * plate_radius(thin) ** 2 - dots) * 0.2)
+    assert plate.volume == pytest.approx((pi * plate_of(thin).outlines[0][0].as_circle[2] ** 2 - dots) * 0.2)
     check_solids(thin, Fabrication("cnc", through=True))
     made = PROCESSES["cnc"](thin, Fabrication("cnc", through=True))
     assert [what for what, _ in made.tolerances] == ["dot centers, from the origin"]
@@ -214,7 +217,7 @@ def test_a_sheet_with_nothing_but_holes_may_be_thin_and_has_no_words_about_discs
 
 def test_engraving_is_marked_and_has_no_parts(make):
     marker = make(5, relief=True, tag=True)
-    solids = solids_of(parts_of(marker, Fabrication("laser", engrave=False)))
+    solids = solids_of(parts_of(marker, Fabrication("laser", engrave=False)).parts)
     assert [solid.name for solid in solids] == ["plate"]
     ink = sum(face.Area() for face in solids[0].marked)
     dots = sum(pi * (dot.radius**2 - dot.inner**2) for dot in dots_of(marker))
@@ -275,7 +278,7 @@ def test_a_milled_tag_has_the_mills_radius_in_all_its_corners(make):
 def test_a_sheet_lies_in_a_recess_of_the_boundarys_outline(shape, make_in, on_wider_plate):
     marker = on_wider_plate(make_in(shape, 5, 0.012))
     recesses = PROCESSES["print"](marker, Fabrication("print", gap=0.0)).cut
-    assert sum(map(volume, recesses)) == pytest.approx(shape.area * 1e6 * 0.2, rel=1e-9)
+    assert sum(recess.volume for recess in recesses) == pytest.approx(shape.area * 1e6 * 0.2, rel=1e-9)
     check_solids(marker, VARIANTS["print"])
 
 
@@ -301,10 +304,10 @@ def test_balls_stand_before_the_plate(make):
     r, neck = 18.0, 7.2
     low = (r**2 - neck**2) ** 0.5
     cap = pi * (r - low) ** 2 * (2 * r + low) / 3
-    assert part_volume(ball) == pytest.approx(4 / 3 * pi * r**3 - cap + pi * neck**2 * (28.5 - low))
+    assert ball.volume == pytest.approx(4 / 3 * pi * r**3 - cap + pi * neck**2 * (28.5 - low))
     ring, core = (by_name(made.parts)[name] for name in ("dot-0", "dot-0-core"))
     # A napkin ring depends on its height alone.
-    assert part_volume(ring) == pytest.approx(pi / 6 * (2 * (r**2 - (r / 2) ** 2) ** 0.5) ** 3)
+    assert ring.volume == pytest.approx(pi / 6 * (2 * (r**2 - (r / 2) ** 2) ** 0.5) ** 3)
     assert core.material == "light"
     with pytest.raises(InputError, match="without a tag for balls"):
         PROCESSES["dome"](make(5, tag=True), Fabrication("dome", dome="ball"))

@@ -14,13 +14,13 @@ from markergen.model.occlusion import pillar_radius
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
 from markergen.model.substrate import Hole, Substrate
-from markergen.solid.bodies import volume
-from markergen.solid.inks import Dot, dots_of
-from markergen.solid.limits import Face, Tool
-from markergen.solid.relief import Pillar, balls_hide, hiding, pillars_of, poses_of
+from markergen.solid.dot_geometry import SolidDot, dots_of
+from markergen.solid.manufacturability import Tool
+from markergen.solid.plate import plate_of
+from markergen.solid.relief import Pillar, balls_hide, designed_poses, hiding, pillars_of
 
 TOOL = Tool("nozzle", 0.4, 0.4)
-DOT = Dot(1, 10.0, 20.0, 30.0, 8.0)
+DOT = SolidDot(1, 10.0, 20.0, 30.0, 8.0)
 
 
 def frustum(low: float, high: float, height: float) -> float:
@@ -31,7 +31,7 @@ def frustum(low: float, high: float, height: float) -> float:
 def test_volume_of_wall_draft_and_fillet(draft):
     plain = Pillar(DOT, 9.0, draft)
     assert plain.base == pytest.approx(9 + 30 * tan(draft))
-    assert volume(plain.body) == pytest.approx(frustum(plain.base, 9.0, 30.0))
+    assert plain.body.volume == pytest.approx(frustum(plain.base, 9.0, 30.0))
     footed = replace(plain, foot=2.0)
     # What the fillet adds, by slices of a hundredth of a micrometer's worth: the rings between wall and arc.
     z = (np.arange(200_000) + 0.5) / 200_000 * footed.tangent * np.cos(draft)
@@ -39,7 +39,7 @@ def test_volume_of_wall_draft_and_fillet(draft):
     arc = footed.reach - np.sqrt(2.0**2 - (2.0 - z) ** 2)
     added = float(np.sum(pi * (arc**2 - wall**2)) * (z[1] - z[0]))
     # The arc is steep at the plate, where the sum of slices is off by 1e-6 of it.
-    assert volume(footed.body) - volume(plain.body) == pytest.approx(added, rel=1e-5)
+    assert footed.body.volume - plain.body.volume == pytest.approx(added, rel=1e-5)
 
 
 def test_a_fillet_meets_wall_and_plate_smoothly():
@@ -83,7 +83,7 @@ def two(make_ngon):
 
 
 def pillars(marker: Marker, fabrication: Fabrication, poses: PoseDistribution | None = None, rim: float = 0.4):
-    return pillars_of(marker, dots_of(marker), fabrication, TOOL, Face(marker), (), rim, poses)
+    return pillars_of(marker, dots_of(marker), fabrication, TOOL, plate_of(marker), (), rim, poses)
 
 
 def looking(*eyes: tuple[float, float, float]) -> PoseDistribution:
@@ -143,7 +143,7 @@ def test_the_draft_that_is_named_fits(two, marker):
     pillars(two(*marker), Fabrication(draft=radians(named)))
 
 
-def blocked(dot: Dot, pillar: Pillar, eye: np.ndarray) -> bool:
+def blocked(dot: SolidDot, pillar: Pillar, eye: np.ndarray) -> bool:
     """By brute force: whether a line of sight from the dot's rim is within the pillar at some height."""
     angle = 2 * np.pi * np.arange(360) / 360
     rim = np.stack(
@@ -165,7 +165,7 @@ def blocked(dot: Dot, pillar: Pillar, eye: np.ndarray) -> bool:
 @pytest.mark.parametrize(("draft", "foot"), [(0.0, 0.0), (0.3, 0.0), (0.0, 8.0), (0.2, 6.0)])
 def test_what_pillars_hide_by_brute_force(draft, foot):
     rng = np.random.default_rng(3)
-    flat, raised = Dot(0, 0.0, 0.0, 0.0, 8.0), Dot(1, 36.0, 0.0, 20.0, 8.0)
+    flat, raised = SolidDot(0, 0.0, 0.0, 0.0, 8.0), SolidDot(1, 36.0, 0.0, 20.0, 8.0)
     pillar = Pillar(raised, 9.0, draft, foot)
     hidden = 0
     for _ in range(80):
@@ -207,12 +207,12 @@ def test_feet_hide_nothing_either(two):
 
 def test_poses_come_from_the_spec_of_the_marker(two):
     marker = two(60)
-    assert poses_of(marker) is None
+    assert designed_poses(marker) is None
     assert any("not checked" in note for note in PROCESSES["fdm"](marker, Fabrication()).notes)
     designed = replace(
         marker, provenance={"spec": Spec(n=4, poses="cone:distance=0.8..1,tilt=0..20,count=40").as_dict()}
     )
-    found = poses_of(designed)
+    found = designed_poses(designed)
     assert found is not None
     assert 0 < len(found) <= 40
     assert not PROCESSES["fdm"](designed, Fabrication()).notes
@@ -224,5 +224,5 @@ def test_poses_come_from_the_spec_of_the_marker(two):
 
 
 def test_balls_that_cover_each_other_are_counted():
-    dots = [Dot(0, 0, 0, 0, 10.0), Dot(1, 40, 0, 0, 10.0)]
+    dots = [SolidDot(0, 0, 0, 0, 10.0), SolidDot(1, 40, 0, 0, 10.0)]
     assert balls_hide(dots, looking((20, 0, 500), (500, 0, 10), (0, 500, 10))) == 1

@@ -9,8 +9,8 @@ from markergen.model.fabrication import Fabrication
 from markergen.model.marker import dressed
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
-from markergen.solid.make import parts_of
-from markergen.solid.workpiece import workpiece
+from markergen.solid.fabrication_content import workpiece
+from markergen.solid.processes import parts_of
 
 
 def ngon(n, radius, heights=0.0):

@@ -11,7 +11,7 @@ from markergen.presentation.plots import check_figure
 from markergen.presentation.results import json_bytes
 from markergen.validation import compare as module
 from markergen.validation.compare import Observation, compare
-from markergen.validation.compare_report import comparison_figure, heading, plot_bytes, sentences, tables
+from markergen.validation.comparison import Comparison, comparison_figure, comparison_tables, heading, sentences
 
 PEERS = ["aruco:DICT_4X4_50", "apriltag:36h11", "charuco:5x5"]
 
@@ -166,7 +166,7 @@ def test_who_finds_nothing_leaves_the_others_their_views(path, few_tuning_views,
     assert (last["rate"], last["rotation_deg"]["count"], last["ratio"]["rotation_deg"]) == (0, 0, None)
     assert {failure["reason"] for failure in last["failures"]} == {"blind"}
     json_bytes(found)
-    for title, header, rows, caption in tables(found):
+    for title, header, rows, caption in comparison_tables(found):
         assert title
         assert isinstance(caption, str)
         assert {len(row) for row in rows} == {len(header)}
@@ -189,7 +189,7 @@ def test_a_wrong_detection_is_counted_apart(path, few_tuning_views, monkeypatch)
 
 def test_tables_name_everyone_and_everything(results):
     found = results.found
-    for _, header, rows, _ in tables(found):
+    for _, header, rows, _ in comparison_tables(found):
         assert [row[0] for row in rows] == ["marker.json", *PEERS]
         assert {len(row) for row in rows} == {len(header)}
     assert "20 views of each from 400 poses (paper), in a circle of radius 150 mm" in heading(found)
@@ -203,10 +203,11 @@ def test_tables_name_everyone_and_everything(results):
 def test_pictures(results, tmp_path):
     figure = comparison_figure(results.found)
     assert len(figure.get_axes()) == 2
-    svg = plot_bytes(results.found, tmp_path / "plot.SVG")
-    assert svg == plot_bytes(results.found, tmp_path / "plot.svg")
+    drawn = Comparison(results.found)
+    svg = drawn.content("plot", tmp_path / "plot.SVG")
+    assert svg == drawn.content("plot", tmp_path / "plot.svg")
     assert b"<svg" in svg
-    assert plot_bytes(results.found, tmp_path / "plot.png").startswith(b"\x89PNG")
+    assert drawn.content("plot", tmp_path / "plot.png").startswith(b"\x89PNG")
     with pytest.raises(InputError, match=r"\.svg or \.png"):
         check_figure(tmp_path / "plot.gif")
 

@@ -16,9 +16,9 @@ from markergen.model.rescale import MeasuredDot, Rulers, remeasure, rescale
 from markergen.render import Optics, render_view
 from markergen.validation.bounds import error_budget
 from markergen.validation.metrics import rotation_error_deg, translation_error_pct
-from markergen.validation.misprint import displacement, misprinted
+from markergen.validation.print_error import displacement, misprinted
 from markergen.validation.view_records import summarize, take_records
-from markergen.validation.views import Shoot
+from markergen.validation.views import SyntheticViews
 
 POSES = paper()
 SPREAD = np.array([[9e-8, 4e-8], [4e-8, 4e-8]])
@@ -86,12 +86,12 @@ def test_weights_and_covariance_of_the_pose(make_ngon):
 def test_the_budget_of_a_shoot_knows(make_ngon):
     marker = make_ngon(6, 0.15, 0.03)
     few = POSES.seen_whole(marker.boundary, PAPER_CAMERA)
-    exact, known = (error_budget(Shoot(each, PAPER_CAMERA, few, 0)) for each in (marker, measured(marker)))
+    exact, known = (error_budget(SyntheticViews(each, PAPER_CAMERA, few, 0)) for each in (marker, measured(marker)))
     assert exact["rotation_deg"]["print"] == 0
     round_ = measured(marker)
     points = tuple(replace(p, covariance=(1e-8, 0.0, 1e-8)) for p in round_.control_points)
-    as_sigma = error_budget(Shoot(marker, PAPER_CAMERA, few, 0, errors=ErrorSources(1e-4)))
-    as_blocks = error_budget(Shoot(replace(marker, control_points=points), PAPER_CAMERA, few, 0))
+    as_sigma = error_budget(SyntheticViews(marker, PAPER_CAMERA, few, 0, errors=ErrorSources(1e-4)))
+    as_blocks = error_budget(SyntheticViews(replace(marker, control_points=points), PAPER_CAMERA, few, 0))
     assert known["rotation_deg"]["print"] > as_sigma["rotation_deg"]["print"]
     assert as_blocks["rotation_deg"]["print"] == pytest.approx(as_sigma["rotation_deg"]["print"], rel=1e-9)
 
@@ -99,8 +99,8 @@ def test_the_budget_of_a_shoot_knows(make_ngon):
 def test_views_of_measured_prints_are_consistent(make_ngon):
     """Detection from images, with print errors as measured: NEES and coverage within what 99 % of such series give."""
     marker = measured(make_ngon(6, 0.15, 0.03))
-    shoot = Shoot(marker, PAPER_CAMERA, POSES, 60, errors=ErrorSources(0.0), seed=4)
-    found = summarize(shoot, take_records(shoot, workers=1))
+    series = SyntheticViews(marker, PAPER_CAMERA, POSES, 60, errors=ErrorSources(0.0), seed=4)
+    found = summarize(series, take_records(series, workers=1))
     assert found["detected"] == 60
     nees = found["nees"]
     low, high = nees["interval"]

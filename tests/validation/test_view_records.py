@@ -7,29 +7,29 @@ import pytest
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import paper
+from markergen.presentation.results import plain
 from markergen.render import Optics
 from markergen.validation import view_records, views
 from markergen.validation.bounds import error_budget
-from markergen.validation.result import plain
-from markergen.validation.view_records import DETECTOR, record, summarize, take_records
-from markergen.validation.views import Shoot, take_view
+from markergen.validation.view_records import CONDITIONS, DETECTOR, record, stress, summarize, take_records
+from markergen.validation.views import SyntheticViews, take_view
 
 POSES = paper()
 
 
 @pytest.fixture(scope="module")
-def shoot(ngon):
-    return Shoot(ngon(), PAPER_CAMERA, POSES, count=40)
+def series(ngon):
+    return SyntheticViews(ngon(), PAPER_CAMERA, POSES, count=40)
 
 
 @pytest.fixture(scope="module")
-def records(shoot):
-    return take_records(shoot, workers=1)
+def records(series):
+    return take_records(series, workers=1)
 
 
 @pytest.fixture(scope="module")
-def summary(shoot, records):
-    return summarize(shoot, records)
+def summary(series, records):
+    return summarize(series, records)
 
 
 def test_good_marker_is_found_in_every_view(summary):
@@ -58,14 +58,14 @@ def test_groups_add_up(summary):
         assert squares / 200 == pytest.approx(summary["point_px"]["rms"] ** 2)
 
 
-def test_any_number_of_workers_gives_the_same(shoot, summary):
-    again = summarize(shoot, take_records(shoot, workers=2))
+def test_any_number_of_workers_gives_the_same(series, summary):
+    again = summarize(series, take_records(series, workers=2))
     assert json.dumps(plain(again)) == json.dumps(plain(summary))
 
 
 def test_nothing_found_is_valid_json_with_reasons(ngon):
-    shoot = Shoot(ngon(key=False), PAPER_CAMERA, POSES, count=5)
-    result = plain(summarize(shoot, take_records(shoot, workers=1)))
+    series = SyntheticViews(ngon(key=False), PAPER_CAMERA, POSES, count=5)
+    result = plain(summarize(series, take_records(series, workers=1)))
     json.dumps(result, allow_nan=False)
     assert (result["count"], result["detected"], result["wrong"], result["samples"]) == (5, 0, 0, [])
     assert result["point_px"]["count"] == 0
@@ -84,8 +84,8 @@ def test_wrong_labels_are_counted_apart(ngon, monkeypatch):
         return replace(found, pixels=np.roll(found.pixels, 1, axis=0))
 
     monkeypatch.setattr(views, "detect", careless)
-    shoot = Shoot(ngon(), PAPER_CAMERA, POSES, count=3)
-    result = summarize(shoot, take_records(shoot, workers=1))
+    series = SyntheticViews(ngon(), PAPER_CAMERA, POSES, count=3)
+    result = summarize(series, take_records(series, workers=1))
     assert (result["detected"], result["wrong"], result["point_px"]["count"]) == (0, 3, 0)
     assert all("wrong label" in failure["reason"] for failure in result["failures"])
 
@@ -99,16 +99,16 @@ def test_samples_tell_where_the_camera_stands(summary):
     assert len(sample["dots"]) == len(sample["error_px"]) == 5
 
 
-def test_progress_counts_to_the_end(shoot):
+def test_progress_counts_to_the_end(series):
     calls = []
-    few = replace(shoot, count=25)
+    few = replace(series, count=25)
     take_records(few, workers=1, progress=lambda done, total: calls.append((done, total)))
     assert calls == [(0, 25), (10, 25), (20, 25), (25, 25)]
 
 
-def test_print_error_costs_what_the_budget_says(shoot):
+def test_print_error_costs_what_the_budget_says(series):
     sources = ErrorSources(print_sigma=1e-3)
-    printed = replace(shoot, errors=sources, count=100)
+    printed = replace(series, errors=sources, count=100)
     found = summarize(printed, take_records(printed))
     budget = error_budget(printed)
     measured = found["estimators"][DETECTOR]["rotation_deg"]["rms"]
@@ -117,8 +117,8 @@ def test_print_error_costs_what_the_budget_says(shoot):
     assert measured == pytest.approx(budget["rotation_deg"]["total"], rel=0.35)
 
 
-def test_hidden_dots_leave_poses_of_the_others(shoot):
-    hiding = replace(shoot, hidden=1)
+def test_hidden_dots_leave_poses_of_the_others(series):
+    hiding = replace(series, hidden=1)
     view = next(view for k in range(40) if (view := take_view(hiding, k)).hidden[0] != 0)
     kept = record(hiding, view)
     assert kept.detected
@@ -128,8 +128,8 @@ def test_hidden_dots_leave_poses_of_the_others(shoot):
 
 @pytest.mark.long
 def test_claimed_covariance_holds(ngon):
-    shoot = Shoot(ngon(), PAPER_CAMERA, POSES, count=2000)
-    found = summarize(shoot, take_records(shoot))
+    series = SyntheticViews(ngon(), PAPER_CAMERA, POSES, count=2000)
+    found = summarize(series, take_records(series))
     assert found["rate"] >= 0.995
     assert found["wrong"] == 0
     low, high = found["nees"]["coverage_interval"]
@@ -139,7 +139,22 @@ def test_claimed_covariance_holds(ngon):
 @pytest.mark.long
 @pytest.mark.parametrize("optics", [Optics(blur_px=2.0), Optics(noise_grey=8.0), Optics(dark=15, light=112.5)])
 def test_no_wrong_labels_under_worse_conditions(ngon, optics):
-    shoot = Shoot(ngon(), PAPER_CAMERA, POSES, count=400, optics=optics)
-    found = summarize(shoot, take_records(shoot))
+    series = SyntheticViews(ngon(), PAPER_CAMERA, POSES, count=400, optics=optics)
+    found = summarize(series, take_records(series))
     assert found["wrong"] == 0
     assert found["rate"] > 0.9
+
+
+def test_every_condition_is_told(ngon):
+    calls = []
+    series = SyntheticViews(ngon(), PAPER_CAMERA, paper(), count=5)
+    found = stress(series, workers=1, progress=lambda done, total: calls.append((done, total)))
+    assert list(found) == list(CONDITIONS)
+    assert calls[-1] == (25, 25)
+    assert [done for done, _ in calls] == sorted(done for done, _ in calls)
+    for name, summary in found.items():
+        assert summary["count"] == 5, name
+        assert summary["wrong"] == 0, name
+    assert found["blur 2 px"]["optics"]["blur_px"] == 2
+    assert found["half the light"]["optics"]["light"] == 112.5
+    assert found["one dot hidden"]["hidden"] == 1

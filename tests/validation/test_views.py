@@ -8,39 +8,40 @@ from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import PoseDistribution, paper
 from markergen.render import Optics
-from markergen.validation.views import Shoot, take_view
+from markergen.validation.view_records import summarize, take_records
+from markergen.validation.views import SyntheticViews, pictures, take_view
 
 POSES = paper()
 
 
 @pytest.fixture(scope="module")
-def shoot(ngon):
-    return Shoot(ngon(), PAPER_CAMERA, POSES, count=20)
+def series(ngon):
+    return SyntheticViews(ngon(), PAPER_CAMERA, POSES, count=20)
 
 
-def test_views_are_spread_evenly_over_the_poses(shoot):
+def test_views_are_spread_evenly_over_the_poses(series):
     # 400 poses in 20 stretches: each polar angle of each distance once.
-    chosen = [shoot.pose_of(k) for k in range(20)]
+    chosen = [series.pose_of(k) for k in range(20)]
     assert [pose // 20 for pose in chosen] == list(range(20))
 
 
 def test_more_views_than_poses(ngon):
     few = PoseDistribution("two", POSES.rotation[[0, 130]], POSES.translation[[0, 130]])
-    shoot = Shoot(ngon(), PAPER_CAMERA, few, count=6)
-    assert [shoot.pose_of(k) for k in range(6)] == [0, 0, 0, 1, 1, 1]
+    series = SyntheticViews(ngon(), PAPER_CAMERA, few, count=6)
+    assert [series.pose_of(k) for k in range(6)] == [0, 0, 0, 1, 1, 1]
     # The same pose again, with other noise.
-    assert (take_view(shoot, 0).image != take_view(shoot, 1).image).any()
+    assert (take_view(series, 0).image != take_view(series, 1).image).any()
 
 
-def test_same_view_same_image_other_seed_another(shoot):
-    first, again = take_view(shoot, 7), take_view(shoot, 7)
+def test_same_view_same_image_other_seed_another(series):
+    first, again = take_view(series, 7), take_view(series, 7)
     np.testing.assert_array_equal(first.image, again.image)
-    other = take_view(replace(shoot, seed=1), 7)
+    other = take_view(replace(series, seed=1), 7)
     assert (first.image != other.image).any()
 
 
-def test_truth_is_where_the_dots_are(shoot):
-    view = take_view(shoot, 13)
+def test_truth_is_where_the_dots_are(series):
+    view = take_view(series, 13)
     assert view.detected
     assert not view.failure
     # Measured 0.0044 px RMS over all poses; a dot ten times as far off would be another's.
@@ -48,15 +49,15 @@ def test_truth_is_where_the_dots_are(shoot):
     assert view.uncorrected_px.max() > view.error_px.max()
 
 
-def test_print_error_moves_dots_and_truth_alike(shoot):
-    exact, printed = take_view(shoot, 13), take_view(replace(shoot, errors=ErrorSources(print_sigma=1e-3)), 13)
+def test_print_error_moves_dots_and_truth_alike(series):
+    exact, printed = take_view(series, 13), take_view(replace(series, errors=ErrorSources(print_sigma=1e-3)), 13)
     # A millimeter is 0.5 to 1.3 px in these poses.
     assert 0.05 < np.abs(exact.truth - printed.truth).max() < 10
     assert printed.error_px.max() < 0.05
 
 
-def test_hidden_dots_are_not_found_and_the_others_are(shoot):
-    views = [take_view(replace(shoot, hidden=1), k) for k in range(6, 14)]
+def test_hidden_dots_are_not_found_and_the_others_are(series):
+    views = [take_view(replace(series, hidden=1), k) for k in range(6, 14)]
     assert len({int(view.hidden[0]) for view in views}) > 1
     for view in views:
         assert len(view.hidden) == 1
@@ -71,8 +72,8 @@ def test_hidden_dots_are_not_found_and_the_others_are(shoot):
 
 
 @pytest.mark.parametrize("background", ["clutter", "photo"])
-def test_background_is_behind_the_marker(shoot, background):
-    plain, before = take_view(shoot, 3), take_view(replace(shoot, background=background), 3)
+def test_background_is_behind_the_marker(series, background):
+    plain, before = take_view(series, 3), take_view(replace(series, background=background), 3)
     assert (plain.image != before.image).mean() > 0.2
     inside = np.rint(plain.truth.mean(axis=0)).astype(int)
     # The middle of a pentagon is substrate; its noise has 2 grey levels.
@@ -80,16 +81,16 @@ def test_background_is_behind_the_marker(shoot, background):
 
 
 def test_optics_are_used(ngon):
-    quiet = take_view(Shoot(ngon(), PAPER_CAMERA, POSES, optics=Optics(noise_grey=0)), 0)
-    noisy = take_view(Shoot(ngon(), PAPER_CAMERA, POSES, optics=Optics(noise_grey=8)), 0)
+    quiet = take_view(SyntheticViews(ngon(), PAPER_CAMERA, POSES, optics=Optics(noise_grey=0)), 0)
+    noisy = take_view(SyntheticViews(ngon(), PAPER_CAMERA, POSES, optics=Optics(noise_grey=8)), 0)
     corner = (slice(0, 20), slice(0, 20))
     assert quiet.image[corner].std() == 0
     # 400 samples know their standard deviation to 3.5 %.
     assert noisy.image[corner].std() == pytest.approx(8, rel=0.2)
 
 
-def test_photometric_refinement_is_applied(shoot):
-    plain, refined = take_view(shoot, 3), take_view(replace(shoot, refine="photometric"), 3)
+def test_photometric_refinement_is_applied(series):
+    plain, refined = take_view(series, 3), take_view(replace(series, refine="photometric"), 3)
     assert 0 < np.abs(plain.detection.pixels - refined.detection.pixels).max() < 0.1
 
 
@@ -103,11 +104,25 @@ def test_photometric_refinement_is_applied(shoot):
         ({"refine": "magic"}, "photometric"),
     ],
 )
-def test_impossible_shoots_are_refused(ngon, options, said):
+def test_impossible_series_are_refused(ngon, options, said):
     with pytest.raises(InputError, match=said):
-        Shoot(ngon(), PAPER_CAMERA, POSES, **options)
+        SyntheticViews(ngon(), PAPER_CAMERA, POSES, **options)
 
 
 def test_bare_points_cannot_be_seen(ngon):
     with pytest.raises(InputError, match="diameter 0"):
-        Shoot(ngon(key=False, diameter=0.0), PAPER_CAMERA, POSES)
+        SyntheticViews(ngon(key=False, diameter=0.0), PAPER_CAMERA, POSES)
+
+
+def test_failures_come_first_then_the_worst_then_others(ngon):
+    # 10 mm dots are 1.8 px across at 70 deg and 1.5 m: some views fail, others do not.
+    series = SyntheticViews(ngon(diameter=0.010), PAPER_CAMERA, paper(), count=20, optics=Optics(noise_grey=6))
+    views = summarize(series, take_records(series, workers=1))
+    assert 0 < views["detected"] < 20
+    shown = list(pictures(series, views))
+    kinds = [picture.name.split("-")[0] for picture in shown]
+    assert kinds == sorted(kinds, key=["failure", "worst", "typical"].index)
+    assert set(kinds) == {"failure", "worst", "typical"}
+    assert len({picture.name for picture in shown}) == len(shown)
+    assert all(picture.png.startswith(b"\x89PNG") for picture in shown)
+    assert shown[0].caption.endswith(f"{views['failures'][0]['reason']}.") or len(views["failures"]) > 6

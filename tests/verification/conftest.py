@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from markergen.exporters import ExportOptions, save
+from markergen.exporters import ExportOptions
+from markergen.exporters.saving import save
 from markergen.model.boundary import polygon_from
 from markergen.model.feature import Feature
 from markergen.objectives.criteria import regular_polygon

@@ -13,11 +13,11 @@ import pytest
 from spoiled_solids import glb, gltf, model, stl, with_model
 
 from markergen.errors import InputError, MissingLibraryError
-from markergen.exporters import ExportOptions, save
+from markergen.exporters import ExportOptions
+from markergen.exporters.saving import save
 from markergen.model.fabrication import Fabrication
 from markergen.solid import reading
-from markergen.solid.bodies import part_volume
-from markergen.solid.make import parts_of
+from markergen.solid.processes import parts_of
 from markergen.solid.reading import read_brep, read_step
 from markergen.solid.surface import Ball, Face, Loop, SolidPart, Surface
 from markergen.verification import verify
@@ -49,7 +49,7 @@ def test_names_colors_and_volumes_of_a_step(marker, data):
         assert part.valid
         assert part.closed
         # What the writer's fifteen digits leave of closed forms.
-        assert part.volume == pytest.approx(part_volume(wanted), rel=1e-9)
+        assert part.volume == pytest.approx(wanted.volume, rel=1e-9)
         assert part.color == pytest.approx((1, 1, 1) if wanted.material == "light" else (0.05, 0.05, 0.05), abs=1e-6)
     ring = found[[part.name for part in found].index("dot-0")]
     place = 1e3 * marker.xyz[0]

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from spoiled_solids import SOLIDS, glb, gltf, model, resized, stl, stl_of_text, triangles, with_model
 
-from markergen.exporters import ExportOptions, save
+from markergen.exporters import ExportOptions
+from markergen.exporters.saving import save
 from markergen.model.fabrication import Fabrication
 from markergen.model.feature import Feature
 from markergen.model.substrate import Hole, Substrate

@@ -10,7 +10,8 @@ from spoiled_files import Spoiler
 
 from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError
-from markergen.exporters import ExportOptions, save
+from markergen.exporters import ExportOptions
+from markergen.exporters.saving import save
 from markergen.model.feature import Feature
 from markergen.model.rescale import MeasuredDot, Rulers, remeasure, rescale
 from markergen.model.tag import Tag

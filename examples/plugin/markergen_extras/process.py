@@ -2,10 +2,8 @@
 
 from markergen.model.fabrication import Fabrication, Process
 from markergen.model.marker import Marker
-from markergen.solid.bodies import cylinder
-from markergen.solid.inlays import Cutting, prepare, tag_marks
-from markergen.solid.limits import depth_of, tool_of
-from markergen.solid.processes import Made
+from markergen.solid.manufacturability import depth_of, tool_of
+from markergen.solid.processes import Cutting, Made, marks, prepare
 
 DEPTH, FINEST = 0.05, 0.05
 """Depth of the etching, and the finest line of the mask, mm."""
@@ -16,11 +14,8 @@ def etch(marker: Marker, fabrication: Fabrication) -> Made:
     tool = tool_of(fabrication, "line", FINEST)
     cutting = Cutting(tool, depth_of(marker, fabrication, DEPTH, "an etching"))
     ground = prepare(marker, fabrication, cutting, lambda dot: dot.radius)
-    marks = tuple(
-        cylinder(dot.x, dot.y, dot.radius, round(dot.z - cutting.depth, 9), dot.z, dot.inner) for dot in ground.dots
-    )
     return Made(
-        marked=(*marks, *tag_marks(marker, cutting)),
+        marked=marks(marker, ground.dots, cutting),
         add=ground.pillars,
         notes=ground.notes,
         lines=(f"Etch the dots {cutting.depth:.6g} mm deep and fill them with black lacquer.",),
@@ -29,4 +24,4 @@ def etch(marker: Marker, fabrication: Fabrication) -> Made:
     )
 
 
-ETCH = Process(etch, "etched plate", engraved=True)
+ETCH = Process(etch, "etched plate", "dots etched into a coated plate, and a .dxf of the mask", engraved=True)

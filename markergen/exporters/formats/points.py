@@ -1,14 +1,247 @@
-"""Points: the marker itself, tables, and configurations of what detects it."""
+"""Points: the marker itself, a table of its dots, and configurations for what detects it.
 
-from markergen.exporters import EXPORTERS, Exporter
+Each format is its row and the function under it. All are small texts in m, in the marker frame, and need neither sheet
+nor solid.
+"""
 
-EXPORTERS.register(".json")(Exporter("markergen.exporters.marker_json:export", "the marker itself"))
-EXPORTERS.register(".csv")(Exporter("markergen.exporters.point_table:export", "table of the dots, in m"))
-EXPORTERS.register(".opencv.yaml")(
-    Exporter("markergen.exporters.opencv:export", "OpenCV: object points and ids, tag as an ArUco board")
+import csv
+from collections.abc import Callable, Mapping, Sequence
+from io import StringIO
+from typing import Any
+
+import markergen
+from markergen.errors import InputError
+from markergen.exporters import EXPORTERS, Exporter, ExportOptions, Output, only
+from markergen.model.marker import Marker, marker_name
+from markergen.model.marker_json import to_json
+from markergen.model.tag import FAMILIES
+
+FRAME = (
+    "Frame: the marker's, x right, y up, z out of the printed face toward the viewer.",
+    "Unit: m.",
 )
-EXPORTERS.register(".ros2.yaml")(Exporter("markergen.exporters.ros2:export", "ROS 2: static transform and landmarks"))
-EXPORTERS.register(".kalibr.yaml")(Exporter("markergen.exporters.kalibr:export", "target in the style of Kalibr"))
-EXPORTERS.register(".apriltag.yaml")(
-    Exporter("markergen.exporters.apriltag:export", "apriltag_ros: bundle of an AprilTag")
+
+APRILTAG = "apriltag:"
+"""What the names of AprilTag families begin with."""
+
+NOT_KALIBR = "Kalibr knows three targets: checkerboard, circlegrid and aprilgrid, all of them grids; this is none."
+"""An aprilgrid has 3 x 3 tags or more, whose black border is two cells wide; a circlegrid 3 x 3 like dots or more,
+which the key ring is not."""
+
+BOARD = (
+    "Tag: cv2.aruco.Board([tag_corners], cv2.aruco.getPredefinedDictionary(tag_dictionary), tag_ids), with each node",
+    "read as fs.getNode(name).mat(), and the dictionary as int(fs.getNode(name).real()).",
 )
+
+COLUMNS = ("id", "x_m", "y_m", "z_m", "diameter_m", "inner_diameter_m", "feature")
+MEASURED = ("var_x_m2", "cov_xy_m2", "var_y_m2")
+
+
+def write_record(markers: Sequence[Marker], options: ExportOptions) -> Output:  # noqa: ARG001  (every exporter is called alike)
+    """Canonical marker.json, the only format that holds everything, bare points included; no option has an effect."""
+    return Output(to_json(only(markers, ".json")))
+
+
+EXPORTERS.register(".json")(Exporter(write_record, "the marker itself"))
+
+
+def _row(suffix: str, description: str, text_of: Callable[[Marker], str], *notes: str) -> None:
+    """Register a format that is a text of one marker."""
+
+    def write(markers: Sequence[Marker], options: ExportOptions) -> Output:  # noqa: ARG001  (every exporter is called alike)
+        return Output(text_of(only(markers, suffix)).encode(), notes)
+
+    EXPORTERS.register(suffix)(Exporter(write, description))
+
+
+def write_table(marker: Marker) -> str:
+    """Write comment lines (``#``), the columns' names, and a row for each control point; numbers read back the same.
+
+    Covariances of measured places have columns of their own if there are any.
+    """
+    measured = any(point.covariance for point in marker.control_points)
+    tag: tuple[str, ...] = ()
+    if marker.tag is not None:
+        corners = ", ".join(f"({x!r}, {y!r})" for x, y, _ in tag_corners(marker))
+        tag = (f"Tag {marker.tag}: side {marker.tag.side!r}, corners from the top left clockwise {corners}.",)
+    text = StringIO()
+    text.write(heading(marker, "Control points.", *tag))
+    lines = csv.writer(text, lineterminator="\n")
+    lines.writerow(COLUMNS + MEASURED * measured)
+    for point in marker.control_points:
+        feature = point.feature
+        row = [point.id, point.x, point.y, point.z, feature.diameter, feature.inner_diameter, feature.kind]
+        lines.writerow([*row, *(point.covariance or ("", "", ""))] if measured else row)
+    return text.getvalue()
+
+
+def write_opencv(marker: Marker) -> str:
+    """Write what ``cv2.FileStorage`` reads: matrices ``object_points`` (n, 3), ``ids`` and ``diameters`` (n, 1).
+
+    With a tag also ``tag_corners`` (4, 3) in 32-bit floats and ``tag_ids`` (1, 1), as ``cv2.aruco.Board`` wants them,
+    and ``tag_dictionary``, OpenCV's number of the dictionary. As text, since what FileStorage writes, but not what it
+    reads, depends on OpenCV's version.
+    """
+    remarks = [
+        "Pose: cv2.solvePnP(object_points, image_points, K, distortion) gives X_camera = R X_marker + t;",
+        "row k of object_points is the dot ids[k]; image points are dot centers, pixel (0, 0) the middle of the first.",
+    ]
+    parts = [
+        "%YAML:1.0\n---\n",
+        heading(marker, "Board for OpenCV.", *remarks, *(BOARD if marker.tag else ())),
+        f'name: "{marker_name(marker)}"\nunit: "m"\n',
+        _matrix("ids", [[number] for number in ids(marker)], "i"),
+        _matrix("object_points", points(marker), "d"),
+        _matrix("diameters", [[diameter] for diameter in diameters(marker)], "d"),
+    ]
+    if marker.tag is not None:
+        import cv2
+
+        dictionary = FAMILIES[marker.tag.family]
+        parts += [
+            f'tag_dictionary_name: "{dictionary}"\n',
+            f"tag_dictionary: {int(getattr(cv2.aruco, dictionary))}\n",
+            _matrix("tag_ids", [[marker.tag.id]], "i"),
+            _matrix("tag_corners", tag_corners(marker), "f"),
+        ]
+    return "".join(parts)
+
+
+def write_ros2(marker: Marker) -> str:
+    """Write parameters of two nodes: ``<frame>_transform`` for tf2_ros' static broadcaster, ``<frame>_landmarks``.
+
+    ROS 2 parameters hold lists of numbers but no lists of lists, so the landmarks are one list per coordinate.
+    """
+    frame = frame_name(marker)
+    x, y, z = (list(values) for values in zip(*points(marker), strict=True))
+    landmarks: dict[str, Any] = {
+        "frame_id": frame, "ids": ids(marker), "x": x, "y": y, "z": z, "diameter": diameters(marker),
+    }  # fmt: skip
+    if marker.tag is not None:
+        corner_x, corner_y, _ = (list(values) for values in zip(*tag_corners(marker), strict=True))
+        family, tag = marker.tag.family, {"id": marker.tag.id, "size": marker.tag.side}
+        landmarks["tag"] = {"family": family, **tag, "corner_x": corner_x, "corner_y": corner_y}
+    transform = {
+        "frame_id": "map",
+        "child_frame_id": frame,
+        "translation": {"x": 0.0, "y": 0.0, "z": 0.0},
+        "rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+    }
+    remarks = (
+        "Transform: parameters of tf2_ros::StaticTransformBroadcasterNode. It is the identity until translation and",
+        "rotation say where in the map the marker hangs.",
+        "Landmarks: dot ids[k] is at (x[k], y[k], z[k]) in the marker's frame.",
+        *(("Tag: size is the side of its black square; corners are clockwise from the top left.",) * bool(marker.tag)),
+    )
+    nodes = {"transform": transform, "landmarks": landmarks}
+    body = {f"{frame}_{name}": {"ros__parameters": values} for name, values in nodes.items()}
+    return heading(marker, "Parameters for ROS 2.", *remarks) + yaml_text(body)
+
+
+def write_kalibr(marker: Marker) -> str:
+    """Write ``target_type: custom`` and a list of points with id, place and diameter in m.
+
+    Kalibr refuses any other type than those of its grids, and no layout that markergen designs is one, so the type is
+    a new one rather than a lie.
+    """
+    body: dict[str, Any] = {
+        "target_type": "custom",
+        "unit": "m",
+        "points": [
+            {"id": point.id, "x": point.x, "y": point.y, "z": point.z, "diameter": point.feature.diameter}
+            for point in marker.control_points
+        ],
+    }
+    if marker.tag is not None:
+        tag = {"family": marker.tag.family, "id": marker.tag.id, "size": marker.tag.side}
+        body["tag"] = {**tag, "corners": tag_corners(marker)}
+    return heading(marker, "Target in the style of Kalibr.", NOT_KALIBR) + yaml_text(body)
+
+
+def write_bundle(marker: Marker) -> str:
+    """Write ``tag_bundles`` with the tag as its only member: the bundle's frame is the marker's.
+
+    Both frames have x to the right, y up and z toward the viewer, so the tag's rotation is the identity.
+
+    Raises
+    ------
+    InputError
+        If the marker has no tag, or one that is no AprilTag.
+    """
+    tag = marker.tag
+    if tag is None or not tag.family.startswith(APRILTAG):
+        found = "none" if tag is None else str(tag)
+        raise InputError("a marker with an AprilTag", found, "design it with --tag apriltag:36h11:0, for example")
+    x, y = (picometers(value * scale) for value, scale in zip(tag.center, marker.print_scale, strict=True))
+    place: dict[str, Any] = {"x": x, "y": y, "z": 0.0, "qw": 1.0, "qx": 0.0, "qy": 0.0, "qz": 0.0}
+    layout = [{"id": tag.id, "size": tag.side, **place}]
+    body = {"standalone_tags": [], "tag_bundles": [{"name": frame_name(marker), "layout": layout}]}
+    family = f"tag{tag.family.removeprefix(APRILTAG)}"
+    title = "Tag bundle for apriltag_ros (tags.yaml)."
+    remarks = (f"Set tag_family: '{family}' in settings.yaml; size is the side of the black square.",)
+    return heading(marker, title, *remarks) + yaml_text(body)
+
+
+_row(".csv", "table of the dots, in m", write_table)
+_row(".opencv.yaml", "OpenCV: object points and ids, tag as an ArUco board", write_opencv)
+_row(
+    ".ros2.yaml",
+    "ROS 2: static transform and landmarks",
+    write_ros2,
+    "The transform from map is the identity: set it to where the marker hangs.",
+)
+_row(".kalibr.yaml", "target in the style of Kalibr", write_kalibr, NOT_KALIBR)
+_row(".apriltag.yaml", "apriltag_ros: bundle of an AprilTag", write_bundle)
+
+
+def heading(marker: Marker, title: str, *remarks: str) -> str:
+    """Comment lines that say which marker this is, its frame and unit, and what else there is to know."""
+    name = f"Marker {marker_name(marker)}: {len(marker)} dots, written by markergen {markergen.__version__}."
+    corrected = () if marker.as_designed is marker else ("Places are those measured on the print.",)
+    return "".join(f"# {line}\n" for line in (title, name, *FRAME, *corrected, *remarks))
+
+
+def frame_name(marker: Marker) -> str:
+    """``markergen_<spec hash>`` of letters, digits and ``_``: a name for frames and nodes."""
+    return "".join(letter if letter.isalnum() else "_" for letter in marker_name(marker))
+
+
+def points(marker: Marker) -> list[list[float]]:
+    """Places (n, 3) of the control points in m, in the order of `ids`: as in marker.json, to the last bit."""
+    return [[point.x, point.y, point.z] for point in marker.control_points]
+
+
+def ids(marker: Marker) -> list[int]:
+    """Identifiers of the control points."""
+    return [point.id for point in marker.control_points]
+
+
+def diameters(marker: Marker) -> list[float]:
+    """Diameters of the dots in m."""
+    return [point.feature.diameter for point in marker.control_points]
+
+
+def tag_corners(marker: Marker) -> list[list[float]]:
+    """Corners (4, 3) of the tag's black square in the print, m: top left, top right, bottom right, bottom left."""
+    if marker.tag is None:
+        return []
+    return [[*map(picometers, corner), 0.0] for corner in marker.tag.corners * marker.print_scale]
+
+
+def picometers(meters: float) -> float:
+    """Length in m rounded to 1e-12, so that 0.02 does not read 0.020000000000000004; never -0."""
+    return round(float(meters), 12) + 0.0
+
+
+def yaml_text(value: Mapping[str, Any]) -> str:
+    """YAML of plain values, in the order given, the innermost lists and mappings on one line."""
+    import yaml
+
+    return str(yaml.safe_dump(dict(value), sort_keys=False, default_flow_style=None, width=110))
+
+
+def _matrix(name: str, values: Sequence[Sequence[float]], kind: str) -> str:
+    size = f"   rows: {len(values)}\n   cols: {len(values[0])}\n   dt: {kind}\n"
+    lines = [", ".join(map(repr, row)) for row in values]
+    between = ",\n       " if len(values[0]) > 1 else ", "
+    return f"{name}: !!opencv-matrix\n{size}   data: [ {between.join(lines)} ]\n"

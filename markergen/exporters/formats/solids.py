@@ -4,32 +4,34 @@ from markergen.exporters import EXPORTERS, Exporter
 
 EXPORTERS.register(".step", ".stp")(
     Exporter(
-        "markergen.exporters.step:export",
+        "markergen.exporters.solids:export_step",
         "solids, named and colored, in mm, to machine or to print",
         holds="solid",
         kernel=True,
     )
 )
 EXPORTERS.register(".brep")(
-    Exporter("markergen.exporters.brep:export", "the same for Open CASCADE", holds="solid", kernel=True)
+    Exporter("markergen.exporters.solids:export_brep", "the same for Open CASCADE", holds="solid", kernel=True)
 )
 EXPORTERS.register(".stl")(
     Exporter(
-        "markergen.exporters.stl:export",
+        "markergen.exporters.meshes:export_stl",
         "mesh in mm, all in one, and one more for each material",
         holds="solid",
         kernel=True,
     )
 )
 EXPORTERS.register(".3mf")(
-    Exporter("markergen.exporters.threemf:export", "mesh with materials, for slicers", holds="solid", kernel=True)
+    Exporter("markergen.exporters.meshes:export_3mf", "mesh with materials, for slicers", holds="solid", kernel=True)
 )
 EXPORTERS.register(".glb")(
-    Exporter("markergen.exporters.glb:export", "mesh with materials, in m, to look at", holds="solid", kernel=True)
+    Exporter(
+        "markergen.exporters.meshes:export_glb", "mesh with materials, in m, to look at", holds="solid", kernel=True
+    )
 )
 EXPORTERS.register(".sdf")(
     Exporter(
-        "markergen.exporters.sdf:export",
+        "markergen.exporters.simulators:export_sdf",
         "model for simulators, with the .glb that it shows",
         holds="solid",
         kernel=True,
@@ -37,7 +39,7 @@ EXPORTERS.register(".sdf")(
 )
 EXPORTERS.register(".urdf")(
     Exporter(
-        "markergen.exporters.urdf:export",
+        "markergen.exporters.simulators:export_urdf",
         "model for simulators, with the .glb that it shows",
         holds="solid",
         kernel=True,

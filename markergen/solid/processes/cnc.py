@@ -6,25 +6,24 @@ from markergen.errors import InputError
 from markergen.model.fabrication import PROCESSES, Fabrication, Process
 from markergen.model.marker import Marker
 from markergen.solid.bodies import Body, Part, cylinder, mm
-from markergen.solid.fits import Fit, fit
-from markergen.solid.inks import Dot, cell_of, dots_of
-from markergen.solid.inlays import Cutting, inlay, prepare, sizes, tag_inlays
-from markergen.solid.limits import depth_of, gap_of, tool_of
-from markergen.solid.processes import Made
+from markergen.solid.dot_geometry import SolidDot, cell_of, dots_of
+from markergen.solid.iso286 import DiscFit, disc_fit
+from markergen.solid.manufacturability import depth_of, gap_of, tool_of
+from markergen.solid.processes import Cutting, Made, inlay, prepare, tag_inlays
 from markergen.units import format_length
 
 DEPTH = 1.0
-"""Of the pockets in mm: a disc that thick keeps flat."""
+"""Depth of the pockets in mm: a disc of that thickness stays flat."""
 
 MILLS = (3.0, 2.0, 1.5, 1.0, 0.8, 0.5)
 """Diameters in mm of end mills that any shop has; unless one is asked for, the largest that makes every feature."""
 
 WALL = 0.5
-"""mm that stay between pockets: what does not bend under the mill."""
+"""Least wall between pockets in mm that does not bend under the mill."""
 
 
 def cnc(marker: Marker, fabrication: Fabrication) -> Made:
-    """Discs of the dots' nominal sizes in pockets with slip or press fit; the tag's corners have the mill's radius."""
+    """Mill pockets for discs of the dots' nominal sizes, to slip or press; the tag's corners have the mill's radius."""
     dots = dots_of(marker)
     kind = fabrication.fit or "slip"
     gap = gap_of(fabrication, 0.0, dots)
@@ -39,9 +38,9 @@ def cnc(marker: Marker, fabrication: Fabrication) -> Made:
     def gap_for(diameter: float) -> float:
         # The tag has the gap of its cells' size.
         size = diameter or (cell_of(marker.tag) if marker.tag else 0.0)
-        return fit(kind, size).gap if by_iso else gap
+        return disc_fit(kind, size).gap if by_iso else gap
 
-    def open_(dot: Dot) -> bool:
+    def open_(dot: SolidDot) -> bool:
         return fabrication.through and not dot.inner
 
     inlaid = [dot for dot in dots if not open_(dot)]
@@ -63,7 +62,8 @@ def cnc(marker: Marker, fabrication: Fabrication) -> Made:
         parts += some
         cut.append(pocket)
     in_tag, tag_pockets = tag_inlays(marker, cutting)
-    fits = {diameter: fit(kind, diameter) for diameter in sizes(inlaid)} if by_iso else {}
+    diameters = sorted({round(2 * dot.radius, 6) for dot in inlaid}, reverse=True)
+    fits = {diameter: disc_fit(kind, diameter) for diameter in diameters} if by_iso else {}
     return Made(
         (*parts, *in_tag),
         (*cut, *tag_pockets),
@@ -80,10 +80,12 @@ def cnc(marker: Marker, fabrication: Fabrication) -> Made:
     )
 
 
-PROCESSES.register("cnc")(Process(cnc, "milled", choices=("fit", "through")))
+PROCESSES.register("cnc")(
+    Process(cnc, "milled", "pockets with discs that fit them, or through holes", choices=("fit", "through"))
+)
 
 
-def _mill(marker: Marker, dots: tuple[Dot, ...]) -> float:
+def _mill(marker: Marker, dots: tuple[SolidDot, ...]) -> float:
     """Largest usual mill that makes pockets, the bores of rings, and the tag; the smallest where none does."""
     features = [2 * (dot.inner or dot.radius) for dot in dots]
     if marker.tag:
@@ -100,7 +102,7 @@ def _notes(marker: Marker, fabrication: Fabrication, parts: list[Part]) -> tuple
 
 
 def _lines(
-    marker: Marker, fabrication: Fabrication, cutting: Cutting, fits: dict[float, Fit], inlaid: bool
+    marker: Marker, fabrication: Fabrication, cutting: Cutting, fits: dict[float, DiscFit], inlaid: bool
 ) -> tuple[str, ...]:
     tool, lines = cutting.tool, []
     if inlaid:

@@ -1,32 +1,33 @@
-"""``dome``: half-balls, or balls on necks, whose middles are the control points."""
+"""``dome``: half-balls, or balls on necks, whose centers are the control points."""
 
 from math import acos, asin, pi, sqrt, tan
 
 from markergen.errors import InputError
+from markergen.geometry.contour import Contour
 from markergen.model.fabrication import PROCESSES, Fabrication, Process
 from markergen.model.marker import Marker
-from markergen.solid.bodies import Body, Part, Path, Revolved, cylinder
-from markergen.solid.inks import Dot, dots_of
-from markergen.solid.inlays import Cutting, prepare, tag_inlays
-from markergen.solid.limits import Face, Footprint, check_apart, check_dots, depth_of, gap_of, tool_of
-from markergen.solid.processes import Made
-from markergen.solid.relief import balls_hide, poses_of
+from markergen.solid.bodies import Body, Part, Revolved, cylinder
+from markergen.solid.dot_geometry import SolidDot, dots_of
+from markergen.solid.manufacturability import check_apart, check_dots, depth_of, gap_of, tool_of
+from markergen.solid.plate import Footprint, plate_of
+from markergen.solid.processes import Cutting, Made, prepare, tag_inlays
+from markergen.solid.relief import balls_hide, designed_poses
 
 DEPTH = 2.0
-"""Of the plugs in mm."""
+"""Depth of the plugs in mm."""
 
 FEATURE, WALL = 0.4, 0.5
 """Smallest feature and least wall in mm."""
 
 PLUG, NECK = 0.5, 0.4
-"""Radius of a half-ball's plug, and of a ball's neck, in radii of the ball; of a core, the share of its radius."""
+"""Radius of a half-ball's plug, and of a ball's neck, in radii of the ball."""
 
 STAND = 0.5
-"""How far balls in the plane stand off the plate, in radii."""
+"""Distance of balls in the plane from the plate, in radii."""
 
 
 def dome(marker: Marker, fabrication: Fabrication) -> Made:
-    """Balls of the dots' diameters: their middles stay where they are from wherever they are seen."""
+    """Make balls of the dots' diameters, whose images have the same centers from wherever they are seen."""
     dots = dots_of(marker)
     gap = gap_of(fabrication, 0.0, dots)
     tool = tool_of(fabrication, "tool", FEATURE, WALL)
@@ -35,7 +36,7 @@ def dome(marker: Marker, fabrication: Fabrication) -> Made:
     made = (
         _balls(marker, cutting, dots, gap) if fabrication.dome == "ball" else _halves(marker, fabrication, cutting, gap)
     )
-    poses = poses_of(marker)
+    poses = designed_poses(marker)
     hidden = balls_hide(dots, poses) if poses is not None else 0
     notes = made.notes
     if poses is not None and hidden:
@@ -55,7 +56,9 @@ def dome(marker: Marker, fabrication: Fabrication) -> Made:
     )
 
 
-PROCESSES.register("dome")(Process(dome, "balls on a plate", choices=("dome",), balls=True))
+PROCESSES.register("dome")(
+    Process(dome, "balls on a plate", "half-balls, or balls on necks, on a plate", choices=("dome",), balls=True)
+)
 
 
 def _halves(marker: Marker, fabrication: Fabrication, cutting: Cutting, gap: float) -> Made:
@@ -87,7 +90,7 @@ def _halves(marker: Marker, fabrication: Fabrication, cutting: Cutting, gap: flo
     )
 
 
-def _balls(marker: Marker, cutting: Cutting, dots: tuple[Dot, ...], gap: float) -> Made:
+def _balls(marker: Marker, cutting: Cutting, dots: tuple[SolidDot, ...], gap: float) -> Made:
     """Whole balls on necks, with the plate below them."""
     if marker.tag is not None:
         raise InputError(
@@ -113,7 +116,7 @@ def _balls(marker: Marker, cutting: Cutting, dots: tuple[Dot, ...], gap: float) 
             ]
         else:
             parts.append(Part(dot.name, "dark", (_ball(dot, neck, bottom),)))
-    check_apart(marker, Face(marker), prints, cutting.tool)
+    check_apart(marker, plate_of(marker), prints, cutting.tool)
     return Made(
         tuple(parts),
         tuple(cut),
@@ -123,45 +126,45 @@ def _balls(marker: Marker, cutting: Cutting, dots: tuple[Dot, ...], gap: float) 
     )
 
 
-def _half_ball(dot: Dot, plug: float, bottom: float) -> Revolved:
+def _half_ball(dot: SolidDot, plug: float, bottom: float) -> Revolved:
     r, z = dot.radius, dot.z
     points = ((0.0, bottom), (plug, bottom), (plug, z), (r, z), (0.0, z + r))
-    return Revolved(dot.x, dot.y, Path(points, (0.0, 0.0, 0.0, tan(pi / 8), 0.0)))
+    return Revolved(dot.x, dot.y, Contour(points, (0.0, 0.0, 0.0, tan(pi / 8), 0.0)))
 
 
-def _half_ring(dot: Dot) -> Revolved:
+def _half_ring(dot: SolidDot) -> Revolved:
     r, z = dot.radius, dot.z
     points = ((dot.inner, z), (r, z), (dot.inner, z + _rise(r, dot.inner)))
-    return Revolved(dot.x, dot.y, Path(points, (0.0, tan(acos(dot.inner / r) / 4), 0.0)))
+    return Revolved(dot.x, dot.y, Contour(points, (0.0, tan(acos(dot.inner / r) / 4), 0.0)))
 
 
-def _core(dot: Dot, radius: float, bottom: float) -> Revolved:
+def _core(dot: SolidDot, radius: float, bottom: float) -> Revolved:
     r, z = dot.radius, dot.z
     points = ((0.0, bottom), (radius, bottom), (radius, z + _rise(r, radius)), (0.0, z + r))
-    return Revolved(dot.x, dot.y, Path(points, (0.0, 0.0, tan(asin(radius / r) / 4), 0.0)))
+    return Revolved(dot.x, dot.y, Contour(points, (0.0, 0.0, tan(asin(radius / r) / 4), 0.0)))
 
 
-def _ball(dot: Dot, neck: float, bottom: float) -> Revolved:
+def _ball(dot: SolidDot, neck: float, bottom: float) -> Revolved:
     r, z = dot.radius, dot.z
     points = ((0.0, bottom), (neck, bottom), (neck, z - _rise(r, neck)), (r, z), (0.0, z + r))
     bulges = (0.0, 0.0, tan(acos(neck / r) / 4), tan(pi / 8), 0.0)
-    return Revolved(dot.x, dot.y, Path(points, bulges))
+    return Revolved(dot.x, dot.y, Contour(points, bulges))
 
 
-def _ball_ring(dot: Dot) -> Revolved:
+def _ball_ring(dot: SolidDot) -> Revolved:
     r, z, rise = dot.radius, dot.z, _rise(dot.radius, dot.inner)
     half = tan(acos(dot.inner / r) / 4)
-    return Revolved(dot.x, dot.y, Path(((dot.inner, z - rise), (r, z), (dot.inner, z + rise)), (half, half, 0.0)))
+    return Revolved(dot.x, dot.y, Contour(((dot.inner, z - rise), (r, z), (dot.inner, z + rise)), (half, half, 0.0)))
 
 
-def _ball_core(dot: Dot, neck: float, radius: float, bottom: float) -> Revolved:
+def _ball_core(dot: SolidDot, neck: float, radius: float, bottom: float) -> Revolved:
     r, z = dot.radius, dot.z
     low, high = _rise(r, neck), _rise(r, radius)
     points = ((0.0, bottom), (neck, bottom), (neck, z - low), (radius, z - high), (radius, z + high), (0.0, z + r))
     under, over = acos(neck / r) - acos(radius / r), asin(radius / r)
-    return Revolved(dot.x, dot.y, Path(points, (0.0, 0.0, tan(under / 4), 0.0, tan(over / 4), 0.0)))
+    return Revolved(dot.x, dot.y, Contour(points, (0.0, 0.0, tan(under / 4), 0.0, tan(over / 4), 0.0)))
 
 
 def _rise(radius: float, within: float) -> float:
-    """Height of a ball above its middle at a distance from its axis."""
+    """Height of a ball above its center at a distance from its axis."""
     return sqrt(radius**2 - within**2)

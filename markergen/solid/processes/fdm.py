@@ -2,20 +2,19 @@
 
 from markergen.model.fabrication import PROCESSES, Fabrication, Process
 from markergen.model.marker import Marker
-from markergen.solid.inks import dots_of
-from markergen.solid.inlays import Cutting, inlaid, prepare
-from markergen.solid.limits import depth_of, gap_of, tool_of
-from markergen.solid.processes import Made
+from markergen.solid.dot_geometry import dots_of
+from markergen.solid.manufacturability import depth_of, gap_of, tool_of
+from markergen.solid.processes import Cutting, Made, inlaid, prepare
 
 DEPTH = 0.6
-"""Of the inlays in mm: three layers of 0.2 mm, which let no light of the plate through."""
+"""Depth of the inlays in mm: three layers of 0.2 mm, through which the plate does not shine."""
 
 NOZZLE = 0.4
-"""Diameter in mm that most printers come with; a line is as wide."""
+"""Nozzle diameter in mm of most printers, and the width of a line."""
 
 
 def fdm(marker: Marker, fabrication: Fabrication) -> Made:
-    """Inlays without a gap, for a printer that changes materials; with a gap they are printed apart and put in."""
+    """Make inlays without a gap, for a printer that changes materials; with a gap they are printed apart and put in."""
     tool = tool_of(fabrication, "nozzle", NOZZLE)
     gap = gap_of(fabrication, 0.0, dots_of(marker))
     cutting = Cutting(tool, depth_of(marker, fabrication, DEPTH, "inlays"), gap=lambda _: gap)
@@ -49,4 +48,4 @@ def fdm(marker: Marker, fabrication: Fabrication) -> Made:
     )
 
 
-PROCESSES.register("fdm")(Process(fdm, "3-D print in two materials"))
+PROCESSES.register("fdm")(Process(fdm, "3-D print in two materials", "dark inlays flush in a light plate"))

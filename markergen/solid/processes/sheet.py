@@ -6,47 +6,32 @@ from typing import Any
 import numpy as np
 
 from markergen.errors import InputError
-from markergen.geometry import region as geometry
+from markergen.geometry.contour import Contour, circle
+from markergen.geometry.region import Region
 from markergen.model.boundary import Circle
 from markergen.model.fabrication import PROCESSES, Fabrication, Process
 from markergen.model.marker import Marker
-from markergen.solid.bodies import Body, Path, Prism, circle, cylinder, polygon_of
-from markergen.solid.inks import dots_of
-from markergen.solid.inlays import Cutting, prepare
-from markergen.solid.limits import (
-    FLATTENING,
-    ROUNDING,
-    Face,
-    Footprint,
-    Tool,
-    depth_of,
-    found_room,
-    gap_of,
-    gaps,
-    tool_of,
-    up,
-)
-from markergen.solid.processes import Made
+from markergen.solid.bodies import OFF, Body, Prism, cylinder
+from markergen.solid.dot_geometry import dots_of
+from markergen.solid.manufacturability import FLATTENING, ROUNDING, Tool, depth_of, found_room, gap_of, tool_of, up
+from markergen.solid.plate import Footprint, gaps, plate_of
+from markergen.solid.processes import Cutting, Made, prepare
 
 DEPTH = 0.2
-"""Of the recess in mm: paper or film of 0.1 mm, and what glues it."""
+"""Depth of the recess in mm: paper or film of 0.1 mm, and glue."""
 
 GAP = 0.2
-"""mm of room around the sheet: how well a knife follows a line."""
+"""Room around the sheet in mm: how closely a knife follows a line."""
 
 KNIFE, WALL = 0.1, 0.5
 """Width of a cut, and least width of the plate's rim around the recess, mm."""
 
 LAND = 1.0
-"""Width in mm of what is left of the plate's face around a hole within the recess."""
-
-
-Region = tuple[Path, tuple[Path, ...], Any]
-"""Outer path, holes, and the same as a polygon of shapely."""
+"""Width in mm of the plate's face that is left around a hole within the recess."""
 
 
 def sheet(marker: Marker, fabrication: Fabrication) -> Made:
-    """One recess for the sheet; with relief each dot, cut out on its own, lies in a recess of its own."""
+    """Make one recess for the sheet, or with relief one for each dot, which is then cut out on its own."""
     tool = tool_of(fabrication, "knife", KNIFE, WALL)
     depth = depth_of(marker, fabrication, DEPTH, "a recess")
     dots = dots_of(marker)
@@ -63,7 +48,9 @@ def sheet(marker: Marker, fabrication: Fabrication) -> Made:
             cylinder(dot.x, dot.y, dot.radius + gap, round(dot.z - depth, 9), dot.z) for dot in dots
         )
         if around:
-            recesses += (Prism(_grown_square(np.array(around), gap), (), -depth, 0.0),)
+            (left, bottom), (right, top) = np.min(around, axis=0) - gap, np.max(around, axis=0) + gap
+            square = Contour(((left, bottom), (right, bottom), (right, top), (left, top)))
+            recesses += (Prism(square, (), -depth, 0.0),)
         how = "Cut every printed dot out along its edge" + (", the tag along its quiet zone" if marker.tag else "")
         return Made(
             cut=recesses,
@@ -89,16 +76,18 @@ def sheet(marker: Marker, fabrication: Fabrication) -> Made:
     )
 
 
-PROCESSES.register("print")(Process(sheet, "plate with a recess for a printed sheet"))
+PROCESSES.register("print")(
+    Process(sheet, "plate with a recess for a printed sheet", "a recess that the printed marker is glued into")
+)
 
 
 def _recesses(marker: Marker, tool: Tool, depth: float, gap: float) -> tuple[Prism, ...]:
-    """Recess in the outline of each of the boundary's regions, with land left around holes in it."""
-    face = Face(marker)
-    lands = [Footprint(each.name, each.points, each.radius + LAND) for each in face.holes]
+    """Recess in the outline of each of the boundary's pieces, with land left around holes in it."""
+    plate = plate_of(marker)
+    lands = [Footprint(each.name, each.points, each.radius + LAND) for each in plate.hole_footprints]
     found = []
-    for path, holes, shape in _regions(marker, gap):
-        room = float(face.inside(shape))
+    for outer, holes, shape in _pieces(marker, gap):
+        (room,) = plate.face.clearance([shape])
         if room < tool.wall - FLATTENING:
             edge = marker.substrate.edge_around(marker.boundary) * 1e3 + tool.wall - room
             raise InputError(
@@ -112,25 +101,22 @@ def _recesses(marker: Marker, tool: Tool, depth: float, gap: float) -> tuple[Pri
             )
         inside = [land for land in lands if _lies_in(land, shape, tool.wall)]
         _check_lands(inside, tool)
-        found.append(
-            Prism(path, (*holes, *(circle(land.radius, *land.points[0], hole=True) for land in inside)), -depth, 0.0)
-        )
+        around = (circle(land.radius, *land.points[0], hole=True) for land in inside)
+        found.append(Prism(outer, (*holes, *around), -depth, 0.0))
     return tuple(found)
 
 
-def _lies_in(land: Footprint, shape: Any, wall: float) -> bool:
+def _lies_in(land: Footprint, shape: Region, wall: float) -> bool:
     """Tell whether land around a hole is within the recess; refuse what is on its edge."""
-    import shapely
-
-    middle = shapely.Point(land.points[0])
-    to_rim = shapely.distance(shape.boundary, middle)
-    if to_rim < land.radius + wall - 1e-6:
+    depth = float(shape.depth(land.points[0]))
+    least = land.radius + wall
+    if abs(depth) < least - 1e-6:
         raise InputError(
-            f"{land.name} inside or outside of the recess for the sheet, {land.radius + wall:.4g} mm from its edge",
-            f"{to_rim:.4g} mm",
-            f"move the hole by {np.ceil((land.radius + wall - to_rim) * 100) / 100:g}mm",
+            f"{land.name} inside or outside of the recess for the sheet, {least:.4g} mm from its edge",
+            f"{abs(depth):.4g} mm",
+            f"move the hole by {np.ceil((least - abs(depth)) * 100) / 100:g}mm",
         )
-    return bool(shapely.contains(shape, middle))
+    return depth > 0
 
 
 def _check_lands(lands: Sequence[Footprint], tool: Tool) -> None:
@@ -146,28 +132,18 @@ def _check_lands(lands: Sequence[Footprint], tool: Tool) -> None:
         )
 
 
-def _regions(marker: Marker, gap: float) -> list[Region]:
-    import shapely
-
+def _pieces(marker: Marker, gap: float) -> list[tuple[Contour, tuple[Contour, ...], Region]]:
+    """Outer contour and holes of each piece of the boundary with a gap around it, and the same as a region."""
     if isinstance(marker.boundary, Circle):
         radius, (x, y) = marker.boundary.size * 1e3 + gap, _mm(marker.boundary.center).tolist()
-        path = circle(radius, x, y)
-        return [(path, (), polygon_of(path))]
-    shape = geometry.Region.enclosed([_mm(ring) for ring in marker.boundary.outlines()]).offset(gap, "miter")._shape
+        disk = circle(radius, x, y)
+        return [(disk, (), Region.of_contour(disk, (), OFF))]
+    sheet = Region.enclosed([_mm(ring) for ring in marker.boundary.outlines()]).offset(gap, "miter").oriented()
     found = []
-    for part in shapely.get_parts(shapely.orient_polygons(shape)):
-        outer, *holes = (
-            Path(tuple(map(tuple, np.round(shapely.get_coordinates(ring)[:-1], 9).tolist())))
-            for ring in shapely.get_rings(part)
-        )
-        found.append((outer, tuple(holes), part))
+    for piece in sheet.pieces:
+        outer, *holes = (Contour(tuple(map(tuple, np.round(ring, 9).tolist()))) for ring in piece.rings)
+        found.append((outer, tuple(holes), piece))
     return found
-
-
-def _grown_square(corners: Any, gap: float) -> Path:
-    """Square around the given one, counterclockwise."""
-    (left, bottom), (right, top) = corners.min(axis=0) - gap, corners.max(axis=0) + gap
-    return Path(((left, bottom), (right, bottom), (right, top), (left, top)))
 
 
 def _mm(meters: Any) -> Any:

@@ -2,14 +2,16 @@
 
 from collections.abc import Sequence
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from markergen import __version__
 from markergen.estimators.budget import PoseBudget
 from markergen.model.marker import Marker
 from markergen.objectives import Setting
-
-if TYPE_CHECKING:
-    from markergen.validation.pictures import Picture
+from markergen.presentation.pages import data_uri, page_bytes
+from markergen.validation.report import measured, overview
+from markergen.validation.report.subject import Subject
+from markergen.validation.views import Picture
 
 TEMPLATE = "report.html.j2"
 
@@ -18,7 +20,7 @@ def html_report(
     results: dict[str, Any],
     marker: Marker,
     setting: Setting,
-    pictures: "Sequence[Picture]" = (),
+    pictures: Sequence[Picture] = (),
     budget: PoseBudget | None = None,
 ) -> bytes:
     """Make one self-contained HTML page of the results of a validation.
@@ -42,11 +44,6 @@ def html_report(
     bytes
         UTF-8; no scripts, no dates, nothing loaded from elsewhere. What comes from files is escaped.
     """
-    from markergen import __version__
-    from markergen.presentation.pages import data_uri, page_bytes
-    from markergen.validation.report import measured, overview, words
-    from markergen.validation.report.subject import Subject
-
     # A part that is null is one that is missing.
     present = {key: part for key, part in results.items() if part is not None}
     subject = Subject(present, marker, setting, budget)
@@ -54,7 +51,7 @@ def html_report(
     return page_bytes(
         files(__name__).joinpath(TEMPLATE).read_text("utf-8"),
         {
-            "title": words.title(marker),
+            "title": overview.title(marker),
             "version": __version__,
             "camera": camera,
             "poses": poses,

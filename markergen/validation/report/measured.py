@@ -10,13 +10,33 @@ from numpy.typing import NDArray
 from markergen.presentation.plots import Plot, plot
 from markergen.presentation.tables import Table
 from markergen.render import Optics
-from markergen.validation import tables, view_tables
+from markergen.validation import tables
 from markergen.validation.bounds import image_covariance
-from markergen.validation.report.ellipses_plot import Ellipse, carried_over, draw_ellipses, share_inside
-from markergen.validation.report.errors_plot import distribution, draw_errors, errors_over, ranked
-from markergen.validation.report.expected import Cell, Expected, cells, middle, noise_of, rms
-from markergen.validation.report.subject import ERRORS, GROUPINGS, Results, Section, Subject, labeled
-from markergen.validation.report.words import number
+from markergen.validation.metrics import rms
+from markergen.validation.report.plots import (
+    Ellipse,
+    carried_over,
+    distribution,
+    draw_ellipses,
+    draw_errors,
+    errors_over,
+    ranked,
+    share_inside,
+)
+from markergen.validation.report.subject import (
+    ERRORS,
+    GROUPINGS,
+    Expected,
+    PoseBin,
+    ReportSection,
+    Results,
+    Subject,
+    labeled,
+    middle,
+    noise_of,
+    number,
+    pose_bins,
+)
 from markergen.validation.view_records import DETECTOR
 
 Array = NDArray[np.float64]
@@ -26,18 +46,18 @@ MOST_FAILURES = 20
 _UNITS = ("px", "grey", "deg")
 
 
-def trials(subject: Subject) -> Section:
-    """What the estimators make of noisy image points."""
+def trials(subject: Subject) -> ReportSection:
+    """Errors of the estimators with noisy image points."""
     results = subject.results
     estimators = results.get("estimators") or {}
     if not estimators or not results.get("bound"):
-        return Section(missing="No trials were run; markergen validate runs them with --runs 1000.")
+        return ReportSection(missing="No trials were run; markergen validate runs them with --runs 1000.")
     found = subject.bound
     noise = f"{noise_of(results):g} px"
-    section = Section(
+    section = ReportSection(
         [
             f"{results.get('runs', 0)} trials at each pose, Gaussian noise of {noise} on every image coordinate.",
-            *tables.sentences({"nees": None, **results, "views": None, "labels": None}),
+            *tables.trial_sentences({"nees": None, **results, "views": None, "labels": None}),
         ]
     )
     for group, groups, axis in GROUPINGS:
@@ -81,13 +101,13 @@ def trials(subject: Subject) -> Section:
     return section
 
 
-def views(subject: Subject) -> Section:
-    """What is found in rendered images, and how accurately."""
+def views(subject: Subject) -> ReportSection:
+    """Detections in rendered images, and their errors."""
     seen = subject.views
     if not seen:
-        return Section(missing="No views were rendered; markergen validate renders them with --views 100.")
+        return ReportSection(missing="No views were rendered; markergen validate renders them with --views 100.")
     predicted, samples = subject.predicted, seen.get("samples") or []
-    section = Section(_in_words(seen), tables=_views_tables(seen))
+    section = ReportSection(_in_words(seen), tables=_views_tables(seen))
     for group, groups, axis in GROUPINGS:
         where = _column(samples, "polar_angle_deg" if group == "tilt" else "distance")
         for key, name, unit in ERRORS:
@@ -131,16 +151,16 @@ def views(subject: Subject) -> Section:
     return section
 
 
-def ellipses(subject: Subject) -> Section:
+def ellipses(subject: Subject) -> ReportSection:
     """Predicted 95 % ellipses of dots and poses, and the errors that there were."""
     samples = subject.views.get("samples") or []
     found = subject.predicted or subject.expected
     source = (
         "the noise and the print error that the views were made with" if subject.predicted is not None else found.source
     )
-    section = Section([f"95 % of the errors lie inside their ellipse, if there is nothing but {source}."])
+    section = ReportSection([f"95 % of the errors lie inside their ellipse, if there is nothing but {source}."])
     section.plots += _dots(subject, samples)
-    corners = _corners(cells(found))
+    corners = _corners(pose_bins(found))
     camera = ("to the right, mm", "away from the camera, mm")
     axes = ("about the camera's x, deg", "about its y, deg")
     for name, key, rows, scale, labels in (
@@ -148,7 +168,7 @@ def ellipses(subject: Subject) -> Section:
         ("attitude", "rotation_vector_deg", [0, 1], float(np.rad2deg(1.0)), axes),
     ):
         covariances = scale**2 * found.covariance[:, rows][:, :, rows]
-        shown = [_of_corner(cell, covariances, samples, key, [row % 3 for row in rows]) for cell in corners]
+        shown = [_of_corner(each, covariances, samples, key, [row % 3 for row in rows]) for each in corners]
         if not all(np.isfinite(each.covariance).all() for each in shown):
             continue
         measured = any(len(each.errors) for each in shown)
@@ -195,24 +215,25 @@ def _dots(subject: Subject, samples: Sequence[Results]) -> list[Plot]:
     ]
 
 
-def _corners(table: list[Cell]) -> list[Cell]:
-    """Cells at the ends of distance and tilt: nearest and farthest, each least and most tilted."""
-    distances = {cell.distance for cell in table}
-    chosen: dict[int, Cell] = {}
+def _corners(bins: list[PoseBin]) -> list[PoseBin]:
+    """Bins at the ends of distance and tilt: nearest and farthest, each least and most tilted."""
+    distances = {each.distance for each in bins}
+    chosen: dict[int, PoseBin] = {}
     for distance in (min(distances, key=middle), max(distances, key=middle)):
-        there = [cell for cell in table if cell.distance == distance]
-        for cell in (min(there, key=lambda cell: middle(cell.tilt)), max(there, key=lambda cell: middle(cell.tilt))):
-            chosen[id(cell)] = cell
+        there = [each for each in bins if each.distance == distance]
+        for extreme in (min, max):
+            corner = extreme(there, key=lambda each: middle(each.tilt))
+            chosen[id(corner)] = corner
     return list(chosen.values())
 
 
-def _of_corner(cell: Cell, covariances: Array, samples: Sequence[Results], key: str, rows: list[int]) -> Ellipse:
-    """Ellipse of the first pose of a cell, with the errors of all views from that cell carried over to it."""
-    target = covariances[int(np.flatnonzero(cell.poses)[0])]
-    there = [each for each in samples if each.get(key) is not None and cell.poses[each["pose"]]]
+def _of_corner(corner: PoseBin, covariances: Array, samples: Sequence[Results], key: str, rows: list[int]) -> Ellipse:
+    """Ellipse of the first pose of a bin, with the errors of all views from that bin carried over to it."""
+    target = covariances[int(np.flatnonzero(corner.poses)[0])]
+    there = [each for each in samples if each.get(key) is not None and corner.poses[each["pose"]]]
     errors = np.array([[each[key][row] for row in rows] for each in there], dtype=float).reshape(-1, 2)
     own = covariances[[each["pose"] for each in there]] if there else covariances[:0]
-    return Ellipse(f"{cell.distance} m, {cell.tilt} deg", target, carried_over(errors, own, target))
+    return Ellipse(f"{corner.distance} m, {corner.tilt} deg", target, carried_over(errors, own, target))
 
 
 def _by_group(found: Expected, groups: str, key: str) -> dict[str, float]:
@@ -267,11 +288,11 @@ def _with_unit(key: str, value: Any) -> str:
 
 
 def _views_tables(seen: Results) -> list[Table]:
-    found = [view_tables.group_table(seen)]
+    found = [tables.group_table(seen)]
     if seen["detected"]:
-        found.append(view_tables.estimator_table(seen))
+        found.append(tables.estimator_table(seen))
     if seen.get("stress"):
-        found.append(view_tables.stress_table(seen))
+        found.append(tables.stress_table(seen))
     failures = seen["failures"]
     if failures:
         rows = [

@@ -2,39 +2,75 @@
 
 import json
 import shlex
+from collections.abc import Mapping
 from functools import partial
+from typing import Any
 
 from markergen.model.marker import Marker
 from markergen.model.picture import draw_marker, shows_origin
 from markergen.optimize.criteria_tables import LAYOUTS
 from markergen.optimize.dots import PERCENTILE, PIXELS
 from markergen.presentation.plots import plot
-from markergen.presentation.tables import Table
+from markergen.presentation.tables import Table, percent
 from markergen.render import DEFAULT_OPTICS
 from markergen.units import format_length
 from markergen.validation import tables
-from markergen.validation.report import advice, words
-from markergen.validation.report.budget_plot import budget_over_tilt, variance_shares
-from markergen.validation.report.comparison_plot import compared
-from markergen.validation.report.expected import middle, noise_of
-from markergen.validation.report.poses_plot import fan, pose_sphere
-from markergen.validation.report.subject import ERRORS, Results, Section, Subject, labeled
-from markergen.validation.report.words import number
-from markergen.validation.view_tables import budget_table
+from markergen.validation.metrics import rms
+from markergen.validation.report.plots import budget_over_tilt, compared, fan, pose_sphere, variance_shares
+from markergen.validation.report.subject import (
+    ERRORS,
+    SOURCES,
+    Expected,
+    PoseBin,
+    ReportSection,
+    Results,
+    Subject,
+    advice_sentences,
+    advise,
+    labeled,
+    middle,
+    noise_of,
+    number,
+    shares,
+)
 
 LONGEST_TEXT, LONGEST_PROVENANCE = 200, 4000
 """Characters that are shown of what a marker's file says; whoever wrote it may have put anything there."""
 _WIDE, _LOW, _SQUARE = (5.8, 2.1), (4.9, 2.5), (4.9, 5.1)
+"""Widths and heights of plots in inches."""
+
+REMEDIES = {
+    "image": (
+        "the noise of the image. Let the dots cover more pixels (a larger marker, a shorter distance, a longer focal "
+        "length, more pixels), or get more light and a sharper focus"
+    ),
+    "print": (
+        "the print. Print on a better printer and a stiffer, flatter material, make the marker larger, or measure "
+        "where the dots really are"
+    ),
+    "camera": (
+        "the camera's calibration. Calibrate again, with more images that fill the corners, at the focus that you work "
+        "with"
+    ),
+}
+"""Name of each source of errors, and how to make it smaller."""
+DOMINANT = 0.9
+"""Share of the variance from which improving anything else gains next to nothing: less than 5 % of the error."""
 
 
-def answer(subject: Subject) -> Section:
-    """What error to expect, in words and by tilt and distance."""
+def title(marker: Marker) -> str:
+    """One line that names the marker."""
+    return f"{len(marker)} dots of {format_length(marker.dot_diameter)} in a {marker.boundary}"
+
+
+def answer(subject: Subject) -> ReportSection:
+    """Errors to expect, in words and by tilt and distance."""
     found = subject.expected
-    distances = sorted({cell.distance for cell in subject.cells}, key=middle)
-    tilts = sorted({cell.tilt for cell in subject.cells}, key=middle)
+    distances = sorted({each.distance for each in subject.bins}, key=middle)
+    tilts = sorted({each.tilt for each in subject.bins}, key=middle)
     by_place = {
-        (cell.distance, cell.tilt): f"{number(cell.rotation_deg, 2)} deg, {number(cell.translation_mm, 2)} mm"
-        for cell in subject.cells
+        (each.distance, each.tilt): f"{number(each.rotation_deg, 2)} deg, {number(each.translation_mm, 2)} mm"
+        for each in subject.bins
     }
     rows = [[f"{tilt} deg", *(by_place.get((distance, tilt), "-") for distance in distances)] for tilt in tilts]
     table = Table(
@@ -42,19 +78,19 @@ def answer(subject: Subject) -> Section:
         ["tilt", *(f"{distance} m" for distance in distances)],
         rows,
     )
-    return Section(words.answer(found, subject.cells), tables=[table])
+    return ReportSection(answer_sentences(found, subject.bins), tables=[table])
 
 
-def limits(subject: Subject) -> Section:
-    """What the error is made of, and what to improve first."""
+def limits(subject: Subject) -> ReportSection:
+    """Sources of the error, and what to improve first."""
     budget = subject.results.get("budget")
     if not budget:
-        return Section(
+        return ReportSection(
             missing="How much of it the print and the calibration make is not in these results; markergen validate "
             "tells it with --print-sigma and --camera-covariance."
         )
-    said = {name: words.in_words(words.shares(budget, key)) for key, name, _ in ERRORS}
-    section = Section(words.limits(budget), tables=[budget_table(subject.results)])
+    said = {name: in_words(shares(budget, key)) for key, name, _ in ERRORS}
+    section = ReportSection(limit_sentences(budget), tables=[tables.budget_table(subject.results)])
     section.plots.append(
         plot(
             partial(variance_shares, budget),
@@ -82,13 +118,13 @@ def limits(subject: Subject) -> Section:
     return section
 
 
-def the_marker(subject: Subject) -> Section:
+def the_marker(subject: Subject) -> ReportSection:
     """The marker to scale, and its dots in numbers."""
     marker = subject.marker
     drawing = plot(
         partial(draw_marker, marker),
         "drawing",
-        f"The marker: {words.title(marker)}.",
+        f"The marker: {title(marker)}.",
         "The marker to scale, seen from the front, with the ids of the dots"
         + (
             " and the axes of the marker frame at its origin (z comes toward the reader)."
@@ -107,28 +143,30 @@ def the_marker(subject: Subject) -> Section:
         for point in marker.control_points
     ]
     table = Table("Control points, mm", ["id", "x", "y", "z", "shape", "diameter"], rows)
-    return Section(plots=[drawing], tables=[table])
+    return ReportSection(plots=[drawing], tables=[table])
 
 
-def labels(subject: Subject) -> Section:
-    """How safely the dots can be told apart."""
+def labels(subject: Subject) -> ReportSection:
+    """Safety of the dots' labels."""
     found = subject.results.get("labels")
     if not found:
         if not subject.marker.dot_diameter:
-            return Section(missing="Bare points cannot be seen, and so not be told apart.")
-        return Section(missing="These results do not say how safely dots are told apart; markergen validate adds it.")
+            return ReportSection(missing="Bare points cannot be seen, and so not be told apart.")
+        return ReportSection(
+            missing="These results do not say how safely dots are told apart; markergen validate adds it."
+        )
     rings = [str(point.id) for point in subject.marker.control_points if point.feature.kind == "ring"]
     if rings:
         told = f"Rings are told from disks by their looks (here dot{'s' * (len(rings) > 1)} {', '.join(rings)})"
     else:
         told = "All dots look the same"
     said = [f"{told}; dots that look the same are told apart by their places alone."]
-    said += tables.sentences({"nees": None, "labels": found})
-    return Section(said, tables=[tables.labels_table({"labels": found})])
+    said += tables.trial_sentences({"nees": None, "labels": found})
+    return ReportSection(said, tables=[tables.labels_table({"labels": found})])
 
 
 def origin(marker: Marker) -> list[tuple[str, str]]:
-    """Where the marker came from, as terms and what its file says of them."""
+    """Origin of the marker, as terms and what its file says of them."""
     spec = marker.provenance.get("spec")
     found = [
         ("Spec hash", marker.spec_hash),
@@ -146,10 +184,10 @@ def provenance(marker: Marker) -> str:
     return text if len(text) <= LONGEST_PROVENANCE else text[:LONGEST_PROVENANCE] + " ..."
 
 
-def pose_space(subject: Subject) -> Section:
-    """Where the camera stands, and what to expect there."""
-    found, poses, table = subject.expected, subject.setting.poses, subject.cells
-    section = Section([f"What to expect from each of the {len(poses)} poses, with {found.source}."])
+def pose_space(subject: Subject) -> ReportSection:
+    """Positions of the camera, and the errors to expect there."""
+    found, poses, bins = subject.expected, subject.setting.poses, subject.bins
+    section = ReportSection([f"What to expect from each of the {len(poses)} poses, with {found.source}."])
     of_poses = (("rotation", "deg", found.rotation_deg), ("translation", "mm", found.translation_mm))
     section.plots += [
         plot(
@@ -162,30 +200,32 @@ def pose_space(subject: Subject) -> Section:
         )
         for name, unit, values in of_poses
     ]
-    of_cells = (
-        ("rotation", "deg", [cell.rotation_deg for cell in table]),
-        ("translation", "mm", [cell.translation_mm for cell in table]),
+    of_bins = (
+        ("rotation", "deg", [each.rotation_deg for each in bins]),
+        ("translation", "mm", [each.translation_mm for each in bins]),
     )
     section.plots += [
         plot(
-            partial(fan, table, values, subject.marker.boundary.radius),
+            partial(fan, bins, values, subject.marker.boundary.radius),
             f"fan-{name}",
             f"RMS {name} error in {unit} by distance and tilt; all numbers are in the first table.",
             f"The same in a section: up is frontal, outward is farther away. RMS {name} error in {unit}.",
         )
-        for name, unit, values in of_cells
+        for name, unit, values in of_bins
     ]
     return section
 
 
-def comparison(subject: Subject) -> Section:
+def comparison(subject: Subject) -> ReportSection:
     """The marker beside other layouts."""
     results = subject.results
     beside = results.get("comparisons") or {}
     if not beside or not results.get("bound"):
-        return Section(missing="These results hold no other layouts to compare with; markergen validate adds them.")
+        return ReportSection(
+            missing="These results hold no other layouts to compare with; markergen validate adds them."
+        )
     layouts = {"this marker": results, **{LAYOUTS.get(name, name): row for name, row in beside.items()}}
-    section = Section(
+    section = ReportSection(
         [
             "The same room, poses, dot size, and noise for each layout: the regular polygon, four dots in a square, "
             "and the median of random layouts."
@@ -209,19 +249,19 @@ def comparison(subject: Subject) -> Section:
     return section
 
 
-def size_advice(subject: Subject) -> Section:
-    """Whether the dots are large enough."""
+def size_advice(subject: Subject) -> ReportSection:
+    """Advice on the size of the dots."""
     marker, poses = subject.marker, subject.setting.poses
-    found = advice.advise(marker, subject.setting.camera, poses)
+    found = advise(marker, subject.setting.camera, poses)
     if found is None:
-        return Section(missing="Bare points have no size to print; design the marker with --dot above 0.")
+        return ReportSection(missing="Bare points have no size to print; design the marker with --dot above 0.")
     rows = [
         [name, *(f"{number(value)} px" for value in (each.thinnest_px, each.center_px)), format_length(each.diameter)]
         for name, each in (("every pose", found.worst), (f"{PERCENTILE:g} % of the poses", found.most))
     ]
     header = ["in", "smallest dot", "at the center", f"diameter for {PIXELS:g} px"]
     title = f"Short axis of the image of a {format_length(marker.dot_diameter)} dot"
-    return Section(advice.sentences(found, marker, poses), tables=[Table(title, header, rows)])
+    return ReportSection(advice_sentences(found, marker, poses), tables=[Table(title, header, rows)])
 
 
 def command(subject: Subject) -> str:
@@ -254,6 +294,47 @@ def command(subject: Subject) -> str:
     return shlex.join([*parts, "--json", "results.json", "--report", "report.html"])
 
 
+def answer_sentences(found: Expected, bins: list[PoseBin]) -> list[str]:
+    """Say what a user can expect, in up to three sentences: far and tilted, the worst, and over all poses."""
+    farthest = [each for each in bins if each.distance == max((other.distance for other in bins), key=middle)]
+    steep = max(farthest, key=lambda each: middle(each.tilt))
+    worst = max(bins, key=lambda each: each.rotation_deg)
+    said = [f"At {_place(steep)} expect {_errors(steep)} RMS."]
+    if worst is not steep:
+        frontal = " (seen frontally, a small tilt hardly changes the image)" if middle(worst.tilt) < 10 else ""
+        said.append(f"Hardest is {_place(worst)}{frontal}: {_errors(worst)}.")
+    said.append(
+        f"Over all {len(found.poses)} poses: {number(rms(found.rotation_deg), 2)} deg and "
+        f"{number(rms(found.translation_mm), 2)} mm ({number(rms(found.translation_pct), 2)} % of the distance), "
+        f"with {found.source}."
+    )
+    return said
+
+
+def limit_sentences(budget: Mapping[str, Any]) -> list[str]:
+    """Say what limits rotation and translation, and what to improve first."""
+    found = {
+        what: shares(budget, key) for what, key in (("rotation", "rotation_deg"), ("translation", "translation_pct"))
+    }
+    first = {what: max(parts, key=lambda name: parts[name]) for what, parts in found.items() if parts}
+    said = []
+    for name in dict.fromkeys(first.values()):
+        limited = [what for what, largest in first.items() if largest == name]
+        line = f"What limits the {' and the '.join(limited)} is {REMEDIES[name]}."
+        if all(found[what][name] > DOMINANT for what in limited):
+            line += " Improving anything else would gain next to nothing."
+        said.append(line)
+    if first and not any(parts.get("camera") for parts in found.values()):
+        said.append("The camera's calibration is taken as exact; --camera-covariance tells how good it is.")
+    return said
+
+
+def in_words(parts: Mapping[str, float]) -> str:
+    """Shares of the variance, the largest first."""
+    ordered = sorted(parts.items(), key=lambda part: -part[1])
+    return ", ".join(f"{SOURCES[name]} {percent(part)}" for name, part in ordered)
+
+
 def _optics(shown: Results) -> str:
     """Optics as the option takes them: what differs from the default."""
     default = vars(DEFAULT_OPTICS)
@@ -271,3 +352,11 @@ def _lm_rms(row: Results, key: str) -> float | None:
 def _short(value: object) -> str:
     text = ", ".join(f"{key} {item}" for key, item in value.items()) if isinstance(value, dict) else str(value)
     return text if len(text) <= LONGEST_TEXT else text[:LONGEST_TEXT] + " ..."
+
+
+def _place(each: PoseBin) -> str:
+    return f"{each.distance.replace('..', ' to ')} m and {each.tilt.replace('..', ' to ')} deg"
+
+
+def _errors(each: PoseBin) -> str:
+    return f"{number(each.rotation_deg, 2)} deg and {number(each.translation_mm, 2)} mm"

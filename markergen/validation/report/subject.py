@@ -1,4 +1,4 @@
-"""What a report is about, and what a section of it holds."""
+"""The subject of a report, and what follows from it: errors to expect, their sources, and the size of the dots."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -6,28 +6,44 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from markergen.estimators.budget import PoseBudget
+from markergen.maths.conic import circle_image
+from markergen.maths.information import covariance, rotation_bound
+from markergen.maths.projection import plane_homography
+from markergen.model.camera import Camera
 from markergen.model.marker import Marker
+from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
+from markergen.optimize.dots import CLEARANCE, PERCENTILE, PIXELS
+from markergen.optimize.packing import largest_diameter
+from markergen.presentation import tables
 from markergen.presentation.plots import Plot
 from markergen.presentation.tables import Table
-from markergen.validation.report.expected import Cell, Expected, bound, cells, expected, noise_of
+from markergen.units import format_length
+from markergen.validation.bounds import pose_bounds
+from markergen.validation.metrics import rms
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Results = Mapping[str, Any]
 
 ERRORS = (("rotation_deg", "rotation", "deg"), ("translation_pct", "translation", "% of the distance"))
 """Key in the results, name, and unit of each error."""
 GROUPINGS = (("tilt", "by_polar_angle", "tilt, deg"), ("distance", "by_distance", "distance, m"))
 """Name, key in the results (and method of the poses), and axis label of each grouping of the poses."""
+UNIT_NOISE_PX = 1.0
+"""Noise that bounds are given for where the results name none, or 0."""
+SOURCES = {"image": "image noise", "print": "print", "camera": "calibration", "total": "total"}
 
 
 @dataclass
-class Section:
-    """What a section shows, in this order; `missing` says how to get what is not there."""
+class ReportSection:
+    """Contents of a section in their order; `missing` says how to get what is not there."""
 
     sentences: list[str] = field(default_factory=list)
     plots: list[Plot] = field(default_factory=list)
@@ -36,8 +52,52 @@ class Section:
 
 
 @dataclass(frozen=True, eq=False)
+class Expected:
+    """Errors to expect at each of P poses, to first order.
+
+    Attributes
+    ----------
+    covariance : array (P, 6, 6)
+        Covariances of the pose (w, dt), see `maths.information`; rad and m.
+    poses : PoseDistribution
+    source : str
+        What makes the errors, in words.
+    """
+
+    covariance: Array
+    poses: PoseDistribution
+    source: str
+
+    @property
+    def rotation_deg(self) -> Array:
+        """RMS rotation error (P,) in degrees."""
+        return np.rad2deg(rotation_bound(self.covariance))
+
+    @property
+    def translation_mm(self) -> Array:
+        """RMS translation error (P,) in mm."""
+        return 1e3 * np.sqrt(np.trace(self.covariance[:, 3:, 3:], axis1=-2, axis2=-1))
+
+    @property
+    def translation_pct(self) -> Array:
+        """RMS translation error (P,) in percent of the distance."""
+        return self.translation_mm / (10 * self.poses.distance)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseBin:
+    """The poses of one distance and one tilt, and the RMS of what to expect there."""
+
+    distance: str
+    tilt: str
+    poses: Mask
+    rotation_deg: float
+    translation_mm: float
+
+
+@dataclass(frozen=True, eq=False)
 class Subject:
-    """What a report is about, with what follows from it for several sections."""
+    """The results that a report is about, with what follows from them for several sections."""
 
     results: Results
     marker: Marker
@@ -46,13 +106,13 @@ class Subject:
 
     @cached_property
     def expected(self) -> Expected:
-        """What error to expect in all."""
+        """Errors to expect from all sources together."""
         return expected(self.results, self.marker, self.setting, self.budget)
 
     @cached_property
-    def cells(self) -> list[Cell]:
-        """What error to expect at each distance and tilt."""
-        return cells(self.expected)
+    def bins(self) -> list[PoseBin]:
+        """Errors to expect at each distance and tilt."""
+        return pose_bins(self.expected)
 
     @cached_property
     def bound(self) -> Expected:
@@ -77,6 +137,176 @@ class Subject:
         return bound(self.marker, self.setting, pixels / np.sqrt(2)) if pixels else None
 
 
+def noise_of(results: Mapping[str, Any]) -> float:
+    """Noise in px that the bounds of a report are for."""
+    return float(results.get("noise_px") or UNIT_NOISE_PX)
+
+
+def expected(results: Mapping[str, Any], marker: Marker, setting: Setting, budget: PoseBudget | None) -> Expected:
+    """Errors to expect of this marker: of the whole budget where there is one, else of image noise alone."""
+    if budget is not None:
+        parts = results.get("budget") or {}
+        sigma = parts.get("print_sigma_mm")
+        printed = "print errors" if sigma is None else f"a print good to {sigma:g} mm"
+        calibrated = " and the camera's calibration" if np.any(budget.camera) else ""
+        joint = ", " if calibrated else " and "
+        return Expected(budget.total, setting.poses, f"image noise{joint}{printed}{calibrated}")
+    return bound(marker, setting, noise_of(results))
+
+
+def bound(marker: Marker, setting: Setting, noise_px: float) -> Expected:
+    """Cramer-Rao bound of the marker for Gaussian noise of `noise_px` on every image coordinate."""
+    matrix = pose_bounds(marker.xyz, setting.camera, setting.poses, noise_px).information
+    return Expected(noise_px**2 * covariance(matrix), setting.poses, f"image noise of {noise_px:g} px alone")
+
+
+def pose_bins(found: Expected) -> list[PoseBin]:
+    """Table of distance and tilt, nearest first and then by tilt; without those that no pose is in."""
+    rotation, translation = found.rotation_deg, found.translation_mm
+    return [
+        PoseBin(distance, tilt, both, rms(rotation[both]), rms(translation[both]))
+        for distance, near in found.poses.by_distance().items()
+        for tilt, leaning in found.poses.by_polar_angle().items()
+        if (both := near & leaning).any()
+    ]
+
+
+def middle(group: str) -> float:
+    """Number in the middle of a group's name, such as ``35`` or ``30..40``."""
+    return float(np.mean([float(end) for end in group.split("..")]))
+
+
+def interval(group: str, groups: list[str]) -> tuple[float, float]:
+    """From where to where a group reaches: a bin as its name says, a single value halfway to its neighbors."""
+    if ".." in group:
+        low, high = (float(end) for end in group.split(".."))
+        return low, high
+    values = sorted(middle(name) for name in groups)
+    i = values.index(middle(group))
+    steps = np.diff(values)
+    if not steps.size:
+        return 0.9 * values[0], 1.1 * values[0] or 1.0
+    before, after = steps[max(i - 1, 0)], steps[min(i, len(steps) - 1)]
+    return float(values[i] - before / 2), float(values[i] + after / 2)
+
+
+def shares(budget: Mapping[str, Any], key: str) -> dict[str, float]:
+    """Return each source's share of the variance of ``rotation_deg`` or ``translation_pct``; empty where all are 0."""
+    parts = budget.get(key) or {}
+    squares = {name: (parts.get(name) or 0.0) ** 2 for name in SOURCES if name != "total"}
+    total = sum(squares.values())
+    return {name: part / total for name, part in squares.items()} if total else {}
+
+
+@dataclass(frozen=True)
+class Extent:
+    """The dots' images in one pose.
+
+    Attributes
+    ----------
+    pose : int
+    thinnest_px : float
+        Shortest axis in px of any dot's image; 0 where a circle's image is no ellipse.
+    center_px : float
+        Short axis in px that a dot at the marker's origin has: what the size is chosen by when a marker is designed.
+    diameter : float
+        What would make the thinnest `PIXELS` px, in m and up to a whole tenth of a mm; inf where nothing does.
+    """
+
+    pose: int
+    thinnest_px: float
+    center_px: float
+    diameter: float
+
+
+@dataclass(frozen=True)
+class Advice:
+    """The size to print for dots of `PIXELS` px in all poses, or in `PERCENTILE` % of them.
+
+    Attributes
+    ----------
+    worst, most : Extent
+        In the pose where the dots are thinnest, and in the one that so many others are no worse than.
+    largest : float
+        Largest diameter in m at which as many dots fit within the boundary, wherever they are.
+    """
+
+    worst: Extent
+    most: Extent
+    largest: float
+
+
+def short_axes(marker: Marker, camera: Camera, poses: PoseDistribution, scale: float = 1.0) -> Array:
+    """Short axes (P, n) in px of the dots' images, their diameters multiplied by `scale`.
+
+    Exact: of the ellipse that the homography of the dot's own plane makes of its circle, without lens distortion. 0
+    where the circle's image is no ellipse.
+    """
+    radii = scale / 2 * np.array([point.feature.diameter for point in marker.control_points])
+    return _short_axes(marker.xyz, radii, camera, poses)
+
+
+def advise(marker: Marker, camera: Camera, poses: PoseDistribution) -> Advice | None:
+    """Advice on the size of the dots; None for bare points."""
+    if not min(point.feature.diameter for point in marker.control_points):
+        return None
+    ranked = np.argsort(short_axes(marker, camera, poses).min(axis=1))
+    # A pose that there is, not the mean of two: this many per cent of the poses are at least as good.
+    typical = ranked[len(ranked) - int(np.ceil(len(ranked) * PERCENTILE / 100))]
+    worst, most = (_extent(marker, camera, poses, int(pose)) for pose in (ranked[0], typical))
+    return Advice(worst, most, largest_diameter(marker.boundary, len(marker)))
+
+
+def advice_sentences(advice: Advice, marker: Marker, poses: PoseDistribution) -> list[str]:
+    """The advice in words."""
+    now, worst, most = format_length(marker.dot_diameter), advice.worst, advice.most
+    where = at(poses.distance[worst.pose], poses.polar_angle_deg[worst.pose])
+    found = (
+        f"{where} the dot that looks smallest, of {now}, is {number(worst.thinnest_px, 2)} px across its short axis "
+        f"({number(worst.center_px, 2)} px at the marker's center)"
+    )
+    if worst.thinnest_px >= PIXELS:
+        enough = f"{format_length(worst.diameter)} would do for the {PIXELS:g} px that detection wants"
+        return [f"{found}, the least of all poses: large enough, {enough}."]
+    if not np.isfinite(worst.diameter):
+        return [f"{where} the image of a dot is no ellipse: no size helps, leave such poses out."]
+    said = [f"{found}: use {format_length(worst.diameter)} for the {PIXELS:g} px that detection wants."]
+    share = f"{PERCENTILE:g} % of the poses"
+    if most.thinnest_px >= PIXELS:
+        said.append(f"For {share} {now} is enough: {number(most.thinnest_px, 3)} px or more.")
+    else:
+        said.append(
+            f"For {share} {format_length(most.diameter)} would do; now it is {number(most.thinnest_px, 2)} px there. "
+            "Smaller dots are found as well, down to about 6 px, but with less margin."
+        )
+    room = format_length(np.floor(advice.largest * 1e4) / 1e4)
+    if worst.diameter > advice.largest:
+        factor = worst.diameter / marker.dot_diameter
+        said.append(
+            f"With a clearance of {100 * CLEARANCE:g} % of their diameter, {len(marker)} dots of up to {room} fit in "
+            f"this boundary. For larger ones scale the whole marker to {100 * factor:.0f} %, come nearer, or use a "
+            "longer focal length."
+        )
+    else:
+        said.append(
+            f"Up to {room} there is room for {len(marker)} dots in this boundary: design it again with "
+            f"--dot {worst.diameter * 1e3:.6g}mm. Larger dots are measured better, but sit closer together."
+        )
+    return said
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Write a number with that many significant digits, and in words that it does not exist or has no bound."""
+    if value is None or np.isnan(value):
+        return "-"
+    return "unbounded" if np.isinf(value) else tables.number(float(value), digits)
+
+
+def at(distance: float, tilt_deg: float) -> str:
+    """Say from where: ``At 1.5 m and 70 deg``."""
+    return f"At {distance:.3g} m and {tilt_deg:.3g} deg"
+
+
 def labeled(draw: Callable[["Axes"], object], x: str, y: str = "") -> Callable[["Axes"], None]:
     """Draw, and name the axes."""
 
@@ -87,3 +317,26 @@ def labeled(draw: Callable[["Axes"], object], x: str, y: str = "") -> Callable[[
             ax.set_ylabel(y)
 
     return drawn
+
+
+def _extent(marker: Marker, camera: Camera, poses: PoseDistribution, pose: int) -> Extent:
+    one = PoseDistribution("one", poses.rotation[[pose]], poses.translation[[pose]])
+    center = _short_axes(np.zeros((1, 3)), np.array([marker.dot_diameter / 2]), camera, one)
+    thinnest = float(short_axes(marker, camera, one).min())
+    extent, scale = thinnest, 1.0
+    # The extent is nearly proportional to the diameter, so each step leaves next to nothing of the rest.
+    for _ in range(4):
+        if not extent:
+            return Extent(pose, thinnest, float(center[0, 0]), np.inf)
+        scale *= PIXELS / extent
+        extent = float(short_axes(marker, camera, one, scale).min())
+    diameter = float(np.ceil(scale * marker.dot_diameter * 1e4 - 1e-6) / 1e4)
+    return Extent(pose, thinnest, float(center[0, 0]), diameter)
+
+
+def _short_axes(points: Array, radii: Array, camera: Camera, poses: PoseDistribution) -> Array:
+    # A raised dot's circle lies in a plane of its own, so much nearer along the marker's z axis.
+    lifted = poses.translation[:, None] + points[:, 2, None] * poses.rotation[:, None, :, 2]
+    rotation = np.broadcast_to(poses.rotation[:, None], (*lifted.shape, 3))
+    _, semi, _ = circle_image(points[:, :2], radii, plane_homography(rotation, lifted, camera.ideal.matrix))
+    return np.asarray(np.nan_to_num(2 * semi[..., 1]))

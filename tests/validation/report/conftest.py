@@ -15,12 +15,11 @@ from markergen.presentation.results import json_bytes
 from markergen.render import DEFAULT_OPTICS
 from markergen.validation.bounds import image_covariance
 from markergen.validation.metrics import statistics
-from markergen.validation.pictures import Picture
-from markergen.validation.proof import prove
 from markergen.validation.report import html_report, measured, overview
-from markergen.validation.report.errors_plot import draw_errors
+from markergen.validation.report.plots import draw_errors
 from markergen.validation.report.subject import Subject
-from markergen.validation.views import Shoot
+from markergen.validation.validation import validate
+from markergen.validation.views import Picture, SyntheticViews
 
 HOSTILE = '</pre><script>alert("x")</script><img src=x onerror=alert(1)> $\\frac{ \ud800'
 
@@ -44,8 +43,8 @@ def budget(pentagon, few):
 @pytest.fixture(scope="module")
 def results(pentagon, few, budget):
     """Real trials and bounds; views drawn from the covariances, as if the detector were perfect."""
-    shoot = Shoot(pentagon, few.camera, few.poses, 0, errors=ErrorSources(1e-4, np.diag([0.5] * 4) ** 2))
-    found = prove(pentagon, few, runs=3, shoot=shoot, workers=1)
+    series = SyntheticViews(pentagon, few.camera, few.poses, 0, errors=ErrorSources(1e-4, np.diag([0.5] * 4) ** 2))
+    found = validate(pentagon, few, runs=3, series=series, workers=1)
     found["views"] = synthetic_views(pentagon, few, budget)
     return json.loads(json_bytes(found))
 

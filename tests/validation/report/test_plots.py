@@ -5,13 +5,24 @@ import re
 import numpy as np
 import pytest
 
-from markergen.validation.report import measured, words
-from markergen.validation.report.budget_plot import budget_over_tilt, variance_shares
-from markergen.validation.report.comparison_plot import compared
-from markergen.validation.report.ellipses_plot import QUANTILE_95, carried_over, ellipse, share_inside
-from markergen.validation.report.errors_plot import distribution, draw_errors, errors_over, ranked
-from markergen.validation.report.expected import bound, cells, interval
-from markergen.validation.report.poses_plot import camera_centers, fan, pose_sphere
+from markergen.validation.report import measured
+from markergen.validation.report.plots import (
+    QUANTILE_95,
+    budget_over_tilt,
+    camera_centers,
+    carried_over,
+    compared,
+    distribution,
+    draw_errors,
+    ellipse,
+    errors_over,
+    fan,
+    pose_sphere,
+    ranked,
+    share_inside,
+    variance_shares,
+)
+from markergen.validation.report.subject import bound, interval, number, pose_bins
 
 
 def test_camera_centers_are_where_the_paper_puts_them(few):
@@ -36,11 +47,11 @@ def test_sphere_of_equal_errors(pentagon, few, ax):
 
 
 def test_fan_tells_the_number_of_every_cell(pentagon, few, ax):
-    table = cells(bound(pentagon, few, 0.2))
-    values = [cell.rotation_deg for cell in table]
+    table = pose_bins(bound(pentagon, few, 0.2))
+    values = [each.rotation_deg for each in table]
     assert fan(table, values, 0.15, ax) is ax
     shown = [text.get_text() for text in ax.texts]
-    assert all(words.number(value, 2) in shown for value in values)
+    assert all(number(value, 2) in shown for value in values)
     assert len(ax.patches) == len(table)
 
 

@@ -1,0 +1,196 @@
+"""Saving: markers and families of markers into files, each in the format that its suffix names, all files or none."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from markergen.drawing.paper import ISO, find_paper
+from markergen.drawing.sheet_layout import check_paper, pages_for
+from markergen.errors import InputError, OutputError
+from markergen.exporters import EXPORTERS, RECORD, Exporter, ExportOptions, Output, stem_of, suffix_of
+from markergen.files import Written, check_folder, folders_for, write_all
+from markergen.files import check_outputs as check_files
+from markergen.model.marker import Marker, check_supported
+from markergen.units import format_length
+
+if TYPE_CHECKING:
+    from markergen.model.spec import Spec
+
+
+def save(
+    markers: Marker | Sequence[Marker],
+    paths: Sequence[Path],
+    options: ExportOptions | None = None,
+    inputs: Sequence[Path] = (),
+) -> list[Written]:
+    """Write a marker or several to each path, in the format that its suffix names: all files or none.
+
+    Parameters
+    ----------
+    markers : Marker or sequence of Marker
+    paths : sequence of Path
+    options : ExportOptions, optional
+    inputs : sequence of Path
+        Files that must not be written over, not even by one that comes with another.
+
+    Returns
+    -------
+    list of Written
+        Paths and notes in the order given, and after them the files that come with others.
+
+    Raises
+    ------
+    InputError
+        If a suffix is unknown (the message lists the known ones), a path is given twice, or a format refuses the
+        markers; nothing is written.
+    OutputError
+        If a file cannot be written, or two would have one name; every target is as it was.
+    """
+    return write(outputs_of(markers, paths, options), inputs)
+
+
+def outputs_of(
+    markers: Marker | Sequence[Marker], paths: Sequence[Path], options: ExportOptions | None = None
+) -> dict[Path, Output]:
+    """Make what `save` writes, by path; raises as `save` does."""
+    choices = options or ExportOptions()
+    every = tuple(markers) if isinstance(markers, Sequence) else (markers,)
+    check_outputs(paths, choices)
+    for path in paths:
+        if suffix_of(path) != RECORD:
+            for marker in every:
+                check_supported(marker, f"for {suffix_of(path)}", joint=False)
+    return {path: EXPORTERS[suffix_of(path)](every, replace(choices, stem=stem_of(path))) for path in paths}
+
+
+def write(outputs: Mapping[Path, Output], inputs: Sequence[Path] = ()) -> list[Written]:
+    """Write outputs and the files that come with them, all or none; see `save`."""
+    files = {path: output.data for path, output in outputs.items()}
+    beside = _beside(outputs)
+    check_files(list(outputs), inputs)
+    with folders_for(beside):
+        check_files(list(beside), inputs)
+        write_all({**files, **beside})
+    return [Written(path, output.notes) for path, output in outputs.items()] + [Written(path) for path in beside]
+
+
+def _beside(outputs: Mapping[Path, Output]) -> dict[Path, bytes]:
+    """Files that come with outputs, by path; those that are asked for themselves are not among them.
+
+    Raises
+    ------
+    OutputError
+        If two outputs bring different files of one name, or one brings what is asked for as something else.
+    """
+    asked = {path.resolve(): output.data for path, output in outputs.items()}
+    found: dict[Path, tuple[Path, bytes]] = {}
+    for path, output in outputs.items():
+        for name, data in output.beside.items():
+            target = path.parent / name
+            _, known = found.setdefault(target.resolve(), (target, asked.get(target.resolve(), data)))
+            if known != data:
+                raise OutputError(
+                    f"expected to write {target}, which comes with {path}, found another output of that name; "
+                    "nothing was changed, choose another path for one of them"
+                )
+    return {target: data for real, (target, data) in found.items() if real not in asked}
+
+
+def with_record(paths: Sequence[Path]) -> list[Path]:
+    """Add the marker.json that always comes with a design, named after the first path, if it is not among them."""
+    first = paths[0]
+    if not first.name:
+        return list(paths)
+    record = first.with_name(first.name.removesuffix(_ending(first)) + RECORD)
+    return list(paths) if record.resolve() in {path.resolve() for path in paths} else [*paths, record]
+
+
+def _ending(path: Path) -> str:
+    """Suffix as written, known or not."""
+    try:
+        return path.name[-len(suffix_of(path)) :]
+    except InputError:
+        return path.suffix
+
+
+def check_outputs(paths: Sequence[Path], options: ExportOptions, spec: "Spec | None" = None) -> None:
+    """Refuse what cannot be written before any work is done; raises as `save` does.
+
+    With a spec, also formats that cannot hold what it asks for, or that need a library that is missing.
+    """
+    seen: set[Path] = set()
+    for path in paths:
+        suffix = suffix_of(path)
+        if path.resolve() in seen:
+            raise InputError("each output path once", f"{path} twice", "give each another name")
+        seen.add(path.resolve())
+        check_folder(path)
+        exporter = EXPORTERS[suffix]
+        if spec and exporter.holds != "points" and spec.dot == 0:
+            remedy = "write it to marker.json, or leave out --dot 0"
+            raise InputError("dots for a drawing or a solid", f"bare points for {path}", remedy)
+        if spec and exporter.holds == "flat" and spec.relief:
+            remedy = "write it to marker.json or as a solid such as .step, or leave out --relief"
+            raise InputError("dots in one plane", f"a relief of {format_length(spec.relief)} for {path}", remedy)
+        if spec and exporter.kernel:
+            from markergen.solid.kernel import import_cadquery
+
+            import_cadquery()  # Not after minutes of search.
+        exporter.refuse(options)
+        if exporter.sheet:
+            _check_sheet(exporter, options, spec)
+
+
+def _check_sheet(exporter: Exporter, options: ExportOptions, spec: "Spec | None") -> None:
+    sheet = options.sheet
+    if sheet.paper is not None:
+        find_paper(sheet.paper, sheet.orientation)
+    if spec is not None:
+        # What holds one page holds no tiles either.
+        check_paper(spec.boundary, sheet if exporter.many_pages else replace(sheet, tile=False))
+
+
+def family_paths(paths: Sequence[Path], ids: Sequence[int]) -> list[Path]:
+    """What `save_family` writes for these paths: for ``stem.json`` a ``stem-<id>.json`` for each id, and so on."""
+    return [own for path in paths for own in ([path] if _is_sheet(path) else [_own(path, k) for k in ids])]
+
+
+def save_family(
+    markers: Sequence[Marker], paths: Sequence[Path], options: ExportOptions, inputs: Sequence[Path] = ()
+) -> list[Written]:
+    """Write markers that differ by the ids of their tags: sheets with all of them, and all else for each by itself.
+
+    Without a paper named, all markers share one page of the smallest ISO size that holds them, if one does. Returns
+    paths and notes as `save` does, and raises as it does: all files are written or none.
+    """
+    ids = [marker.tag.id for marker in markers if marker.tag]
+    if len(ids) < len(markers):
+        raise InputError("markers with tags", "one without", "design them with --tag")
+    sheets = [path for path in paths if _is_sheet(path)]
+    made = outputs_of(markers, sheets, _on_one_page(markers, options)) if sheets else {}
+    for marker, number in zip(markers, ids, strict=True):
+        made |= outputs_of(marker, [_own(path, number) for path in paths if not _is_sheet(path)], options)
+    return write(made, inputs)
+
+
+def _on_one_page(markers: Sequence[Marker], options: ExportOptions) -> ExportOptions:
+    if options.sheet.paper is not None:
+        return options
+    sizes = (replace(options.sheet, paper=paper.name, tile=False) for paper in ISO)
+    for sheet in sizes:
+        try:
+            if len(pages_for(markers, sheet)) == 1:
+                return replace(options, sheet=sheet)
+        except InputError:
+            continue  # too small for any of them
+    return options
+
+
+def _is_sheet(path: Path) -> bool:
+    return EXPORTERS[suffix_of(path)].sheet
+
+
+def _own(path: Path, number: int) -> Path:
+    suffix = path.name[-len(suffix_of(path)) :]
+    return path.with_name(f"{path.name.removesuffix(suffix)}-{number}{suffix}")

@@ -1,0 +1,121 @@
+"""Solids as CAD files: STEP (AP214), named and colored, and BREP, Open CASCADE's own text; the same bytes every time.
+
+Both are written by cadquery and Open CASCADE. What is ours takes out of STEP what changes from run to run.
+"""
+
+import re
+from collections.abc import Sequence
+from io import BytesIO
+from itertools import count
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import markergen
+from markergen.errors import OutputError
+from markergen.solid.bodies import COLORS, OTHER
+from markergen.solid.kernel import NamedSolid, import_cadquery
+
+ENTITY = re.compile(r"^#(\d+) = (.*?);$", re.MULTILINE | re.DOTALL)
+STRING_OR_REFERENCE = re.compile(r"'(?:[^']|'')*'|#(\d+)")
+STYLE_ROOT = "MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION"
+
+
+def write_step(solids: Sequence[NamedSolid], name: str) -> bytes:
+    """Write solids as one assembly called `name`; units mm, every part a solid of its own with its name and color.
+
+    Open CASCADE puts the time into the header, counts assembly links over the life of the process, and writes colors
+    in the order of memory addresses; `normalize` takes all three out.
+
+    Raises
+    ------
+    OutputError
+        If Open CASCADE cannot write it.
+    """
+    cadquery = import_cadquery()
+    # Of cadquery's two ways to write STEP, the one that does not wrap every part in a compound: on compounds many
+    # programs lose the color.
+    from cadquery.occ_impl.exporters.assembly import exportStepMeta
+
+    def color(material: str) -> object:
+        return cadquery.Color(*COLORS[material], 1)
+
+    assembly = cadquery.Assembly(name=name)
+    for solid in solids:
+        part = cadquery.Assembly(solid.shape, name=solid.name, color=color(solid.material))
+        for face in solid.marked:
+            part.addSubshape(face, color=color(OTHER[solid.material]))
+        assembly.add(part)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "marker.step"
+        # Without curves in the parameters of surfaces, which readers find for themselves, a file is half as large.
+        if not exportStepMeta(assembly, str(path), write_pcurves=False):
+            raise OutputError(f"expected Open CASCADE to write {path}, found a failure; check that the disk has room")
+        return normalize(path.read_text(encoding="ascii"), name).encode("ascii")
+
+
+def write_brep(solids: Sequence[NamedSolid]) -> bytes:
+    """Write solids as one compound in mm, in the order given, without triangles; BREP has neither names nor colors."""
+    cadquery = import_cadquery()
+    from OCP.BRepTools import BRepTools
+    from OCP.Message import Message_ProgressRange
+    from OCP.TopTools import TopTools_FormatVersion
+
+    compound = cadquery.Compound.makeCompound([solid.shape for solid in solids]).wrapped
+    stream = BytesIO()
+    # The first version of the format, which FreeCAD, Gmsh and CadQuery all read.
+    BRepTools.Write_s(
+        compound, stream, False, False, TopTools_FormatVersion.TopTools_FormatVersion_VERSION_1, Message_ProgressRange()
+    )
+    return stream.getvalue()
+
+
+def normalize(text: str, name: str) -> str:
+    """STEP text with a fixed header, assembly links numbered from 1, and colors in the order of what they color.
+
+    The order of colors is restored by renumbering: entities before the first style keep their number, and the styles
+    follow, each root with what it refers to, sorted by the number of the solid.
+    """
+    head, data = text.split("DATA;\n", 1)
+    header = re.sub(
+        r"FILE_NAME\(.*?\);",
+        f"FILE_NAME('{name}.step','',('markergen'),(''),'markergen {markergen.__version__}','Open CASCADE','');",
+        head,
+        flags=re.DOTALL,
+    )
+    entities = {int(number): body for number, body in ENTITY.findall(data)}
+    roots = [number for number, body in entities.items() if body.startswith(STYLE_ROOT)]
+    order = [number for number in entities if number < min(roots, default=len(entities) + 1)]
+    placed = set(order)
+
+    def place(number: int) -> None:
+        if number in placed:
+            return
+        placed.add(number)
+        order.append(number)
+        for reference in _references(entities[number]):
+            place(reference)
+
+    for root in sorted(roots, key=lambda root: _colored(entities, root)):
+        place(root)
+    numbers = {old: new for new, old in enumerate(order, start=1)}
+    links = count(1)
+    lines = []
+    for old in order:
+        body = STRING_OR_REFERENCE.sub(
+            lambda match: f"#{numbers[int(match[1])]}" if match[1] else match[0], entities[old]
+        )
+        if body.startswith("NEXT_ASSEMBLY_USAGE_OCCURRENCE"):
+            body = re.sub(r"\('\d+'", f"('{next(links)}'", body, count=1)
+        lines.append(f"#{numbers[old]} = {body};\n")
+    return f"{header}DATA;\n{''.join(lines)}ENDSEC;\nEND-ISO-10303-21;\n"
+
+
+def _references(body: str) -> list[int]:
+    return [int(match[1]) for match in STRING_OR_REFERENCE.finditer(body) if match[1]]
+
+
+def _colored(entities: dict[int, str], root: int) -> int:
+    """Number of the shape that a style root colors: the last reference of its styled item."""
+    return min(
+        _references(entities[item])[-1] for item in _references(entities[root]) if "STYLED_ITEM" in entities[item]
+    )

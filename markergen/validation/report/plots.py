@@ -1,0 +1,438 @@
+"""The plots of a report: each draws what it is given on axes of matplotlib, and returns them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.estimators.budget import PoseBudget
+from markergen.model.marker import Marker
+from markergen.model.poses import PoseDistribution
+from markergen.presentation.plots import FAINT, INK, MUTED, SERIES, legend_below, log_axis, positive, ticks
+from markergen.presentation.tables import percent
+from markergen.validation.metrics import rms
+from markergen.validation.report.subject import SOURCES, PoseBin, interval, middle, number, shares
+from markergen.validation.tables import TITLES
+from markergen.validation.view_records import DETECTOR
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+Statistics = Mapping[str, Any]
+
+BEST = (DETECTOR, "lm")
+"""Estimators whose quantiles are shown, in order of preference: the one a user gets, then the most accurate."""
+DRAWS = 40_000
+"""Errors drawn from the covariances for the distribution that the bound predicts."""
+_BOUND: dict[str, Any] = {"color": INK, "linestyle": (0, (2, 1.5)), "linewidth": 1.8, "zorder": 4}
+_MOST_ERRORS = 800
+QUANTILE_95 = float(np.sqrt(-2 * np.log(0.05)))
+"""Size of the ellipse that holds 95 % of a Gaussian in the plane, in standard deviations."""
+_MOST_IN_ELLIPSE = 1200
+_AROUND = np.linspace(0, 2 * np.pi, 121)
+LOOKS: dict[str, dict[str, Any]] = {
+    "image": {"facecolor": "#9dc3e6", "hatch": ""},
+    "print": {"facecolor": "#f4b183", "hatch": "////"},
+    "camera": {"facecolor": "#c5e0b4", "hatch": "...."},
+}
+LEAST = 2000.0
+"""Sources smaller than the largest error by more than this factor are of no interest."""
+_LINES: dict[str, dict[str, Any]] = {
+    "image": {"color": "#0b5394", "linestyle": "--", "marker": "s"},
+    "print": {"color": "#c55a11", "linestyle": "-.", "marker": "^"},
+    "camera": {"color": "#5b8c2a", "linestyle": ":", "marker": "D"},
+    "total": {"color": "#c4c4c4", "linestyle": "-", "marker": "", "linewidth": 7.0, "zorder": 1},
+}
+COLORS = "YlOrBr"
+"""From light to dark without a turn, so that it stays in order in shades of grey."""
+_ELEVATION, _AZIMUTH = np.deg2rad([24.0, -60.0])
+"""From where the sphere is looked at."""
+_MOST_POSES = 1500
+"""Poses in one drawing; of more, every so many-th."""
+
+
+def name_of(estimator: str) -> str:
+    """Name of an estimator for people."""
+    return TITLES.get(estimator, estimator)
+
+
+def series(names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Look of each estimator's line, the same in every plot of a page; further ones begin again."""
+    ordered = sorted(names, key=lambda name: (name not in BEST, BEST.index(name) if name in BEST else 0, name))
+    return {name: dict(SERIES[i % len(SERIES)]) for i, name in enumerate(ordered)}
+
+
+def errors_over(
+    measured: Mapping[str, Mapping[str, Statistics]],
+    bound: Mapping[str, float],
+    ax: "Axes",
+    samples: tuple[Array, Array] | None = None,
+    bound_name: str = "bound (CRLB)",
+) -> "Axes":
+    """Draw the RMS of each estimator over groups of poses, with the band from median to 95th percentile of the best.
+
+    Parameters
+    ----------
+    measured : mapping
+        By estimator and group (a number such as ``35``, or a bin such as ``30..40``): STATS.
+    bound : mapping
+        RMS of the bound by group.
+    samples : arrays (k,) and (k,), or None
+        Single errors to show as dots: where, and how large.
+    """
+    best = next((name for name in BEST if name in measured), None)
+    if samples is not None and len(samples[0]):
+        every = max(1, -(-len(samples[0]) // _MOST_ERRORS))
+        kept = samples[1][::every] > 0
+        ax.scatter(
+            samples[0][::every][kept], samples[1][::every][kept], s=12, facecolors="none", edgecolors="#8a8a8a",
+            linewidths=0.6, zorder=2, label="single views",
+        )  # fmt: skip
+    if best:
+        groups = sorted(measured[best], key=middle)
+        x = [middle(group) for group in groups]
+        low, high = ([positive(measured[best][group].get(key)) for group in groups] for key in ("median", "p95"))
+        ax.fill_between(
+            x, low, high, facecolor="#dfe9f3", edgecolor="#9bb7d3", linewidth=0.6, hatch="////", zorder=1,
+            label=f"{name_of(best)}: median to 95 %",
+        )  # fmt: skip
+    for name, look in series(list(measured)).items():
+        groups = sorted(measured[name], key=middle)
+        y = [positive(measured[name][group].get("rms")) for group in groups]
+        ax.plot([middle(group) for group in groups], y, label=f"{name_of(name)}, RMS", zorder=3, **look)
+    groups = sorted(bound, key=middle)
+    if groups:
+        marks: dict[str, Any] = {"marker": "_"} if len(groups) == 1 else {}
+        ax.plot(
+            [middle(group) for group in groups], [positive(bound[group]) for group in groups],
+            label=bound_name, **_BOUND, **marks,
+        )  # fmt: skip
+    log_axis(ax, "y")
+    legend_below(ax)
+    return ax
+
+
+def distribution(
+    predicted: Array | None,
+    measured: Mapping[str, tuple[Array, Array]],
+    ax: "Axes",
+    marks: Mapping[str, Statistics] | None = None,
+    predicted_name: str = "bound (CRLB)",
+) -> "Axes":
+    """Draw cumulative distributions: the share of errors that stay below a value.
+
+    Parameters
+    ----------
+    predicted : array (k,) or None
+        Errors that the covariance predicts.
+    measured : mapping
+        By estimator: errors in ascending order, and the share (0 to 1) that lies at or below each.
+    marks : mapping or None
+        By estimator, STATS: its median and 95th percentile are drawn as marks.
+    """
+    for share in (0.5, 0.95):
+        ax.axhline(100 * share, color=FAINT, linewidth=0.8, zorder=0)
+    looks = series([*measured, *(marks or {})])
+    for name, (values, below) in measured.items():
+        kept = values > 0
+        look = {key: value for key, value in looks[name].items() if key != "marker"}
+        drawstyle = "steps-post" if len(values) <= _MOST_ERRORS else "default"
+        ax.plot(values[kept], 100 * below[kept], drawstyle=drawstyle, label=name_of(name), zorder=3, **look)
+    for name, row in (marks or {}).items():
+        at = [(row.get(key), share) for key, share in (("median", 50), ("p95", 95))]
+        shown = np.array([(value, share) for value, share in at if value], dtype=float).reshape(-1, 2)
+        ax.plot(
+            *shown.T, linestyle="none", marker=looks[name]["marker"], color=looks[name]["color"], markersize=7,
+            markerfacecolor="none", markeredgewidth=1.4,
+            label=f"{name_of(name)}: median, 95 %", zorder=5,
+        )  # fmt: skip
+    if predicted is not None and len(predicted):
+        quantiles = np.linspace(0.005, 0.995, 199)
+        ax.plot(np.quantile(predicted, quantiles), 100 * quantiles, label=predicted_name, **_BOUND)
+    log_axis(ax, "x")
+    ax.set_ylim(0, 100)
+    ax.set_ylabel("share of errors below, %")
+    legend_below(ax)
+    return ax
+
+
+def ranked(values: Array) -> tuple[Array, Array]:
+    """Values in ascending order, and the share of them at or below each."""
+    return np.sort(values), np.arange(1, len(values) + 1) / len(values)
+
+
+def draw_errors(covariance: Array) -> Array:
+    """Pose errors (k, 6) of the poses of covariances (P, 6, 6), as many of each; the same every time."""
+    covariance = covariance[np.isfinite(covariance).all(axis=(1, 2))]
+    if not len(covariance):
+        return np.zeros((0, 6))
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0))[:, None, :]
+    each = max(1, DRAWS // len(covariance))
+    noise = np.random.default_rng(0).standard_normal((len(covariance), each, 6))
+    return np.asarray(noise @ root.swapaxes(-1, -2))
+
+
+@dataclass(frozen=True, eq=False)
+class Ellipse:
+    """A predicted covariance (2, 2) with its name, and errors (k, 2) measured under it, in the unit of the axes."""
+
+    name: str
+    covariance: Array
+    errors: Array
+
+
+def draw_ellipses(ellipses: list[Ellipse], ax: "Axes") -> "Axes":
+    """Draw the 95 % ellipses around the truth, each in its own dashes, and the measured errors as marks."""
+    reach = np.zeros(2)
+    for each, look in zip(ellipses, SERIES, strict=False):
+        outline = ellipse(each.covariance)
+        errors = each.errors[:: max(1, -(-len(each.errors) // _MOST_IN_ELLIPSE))]
+        style: dict[str, Any] = {key: look[key] for key in ("color", "linestyle")}
+        ax.plot(*outline.T, label=each.name, linewidth=1.8, zorder=3, **style)
+        if len(errors):
+            ax.plot(
+                *errors.T, linestyle="none", marker=look["marker"], markersize=3.5, markerfacecolor="none",
+                markeredgecolor=look["color"], markeredgewidth=0.7, zorder=2,
+            )  # fmt: skip
+        reach = np.max([reach, np.abs(outline).max(axis=0), *np.abs(errors)], axis=0)
+    ax.axhline(0, color=INK, linewidth=0.5, zorder=1)
+    ax.axvline(0, color=INK, linewidth=0.5, zorder=1)
+    reach = np.where(reach > 0, 1.08 * reach, 1.0)
+    # Equal units on both axes, unless that would leave a line of the narrower one.
+    if reach.max() < 4 * reach.min():
+        reach[:] = reach.max()
+        ax.set_aspect("equal")
+    ax.set_xlim(-reach[0], reach[0])
+    ax.set_ylim(-reach[1], reach[1])
+    ax.locator_params(nbins=5)
+    legend_below(ax)
+    return ax
+
+
+def ellipse(covariance: Array) -> Array:
+    """Outline (m, 2) of the region that holds 95 % of the errors of a covariance (2, 2)."""
+    values, vectors = np.linalg.eigh(covariance)
+    circle = np.stack([np.cos(_AROUND), np.sin(_AROUND)], axis=-1)
+    return np.asarray(QUANTILE_95 * circle * np.sqrt(np.maximum(values, 0)) @ vectors.T)
+
+
+def share_inside(errors: Array, covariance: Array) -> float:
+    """Share of errors (k, 2) that lie inside the 95 % ellipse of a covariance (2, 2)."""
+    squared = np.sum(errors * np.linalg.solve(covariance, errors.T).T, axis=-1)
+    return float(np.mean(squared <= QUANTILE_95**2))
+
+
+def carried_over(errors: Array, covariances: Array, target: Array) -> Array:
+    """Errors (k, 2), each of a covariance of its own (k, 2, 2), as they would be under the target (2, 2).
+
+    L_target L_k^-1 e with Cholesky factors L: as many standard deviations away, in the same direction of the ellipse.
+    """
+    if not len(errors):
+        return errors
+    whitened = np.linalg.solve(np.linalg.cholesky(covariances), errors[..., None])
+    return np.asarray((np.linalg.cholesky(target) @ whitened)[..., 0])
+
+
+def variance_shares(budget: Mapping[str, Any], ax: "Axes") -> "Axes":
+    """Draw each source's share of the variance of rotation and translation as stacked bars."""
+    rows = {"rotation": shares(budget, "rotation_deg"), "translation": shares(budget, "translation_pct")}
+    for y, parts in enumerate(rows.values()):
+        left = 0.0
+        for name, look in LOOKS.items():
+            share = parts.get(name, 0.0)
+            ax.barh(y, 100 * share, left=left, height=0.6, edgecolor=INK, linewidth=0.7, label=SOURCES[name], **look)
+            if share >= 0.07:
+                box = {"facecolor": "#ffffff", "edgecolor": "none", "pad": 1.5}
+                ax.text(left + 50 * share, y, percent(share), ha="center", va="center_baseline", bbox=box)
+            left += 100 * share
+    ax.set_yticks(range(len(rows)), list(rows))
+    ax.set_ylim(1.5, -0.5)
+    ax.set_xlim(0, 100)
+    ax.set_xlabel("share of the variance, %")
+    ax.grid(visible=False)
+    handles, labels = ax.get_legend_handles_labels()
+    ax.legend(handles[:3], labels[:3], loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    return ax
+
+
+def budget_over_tilt(budget: PoseBudget, poses: PoseDistribution, key: str, ax: "Axes") -> "Axes":
+    """Draw the RMS of each source, and of all together, over the tilt; key as in the results."""
+    parts = budget.rotation_deg if key == "rotation_deg" else budget.translation_pct(poses.translation)
+    groups = poses.by_polar_angle()
+    curves = {
+        name: np.array([positive(rms(parts[name][mask])) for mask in groups.values()])
+        for name in _LINES
+        if name in parts
+    }
+    for name, values in curves.items():
+        if not np.isnan(values).all():
+            ax.plot([middle(group) for group in groups], values, label=SOURCES[name], **_LINES[name])
+    # A source may come to nothing at some tilt; it then leaves the plot below.
+    every = np.concatenate(list(curves.values()))
+    top = float(np.nanmax(every, initial=0.0)) or 1.0
+    ax.set_ylim(float(np.min(every[every > top / LEAST], initial=top)) / 1.5, 1.5 * top)
+    log_axis(ax, "y")
+    legend_below(ax)
+    return ax
+
+
+def compared(bounds: Mapping[str, float], measured: Mapping[str, float | None], ax: "Axes") -> "Axes":
+    """Draw the bound of each layout as a bar, the first one dark, with what was measured as a mark beside it."""
+    finite = {name: value if np.isfinite(value) else 0.0 for name, value in bounds.items()}
+    for y, (name, value) in enumerate(bounds.items()):
+        look: dict[str, Any] = {"facecolor": "#d9e2ec", "hatch": "///"} if y else {"facecolor": "#0b5394", "hatch": ""}
+        ax.barh(y, finite[name], height=0.6, edgecolor=INK, linewidth=0.7, **look)
+        ahead = max(finite[name], measured.get(name) or 0.0)
+        ax.annotate(number(value), (ahead, y), (8, 0), textcoords="offset points", va="center_baseline")
+    shown = {y: found for y, name in enumerate(bounds) if (found := measured.get(name))}
+    if shown:
+        ax.plot(
+            list(shown.values()), list(shown), linestyle="none", marker="D", markersize=7, markerfacecolor="#ffffff",
+            markeredgecolor=INK, label="measured (LM)",
+        )  # fmt: skip
+        ax.legend(loc="lower right", bbox_to_anchor=(1, 1))
+    ax.set_yticks(range(len(bounds)), list(bounds))
+    ax.set_ylim(len(bounds) - 0.4, -0.6)
+    ax.set_xlim(0, 1.18 * max([*finite.values(), *shown.values(), 1e-12]))
+    ax.grid(visible=False, axis="y")
+    return ax
+
+
+def camera_centers(poses: PoseDistribution) -> Array:
+    """Centers (P, 3) of the cameras in the marker frame, m: -R' t."""
+    return -np.einsum("pij,pi->pj", poses.rotation, poses.translation)
+
+
+def pose_sphere(marker: Marker, poses: PoseDistribution, values: Array, label: str, ax: "Axes") -> "Axes":
+    """Draw the camera centers around the marker in an oblique view, darker and larger as the value (P,) is larger."""
+    from matplotlib.colors import LogNorm, Normalize
+    from matplotlib.patches import Polygon
+
+    for circle in _sphere(float(poses.distance.max()), max(float(poses.polar_angle_deg.max()), 10.0)):
+        ax.plot(*_seen(circle)[:, :2].T, color=FAINT, linewidth=0.7, zorder=1)
+    for ring in marker.boundary.outlines():
+        outline = _seen(np.pad(ring, ((0, 0), (0, 1))))[:, :2]
+        ax.add_patch(Polygon(outline, facecolor="#ffffff", edgecolor=INK, zorder=2))
+    around = 2 * np.pi * np.arange(40) / 40
+    for point in marker.control_points:
+        dot = point.feature.diameter / 2 * np.stack([np.cos(around), np.sin(around), 0 * around], axis=-1)
+        ax.add_patch(Polygon(_seen(dot + [point.x, point.y, point.z])[:, :2], facecolor=INK, zorder=3))
+
+    chosen = np.flatnonzero(np.isfinite(values))
+    chosen = chosen[:: max(1, -(-len(chosen) // _MOST_POSES))]
+    if len(chosen):
+        spots = _seen(camera_centers(poses)[chosen])
+        shown = values[chosen]
+        spread = shown.min() > 0 and shown.max() > 1.001 * shown.min()
+        norm = LogNorm(shown.min(), shown.max()) if spread else Normalize(0, max(float(shown.max()), 1e-12))
+        order = np.argsort(spots[:, 2])
+        points = ax.scatter(
+            spots[order, 0], spots[order, 1], c=shown[order], s=14 + 60 * np.asarray(norm(shown[order]), dtype=float),
+            cmap=COLORS, norm=norm, edgecolors=INK, linewidths=0.5, zorder=4,
+        )  # fmt: skip
+        bar = ax.figure.colorbar(points, ax=ax, shrink=0.75, pad=0.02, aspect=28)
+        bar.set_label(label)
+        if spread:
+            labels = _plain_numbers(float(shown.min()), float(shown.max()))
+            bar.set_ticks(labels, labels=[f"{tick:g}" for tick in labels])
+            bar.minorticks_off()
+    ax.set_aspect("equal")
+    ax.axis("off")
+    return ax
+
+
+def fan(bins: list[PoseBin], values: list[float], radius: float, ax: "Axes") -> "Axes":
+    """Draw distance and tilt as a fan around the marker, with the value of every bin that has room for it.
+
+    The fan is a section through the sphere: up is frontal, the distance from its tip is the camera's, in m. The marker,
+    of that radius in m, is at the tip.
+    """
+    import matplotlib
+    from matplotlib.colors import LogNorm
+    from matplotlib.patches import Wedge
+
+    finite = [value for value in values if np.isfinite(value) and value > 0] or [1.0]
+    norm = LogNorm(min(finite), 1.0001 * max(finite))
+    colors = matplotlib.colormaps[COLORS]
+    distances = sorted({each.distance for each in bins}, key=middle)
+    tilts = sorted({each.tilt for each in bins}, key=middle)
+    rays = {name: np.maximum(interval(name, distances), 0.0) for name in distances}
+    angles = {name: np.deg2rad(_within(interval(name, tilts), middle(name))) for name in tilts}
+    reach = max(float(far) for _, far in rays.values())
+    first, last = angles[tilts[0]][0], angles[tilts[-1]][1]
+    for each, value in zip(bins, values, strict=True):
+        (near, far), (low, high) = rays[each.distance], angles[each.tilt]
+        share = float(np.clip(norm(value), 0, 1)) if np.isfinite(value) and value > 0 else 1.0
+        # The lightest colors look like nothing on paper, the darkest swallow the text.
+        face = colors(0.06 + 0.8 * share)
+        ends = 90 - np.rad2deg([high, low])
+        ax.add_patch(Wedge((0, 0), far, *ends, width=far - near, facecolor=face, edgecolor=MUTED, linewidth=0.5))
+        text, angle, ray = number(value, 2), (low + high) / 2, (near + far) / 2
+        if _has_room(text, angle, ray * (high - low), far - near, reach):
+            dark = np.dot(face[:3], (0.299, 0.587, 0.114)) < 0.55
+            _write(ax, text, ray, angle, color="#ffffff" if dark else INK, fontsize=8)
+    for name in tilts:
+        angle = np.deg2rad(middle(name))
+        _write(ax, f"{name}°", 1.06 * reach, angle, va="center", rotation=-np.rad2deg(angle), color=MUTED, fontsize=8.5)
+    for name in distances:
+        place = (middle(name) * np.sin(first) - 0.03 * reach, middle(name) * np.cos(first))
+        ax.text(*place, f"{name} m", ha="right", va="center", color=MUTED, fontsize=8.5)
+    ax.plot([-radius, radius], [0, 0], color=INK, linewidth=3, solid_capstyle="butt")
+    ax.text(radius + 0.03 * reach, 0, "marker", ha="left", va="center", color=MUTED, fontsize=8.5)
+    left = min(0.0, float(reach * np.sin(first))) - 0.22 * reach
+    ax.set_xlim(min(left, -1.1 * radius), reach * np.sin(last) + 0.08 * reach)
+    ax.set_ylim(-0.04 * reach, 1.1 * reach)
+    ax.set_aspect("equal")
+    ax.axis("off")
+    return ax
+
+
+def _within(ends: tuple[float, float], center: float) -> tuple[float, float]:
+    """Tilts from 0 to 90 degrees; what is centered on 0 reaches as far to the other side."""
+    return (ends[0] if center == 0 else max(ends[0], 0.0)), min(ends[1], 90.0)
+
+
+def _has_room(text: str, angle: float, across: float, along: float, reach: float) -> bool:
+    """Tell whether an upright text fits into a bin, which is so wide across and along the ray at that angle."""
+    # In 8 points a letter is 0.018 of the reach wide, and a line 0.04 high.
+    width, height = 0.018 * reach * len(text), 0.04 * reach
+    cos, sin = abs(np.cos(angle)), abs(np.sin(angle))
+    return bool(width * cos + height * sin < across and width * sin + height * cos < along)
+
+
+def _write(ax: "Axes", text: str, ray: float, angle: float, **look: Any) -> None:
+    look = {"ha": "center", "va": "center_baseline", **look}
+    ax.text(float(ray * np.sin(angle)), float(ray * np.cos(angle)), text, **look)
+
+
+def _seen(points: Array) -> Array:
+    """Oblique parallel projection (..., 3) of points (..., 3): right, up, and toward the reader."""
+    x, y, z = np.moveaxis(points, -1, 0)
+    right = -np.sin(_AZIMUTH) * x + np.cos(_AZIMUTH) * y
+    away = np.cos(_AZIMUTH) * x + np.sin(_AZIMUTH) * y
+    up = np.cos(_ELEVATION) * z - np.sin(_ELEVATION) * away
+    return np.stack([right, up, np.sin(_ELEVATION) * z + np.cos(_ELEVATION) * away], axis=-1)
+
+
+def _sphere(distance: float, steepest_deg: float) -> list[Array]:
+    """Circles of latitude and meridians (m, 3) of the cap that reaches down to the steepest tilt."""
+    around = np.linspace(0, 2 * np.pi, 121)
+    down = np.deg2rad(np.linspace(0, steepest_deg, 40))
+    rings = [_direction(np.full_like(around, np.deg2rad(steepest_deg * part)), around) for part in (1 / 3, 2 / 3, 1)]
+    meridians = [_direction(down, np.full_like(down, angle)) for angle in 2 * np.pi * np.arange(12) / 12]
+    return [distance * line for line in rings + meridians]
+
+
+def _direction(polar: Array, azimuth: Array) -> Array:
+    return np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=-1)
+
+
+def _plain_numbers(low: float, high: float) -> list[float]:
+    """Plain numbers between two values; where there are none, the two."""
+    powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+    found = [float(f"{step}e{power}") for power in powers for step in ticks(low, high)]
+    return [tick for tick in found if low <= tick <= high] or [float(f"{low:.2g}"), float(f"{high:.2g}")]
