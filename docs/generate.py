@@ -10,7 +10,7 @@ import typer
 
 from markergen.cli.commands import app
 from markergen.model.marker_file import VERSIONS, json_schema
-from markergen.read.spec_schema import spec_schema
+from markergen.read.spec_file import spec_schema
 
 HERE = Path(__file__).parent
 

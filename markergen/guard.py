@@ -11,7 +11,6 @@ import io
 import json
 import logging
 import os
-import runpy
 import signal
 import stat
 import subprocess
@@ -19,6 +18,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from threading import Lock, Timer
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
@@ -44,7 +44,9 @@ class Kind:
     why : str
         Reason for the limits.
     smaller, again : str
-        Remedies for a file that is too large, and for one that is empty.
+        Remedies for a file that is too large, and for one that is empty; without one the parser has to refuse it.
+    pipes : bool
+        Whether it may come through a pipe, which is waited for.
     seconds, seconds_per_byte : float
         How long it may take to parse in a child process, for any file and for its size.
     memory : int
@@ -56,6 +58,7 @@ class Kind:
     why: str
     smaller: str = "check the path"
     again: str = "check the path"
+    pipes: bool = False
     seconds: float = 10.0
     seconds_per_byte: float = 3e-5
     memory: int = 4 << 30
@@ -73,8 +76,10 @@ KINDS = {
     "camera": Kind("a camera file", 1_000_000, "a calibration with all its images' residuals has some 100 kB"),
     "covariance": Kind("a camera covariance", 1_000_000, "a matrix of 20 parameters has some kB"),
     "image": Kind("an image", 1 << 30, "100 million pixels of 16 bits in color, not packed", again="export it again"),
-    "marker": Kind("a marker.json", 10_000_000, "a marker of 1000 dots with its provenance has 2 MB"),
-    "measured": Kind("a table of measured dots", 1_000_000, "10,000 rows", "give one row for each dot"),
+    "marker": Kind(
+        "a marker.json", 10_000_000, "200 dots with their joint covariance in space have 9 MB", again="", pipes=True
+    ),
+    "measured": Kind("a table of measured dots", 1_000_000, "10,000 rows", "give one row for each dot", pipes=True),
     "outline": Kind(
         "an outline", 10_000_000, "an outline has some kB, a drawing with a photograph inside some MB",
         "export the outline alone, simplified",
@@ -91,7 +96,8 @@ KINDS = {
         memory=8 << 30,
     ),
     "mesh": Kind(
-        "a mesh", 1 << 30, "4 million triangles of 50 bytes, as text five times as many", seconds_per_byte=1e-6
+        "a mesh", 1 << 30, "4 million triangles of 50 bytes, as text five times as many; trimesh loads for a second",
+        seconds=60.0, seconds_per_byte=1e-6,
     ),
 }  # fmt: skip
 """Kinds of files and their limits."""
@@ -130,7 +136,7 @@ def read(source: object, kind: str) -> Content:
     if isinstance(source, str | os.PathLike):
         name = place_of(source)
         try:
-            data = read_start(Path(source), limits.largest + 1)
+            data = read_start(Path(source), limits.largest + 1, limits.pipes)
         except (OSError, ValueError) as error:  # ValueError: a path with a null character.
             raise InputError(f"{wanted} at {name}", reason_of(error), "check the path") from None
     else:
@@ -143,13 +149,20 @@ def read(source: object, kind: str) -> Content:
             raise InputError(f"{wanted} at {name}", reason_of(error), remedy) from None
     if len(data) > limits.largest:
         raise InputError(f"{limits.name} of at most {limits.size} at {name}", "a larger one", limits.smaller)
-    if not data.strip():
+    if limits.again and not data.strip():
         raise InputError(f"{limits.name} at {name}", "an empty file", limits.again)
     return Content(name, data)
 
 
-def read_start(path: Path, count: int) -> bytes:
-    """First `count` bytes of a regular file, fewer if it has not as many.
+def check_size(content: Content, kind: str) -> None:
+    """Refuse a file that is too large for its kind, which its content or its name tells; raises InputError."""
+    limits = KINDS[kind]
+    if len(content.data) > limits.largest:
+        raise InputError(f"{limits.name} of at most {limits.size} in {content.name}", "a larger one", limits.smaller)
+
+
+def read_start(path: Path, count: int, pipes: bool = False) -> bytes:
+    """First `count` bytes of a regular file, or with `pipes` of any, fewer if it has not as many.
 
     Raises
     ------
@@ -158,8 +171,8 @@ def read_start(path: Path, count: int) -> bytes:
     ValueError
         If the path has a null character.
     """
-    with open(path, "rb", opener=_open_at_once) as file:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+    with open(path, "rb", opener=None if pipes else _open_at_once) as file:
+        if not pipes and not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             raise OSError(errno.EINVAL, "a pipe or a device, not a regular file")
         return file.read(count)
 
@@ -229,8 +242,7 @@ def in_child(script: Path, function: str, content: Content, kind: str, expected:
         If the script cannot be started; the message is the reason alone.
     """
     limits = KINDS[kind]
-    if len(content.data) > limits.largest:
-        raise InputError(f"a file of at most {limits.size} in {content.name}", "a larger one", limits.smaller)
+    check_size(content, kind)
     child = _child(script, kind)
     with child.lock:
         reply = child.ask(function, content.data, limits.seconds + limits.seconds_per_byte * len(content.data))
@@ -379,7 +391,7 @@ def serve(script: str, memory: str) -> None:
     hello = _limit_memory(int(memory))
     functions: dict[str, Any] = {}
     try:
-        functions = runpy.run_path(script)
+        functions = _functions(script)
         functions.get("prepare", dict)()
     except ImportError as error:
         hello = {"missing": " ".join(str(error).split())}
@@ -392,6 +404,15 @@ def serve(script: str, memory: str) -> None:
         alarm(60 + int(2 * request["seconds"]))
         _send(replies, *_answer(functions[request["function"]], data))
         alarm(0)
+
+
+def _functions(script: str) -> dict[str, Any]:
+    spec = spec_from_file_location("markergen_parser", script)
+    assert spec is not None
+    assert spec.loader is not None
+    module = sys.modules["markergen_parser"] = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return vars(module)
 
 
 def _answer(function: Callable[[bytes], Any], data: bytes) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from os import PathLike
 from typing import Unpack
 
-from markergen.api.loose import files_among, marker_of
+from markergen.api.arguments import files_among, marker_of
 from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
-from markergen.options import CompareKeywords, check_progress, settle, signature_of
-from markergen.options.base import File, Files, MarkerLike, Progress
+from markergen.options import File, Files, MarkerLike, Progress, check_progress, settle, signature_of
+from markergen.options.tables import CompareKeywords
 from markergen.validation.baselines import FORMS
 from markergen.validation.compare import compare as run
 from markergen.validation.comparison import Comparison

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Unpack
 
+from markergen.api.arguments import files_among
 from markergen.api.export import choices_of
-from markergen.api.loose import files_among
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions
 from markergen.exporters.saving import check_outputs, family_paths, save, save_family, with_record
@@ -20,8 +20,8 @@ from markergen.optimize.design import Design
 from markergen.optimize.design import design as find
 from markergen.optimize.family import members
 from markergen.optimize.trace import check_trace_path, trace_bytes
-from markergen.options import DesignKeywords, check_progress, given, signature_of
-from markergen.options.base import Progress
+from markergen.options import Progress, check_progress, given, signature_of
+from markergen.options.tables import DesignKeywords
 from markergen.read.spec_file import spec_from_mapping
 from markergen.read.templates import read_template
 

@@ -6,7 +6,7 @@ from math import radians
 from os import PathLike
 from typing import Any, Unpack
 
-from markergen.api.loose import files_among, marker_of, paths_of
+from markergen.api.arguments import files_among, marker_of, paths_of
 from markergen.drawing.colors import parse_colors
 from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError
@@ -18,8 +18,8 @@ from markergen.model.fabrication import CHOICES, DEFAULT_PROCESS, Fabrication, c
 from markergen.model.marker import Marker
 from markergen.model.substrate import parse_dowel, parse_mount
 from markergen.model.substrate_checks import check_edge, check_holes
-from markergen.options import ExportKeywords, PlateKeywords, as_list, declared, given, signature_of
-from markergen.options.base import MarkerLike
+from markergen.options import MarkerLike, as_list, declared, given, signature_of
+from markergen.options.tables import ExportKeywords, PlateKeywords
 from markergen.read.outlines import read_room
 
 SHEET = ("paper", "orientation", "margin", "tile", "overlap", "compensate")

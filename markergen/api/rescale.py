@@ -3,15 +3,15 @@
 from os import PathLike
 from typing import Unpack
 
-from markergen.api.loose import marker_of, path_of
+from markergen.api.arguments import marker_of, path_of
 from markergen.errors import InputError
 from markergen.files import check_folder, write_atomic
 from markergen.model.marker import Marker
 from markergen.model.marker_json import to_json
 from markergen.model.rescale import Rulers, remeasure
 from markergen.model.rescale import rescale as by_rulers
-from markergen.options import RescaleKeywords, settle, signature_of
-from markergen.options.base import MarkerLike
+from markergen.options import MarkerLike, settle, signature_of
+from markergen.options.tables import RescaleKeywords
 from markergen.presentation.results import Result
 from markergen.read.measured import read_measured
 

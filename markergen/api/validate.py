@@ -4,11 +4,11 @@ import logging
 import time
 from typing import Any, Unpack
 
-from markergen.api.loose import camera_of, files_among, marker_of
+from markergen.api.arguments import camera_of, files_among, marker_of
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
-from markergen.options import ValidateKeywords, check_progress, settle, signature_of
-from markergen.options.base import CameraLike, File, Files, MarkerLike, Progress
+from markergen.options import CameraLike, File, Files, MarkerLike, Progress, check_progress, settle, signature_of
+from markergen.options.tables import ValidateKeywords
 from markergen.read.cameras.covariance import read_camera_covariance
 from markergen.render import optics_from_text
 from markergen.validation.validation import Validation, check_pictures, setting_of
@@ -68,9 +68,9 @@ def validate(
     Examples
     --------
     >>> from markergen.model.boundary import Circle
-    >>> from markergen.model.marker import dressed
+    >>> from markergen.model.marker import build_marker
     >>> from markergen.objectives.criteria import regular_polygon
-    >>> marker = dressed(regular_polygon(5, 0.125), Circle(0.15), diameter=0.036, clearance=0.0036)
+    >>> marker = build_marker(regular_polygon(5, 0.125), Circle(0.15), diameter=0.036, clearance=0.0036)
     >>> found = validate(marker, poses="cone:count=20", runs=20, views=0, workers=1)
     >>> found  # doctest: +ELLIPSIS
     <Validation: 5 dots, 20 poses x 20 runs, bound ... deg ... %, lm ...>

@@ -3,9 +3,9 @@
 import logging
 from typing import Unpack
 
-from markergen.api.loose import files_among, marker_of, paths_of
-from markergen.options import VerifyKeywords, settle, signature_of
-from markergen.options.base import File, Files, MarkerLike
+from markergen.api.arguments import files_among, marker_of, paths_of
+from markergen.options import File, Files, MarkerLike, settle, signature_of
+from markergen.options.tables import VerifyKeywords
 from markergen.verification.check import check_tolerance, verify_all
 from markergen.verification.verification import Verification
 
@@ -54,9 +54,9 @@ def verify(
     >>> from pathlib import Path
     >>> from markergen.exporters.saving import save
     >>> from markergen.model.boundary import Circle
-    >>> from markergen.model.marker import dressed
+    >>> from markergen.model.marker import build_marker
     >>> from markergen.objectives.criteria import regular_polygon
-    >>> marker = dressed(regular_polygon(5, 0.04), Circle(0.05), diameter=0.012, clearance=0.0012)
+    >>> marker = build_marker(regular_polygon(5, 0.04), Circle(0.05), diameter=0.012, clearance=0.0012)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     _ = save(marker, [Path(folder) / "marker.svg"])
     ...     found = verify(marker, Path(folder) / "marker.svg")

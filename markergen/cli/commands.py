@@ -9,7 +9,8 @@ import typer
 from markergen import __version__
 from markergen.cli import console
 from markergen.cli.options import GroupedCommand, with_options
-from markergen.options import (
+from markergen.options import VIEW
+from markergen.options.tables import (
     CompareKeywords,
     DesignKeywords,
     DetectKeywords,
@@ -19,7 +20,6 @@ from markergen.options import (
     ValidateKeywords,
     VerifyKeywords,
 )
-from markergen.options.base import VIEW
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -120,6 +120,12 @@ def validate(
         raise typer.Exit(console.FAILED)
 
 
+def _processes() -> list[tuple[str, str]]:
+    from markergen.model.fabrication import PROCESSES
+
+    return [(name, PROCESSES[name].summary or PROCESSES[name].label) for name in PROCESSES]
+
+
 def _suffixes() -> list[tuple[str, str]]:
     from markergen.exporters import catalog
 
@@ -127,7 +133,7 @@ def _suffixes() -> list[tuple[str, str]]:
 
 
 @app.command(cls=GroupedCommand)
-@with_options(ExportKeywords, listed=("Suffixes", _suffixes))
+@with_options(ExportKeywords, listed={"Suffixes": _suffixes, "Processes": _processes})
 def export(
     marker: Annotated[
         list[Path],

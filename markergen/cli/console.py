@@ -8,7 +8,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from markergen.options.base import Progress
+    from markergen.options import Progress
     from markergen.presentation.tables import Table
     from markergen.validation.comparison import Comparison
     from markergen.validation.validation import Validation

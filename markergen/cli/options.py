@@ -1,6 +1,6 @@
 """Declared options as options of a command, and help that lists them in groups."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
@@ -51,16 +51,16 @@ TYPES: dict[str, Any] = {
 
 
 def with_options(
-    table: type, listed: tuple[str, Callable[[], Rows]] | None = None
+    table: type, listed: Mapping[str, Callable[[], Rows]] | None = None
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Decorate a command so that its ``**options`` are those of a table; what is not given is not passed on.
 
     Parameters
     ----------
     table : type
-        One of `markergen.options`.
-    listed : (title, callable), optional
-        Rows of two columns that its help shows under a title, made when they are asked for.
+        One of `markergen.options.tables`.
+    listed : mapping of title to callable, optional
+        Rows of two columns that its help shows under each title, made when they are asked for.
     """
 
     def decorate(body: Callable[..., None]) -> Callable[..., None]:
@@ -111,8 +111,8 @@ class GroupedCommand(TyperCommand):
                 groups.setdefault(group, []).append(record)
             else:
                 own.append(record)
-        if listed := getattr(self.callback, "listed", None):
-            groups = {listed[0]: listed[1](), **groups}
+        listed = getattr(self.callback, "listed", None) or {}
+        groups = {**{title: rows() for title, rows in listed.items()}, **groups}
         for title, records in {**groups, "Options": own}.items():
             with formatter.section(title):
                 formatter.write_dl(records)

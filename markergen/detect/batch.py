@@ -10,8 +10,7 @@ from markergen.detect.detector import CovarianceSource, Detector, Found
 from markergen.detect.presentation import overlay as drawn_over
 from markergen.errors import InputError, OutputError
 from markergen.files import check_outputs, make_folder, write_atomic
-from markergen.options import as_list
-from markergen.options.base import CameraLike, MarkerLike, Progress
+from markergen.options import CameraLike, MarkerLike, Progress, as_list
 from markergen.read.images import Image, find_images, read_image
 
 

@@ -22,8 +22,7 @@ from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import logarithm
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
-from markergen.options import as_list
-from markergen.options.base import CameraLike, MarkerLike
+from markergen.options import CameraLike, MarkerLike, as_list
 from markergen.read.cameras.covariance import read_camera_covariance
 from markergen.read.images import grey_frame
 from markergen.units import parse_length
@@ -83,10 +82,10 @@ class Found:
     >>> from markergen.detect import Detector
     >>> from markergen.model.boundary import Circle
     >>> from markergen.model.camera import Camera
-    >>> from markergen.model.marker import dressed
+    >>> from markergen.model.marker import build_marker
     >>> from markergen.render import Optics, render_view
     >>> square = np.array([[0.03, 0.03], [-0.03, 0.03], [-0.03, -0.03], [0.03, -0.03]])
-    >>> marker = dressed(square, Circle(0.06), diameter=0.02, clearance=0.002)
+    >>> marker = build_marker(square, Circle(0.06), diameter=0.02, clearance=0.002)
     >>> camera = Camera(160, 120, 200, 200, 80, 60)
     >>> rotation, translation = np.diag([1.0, -1.0, -1.0]), np.array([0.01, 0, 0.4])
     >>> frame = render_view(marker, camera, rotation, translation, Optics(), np.random.default_rng(0))
@@ -279,10 +278,10 @@ class Detector:
     >>> from markergen.detect import Detector
     >>> from markergen.model.boundary import Circle
     >>> from markergen.model.camera import Camera
-    >>> from markergen.model.marker import dressed
+    >>> from markergen.model.marker import build_marker
     >>> from markergen.render import Optics, render_view
     >>> square = np.array([[0.03, 0.03], [-0.03, 0.03], [-0.03, -0.03], [0.03, -0.03]])
-    >>> marker = dressed(square, Circle(0.06), diameter=0.02, clearance=0.002)
+    >>> marker = build_marker(square, Circle(0.06), diameter=0.02, clearance=0.002)
     >>> camera = Camera(160, 120, 200, 200, 80, 60)
     >>> detector = Detector(marker, camera)
     >>> rotation, translation = np.diag([1.0, -1.0, -1.0]), np.array([0.01, 0, 0.4])

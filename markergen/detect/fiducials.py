@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.maths.lenses import LENSES
-from markergen.model.board import Board
 from markergen.model.camera import Camera
-from markergen.model.tag import FAMILIES, Tag
+from markergen.model.tag import FAMILIES, Board, Tag
 
 Array = NDArray[np.float64]
 Fiducial = Tag | Board

@@ -1,4 +1,8 @@
-"""PNG at true size: shares of pixels as grey levels, drawn and compressed strip by strip."""
+"""PNG at true size: shares of pixels as grey levels, drawn and compressed strip by strip.
+
+The writer of the file's chunks is our own: Pillow wants the whole image in memory, up to 2 GB of it, where strips take
+4 MB, and writes other bytes for the same pixels from one version to the next.
+"""
 
 import struct
 import zlib

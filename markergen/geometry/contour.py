@@ -16,13 +16,13 @@ from markergen.errors import InputError
 Array = NDArray[np.float64]
 Point = tuple[float, float]
 Side = tuple[Point, Point, float]
-"""Where it begins and ends, and its bulge."""
+"""Start, end and bulge."""
 
 COARSEST = pi / 4
-"""Largest angle in rad of an arc that a chord stands for."""
+"""Largest angle in rad of an arc that one chord replaces."""
 
 MOST_CHORDS = 100_000
-"""Of one contour."""
+"""Most chords for the arcs of one contour."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Contour:
     points : tuple of (x, y)
         Corners, each one once; counterclockwise, or clockwise around a hole. Two are enough if a side is an arc.
     bulges : tuple of float
-        Of the sides from each corner to the next one, the last one to the first. Empty: all are straight.
+        Bulges of the sides from each corner to the next one, the last one to the first. Empty: all are straight.
     about : (x, y, radius) or None
         Center and radius that `circle` made a full circle from: its corners have lost digits of them.
 

@@ -15,13 +15,13 @@ Box = tuple[Array, Array]
 """Lower left and upper right corner (2,)."""
 
 BLOCK = 2**15
-"""Pairs of point and piece that are worked on at once: their arrays stay in the cache."""
+"""Pairs of a point and a curve that are worked on at once, so that their arrays stay in the cache."""
 
 MANY = 2**16
-"""Pairs from which on it pays to leave out the pieces that are too far away."""
+"""Number of pairs above which it pays to leave out the curves that are too far away."""
 
 CELLS = 48
-"""Cells along the longer side of the grid that tells which pieces may be nearest."""
+"""Cells along the longer side of the grid that tells which curves may be nearest."""
 
 
 class Curves(ABC):
@@ -32,18 +32,18 @@ class Curves(ABC):
 
     @abstractmethod
     def gaps(self, points: Array, index: Index | slice) -> Array:
-        """Distances from points (P, 2) to pieces (P, k), or (P, s) to all; any growing function of them will do."""
+        """Distances from points (P, 2) to curves (P, k), or (P, s) to all, or any growing function of them."""
 
     @abstractmethod
     def distance(self, gaps: Array) -> Array:
-        """Distances that belong to what `gaps` tells."""
+        """Distances for values of `gaps`."""
 
     @abstractmethod
     def box(self) -> Box:
-        """Box that holds all pieces, or a larger one where many points are expected."""
+        """Box around all curves, or a larger one where many points are expected."""
 
     def nearest(self, points: Array) -> Index:
-        """Index (P,) of the piece nearest to each of the points (P, 2), the first of several."""
+        """Index (P,) of the curve nearest to each of the points (P, 2), the first of several."""
         if len(points) * len(self) < MANY:
             return self._nearest_of_all(points)
         grid = self._cells
@@ -74,16 +74,16 @@ class Curves(ABC):
 
 
 class _Cells:
-    """Cells over the pieces and their surroundings, each with the pieces that may be nearest to a point in it.
+    """Cells over the curves and their surroundings, each with the curves that may be nearest to a point in it.
 
-    From the middle of a cell to any of its points the distance to a piece changes by half a diagonal at most, so what
-    is more than a whole one farther than the nearest piece is out. The lists are filled up, with their last pieces,
+    From the middle of a cell to any of its points the distance to a curve changes by half a diagonal at most, so what
+    is more than a whole one farther than the nearest curve is out. The lists are filled up, with their last curves,
     to powers of two, so that points in cells with about as many candidates are worked on as one array.
     """
 
-    def __init__(self, pieces: Curves) -> None:
-        low, high = pieces.box()
-        # All pieces may be one point.
+    def __init__(self, curves: Curves) -> None:
+        low, high = curves.box()
+        # All curves may be one point.
         margin = 0.1 * float(np.max(high - low)) or 1.0
         self.low = low - margin
         size = high - low + 2 * margin
@@ -92,14 +92,14 @@ class _Cells:
         x, y = (self.low[k] + self.step * (np.arange(self.shape[k]) + 0.5) for k in (0, 1))
         middles = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
         cells, candidates = [], []
-        rows = max(1, BLOCK // len(pieces))
+        rows = max(1, BLOCK // len(curves))
         for start in range(0, len(middles), rows):
-            distance = pieces.distance(pieces.gaps(middles[start : start + rows], slice(None)))
+            distance = curves.distance(curves.gaps(middles[start : start + rows], slice(None)))
             near = distance <= distance.min(axis=1, keepdims=True) + 1.001 * np.sqrt(2) * self.step
-            cell, piece = np.nonzero(near)
+            cell, curve = np.nonzero(near)
             cells.append(cell + start)
-            candidates.append(piece)
-        piece, count = np.concatenate(candidates), np.bincount(np.concatenate(cells), minlength=len(middles))
+            candidates.append(curve)
+        curve, count = np.concatenate(candidates), np.bincount(np.concatenate(cells), minlength=len(middles))
         first = np.cumsum(count) - count
         self.width = 2 ** np.ceil(np.log2(count)).astype(int)
         self.row = np.zeros(len(middles), dtype=np.int64)
@@ -107,7 +107,7 @@ class _Cells:
         for width in np.unique(self.width):
             here = np.flatnonzero(self.width == width)
             self.row[here] = np.arange(len(here))
-            self.tables.append(piece[first[here, None] + np.minimum(np.arange(width), count[here, None] - 1)])
+            self.tables.append(curve[first[here, None] + np.minimum(np.arange(width), count[here, None] - 1)])
 
     def cell(self, points: Array) -> Index:
         """Index (P,) of the cell that holds each of the points (P, 2), -1 for points outside of the grid."""
@@ -336,7 +336,7 @@ class Edges:
 
     @cached_property
     def _corners(self) -> tuple[Index, Index, Mask, Mask]:
-        """Of every corner: the one before it, the one after it, whether it turns left, and whether outlines touch."""
+        """For each corner, the one before, the one after, whether it turns left, and whether outlines touch there."""
         import shapely
 
         first = np.cumsum([0, *self._sizes[:-1]])

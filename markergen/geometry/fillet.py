@@ -5,10 +5,10 @@ from math import atan, atan2, copysign, hypot, pi, remainder, sqrt, tan
 from markergen.geometry.contour import Contour, Point, Side, center_of, radius_of, turns_of
 
 Cut = tuple[Point, Point, float]
-"""Where a corner's arc begins and ends, and its bulge."""
+"""Start, end and bulge of the arc that rounds a corner."""
 
 DUST = 1e-9
-"""Length that sides may be too short by, or that is left of a side that is used up."""
+"""Length by which a side may be too short, or that may be left of one that is used up."""
 
 HALVINGS = 60
 
@@ -74,7 +74,7 @@ def _cut(before: Side, after: Side, turn: float, radius: float) -> Cut | None:
 
 
 def _crossings(one: Side, other: Side, left: float) -> list[Point]:
-    """Where two sides that are moved to their left, and go on beyond their ends, meet."""
+    """Intersections of two sides that are moved to their left and extended beyond their ends."""
     if not one[2] and other[2]:
         one, other = other, one
     (cx, cy), reach = center_of(one), radius_of(one) - copysign(left, one[2] * left)
@@ -103,7 +103,7 @@ def _both(square: float) -> tuple[float, ...]:
 
 
 def _foot(side: Side, point: Point) -> Point:
-    """Nearest point on a side that goes on beyond its ends."""
+    """Nearest point on a side that is extended beyond its ends."""
     (x, y), (u, v), bulge = side
     px, py = point
     if bulge:

@@ -31,14 +31,14 @@ MOST_INSETS = 64
 
 
 class Interior:
-    """What lies inside an outline: the part with some depth, and points all over it.
+    """The inside of an outline: its part with some depth, and points all over it.
 
     Parameters
     ----------
     contours : iterable of Contour
         The outline, of straight sides and full circles, with the region to their left.
     depth : callable
-        As of `Inset`.
+        Depth (P,) of points (P, 2), exact inside of the region.
     size : float
         Radius of a circle around the outline.
     region : callable
@@ -226,7 +226,7 @@ def _kept(index: Index, place: Array, holds: Callable[[Index, Array], Mask]) -> 
 
 
 def _cuts(lines: Segments, arcs: Arcs) -> tuple[Index, Array, Index, Array]:
-    """Where the curves meet: indices of lines and places 0 to 1 on them, indices of arcs and angles on them.
+    """Intersections of the curves: indices of lines and places 0 to 1 on them, indices of arcs and angles on them.
 
     Places a hair beyond an end are kept: two curves that meet at an end of both must not miss each other by rounding.
     """

@@ -17,19 +17,19 @@ Array = NDArray[np.float64]
 Ring = tuple[tuple[float, float], ...]
 
 MOST_CORNERS = 10_000
-"""Of all outlines together; 5 um is kept with a few hundred for any marker on a table."""
+"""Most corners of all outlines together; a few hundred keep any marker on a table within 5 um."""
 
 TOLERANCE = 4.5e-6
-"""m between an arc and its polygon, at most; what is left to 5 um goes to joining ends and points of drawings."""
+"""Largest distance in m between an arc and its polygon; the rest of 5 um is for joining the ends of drawings."""
 
 SHALLOWEST = 1e-6
-"""Smallest bulge: what is less is a straight line."""
+"""Smallest bulge; anything less is a straight line."""
 
 FARTHEST = 1e9
-"""Coordinate in m of an arc's ends whose squares are no trouble."""
+"""Largest coordinate in m of an arc's ends, whose squares still keep their digits."""
 
 MOST_PAIRS = 50_000
-"""Of outlines that touch or lie in each other: a plate with all the holes that there may be has 3,333."""
+"""Most pairs of outlines that touch or lie in each other; a plate with as many holes as allowed has 3,333."""
 
 
 def canonical(outlines: Sequence[Sequence[Sequence[float]] | Array]) -> tuple[Ring, ...]:

@@ -81,7 +81,7 @@ class Boundary(ABC):
 
     @property
     def region(self) -> Region:
-        """What `outlines` enclose."""
+        """The inside of `outlines`."""
         return Region.enclosed(self.outlines())
 
     @property
@@ -96,7 +96,7 @@ class Boundary(ABC):
 
     @property
     def has_measures(self) -> bool:
-        """Whether it is a disk, or an upright rectangle about the origin: what is written with its measures.
+        """Whether it is a disk, or an upright rectangle about the origin, which are written by their measures.
 
         Any other outline is taken for one that was drawn, which is that of the plate (see `Substrate.edge_around`).
         """
@@ -214,7 +214,7 @@ class Polygon(_Drawn):
         another is a hole in it, one within the hole a region again; which way they are drawn does not matter, and is
         made to be counterclockwise for outer ones and clockwise for holes.
     bulges : tuple of tuple of float
-        Of the edges from each corner to the next one, as in `Contour`; empty where all are straight.
+        Bulges of the edges from each corner to the next one, as in `Contour`; empty where all are straight.
 
     Raises
     ------

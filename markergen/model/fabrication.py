@@ -24,7 +24,7 @@ class Process:
     label : str
         Name on screen and paper, beside the one in the table: "milled".
     summary : str
-        What it makes, in a few words for the list of processes in help.
+        What it makes, in a few words, for the list of processes in help; without one, that shows the label.
     choices : tuple of str
         Which of `CHOICES` it knows.
     balls : bool

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from markergen.files import Written
-    from markergen.options import ExportKeywords
+    from markergen.options.tables import ExportKeywords
 
 Array = NDArray[np.float64]
 Rows = tuple[tuple[float, ...], ...]
@@ -226,7 +226,7 @@ class Marker:
     --------
     >>> from markergen.model.boundary import Circle
     >>> points = np.array([[0.1, 0], [0, 0.1], [-0.1, 0], [0, -0.1]])
-    >>> marker = dressed(points, Circle(0.15), diameter=0.036, clearance=0.0036)
+    >>> marker = build_marker(points, Circle(0.15), diameter=0.036, clearance=0.0036)
     >>> marker
     Marker(4 control points in a disk of radius 150 mm, dots of 36 mm)
     >>> marker.xyz.shape
@@ -295,7 +295,7 @@ class Marker:
         >>> from markergen.model.boundary import Circle
         >>> from markergen.model.marker_json import to_json
         >>> points = np.array([[0.1, 0], [0, 0.1], [-0.1, 0], [0, -0.1]])
-        >>> text = to_json(dressed(points, Circle(0.15), 0.036, 0.0036)).decode()
+        >>> text = to_json(build_marker(points, Circle(0.15), 0.036, 0.0036)).decode()
         >>> Marker.load(io.StringIO(text))
         Marker(4 control points in a disk of radius 150 mm, dots of 36 mm)
         >>> Marker.load(json.loads(text)).control_points[1].y
@@ -421,7 +421,7 @@ def check_supported(marker: Marker, doing: str, joint: bool = True) -> None:
         )
 
 
-def dressed(points: Array, boundary: Boundary, diameter: float, clearance: float, keyed: bool = True) -> Marker:
+def build_marker(points: Array, boundary: Boundary, diameter: float, clearance: float, keyed: bool = True) -> Marker:
     """Marker with a dot at each of the points (n, 2 or 3) in m: the first is a ring if `keyed`, the others are disks.
 
     A diameter of 0 gives bare points.

@@ -9,15 +9,14 @@ import json
 import os
 from collections import Counter
 from collections.abc import Mapping
-from io import UnsupportedOperation
 from math import hypot, isfinite
-from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
 from markergen.errors import InputError, brief
+from markergen.guard import read, text_of
 from markergen.model.findings import findings_of, listed, path_of
 from markergen.model.marker import ControlPoint, JointCovariance, Marker, Plate
 from markergen.model.marker_file import (
@@ -33,9 +32,6 @@ from markergen.model.marker_findings import contradictions
 from markergen.model.tag import Tag
 
 __all__ = ["from_json", "json_schema", "load_marker", "read_marker", "to_json"]
-
-LARGEST_FILE = 10_000_000
-"""Bytes; a marker has some kilobytes, and one of 200 dots with their joint covariance in space 9 MB."""
 
 _FRAME = {"unit": "m", "x": "right", "y": "up", "z": "out of the printed face, toward the viewer"}
 _CENTER, _DRAWING = "center of the boundary's smallest enclosing circle", "that of the boundary's drawing"
@@ -160,7 +156,7 @@ def load_marker(source: object) -> Marker:
         # By way of text: what JSON has not is refused, and nothing is shared with whoever gave it.
         return from_json(_dumped(source, None), "the dict")
     if callable(getattr(source, "read", None)):
-        return _read(source, _name_of(source))  # type: ignore[arg-type]
+        return _read(source)
     raise InputError(
         "a path, an open file or a dict of marker.json",
         f"{type(source).__name__} {brief(source)}",
@@ -177,39 +173,12 @@ def read_marker(path: str | os.PathLike[str]) -> Marker:
         If the file cannot be read, is not a marker.json, has a version this program does not know, or breaks the
         schema or the marker's geometry; then the message lists the errors with their paths, at most 20.
     """
-    try:
-        with Path(path).open("rb") as file:
-            return _read(file, str(path))
-    except (OSError, ValueError) as error:  # ValueError: a path with a null character.
-        raise _unreadable(str(path), error) from None
+    return _read(path)
 
 
-def _read(file: IO[str] | IO[bytes], name: str) -> Marker:
-    try:
-        data = file.read(LARGEST_FILE + 1)
-        if len(data) > LARGEST_FILE:
-            raise InputError(
-                f"a marker.json of at most {LARGEST_FILE // 10**6} MB at {name}", "a larger file", "check the path"
-            )
-        text = data.removeprefix("\ufeff") if isinstance(data, str) else bytes(data).decode("utf-8-sig")
-    except (OSError, ValueError, TypeError) as error:  # A file that is closed, or open for writing, or none.
-        raise _unreadable(name, error) from None
-    return from_json(text, name)
-
-
-def _name_of(file: object) -> str:
-    name = getattr(file, "name", None)
-    return name if isinstance(name, str) else "the open file"
-
-
-def _unreadable(name: str, error: Exception) -> InputError:
-    if isinstance(error, UnicodeDecodeError):
-        found = "bytes that are not UTF-8 text"
-    else:
-        found = str((error.strerror if isinstance(error, OSError) else None) or error)
-    plain = name.isprintable() and name.strip() and len(name) <= 200
-    remedy = "open it for reading" if isinstance(error, UnsupportedOperation) else "check the path"
-    return InputError(f"a readable marker.json at {name if plain else brief(name)}", found, remedy)
+def _read(source: object) -> Marker:
+    content = read(source, "marker")
+    return from_json(text_of(content), content.name)
 
 
 def from_json(text: str, name: str = "marker.json") -> Marker:

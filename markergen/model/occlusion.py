@@ -1,4 +1,4 @@
-"""What raised dots hide of each other: the cylinders that they stand on, and the lines of sight that pass these.
+"""Occlusion between raised dots: the cylinders that they stand on, and the lines of sight that pass these.
 
 A dot is a disk parallel to the plane z = 0, a pillar an upright cylinder of substrate from that plane to its dot.
 """
@@ -24,7 +24,7 @@ def pillar_radius(diameter: float, clearance: float) -> float:
 
 @dataclass(frozen=True)
 class Passage:
-    """How lines of sight pass pillars; all arrays of one shape (...).
+    """Passage of lines of sight by pillars; all arrays of one shape (...).
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Passage:
         Horizontal distance between the wall of the pillar and the nearest of the lines of sight to a point of the dot,
         where these are lower than the pillar. Negative: some of the dot is hidden, or stands in the pillar.
     share : array
-        How far that place is along the way from the dot (0) to the eye (1).
+        Position of that place along the way from the dot (0) to the eye (1).
     topped : array of bool
         Whether it is at the height of the pillar's top, so that the gap depends on the heights.
     """
@@ -43,7 +43,7 @@ class Passage:
 
 
 def passage(dots: Array, dot_radius: Array, pillars: Array, wall_radius: Array, eyes: Array) -> Passage:
-    """How the lines of sight from eyes to whole dots pass pillars, in closed form.
+    """Find how closely the lines of sight from eyes to whole dots pass pillars, in closed form.
 
     At the share s of the way from a dot (p, z, r) to an eye (q, h) the lines of sight fill a disk about p + s (q - p)
     of radius (1 - s) r. They are lower than a pillar (a, t, R) up to s = (t - z)/(h - z). The gap is the least over
@@ -74,7 +74,7 @@ def passage(dots: Array, dot_radius: Array, pillars: Array, wall_radius: Array, 
 
 
 def sight_gaps(points: Array, dot_radius: Array, wall_radius: Array, eyes: Array) -> Array:
-    """How far each dot is clear of each pillar: see `Passage.gap`.
+    """Gaps by which each dot is clear of each pillar: see `Passage.gap`.
 
     Returns
     -------

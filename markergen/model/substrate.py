@@ -16,7 +16,7 @@ from markergen.model.boundary import Boundary, Circle
 from markergen.units import format_length, parse_length
 
 THINNEST, LARGEST = 1e-5, 1.0
-"""Of a plate's thickness and its other measures in m; beyond these a unit is missing."""
+"""Limits in m of a plate's thickness and its other measures; beyond these a unit is missing."""
 
 EDGE = 0.002
 """Width in m of the plate around a disk or a rectangle, unless another is given."""
@@ -51,7 +51,7 @@ class Hole:
     Attributes
     ----------
     x, y : float
-        Of its axis in the marker frame, m.
+        Place of its axis in the marker frame, m.
     diameter : float
         m.
     sink : float
@@ -59,7 +59,7 @@ class Hole:
     use : {"mount", "dowel"}
         A screw goes through the one, a pin that tells where the frame is fits the other.
     name : str
-        What goes through, such as ``M3``.
+        Screw or pin that goes through, such as ``M3``.
 
     Raises
     ------
@@ -97,12 +97,12 @@ class Hole:
 
     @property
     def bore(self) -> Circle:
-        """What goes through."""
+        """Outline of the hole through the plate."""
         return Circle(self.diameter / 2, (self.x, self.y))
 
     @property
     def rim(self) -> Circle:
-        """Where the printed face has the hole."""
+        """Outline of the hole in the printed face."""
         return Circle(self.radius, (self.x, self.y))
 
     def __str__(self) -> str:
@@ -123,9 +123,9 @@ class Substrate:
         Least width in m of the plate outside of a boundary that is a disk or a rectangle, None for `EDGE`; without
         effect on others, and where an outline is given (see `edge_around`).
     corner_radius : float
-        Of the outline's corners seen from above, m.
+        Radius of the outline's corners seen from above, m.
     chamfer : float
-        Of the edge around the upper face, 45 degrees, m.
+        Width of the 45 degree chamfer around the upper face, m.
     outline : Boundary or None
         The plate's own outline; None is the boundary, with an edge around a disk or a rectangle.
     holes : tuple of Hole
@@ -169,7 +169,7 @@ class Substrate:
 
     @property
     def rims(self) -> tuple[Circle, ...]:
-        """Where the upper face has its holes."""
+        """Outlines of the holes in the upper face."""
         return tuple(hole.rim for hole in self.holes)
 
     def edge_around(self, boundary: Boundary) -> float:

@@ -1,4 +1,4 @@
-"""Whether the holes of a plate have material around them, and stay clear of the dots, the tag and each other."""
+"""Checks that the holes of a plate have material around them, and clear the dots, the tag and each other."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -32,7 +32,7 @@ Disk = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Misfit:
-    """What is wrong with one hole, and what would fit, in words; `hole` is its place in the list."""
+    """One fault of a hole, and what would fit, in words; `hole` is its place in the list."""
 
     hole: int
     found: str

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.maths.dot_noise import directions, displaced, linearize
-from markergen.model.image_noise import ImageNoise
+from markergen.model.spec import ImageNoise
 from markergen.objectives.blocks import row_products, times_rows
 from markergen.units import format_length
 

@@ -27,7 +27,7 @@ from markergen.optimize.region import Region
 from markergen.optimize.rival_fits import Rivals, Scene, scene_of
 from markergen.optimize.rivals import find_rivals, representative
 from markergen.optimize.trace import Record
-from markergen.options.base import Progress
+from markergen.options import Progress
 
 Array = NDArray[np.float64]
 

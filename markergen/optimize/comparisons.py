@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.geometry import region as geometry
 from markergen.objectives import Setting
 from markergen.objectives.criteria import RANDOM_LAYOUTS, regular_polygon
 from markergen.objectives.pose import PoseObjective
@@ -79,14 +80,8 @@ def _largest(region: Region, unit: Array, center: Array) -> Array:
 
 def _centers(region: Region) -> Array:
     """Centers (1 or 2, 2) in m: that of the marker, and that of the largest circle in the region."""
-    import shapely
-
     if len(region.walls) == 1:
         return np.zeros((1, 2))
-    rings = [shapely.Polygon(ring) for ring in region.boundary.outlines()]
-    shape = shapely.Polygon()
     # Inside is what an odd number of the outlines goes around.
-    for ring in rings:
-        shape = shapely.symmetric_difference(shape, ring)
-    circle = shapely.maximum_inscribed_circle(shape, tolerance=1e-4 * region.boundary.radius)
-    return np.stack([np.zeros(2), shapely.get_coordinates(circle)[0]])
+    inside = geometry.Region.odd(region.boundary.outlines())
+    return np.stack([np.zeros(2), inside.largest_circle(1e-4 * region.boundary.radius)])

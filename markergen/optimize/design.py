@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from markergen import __version__
 from markergen.errors import InputError
 from markergen.files import Written
-from markergen.model.marker import Marker, dressed
+from markergen.model.marker import Marker, build_marker
 from markergen.model.occlusion import eyes_of
 from markergen.model.poses import PoseDistribution
 from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
@@ -35,7 +35,7 @@ from markergen.optimize.region import Region
 from markergen.optimize.relief import search_relief
 from markergen.optimize.relief_room import ReliefRoom
 from markergen.optimize.trace import Recorder, Step, trace_of
-from markergen.options.base import Progress
+from markergen.options import Progress
 from markergen.presentation.results import Result
 from markergen.presentation.tables import Table, data_frame
 from markergen.read.poses import poses_from
@@ -346,7 +346,7 @@ def dress(
     # A tenth of a nanometer: nothing that anybody could make, and the file stays readable.
     rounded = np.round(points, 10) + 0.0
     return replace(
-        dressed(rounded, spec.boundary, dots.diameter, dots.clearance, keyed=not spec.asymmetric),
+        build_marker(rounded, spec.boundary, dots.diameter, dots.clearance, keyed=not spec.asymmetric),
         keep_outs=spec.keep_outs,
         tag=spec.placed_tag,
         substrate=spec.substrate,

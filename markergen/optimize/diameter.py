@@ -31,7 +31,7 @@ from markergen.optimize.multistart import search
 from markergen.optimize.packing import pack
 from markergen.optimize.polish import polish
 from markergen.optimize.region import Region
-from markergen.options.base import Progress
+from markergen.options import Progress
 from markergen.units import format_length
 
 Array = NDArray[np.float64]

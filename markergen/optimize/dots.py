@@ -11,7 +11,7 @@ from markergen.model.spec import Spec
 from markergen.optimize.goal import room_of
 from markergen.optimize.packing import count_that_fit, fitting, largest_diameter
 from markergen.optimize.region import Region
-from markergen.options.base import Progress
+from markergen.options import Progress
 from markergen.units import format_length
 
 PIXELS = 8.0

@@ -13,7 +13,7 @@ from markergen.optimize.polish import ALL_PAIRS_UP_TO, polish
 from markergen.optimize.region import Region
 from markergen.optimize.supersab import descend
 from markergen.optimize.trace import Record
-from markergen.options.base import Progress
+from markergen.options import Progress
 from markergen.units import format_length
 
 Array = NDArray[np.float64]

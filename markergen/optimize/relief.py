@@ -9,7 +9,7 @@ from markergen.optimize.multistart import DISTINCT, Optimum
 from markergen.optimize.polish import ALL_PAIRS_UP_TO, REACH, SOFTNESSES
 from markergen.optimize.relief_room import ReliefRoom, Sights
 from markergen.optimize.trace import Record
-from markergen.options.base import Progress
+from markergen.options import Progress
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -1,39 +1,385 @@
-"""All options, declared once: name, type, unit, default, help and group of every option.
+"""Options: what is declared of one, the kinds of their values, and the check of what callers give.
 
-The command line's options and its help, the keys of a spec file and their JSON Schema, and the keyword arguments of
-`markergen.design`, `export`, `validate` and the others are all made of the tables here; a new option is a new line.
-Each table is a ``TypedDict``, so that type checkers know the keywords, too.
+The options themselves are declared in `markergen.options.tables`.
 """
 
-from markergen.options.base import Option, declared, signature_of
-from markergen.options.making import OUTSIDE_FILES, DesignKeywords, ExportKeywords, PlateKeywords
-from markergen.options.proving import (
-    CompareKeywords,
-    DetectKeywords,
-    RescaleKeywords,
-    StudyKeywords,
-    ValidateKeywords,
-    VerifyKeywords,
-)
-from markergen.options.reading import as_list, check_progress, given, read_as, settle
+import math
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from functools import cache
+from inspect import Parameter, Signature
+from numbers import Integral, Real
+from os import PathLike
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Annotated, Any, TypeAlias, get_args, get_origin, get_type_hints
 
-__all__ = [
-    "OUTSIDE_FILES",
-    "CompareKeywords",
-    "DesignKeywords",
-    "DetectKeywords",
-    "ExportKeywords",
-    "Option",
-    "PlateKeywords",
-    "RescaleKeywords",
-    "StudyKeywords",
-    "ValidateKeywords",
-    "VerifyKeywords",
-    "as_list",
-    "check_progress",
-    "declared",
-    "given",
-    "read_as",
-    "settle",
-    "signature_of",
-]
+from markergen.errors import InputError, brief
+from markergen.units import parse_length
+
+if TYPE_CHECKING:
+    from markergen.model.boundary import Boundary
+    from markergen.model.camera import Camera
+    from markergen.model.marker import Marker
+    from markergen.model.poses import PoseDistribution
+
+    Length = float | str
+    LengthOrAuto = float | str
+    File = str | PathLike[str]
+    Files = str | PathLike[str] | Sequence[str | PathLike[str]]
+    Texts = str | Sequence[str]
+    Shape = str | PathLike[str] | Boundary | Mapping[str, Any]
+    Shapes = Shape | Sequence[Shape]
+    MarkerLike: TypeAlias = str | PathLike[str] | IO[str] | IO[bytes] | Marker | Mapping[str, Any]
+    CameraLike = str | PathLike[str] | IO[str] | IO[bytes] | Camera | Mapping[str, Any]
+    Poses = str | PathLike[str] | PoseDistribution
+else:
+    # Type checkers see above what callers may give; at runtime the aliases carry the kind, one of `ACCEPTED`.
+    Length = Annotated[object, "length"]
+    LengthOrAuto = Annotated[object, "length or auto"]
+    File = Annotated[object, "file"]
+    Files = Annotated[object, "files"]
+    Texts = Annotated[object, "texts"]
+    Shape = Annotated[object, "shape"]
+    Shapes = Annotated[object, "shapes"]
+    MarkerLike = Annotated[object, "marker"]
+    CameraLike = Annotated[object, "camera"]
+    Poses = Annotated[object, "poses"]
+
+Progress = Callable[[str, int, int], None]
+"""Called along the way with the name of the stage, what is done of it, and its total."""
+
+ACCEPTED = {
+    "length": "float | str",
+    "length or auto": "float | str",
+    "file": "str | Path",
+    "files": "str | Path | list[str | Path]",
+    "texts": "str | list[str]",
+    "shape": "str | Path | Boundary | dict",
+    "shapes": "str | Path | Boundary | dict | list[...]",
+    "marker": "Marker | str | Path | dict",
+    "camera": "Camera | str | Path | dict",
+    "poses": "str | Path | PoseDistribution",
+}
+"""What may be given for each kind of value, as ``help()`` and editors show it."""
+
+REPEATABLE = ("files", "texts", "shapes")
+"""Kinds of which several may be given."""
+
+LAYOUT, VIEW, DOTS = "Layout", "Camera and poses", "Dots and labels"
+SHEET, SOLID, SEARCH = "Sheet", "Solid", "Search"
+TRIALS, IMAGES, ERRORS, RUN, FILES = "Trials", "Synthetic views", "Print and calibration", "Run", "Files"
+GROUPS = (LAYOUT, VIEW, DOTS, TRIALS, IMAGES, ERRORS, SHEET, SOLID, SEARCH, RUN, FILES)
+"""In the order of help."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """One option.
+
+    Attributes
+    ----------
+    group : str
+        One of `GROUPS`.
+    help : str
+        A sentence or two, without the default.
+    default : object
+        Its default, as a user would write it; None if `otherwise` describes it, or there is none.
+    otherwise : str
+        The default in words.
+    metavar : str
+        Placeholder for the value in help.
+    flags : str
+        Its spelling on the command line, where that does not follow from the name.
+    aliases : tuple of str
+        Further names that spec files have for it.
+    name, kind : str
+        Filled in by `declared`: the keyword, and the kind of its value: ``int``, ``float``, ``str``, ``bool``, or one
+        of the kinds above.
+    """
+
+    group: str
+    help: str
+    default: Any = None
+    otherwise: str = ""
+    metavar: str = ""
+    flags: str = ""
+    aliases: tuple[str, ...] = ()
+    name: str = ""
+    kind: str = ""
+
+    @property
+    def shown(self) -> str:
+        """Default as help shows it; empty if there is none."""
+        if self.otherwise or self.default is None:
+            return self.otherwise
+        if isinstance(self.default, bool):
+            return "yes" if self.default else "no"
+        return str(self.default)
+
+    @property
+    def flag(self) -> str:
+        """Its long flag on the command line: ``--corner-radius``."""
+        words = self.flags.replace("/", " ").split() or ["--" + self.name.replace("_", "-")]
+        return next(word for word in words if word.startswith("--"))
+
+
+@cache
+def declared(table: type) -> Mapping[str, Option]:
+    """Options of a table by name, in the order of `GROUPS` and, within each, of their declaration.
+
+    >>> from markergen.options.tables import DesignKeywords
+    >>> declared(DesignKeywords)["corner_radius"].flag
+    '--corner-radius'
+    """
+    hints = get_type_hints(table, include_extras=True)
+    found = [_named(name, hint) for name, hint in hints.items()]
+    return {each.name: each for each in sorted(found, key=lambda each: GROUPS.index(each.group))}
+
+
+def _named(name: str, hint: Any) -> Option:
+    kind, *extras = get_args(hint)
+    option = extras[-1]
+    assert get_origin(hint) is Annotated
+    assert isinstance(option, Option)
+    length = "LENGTH" if extras[0] == "length" else ""
+    return replace(
+        option, name=name, kind=extras[0] if kind is object else kind.__name__, metavar=option.metavar or length
+    )
+
+
+class _Accepted:
+    """An annotation that ``help()`` shows as it stands in `ACCEPTED`."""
+
+    def __init__(self, words: str) -> None:
+        self._words = words
+
+    def __repr__(self) -> str:
+        return self._words
+
+
+def _accepted(hint: Any) -> Any:
+    """Annotation with the kinds of values in it as what may be given for them."""
+    if get_origin(hint) is Annotated:
+        kind, first, *_ = get_args(hint)
+        return _Accepted(ACCEPTED[first]) if kind is object else kind
+    if type(None) in get_args(hint) and any(get_origin(each) is Annotated for each in get_args(hint)):
+        return _Accepted(" | ".join("None" if each is type(None) else repr(_accepted(each)) for each in get_args(hint)))
+    return hint
+
+
+def signature_of(function: Any, table: type) -> Signature:
+    """Signature of a function with its ``**options`` spelled out, as a table declares them."""
+    from inspect import signature
+
+    own = [each for each in signature(function).parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
+    own = [each.replace(annotation=_accepted(each.annotation)) for each in own]
+    options = [
+        Parameter(name, Parameter.KEYWORD_ONLY, default=declared(table)[name].default, annotation=_accepted(hint))
+        for name, hint in get_type_hints(table, include_extras=True).items()
+    ]
+    return Signature([*own, *options], return_annotation=signature(function).return_annotation)
+
+
+def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
+    """Check the options that a caller gave and return all of a table's, converted, with defaults for what is missing.
+
+    It is as strict as a spec file: no ``"5"`` for a number, no True for 1; scalars of numpy are numbers as any other.
+
+    Parameters
+    ----------
+    options : mapping
+        Keyword arguments. None stands for an option that was not given.
+    table : type
+        One of the tables of `markergen.options.tables`; its name is that of the function, as in ``ValidateKeywords``.
+
+    Returns
+    -------
+    dict
+        Every name of the table: lengths in m, files as `Path`, what may be repeated as a tuple; None where nothing was
+        given and the table has no default. Shapes, cameras and poses are as they were given, for those who know them.
+
+    Raises
+    ------
+    InputError
+        Listing all errors: unknown names, each with the nearest known one, and values of a wrong type.
+
+    Examples
+    --------
+    >>> from markergen.options.tables import ValidateKeywords
+    >>> settled = settle({"runs": 20, "print_sigma": "50um"}, ValidateKeywords)
+    >>> settled["runs"], settled["print_sigma"], settled["noise"], settled["views"]
+    (20, 5e-05, 0.2, None)
+    >>> settle({"rnus": 20}, ValidateKeywords)
+    Traceback (most recent call last):
+    markergen.errors.InputError: expected what markergen.validate takes, found rnus=20 (no such option: did you mean \
+'runs'?); see help(markergen.validate)
+    """
+    known = declared(table)
+    settled: dict[str, Any] = {}
+    findings = []
+    for name, value in options.items():
+        if name not in known:
+            findings.append(f"{name}={brief(value)} (no such option: {_hint(name, known)})")
+    for name, option in known.items():
+        given = options.get(name)
+        value = option.default if given is None else _plain(given)
+        try:
+            settled[name] = None if value is None else _READERS[option.kind](value, name)
+        except InputError as error:
+            findings.append(f"{name}={brief(given)} ({error.args[0]})")
+    if findings:
+        function = f"markergen.{table.__name__.removesuffix('Keywords').lower()}"
+        raise InputError(f"what {function} takes", ", ".join(findings), f"see help({function})")
+    return settled
+
+
+def read_as(kind: str, value: Any, name: str) -> Any:
+    """Check and convert one argument as an option of that kind; None stays None.
+
+    Raises
+    ------
+    InputError
+        If it is of another type.
+
+    Examples
+    --------
+    >>> read_as("length", "0.1mm", "tolerance")
+    0.0001
+    """
+    try:
+        return None if value is None else _READERS[kind](_plain(value), name)
+    except InputError as error:
+        raise InputError(f"{error.args[0]} for {name}", brief(value), f"give {name} such a value") from None
+
+
+def check_progress(progress: object) -> None:
+    """Refuse what cannot be called, before any work is done; raises InputError."""
+    if progress is not None and not callable(progress):
+        raise InputError(
+            "a function for progress", brief(progress), "give one that takes a stage, what is done, and a total"
+        )
+
+
+def given(options: Mapping[str, Any], table: type) -> dict[str, Any]:
+    """Options that a caller gave, checked and converted as `settle` does; the others are left to whoever asks."""
+    settled = settle(options, table)
+    return {name: settled[name] for name, value in options.items() if value is not None}
+
+
+def as_list(value: Any) -> list[Any]:
+    """What was given as a list, whether it is one thing or several: a text, path, mapping or open file is one.
+
+    >>> as_list("marker.json"), as_list(("a.json", "b.json"))
+    (['marker.json'], ['a.json', 'b.json'])
+    """
+    # The lines of an open file are not several things.
+    one = isinstance(value, str | bytes | os.PathLike | Mapping) or hasattr(value, "read")
+    one = one or getattr(value, "ndim", 1) == 0  # An array may be one number.
+    return list(value) if isinstance(value, Iterable) and not one else [value]
+
+
+def _hint(name: str, known: Mapping[str, Option]) -> str:
+    near = get_close_matches(name, known, n=1)
+    return f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
+
+
+def _plain(value: Any) -> Any:
+    """Scalars of numpy as the Python values that they stand for, without numpy."""
+    is_scalar = getattr(value, "ndim", None) == 0 and hasattr(value, "item")
+    return value.item() if is_scalar else value
+
+
+def _wrong(expected: str) -> InputError:
+    return InputError(expected, "", "")
+
+
+def _int(value: Any, _: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise _wrong("a whole number")
+    return int(value)
+
+
+def _float(value: Any, _: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise _wrong("a number")
+    try:
+        return float(value)
+    except OverflowError:
+        raise _wrong("a number of at most 308 digits") from None
+
+
+def _bool(value: Any, _: str) -> bool:
+    if not isinstance(value, bool):
+        raise _wrong("True or False")
+    return value
+
+
+def _str(value: Any, _: str) -> str:
+    if not isinstance(value, str):
+        raise _wrong("a text")
+    return str(value)
+
+
+def _length(value: Any, name: str) -> float:
+    try:
+        meters = parse_length(value, name) if isinstance(value, str) else _float(value, name)
+    except InputError:
+        meters = math.nan
+    if not math.isfinite(meters):
+        raise _wrong("a length such as 0.15 or '150mm'")
+    return meters
+
+
+def _length_or_auto(value: Any, name: str) -> float | str:
+    return value if isinstance(value, str) and value == "auto" else _length(value, name)
+
+
+def _file(value: Any, _: str) -> Path:
+    if isinstance(value, str | os.PathLike):
+        path = os.fspath(value)
+        if isinstance(path, str) and path and "\0" not in path:
+            return Path(path)
+    raise _wrong("a path")
+
+
+def _several(read: Callable[[Any, str], Any], expected: str) -> Callable[[Any, str], tuple[Any, ...]]:
+    def read_all(value: Any, name: str) -> tuple[Any, ...]:
+        alone = isinstance(value, bytes | bytearray) or not isinstance(value, Sequence) or isinstance(value, str)
+        try:
+            return tuple(read(each, name) for each in ([value] if alone else value))
+        except InputError:
+            raise _wrong(expected) from None
+
+    return read_all
+
+
+def _thing(expected: str) -> Callable[[Any, str], Any]:
+    """Pass on what may be an object of markergen, whose class this layer does not know; no builtin is one."""
+
+    def read(value: Any, _: str) -> Any:
+        if isinstance(value, str | os.PathLike | Mapping) or type(value).__module__ != "builtins":
+            return value
+        raise _wrong(expected)
+
+    return read
+
+
+_SHAPE = "an outline: a text such as rect:0.2x0.1, a path, or a boundary"
+_READERS: dict[str, Callable[[Any, str], Any]] = {
+    "int": _int,
+    "float": _float,
+    "bool": _bool,
+    "str": _str,
+    "length": _length,
+    "length or auto": _length_or_auto,
+    "file": _file,
+    "files": _several(_file, "a path, or a list of paths"),
+    "texts": _several(_str, "a text, or a list of texts"),
+    "shape": _thing(_SHAPE),
+    "shapes": _several(_thing(_SHAPE), _SHAPE + ", or a list of them"),
+    "camera": _thing("a camera, a path, or a dictionary"),
+    "poses": _thing("poses: a text such as 'paper' or 'cone:tilt=0..60', a path, or a PoseDistribution"),
+}
+"""Readers by kind; each returns the converted value, or raises an error with only the expected part filled in."""

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 from markergen.errors import InputError
 from markergen.files import exists
 from markergen.guard import read, reason_of
+
+if TYPE_CHECKING:
+    from PIL.Image import Image as PillowImage
 
 Grey = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -264,15 +267,26 @@ def _content(path: Path) -> bytes:
     return read(path, "image").data
 
 
-def _examine(path: Path, data: bytes) -> _Header:
-    """Header of an image that has been read to its end; raises if it is damaged or of an unfit size."""
+@contextmanager
+def opened(data: bytes, formats: tuple[str, ...]) -> "Iterator[PillowImage]":
+    """Open an image by Pillow, which reads its header; however large it is, that is for the caller to judge."""
     from PIL import Image as Pillow
-    from PIL import UnidentifiedImageError
 
     # Pillow's own limit would raise before the size is known.
     limit, Pillow.MAX_IMAGE_PIXELS = Pillow.MAX_IMAGE_PIXELS, None
     try:
-        with Pillow.open(io.BytesIO(data), formats=_FORMATS) as image:
+        with Pillow.open(io.BytesIO(data), formats=formats) as image:
+            yield image
+    finally:
+        Pillow.MAX_IMAGE_PIXELS = limit
+
+
+def _examine(path: Path, data: bytes) -> _Header:
+    """Header of an image that has been read to its end; raises if it is damaged or of an unfit size."""
+    from PIL import UnidentifiedImageError
+
+    try:
+        with opened(data, _FORMATS) as image:
             width, height = image.size
             if width * height > LARGEST_PIXELS:
                 raise InputError(
@@ -297,8 +311,6 @@ def _examine(path: Path, data: bytes) -> _Header:
         raise InputError(
             f"a {_KNOWN} image of 8 or 16 bits in {path}", "another format or depth", "convert the image to PNG"
         ) from None
-    finally:
-        Pillow.MAX_IMAGE_PIXELS = limit
     if header.format == "PNG":
         _check_chunks(data)
     return header

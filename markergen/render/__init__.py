@@ -3,8 +3,7 @@
 from markergen.render.optics import DEFAULT_OPTICS, Optics, optics_from_text
 from markergen.render.patches import Patch, circle
 from markergen.render.scenery import Scenery
-from markergen.render.shapes import marker_patches
-from markergen.render.view import render_patches, render_view
+from markergen.render.view import marker_patches, render_patches, render_view
 
 __all__ = [
     "DEFAULT_OPTICS",

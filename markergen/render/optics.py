@@ -1,7 +1,11 @@
-"""From covered area to grey levels: contrast, point spread, light, noise, quantization."""
+"""From covered area to grey levels: contrast, point spread, light, noise, quantization.
+
+Point spread functions are kernels of unit sum, symmetric about the middle, so that they move nothing.
+"""
 
 from dataclasses import dataclass, fields
 from difflib import get_close_matches
+from functools import lru_cache
 from math import isfinite
 from typing import Any
 
@@ -9,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from markergen.errors import InputError
-from markergen.render.psf import disk_kernel, line_kernel
+from markergen.geometry.coverage import polygon_coverage
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.float32]
@@ -18,6 +22,8 @@ FULL_SCALE = 255.0
 """Grey level at which the sensor saturates, whatever its bits."""
 
 LARGEST_PSF_PX = 100.0
+
+_DISK_VERTICES = 720
 
 
 @dataclass(frozen=True)
@@ -201,6 +207,35 @@ def _spread(ink: Grey, optics: Optics) -> Grey:
         kernel = line_kernel(optics.motion_px * FINENESS, optics.motion_deg)
         ink = cv2.filter2D(ink, -1, kernel, borderType=cv2.BORDER_REPLICATE)
     return ink
+
+
+@lru_cache(maxsize=16)
+def disk_kernel(radius: float) -> Array:
+    """Exact coverage (2k + 1, 2k + 1) of a disk of that radius, in px of the kernel, around the middle."""
+    angle = 2 * np.pi * np.arange(_DISK_VERTICES) / _DISK_VERTICES
+    return _kernel(radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+
+
+@lru_cache(maxsize=16)
+def line_kernel(length: float, direction_deg: float) -> Array:
+    """Exact coverage (2k + 1, 2k + 1) of a line of that length, in px of the kernel, around the middle.
+
+    The line has a width of one hundredth px, which adds nothing to the kernel's spread.
+    """
+    angle = np.deg2rad(direction_deg)
+    along = np.array([np.cos(angle), np.sin(angle)]) * length / 2
+    across = np.array([-np.sin(angle), np.cos(angle)]) * 0.005
+    return _kernel(np.array([along + across, -along + across, -along - across, along - across]))
+
+
+def _kernel(outline: Array) -> Array:
+    half = int(np.ceil(np.abs(outline).max() + 0.5))
+    kernel = np.zeros((2 * half + 1, 2 * half + 1))
+    tile, top, left = polygon_coverage([outline + half], 2 * half + 1, 2 * half + 1)
+    kernel[top : top + tile.shape[0], left : left + tile.shape[1]] = tile
+    # Rounding apart it is symmetric and positive already.
+    kernel = np.abs(kernel + kernel[::-1, ::-1])
+    return np.asarray(kernel / kernel.sum())
 
 
 def illumination(optics: Optics, width: int, height: int) -> Grey | None:

@@ -96,13 +96,12 @@ def _back(parts: Sequence[Part]) -> tuple[ViewFace, ...]:
     """View of the back, if it shows more than the outline and the holes that the front shows."""
     plates = [part for part in parts if part.is_plate]
     blank = seen([replace(part, cut=(), marked=()) for part in plates], BACK)
-    # Letters are filled, so that they are read; what goes through stays empty.
-    holes = [
-        replace(face, material="dark", fine=True) if face.material else face
+    # Letters are filled, so that they are read; what goes through stays empty. A plate still hides what is behind it.
+    faces = [
+        replace(face, material="dark", fine=True) if face.material and face not in blank else face
         for face in seen(plates, BACK)
-        if face not in blank
     ]
-    return (*blank, *holes) if any(face.material for face in holes) else ()
+    return tuple(faces) if any(face.material and face.fine for face in faces) else ()
 
 
 def _materials(parts: Sequence[Part]) -> str:
@@ -230,7 +229,8 @@ def _plate_notes(marker: Marker) -> list[str]:
         said.append(f"corners of the plate seen from above R{millimeters(mm(substrate.corner_radius))}")
     if substrate.chamfer:
         said.append(f"chamfer around the face {millimeters(mm(substrate.chamfer))} x 45\xb0")
-    return [f"{', '.join(said).capitalize()}."] if said else []
+    words = ", ".join(said)
+    return [f"{words[0].upper()}{words[1:]}."] if words else []
 
 
 def _alike(dots: Iterable[SolidDot]) -> list[tuple[tuple[float, float], list[SolidDot]]]:

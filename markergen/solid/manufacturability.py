@@ -15,7 +15,7 @@ from markergen.model.marker import Marker
 from markergen.model.substrate import Hole
 from markergen.solid.bodies import mm
 from markergen.solid.dot_geometry import NECK, SolidDot, cell_of
-from markergen.solid.plate import Footprint, Plate, gaps
+from markergen.solid.plate import Footprint, SolidPlate, gaps
 
 FLOOR = 0.2
 """Least thickness in mm of what is left under a pocket: one layer of a printer."""
@@ -168,7 +168,7 @@ def check_tag(marker: Marker, tool: Tool, corner: float, gap: float = 0.0) -> No
         )
 
 
-def check_apart(marker: Marker, plate: Plate, footprints: Sequence[Footprint], tool: Tool) -> None:
+def check_apart(marker: Marker, plate: SolidPlate, footprints: Sequence[Footprint], tool: Tool) -> None:
     """Refuse footprints with less than a wall between them, or between one and a hole or the plate's edge.
 
     Raises

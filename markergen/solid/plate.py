@@ -53,7 +53,7 @@ class Footprint:
 
 
 @dataclass(frozen=True)
-class Plate:
+class SolidPlate:
     """All plates of a marker: one for each separate piece of the outline.
 
     Attributes
@@ -153,7 +153,7 @@ class Plate:
         ]
 
 
-def plate_of(marker: Marker) -> Plate:
+def plate_of(marker: Marker) -> SolidPlate:
     """Plate of a marker, with rounded corners.
 
     Under a disk it is a disk that holds the boundary with its edge and every dot's quiet zone, a white ring half a dot
@@ -173,7 +173,7 @@ def plate_of(marker: Marker) -> Plate:
 
 
 def plate_size(marker: Marker) -> str:
-    """Size of the plate in words: as its outline was given, or as `Plate.size` tells."""
+    """Size of the plate in words: as its outline was given, or as `SolidPlate.size` tells."""
     outline = marker.substrate.outline
     return plate_of(marker).size if outline is None else size_words(outline)
 
@@ -202,7 +202,7 @@ def grouped(contours: Sequence[Contour]) -> list[Outline]:
 
 # Every step of making and describing a marker asks for its plate.
 @lru_cache(maxsize=8)
-def _plate(substrate: Substrate, boundary: Boundary, disk: float) -> Plate:
+def _plate(substrate: Substrate, boundary: Boundary, disk: float) -> SolidPlate:
     """Plate of a substrate; a disk of that radius around the boundary's center unless it is 0."""
     chamfer = mm(substrate.chamfer)
     if disk:
@@ -216,7 +216,7 @@ def _plate(substrate: Substrate, boundary: Boundary, disk: float) -> Plate:
         outlines = [tuple(_rounded(each, corner) for each in piece) for piece in _separate(contours)]
     for outer, *_ in outlines:
         _check_chamfer(outer, chamfer)
-    return Plate(tuple(outlines), mm(substrate.thickness), chamfer, substrate.holes)
+    return SolidPlate(tuple(outlines), mm(substrate.thickness), chamfer, substrate.holes)
 
 
 def _bore(hole: Hole, bottom: float, top: float) -> Revolved:

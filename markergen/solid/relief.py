@@ -16,7 +16,7 @@ from markergen.model.poses import PoseDistribution
 from markergen.solid.bodies import Revolved
 from markergen.solid.dot_geometry import SolidDot
 from markergen.solid.manufacturability import FLATTENING, Tool, found_room, up
-from markergen.solid.plate import Footprint, Plate, gaps
+from markergen.solid.plate import Footprint, SolidPlate, gaps
 
 Array = NDArray[np.float64]
 
@@ -106,7 +106,7 @@ def pillars_of(
     dots: Sequence[SolidDot],
     fabrication: Fabrication,
     tool: Tool,
-    plate: Plate,
+    plate: SolidPlate,
     others: Sequence[Footprint],
     rim: float,
     poses: PoseDistribution | None,
@@ -165,7 +165,7 @@ def _check_room(
     bare: Sequence[Pillar],
     drafted: Sequence[Pillar],
     tool: Tool,
-    plate: Plate,
+    plate: SolidPlate,
     others: Sequence[Footprint],
 ) -> None:
     """Refuse pillars without a wall's width between them and whatever is beside them."""
@@ -197,7 +197,9 @@ def _check_room(
     )
 
 
-def _room(pillars: Sequence[Pillar], tool: Tool, plate: Plate, others: Sequence[Footprint]) -> list[tuple[float, str]]:
+def _room(
+    pillars: Sequence[Pillar], tool: Tool, plate: SolidPlate, others: Sequence[Footprint]
+) -> list[tuple[float, str]]:
     """How far in mm each pillar could widen with a wall left beside it, and toward what; pillars share what is left."""
     feet = [Footprint(PILLAR + p.dot.name, ((p.dot.x, p.dot.y),), p.base) for p in pillars]
     beside = [*plate.hole_footprints, *others]
@@ -214,7 +216,7 @@ def _room(pillars: Sequence[Pillar], tool: Tool, plate: Plate, others: Sequence[
 
 
 def _feet(
-    pillars: Sequence[Pillar], tool: Tool, plate: Plate, others: Sequence[Footprint], asked: float
+    pillars: Sequence[Pillar], tool: Tool, plate: SolidPlate, others: Sequence[Footprint], asked: float
 ) -> list[float]:
     feet = []
     for pillar, (room, _) in zip(pillars, _room(pillars, tool, plate, others), strict=True):

@@ -19,14 +19,13 @@ from markergen.errors import InputError
 from markergen.estimators import Correspondences
 from markergen.estimators.budget import ErrorSources
 from markergen.estimators.lm import LM
-from markergen.model.board import Board
 from markergen.model.boundary import Circle
 from markergen.model.camera import Camera
-from markergen.model.marker import Marker, check_supported, dressed
+from markergen.model.marker import Marker, build_marker, check_supported
 from markergen.model.marker_json import read_marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
-from markergen.model.tag import Tag, parse_tag
+from markergen.model.tag import Board, Tag, parse_tag
 from markergen.objectives import Setting
 from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.dots import CLEARANCE, ROOM, choose_dots
@@ -327,7 +326,7 @@ def _layout(text: str, first: Marker | None, setting: Setting, seed: int) -> Dot
         region = Region(setting.boundary, diameter, clearance)
         layouts = comparison_layouts(region, n, seed).get(kind)
         if layouts is not None:
-            return DotMarker(name, dressed(median_layout(layouts, setting), setting.boundary, diameter, clearance))
+            return DotMarker(name, build_marker(median_layout(layouts, setting), setting.boundary, diameter, clearance))
     raise InputError(f"room for {name}", f"a {setting.boundary}", "use fewer dots")
 
 

@@ -16,7 +16,7 @@ from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
-from markergen.options.base import Progress
+from markergen.options import Progress
 from markergen.pool import map_counted, ranges, workers_for
 from markergen.render import DEFAULT_OPTICS, Optics
 from markergen.validation.baselines import Contestant, line_up

@@ -14,7 +14,7 @@ from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
 from markergen.files import Written, write_all
 from markergen.model.camera import Camera
-from markergen.model.marker import Marker, check_supported, dressed
+from markergen.model.marker import Marker, build_marker, check_supported
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
@@ -23,8 +23,7 @@ from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.design import compare
 from markergen.optimize.label_safety import label_safety
 from markergen.optimize.region import Region
-from markergen.options import check_progress
-from markergen.options.base import Progress
+from markergen.options import Progress, check_progress
 from markergen.presentation.plots import axes_of, figure_bytes, new_figure
 from markergen.presentation.results import SavableResult, StrPath, Targets, json_bytes
 from markergen.presentation.tables import Table, data_frame, number
@@ -135,7 +134,7 @@ def validate(
     if trials_for_all:
         for name, layouts in comparison_layouts(region, len(points), seed).items():
             middle = median_layout(layouts, setting)
-            found = trials(dressed(middle, marker.boundary, marker.dot_diameter, marker.clearance), name).as_dict()
+            found = trials(build_marker(middle, marker.boundary, marker.dot_diameter, marker.clearance), name).as_dict()
             beside[name] = {key: found[key] for key in ("bound", "estimators", "homography")}
             beside[name]["criteria"] = criteria(middle[None], setting)[0]
     series = series or SyntheticViews(marker, setting.camera, setting.poses, 0, errors=ErrorSources())

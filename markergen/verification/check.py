@@ -9,15 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError, MissingLibraryError
+from markergen.guard import read
 from markergen.model.feature import Feature
 from markergen.model.marker import ControlPoint, Marker, check_supported
 from markergen.model.tag import Tag
-from markergen.solid.surface import Surface
-from markergen.verification.dots import Dots, dots_of, expected_dots, grown
-from markergen.verification.judge import Finding, Verdict, extras, judge
-from markergen.verification.reading import Page, Reading, load, reader_of
-from markergen.verification.recess import SHEET, holds_sheet, room_of
-from markergen.verification.solids import UNITS, color_findings, dots_of_surface, hole_findings, in_unit
+from markergen.verification.findings import Finding, Verdict, extras, judge
+from markergen.verification.matching import DotSet, dots_of, expected_dots, grown
+from markergen.verification.reading import Page, Reading, reader_of
+from markergen.verification.solids import (
+    SHEET,
+    UNITS,
+    color_findings,
+    dots_of_surface,
+    holds_sheet,
+    hole_findings,
+    in_unit,
+    room_of,
+)  # fmt: skip
+from markergen.verification.surface import Surface
 from markergen.verification.tags import ABSENT, tag_findings
 
 Array = NDArray[np.float64]
@@ -127,7 +136,7 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
     reader = reader_of(path)
     # What overflows in a file's numbers is not finite, and left out.
     with np.errstate(all="ignore"):
-        reading = reader(load(path), str(path), marker)
+        reading = reader(read(path, "artifact").data, str(path), marker)
     allowed = reading.tolerance if tolerance is None else tolerance
     found = _best(marker, reading, allowed)
     if _is_strange(found) and reading.pages[0].surface is not None:
@@ -250,11 +259,11 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     )  # fmt: skip
 
 
-def _dots(page: Page, expected: Dots) -> Dots:
+def _dots(page: Page, expected: DotSet) -> DotSet:
     return dots_of(page, expected) if page.surface is None else dots_of_surface(page.surface, expected)
 
 
-def _made(verdict: Verdict, marker: Marker, surface: Surface, found: Dots | None, tolerance: float) -> Verdict:
+def _made(verdict: Verdict, marker: Marker, surface: Surface, found: DotSet | None, tolerance: float) -> Verdict:
     """Verdict of a solid with what is wrong with the colors of its dots, if it has any, and the holes of its plate."""
     if verdict.motion is None or any(each.kind in UNTAGGED for each in verdict.findings):
         return verdict
@@ -264,7 +273,7 @@ def _made(verdict: Verdict, marker: Marker, surface: Surface, found: Dots | None
 
 
 def _copies(
-    expected: Dots, ids: list[int], found: Dots, tolerance: float, reading: Reading, page: Page
+    expected: DotSet, ids: list[int], found: DotSet, tolerance: float, reading: Reading, page: Page
 ) -> list[Verdict]:
     """Verdicts on all copies of the marker, at least one."""
     verdicts: list[Verdict] = []

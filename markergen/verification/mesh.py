@@ -1,22 +1,28 @@
-"""Triangles of a mesh made into what a solid shows from above: its shells, their level faces, circles and balls."""
+"""Meshes: read in a child process, and made into what a solid shows from above: shells, level faces, circles, balls."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
-from markergen.solid.surface import Ball, Color, Face, Loop, SolidPart, Surface
-from markergen.verification.reading import round_shape
+from markergen.geometry.contour import area
+from markergen.guard import Content, in_child, start_child
+from markergen.model.marker import Marker
+from markergen.verification.mesh_parsers import MOST_TRIANGLES
+from markergen.verification.reading import READERS, Reading, round_shape
+from markergen.verification.solids import reading_of
+from markergen.verification.surface import Ball, Color, LevelFace, SolidPart, Surface, edge_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+PARSERS = Path(__file__).with_name("mesh_parsers.py")
+
 TOLERANCE = 5e-6
 """How exact a mesh is to be, m."""
-
-MOST_TRIANGLES = 4_000_000
 
 LEVEL = 1e-4
 """Difference of heights in mm within a level triangle: single precision of a plate of a meter, turned or not."""
@@ -51,6 +57,50 @@ class Triangles:
     color: Color | None = None
     paints: NDArray[np.int64] | None = None
     palette: Sequence[Color] = ()
+
+
+@READERS.register(".stl")
+def read_stl(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (every reader is called alike)
+    """Triangles of an STL in mm."""
+    return _read("STL", data, name)
+
+
+@READERS.register(".3mf")
+def read_3mf(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001
+    """Objects that the build of a 3MF has, in mm, each with the colors of its base materials."""
+    return _read("3MF", data, name)
+
+
+@READERS.register(".glb")
+def read_glb(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001
+    """Meshes of the scene of a GLB in mm, marker frame."""
+    return _read("GLB", data, name)
+
+
+@READERS.register(".sdf", ".urdf")
+def read_model(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001
+    """Refuse a simulator's model: what it shows is in the GLB beside it."""
+    raise InputError(
+        f"a file with the marker's shape in {name}", "a model of a simulator, which shows a mesh",
+        "verify the .glb in the folder meshes beside it",
+    )  # fmt: skip
+
+
+def _read(kind: str, data: bytes, name: str) -> Reading:
+    start_child(PARSERS, "mesh")
+    # Needed later, and loaded while the child starts.
+    import scipy.sparse.csgraph
+    import scipy.spatial  # noqa: F401
+
+    values, arrays = in_child(PARSERS, f"read_{kind.lower()}", Content(name, data), "mesh", f"a {kind} in {name}")
+    objects = []
+    for k, each in enumerate(values["objects"]):
+        color, palette = each["color"], [(red, green, blue) for red, green, blue in each["palette"]]
+        corners = arrays[f"corners{k}"].astype(float)
+        objects.append(
+            Triangles(corners, each["name"], tuple(color) if color else None, arrays.get(f"paints{k}"), palette)
+        )
+    return reading_of(kind, surface_of(objects, name), TOLERANCE)
 
 
 def surface_of(objects: Sequence[Triangles], name: str) -> Surface:
@@ -191,7 +241,7 @@ def _level(places: Array, triangles: Indices) -> NDArray[np.bool_]:
 def _faces(
     places: Array, triangles: Indices, neighbors: Indices, level: NDArray[np.bool_], paints: Indices, group: Indices,
     palette: Sequence[Color],
-) -> tuple[Face, ...]:  # fmt: skip
+) -> tuple[LevelFace, ...]:  # fmt: skip
     """Level faces of one shell: neighboring level triangles of one color."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -214,12 +264,12 @@ def _faces(
     found = []
     for number, border in enumerate(borders):
         member = mine[face == number] if total < 50 else mine[np.flatnonzero(face == number)]
-        loops = [_loop(places[ring, :2]) for ring in _rings(starts[border], ends[border])]
-        loops.sort(key=lambda loop: -loop.area)
+        outlines = [places[ring, :2] for ring in _rings(starts[border], ends[border])]
+        edges = sorted((edge_of(each, round_shape(each)) for each in outlines), key=lambda edge: -abs(area(edge)))
         paint = int(paints[member[0]])
-        if loops:
+        if edges:
             z = float(np.median(places[triangles[member], 2]))
-            found.append(Face(z, tuple(loops), palette[paint] if paint >= 0 else None))
+            found.append(LevelFace(z, tuple(edges), palette[paint] if paint >= 0 else None))
     return tuple(found)
 
 
@@ -244,10 +294,6 @@ def _rings(starts: Indices, ends: Indices) -> list[Indices]:
         if at == first and len(ring) > 2:
             rings.append(np.array(ring))
     return rings
-
-
-def _loop(points: Array) -> Loop:
-    return Loop(points, round_shape(points))
 
 
 def _balls(

@@ -1,18 +1,20 @@
-"""PNG: dots as blobs of ink, each measured by its grey-weighted moments; the resolution is the one the file states."""
+"""PNG: dots as blobs of ink, each measured by its grey-weighted moments; the resolution is the one the file states.
 
-import struct
-import zlib
+Whether a page reads the right way round its letters and digits tell, held against those of the font and their mirror
+images: a layout that is its own mirror image, such as a regular polygon with its key ring, does not.
+"""
+
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.drawing.scene import FilledPath
 from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
-from markergen.verification.dots import ALIKE
-from markergen.verification.glyphs import reads_upright
+from markergen.read.images import opened
+from markergen.verification.matching import ALIKE
 from markergen.verification.reading import FLATTEST, READERS, ROUND, Page, Reading, circles_of
 
 Array = NDArray[np.float64]
@@ -39,28 +41,47 @@ CORE, RIM = 0.93, 1.3
 MOST_BLOBS = 2000
 
 
-@dataclass(frozen=True)
-class _Header:
-    width: int
-    height: int
-    per_mm: tuple[float, float]
+CHARACTERS = "1245679aefghkprtyFGJKLPRQ"
+"""Those of one piece whose mirror image is none of them, roughly."""
+
+LEAST_PX, MOST_PX = 12, 120
+"""Height of a character in pixels of the image that it is looked at in."""
+
+LEAST_VOTES, MAJORITY = 4, 3.0
+"""Characters that must be recognized, and how many times as often one way as the other."""
+
+NEAR, CLEAR = 0.05, 2.0
+"""How far a shape may be from a character's, and how many times as far from all of the mirrored ones."""
+
+FINE = 0.08
+"""Pixel of that image in mm, about; characters are 1.5 mm high or more."""
+
+BAND = 8_000_000
+"""Pixels that are looked at at once."""
+
+MOST_SHAPES = 20_000
+
+MIRROR = np.array([1, 1, 1, 1, -1, 1, -1])
+"""What a mirror makes of the signs of the invariants."""
+
+DRAWN_PX = 60
+"""Height of the capitals that these are compared with, px."""
 
 
 @READERS.register(".png")
 def read(data: bytes, name: str, marker: Marker) -> Reading:
     """Round blobs of a PNG, dark or light, as circles in mm."""
-    header = _header(data, name)
-    grey = _decode(data, header, name)
+    width, height, scale = _header(data, name)
+    grey = _decode(data, (height, width), name)
     sizes = np.array([1e3 * size for p in marker.control_points for size in
                       (p.feature.diameter, p.feature.inner_diameter) if size])  # fmt: skip
-    scale = np.array(header.per_mm)
     circles = []
     if len(sizes):
         for box, dark in _blobs(grey, scale, sizes, _least_gap(marker)):
             found = _measure(grey, box, dark, scale)
             if found is not None:
                 circles.append(found)
-    size = header.width / scale[0], header.height / scale[1]
+    size = width / scale[0], height / scale[1]
     page = Page(
         circles_of(circles, name),
         size,
@@ -89,47 +110,34 @@ def _sample(grey: Grey, scale: Array, points: Array) -> Array:
     return np.asarray(cv2.remap(window, x[:, None], y[:, None], cv2.INTER_LINEAR, borderValue=255.0)[:, 0], dtype=float)
 
 
-def _header(data: bytes, name: str) -> _Header:
-    """Size and resolution, once every chunk is known to be whole."""
-    chunks: dict[bytes, bytes] = {}
-    packed = 0
-    for kind, body in _chunks(data, name):
-        chunks.setdefault(kind, body if kind != b"IDAT" else b"")
-        packed += len(body) if kind == b"IDAT" else 0
-    if len(chunks.get(b"IHDR", b"")) != 13 or b"IDAT" not in chunks or b"IEND" not in chunks:
-        raise InputError(f"a complete PNG in {name}", "chunks missing", "export it again")
-    width, height = struct.unpack(">II", chunks[b"IHDR"][:8])
+def _header(data: bytes, name: str) -> tuple[int, int, Array]:
+    """Width and height in px, and pixels per mm (x, y), of an image of which every chunk is whole."""
+    if not data.startswith(SIGNATURE):
+        raise InputError(f"a PNG in {name}", "another kind of file", "check the path")
+    try:
+        with opened(data, ("PNG",)) as image:
+            (width, height), inches = image.size, image.info.get("dpi")
+            image.verify()
+    # Decoders raise whatever comes up in a broken file.
+    except Exception as error:
+        raise InputError(f"a complete PNG in {name}", brief(str(error)), "export it again") from None
     if not 0 < width * height <= MOST_PIXELS:
         raise InputError(
             f"1 to {MOST_PIXELS // 10**6} million pixels in {name}", f"{width} x {height}", "use a lower dpi"
         )
     # Deflate packs by 1032 at most: a header that promises more lies, and would take memory for it.
-    if width * height / 8 > 1032 * packed + 1000:
+    if width * height / 8 > 1032 * len(data) + 1000:
         raise InputError(f"{width} x {height} pixels in {name}", "data for fewer", "export it again")
-    density = chunks.get(b"pHYs", b"")
-    if len(density) != 9 or density[8] != 1:
+    if inches is None:
         raise InputError(f"a resolution in {name}", "none: no pHYs in meters", "export it again, with its dpi")
-    x, y = struct.unpack(">II", density[:8])
+    # Pillow tells dots per inch, the file whole pixels per meter.
+    x, y = (round(dots / 0.0254) for dots in inches)
     if not 100 <= min(x, y) <= max(x, y) <= 10_000_000:
         raise InputError(f"a resolution of 100 to 10 million pixels a meter in {name}", f"{x} x {y}", "export it again")
-    return _Header(width, height, (x / 1e3, y / 1e3))
+    return width, height, np.array([x, y]) / 1e3
 
 
-def _chunks(data: bytes, name: str) -> Iterator[tuple[bytes, bytes]]:
-    if not data.startswith(SIGNATURE):
-        raise InputError(f"a PNG in {name}", "another kind of file", "check the path")
-    place = len(SIGNATURE)
-    while place + 12 <= len(data):
-        length = int.from_bytes(data[place : place + 4], "big")
-        kind, body = data[place + 4 : place + 8], data[place + 8 : place + 8 + length]
-        check = data[place + 8 + length : place + 12 + length]
-        if len(check) < 4 or zlib.crc32(body, zlib.crc32(kind)) != int.from_bytes(check, "big"):
-            raise InputError(f"a whole PNG in {name}", f"a damaged chunk {brief(kind)}", "export it again")
-        yield kind, body
-        place += 12 + length
-
-
-def _decode(data: bytes, header: _Header, name: str) -> Grey:
+def _decode(data: bytes, shape: tuple[int, int], name: str) -> Grey:
     import cv2
 
     level = cv2.utils.logging.getLogLevel()
@@ -140,7 +148,7 @@ def _decode(data: bytes, header: _Header, name: str) -> Grey:
         raise InputError(f"a PNG that can be decoded in {name}", brief(str(error)), "export it again") from None
     finally:
         cv2.utils.logging.setLogLevel(level)
-    if grey is None or grey.shape != (header.height, header.width):
+    if grey is None or grey.shape != shape:
         raise InputError(f"a PNG that can be decoded in {name}", "damaged pixels", "export it again")
     return np.asarray(grey, dtype=np.uint8)
 
@@ -236,3 +244,104 @@ def _moments(grey: Grey, center: Array, half: Array, dark: bool, core: float) ->
     xy = float((y - my) @ covered.astype(float) @ (x - mx)) / area
     # A pixel is a square, not a point.
     return area, center + [mx, my], np.array([[xx, xy], [xy, yy]]) + np.eye(2) / 12
+
+
+def reads_upright(grey: NDArray[np.uint8], scale: Array) -> bool | None:
+    """Tell whether the characters on a page, at `scale` (x, y) pixels per mm, are mirrored; None if none is told.
+
+    The page may be turned any way.
+    """
+    import cv2
+
+    step = max(round(FINE * float(scale.min())), 1)
+    height, width = (side // step for side in grey.shape)
+    if min(height, width) < 1:
+        return None
+    small = cv2.resize(grey[: height * step, : width * step], (width, height), interpolation=cv2.INTER_AREA)
+    level = (int(small.min()) + int(small.max())) / 2
+    rows = max(BAND // width, 4 * MOST_PX)
+    for dark in (True, False):
+        votes = np.zeros(2)
+        # What one band cuts the next one has whole.
+        for top in range(0, height, rows - MOST_PX):
+            votes += _votes((small[top : top + rows] < level) == dark, scale)
+        plain, mirrored = votes
+        if plain + mirrored >= LEAST_VOTES and max(plain, mirrored) >= MAJORITY * min(plain, mirrored):
+            return bool(plain > mirrored)
+    return None
+
+
+def _votes(ink: NDArray[np.bool_], scale: Array) -> Array:
+    """How many characters are plain, and how many mirrored."""
+    import cv2
+
+    votes = np.zeros(2)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(ink.astype(np.uint8), connectivity=8)
+    sides = stats[1:, 2:4]
+    sized = (sides.max(axis=1) >= LEAST_PX) & (sides.max(axis=1) <= MOST_PX) & (sides.min(axis=1) >= LEAST_PX / 4)
+    for index in 1 + np.flatnonzero(sized)[:MOST_SHAPES]:
+        left, top, across, down, _ = stats[index]
+        y, x = np.nonzero(labels[top : top + down, left : left + across] == index)
+        votes += _vote(_invariants(x / scale[0], -y / scale[1], np.ones(len(x))))
+    return votes
+
+
+def _vote(shape: Array) -> Array:
+    """(1, 0) for a character, (0, 1) for a mirrored one, (0, 0) for what is neither or both."""
+    known = _font()
+    plain, mirrored = (float(np.linalg.norm(known - each, axis=-1).min()) for each in (shape, shape * MIRROR))
+    if min(plain, mirrored) > NEAR or max(plain, mirrored) < CLEAR * min(plain, mirrored):
+        return np.zeros(2)
+    return np.array([1.0, 0.0]) if plain < mirrored else np.array([0.0, 1.0])
+
+
+def _invariants(x: Array, y: Array, weight: Array) -> Array:
+    """Seven numbers of a shape that no turn, shift or scale changes; a mirror changes the sign of the 5th and 7th.
+
+    From its complex moments of second and third order (Flusser).
+    """
+    mass = weight.sum()
+    z = (x - (weight @ x) / mass) + 1j * (y - (weight @ y) / mass)
+    z = z / np.sqrt(weight @ np.abs(z) ** 2 / mass)
+
+    def moment(p: int, q: int) -> complex:
+        return complex(weight @ (z**p * np.conj(z) ** q) / mass)
+
+    c20, c21, c30 = moment(2, 0), moment(2, 1), moment(3, 0)
+    c12 = np.conj(c21)
+    second, third = c20 * c12**2, c30 * c12**3
+    return np.array([abs(c20), abs(c21), abs(c30), second.real, second.imag, third.real, third.imag])
+
+
+@cache
+def _font() -> Array:
+    """Invariants (g, 7) of the characters of the fonts that sheets are written in."""
+    import cv2
+
+    from markergen.drawing.text import FACES, text
+
+    rows = []
+    for face in FACES:
+        for character in CHARACTERS:
+            contours = _contours(text(character, 20.0, 20.0, DRAWN_PX, face=face))
+            picture = np.zeros((3 * DRAWN_PX, 3 * DRAWN_PX), dtype=np.uint8)
+            cv2.fillPoly(picture, [np.rint(16 * contour).astype(np.int32) for contour in contours], 1, shift=4)
+            y, x = np.nonzero(picture)
+            # The picture has y up already: its rows are the outline's y.
+            rows.append(_invariants(x.astype(float), y.astype(float), np.ones(len(x))))
+    return np.array(rows)
+
+
+def _contours(outline: FilledPath) -> list[Array]:
+    """Closed polygons of an outline of lines and quadratic curves."""
+    contours: list[list[Array]] = []
+    for command, points in outline.segments:
+        if command == "M":
+            contours.append([np.array(points[0])])
+        elif command == "Q":
+            start, (control, end) = contours[-1][-1], np.array(points)
+            for t in (0.25, 0.5, 0.75, 1.0):
+                contours[-1].append((1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end)
+        elif points:
+            contours[-1] += [np.array(point) for point in points]
+    return [np.array(contour) for contour in contours]

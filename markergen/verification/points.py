@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 
 from markergen.errors import InputError, brief
+from markergen.guard import Content, check_size, text_of
 from markergen.model.marker import Marker
 from markergen.model.tag import FAMILIES
 from markergen.verification.reading import READERS, Page, Reading, circles_of
-
-LARGEST_LIST = 10_000_000
 
 Told = tuple[object, object, object]
 """Family, id and corners of a tag as a file tells them."""
@@ -119,12 +118,8 @@ def _tag_gaps(marker: Marker, family: str | None, told: Told | None) -> tuple[st
 
 
 def _text(data: bytes, name: str) -> str:
-    if len(data) > LARGEST_LIST:
-        raise InputError(f"a list of at most {LARGEST_LIST // 10**6} MB in {name}", "a larger one", "check the path")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError(f"text in {name}", "bytes that are not UTF-8 text", "check the path") from None
+    check_size(Content(name, data), "list")
+    return text_of(Content(name, data))
 
 
 def _yaml(data: bytes, name: str) -> Any:

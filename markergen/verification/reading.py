@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.errors import InputError, brief
+from markergen.errors import InputError
 from markergen.model.marker import Marker
 from markergen.registry import Registry
-from markergen.solid.surface import Surface
+from markergen.verification.surface import Surface
 
 Array = NDArray[np.float64]
 
@@ -107,24 +107,6 @@ Reader = Callable[[bytes, str, Marker], Reading]
 
 READERS: Registry[Reader] = Registry("suffix to verify", "markergen.verification")
 """Readers by suffix with its dot."""
-
-LARGEST_FILE = 1 << 30
-"""Bytes; a PNG of a large sheet has some ten MB."""
-
-
-def load(path: Path) -> bytes:
-    """Bytes of a file; raises InputError if it cannot be read, is empty or beyond `LARGEST_FILE`."""
-    try:
-        with path.open("rb") as file:
-            data = file.read(LARGEST_FILE + 1)
-    except (OSError, ValueError) as error:  # ValueError: a path with a null character.
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise InputError(f"a readable file at {brief(str(path))}", str(reason), "check the path") from None
-    if len(data) > LARGEST_FILE:
-        raise InputError(f"a file of at most {LARGEST_FILE >> 20} MB at {brief(str(path))}", "a larger one", "check it")
-    if not data.strip():
-        raise InputError(f"something to verify in {brief(str(path))}", "an empty file", "export it again")
-    return data
 
 
 def reader_of(path: Path) -> Reader:

@@ -1,15 +1,20 @@
-"""Dots, colors and holes of a solid, from what it shows from above; no process is asked for."""
+"""Dots, colors and holes of a solid, from what it shows from above; no process is asked for.
+
+Plates that the printed sheet, or every printed dot, is glued into have recesses, and no dots of their own.
+"""
 
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.geometry.region import Region
+from markergen.model.boundary import Boundary, Circle
 from markergen.model.substrate import Hole
-from markergen.solid.surface import Ball, Color, SolidPart, Surface
-from markergen.verification.dots import ALIKE, CONCENTRIC, Dots
-from markergen.verification.judge import MOST_LISTED, Finding
+from markergen.verification.findings import MOST_LISTED, Finding, short_length
+from markergen.verification.matching import ALIKE, CONCENTRIC, DotSet
 from markergen.verification.reading import Page, Reading
+from markergen.verification.surface import Ball, Color, SolidPart, Surface
 
 Array = NDArray[np.float64]
 
@@ -24,11 +29,19 @@ LUMA = np.array([0.2126, 0.7152, 0.0722])
 HOLE = 2.0
 """How far in mm a hole may be from its place and still be that hole."""
 
+ROOM = 1.0
+"""Most room in mm that a recess may have around what is glued into it."""
+
+SLACK = 0.02
+"""How far in mm the polygons may be off the circles that they stand for here."""
+
+SHEET = "a plate with a recess for the printed sheet and no dots of its own: verify the sheet"
+
 UNITS = {"m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3}
 """Units that files may have been written in which are then read as mm."""
 
 
-def dots_of_surface(surface: Surface, expected: Dots) -> Dots:
+def dots_of_surface(surface: Surface, expected: DotSet) -> DotSet:
     """Dots of a solid, each at the height of its face, or of the middle of its ball.
 
     A dot is a part of its own, of about its size, whose highest level face is round; or a ball; or, of pockets and
@@ -55,17 +68,17 @@ def dots_of_surface(surface: Surface, expected: Dots) -> Dots:
     # Parts stand in the order of the marker; the edges of one part do not.
     ordered = len(set(first)) == len(first)
     table = table[np.argsort(first, kind="stable")] if ordered else table
-    return Dots(table[:, :2], table[:, 2], table[:, 3], table[:, 4], table[:, 5], ordered)
+    return DotSet(table[:, :2], table[:, 2], table[:, 3], table[:, 4], table[:, 5], ordered)
 
 
 def _edges(surface: Surface) -> Array:
     """Round edges (k, 7) of level faces: x, y, radius, z, part, face, and 1 for the outer one of its face."""
     found = [
-        (*loop.circle, face.z, part, number, float(place == 0))
+        (*about, face.z, part, number, float(place == 0))
         for part, each in enumerate(surface.parts)
         for number, face in enumerate(each.faces)
-        for place, loop in enumerate(face.loops)
-        if loop.circle
+        for place, edge in enumerate(face.edges)
+        if (about := edge.as_circle)
     ]
     return np.array(found, dtype=float).reshape(-1, 7)
 
@@ -134,20 +147,21 @@ def straight_edges(surface: Surface, plate: bool) -> tuple[Array, Array]:
     """Beginnings and ends (k, 2) of the straight edges of level faces, of the plate or of all other parts."""
     main = plate_of(surface)
     parts = [part for index, part in enumerate(surface.parts) if (index == main) == plate]
-    loops = [loop for part in parts for face in part.faces for loop in face.loops if not loop.circle]
+    edges = [edge for part in parts for face in part.faces for edge in face.edges if not edge.is_circle]
     starts, ends = [np.zeros((0, 2))], [np.zeros((0, 2))]
-    for loop in loops:
-        before, after = (loop.points - np.roll(loop.points, k, axis=0) for k in (1, -1))
+    for edge in edges:
+        points = np.array(edge.points)
+        before, after = (points - np.roll(points, k, axis=0) for k in (1, -1))
         # What lies on a straight line is no corner.
         cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
         length = np.linalg.norm(before, axis=-1) * np.linalg.norm(after, axis=-1)
-        corners = loop.points[np.abs(cross) > 1e-6 * length]
+        corners = points[np.abs(cross) > 1e-6 * length]
         starts.append(corners)
         ends.append(np.roll(corners, -1, axis=0))
     return np.concatenate(starts), np.concatenate(ends)
 
 
-def color_findings(surface: Surface, dots: Dots, names: tuple[int, ...]) -> list[Finding]:
+def color_findings(surface: Surface, dots: DotSet, names: tuple[int, ...]) -> list[Finding]:
     """Dots of the plate's color, and rings whose middle is not; nothing of what a file does not color."""
     plate = surface.parts[plate_of(surface)].color
     if plate is None or not len(dots):
@@ -192,7 +206,7 @@ def hole_findings(
             continue
         best = np.flatnonzero(there)[np.argmin((away + np.abs(edges[:, 2] - radius))[there])]
         if away[best] > tolerance:
-            findings.append(Finding("hole", f"{called} is {_mm(away[best])} off"))
+            findings.append(Finding("hole", f"{called} is {short_length(away[best])} off"))
         if abs(edges[best, 2] - radius) > tolerance:
             said = f"has a diameter of {2 * edges[best, 2]:.6g} mm, not {2 * radius:.6g} mm"
             findings.append(Finding("hole", f"{called} {said}"))
@@ -225,5 +239,42 @@ def in_unit(reading: Reading, factor: float) -> Reading:
     return replace(reading, pages=pages)
 
 
-def _mm(value: float) -> str:
-    return f"{value:.4g} mm" if value >= 0.01 else f"{1e3 * value:.3g} um"
+def holds_sheet(surface: Surface, boundary: Boundary) -> bool:
+    """Tell whether a plate without dots has a recess where the boundary is, of its outline and a little larger.
+
+    Where the plate is in its file is where it is looked for: nothing else tells.
+    """
+    if len({part.color for part in surface.parts}) > 1:
+        return False
+    top = max((face.z for part in surface.parts for face in part.faces), default=0.0)
+    if isinstance(boundary, Circle):
+        x, y = 1e3 * np.asarray(boundary.center)
+        wanted = Region.disk(x, y, 1e3 * boundary.size)
+    else:
+        wanted = Region.enclosed([1e3 * ring for ring in boundary.outlines()])
+    # Land around screws stays in it: holes of the floor do not count.
+    floors = [face.outline for part in surface.parts for face in part.faces if face.z < top - FLUSH]
+    recess = Region.union([floor for floor in floors if floor.meets(wanted)])
+    solid = wanted.filled()
+    return recess.offset(SLACK).covers(solid) and solid.offset(ROOM + SLACK, corners="miter").covers(recess)
+
+
+def room_of(surface: Surface, found: DotSet, expected: DotSet) -> float:
+    """Room in mm around the dots where what looks like them are recesses for printed ones; 0 where they are dots.
+
+    Such recesses are all deeper than the plate and of its color, larger than dots by one and the same, and none is a
+    ring.
+    """
+    if not len(found) or not (np.isfinite(found.radii)).all() or found.rings.any():
+        return 0.0
+    plate = plate_of(surface)
+    part, z, colors = surface.look(found.centers)
+    if (part != plate).any() or (z > (found.heights if found.heights is not None else 0.0) - FLUSH).any():
+        return 0.0
+    told = [differ(color, surface.parts[plate].color) for color in colors]
+    # Without colors, pockets without rings for a marker that has one are recesses, too.
+    if True in told or (None in told and not expected.rings.any()):
+        return 0.0
+    sizes = np.unique(expected.radii)
+    room = found.radii - sizes[np.argmin(np.abs(found.radii[:, None] - sizes), axis=1)]
+    return float(np.median(room)) if room.min() > FLUSH and room.max() < ROOM and np.ptp(room) < FLUSH else 0.0

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
+from markergen.guard import Content, check_size
 from markergen.model.marker import Marker
 from markergen.read.outlines.curves import Arc, Bezier, Curve
 from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFile
@@ -15,14 +16,11 @@ Array = NDArray[np.float64]
 PATIENCE = 30
 """Times as much path data as an outline may have: sheets carry their text as outlines."""
 
-LARGEST_SVG = 10_000_000
-
 
 @READERS.register(".svg")
 def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (every reader is called alike)
     """Circles and corners of an SVG."""
-    if len(data) > LARGEST_SVG:
-        raise InputError(f"an SVG of at most {LARGEST_SVG // 10**6} MB in {name}", "a larger one", "verify the PDF")
+    check_size(Content(name, data), "SVG")
     file = OutlineFile(name, data, PATIENCE)
     with np.errstate(all="ignore"):
         drawing = OUTLINE_FORMATS["svg"].read(file, None)

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.model.tag import Tag
-from markergen.solid.surface import Surface
-from markergen.verification.judge import Finding
+from markergen.verification.findings import Finding
 from markergen.verification.reading import Page
 from markergen.verification.solids import is_ink, straight_edges
+from markergen.verification.surface import Surface
 
 Array = NDArray[np.float64]
 Map = Callable[[Array], Array]

@@ -1,16 +1,24 @@
 """The result of a verification: to print, save and iterate over."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, overload
+
+import numpy as np
 
 from markergen.files import Written
 from markergen.presentation.results import SavableResult, StrPath, json_bytes
 from markergen.presentation.tables import Table, data_frame
 from markergen.verification.check import Check
-from markergen.verification.words import lines, table
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+_CAPTION = (
+    "The largest distance of a dot from marker.json, by the best turn and shift. Along x and y: what 1 mm of the "
+    "marker is in the file; at 99.9 % a ruler of 200 mm measures 199.8 mm."
+)
+
+_HEADER = ("file", "dots", "largest error", "along x", "along y", "page", "")
 
 _SHOWN = 8
 """Files in one line."""
@@ -100,7 +108,7 @@ class Verification(SavableResult, Sequence[Check]):
     def findings(self) -> list[str | Table]:
         """Table and sentences about the files that could be used."""
         checks = [check for check in self._checks if not check.error]
-        return [table(checks), *(line for check in checks for line in lines(check))] if checks else []
+        return [_table(checks), *(line for check in checks for line in _lines(check))] if checks else []
 
     def __repr__(self) -> str:
         said = [f"{check.path[-80:]} {_verdict(check)}" for check in self._checks[:_SHOWN]]
@@ -110,3 +118,31 @@ class Verification(SavableResult, Sequence[Check]):
 
 def _verdict(check: Check) -> str:
     return "unusable" if check.error else "ok" if check.passed else "WRONG"
+
+
+def _table(checks: Iterable[Check]) -> Table:
+    """Checks as a table, one row each."""
+    return Table("", _HEADER, [_row(check) for check in checks], _CAPTION)
+
+
+def _lines(check: Check) -> list[str]:
+    """What there is to say about a file besides its row, one sentence a line."""
+    return [f"{check.path}: {said}" for said in (*(each.sentence for each in check.findings), *check.notes)]
+
+
+def _row(check: Check) -> list[str]:
+    papers = {(round(page[0], 2), round(page[1], 2)) for page in check.pages if page}
+    paper = " ".join(f"{width:g} x {height:g} mm" for width, height in sorted(papers))
+    pages = f"{len(check.pages)} x {paper}" if len(check.pages) > 1 else paper
+    return [
+        check.path,
+        str(check.dots),
+        f"{_length(check.largest)} (dot {check.worst})" if check.worst is not None else "-",
+        *(f"{100 * scale:.4f} %" if np.isfinite(scale) else "-" for scale in check.scale),
+        pages or "-",
+        "ok" if check.passed else "WRONG",
+    ]
+
+
+def _length(meters: float) -> str:
+    return f"{1e6 * meters:.3g} um" if meters < 1e-5 else f"{1e3 * meters:.4g} mm"

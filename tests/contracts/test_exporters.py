@@ -14,13 +14,15 @@ from markergen.exporters import EXPORTERS, Exporter, ExportOptions, Output, cata
 from markergen.model.boundary import Circle
 from markergen.model.fabrication import Fabrication
 from markergen.model.feature import Feature
-from markergen.model.marker import dressed
+from markergen.model.marker import build_marker
 from markergen.model.marker_json import to_json
 from markergen.model.tag import Tag
 
 ANGLES = 2 * np.pi * np.arange(5) / 5
 MARKER = replace(
-    dressed(np.stack([0.03 * np.sin(ANGLES), 0.03 * np.cos(ANGLES), 0 * ANGLES], axis=-1), Circle(0.04), 0.008, 0.0008),
+    build_marker(
+        np.stack([0.03 * np.sin(ANGLES), 0.03 * np.cos(ANGLES), 0 * ANGLES], axis=-1), Circle(0.04), 0.008, 0.0008
+    ),
     provenance={"spec_hash": "1a2b3c4d"},
     tag=Tag("apriltag:36h11", 3, 0.012),
 )

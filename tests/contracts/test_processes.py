@@ -18,6 +18,7 @@ def marker(make_ngon):
 def test_it_says_what_it_is_called_and_what_it_knows(name):
     process = PROCESSES[name]
     assert process.label == process.label.strip(" .")
+    assert process.summary == process.summary.strip(" .") != ""
     assert set(process.choices) <= set(CHOICES) <= {field.name for field in fields(Fabrication)}
 
 

@@ -10,10 +10,9 @@ from markergen.detect.fiducials import (
     tag_settings,
 )
 from markergen.errors import InputError
-from markergen.model.board import Board
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.poses import paper
-from markergen.model.tag import Tag
+from markergen.model.tag import Board, Tag
 from markergen.render import Optics, Patch, render_patches
 
 POSES = paper()

@@ -18,7 +18,7 @@ from markergen.model.tag import Tag, parse_tag
 from markergen.render import Optics, render_patches, render_view
 from markergen.render.patches import Patch
 from markergen.render.scenery import Scenery, hiding
-from markergen.render.shapes import marker_patches
+from markergen.render.view import marker_patches
 
 POSES, ROLLED = paper(), paper_roll()
 TAG = parse_tag("aruco:DICT_4X4_50:7", 0.05)

@@ -14,7 +14,7 @@ from markergen.exporters import ExportOptions
 from markergen.exporters.pdf import write_pdf
 from markergen.exporters.saving import family_paths, save_family
 from markergen.model.boundary import Circle
-from markergen.model.marker import dressed
+from markergen.model.marker import build_marker
 from markergen.model.marker_json import from_json, read_marker, to_json
 from markergen.model.tag import parse_tag, place_tag
 
@@ -25,7 +25,9 @@ CORNER_PX = 0.3
 def pentagon(radius, diameter, tag):
     angle = np.pi / 2 + 2 * np.pi * np.arange(5) / 5
     reach = radius - 0.6 * diameter
-    marker = dressed(reach * np.stack([np.cos(angle), np.sin(angle)], axis=-1), Circle(radius), diameter, diameter / 10)
+    marker = build_marker(
+        reach * np.stack([np.cos(angle), np.sin(angle)], axis=-1), Circle(radius), diameter, diameter / 10
+    )
     return replace(marker, tag=place_tag(tag, None, marker.boundary))
 
 

@@ -14,7 +14,7 @@ from markergen.exporters import ExportOptions
 from markergen.exporters.saving import save
 from markergen.model.fabrication import Fabrication
 from markergen.verification import verify
-from markergen.verification.check import to_json
+from markergen.verification.verification import Verification
 
 TEXTS = (".svg", ".dxf", ".step", ".csv", ".json", ".opencv.yaml", ".ros2.yaml", ".kalibr.yaml")
 SUFFIXES = (*TEXTS, ".pdf", ".png", ".stl", ".3mf", ".glb")
@@ -61,7 +61,7 @@ def outcome(marker, folder, suffix, data):
     assert len(message.splitlines()) <= 1
     assert len(message) < 2000
     if check is not None:
-        assert to_json([check])
+        assert Verification([check]).to_json()
     return check
 
 

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from markergen.errors import InputError
+from markergen.guard import KINDS
 from markergen.model.feature import Feature
 from markergen.model.marker import JointCovariance, Marker, MeasuredSize, Plate
 from markergen.model.marker_file import SINCE, VERSIONS, json_schema
@@ -305,14 +306,12 @@ def test_whatever_a_marker_has_comes_back(pentagon, data):
 
 
 def test_the_matrix_of_200_dots_in_space_can_be_read_again(make_marker):
-    from markergen.model.marker_json import LARGEST_FILE
-
     half = np.random.default_rng(0).normal(size=(600, 700)) * 1e-5
     joint = JointCovariance(tuple(range(200)), "xyz", half @ half.T)
     x, y = np.meshgrid(np.linspace(-0.1, 0.1, 20), np.linspace(-0.1, 0.1, 10))
     marker = replace(make_marker(np.stack([x.ravel(), y.ravel()], axis=-1), 0.15, 0.005), joint_covariance=joint)
     data = to_json(marker)
-    assert len(data) < LARGEST_FILE
+    assert len(data) < KINDS["marker"].largest
     assert from_json(data.decode()).joint_covariance == joint
 
 

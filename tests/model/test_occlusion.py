@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
-from markergen.model.marker import dressed
+from markergen.model.marker import build_marker
 from markergen.model.occlusion import eyes_of, hidden, passage, pillar_radius, sight_gaps
 from markergen.model.poses import paper
 from markergen.render.patches import project_patches
-from markergen.render.shapes import INK, marker_patches
+from markergen.render.view import INK, marker_patches
 
 SHARES, RIM = 150, 240
 
@@ -74,7 +74,7 @@ def test_what_is_hidden_is_covered_where_it_is_rendered(turn, heights, distance,
 
     corners = distance * np.array([[np.cos(a), np.sin(a)] for a in turn + np.array([0, 2, 4])])
     points = np.column_stack([np.concatenate([corners, np.zeros((1, 2))]), heights])
-    marker = dressed(points, Circle(0.15), 0.03, 0.003)
+    marker = build_marker(points, Circle(0.15), 0.03, 0.003)
     gaps = np.linalg.norm(points[:, None, :2] - points[None, :, :2], axis=-1) + np.eye(4)
     assume(gaps.min() > 0.034)
     poses = _pose(polar, azimuth)
@@ -157,6 +157,6 @@ def test_bare_points_have_no_pillars():
     assert pillar_radius(0.0, 0.003) == 0
     assert pillar_radius(0.03, 0.004) == pytest.approx(0.016)
     points = np.array([[0.0, 0.0, 0.05], [-0.01, 0.0, 0.0], [0.1, 0, 0], [0, 0.1, 0]])
-    marker = dressed(points, Circle(0.15), 0.0, 0.0)
+    marker = build_marker(points, Circle(0.15), 0.0, 0.0)
     assert not hidden(marker, paper()).any()
-    assert hidden(dressed(points, Circle(0.15), 0.008, 0.0), paper()).any()
+    assert hidden(build_marker(points, Circle(0.15), 0.008, 0.0), paper()).any()

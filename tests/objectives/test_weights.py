@@ -7,7 +7,7 @@ from markergen.estimators.budget import ErrorSources, pose_budget
 from markergen.maths.dot_noise import center_covariance, directions, linearize
 from markergen.maths.information import covariance, pose_jacobian, rotation_bound
 from markergen.maths.projection import project
-from markergen.model.image_noise import ImageNoise
+from markergen.model.spec import ImageNoise
 from markergen.objectives import OBJECTIVES
 from markergen.objectives.aggregates import AGGREGATES
 from markergen.objectives.criteria import criteria, regular_polygon

@@ -9,10 +9,9 @@ from markergen.maths.dot_noise import center_covariance
 from markergen.maths.information import pose_jacobian
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA, Camera
-from markergen.model.image_noise import ImageNoise
 from markergen.model.marker_json import from_json, to_json
 from markergen.model.poses import PoseDistribution
-from markergen.model.spec import Spec
+from markergen.model.spec import ImageNoise, Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import regular_polygon
 from markergen.objectives.weights import DotNoise

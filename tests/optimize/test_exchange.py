@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from markergen.model.image_noise import ImageNoise
+from markergen.model.spec import ImageNoise
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.weights import DotNoise
 from markergen.optimize.exchange import (

@@ -17,7 +17,8 @@ from markergen.model.poses import named_poses
 from markergen.model.rescale import Rulers
 from markergen.model.spec import Spec
 from markergen.model.substrate import Substrate
-from markergen.options import (
+from markergen.options import _READERS, GROUPS, REPEATABLE, declared, settle
+from markergen.options.tables import (
     CompareKeywords,
     DesignKeywords,
     DetectKeywords,
@@ -26,11 +27,7 @@ from markergen.options import (
     StudyKeywords,
     ValidateKeywords,
     VerifyKeywords,
-    declared,
-    settle,
-)  # fmt: skip
-from markergen.options.base import GROUPS, REPEATABLE
-from markergen.options.reading import _READERS
+)
 from markergen.read.spec_file import STORED, spec_from_mapping
 
 TABLES = [

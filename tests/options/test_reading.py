@@ -4,17 +4,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from markergen import options
 from markergen.errors import InputError
-from markergen.options import (
+from markergen.options import declared, settle
+from markergen.options.tables import (
+    CompareKeywords,
     DesignKeywords,
+    DetectKeywords,
     ExportKeywords,
     RescaleKeywords,
+    StudyKeywords,
     ValidateKeywords,
-    declared,
-    reading,
-    settle,
 )
-from markergen.options.proving import CompareKeywords, DetectKeywords, StudyKeywords
 
 TABLES = [
     CompareKeywords, DesignKeywords, DetectKeywords, ExportKeywords, RescaleKeywords, StudyKeywords, ValidateKeywords,
@@ -122,4 +123,4 @@ def test_a_message_stays_short_whatever_is_given():
 
 
 def test_the_example_runs():
-    assert doctest.testmod(reading).failed == 0
+    assert doctest.testmod(options).failed == 0

@@ -276,7 +276,7 @@ def test_no_permission(tmp_path, monkeypatch):
     path = tmp_path / "mine.png"
     path.write_bytes(FORMATS[".png"])
 
-    def forbidden(path, count):
+    def forbidden(path, count, pipes):
         raise PermissionError(13, "Permission denied")
 
     # Taking the right away does not stop the superuser, who may run the tests.

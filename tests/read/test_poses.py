@@ -14,8 +14,8 @@ from markergen import guard
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
-from markergen.model.cone import Cone
 from markergen.model.marker_json import from_json, to_json
+from markergen.model.pose_sources.cone import Cone
 from markergen.model.poses import POSES, paper
 from markergen.model.recorded_poses import RecordedPoses
 from markergen.optimize.design import design

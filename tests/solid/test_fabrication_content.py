@@ -8,7 +8,7 @@ from markergen.geometry.contour import Contour, circle, placed
 from markergen.model.boundary import Circle, Polygon, polygon_from
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.feature import Feature
-from markergen.model.marker import ControlPoint, Marker, dressed
+from markergen.model.marker import ControlPoint, Marker, build_marker
 from markergen.model.substrate import Hole, Substrate, parse_dowel, parse_mount
 from markergen.model.tag import Tag
 from markergen.solid.fabrication_content import ranges, workpiece
@@ -18,7 +18,7 @@ from markergen.solid.processes import parts_of
 def make(heights=(0.0,) * 5, tag=True, **substrate) -> Marker:
     angles = 2 * np.pi * np.arange(5) / 5 + np.pi / 2
     points = np.stack([0.07 * np.cos(angles), 0.07 * np.sin(angles), heights], axis=-1)
-    marker = dressed(points, Circle(0.09), 0.02, 0.002)
+    marker = build_marker(points, Circle(0.09), 0.02, 0.002)
     plate = Substrate(0.005, holes=(*parse_mount("4xM3@60mm"), *parse_dowel("2x4mm@90mm")), **substrate)
     return replace(marker, tag=Tag("apriltag:36h11", 3, 0.03) if tag else None, substrate=plate)
 
@@ -177,3 +177,18 @@ def test_materials_name_cores_and_what_is_engraved():
 def test_ranges():
     assert ranges([3, 1, 2, 7, 9, 8, 11, 12]) == "1 to 3, 7 to 9, 11, 12"
     assert ranges([]) == ""
+
+
+def test_notes_keep_the_capital_of_a_radius():
+    work, _ = described(make(corner_radius=0.01, chamfer=0.0005))
+    assert "Corners of the plate seen from above R10, chamfer around the face 0.5 x 45\xb0." in work.notes
+
+
+def test_the_back_of_a_relief_is_its_plate_with_dark_letters():
+    work, _ = described(make((0.0, 0.01, 0.02, 0.0, 0.0)), process="fdm")
+    plate = max(range(len(work.back)), key=lambda k: work.back[k].box[2] - work.back[k].box[0])
+    assert (work.back[plate].material, work.back[plate].fine) == ("light", False)
+    # What comes after the plate is seen on it.
+    letters = [face for face in work.back[plate + 1 :] if face.material]
+    assert letters
+    assert all((face.material, face.fine) == ("dark", True) for face in letters)

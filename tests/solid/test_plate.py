@@ -10,7 +10,7 @@ from markergen.model.boundary import Circle, polygon_from
 from markergen.model.substrate import Hole, Substrate
 from markergen.solid.bodies import Part, cylinder
 from markergen.solid.kernel import build
-from markergen.solid.plate import Plate, plate_of, plate_size
+from markergen.solid.plate import SolidPlate, plate_of, plate_size
 
 EXACT = 1e-9
 """Coordinates are rounded to picometers."""
@@ -94,7 +94,7 @@ def test_corners_and_chamfers_that_do_not_fit_are_told(shapes, make_in, make_ngo
 def test_the_upper_face_is_within_the_chamfer(make_ngon):
     outlines = plate_of(make_ngon(5, 0.15, 0.002)).outlines
     # Polygons are 2 um off their arcs at most.
-    assert Plate(outlines, 3.0, 1.5).face.area == pytest.approx(pi * 150.5**2, abs=2 * pi * 150.5 * 2e-3)
+    assert SolidPlate(outlines, 3.0, 1.5).face.area == pytest.approx(pi * 150.5**2, abs=2 * pi * 150.5 * 2e-3)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 
 from markergen.model.boundary import Circle, Polygon, polygon_from
 from markergen.model.fabrication import Fabrication
-from markergen.model.marker import dressed
+from markergen.model.marker import build_marker
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.solid.fabrication_content import workpiece
@@ -24,7 +24,7 @@ def ring_of_holes(count, radius, diameter, sink=0.0):
 
 
 def case(points, boundary, diameter, tag=None, **substrate):
-    marker = dressed(np.asarray(points), boundary, diameter, diameter / 10)
+    marker = build_marker(np.asarray(points), boundary, diameter, diameter / 10)
     return replace(
         marker, provenance={"spec_hash": "1a2b3c4d"}, tag=tag, substrate=Substrate(**{"thickness": 0.004, **substrate})
     )

@@ -6,11 +6,10 @@ import pytest
 from markergen.detect.fiducials import FiducialSettings
 from markergen.errors import InputError
 from markergen.maths.projection import project
-from markergen.model.board import Board
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.marker_json import to_json
 from markergen.model.poses import paper
-from markergen.model.tag import Tag
+from markergen.model.tag import Board, Tag
 from markergen.render import Optics
 from markergen.validation.baselines import DEFAULTS, DotMarker, Peer, line_up
 from markergen.validation.metrics import rotation_error_deg
@@ -126,7 +125,7 @@ def test_every_peer_fills_the_circle_with_the_white_it_needs():
     assert (tag.family, tag.id) == ("aruco:DICT_6X6_250", 17)
     for each in (tag, april):
         assert each.outer_side == pytest.approx(0.15 * 2**0.5)
-    assert board.half_diagonal == pytest.approx(0.15)
+    assert np.linalg.norm(np.concatenate(board.outlines), axis=-1).max() == pytest.approx(0.15)
     assert (board.columns, board.rows, board.family) == (4, 6, "aruco:DICT_5X5_100")
     # All tags of a board have a cell of white around them, inside of their squares.
     assert board.square == pytest.approx(board.tag_side * 9 / 7)

@@ -10,9 +10,8 @@ from markergen.maths.information import displacement_weight, pose_jacobian
 from markergen.maths.projection import project
 from markergen.maths.rotation import logarithm
 from markergen.model.camera import PAPER_CAMERA
-from markergen.model.image_noise import ImageNoise
 from markergen.model.poses import RIM_POINTS
-from markergen.model.spec import Spec
+from markergen.model.spec import ImageNoise, Spec
 from markergen.optimize.dots import choose_dots
 from markergen.render import DEFAULT_OPTICS, render_view
 

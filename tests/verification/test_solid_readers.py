@@ -6,23 +6,25 @@ import subprocess
 import sys
 import time
 import zipfile
+from dataclasses import replace
 from io import BytesIO
 
 import numpy as np
 import pytest
 from spoiled_solids import glb, gltf, model, stl, with_model
 
+from markergen import guard
 from markergen.errors import InputError, MissingLibraryError
 from markergen.exporters import ExportOptions
 from markergen.exporters.saving import save
+from markergen.geometry.contour import area
 from markergen.model.fabrication import Fabrication
-from markergen.solid import reading
 from markergen.solid.processes import parts_of
-from markergen.solid.reading import read_brep, read_step
-from markergen.solid.surface import Ball, Face, Loop, SolidPart, Surface
-from markergen.verification import verify
+from markergen.verification import step, verify
 from markergen.verification.check import verify_all
 from markergen.verification.mesh import Triangles, surface_of
+from markergen.verification.step import read_brep, read_step
+from markergen.verification.surface import Ball, LevelFace, SolidPart, Surface, edge_of
 
 SMALL = Fabrication(engrave=False, tolerance=1e-4)
 
@@ -149,34 +151,30 @@ def test_steps_that_lie_and_what_comes_after_them(marker, data, tmp_path):
 
 
 @pytest.fixture
-def other_worker(monkeypatch, tmp_path):
-    """Another script in place of the one that reads; the one that runs is let go before and after."""
+def other_parser(monkeypatch, tmp_path):
+    """Another script in place of the one that parses."""
 
-    def use(code):
-        reading._end()
-        (tmp_path / "worker.py").write_text(code)
-        monkeypatch.setattr(reading, "WORKER", tmp_path / "worker.py")
+    def use(name, code):
+        (tmp_path / f"{name}.py").write_text(code)
+        monkeypatch.setattr(step, "PARSER", tmp_path / f"{name}.py")
 
     yield use
-    reading._end()
+    guard.end_children()
 
 
-HELLO = "import sys, time\nsys.stdout.buffer.write((2).to_bytes(8, 'big') + b'{}')\nsys.stdout.flush()\n"
-
-
-def test_a_kernel_that_crashes_or_never_ends(marker, data, tmp_path, other_worker, monkeypatch):
-    other_worker(HELLO + "sys.stdin.buffer.read(100)\n")
+def test_a_kernel_that_crashes_or_never_ends(marker, data, tmp_path, other_parser, monkeypatch):
+    other_parser("crashes", "import os\n\ndef step(data):\n    os._exit(1)\n")
     assert "one that breaks it" in refused(marker, tmp_path, ".step", data[".step"])
-    monkeypatch.setattr(reading, "PATIENCE", 0.5)
-    other_worker(HELLO + "time.sleep(100)\n")
+    monkeypatch.setitem(guard.KINDS, "CAD", replace(guard.KINDS["CAD"], seconds=0.5))
+    other_parser("sleeps", "import time\n\ndef step(data):\n    time.sleep(100)\n")
     start = time.perf_counter()
     assert "one that breaks it" in refused(marker, tmp_path, ".step", data[".step"])
     assert time.perf_counter() - start < 20
 
 
-def test_a_kernel_that_is_not_there(marker, data, tmp_path, other_worker):
-    text = json.dumps({"missing": "libGL.so.1: cannot open shared object file"}).encode()
-    other_worker(f"import sys\nsys.stdout.buffer.write(({len(text)}).to_bytes(8, 'big') + {text!r})\n")
+def test_a_kernel_that_is_not_there(marker, data, tmp_path, other_parser):
+    text = "libGL.so.1: cannot open shared object file"
+    other_parser("lacks", f"def prepare():\n    raise ImportError({text!r})\n")
     (tmp_path / "a.step").write_bytes(data[".step"])
     (tmp_path / "a.stl").write_bytes(data[".stl"])
     with pytest.raises(MissingLibraryError, match=r"libGL\.so\.1.*pip install 'markergen\[solids\]'"):
@@ -187,19 +185,22 @@ def test_a_kernel_that_is_not_there(marker, data, tmp_path, other_worker):
     assert mesh.passed
 
 
-def test_the_worker_says_what_is_missing():
-    code = "import runpy, sys; sys.modules['OCP'] = None; runpy.run_path(sys.argv[1], run_name='__main__')"
-    run = subprocess.run([sys.executable, "-c", code, reading.WORKER], input=b"", capture_output=True, check=True)
-    assert struct.unpack(">Q", run.stdout[:8])[0] == len(run.stdout) - 8
-    assert "OCP" in json.loads(run.stdout[8:])["missing"]
+def test_the_parser_says_what_is_missing():
+    code = "import sys; sys.modules['OCP'] = None; from markergen.guard import serve; serve(sys.argv[1], sys.argv[2])"
+    run = subprocess.run(
+        [sys.executable, "-c", code, step.PARSER, str(8 << 30)], input=b"", capture_output=True, check=True
+    )
+    # Without arrays.
+    assert struct.unpack(">Q", run.stdout[:8])[0] == len(run.stdout) - 16
+    assert "OCP" in json.loads(run.stdout[8:-8])["missing"]
 
 
 def test_what_is_seen_from_above():
-    square = Loop(np.array([[0.0, 0], [4, 0], [4, 4], [0, 4]]))
-    hole = Loop(np.array([[2.0, 1], [1, 2], [2, 3], [3, 2]]), (2.0, 2.0, 1.0))
+    square = edge_of(np.array([[0.0, 0], [4, 0], [4, 4], [0, 4]]))
+    hole = edge_of(np.array([[2.0, 1], [1, 2], [2, 3], [3, 2]]), (2.0, 2.0, 1.0))
     low, high = (0.0, 0.0, -1.0), (4.0, 4.0, 1.0)
     plate = SolidPart(
-        "plate", (1, 1, 1), 10.0, True, True, low, high, (Face(0.0, (square, hole)), Face(-1.0, (square,)))
+        "plate", (1, 1, 1), 10.0, True, True, low, high, (LevelFace(0.0, (square, hole)), LevelFace(-1.0, (square,)))
     )
     ball = SolidPart("ball", (0, 0, 0), 1.0, True, True, low, high, (), (Ball(1.0, 1.0, 0.0, 1.0, 0.2, 1.0),))
     places = np.array([[0.5, 3.5], [2.0, 2.0], [1.5, 1.0], [1.1, 1.0], [9.0, 9.0]])
@@ -207,8 +208,8 @@ def test_what_is_seen_from_above():
     assert part.tolist() == [0, 0, 1, 0, -1]
     np.testing.assert_allclose(z, [0, -1, np.sqrt(0.75), 0, -np.inf])
     assert colors == [(1, 1, 1), (1, 1, 1), (0, 0, 0), (1, 1, 1), None]
-    assert square.area == 16
-    assert hole.area == pytest.approx(np.pi)
+    assert area(square) == 16
+    assert area(hole) == pytest.approx(np.pi)
     twice = Surface((plate, ball)).scaled(2.0)
     assert twice.look(2 * places)[0].tolist() == part.tolist()
     assert [part.volume for part in twice.parts] == [80, 8]

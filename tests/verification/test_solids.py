@@ -15,7 +15,7 @@ from markergen.model.feature import Feature
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.verification import verify
-from markergen.verification.recess import SHEET
+from markergen.verification.solids import SHEET
 
 FABRICATIONS = {
     "fdm": Fabrication(),

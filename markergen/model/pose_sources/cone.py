@@ -1,7 +1,187 @@
-"""``cone``: poses that look at the origin from ranges of distance, tilt, azimuth and roll."""
+"""``cone``: poses from ranges of distance, tilt, azimuth and roll, whose camera looks at the marker's origin."""
 
-from markergen.model.cone import FORM, Cone
-from markergen.model.poses import POSES, PoseDistribution, PoseSource
+from dataclasses import dataclass, fields
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError, brief
+from markergen.maths.rotation import exponential, turn_z
+from markergen.model.poses import POSES, PoseDistribution, PoseSource, pose_arguments
+from markergen.units import parse_length
+
+Array = NDArray[np.float64]
+Range = tuple[float, float]
+
+FORM = "cone:distance=A..B,tilt=A..B,azimuth=A..B,roll=A..B,count=N,seed=S,sampling=even|random"
+MOST_POSES = 10_000
+"""Largest count; time and memory of a design grow with it."""
+
+SAMPLINGS = ("even", "random")
+_LARGEST_DISTANCE = 1e6
+_LIMITS = {"tilt": (0.0, 90.0), "azimuth": (-360.0, 720.0), "roll": (-360.0, 720.0)}
+
+
+@dataclass(frozen=True)
+class Cone:
+    """Poses whose camera looks straight at the marker's origin, from a part of a spherical shell around it.
+
+    The camera's center is d (cos a sin p, sin a sin p, cos p) in the marker frame, with distance d, tilt p (0 is
+    frontal) and azimuth a (0 is the marker's x axis, 90 its y axis). Directions are uniform over the solid angle, that
+    is cos p and a are uniform; d and the roll are uniform. At roll 0 the frontal upright camera, R = diag(1, -1, -1),
+    is swung there along the great circle without turning about its line of sight; the roll then turns the image
+    clockwise.
+
+    Attributes
+    ----------
+    distance : (float, float)
+        Least and greatest distance in m.
+    tilt, azimuth, roll : (float, float)
+        Least and greatest angle in degrees. What is not given is free: tilt up to 70 degrees as in the paper's poses,
+        azimuth and roll all around.
+    count : int
+        Number of poses, 1 to 10000.
+    seed : int
+        Of the shift of the ``even`` sequence, or of the ``random`` numbers.
+    sampling : str
+        ``even``: the additive recurrence u_k = u_0 + k (1/g, 1/g^2, ...) mod 1, g the root of g^(D+1) = g + 1 for D
+        ranges that have a width (Roberts' R sequence, of low discrepancy for any count). ``random``: independent.
+
+    Raises
+    ------
+    InputError
+        If a range is not in rising order or within its limits, or a value is not one of those above.
+    """
+
+    distance: Range = (0.6, 1.5)
+    tilt: Range = (0.0, 70.0)
+    azimuth: Range = (0.0, 360.0)
+    roll: Range = (0.0, 360.0)
+    count: int = 400
+    seed: int = 0
+    sampling: str = "even"
+
+    def __post_init__(self) -> None:
+        for name in ("distance", *_LIMITS):
+            low, high = getattr(self, name)
+            if not (isfinite(low) and isfinite(high) and low <= high):
+                raise InputError(
+                    f"a range of {name} in rising order",
+                    f"{name}={_text(low)}..{_text(high)}",
+                    "write the smaller end first; an arc across 0 is such as azimuth=-30..30",
+                )
+        if not (self.distance[0] > 0 and self.distance[1] <= _LARGEST_DISTANCE):
+            raise InputError(
+                "distances above 0, of at most 1000 km",
+                f"distance={_range(self.distance)} m",
+                "write such as distance=0.5..2 or 500mm..2m",
+            )
+        for name, (least, greatest) in _LIMITS.items():
+            low, high = getattr(self, name)
+            if not (least <= low and high <= greatest and high - low <= 360) or (name == "tilt" and high >= greatest):
+                allowed = "from 0 to below 90" if name == "tilt" else "of at most a whole turn between -360 and 720"
+                raise InputError(
+                    f"values of {name} {allowed} degrees", f"{name}={_range((low, high))}", "correct the range"
+                )
+        if not 1 <= self.count <= MOST_POSES:
+            raise InputError(f"a count of 1 to {MOST_POSES} poses", f"count={brief(self.count)}", "correct the count")
+        if not 0 <= self.seed < 2**63:
+            raise InputError("a seed from 0 to below 2^63", f"seed={brief(self.seed)}", "give such a whole number")
+        if self.sampling not in SAMPLINGS:
+            raise InputError("a known sampling", brief(self.sampling), f"known: {', '.join(SAMPLINGS)}")
+
+    @staticmethod
+    def parse(text: str) -> "Cone":
+        """Cone of a text such as ``cone:distance=0.4..1m,tilt=40..70,azimuth=-15..15,count=200``.
+
+        A single value stands for a range without a width. Lengths have units, a bare number is meters; where only one
+        end has a unit, other than m, it is refused. Angles are in degrees.
+
+        Raises
+        ------
+        InputError
+            If the text does not have this form, or as the class says.
+        """
+        if text.partition(":")[0].strip() != "cone":
+            raise InputError("a cone of poses", brief(text), f"write {FORM}")
+        given: dict[str, Any] = {
+            key: _value(key, value)
+            for key, value in pose_arguments(text, [field.name for field in fields(Cone)], FORM).items()
+        }
+        return Cone(**given)
+
+    def __str__(self) -> str:
+        """Text that `parse` reads back, the same for equal cones; all values stand there, even those not given."""
+        ranges = (f"{name}={_range(getattr(self, name))}" for name in ("distance", *_LIMITS))
+        return f"cone:{','.join(ranges)},count={self.count},seed={self.seed},sampling={self.sampling}"
+
+    def sample(self) -> tuple[Array, Array]:
+        """Rotation (count, 3, 3) and translation (count, 3) in m of the poses T_camera_marker."""
+        cosines = tuple(np.cos(np.deg2rad(self.tilt)))
+        low, high = np.array([self.distance, cosines, self.azimuth, self.roll]).T
+        wide = low != high
+        values = np.tile(low, (self.count, 1))
+        values[:, wide] += self._unit_cube(int(wide.sum())) * (high - low)[wide]
+        distance, cosine, azimuth, roll = values.T
+        azimuth, tilt = np.deg2rad(azimuth), np.arccos(np.clip(cosine, -1, 1))
+        zero = np.zeros_like(azimuth)
+        axis = np.stack([-np.sin(azimuth), np.cos(azimuth), zero], axis=-1)
+        # The camera's axes, as columns in the marker frame, are those of the frontal one turned by exp(tilt axis).
+        swung = np.diag([1.0, -1.0, -1.0]) @ exponential(-tilt[:, None] * axis)
+        return turn_z(np.deg2rad(roll)) @ swung, np.stack([zero, zero, distance], axis=-1)
+
+    def _unit_cube(self, dimension: int) -> Array:
+        """Points (count, dimension) that fill the unit cube."""
+        rng = np.random.default_rng(self.seed)
+        if self.sampling == "random":
+            return rng.random((self.count, dimension))
+        golden = 2.0
+        for _ in range(60):  # Each time at least twice as near.
+            golden = (1 + golden) ** (1 / (dimension + 1))
+        steps = golden ** -np.arange(1.0, dimension + 1)
+        return np.mod(rng.random(dimension) + np.arange(self.count)[:, None] * steps, 1.0)
+
+
+def _value(key: str, text: str) -> Any:
+    if key == "sampling":
+        return text
+    if key in ("count", "seed"):
+        if not (text.isascii() and text.isdigit() and len(text) < 20):
+            raise InputError(f"a whole number for {key}", f"{key}={brief(text)}", f"write such as {key}=400")
+        return int(text)
+    first, dots, second = text.partition("..")
+    ends = [first, second] if dots else [first]
+    if key != "distance":
+        low, *rest = (_degrees(key, end) for end in ends)
+        return low, *(rest or [low])
+    low, *rest = (parse_length(end, "distance") for end in ends)
+    # 600..1500mm may be meant as 600 mm, and would be read as 600 m.
+    units = [end.strip().lstrip("-+.0123456789eE").strip() for end in ends]
+    if len(units) == 2 and "" in units and set(units) - {"", "m"}:
+        raise InputError("a unit at both ends", f"distance={brief(text)}", "write such as distance=600mm..1500mm")
+    return low, *(rest or [low])
+
+
+def _degrees(key: str, text: str) -> float:
+    try:
+        value = float(text) if "_" not in text else float("nan")
+    except ValueError:
+        value = float("nan")
+    if not isfinite(value):
+        raise InputError(f"degrees for {key}", f"{key}={brief(text)}", f"write such as {key}=10..60")
+    return value
+
+
+def _text(value: float) -> str:
+    # Adding 0.0 takes the sign from a zero, so that equal cones have equal texts.
+    return repr(float(value) + 0.0).removesuffix(".0")
+
+
+def _range(ends: Range) -> str:
+    low, high = (_text(end) for end in ends)
+    return low if low == high else f"{low}..{high}"
 
 
 def _poses(text: str) -> PoseDistribution:

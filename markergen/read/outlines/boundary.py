@@ -97,7 +97,7 @@ def read_room(
     keep_outs : sequence of str
         Shapes or drawings; ``plate.dxf#HOLES`` takes what is on one layer.
     unit, layer, origin : str
-        Of `parse_boundary`; the unit is also that of keep-outs.
+        See `parse_boundary`; the unit also applies to keep-outs.
 
     Raises
     ------

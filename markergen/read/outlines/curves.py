@@ -12,10 +12,10 @@ from markergen.errors import InputError
 Array = NDArray[np.float64]
 
 MOST_POINTS = 100_000
-"""Of one polyline."""
+"""Most points of one polyline."""
 
 ROUND = 1e-6
-"""Share of its radius by which an arc of a circle may be off one: digits that files leave out."""
+"""Share of its radius by which an arc may be off a circle, for the digits that files leave out."""
 
 SHORTEST = 1e-3
 """Angle in rad of the shortest arc that is worth keeping as one."""

@@ -200,7 +200,7 @@ def _document(file: OutlineFile) -> "Document":
 
 
 def _reason(error: Exception) -> str:
-    """What ezdxf says; other errors are of its own code, and say nothing to who has not written it."""
+    """Message of ezdxf; other errors come from inside its code and mean nothing to users."""
     from ezdxf import DXFError  # type: ignore[attr-defined]
 
     text = " ".join(str(error).split()) if isinstance(error, DXFError) else ""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from markergen.errors import InputError, brief
-from markergen.guard import read_start
+from markergen.guard import read
 from markergen.read.outlines.curves import Curve
 from markergen.registry import Registry
 from markergen.units import METERS
@@ -13,8 +13,6 @@ from markergen.units import METERS
 UNITS = {unit: float(size) for unit, size in METERS.items() if unit} | {"px": 0.0254 / 96, "pt": 0.0254 / 72}
 """Size in m of each unit that a drawing may be in; Inkscape, Figma and browsers count 96 px an inch."""
 
-LARGEST_FILE = 10_000_000
-"""Bytes; an outline has some kB, a drawing with a photograph inside some MB."""
 MOST_PIECES = 10_000
 """Lines, curves and steps to find them in one file; as many as a boundary may have corners."""
 MOST_LISTED = 12
@@ -29,7 +27,7 @@ class Piece:
     Attributes
     ----------
     name : str
-        What the user would call it: kind, and id or layer.
+        Name that the user knows: kind, and id or layer.
     curves : tuple of Curve
     closed : bool
         The last end is joined to the first start by a line, if they are apart.
@@ -55,7 +53,7 @@ class Drawing:
     pixels : float
         px per unit of the coordinates, for a file in px.
     hint : str
-        What to consider for the choice of a unit, for the message that there is none.
+        Advice on choosing a unit, for the message that there is none.
     """
 
     pieces: list[Piece]
@@ -110,18 +108,8 @@ class OutlineFile:
 
 
 def load(path: Path) -> OutlineFile:
-    """Read the bytes of a file; raises InputError if it cannot be read, is empty, or is beyond `LARGEST_FILE`."""
-    name = str(path) if len(str(path)) <= 200 and str(path).isprintable() else brief(str(path))
-    try:
-        data = read_start(path, LARGEST_FILE + 1)
-    except (OSError, ValueError) as error:  # ValueError: a path with a null character.
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise InputError(f"a readable outline at {name}", str(reason), "check the path") from None
-    if len(data) > LARGEST_FILE:
-        raise InputError(f"an outline of at most {LARGEST_FILE // 10**6} MB in {name}", "a larger file", _WHOLE)
-    if not data.strip():
-        raise InputError(f"an outline in {name}", "an empty file", "check the path")
-    return OutlineFile(name, data)
+    """Read the bytes of a file; raises InputError as `guard.read` does."""
+    return OutlineFile(*read(path, "outline"))
 
 
 @dataclass(frozen=True)
@@ -131,7 +119,7 @@ class OutlineFormat:
     Attributes
     ----------
     signs : str
-        What a file of this kind holds, for the message that no format fits.
+        Contents that tell a file of this kind, for the message that no format fits.
     fits : callable
         Tell whether a file is of this kind; at most one format says so of any file.
     read : callable

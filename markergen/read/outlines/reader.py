@@ -212,7 +212,7 @@ def _joined(tracks: list[tuple[int, Track]], tolerance: float, source: str) -> l
 
 
 def _partners(ends: Array, names: list[str], tolerance: float, source: str) -> list[int]:
-    """Which end meets which."""
+    """Partner of each end (2 t,)."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(ends)

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.maths.rigid import rigid_motion, scaled_motion
-from markergen.verification.dots import Dots
-from markergen.verification.match import Match, best_match
+from markergen.verification.matching import DotSet, Match, best_match
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -77,14 +76,14 @@ NOTHING = np.zeros(0, dtype=np.intp)
 
 
 def judge(
-    expected: Dots, ids: list[int], found: Dots, tolerance: float, *,
+    expected: DotSet, ids: list[int], found: DotSet, tolerance: float, *,
     ordered: bool = True, upright: Callable[[], bool | None] | None = None, pixels: bool = False,
 ) -> Verdict:  # fmt: skip
     """Hold found dots against those expected, by the best motion of the plane without any scale.
 
     Parameters
     ----------
-    expected, found : Dots
+    expected, found : DotSet
         mm.
     ids : list of int
         What to call the expected ones.
@@ -128,7 +127,7 @@ def judge(
     apart = np.linalg.norm(off, axis=-1)
     diameter = 2 * float(expected.radii.min())
     if not trusted and (apart.max() > STRANGER * (diameter or np.inf) or len(here) < n):
-        said = f"another marker: no motion brings its dots nearer than {_mm(apart.max())} to this one's"
+        said = f"another marker: no motion brings its dots nearer than {short_length(apart.max())} to this one's"
         return Verdict(
             distance[worst] / 1e3, int(here[worst]), scale, (Finding("another marker", said),), None, NOTHING
         )
@@ -146,7 +145,7 @@ def judge(
 
 
 def extras(
-    found: Dots, used: NDArray[np.intp], motion: tuple[Array, Array] | None, holes: Array | None = None
+    found: DotSet, used: NDArray[np.intp], motion: tuple[Array, Array] | None, holes: Array | None = None
 ) -> list[Finding]:
     """Dots that belong to no copy of the marker, by their place in its frame; in `holes` (k, 2), mm, there are none."""
     left = np.setdiff1d(np.arange(len(found)), used)
@@ -247,7 +246,7 @@ def _scaled(by: Array, source: Array, tol: float) -> str:
     return f"scaled by {x} along x and by {y} along y"
 
 
-def _resized(own: Dots, expected: Dots, factor: float) -> bool:
+def _resized(own: DotSet, expected: DotSet, factor: float) -> bool:
     """Whether the dots keep their size where their distances do not."""
     known = np.isfinite(own.radii) & (expected.radii > 0)
     if not known.any():
@@ -259,7 +258,7 @@ def _resized(own: Dots, expected: Dots, factor: float) -> bool:
 def _off(names: list[int], off: Array, apart: Array, tol: float) -> list[Finding]:
     wrong = [k for k in np.argsort(-apart, kind="stable") if apart[k] > tol]
     said = [
-        f"dot {names[k]} is {_mm(apart[k])} off (x {1e3 * off[k, 0]:+.4g} um, y {1e3 * off[k, 1]:+.4g} um)"
+        f"dot {names[k]} is {short_length(apart[k])} off (x {1e3 * off[k, 0]:+.4g} um, y {1e3 * off[k, 1]:+.4g} um)"
         for k in wrong[:MOST_LISTED]
     ]
     if len(wrong) > MOST_LISTED:
@@ -275,7 +274,9 @@ def _absent(ids: list[int], labels: Match) -> list[Finding]:
     return [Finding("missing", f"dot {listed} is missing" if len(missing) == 1 else f"dots {listed} are missing")]
 
 
-def _features(names: list[int], own: Dots, expected: Dots, factor: float, tol: float, share: float) -> list[Finding]:
+def _features(
+    names: list[int], own: DotSet, expected: DotSet, factor: float, tol: float, share: float
+) -> list[Finding]:
     """Findings about diameters, kinds, heights, and circles of one dot that are apart."""
     findings = []
     known = np.isfinite(own.radii)
@@ -303,7 +304,7 @@ def _features(names: list[int], own: Dots, expected: Dots, factor: float, tol: f
             said = f"dot {names[k]} has {what} of {2 * have[k]:.6g} mm, not {2 * want[k]:.6g} mm"
             findings.append(Finding("diameter", said))
     for k in np.flatnonzero(known & (own.spread > tol))[:MOST_LISTED]:
-        findings.append(Finding("twice", f"the circles of dot {names[k]} are {_mm(own.spread[k])} apart"))
+        findings.append(Finding("twice", f"the circles of dot {names[k]} are {short_length(own.spread[k])} apart"))
     if own.heights is not None and expected.heights is not None:
         # The origin of heights is the marker's plane in every format that has them.
         rise = own.heights / factor - expected.heights
@@ -312,9 +313,10 @@ def _features(names: list[int], own: Dots, expected: Dots, factor: float, tol: f
         for k in wrong[: 1 if together else MOST_LISTED]:
             who = "all dots are" if together else f"dot {names[k]} is"
             way = "high" if rise[k] > 0 else "low"
-            findings.append(Finding("height", f"{who} {_mm(abs(rise[k]))} too {way}"))
+            findings.append(Finding("height", f"{who} {short_length(abs(rise[k]))} too {way}"))
     return findings
 
 
-def _mm(value: float) -> str:
+def short_length(value: float) -> str:
+    """Return a length in mm or, if short, in um."""
     return f"{value:.4g} mm" if value >= 0.01 else f"{1e3 * value:.3g} um"

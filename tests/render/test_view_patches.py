@@ -10,7 +10,7 @@ from markergen.model.feature import Feature, key_ring
 from markergen.model.marker import ControlPoint, Marker
 from markergen.model.poses import paper
 from markergen.model.tag import Tag
-from markergen.render.shapes import INK, SUBSTRATE, marker_patches
+from markergen.render.view import INK, SUBSTRATE, marker_patches
 
 POSES = paper()
 LENS = Distortion("radtan", (-0.35, 0.12, 0.003, -0.002))

@@ -1,4 +1,4 @@
-"""Which dot of a file is which of the marker: no label is read, the layout and the key ring tell."""
+"""Dots of a marker and of a file, and which is which: no label is read, the layout and the key ring tell."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,10 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.maths.rigid import rigid_motion
-from markergen.verification.dots import Dots
+from markergen.model.marker import Marker
+from markergen.verification.reading import Page
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+
+ALIKE = 1.3
+"""Circles whose radius is within this factor of a dot's may be dots."""
+
+CONCENTRIC = 0.2
+"""Share of the smaller radius by which the centers of circles of one dot may differ."""
 
 STRETCH = 0.1
 """Share by which distances in a file may be off; what is more is another marker."""
@@ -19,6 +26,93 @@ MOST_GUESSES, CHECKED, KEPT = 20_000, 12, 60
 """Guessed motions, dots that each is checked at first, and guesses that are checked at all dots."""
 
 BASE_PAIRS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class DotSet:
+    """Dots of a marker or a page, lengths in mm.
+
+    Attributes
+    ----------
+    centers : array (m, 2)
+    radii : array (m,)
+        nan where a format does not tell.
+    inner : array (m,)
+        Inner radius of a ring, 0 of a disk.
+    spread : array (m,)
+        How far the circles of one dot are apart, or its inner circle off its middle.
+    heights : array (m,) or None
+    ordered : bool
+        Whether they stand in the order in which their file was written.
+    """
+
+    centers: Array
+    radii: Array
+    inner: Array
+    spread: Array
+    heights: Array | None = None
+    ordered: bool = True
+
+    def __len__(self) -> int:
+        return len(self.centers)
+
+    @property
+    def rings(self) -> NDArray[np.bool_]:
+        """Which of them are rings."""
+        return np.asarray(self.inner > 0)
+
+    def take(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> "DotSet":
+        """Some of them."""
+        heights = None if self.heights is None else self.heights[chosen]
+        return DotSet(
+            self.centers[chosen], self.radii[chosen], self.inner[chosen], self.spread[chosen], heights, self.ordered
+        )
+
+
+def expected_dots(marker: Marker) -> DotSet:
+    """Dots that the marker's control points have."""
+    features = [point.feature for point in marker.control_points]
+    return DotSet(
+        1e3 * marker.xyz[:, :2],
+        np.array([500 * feature.diameter for feature in features]),
+        np.array([500 * feature.inner_diameter for feature in features]),
+        np.zeros(len(marker)),
+        1e3 * marker.xyz[:, 2],
+    )
+
+
+def grown(dots: DotSet, room: float) -> DotSet:
+    """Disks that are larger by `room` in radius."""
+    return DotSet(dots.centers, dots.radii + room, np.zeros(len(dots)), dots.spread, dots.heights, dots.ordered)
+
+
+def dots_of(page: Page, expected: DotSet) -> DotSet:
+    """Circles of a page that may be dots: concentric ones are one, and some are about as large as an expected dot."""
+    circles = page.circles
+    if not np.isfinite(circles[:, 2]).all() or not len(circles):
+        none = np.zeros(len(circles))
+        return DotSet(circles[:, :2], none + np.nan, none, none, page.heights)
+    radii = np.unique(expected.radii)
+    near = np.abs(np.log(np.maximum(circles[:, 2:], 1e-12) / radii)).min(axis=-1) < np.log(ALIKE)
+    free, rows = near.copy(), []
+    for index in np.flatnonzero(near):
+        if not free[index]:
+            continue
+        distance = np.linalg.norm(circles[:, :2] - circles[index, :2], axis=-1)
+        mine = distance <= CONCENTRIC * np.minimum(circles[:, 2], circles[index, 2])
+        same = mine & near
+        free &= ~same
+        # Of several the one that fits best is the dot, such as a ring's outer circle beside a white one around it.
+        sizes = circles[same]
+        fit = np.abs(np.log(sizes[:, 2:] / radii)).min(axis=-1)
+        center = sizes[np.argmin(fit)]
+        within = circles[mine & (circles[:, 2] < center[2] / ALIKE)]
+        alike = sizes[np.abs(sizes[:, 2] / center[2] - 1) < 0.01]
+        others = np.concatenate([alike, within])[:, :2] - center[:2]
+        spread = float(np.linalg.norm(others, axis=-1).max(initial=0.0))
+        rows.append((*center, float(within[:, 2].max(initial=0.0)), spread))
+    table = np.array(rows, dtype=float).reshape(-1, 5)
+    return DotSet(table[:, :2], table[:, 2], table[:, 3], table[:, 4])
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +140,7 @@ class Match:
 
     @property
     def count(self) -> int:
-        """Dots with a label, less those of the wrong kind."""
+        """DotSet with a label, less those of the wrong kind."""
         return int(np.sum(self.found >= 0)) - self.strange
 
     @property
@@ -55,7 +149,9 @@ class Match:
         return bool(np.all(np.diff(self.found[self.found >= 0]) > 0))
 
 
-def best_match(expected: Dots, found: Dots, ordered: bool, upright: Callable[[], bool | None] | None) -> Match | None:
+def best_match(
+    expected: DotSet, found: DotSet, ordered: bool, upright: Callable[[], bool | None] | None
+) -> Match | None:
     """Labels of the dots, mirrored only if no others fit.
 
     Where a layout looks the same after a turn or in a mirror, the order of the dots in the file decides, if it has one,
@@ -81,7 +177,7 @@ def _turn(each: Match) -> tuple[float, float]:
     return round(abs(each.angle), 3), each.rms
 
 
-def _matches(expected: Dots, found: Dots, mirror: bool) -> list[Match]:
+def _matches(expected: DotSet, found: DotSet, mirror: bool) -> list[Match]:
     """Labels by motions that are mirrored or that are not: of those with the most dots, all that fit about as well.
 
     A pair of the marker's dots is laid on every pair of found ones that are as far apart, up to `STRETCH`; the motion
@@ -105,14 +201,14 @@ def _matches(expected: Dots, found: Dots, mirror: bool) -> list[Match]:
     return [each for each in matches if each.rms <= 1.5 * least + 1e-3]
 
 
-def _reach(expected: Dots) -> float:
+def _reach(expected: DotSet) -> float:
     """How far in mm a dot may be from its place and be its own and no other's."""
     apart = np.linalg.norm(expected.centers[:, None] - expected.centers, axis=-1)
     np.fill_diagonal(apart, np.inf)
     return float(min(0.4 * apart.min(), 0.03 * float(np.ptp(expected.centers, axis=0).max())))
 
 
-def _base_pairs(expected: Dots) -> list[tuple[int, int]]:
+def _base_pairs(expected: DotSet) -> list[tuple[int, int]]:
     """Pairs of far dots, those with one ring first, no dot in more than a few: some have no missing dot."""
     n = len(expected)
     first, second = np.triu_indices(n, 1)
@@ -132,7 +228,7 @@ def _base_pairs(expected: Dots) -> list[tuple[int, int]]:
 
 
 def _guesses(
-    expected: Dots, found: Dots, pair: tuple[int, int], mirror: bool, reach: float
+    expected: DotSet, found: DotSet, pair: tuple[int, int], mirror: bool, reach: float
 ) -> list[tuple[complex, complex]]:
     """Motions w = turn z + shift, of conjugate z if mirrored, that fit most of a few dots."""
     source = expected.centers @ np.array([1, -1j if mirror else 1j])
@@ -176,7 +272,7 @@ def _nearest(points: Array, places: NDArray[np.complex128]) -> tuple[Array, Indi
     return distance, index
 
 
-def _labels(expected: Dots, found: Dots, mirror: bool, turn: complex, shift: complex, reach: float) -> Match | None:
+def _labels(expected: DotSet, found: DotSet, mirror: bool, turn: complex, shift: complex, reach: float) -> Match | None:
     source = expected.centers @ np.array([1, -1j if mirror else 1j])
     distance, index = _nearest(found.centers, turn * source + shift)
     index = np.where(distance < reach, index, -1)

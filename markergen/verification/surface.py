@@ -6,85 +6,50 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.geometry.contour import Contour, circle, flattened
+from markergen.geometry.region import Region
+
 Array = NDArray[np.float64]
 Color = tuple[float, float, float]
-Circle = tuple[float, float, float]
-"""x, y, radius."""
+
+FINE = 1e-3
+"""mm from a circle of the chords that it is made of where places are looked up."""
+
+
+def edge_of(points: Array, round_one: tuple[float, float, float] | None = None) -> Contour:
+    """Return a closed edge of a face: the circle (x, y, radius) that it is, or its points (k, 2)."""
+    if round_one is not None:
+        x, y, radius = round_one
+        return circle(radius, x, y)
+    return Contour(tuple((x, y) for x, y in points.tolist()))
+
+
+def _scaled(edge: Contour, factor: float) -> Contour:
+    return Contour(tuple((factor * x, factor * y) for x, y in edge.points), edge.bulges)
 
 
 @dataclass(frozen=True, eq=False)
-class Loop:
-    """One closed edge of a face.
-
-    Attributes
-    ----------
-    points : array (k, 2)
-        On it, in order; the corners and, of arcs, some points between.
-    circle : (x, y, radius) or None
-        What it is if it is round.
-    """
-
-    points: Array
-    circle: Circle | None = None
-
-    def scaled(self, factor: float) -> "Loop":
-        """A factor as large."""
-        x, y, r = self.circle or (0.0, 0.0, 0.0)
-        return Loop(factor * self.points, (factor * x, factor * y, factor * r) if self.circle else None)
-
-    @cached_property
-    def area(self) -> float:
-        """Of what it encloses, mm^2."""
-        if self.circle:
-            return float(np.pi * self.circle[2] ** 2)
-        x, y = self.points.T
-        return abs(float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))) / 2
-
-    @cached_property
-    def box(self) -> tuple[Array, Array]:
-        """Lowest and highest x, y."""
-        if self.circle:
-            x, y, r = self.circle
-            return np.array([x - r, y - r]), np.array([x + r, y + r])
-        return self.points.min(axis=0), self.points.max(axis=0)
-
-    def holds(self, places: Array) -> NDArray[np.bool_]:
-        """Tell which places (m, 2) lie within, by the parity of the sides that a ray to the right crosses."""
-        if self.circle:
-            x, y, r = self.circle
-            return np.asarray(np.hypot(places[:, 0] - x, places[:, 1] - y) < r)
-        low, high = self.box
-        inside = np.asarray(((places > low) & (places < high)).all(axis=-1))
-        if not inside.any():
-            return inside
-        u, v = places[inside, 0, None], places[inside, 1, None]
-        (x0, y0), (x1, y1) = self.points.T, np.roll(self.points, -1, axis=0).T
-        spans = (y0 > v) != (y1 > v)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            crossed = spans & (u < x0 + (v - y0) / (y1 - y0) * (x1 - x0))
-        inside[inside] = crossed.sum(axis=-1) % 2 == 1
-        return inside
-
-
-@dataclass(frozen=True, eq=False)
-class Face:
-    """A level face that is seen from above; its loops, the outer one first."""
+class LevelFace:
+    """A level face that is seen from above; its edges, the outer one first."""
 
     z: float
-    loops: tuple[Loop, ...]
+    edges: tuple[Contour, ...]
     color: Color | None = None
 
-    def scaled(self, factor: float) -> "Face":
+    def scaled(self, factor: float) -> "LevelFace":
         """A factor as large."""
-        return Face(factor * self.z, tuple(loop.scaled(factor) for loop in self.loops), self.color)
+        return LevelFace(factor * self.z, tuple(_scaled(edge, factor) for edge in self.edges), self.color)
 
-    def holds(self, places: Array) -> NDArray[np.bool_]:
-        """Tell which places (m, 2) lie in it."""
-        inside = self.loops[0].holds(places)
-        for hole in self.loops[1:]:
-            if inside.any():
-                inside[inside] = ~hole.holds(places[inside])
-        return inside
+    @cached_property
+    def region(self) -> Region:
+        """What it covers."""
+        outer, *holes = (flattened(edge, FINE) for edge in self.edges)
+        return Region.polygon(outer, holes, mend=True)
+
+    @cached_property
+    def outline(self) -> Region:
+        """What its outer edge goes around."""
+        return Region.polygon(flattened(self.edges[0], FINE), mend=True)
 
 
 @dataclass(frozen=True)
@@ -130,7 +95,7 @@ class SolidPart:
         Whether it is a sound solid, and has no open edge.
     low, high : (x, y, z)
         Corners of a box that holds it.
-    faces : tuple of Face
+    faces : tuple of LevelFace
         Level ones that look up.
     balls : tuple of Ball
     """
@@ -142,7 +107,7 @@ class SolidPart:
     closed: bool
     low: tuple[float, float, float]
     high: tuple[float, float, float]
-    faces: tuple[Face, ...]
+    faces: tuple[LevelFace, ...]
     balls: tuple[Ball, ...] = ()
 
     def scaled(self, factor: float) -> "SolidPart":
@@ -155,12 +120,8 @@ class SolidPart:
     @property
     def circles(self) -> list[tuple[float, float, float, float]]:
         """Round edges (x, y, z, radius) of its level faces."""
-        return [
-            (loop.circle[0], loop.circle[1], face.z, loop.circle[2])
-            for face in self.faces
-            for loop in face.loops
-            if loop.circle
-        ]
+        found = [(face.z, edge.as_circle) for face in self.faces for edge in face.edges]
+        return [(about[0], about[1], z, about[2]) for z, about in found if about is not None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,8 +152,8 @@ class Surface:
 
         for index, each in enumerate(self.parts):
             for face in each.faces:
-                inside = face.holds(places) if face.z > z.min(initial=np.inf) else np.zeros(len(places), dtype=bool)
-                if inside.any():
+                if face.z > z.min(initial=np.inf):
+                    inside = face.region.contains(places)
                     show(index, np.where(inside, face.z, -np.inf), face.color or each.color)
             for ball in each.balls:
                 away = np.hypot(places[:, 0] - ball.x, places[:, 1] - ball.y)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from markergen.render.psf import disk_kernel, line_kernel
+from markergen.render.optics import disk_kernel, line_kernel
 
 DISKS = [disk_kernel(radius) for radius in (0.2, 1.0, 4.6, 13.0)]
 LINES = [line_kernel(length, angle) for length in (0.3, 1.0, 6.4, 25.0) for angle in (0.0, 30.0, 90.0, 135.0, -77.0)]

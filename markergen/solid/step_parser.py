@@ -1,17 +1,15 @@
-"""Script that reads STEP and BREP files sent to its standard input and replies with JSON; see `reading`.
+"""Parser of STEP and BREP files, a script that `markergen.guard` runs in a child process; see `verification.step`.
 
-It imports nothing of markergen, so that it starts wherever Open CASCADE does.
+Open CASCADE, the kernel of cadquery, reads the files; what is asked of its document is our own.
+`cadquery.Assembly.importStep` refuses what other programs write: a file with one part and no assembly, and an assembly
+that has two parts of one name. Importing it takes a second longer than the few modules of the kernel that are used.
 """
 
 import importlib
-import json
-import os
-import signal
-import sys
-import tempfile
 from math import pi
-from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
+
+from markergen.guard import as_file
 
 LEVEL = 1e-9
 """1 - |nz| of a face that counts as level: 0.003 degrees."""
@@ -27,54 +25,19 @@ MOST_FACES = 200_000
 Json = dict[str, Any]
 
 
-def main() -> None:
-    """Read requests until there are no more: kind (4 bytes), size (8), data; replies are size (8) and JSON.
-
-    The first reply comes without a request: ``missing`` with a reason, or nothing in it.
-    """
-    replies = os.fdopen(os.dup(1), "wb")
-    # Open CASCADE says on standard output what it thinks of files.
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    requests = sys.stdin.buffer
-    _reply(replies, _missing())
-    while True:
-        head = requests.read(12)
-        if len(head) < 12:
-            return
-        data = requests.read(int.from_bytes(head[4:], "big"))
-        # Whoever asked ends what takes too long, unless it was ended itself.
-        if hasattr(signal, "alarm"):
-            signal.alarm(60 + len(data) // 10_000)
-        _reply(replies, answer(head[:4].decode(), data))
-        if hasattr(signal, "alarm"):
-            signal.alarm(0)
+def prepare() -> None:
+    """Import the reader; raises ImportError if the kernel or a system library that it needs is missing."""
+    importlib.import_module("OCP.STEPCAFControl")
 
 
-def answer(kind: str, data: bytes) -> Json:
-    """Parts of a file, or ``error`` with a reason."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"file.{kind}"
-        path.write_bytes(data)
-        try:
-            parts = _step(str(path)) if kind == "step" else _brep(str(path))
-            return {"parts": [_described(*part) for part in parts]}
-        # Open CASCADE's own exceptions have no common root that Python knows of.
-        except Exception as error:
-            return {"error": f"{type(error).__name__} {' '.join(str(error).split())}"[:200]}
+def step(data: bytes) -> Json:
+    """Parts of a STEP file, moved to where its assemblies have them, in mm."""
+    return {"parts": [_described(*part) for part in as_file(data, ".step", _step)]}
 
 
-def _missing() -> Json:
-    try:
-        importlib.import_module("OCP.STEPCAFControl")
-    except ImportError as error:
-        return {"missing": " ".join(str(error).split())}
-    return {}
-
-
-def _reply(replies: BinaryIO, found: Json) -> None:
-    text = json.dumps(found).encode()
-    replies.write(len(text).to_bytes(8, "big") + text)
-    replies.flush()
+def brep(data: bytes) -> Json:
+    """Parts of a BREP file of Open CASCADE."""
+    return {"parts": [_described(*part) for part in as_file(data, ".brep", _brep)]}
 
 
 def _step(path: str) -> list[tuple[str, Any, Any, Any]]:
@@ -311,7 +274,3 @@ def _ball(face: Any) -> Json | None:
     hole = around(top) if top < radius * (1 - 1e-9) else 0.0
     place = {"x": center.X(), "y": center.Y(), "z": center.Z(), "radius": radius}
     return {**place, "hole": hole, "rim": around(max(bottom, 0.0))}
-
-
-if __name__ == "__main__":
-    main()
