@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, NonlinearConstraint, differential_evolution, minimize
 
 from markergen.objectives import Objective, Setting
-from markergen.optimize.region import Region
+from markergen.optimize.problem import Region
 from markergen.optimize.supersab import GROW, LONGEST, SHRINK
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ import pytest
 from benchmarks.conftest import RADIUS, matrices
 from benchmarks.peers import Array, autograd_condition, descend_one_by_one
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.optimize.region import Region
+from markergen.optimize.problem import Region
 from markergen.optimize.supersab import descend
 
 STARTS, STEPS, GROUP = 200, 40, "descent of c(A), 200 starts x 40 steps, n = {}"

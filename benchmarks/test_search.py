@@ -13,8 +13,8 @@ import pytest
 
 from benchmarks.peers import NEAR, Watch, evolution, slsqp
 from markergen.objectives import OBJECTIVES, Objective, Setting
-from markergen.optimize.multistart import search
-from markergen.optimize.region import Region
+from markergen.optimize.problem import Region
+from markergen.optimize.search import search
 
 N, PATIENCE, GROUP = 8, 90.0, "search for the best 8 points by {}, seed {}"
 

@@ -1,15 +1,27 @@
-"""The layouts that a design is held against, all from the same feasible region."""
+"""Layouts that a design is held against, all from the same feasible region, and tables of their criteria."""
+
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.geometry import region as geometry
 from markergen.objectives import Setting
-from markergen.objectives.criteria import RANDOM_LAYOUTS, regular_polygon
+from markergen.objectives.criteria import RANDOM_LAYOUTS, Criteria, columns, criteria, median_criteria, regular_polygon
 from markergen.objectives.pose import PoseObjective
-from markergen.optimize.region import Region
+from markergen.objectives.survive import HiddenDots
+from markergen.optimize.problem import Region
+from markergen.presentation.tables import Table, number
 
 Array = NDArray[np.float64]
+
+LAYOUTS = {
+    "flat": "best without relief",
+    "ngon": "regular n-gon",
+    "square": "square, 4 dots",
+    "random": "random, median",
+}
+"""Names of the layouts that a marker is compared with."""
 
 PHASES = 24
 """Turns of a regular polygon that are looked at."""
@@ -19,6 +31,20 @@ NOTICEABLE = 1e-3
 
 SIZES, HALVINGS = 100, 30
 """Sizes of a polygon that are tried, and halvings of the interval between the largest that fits and the next."""
+
+
+def compare(
+    points: Array, region: Region, setting: Setting, seed: int = 0, others: Mapping[str, Array] | None = None
+) -> dict[str, Criteria]:
+    """Criteria of a layout (n, 2 or 3) and of the n-gon, the square and the median random layout of the same region.
+
+    Other layouts (n, 2 or 3) come under their names, after its own.
+    """
+    table: dict[str, Criteria] = {"design": criteria(points[None], setting)[0]}
+    table |= {name: criteria(other[None], setting)[0] for name, other in (others or {}).items()}
+    for name, layouts in comparison_layouts(region, len(points), seed, setting).items():
+        table[name] = median_criteria(criteria(layouts, setting))
+    return table
 
 
 def comparison_layouts(region: Region, n: int, seed: int = 0, setting: Setting | None = None) -> dict[str, Array]:
@@ -85,3 +111,49 @@ def _centers(region: Region) -> Array:
     # Inside is what an odd number of the outlines goes around.
     inside = geometry.Region.odd(region.boundary.outlines())
     return np.stack([np.zeros(2), inside.largest_circle(1e-4 * region.boundary.radius)])
+
+
+def criteria_table(criteria: Mapping[str, Mapping[str, float]], n: int, noise: str) -> Table:
+    """Criteria of a design of n dots beside those of the layouts that it is compared with.
+
+    Parameters
+    ----------
+    criteria : mapping
+        By ``design`` or the key of a layout in `LAYOUTS`, then by criterion, in the units of the objectives.
+    noise : str
+        What they are for, in words.
+    """
+    but = " and ".join(each.title for each in columns().values() if not each.proportional)
+    names = {"design": "this marker", **LAYOUTS, "ngon": f"regular {n}-gon"}
+    return Table(
+        f"What the layout allows, for {noise}",
+        _header(),
+        [[names[name], *_cells(row)] for name, row in criteria.items()],
+        f"RMS over the poses; proportional to the noise but for {but}.",
+    )
+
+
+def hidden_table(errors: Sequence[HiddenDots], noise: str) -> Table:
+    """Criteria of a marker with none, one and more of its dots hidden."""
+    rows = []
+    for row in errors:
+        worst = f"dot{'s' * (row.hidden > 1)} {', '.join(map(str, row.worst_dots))}"
+        dots = f"worst: {worst} hidden" if row.hidden else "none hidden"
+        rows.append([dots, *_cells(row.worst)])
+        if row.hidden:
+            rows.append([f"mean of any {row.hidden} hidden", *_cells(row.mean)])
+    return Table(
+        f"With dots hidden, for {noise}",
+        _header(),
+        rows,
+        "Each criterion after the loss that is worst for it; dots named are those whose loss is worst for the pose.",
+    )
+
+
+def _header() -> list[str]:
+    return ["", *(each.title for each in columns().values())]
+
+
+def _cells(row: Mapping[str, float]) -> list[str]:
+    """Cells for the columns of criteria; a relief lacks some."""
+    return [number(row[each.key] * each.factor, 4) if each.key in row else "-" for each in columns().values()]

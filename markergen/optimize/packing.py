@@ -1,12 +1,13 @@
-"""How large n dots can be, and how many dots of one size fit."""
+"""Packings: how large n dots can be, and how many dots of one size fit."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.maths.rotation import turn_z
 from markergen.model.boundary import Boundary
-from markergen.optimize.contacts import contacts
-from markergen.optimize.region import Region
+from markergen.optimize.constraints import contacts
+from markergen.optimize.polish import slsqp
+from markergen.optimize.problem import Region
 
 Array = NDArray[np.float64]
 
@@ -81,7 +82,7 @@ def _grow(region: Region, start: Array, most: float, clearance: float | None) ->
     reach = np.inf if everything else REACH * most
     for _ in range(1 if everything else ROUNDS):
         before = x
-        x = _slsqp(region, x, most / scale, offset, tenth, reach / scale)
+        x = _run(region, x, most / scale, offset, tenth, reach / scale)
         if everything or np.abs(x - before).max() < 1e-6:
             break
     points = x[:-1].reshape(n, 2) * scale
@@ -93,10 +94,8 @@ def _grow(region: Region, start: Array, most: float, clearance: float | None) ->
     return points, float(d - 2 * max(0.0, -room.min(), -distance.min(initial=0.0)))
 
 
-def _slsqp(region: Region, x: Array, most: float, offset: float, tenth: float, reach: float) -> Array:
+def _run(region: Region, x: Array, most: float, offset: float, tenth: float, reach: float) -> Array:
     """One round of `_grow`, in units of the radius; no coordinate changes by more than `reach`."""
-    from scipy.optimize import minimize
-
     n, scale = (len(x) - 1) // 2, region.boundary.radius
     points, d, diagonal = x[:-1].reshape(n, 2) * scale, x[-1], np.sqrt(2) * reach
     gap, most_gap = offset + tenth * d, offset + tenth * most
@@ -127,18 +126,9 @@ def _slsqp(region: Region, x: Array, most: float, offset: float, tenth: float, r
     direction[-1] = -1.0
     bounds = None
     if np.isfinite(reach):
-        bounds = np.stack([x - reach, x + reach], axis=-1)
-        bounds[-1] = 0.0, most
-    result = minimize(
-        lambda x: -x[-1],
-        x,
-        jac=lambda _: direction,
-        method="SLSQP",
-        bounds=bounds,
-        constraints=[{"type": "ineq", "fun": slack, "jac": slack_jacobian}],
-        options={"maxiter": 200, "ftol": 1e-9},
-    )
-    return np.asarray(result.x)
+        bounds = x - reach, x + reach
+        bounds[0][-1], bounds[1][-1] = 0.0, most
+    return slsqp(lambda x: (-x[-1], direction), slack, slack_jacobian, x, bounds, 200, 1e-9)
 
 
 def _spread(boundary: Boundary, n: int, rng: np.random.Generator) -> Array:

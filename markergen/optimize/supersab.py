@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.objectives import Objective
-from markergen.optimize.region import Region
+from markergen.optimize.problem import Region
 from markergen.optimize.trace import Record
 
 Array = NDArray[np.float64]

@@ -3,19 +3,18 @@ import pytest
 
 from markergen.model.spec import ImageNoise
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.objectives.weights import DotNoise
+from markergen.objectives.observation import DotNoise
 from markergen.optimize.exchange import (
-    AnyTable,
-    TraceTable,
+    AnyExchangeTable,
+    TraceExchangeTable,
     distances,
     edge,
     exchange,
-    fewer,
+    exchange_table,
     places,
     random_layout,
-    table_of,
 )
-from markergen.optimize.region import Region
+from markergen.optimize.problem import Region, fewer
 
 
 def test_fewer_poses_are_spread_over_all(setting):
@@ -53,7 +52,7 @@ def test_the_fast_table_says_what_the_objective_says(rooms, criterion, name, agg
     room = rooms["plate"]
     objective = criterion(room, name, aggregate)
     here = places(Region(room, 0.02, 0.002), 8)[::7]
-    fast, slow = TraceTable(objective, here), AnyTable(objective, here)
+    fast, slow = TraceExchangeTable(objective, here), AnyExchangeTable(objective, here)
     candidates = np.arange(len(here))
     for count in (4, 5, 9):
         rest = np.random.default_rng(count).choice(len(here), count, replace=False)
@@ -70,8 +69,8 @@ def test_the_fast_table_knows_the_noise_of_dots(rooms, setting):
     here = places(Region(room, 0.03, 0.003), 8)[::5]
     rest = np.array([0, 9, 20, 30])
     candidates = np.arange(len(here))
-    expected = AnyTable(objective, here).values(rest, candidates)
-    np.testing.assert_allclose(TraceTable(objective, here).values(rest, candidates), expected, rtol=1e-5)
+    expected = AnyExchangeTable(objective, here).values(rest, candidates)
+    np.testing.assert_allclose(TraceExchangeTable(objective, here).values(rest, candidates), expected, rtol=1e-5)
 
 
 @pytest.mark.parametrize("name", ["pose", "condition"])
@@ -80,7 +79,10 @@ def test_further_places_come_first(rooms, criterion, name):
     objective = criterion(room, name)
     here = edge(Region(room, 0.02, 0.002), 30)
     more = room.sample(6, 0.012, np.random.default_rng(0))
-    joined, whole = table_of(objective, here).joined(more), table_of(objective, np.concatenate([more, here]))
+    joined, whole = (
+        exchange_table(objective, here).joined(more),
+        exchange_table(objective, np.concatenate([more, here])),
+    )
     np.testing.assert_array_equal(joined.places, whole.places)
     np.testing.assert_array_equal(joined.apart, whole.apart)
     rest, candidates = np.array([0, 3, 8, 20, 27]), np.arange(len(joined.places))
@@ -96,7 +98,9 @@ def test_three_points_and_one_are_told_apart_from_none(rooms, criterion):
         here = edge(Region(room, 0.02, 0.002), 40)
         rest = np.array([0, 10, 25])
         candidates = np.setdiff1d(np.arange(len(here)), rest)
-        fast, slow = (table(objective, here).values(rest, candidates) for table in (TraceTable, AnyTable))
+        fast, slow = (
+            table(objective, here).values(rest, candidates) for table in (TraceExchangeTable, AnyExchangeTable)
+        )
         # A thousandth is what keeps the three from being singular.
         assert slow[np.argmin(fast)] <= 1.001 * slow.min()
 
@@ -105,7 +109,7 @@ def test_no_single_move_improves_what_an_exchange_ends_with(rooms, criterion):
     room = rooms["star"]
     region, n = Region(room, 0.02, 0.002), 7
     objective = criterion(room)
-    table = table_of(objective, places(region, n))
+    table = exchange_table(objective, places(region, n))
     start = random_layout(table.apart, region.spacing, n, np.random.default_rng(0))
     end = exchange(table, region.spacing, start)
     before, after = objective(table.places[np.array([start, end])])
@@ -122,8 +126,8 @@ def test_no_single_move_improves_what_an_exchange_ends_with(rooms, criterion):
 def test_any_objective_can_be_exchanged(rooms, criterion):
     room = rooms["rectangle"]
     objective = criterion(room, "condition")
-    table = table_of(objective, edge(Region(room), 24))
-    assert isinstance(table, AnyTable)
+    table = exchange_table(objective, edge(Region(room), 24))
+    assert isinstance(table, AnyExchangeTable)
     start = np.arange(5)
     end = exchange(table, 0.01, start)
     assert objective(table.places[end][None])[0] < 0.8 * objective(table.places[start][None])[0]

@@ -8,10 +8,9 @@ from markergen.model.camera import PAPER_CAMERA
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import regular_polygon
 from markergen.objectives.survive import SurvivalObjective
-from markergen.optimize.exchange import fewer
-from markergen.optimize.multistart import search
 from markergen.optimize.polish import polish
-from markergen.optimize.region import Region
+from markergen.optimize.problem import Region, fewer
+from markergen.optimize.search import search
 from markergen.optimize.supersab import descend
 from markergen.read.poses import poses_from
 

@@ -3,7 +3,7 @@ import pytest
 
 from markergen.model.boundary import Circle
 from markergen.optimize.packing import count_that_fit, fitting, largest_diameter, lattice, pack
-from markergen.optimize.region import Region
+from markergen.optimize.problem import Region
 
 # Densest packings of n equal disks in a unit disk (Graham et al. 1998; proved for these n but 12): radius of a disk.
 BEST = {

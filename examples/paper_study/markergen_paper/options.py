@@ -10,7 +10,7 @@ from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import PoseDistribution, paper
 from markergen.objectives import OBJECTIVES, Objective, Setting
-from markergen.optimize.region import Region
+from markergen.optimize.problem import Region
 
 Index = NDArray[np.intp]
 

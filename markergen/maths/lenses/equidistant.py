@@ -4,8 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from markergen.maths.lenses import LARGEST_RADIUS, LENSES, Array, Coefficients, RadialModel
-from markergen.maths.lenses.polynomial import derivative, first_root, polynomial
+from markergen.maths.lenses import (
+    LARGEST_RADIUS,
+    LENSES,
+    Array,
+    Coefficients,
+    RadialModel,
+    derivative,
+    first_root,
+    polynomial,
+)
 
 
 class Equidistant(RadialModel):

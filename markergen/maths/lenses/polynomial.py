@@ -5,9 +5,17 @@ from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from markergen.maths.lenses import LARGEST_RADIUS, LENSES, Array, Coefficients, RadialModel
+from markergen.maths.lenses import (
+    LARGEST_RADIUS,
+    LENSES,
+    Array,
+    Coefficients,
+    RadialModel,
+    derivative,
+    first_root,
+    polynomial,
+)
 
 
 class RadialTangential(RadialModel):
@@ -84,32 +92,6 @@ class Rational(RadialTangential):
 
 LENSES.register("radtan")(RadialTangential())
 LENSES.register("rational")(Rational())
-
-
-def polynomial(x: Array, ascending: Coefficients) -> Array:
-    """Horner's rule; nan stays nan, for a constant, too."""
-    if len(ascending) == 1:
-        return x * 0 + ascending[0]
-    value = x * ascending[-1]
-    for coefficient in ascending[-2:0:-1]:
-        value += coefficient
-        value *= x
-    value += ascending[0]
-    return value
-
-
-def derivative(ascending: Coefficients) -> Coefficients:
-    """Coefficients of a polynomial's derivative."""
-    return tuple(i * c for i, c in enumerate(ascending))[1:] or (0.0,)
-
-
-def first_root(ascending: ArrayLike) -> float:
-    """Smallest positive root of 1 + c1 r + c2 r^2 + ..., inf if there is none."""
-    # The roots of the reversed polynomial are 1/r: it is monic, so that tiny leading coefficients do no harm, and the
-    # root wanted is the largest. A double root, where rounding may make two complex ones, counts.
-    inverse = np.roots(ascending)
-    real = inverse.real[(np.abs(inverse.imag) <= 1e-6 * np.abs(inverse)) & (inverse.real > 0)]
-    return float(1 / real.max()) if real.size and real.max() > 1e-300 else np.inf
 
 
 def _even(coefficients: Coefficients) -> Array:

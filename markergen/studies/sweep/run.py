@@ -13,12 +13,11 @@ from markergen.files import write_all
 from markergen.model.spec import Spec
 from markergen.objectives import Setting
 from markergen.objectives.criteria import criteria
-from markergen.objectives.weights import DotNoise
+from markergen.objectives.observation import DotNoise
 from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.design import design
-from markergen.optimize.dots import DotSize, choose_dots
-from markergen.optimize.goal import room_of
-from markergen.optimize.region import Region
+from markergen.optimize.dot_size import DotSize, choose_dots
+from markergen.optimize.problem import Region, room_of
 from markergen.presentation.tables import csv_bytes
 from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_from_mapping

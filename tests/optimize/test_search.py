@@ -7,16 +7,12 @@ from markergen.errors import InputError
 from markergen.model.boundary import Circle, polygon_from
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.optimize.check import breach
-from markergen.optimize.contacts import MOST_WALLS, contacts
-from markergen.optimize.dots import choose_dots
-from markergen.optimize.exchange import fewer
-from markergen.optimize.goal import objective_of, rough_of
-from markergen.optimize.multistart import search
+from markergen.optimize.constraints import MOST_WALLS, contacts
+from markergen.optimize.dot_size import choose_dots
 from markergen.optimize.packing import largest_diameter
-from markergen.optimize.placement import place
 from markergen.optimize.polish import polish
-from markergen.optimize.region import Region
+from markergen.optimize.problem import Region, breach, fewer, objective_of, rough_of
+from markergen.optimize.search import place, search
 
 
 def found(objective, room, n, seed=0, dot=0.02, **options):
