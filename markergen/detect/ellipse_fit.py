@@ -360,7 +360,7 @@ class FittedDots:
 
 
 def fit_dots(image: Image, regions: Regions, noise: float) -> FittedDots:
-    """Fit blurred dark ellipses or elliptic rings to grey levels by least squares; regions that are not dots are dropped.
+    """Fit blurred dark ellipses or elliptic rings to grey levels by least squares; drop regions that are not dots.
 
     Model: (1 + g'x) (light - (light - dark) (D - D_hole)), with D the share of ink (`blurred_ellipse`) and g the
     slope of the light over the dot; saturated where the image is. Ellipse, levels, slope and blur are unknown, and for
