@@ -16,9 +16,8 @@ from markergen.files import check_outputs as check_files
 from markergen.model.spec import Spec
 from markergen.model.tag import parse_ids
 from markergen.objectives import OBJECTIVES
-from markergen.optimize.design import Design
+from markergen.optimize.design import Design, members
 from markergen.optimize.design import design as find
-from markergen.optimize.family import members
 from markergen.optimize.trace import check_trace_path, trace_bytes
 from markergen.options import Progress, check_progress, given, signature_of
 from markergen.options.tables import DesignKeywords

@@ -20,7 +20,7 @@ from markergen.model.substrate import parse_dowel, parse_mount
 from markergen.model.substrate_checks import check_edge, check_holes
 from markergen.options import MarkerLike, as_list, declared, given, signature_of
 from markergen.options.tables import ExportKeywords, PlateKeywords
-from markergen.read.outlines import read_room
+from markergen.read.outlines.boundary import read_room
 
 SHEET = ("paper", "orientation", "margin", "tile", "overlap", "compensate")
 MADE = ("process", "depth", "gap", "fit", "through", "tool", "dome", "draft", "foot", "engrave", "tolerance")

@@ -18,7 +18,8 @@ from markergen.presentation.tables import data_frame
 from markergen.studies.engines import engine_for
 from markergen.studies.named import STUDIES
 from markergen.studies.run import CellProgress
-from markergen.studies.sweep import read_sweep, run_sweep, sweep_from_mapping
+from markergen.studies.sweep.grid import read_sweep, sweep_from_mapping
+from markergen.studies.sweep.run import run_sweep
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimates, PoseEstimator
 from markergen.estimators.base import turned
-from markergen.estimators.ippe import IPPE
-from markergen.estimators.sqpnp import SQPNP
 from markergen.maths.information import apply_pose_step, information, turned_jacobian
 from markergen.maths.least_squares import Arrays, Attempt, Damping, LeastSquares, Mask, levenberg_marquardt
 from markergen.maths.projection import perspective, to_pixels
@@ -30,7 +28,9 @@ class LevenbergMarquardt(PoseEstimator):
 
     def solve(self, batch: Correspondences) -> PoseEstimates:
         """Poses of the batch, one solution each."""
-        rotation, translation = refine(batch, *batch.once(IPPE if batch.planar else SQPNP).best)
+        start = ESTIMATORS["ippe" if batch.planar else "sqpnp"]
+        assert isinstance(start, PoseEstimator)
+        rotation, translation = refine(batch, *batch.once(start).best)
         return PoseEstimates(rotation[:, None], translation[:, None])
 
 

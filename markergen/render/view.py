@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.geometry.coverage import paint
-from markergen.maths.conic import circle_image
-from markergen.maths.projection import plane_homography
+from markergen.maths.projection import circle_image, plane_homography
 from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
 from markergen.model.marker import ControlPoint, Marker, check_supported

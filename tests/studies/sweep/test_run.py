@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from markergen.studies.engines import ENGINES, EngineOptions, engine_for
-from markergen.studies.sweep import read_sweep, run_sweep
+from markergen.studies.sweep.grid import read_sweep
+from markergen.studies.sweep.run import run_sweep
 
 ROOT = Path(__file__).parents[3]
 

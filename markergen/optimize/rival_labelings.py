@@ -102,7 +102,7 @@ class Rivals:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class SeenLayout:
     """Dots and what the camera sees of them from each pose.
 
     Attributes
@@ -167,11 +167,11 @@ class Scene:
         return Rivals(labeling, pose, *found)
 
 
-def scene_of(points: Array, kinds: Indices, camera: Camera, poses: PoseDistribution) -> Scene:
-    """Scene of points (n, 2) or (n, 3) in m."""
+def seen_layout(points: Array, kinds: Indices, camera: Camera, poses: PoseDistribution) -> SeenLayout:
+    """SeenLayout of points (n, 2) or (n, 3) in m."""
     points = np.pad(np.asarray(points, dtype=float), ((0, 0), (0, 3 - points.shape[1])))
     rays = perspective(to_camera(points, poses.rotation, poses.translation))
-    return Scene(points, kinds, camera, poses, rays, camera.to_pixels(rays))
+    return SeenLayout(points, kinds, camera, poses, rays, camera.to_pixels(rays))
 
 
 def fit_poses(
