@@ -171,8 +171,8 @@ def guess_poses(ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bo
 def circle_poses(center: Array, shape: Array) -> tuple[Array, Array]:
     """Return both poses of a disk of radius 1 that is seen as an ellipse, up to the rotation about its normal.
 
-    The ellipse's dual conic D is proportional to I - n n' - P P' (see `conic_projection.outlines`). With the
-    eigenvalues m1 >= m2 > 0 > m3 of D and a = 1 - m2/m1, b = 1 - m3/m1, the normal is n = +-s v2 + sqrt(1 - s^2) v3 with
+    The ellipse's dual conic D is proportional to I - n n' - P P' (see `conic_projection.outlines`). With eigenvalues
+    m1 >= m2 > 0 > m3 of D and a = 1 - m2/m1, b = 1 - m3/m1, the normal is n = +-s v2 + sqrt(1 - s^2) v3 with
     s^2 = a (b - 1)/(b - a), and P follows from P P' = I - D/m1 - n n'.
 
     Parameters
