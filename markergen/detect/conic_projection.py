@@ -208,11 +208,16 @@ class EllipseCenters(LeastSquares):
         visible = (front | ~self.used).all(axis=-1)
         return np.where(visible & (chi2 < np.inf), chi2, np.inf), residual
 
-    def normal_equations(self, unknowns: Arrays, found: Arrays) -> tuple[Array, Array]:
+    def jacobian(self, unknowns: Arrays, found: Arrays) -> Array:
+        """See `LeastSquares.jacobian`; here (k, n, 2, 6)."""
+        del found
+        return pose_rows(self.points, *unknowns)
+
+    def normal_equations(self, jacobian: Array, residual: Array) -> tuple[Array, Array]:
         """See `LeastSquares.normal_equations`."""
-        rows, k = pose_rows(self.points, *unknowns), len(self.seen)
-        weighted = (self.weight @ rows).reshape(k, -1, 6).swapaxes(-1, -2)
-        return weighted @ rows.reshape(k, -1, 6), (weighted @ found[1].reshape(k, -1, 1))[..., 0]
+        k = len(self.seen)
+        weighted = (self.weight @ jacobian).reshape(k, -1, 6).swapaxes(-1, -2)
+        return weighted @ jacobian.reshape(k, -1, 6), (weighted @ residual.reshape(k, -1, 1))[..., 0]
 
     def moved(self, unknowns: Arrays, step: Array) -> Arrays:
         """See `LeastSquares.moved`."""
