@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimates, PoseEstimator
 from markergen.estimators.base import turned
 from markergen.maths.information import apply_pose_step, turned_jacobian
-from markergen.maths.least_squares import Arrays, Attempt, Damping, LeastSquares, Mask, levenberg_marquardt
+from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, Mask, levenberg_marquardt
 from markergen.maths.projection import perspective, to_pixels
 from markergen.model.camera import Camera
 
@@ -35,7 +35,7 @@ class LevenbergMarquardt(PoseEstimator):
 
 
 def refine(batch: Correspondences, rotation: Array, translation: Array) -> tuple[Array, Array]:
-    """Minimize the squared reprojection error of every trial over its pose (see `markergen.maths.least_squares`).
+    """Minimize the squared reprojection error of every trial over its pose (see `markergen.maths.levenberg_marquardt`).
 
     Unknowns are the pose (w, dt) of `maths.information`, residuals those of the image in px. The noise is that of the
     distorted image: with a lens, residuals and their derivatives are multiplied by its derivative at the measured
