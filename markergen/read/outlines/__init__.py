@@ -1,4 +1,4 @@
-"""Outlines from drawings: a table of formats, told apart by what is in the file, not by its name."""
+"""Read outlines from drawings, in formats that are recognized by content, not by name."""
 
 from markergen.geometry.outlines import TOLERANCE
 from markergen.read.outlines.boundary import drawn_plate, is_drawing, parse_boundary, read_room
