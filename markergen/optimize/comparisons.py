@@ -10,7 +10,7 @@ from markergen.objectives import Setting
 from markergen.objectives.criteria import RANDOM_LAYOUTS, Criteria, columns, criteria, median_criteria, regular_polygon
 from markergen.objectives.pose import PoseObjective
 from markergen.objectives.survive import HiddenDots
-from markergen.optimize.problem import Region
+from markergen.optimize.problem import FeasibleRegion
 from markergen.presentation.tables import Table, number
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ SIZES, HALVINGS = 100, 30
 
 
 def compare(
-    points: Array, region: Region, setting: Setting, seed: int = 0, others: Mapping[str, Array] | None = None
+    points: Array, region: FeasibleRegion, setting: Setting, seed: int = 0, others: Mapping[str, Array] | None = None
 ) -> dict[str, Criteria]:
     """Criteria of a layout (n, 2 or 3) and of the n-gon, the square and the median random layout of the same region.
 
@@ -47,7 +47,9 @@ def compare(
     return table
 
 
-def comparison_layouts(region: Region, n: int, seed: int = 0, setting: Setting | None = None) -> dict[str, Array]:
+def comparison_layouts(
+    region: FeasibleRegion, n: int, seed: int = 0, setting: Setting | None = None
+) -> dict[str, Array]:
     """Layouts (B, m, 2) in m by name: ``ngon`` and ``square``, regular and as large as can be, and ``random`` ones.
 
     Regular polygons lie about the center of the marker or of the largest circle in the region, whichever is better.
@@ -65,7 +67,7 @@ def comparison_layouts(region: Region, n: int, seed: int = 0, setting: Setting |
     return {name: kept for name, batch in layouts.items() if len(kept := batch[region.holds(batch)])}
 
 
-def _polygon(region: Region, n: int, setting: Setting | None) -> Array:
+def _polygon(region: FeasibleRegion, n: int, setting: Setting | None) -> Array:
     """The best regular n-gon (1, n, 2) in m, or one that the region does not hold."""
     turned = 2 * np.pi / n * np.arange(PHASES) / PHASES
     cosine, sine = np.cos(turned), np.sin(turned)
@@ -82,7 +84,7 @@ def _polygon(region: Region, n: int, setting: Setting | None) -> Array:
     return held[:1] if worth[0] <= worth.min() + NOTICEABLE * abs(worth.min()) else held[[np.argmin(worth)]]
 
 
-def _largest(region: Region, unit: Array, center: Array) -> Array:
+def _largest(region: FeasibleRegion, unit: Array, center: Array) -> Array:
     """Polygons (B, n, 2) with corners in directions (B, n, 2) from a center, as large as the region allows."""
     boundary = region.boundary
     if len(region.walls) == 1:
@@ -104,7 +106,7 @@ def _largest(region: Region, unit: Array, center: Array) -> Array:
     return np.asarray(center + unit * low[:, None, None])
 
 
-def _centers(region: Region) -> Array:
+def _centers(region: FeasibleRegion) -> Array:
     """Centers (1 or 2, 2) in m: that of the marker, and that of the largest circle in the region."""
     if len(region.walls) == 1:
         return np.zeros((1, 2))

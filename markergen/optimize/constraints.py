@@ -25,7 +25,7 @@ BLOCK = 2**17
 
 MOST_WALLS = 16
 """Most walls that count for one dot, the nearest: of a toothed outline hundreds may be in reach, and time and memory of
-SLSQP grow with the square of their number. What passes one of the others is put back by `Region.project`."""
+SLSQP grow with the square of their number. What passes one of the others is put back by `FeasibleRegion.project`."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ from markergen.optimize.comparisons import compare, criteria_table, hidden_table
 from markergen.optimize.dot_size import FEWEST_PIXELS, DotSize, choose_dots, pixels_across
 from markergen.optimize.keyless import AsymmetricOptimum, asymmetric_search
 from markergen.optimize.label_ambiguity import LabelSafety, layout_safety
-from markergen.optimize.problem import Region, check, check_objective, objective_of, room_of, rough_of
+from markergen.optimize.problem import FeasibleRegion, check, check_objective, objective_of, room_of, rough_of
 from markergen.optimize.relief import ReliefRoom, check_relief, search_relief
 from markergen.optimize.search import Optimum, search
 from markergen.optimize.trace import Recorder, Step, trace_of
@@ -225,7 +225,7 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
     if spec.noise_model == "image":
         setting = replace(setting, noise=DotNoise(dots.diameter, spec.image_noise, spec.print_sigma))
     objective = objective_of(spec, setting)
-    region = Region(room_of(spec), dots.diameter, dots.clearance)
+    region = FeasibleRegion(room_of(spec), dots.diameter, dots.clearance)
     rng = np.random.default_rng(spec.seed)
     recorder = Recorder() if traced else None
     more = spec.restarts, progress, rough_of(spec, setting), recorder
@@ -259,7 +259,7 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
 
 
 def upright(
-    points: Array, objective: Objective, region: Region, allowed: Callable[[Array], bool] | None = None
+    points: Array, objective: Objective, region: FeasibleRegion, allowed: Callable[[Array], bool] | None = None
 ) -> Array:
     """Turn a layout (n, 2 or 3) so that one control point stands straight up, where that costs nothing.
 

@@ -21,7 +21,7 @@ from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.observation import DotNoise
 from markergen.optimize.packing import count_that_fit, fitting, largest_diameter, pack
 from markergen.optimize.polish import polish
-from markergen.optimize.problem import Region, objective_of, room_of, rough_of
+from markergen.optimize.problem import FeasibleRegion, objective_of, room_of, rough_of
 from markergen.optimize.search import search
 from markergen.options import Progress
 from markergen.units import format_length
@@ -151,7 +151,7 @@ def _pixels(diameter: float, spec: Spec, poses: PoseDistribution) -> str:
 def _refuse_what_does_not_fit(spec: Spec, size: DotSize) -> None:
     room = room_of(spec)
     # The search relies on what is found here: where it is stuck, it begins with it.
-    if fitting(Region(room, size.diameter, size.clearance), spec.n) is not None:
+    if fitting(FeasibleRegion(room, size.diameter, size.clearance), spec.n) is not None:
         return
     fit = count_that_fit(room, size.diameter, size.clearance, spec.n - 1)
     raise InputError(
@@ -205,7 +205,7 @@ class _Prediction:
         spec = self._spec
         setting = self._with(diameter, spec.print_sigma)
         objective = objective_of(spec, setting)
-        region = Region(room_of(spec), diameter, clearance_of(spec, diameter))
+        region = FeasibleRegion(room_of(spec), diameter, clearance_of(spec, diameter))
         if self._found:
             points, value = polish(objective, region, self._start(region), STEPS)
         else:
@@ -225,10 +225,10 @@ class _Prediction:
     def _with(self, diameter: float, print_sigma: float) -> Setting:
         return replace(self._setting, noise=DotNoise(diameter, self._spec.image_noise, print_sigma))
 
-    def _start(self, region: Region) -> Array:
+    def _start(self, region: FeasibleRegion) -> Array:
         """Layout (n, 2) of the nearest diameter before, grown or shrunk with the room that the dots leave it."""
         nearest = min(self._found, key=lambda known: abs(known - region.diameter))
-        before = Region(region.boundary, nearest, clearance_of(self._spec, nearest))
+        before = FeasibleRegion(region.boundary, nearest, clearance_of(self._spec, nearest))
         scale = (region.boundary.radius - region.inset) / (region.boundary.radius - before.inset)
         start = region.project((self._found[nearest][0] * scale)[None])
         if region.holds(start)[0]:

@@ -16,7 +16,7 @@ from markergen.objectives import Objective
 from markergen.objectives.aggregates import aggregate_of
 from markergen.objectives.base import TraceObjective
 from markergen.objectives.criteria import regular_polygon
-from markergen.optimize.problem import Region
+from markergen.optimize.problem import FeasibleRegion
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -31,14 +31,14 @@ SWEEPS, TURNS = 8, 500
 """Most rounds over all dots, and most turns of single dots."""
 
 
-def edge(region: Region, count: int) -> Array:
+def edge(region: FeasibleRegion, count: int) -> Array:
     """Places (C, 2) in m on the edge of the region, about `count`, its corners among them."""
     boundary = region.boundary
     corners = [outline for outline in boundary.outlines() if len(outline) <= count]
     return boundary.project(np.concatenate([*corners, boundary.rim(count)]), region.inset)
 
 
-def places(region: Region, n: int) -> Array:
+def places(region: FeasibleRegion, n: int) -> Array:
     """Places (C, 2) in m for n control points: the edge of the region with its corners, and a lattice inside."""
     boundary, more = region.boundary, max(1.0, n / 60)
     rim = edge(region, int(RIM * more))

@@ -28,7 +28,7 @@ from markergen.optimize.label_ambiguity import (
     worst_rivals,
 )
 from markergen.optimize.polish import ALL_PAIRS_UP_TO, REACH, Clearances, slsqp
-from markergen.optimize.problem import Region
+from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.rival_labelings import Rivals, SeenLayout, seen_layout
 from markergen.optimize.search import Optimum, search
 from markergen.optimize.trace import Record
@@ -138,7 +138,7 @@ class AsymmetricOptimum:
 
 def asymmetric_search(
     objective: Objective,
-    region: Region,
+    region: FeasibleRegion,
     n: int,
     rng: np.random.Generator,
     px: float,
@@ -297,7 +297,13 @@ def _safety(objective: Objective, points: Array) -> LabelSafety:
 
 
 def _cut(
-    objective: Objective, region: Region, start: Array, px: float, cuts: _Cuts, bar: float, record: Record | None
+    objective: Objective,
+    region: FeasibleRegion,
+    start: Array,
+    px: float,
+    cuts: _Cuts,
+    bar: float,
+    record: Record | None,
 ) -> _Layout:
     """Polish a layout and cut it, in turns, until it rests, or is worse than `bar`, which more cuts never mend."""
     reach = _reach(region, len(start))
@@ -322,7 +328,7 @@ def _cut(
 
 
 def _finished(
-    objective: Objective, region: Region, layout: _Layout, px: float, record: Record | None
+    objective: Objective, region: FeasibleRegion, layout: _Layout, px: float, record: Record | None
 ) -> list["_Candidate"]:
     """A layout as it is seen from all poses, and cut by what is found there."""
     points, cuts, found = layout.points, layout.cuts, list[_Candidate]()
@@ -339,13 +345,19 @@ def _finished(
     return found
 
 
-def _reach(region: Region, n: int) -> float:
+def _reach(region: FeasibleRegion, n: int) -> float:
     """How far a dot may go in one polish, m; see `markergen.optimize.polish`."""
     return np.inf if len(region.walls) == 1 and n <= ALL_PAIRS_UP_TO else REACH * region.boundary.radius
 
 
 def _polish(
-    objective: Objective, region: Region, start: Array, px: float, cuts: _Cuts, reach: float, record: Record | None
+    objective: Objective,
+    region: FeasibleRegion,
+    start: Array,
+    px: float,
+    cuts: _Cuts,
+    reach: float,
+    record: Record | None,
 ) -> Array:
     """One run of SLSQP under the region's constraints and the cuts; what these lack of px has a price.
 

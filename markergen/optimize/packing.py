@@ -7,7 +7,7 @@ from markergen.maths.rotation import turn_z
 from markergen.model.boundary import Boundary
 from markergen.optimize.constraints import contacts
 from markergen.optimize.polish import slsqp
-from markergen.optimize.problem import Region
+from markergen.optimize.problem import FeasibleRegion
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ def pack(boundary: Boundary, n: int, clearance: float | None = None) -> tuple[Ar
     if n > EXACT_UP_TO:
         return _pack_on_lattice(boundary, n, clearance)
     full = np.sqrt(4 * boundary.area / (np.pi * n))
-    region, rng = Region(boundary, 0.6 * full), np.random.default_rng(0)
+    region, rng = FeasibleRegion(boundary, 0.6 * full), np.random.default_rng(0)
     starts = list(region.sample(SAMPLES, n, rng))
     if len(region.walls) > 1:
         starts += [_spread(boundary, n, rng) for _ in range(SAMPLES)]
@@ -54,7 +54,7 @@ def pack(boundary: Boundary, n: int, clearance: float | None = None) -> tuple[Ar
     return points, max(0.0, diameter)
 
 
-def fitting(region: Region, n: int) -> Array | None:
+def fitting(region: FeasibleRegion, n: int) -> Array | None:
     """Layout (n, 2) in m that the region holds, such as a packing; None where none is found."""
     points, _ = pack(region.boundary, n, region.clearance)
     if region.holds(points[None])[0]:
@@ -72,7 +72,7 @@ def count_that_fit(boundary: Boundary, diameter: float, clearance: float, at_mos
     return fit
 
 
-def _grow(region: Region, start: Array, most: float, clearance: float | None) -> tuple[Array, float]:
+def _grow(region: FeasibleRegion, start: Array, most: float, clearance: float | None) -> tuple[Array, float]:
     """Dots that grow from nothing at points (n, 2) to at most `most` m, pushing each other; see `pack`."""
     n, scale = len(start), region.boundary.radius
     # Edge and gap as linear functions of the diameter: offset + slope * d.
@@ -94,7 +94,7 @@ def _grow(region: Region, start: Array, most: float, clearance: float | None) ->
     return points, float(d - 2 * max(0.0, -room.min(), -distance.min(initial=0.0)))
 
 
-def _run(region: Region, x: Array, most: float, offset: float, tenth: float, reach: float) -> Array:
+def _run(region: FeasibleRegion, x: Array, most: float, offset: float, tenth: float, reach: float) -> Array:
     """One round of `_grow`, in units of the radius; no coordinate changes by more than `reach`."""
     n, scale = (len(x) - 1) // 2, region.boundary.radius
     points, d, diagonal = x[:-1].reshape(n, 2) * scale, x[-1], np.sqrt(2) * reach

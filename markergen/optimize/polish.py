@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from markergen.objectives import Objective
 from markergen.optimize.constraints import contacts
-from markergen.optimize.problem import Region
+from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.trace import Record
 
 Array = NDArray[np.float64]
@@ -91,7 +91,7 @@ class Clearances:
 
     Parameters
     ----------
-    region : Region
+    region : FeasibleRegion
     start : array (n, 2), m
     reach : float
         m; inf takes everything for near.
@@ -101,7 +101,9 @@ class Clearances:
         Indices of the dots that move, None for all.
     """
 
-    def __init__(self, region: Region, start: Array, reach: float, unit: float, moving: Index | None = None) -> None:
+    def __init__(
+        self, region: FeasibleRegion, start: Array, reach: float, unit: float, moving: Index | None = None
+    ) -> None:
         # No distance between two dots changes by more than twice the reach's diagonal.
         diagonal = np.sqrt(2) * reach
         to_dot = region.spacing + 2 * diagonal if region.spacing else -1.0
@@ -123,7 +125,7 @@ class Clearances:
 
 
 def polish(
-    objective: Objective, region: Region, start: Array, iterations: int = 60, record: Record | None = None
+    objective: Objective, region: FeasibleRegion, start: Array, iterations: int = 60, record: Record | None = None
 ) -> tuple[Array, float]:
     """Improve one layout (n, 2) in m; return it and its value, never worse than the start if that is feasible.
 
@@ -141,7 +143,7 @@ def polish(
 
 
 def _rounds(
-    objective: Objective, region: Region, start: Array, softness: float, iterations: int, record: Record | None
+    objective: Objective, region: FeasibleRegion, start: Array, softness: float, iterations: int, record: Record | None
 ) -> Array:
     reach = np.inf
     if len(region.walls) > 1 or len(start) > ALL_PAIRS_UP_TO:
@@ -162,7 +164,7 @@ def _rounds(
 
 def _run(
     objective: Objective,
-    region: Region,
+    region: FeasibleRegion,
     start: Array,
     softness: float,
     iterations: int,

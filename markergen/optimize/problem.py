@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
+from markergen.geometry.region import Region
 from markergen.model.boundary import Boundary, Circle, area_without
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
@@ -86,7 +87,7 @@ def fewer(poses: PoseDistribution, count: int = FEW_POSES) -> PoseDistribution:
 
 
 @dataclass(frozen=True)
-class Region:
+class FeasibleRegion:
     """The feasible layouts of dots of one diameter.
 
     Attributes
@@ -197,13 +198,6 @@ def check(points: Array, boundary: Boundary, keep_outs: Sequence[Boundary], diam
 
 def _depth(x: float, y: float, boundary: Boundary) -> float:
     """Distance in m from the outline, negative outside."""
-    import shapely
-
     if isinstance(boundary, Circle):
         return boundary.size - hypot(x - boundary.center[0], y - boundary.center[1])
-    point = shapely.Point(x, y)
-    rings = [shapely.LinearRing(ring) for ring in boundary.outlines()]
-    # Inside is what an odd number of the outlines goes around.
-    inside = sum(shapely.Polygon(ring).contains(point) for ring in rings) % 2 == 1
-    distance = min(ring.distance(point) for ring in rings)
-    return distance if inside else -distance
+    return float(Region.odd(boundary.outlines()).depth(np.array([[x, y]]))[0])

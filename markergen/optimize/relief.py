@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from markergen.model.occlusion import Passage, passage
 from markergen.objectives import Objective
 from markergen.optimize.polish import ALL_PAIRS_UP_TO, REACH, SOFTNESSES, Clearances, slsqp
-from markergen.optimize.problem import TOLERANCE, Region
+from markergen.optimize.problem import TOLERANCE, FeasibleRegion
 from markergen.optimize.search import DISTINCT, Optimum
 from markergen.optimize.trace import Record
 from markergen.options import Progress
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 ROUNDING = 1e-10
-"""Breach in m that is put down to rounding, as that of a `Region`."""
+"""Breach in m that is put down to rounding, as that of a `FeasibleRegion`."""
 
 AT_ONCE = 500_000
 """Lines of sight in one chunk: some 50 MB."""
@@ -69,7 +69,7 @@ class ReliefRoom:
 
     Attributes
     ----------
-    region : Region
+    region : FeasibleRegion
         Where they may be in the plane.
     height : float
         How high they may stand, m.
@@ -77,7 +77,7 @@ class ReliefRoom:
         From where every dot must be seen whole; all higher than `height`.
     """
 
-    region: Region
+    region: FeasibleRegion
     height: float
     eyes: Array
 

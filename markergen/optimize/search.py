@@ -17,7 +17,7 @@ from markergen.objectives.pose import PoseObjective
 from markergen.optimize.exchange import ExchangeTable, distances, edge, exchange, exchange_table, places, random_layout
 from markergen.optimize.packing import fitting, lattice, pack
 from markergen.optimize.polish import ALL_PAIRS_UP_TO, polish
-from markergen.optimize.problem import Region
+from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.supersab import descend
 from markergen.optimize.trace import Record
 from markergen.options import Progress
@@ -78,7 +78,7 @@ class Optimum:
 
 def search(
     objective: Objective,
-    region: Region,
+    region: FeasibleRegion,
     n: int,
     rng: np.random.Generator,
     restarts: int = 0,
@@ -119,7 +119,7 @@ def search(
 
 def _descended(
     objective: Objective,
-    region: Region,
+    region: FeasibleRegion,
     n: int,
     rng: np.random.Generator,
     restarts: int,
@@ -160,7 +160,7 @@ def _descended(
 def place(
     objective: Objective,
     rough: Objective,
-    region: Region,
+    region: FeasibleRegion,
     n: int,
     rng: np.random.Generator,
     starts: int = 0,
@@ -234,7 +234,7 @@ def _silent(stage: str, done: int, total: int) -> None:
     del stage, done, total
 
 
-def _grid(region: Region, n: int, rng: np.random.Generator) -> tuple[Array, Index]:
+def _grid(region: FeasibleRegion, n: int, rng: np.random.Generator) -> tuple[Array, Index]:
     """Places (C, 2) in m for an exchange, and the indices (n,) of a layout."""
     grid = places(region, n)
     layout = random_layout(distances(grid), region.spacing, n, rng)
@@ -249,7 +249,7 @@ def _grid(region: Region, n: int, rng: np.random.Generator) -> tuple[Array, Inde
 
 def _shaken(
     rough: Objective,
-    region: Region,
+    region: FeasibleRegion,
     points: Array,
     value: float,
     times: int,
@@ -271,7 +271,7 @@ def _shaken(
 
 def _relocate(
     rough: Objective,
-    region: Region,
+    region: FeasibleRegion,
     points: Array,
     value: float,
     judge: ExchangeTable,

@@ -23,7 +23,7 @@ from markergen.model.poses import POSES
 from markergen.objectives import OBJECTIVES
 from markergen.objectives.criteria import regular_polygon
 from markergen.read.cameras import CAMERA_FORMATS
-from markergen.read.outlines import OUTLINE_FORMATS
+from markergen.read.outlines.formats import OUTLINE_FORMATS
 from markergen.read.poses import POSE_FORMATS
 from markergen.studies.named import STUDIES
 

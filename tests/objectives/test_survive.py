@@ -12,7 +12,7 @@ from markergen.objectives.aggregates import aggregate_of
 from markergen.objectives.criteria import criteria, regular_polygon
 from markergen.objectives.observation import DotNoise
 from markergen.objectives.survive import SurvivalObjective, hidden_dot_errors, losses
-from markergen.optimize.problem import Region, objective_of
+from markergen.optimize.problem import FeasibleRegion, objective_of
 from markergen.optimize.search import search
 
 
@@ -84,7 +84,7 @@ def test_a_loss_that_leaves_a_line_is_infinite(few):
 
 
 def test_the_search_at_least_matches_the_hexagon(few):
-    region, hexagon = Region(few.boundary), regular_polygon(6, 0.15)[None]
+    region, hexagon = FeasibleRegion(few.boundary), regular_polygon(6, 0.15)[None]
     objective = SurvivalObjective(OBJECTIVES["pose"](few), 1)
     found = search(objective, region, 6, np.random.default_rng(0))
     # The last softness of the polish leaves some 1e-7.

@@ -7,9 +7,9 @@ from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import regular_polygon
 from markergen.objectives.survive import HiddenDots
 from markergen.optimize.comparisons import comparison_layouts, criteria_table, hidden_table
-from markergen.optimize.problem import Region
+from markergen.optimize.problem import FeasibleRegion
 
-DISK = Region(Circle(0.15), 0.02, 0.002)
+DISK = FeasibleRegion(Circle(0.15), 0.02, 0.002)
 
 
 def test_in_a_disk_polygons_reach_the_inset_rim_upright(setting):
@@ -37,7 +37,7 @@ def test_a_polygon_is_turned_where_that_matters(setting):
 @pytest.mark.parametrize("n", [4, 5])
 def test_polygons_are_regular_and_as_large_as_can_be(rooms, n):
     for room in rooms.values():
-        region = Region(room, 0.02, 0.002)
+        region = FeasibleRegion(room, 0.02, 0.002)
         layouts = comparison_layouts(region, n)
         for points in [layouts[name][0] for name in ("ngon", "square") if name in layouts]:
             center = points.mean(axis=0)
@@ -49,12 +49,12 @@ def test_polygons_are_regular_and_as_large_as_can_be(rooms, n):
 
 
 def test_a_ring_has_its_polygon_around_the_hole(rooms):
-    points = comparison_layouts(Region(rooms["ring"], 0.02, 0.002), 6)["ngon"][0]
+    points = comparison_layouts(FeasibleRegion(rooms["ring"], 0.02, 0.002), 6)["ngon"][0]
     np.testing.assert_allclose(np.hypot(*points.T), 0.138, atol=1e-6)
 
 
 def test_what_does_not_fit_is_left_out(rooms, setting):
-    region = Region(rooms["two squares"], 0.03, 0.003)
+    region = FeasibleRegion(rooms["two squares"], 0.03, 0.003)
     layouts = comparison_layouts(region, 9, setting=Setting(rooms["two squares"], setting.camera, few(setting)))
     assert "ngon" not in layouts
     assert region.holds(layouts["square"]).all()

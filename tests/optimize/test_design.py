@@ -12,7 +12,7 @@ from markergen.objectives import OBJECTIVES
 from markergen.objectives.criteria import regular_polygon
 from markergen.optimize.design import design, members, number, upright
 from markergen.optimize.dot_size import choose_dots, wanted_diameter
-from markergen.optimize.problem import Region, breach
+from markergen.optimize.problem import FeasibleRegion, breach
 
 
 def test_the_default_marker(setting):
@@ -89,7 +89,7 @@ def test_poses_that_see_only_a_part_are_counted():
 
 
 def test_turning_upright_costs_nothing_and_numbers_run_round(setting):
-    objective, region = OBJECTIVES["pose"](setting), Region(Circle(0.15))
+    objective, region = OBJECTIVES["pose"](setting), FeasibleRegion(Circle(0.15))
     angle = 0.4
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     points = number(upright(regular_polygon(5, 0.15) @ turn.T, objective, region))

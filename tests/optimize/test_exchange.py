@@ -14,7 +14,7 @@ from markergen.optimize.exchange import (
     places,
     random_layout,
 )
-from markergen.optimize.problem import Region, fewer
+from markergen.optimize.problem import FeasibleRegion, fewer
 
 
 def test_fewer_poses_are_spread_over_all(setting):
@@ -30,7 +30,7 @@ def test_fewer_poses_are_spread_over_all(setting):
 
 def test_places_are_in_the_region_and_hold_its_corners(rooms):
     for room in rooms.values():
-        region = Region(room, 0.02, 0.002)
+        region = FeasibleRegion(room, 0.02, 0.002)
         found = places(region, 8)
         assert 100 < len(found) < 700
         assert room.depth(found).min() >= region.inset - 1e-10
@@ -38,12 +38,12 @@ def test_places_are_in_the_region_and_hold_its_corners(rooms):
         assert room.depth(found).max() > 0.7 * room.depth(room.sample(2000, 0.0, np.random.default_rng(0))).max()
     # The corner of the inset rectangle, 100 mm x 50 mm from the middle.
     corner = np.array([0.1, 0.05]) - region_inset(shape := rooms["rectangle"])
-    rim = edge(Region(shape, 0.02, 0.002), 50)
+    rim = edge(FeasibleRegion(shape, 0.02, 0.002), 50)
     assert np.linalg.norm(rim - corner, axis=-1).min() < 1e-9
 
 
 def region_inset(boundary):
-    return Region(boundary, 0.02, 0.002).inset
+    return FeasibleRegion(boundary, 0.02, 0.002).inset
 
 
 @pytest.mark.parametrize("name", ["pose", "homography", "rotation", "translation"])
@@ -51,7 +51,7 @@ def region_inset(boundary):
 def test_the_fast_table_says_what_the_objective_says(rooms, criterion, name, aggregate):
     room = rooms["plate"]
     objective = criterion(room, name, aggregate)
-    here = places(Region(room, 0.02, 0.002), 8)[::7]
+    here = places(FeasibleRegion(room, 0.02, 0.002), 8)[::7]
     fast, slow = TraceExchangeTable(objective, here), AnyExchangeTable(objective, here)
     candidates = np.arange(len(here))
     for count in (4, 5, 9):
@@ -66,7 +66,7 @@ def test_the_fast_table_knows_the_noise_of_dots(rooms, setting):
     room = rooms["L"]
     poses = fewer(setting.poses.seen_whole(room, setting.camera))
     objective = OBJECTIVES["pose"](Setting(room, setting.camera, poses, DotNoise(0.03, ImageNoise())))
-    here = places(Region(room, 0.03, 0.003), 8)[::5]
+    here = places(FeasibleRegion(room, 0.03, 0.003), 8)[::5]
     rest = np.array([0, 9, 20, 30])
     candidates = np.arange(len(here))
     expected = AnyExchangeTable(objective, here).values(rest, candidates)
@@ -77,7 +77,7 @@ def test_the_fast_table_knows_the_noise_of_dots(rooms, setting):
 def test_further_places_come_first(rooms, criterion, name):
     room = rooms["L"]
     objective = criterion(room, name)
-    here = edge(Region(room, 0.02, 0.002), 30)
+    here = edge(FeasibleRegion(room, 0.02, 0.002), 30)
     more = room.sample(6, 0.012, np.random.default_rng(0))
     joined, whole = (
         exchange_table(objective, here).joined(more),
@@ -95,7 +95,7 @@ def test_three_points_and_one_are_told_apart_from_none(rooms, criterion):
     room = rooms["two squares"]
     for name in ("pose", "homography"):
         objective = criterion(room, name)
-        here = edge(Region(room, 0.02, 0.002), 40)
+        here = edge(FeasibleRegion(room, 0.02, 0.002), 40)
         rest = np.array([0, 10, 25])
         candidates = np.setdiff1d(np.arange(len(here)), rest)
         fast, slow = (
@@ -107,7 +107,7 @@ def test_three_points_and_one_are_told_apart_from_none(rooms, criterion):
 
 def test_no_single_move_improves_what_an_exchange_ends_with(rooms, criterion):
     room = rooms["star"]
-    region, n = Region(room, 0.02, 0.002), 7
+    region, n = FeasibleRegion(room, 0.02, 0.002), 7
     objective = criterion(room)
     table = exchange_table(objective, places(region, n))
     start = random_layout(table.apart, region.spacing, n, np.random.default_rng(0))
@@ -126,7 +126,7 @@ def test_no_single_move_improves_what_an_exchange_ends_with(rooms, criterion):
 def test_any_objective_can_be_exchanged(rooms, criterion):
     room = rooms["rectangle"]
     objective = criterion(room, "condition")
-    table = exchange_table(objective, edge(Region(room), 24))
+    table = exchange_table(objective, edge(FeasibleRegion(room), 24))
     assert isinstance(table, AnyExchangeTable)
     start = np.arange(5)
     end = exchange(table, 0.01, start)

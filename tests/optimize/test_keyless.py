@@ -13,7 +13,7 @@ from markergen.objectives import OBJECTIVES, Setting
 from markergen.optimize import keyless
 from markergen.optimize.keyless import asymmetric_search, safety_gradient
 from markergen.optimize.label_ambiguity import find_rivals
-from markergen.optimize.problem import Region
+from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.rival_labelings import seen_layout
 
 POSES = named_poses("cone:distance=0.8..1.2,tilt=0..60,count=8,seed=0")
@@ -54,7 +54,7 @@ def test_the_gradient_is_the_derivative_of_the_safety(camera):
 
 def test_a_safe_pentagon_costs_little():
     objective = OBJECTIVES["pose"](Setting(Circle(0.15), PAPER_CAMERA, POSES))
-    region = Region(Circle(0.15), 0.02, 0.002)
+    region = FeasibleRegion(Circle(0.15), 0.02, 0.002)
     found = asymmetric_search(objective, region, 5, np.random.default_rng(0), 2.0, restarts=1)
     assert found.reached
     assert least_of_all(found.points) >= 2.0 * (1 - 1e-6)
@@ -69,7 +69,7 @@ def test_a_safe_pentagon_costs_little():
 def test_what_cannot_be_reached_is_told(monkeypatch):
     monkeypatch.setattr(keyless, "ROUNDS", 2)
     objective = OBJECTIVES["pose"](Setting(Circle(0.15), PAPER_CAMERA, POSES))
-    region = Region(Circle(0.15), 0.02, 0.002)
+    region = FeasibleRegion(Circle(0.15), 0.02, 0.002)
     found = asymmetric_search(objective, region, 4, np.random.default_rng(0), 500.0, restarts=1)
     assert not found.reached
     assert found.safety.least > 1
@@ -82,7 +82,7 @@ def test_what_cannot_be_reached_is_told(monkeypatch):
 def test_a_boundary_with_corners():
     square = Polygon((((0.1, 0.1), (-0.1, 0.1), (-0.1, -0.1), (0.1, -0.1)),))
     objective = OBJECTIVES["pose"](Setting(square, PAPER_CAMERA, POSES))
-    region = Region(square, 0.02, 0.002)
+    region = FeasibleRegion(square, 0.02, 0.002)
     found = asymmetric_search(objective, region, 4, np.random.default_rng(0), 2.0, restarts=1)
     assert found.reached
     assert region.holds(found.points[None])[0]

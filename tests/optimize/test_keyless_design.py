@@ -52,10 +52,10 @@ def test_a_demand_that_cannot_be_met_is_refused_with_what_can(monkeypatch):
 def test_a_turn_that_is_not_allowed_is_not_made(criterion, rooms):
     from markergen.model.boundary import Circle
     from markergen.objectives.criteria import regular_polygon
-    from markergen.optimize.problem import Region
+    from markergen.optimize.problem import FeasibleRegion
 
     disk = Circle(0.15)
     turn = np.array([[0.9, -np.sqrt(0.19)], [np.sqrt(0.19), 0.9]])
-    points, region = regular_polygon(5, 0.15) @ turn.T, Region(disk)
+    points, region = regular_polygon(5, 0.15) @ turn.T, FeasibleRegion(disk)
     assert upright(points, criterion(disk), region, lambda _: False) is points
     assert upright(points, criterion(disk), region, lambda _: True) is not points

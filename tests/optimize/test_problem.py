@@ -8,12 +8,12 @@ from markergen.model.boundary import Circle, polygon_from
 from markergen.model.spec import Spec
 from markergen.objectives.criteria import regular_polygon
 from markergen.optimize.design import design
-from markergen.optimize.problem import Region, breach, check
+from markergen.optimize.problem import FeasibleRegion, breach, check
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(4, 12), st.floats(0, 0.05))
 def test_projected_layouts_are_feasible_by_plain_arithmetic(seed, n, diameter):
-    region = Region(Circle(0.15), diameter, diameter / 10)
+    region = FeasibleRegion(Circle(0.15), diameter, diameter / 10)
     points = np.random.default_rng(seed).normal(scale=0.2, size=(3, n, 2))
     points = region.project(points)
     for layout in points:
@@ -27,25 +27,25 @@ def test_projected_layouts_are_feasible_by_plain_arithmetic(seed, n, diameter):
 
 
 def test_what_is_feasible_stays():
-    region = Region(Circle(0.15), 0.02, 0.002)
+    region = FeasibleRegion(Circle(0.15), 0.02, 0.002)
     points = np.array([[[0.1, 0], [-0.1, 0], [0, 0.1], [0, -0.1]]])
     np.testing.assert_array_equal(region.project(points.copy()), points)
 
 
 def test_coincident_points_are_parted():
-    region = Region(Circle(0.15), 0.02, 0.002)
+    region = FeasibleRegion(Circle(0.15), 0.02, 0.002)
     assert region.holds(region.project(np.zeros((1, 5, 2))))[0]
 
 
 def test_violation_is_the_largest_breach():
-    region = Region(Circle(1.0), 0.2, 0.02)
+    region = FeasibleRegion(Circle(1.0), 0.2, 0.02)
     points = np.array([[[0.95, 0], [0, 0], [0.1, 0], [0, 0.8]]])
     # 0.95 is 0.07 beyond 1 - 0.1 - 0.02; 0.1 apart is 0.12 short of 0.22.
     assert region.violation(points)[0] == pytest.approx(0.12)
 
 
 def test_samples_are_seeded():
-    region = Region(Circle(0.15), 0.02, 0.002)
+    region = FeasibleRegion(Circle(0.15), 0.02, 0.002)
     first, second = (region.sample(4, 6, np.random.default_rng(7)) for _ in range(2))
     np.testing.assert_array_equal(first, second)
 
@@ -95,7 +95,7 @@ def test_a_disk_is_measured_by_itself():
 def test_it_agrees_with_the_region_of_the_search(rooms):
     for name, room in rooms.items():
         points = room.sample(40, 0.0, np.random.default_rng(5)).reshape(8, 5, 2)
-        region = Region(room, 0.03, 0.003)
+        region = FeasibleRegion(room, 0.03, 0.003)
         boundary, keep_outs = (room.boundary, room.keep_outs) if name in ("ring", "drilled") else (room, ())
         for layout in points:
             expected = region.violation(layout[None])[0]

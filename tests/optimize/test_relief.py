@@ -11,7 +11,7 @@ from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES
 from markergen.optimize import relief
 from markergen.optimize.design import design
-from markergen.optimize.problem import Region, breach
+from markergen.optimize.problem import FeasibleRegion, breach
 from markergen.optimize.relief import ReliefRoom, check_relief, polish_relief, relief_breach, search_relief
 
 ONE_SIDED = "cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,count=30"
@@ -20,7 +20,7 @@ QUICK = Spec(n=6, dot=0.03, relief=0.02, restarts=2, poses=ONE_SIDED)
 
 @pytest.fixture
 def room(setting):
-    return ReliefRoom(Region(Circle(0.15), 0.03, 0.003), 0.05, eyes_of(setting.poses))
+    return ReliefRoom(FeasibleRegion(Circle(0.15), 0.03, 0.003), 0.05, eyes_of(setting.poses))
 
 
 def some_layout(room, n=6, seed=0):

@@ -310,7 +310,7 @@ BAD = [
     (OPENCV_YAML, "data: [ 6.5746697810243404e+02, 0.,", "data: [ -6e2, 0.,", "focal lengths at camera_matrix in"),
     (OPENCV_YAML, "data: [ 6.5746697810243404e+02, 0.,", "data: [ 6e2, 0.5,", "[fx 0 cx; 0 fy cy; 0 0 1] at camera_m"),
     (OPENCV_YAML, "data: [ 6.5746697810243404e+02, 0.,", "data: [ .Nan, 0.,", "finite number at camera_matrix.data in"),
-    (OPENCV_YAML, "data: [ 6.5746697810243404e+02, 0.,", "data: [ 0.,", "rows times cols numbers at camera_matrix.data"),
+    (OPENCV_YAML, "data: [ 6.5746697810243404e+02, 0.,", "data: [ 0.,", "rows times cols numbers at camera_matrix.d"),
     (OPENCV_YAML, "0., 0., 1. ]", "0., 0., 1. ", "complete YAML or JSON in"),
     (OPENCV_YAML, "image_height: 480", "image_width: 480", "line 6: the key 'image_width' twice"),
     (OPENCV_YAML, "rows: 5\n   cols: 1", "rows: 1\n   cols: 1", "distortion_coefficients.data in"),

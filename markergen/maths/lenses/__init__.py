@@ -21,7 +21,7 @@ __all__ = [
     "RadialModel",
     "derivative",
     "first_root",
-    "polynomial",
+    "horner",
 ]
 
 Array = NDArray[np.float64]
@@ -227,7 +227,7 @@ LENSES: Registry[LensModel] = Registry("distortion model", __name__, "markergen.
 """Lens models by name; an entry is an instance of one."""
 
 
-def polynomial(x: Array, ascending: Coefficients) -> Array:
+def horner(x: Array, ascending: Coefficients) -> Array:
     """Horner's rule; nan stays nan, for a constant, too."""
     if len(ascending) == 1:
         return x * 0 + ascending[0]

@@ -2,8 +2,8 @@
 
 Each module of this package registers one `markergen.model.fabrication.Process` in `PROCESSES`, the table used by the
 command line, the exporters and the fabrication sheet; plug-ins add entries through an entry point. A process turns a
-marker into a `Made`, for which `prepare`, `inlaid` and `marks` do the common work. `parts_of` makes the entire marker: it
-runs the requested process and adds the plate and the engraving on its back.
+marker into a `Made`, for which `prepare`, `inlaid` and `marks` do the common work. `parts_of` makes the entire marker:
+it runs the requested process and adds the plate and the engraving on its back.
 """
 
 from collections.abc import Callable, Sequence

@@ -19,7 +19,7 @@ from markergen.objectives import OBJECTIVES, Setting
 from markergen.optimize.dot_size import choose_dots
 from markergen.optimize.problem import check_objective
 from markergen.read.cameras import read_camera
-from markergen.read.outlines import read_room
+from markergen.read.outlines.boundary import read_room
 from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_from_mapping
 from markergen.read.templates import read_template, templates

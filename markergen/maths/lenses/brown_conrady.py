@@ -14,7 +14,7 @@ from markergen.maths.lenses import (
     RadialModel,
     derivative,
     first_root,
-    polynomial,
+    horner,
 )
 
 
@@ -32,36 +32,34 @@ class RadialTangential(RadialModel):
     def scale(self, square: Array, coefficients: Coefficients) -> Array:
         """See `RadialModel.scale`."""
         above, below, _, _ = _ratio(coefficients)
-        scale = polynomial(square, above)
-        return scale * (1 / polynomial(square, below)) if len(below) > 1 else scale
+        scale = horner(square, above)
+        return scale * (1 / horner(square, below)) if len(below) > 1 else scale
 
     def scale_and_slope(self, square: Array, coefficients: Coefficients) -> tuple[Array, Array]:
         """See `RadialModel.scale_and_slope`."""
         above, below, above_slope, below_slope = _ratio(coefficients)
-        scale, slope = polynomial(square, above), polynomial(square, above_slope)
+        scale, slope = horner(square, above), horner(square, above_slope)
         if len(below) > 1:
-            inverse = 1 / polynomial(square, below)
+            inverse = 1 / horner(square, below)
             scale = scale * inverse
-            slope = (slope - scale * polynomial(square, below_slope)) * inverse
+            slope = (slope - scale * horner(square, below_slope)) * inverse
         return scale, slope
 
     def bend(self, square: Array, coefficients: Coefficients) -> Array:
         """See `RadialModel.bend`."""
         scale, slope = self.scale_and_slope(square, coefficients)
         _, below, above_slope, below_slope = _ratio(coefficients)
-        bend = polynomial(square, derivative(above_slope))
+        bend = horner(square, derivative(above_slope))
         if len(below) > 1:
-            bend = (
-                bend - 2 * slope * polynomial(square, below_slope) - scale * polynomial(square, derivative(below_slope))
-            )
-            bend = bend / polynomial(square, below)
+            bend = bend - 2 * slope * horner(square, below_slope) - scale * horner(square, derivative(below_slope))
+            bend = bend / horner(square, below)
         return bend
 
     def scale_by_coefficients(self, square: Array, coefficients: Coefficients) -> Sequence[Array]:
         """See `RadialModel.scale_by_coefficients`."""
         above, below, _, _ = _ratio(coefficients)
-        inverse = 1 / polynomial(square, below)
-        scale = polynomial(square, above) * inverse
+        inverse = 1 / horner(square, below)
+        scale = horner(square, above) * inverse
         powers = [square * inverse, square**2 * inverse, square**3 * inverse]
         none = np.zeros_like(square)
         by = [powers[0], powers[1], none, none, powers[2], *(-scale * power for power in powers)]
