@@ -166,7 +166,7 @@ class Tiling:
 
 
 def best_tiling(figure: Figure, options: SheetOptions, frames: Sequence[Frame]) -> Tiling:
-    """Divide a figure on the pages that give the fewest tiles, or among those, whose seams cut the fewest dots.
+    """Divide a figure on the pages that give the fewest tiles and then cut the fewest dots.
 
     Raises
     ------

@@ -8,7 +8,7 @@ with r the residuals (measured minus predicted), J the derivative of the predict
 Marquardt's damping, which falls after a step that does not raise the cost r'Wr and grows after a step that does and is
 undone. Problems leave the batch when they have converged.
 
-A kind of problem is a subclass of `LeastSquares` that defines the residuals, the normal equations, how a step is
+A kind of problem is a subclass of `LeastSquares` that defines the residuals and their derivative, how a step is
 applied, and the test of convergence.
 """
 
@@ -77,14 +77,18 @@ class LeastSquares(ABC):
 
     @abstractmethod
     def residuals(self, unknowns: Arrays) -> Arrays:
-        """Cost r'Wr (k,), inf for inadmissible unknowns; residuals; and anything else that `normal_equations` needs.
+        """Cost r'Wr (k,), inf for inadmissible unknowns; residuals; and anything else that `jacobian` needs.
 
         The first axis of each is the problem.
         """
 
     @abstractmethod
-    def normal_equations(self, unknowns: Arrays, found: Arrays) -> tuple[Array, Array]:
-        """J'WJ (k, p, p) and J'Wr (k, p), from the unknowns and the result of `residuals` there."""
+    def jacobian(self, unknowns: Arrays, found: Arrays) -> Array:
+        """J (k, m, p), from the unknowns and the result of `residuals` there."""
+
+    def normal_equations(self, jacobian: Array, residual: Array) -> tuple[Array, Array]:
+        """J'WJ (k, p, p) and J'Wr (k, p) for residuals (k, m), with W = 1 unless overridden."""
+        return jacobian.swapaxes(-1, -2) @ jacobian, np.einsum("kij,ki->kj", jacobian, residual)
 
     @abstractmethod
     def moved(self, unknowns: Arrays, step: Array) -> Arrays:
@@ -135,7 +139,9 @@ def levenberg_marquardt(problems: LeastSquares, unknowns: Arrays, damping: Dampi
             index, strength, problems = index[going], strength[going], problems.take(going)
             current = tuple([each[going] for each in current])
         old, found = current[:parts], current[parts:]
-        step = _damped_step(*problems.normal_equations(old, found), strength, damping.ridge)
+        # Held until the next one is there: what is freed at once the system takes back, and gives again page by page.
+        jacobian = problems.jacobian(old, found)
+        step = _damped_step(*problems.normal_equations(jacobian, found[1]), strength, damping.ridge)
         tried = problems.moved(old, step)
         fresh = problems.residuals(tried)
         good = fresh[0] <= found[0] * (1 + damping.slack)

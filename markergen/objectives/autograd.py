@@ -46,7 +46,7 @@ class AutogradObjective(Objective):
         return found
 
     def covariance(self, points: Array) -> Array:
-        """CRLB (B, P, 6, 6) of the pose, the inverse of `information`; inf where a layout does not determine the pose."""
+        """CRLB (B, P, 6, 6) of the pose, the inverse of `information`; inf for degenerate layouts."""
         found: Array = _inverse(self.information(points))
         return found
 

@@ -151,7 +151,7 @@ class Objective(ABC):
 
     @abstractmethod
     def linearize(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
-        """Values (B, P) of layouts (B, n, .), and their pullback from weights (B, P) to sum_p weights dvalue/dpoints."""
+        """Values (B, P) of layouts (B, n, .), and their pullback: weights (B, P) to sum_p weights dvalue/dpoints."""
 
     def linearize_without(self, points: Array, losses: Losses, softness: float = 0.0) -> tuple[Array, Pullback]:
         """Values (B, S, P) with the dots of each of S losses left out, and their pullback from weights (B, S, P)."""
