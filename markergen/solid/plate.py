@@ -261,7 +261,7 @@ def _check_chamfer(outer: Contour, chamfer: float) -> None:
     sharp = [abs(turn) for k, turn in enumerate(turns_of(outer)) if sides[k - 1][2] or sides[k][2]]
     if max(sharp, default=0.0) * chamfer > TANGENT:
         raise InputError(
-            "arcs that go on smoothly at both ends, for a chamfer",
+            "arcs tangent to their neighbors at both ends, for a chamfer",
             f"an outline that turns by {np.degrees(max(sharp)):.3g} degrees where an arc ends",
             "use a --corner-radius, or leave out --chamfer",
         )
