@@ -20,7 +20,7 @@ from markergen.optimize.design import Design, members
 from markergen.optimize.design import design as find
 from markergen.optimize.trace import check_trace_path, trace_bytes
 from markergen.options import Progress, check_progress, given, signature_of
-from markergen.options.tables import DesignKeywords
+from markergen.options.declarations import DesignKeywords
 from markergen.read.spec_file import spec_from_mapping
 from markergen.read.templates import read_template
 

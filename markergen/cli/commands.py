@@ -10,7 +10,7 @@ from markergen import __version__
 from markergen.cli import console
 from markergen.cli.options import GroupedCommand, with_options
 from markergen.options import VIEW
-from markergen.options.tables import (
+from markergen.options.declarations import (
     CompareKeywords,
     DesignKeywords,
     DetectKeywords,

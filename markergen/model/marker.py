@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from markergen.files import Written
-    from markergen.options.tables import ExportKeywords
+    from markergen.options.declarations import ExportKeywords
 
 Array = NDArray[np.float64]
 Rows = tuple[tuple[float, ...], ...]

@@ -243,7 +243,7 @@ def _check_sight(
     if poses is None or not (found := hiding(dots, drafted, poses)):
         return
     pillar, dot, count = found
-    remedy = "design it again with --relief, or choose poses that look more from above"
+    remedy = "design it again with --relief, or choose poses with less tilt"
     if not hiding(dots, bare, poses):
         low, high = 0.0, drafted[0].draft
         for _ in range(8):

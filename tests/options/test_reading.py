@@ -7,7 +7,7 @@ import pytest
 from markergen import options
 from markergen.errors import InputError
 from markergen.options import declared, settle
-from markergen.options.tables import (
+from markergen.options.declarations import (
     CompareKeywords,
     DesignKeywords,
     DetectKeywords,

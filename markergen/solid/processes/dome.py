@@ -94,7 +94,7 @@ def _balls(marker: Marker, cutting: Cutting, dots: tuple[SolidDot, ...], gap: fl
     """Whole balls on necks, with the plate below them."""
     if marker.tag is not None:
         raise InputError(
-            "a marker without a tag for balls, which stand before a plate below the plane",
+            "a marker without a tag for balls, which stand on a plate below the plane",
             f"the tag {marker.tag}",
             "use --dome half, or design it without --tag",
         )
