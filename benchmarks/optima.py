@@ -22,12 +22,10 @@ from markergen.model.boundary import Circle
 from markergen.model.poses import paper
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.optimize.check import breach
 from markergen.optimize.comparisons import comparison_layouts
-from markergen.optimize.dots import choose_dots
-from markergen.optimize.goal import objective_of, room_of, rough_of
-from markergen.optimize.multistart import Optimum, search
-from markergen.optimize.region import Region
+from markergen.optimize.dot_size import choose_dots
+from markergen.optimize.problem import FeasibleRegion, breach, objective_of, room_of, rough_of
+from markergen.optimize.search import Optimum, search
 
 HEADINGS = "shape      n dot mm      best  best/n-gon  worst/best  <=0.1 %  <=0.5 %   breach m  CPU s each"
 
@@ -57,7 +55,7 @@ def row(name: str, spec: Spec, seeds: int, starts: int) -> str:
     """One line: how the search fares in one shape with one n."""
     setting = Setting(spec.boundary, spec.camera, paper().seen_whole(spec.boundary, spec.camera))
     dots = choose_dots(spec, setting.poses)
-    region = Region(room_of(spec), dots.diameter, dots.clearance)
+    region = FeasibleRegion(room_of(spec), dots.diameter, dots.clearance)
     objective, rough = objective_of(spec, setting), rough_of(spec, setting)
 
     def run(seed: int, restarts: int = 0) -> Optimum:

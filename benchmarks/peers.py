@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, NonlinearConstraint, differential_evolution, minimize
 
 from markergen.objectives import Objective, Setting
-from markergen.optimize.region import Region
+from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.supersab import GROW, LONGEST, SHRINK
 
 Array = NDArray[np.float64]
@@ -87,7 +87,7 @@ def slsqp(objective: Objective, n: int, seed: int, watch: Watch) -> None:
     """SLSQP with the objective's gradient, in units of the radius, from one random layout after the other."""
     rng, region, radius = (
         np.random.default_rng(seed),
-        Region(objective.setting.boundary),
+        FeasibleRegion(objective.setting.boundary),
         objective.setting.boundary.radius,
     )
 

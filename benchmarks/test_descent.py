@@ -13,7 +13,7 @@ import pytest
 from benchmarks.conftest import RADIUS, matrices
 from benchmarks.peers import Array, autograd_condition, descend_one_by_one
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.optimize.region import Region
+from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.supersab import descend
 
 STARTS, STEPS, GROUP = 200, 40, "descent of c(A), 200 starts x 40 steps, n = {}"
@@ -22,12 +22,12 @@ every_n = pytest.mark.parametrize("n", range(4, 9))
 
 
 def starts_of(setting: Setting, n: int, count: int = STARTS) -> Array:
-    return Region(setting.boundary).sample(count, n, np.random.default_rng(n))
+    return FeasibleRegion(setting.boundary).sample(count, n, np.random.default_rng(n))
 
 
 def ours(setting: Setting, starts: Array, steps: int = STEPS) -> Array:
     objective = OBJECTIVES["condition"](setting, aggregate="mean")
-    return descend(objective, Region(setting.boundary), starts, steps=steps, patience=steps + 1).values
+    return descend(objective, FeasibleRegion(setting.boundary), starts, steps=steps, patience=steps + 1).values
 
 
 @every_n

@@ -13,8 +13,8 @@ import pytest
 
 from benchmarks.peers import NEAR, Watch, evolution, slsqp
 from markergen.objectives import OBJECTIVES, Objective, Setting
-from markergen.optimize.multistart import search
-from markergen.optimize.region import Region
+from markergen.optimize.problem import FeasibleRegion
+from markergen.optimize.search import search
 
 N, PATIENCE, GROUP = 8, 90.0, "search for the best 8 points by {}, seed {}"
 
@@ -22,7 +22,7 @@ every_seed = pytest.mark.parametrize("seed", range(2))
 
 
 def found(objective: Objective, seed: int) -> float:
-    return search(objective, Region(objective.setting.boundary), N, np.random.default_rng(seed)).value
+    return search(objective, FeasibleRegion(objective.setting.boundary), N, np.random.default_rng(seed)).value
 
 
 @pytest.fixture(scope="module", params=["pose", "condition"])

@@ -5,9 +5,9 @@
 >>> marker
 Marker(5 control points in a disk of radius 150 mm, dots of 36 mm, spec 2b6ca07a)
 
-Lengths are meters, or text with a unit: ``0.15``, ``"150mm"``, ``"6in"``. The marker frame is x right, y up, z out of
-the printed face; a pose is ``T_camera_marker``. Nothing here prints: progress is a callback, and the
-logger ``markergen`` reports more when it is turned on.
+Lengths are in meters, or text with a unit: ``0.15``, ``"150mm"``, ``"6in"``. The marker frame is x right, y up, z out
+of the printed face; a pose is ``T_camera_marker``. The library does not print: progress is a callback, and the
+logger ``markergen`` reports more when enabled.
 """
 
 import logging
@@ -74,11 +74,11 @@ _HOMES = {
     "api.validate": ("validate",),
     "api.verify": ("verify",),
 }
-"""Public names by module, which is imported when one of its names is first used."""
+"""Public names by module; a module is imported when one of its names is first used."""
 
 _HOME = {name: f"{__name__}.{module}" for module, names in _HOMES.items() for name in names}
 
-# Silent until somebody listens.
+# Silent unless the application configures logging.
 logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 

@@ -1,4 +1,4 @@
-"""Lets ``python -m markergen`` do what ``markergen`` does."""
+"""Makes ``python -m markergen`` equivalent to ``markergen``."""
 
 import sys
 

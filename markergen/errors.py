@@ -1,4 +1,4 @@
-"""One error root; every message says what was expected, what was found, and what to do."""
+"""Exceptions with one common root; every message says what was expected, what was found, and what to do."""
 
 import reprlib
 from collections.abc import Iterable, Sequence
@@ -22,7 +22,7 @@ class InputError(MarkergenError):
     Parameters
     ----------
     expected, found, remedy : str
-        What was expected, what came instead, and what to do about it.
+        Expected value, value found, and how to fix it.
 
     Examples
     --------
@@ -31,7 +31,7 @@ class InputError(MarkergenError):
     """
 
     def __init__(self, expected: str, found: str, remedy: str) -> None:
-        # The three parts are the arguments, so that the error survives the way back from a worker process.
+        # The three parts are the arguments, so that the error survives pickling on its way back from a worker process.
         super().__init__(expected, found, remedy)
 
     def __str__(self) -> str:
@@ -39,7 +39,7 @@ class InputError(MarkergenError):
 
 
 class OutputError(MarkergenError):
-    """A result could not be written (exit status 2); the target is as it was before.
+    """A result could not be written (exit status 2); the target is unchanged.
 
     >>> import markergen as mg
     >>> try:
@@ -51,7 +51,7 @@ class OutputError(MarkergenError):
 
 
 class MissingLibraryError(MarkergenError):
-    """A part of markergen needs a library that this machine lacks (exit status 2).
+    """A part of markergen needs a library that is not installed (exit status 2).
 
     >>> import markergen as mg
     >>> issubclass(mg.MissingLibraryError, mg.MarkergenError)
@@ -60,20 +60,20 @@ class MissingLibraryError(MarkergenError):
 
 
 def brief(value: object) -> str:
-    """One short line for any value, however long or deep it is.
+    """Return one short line for any value, however long or deep.
 
     >>> brief("long " * 100)
     "'long long lo...ng long long '"
     """
     try:
         text = " ".join(reprlib.repr(value).split())
-    except ValueError:  # Python refuses to write integers of thousands of digits.
+    except ValueError:  # Python refuses to format integers of thousands of digits.
         return "an endless number"
     return text if len(text) <= 60 else text[:57] + "..."
 
 
 def among(name: object, known: Iterable[str], shown: Sequence[str] = (), cutoff: float = 0.6) -> str:
-    """Remedy for an unknown name: the nearest of the known ones, if one is near, and all of them, or what is `shown`.
+    """Return the remedy for an unknown name: the nearest known name, if any, and all of them, or those in `shown`.
 
     >>> among("aruko", ["aruco", "apriltag"])
     "did you mean 'aruco'? Known: aruco, apriltag"

@@ -1,4 +1,4 @@
-"""Files are replaced atomically: whatever fails, the target is either as it was or complete."""
+"""Atomic file replacement: after a failure, each target is either unchanged or complete."""
 
 import os
 import tempfile
@@ -11,7 +11,7 @@ from markergen.errors import InputError, OutputError
 
 
 class Written(NamedTuple):
-    """A file that was written, and sentences about it for whoever opens, prints or makes it."""
+    """A file that was written, with notes for whoever opens, prints or makes it."""
 
     path: Path
     notes: tuple[str, ...] = ()
@@ -25,14 +25,14 @@ _IN_CHECKOUT = {"templates": "templates", "schemas": "docs"}
 
 
 def shipped_folder(name: str) -> Path:
-    """Folder of files that come with markergen, ``templates`` or ``schemas``, from a wheel or from a checkout."""
+    """Return a folder of files shipped with markergen, ``templates`` or ``schemas``, from a wheel or a checkout."""
     package = Path(__file__).parent
     folder = package / name
     return folder if folder.is_dir() else package.parent / _IN_CHECKOUT[name]
 
 
 def schemas() -> dict[str, Path]:
-    """Published JSON Schemas of markergen's files, by name.
+    """Return the published JSON Schemas of markergen's files by name.
 
     Examples
     --------
@@ -44,17 +44,17 @@ def schemas() -> dict[str, Path]:
 
 
 def exists(path: Path) -> bool:
-    """Tell whether there is something at a path, also one that is no path or that may not be looked at."""
+    """Return whether something exists at a path; False for an invalid or inaccessible path."""
     try:
         return path.exists()
-    except (OSError, ValueError):  # A name that is too long, a folder that is closed, a null character.
+    except (OSError, ValueError):  # The name is too long, the folder is not accessible, or there is a null character.
         return False
 
 
 def write_atomic(path: Path, data: bytes) -> None:
     """Write `data` to a temporary file beside `path` and rename it over `path`.
 
-    A link is followed, and what is no regular file, such as a pipe or a terminal, is written to as it is.
+    Symbolic links are followed; special files such as pipes and terminals are written to directly.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def write_all(files: Mapping[Path, bytes]) -> None:
 
 
 def check_folder(path: Path) -> None:
-    """Refuse a path that cannot be written, before any work is done for it; raises as `write_atomic` does."""
+    """Refuse a path that cannot be written before any work is done for it; raises as `write_atomic` does."""
     folder = path.resolve().parent
     reason = ""
     if not folder.is_dir():
@@ -99,7 +99,7 @@ def check_folder(path: Path) -> None:
         reason = "Is a directory"
     elif not _is_special(path):
         try:
-            # What the permissions say is not what some file systems do.
+            # On some file systems the permission bits do not tell.
             tempfile.TemporaryFile(dir=folder).close()
         except OSError as error:
             reason = error.strerror or str(error)
@@ -108,9 +108,9 @@ def check_folder(path: Path) -> None:
 
 
 def check_outputs(outputs: Sequence[Path], inputs: Sequence[Path] = ()) -> None:
-    """Refuse outputs that cannot be written, of which two are the same file, or of which one is also an input.
+    """Refuse outputs that cannot be written, name the same file twice, or are also inputs.
 
-    An input such as ``plate.dxf#HOLES`` is a part of a file, unless there is a file of just that name.
+    An input such as ``plate.dxf#HOLES`` is part of a file, unless a file of exactly that name exists.
 
     Raises
     ------
@@ -135,18 +135,18 @@ def _whole(path: Path) -> Path:
 
 
 def check_some(paths: Sequence[object]) -> None:
-    """Refuse to write nothing, as a forgotten path would have it; raises InputError."""
+    """Refuse an empty list of outputs, the result of a forgotten path; raises InputError."""
     if not paths:
         raise InputError("a path to write to", "none", "give one or more")
 
 
 def sorted_by_suffix(paths: Sequence[Path], kinds: Mapping[str, str]) -> list[tuple[str, Path]]:
-    """Pair each path with what a file of its suffix holds.
+    """Pair each path with the kind of file that its suffix stands for.
 
     Raises
     ------
     InputError
-        If `kinds` has no such suffix.
+        If `kinds` lacks a suffix.
     """
     for path in paths:
         if path.suffix.lower() not in kinds:
@@ -156,7 +156,7 @@ def sorted_by_suffix(paths: Sequence[Path], kinds: Mapping[str, str]) -> list[tu
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder for outputs, and those that it lies in, unless it is there; raises as `check_folder` does."""
+    """Make a folder for outputs, with its parents, unless it exists; raises as `check_folder` does."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -166,7 +166,7 @@ def make_folder(path: Path) -> None:
 
 @contextmanager
 def folders_for(paths: Iterable[Path]) -> Iterator[None]:
-    """Make the folders that files are to lie in; if what is done with them fails, those that were made go again."""
+    """Make the folders that files will be written to; if the body fails, remove those that were made."""
     made: list[Path] = []
     try:
         for path in paths:
@@ -176,7 +176,7 @@ def folders_for(paths: Iterable[Path]) -> Iterator[None]:
         yield
     except BaseException:
         for folder in sorted(made, key=lambda each: -len(each.parts)):
-            with suppress(OSError):  # Somebody else may have put something there.
+            with suppress(OSError):  # Another process may have put something there.
                 folder.rmdir()
         raise
 
@@ -199,7 +199,7 @@ def _stage(target: Path, data: bytes) -> Path:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        # mkstemp makes files private; an output has the mode any new file would have, or keeps its own.
+        # mkstemp makes files private; an output gets the default mode of a new file, or keeps its own.
         temporary.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask())
     except BaseException:
         temporary.unlink(missing_ok=True)

@@ -1,8 +1,8 @@
-"""Guard for files that strangers send: read whole, without waiting and within limits, or refused in one line.
+"""Guard for untrusted files: each is read completely, without blocking and within limits, or refused in one line.
 
-`read` takes in the bytes of a path or an open file; `in_child` runs a parser on them in a process of its own, whose
-time and memory are limited and whose end is not that of this process. How large a file may be, how long it may take to
-parse and how much memory that may need stands in one table, `KINDS`.
+`read` reads the bytes of a path or an open file; `in_child` runs a parser on them in a child process with limited time
+and memory, whose crash does not affect this process. One table, `KINDS`, lists the limits on size, parsing time and
+memory.
 """
 
 import atexit
@@ -38,19 +38,19 @@ class Kind:
     Attributes
     ----------
     name : str
-        With its article, for messages.
+        Name with its article, for messages.
     largest : int
-        Bytes.
+        Maximum size, in bytes.
     why : str
         Reason for the limits.
     smaller, again : str
-        Remedies for a file that is too large, and for one that is empty; without one the parser has to refuse it.
+        Remedies for a file that is too large, and for an empty one; if `again` is empty, empty files reach the parser.
     pipes : bool
-        Whether it may come through a pipe, which is waited for.
+        True if it may come through a pipe, which is read to its end.
     seconds, seconds_per_byte : float
-        How long it may take to parse in a child process, for any file and for its size.
+        Maximum parsing time in a child process: a constant, plus a time per byte.
     memory : int
-        Bytes of address space of that process.
+        Maximum address space of that process, in bytes.
     """
 
     name: str
@@ -65,7 +65,7 @@ class Kind:
 
     @property
     def size(self) -> str:
-        """Largest size in words."""
+        """Maximum size in words."""
         for unit, factor in (("GiB", 1 << 30), ("MB", 10**6), ("kB", 10**3)):
             if self.largest % factor == 0:
                 return f"{self.largest // factor} {unit}"
@@ -103,33 +103,33 @@ KINDS = {
 """Kinds of files and their limits."""
 
 BEGINNING = 120.0
-"""Seconds that a child process may take to be there at all: a CAD kernel is loaded from a cold disk."""
+"""Maximum startup time of a child process, in seconds: a CAD kernel may load from a cold disk."""
 
 
 # --- Bytes ------------------------------------------------------------------------------------------------------------
 
 
 class Content(NamedTuple):
-    """Bytes of a file, and what messages call it."""
+    """Bytes of a file, and its name for messages."""
 
     name: str
     data: bytes
 
 
 def read(source: object, kind: str) -> Content:
-    """Read the bytes of a file, which is not waited for and not read beyond the limit of its kind.
+    """Read the bytes of a file without blocking, up to the size limit of its kind.
 
     Parameters
     ----------
     source : path or open file
-        A file that is open for text is taken as UTF-8.
+        Text from a file opened in text mode is encoded as UTF-8.
     kind : str
         Key of `KINDS`.
 
     Raises
     ------
     InputError
-        If there is no such file, it is a folder, a pipe or a device, may not be read, is empty, or is too large.
+        If the path does not exist, is a folder, a pipe or a device, or the file is not readable, empty, or too large.
     """
     limits = KINDS[kind]
     wanted = f"a readable {limits.name.partition(' ')[2]}"
@@ -144,7 +144,7 @@ def read(source: object, kind: str) -> Content:
         try:
             some = source.read(limits.largest + 1)  # type: ignore[attr-defined]
             data = some.encode() if isinstance(some, str) else bytes(some)
-        except (OSError, ValueError, TypeError) as error:  # A file that is closed, or open for writing, or none.
+        except (OSError, ValueError, TypeError) as error:  # The file is closed, open for writing, or not a file.
             remedy = "open it for reading" if isinstance(error, io.UnsupportedOperation) else "check the path"
             raise InputError(f"{wanted} at {name}", reason_of(error), remedy) from None
     if len(data) > limits.largest:
@@ -155,19 +155,19 @@ def read(source: object, kind: str) -> Content:
 
 
 def check_size(content: Content, kind: str) -> None:
-    """Refuse a file that is too large for its kind, which its content or its name tells; raises InputError."""
+    """Refuse a file that is too large for its kind, going by its content or its name; raises InputError."""
     limits = KINDS[kind]
     if len(content.data) > limits.largest:
         raise InputError(f"{limits.name} of at most {limits.size} in {content.name}", "a larger one", limits.smaller)
 
 
 def read_start(path: Path, count: int, pipes: bool = False) -> bytes:
-    """First `count` bytes of a regular file, or with `pipes` of any, fewer if it has not as many.
+    """Return the first `count` bytes of a regular file (with `pipes`, of any file), or all bytes of a shorter one.
 
     Raises
     ------
     OSError
-        If it cannot be read or is no regular file: a pipe that nobody writes to would be waited for without end.
+        If it cannot be read or is not a regular file: a pipe without a writer would block forever.
     ValueError
         If the path has a null character.
     """
@@ -178,7 +178,7 @@ def read_start(path: Path, count: int, pipes: bool = False) -> bytes:
 
 
 def text_of(content: Content) -> str:
-    """Text in UTF-8, with or without a byte order mark; raises InputError if it is none."""
+    """Decode UTF-8 text, with or without a byte order mark; raises InputError if it is not UTF-8."""
     try:
         text = content.data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -189,19 +189,19 @@ def text_of(content: Content) -> str:
 
 
 def place_of(path: "str | os.PathLike[str]") -> str:
-    """Return a path in one line for messages."""
+    """Return a path as a single line for messages."""
     text = str(path)
     return text if text.isprintable() and text.strip() and len(text) <= 200 else brief(text)
 
 
 def name_of(file: object) -> str:
-    """Name of an open file for messages."""
+    """Return the name of an open file for messages."""
     name = getattr(file, "name", None)
     return place_of(name) if isinstance(name, str) else "the open file"
 
 
 def reason_of(error: Exception) -> str:
-    """Return why a file could not be read, in a few words."""
+    """Return in a few words why a file could not be read."""
     return str((error.strerror if isinstance(error, OSError) else None) or error or type(error).__name__)
 
 
@@ -213,33 +213,33 @@ def _open_at_once(path: str, flags: int) -> int:
 
 
 class Reply(NamedTuple):
-    """What a parser made of a file: values of JSON, and arrays by name."""
+    """Output of a parser: JSON values, and arrays by name."""
 
     values: dict[str, Any]
     arrays: "Mapping[str, np.ndarray[Any, Any]]"
 
 
 def in_child(script: Path, function: str, content: Content, kind: str, expected: str) -> Reply:
-    """Parse a file in a process of its own, which is started with the first one and kept for the next.
+    """Parse a file in a child process, which is started for the first file and reused for the next.
 
-    The script is run as a module of its own. Its function `function` takes the bytes and returns what can be written
-    as JSON, or that and a dict of arrays; what it raises as InputError is raised here. A function `prepare`, if it has
-    one, is called once before, for imports that take long or may fail.
+    The script runs as a module of its own. Its function `function` takes the bytes and returns JSON values, or those
+    and a dict of arrays; an InputError that it raises is raised here. An optional function `prepare` is called once
+    before, for imports that are slow or may fail.
 
     Parameters
     ----------
     kind : str
-        Key of `KINDS`, for the limits of size, time and memory. Where the system does not limit memory (Windows,
-        macOS), time alone is limited, and the log says so.
+        Key of `KINDS`, for the limits of size, time and memory. Where the system cannot limit memory (Windows,
+        macOS), only time is limited, and the log says so.
     expected : str
-        What the file should have been, if the parser breaks, or takes too long or too much memory.
+        Description of a valid file, for the message if the parser crashes or exceeds its time or memory.
 
     Raises
     ------
     InputError
-        If the file is too large, or the parser refuses it or breaks.
+        If the file is too large, or the parser refuses it or crashes.
     MissingLibraryError
-        If the script cannot be started; the message is the reason alone.
+        If the script cannot be started; the message is only the reason.
     """
     limits = KINDS[kind]
     check_size(content, kind)
@@ -257,14 +257,14 @@ def in_child(script: Path, function: str, content: Content, kind: str, expected:
 
 
 def start_child(script: Path, kind: str) -> None:
-    """Start the process that `in_child` is going to ask, to have it ready sooner; does not wait for it."""
+    """Start the process for `in_child` ahead of time, without waiting for it."""
     child = _child(script, kind)
     with child.lock:
         child.start()
 
 
 def end_children() -> None:
-    """End all child processes; they have no work that is worth waiting for."""
+    """Kill all child processes; none holds work worth waiting for."""
     for child in list(_CHILDREN.values()):
         child.end()
 
@@ -281,13 +281,13 @@ class _Child:
     greeted: bool = False
 
     def start(self) -> None:
-        """Start the process unless it runs."""
-        # After a fork the pipes are the parent's.
+        """Start the process unless it is running."""
+        # After a fork the pipes belong to the parent.
         if self.process is not None and self.owner == os.getpid():
             if self.process.poll() is None:
                 return
             self.end()
-        # -P: the script's folder has modules of the same names as those of libraries.
+        # -P: modules in the script's folder have the same names as libraries.
         root = Path(__file__).parents[1]
         code = f"import sys; sys.path.append({str(root)!r}); from markergen.guard import serve; serve(*sys.argv[1:])"
         self.process = subprocess.Popen(
@@ -297,7 +297,7 @@ class _Child:
         self.owner, self.greeted = os.getpid(), False
 
     def ask(self, function: str, data: bytes, patience: float) -> Reply | None:
-        """What the parser replies; None if it broke or took too long."""
+        """Return the parser's reply; None if it crashed or timed out."""
         self._greet()
         assert self.process is not None
         assert self.process.stdin is not None
@@ -311,7 +311,7 @@ class _Child:
         return self._reply(patience)
 
     def _greet(self) -> None:
-        """Wait for the script to be there; raises MissingLibraryError if it is not."""
+        """Wait until the script has started; raises MissingLibraryError if it cannot."""
         self.start()
         if self.greeted:
             return
@@ -380,13 +380,13 @@ def _arrays(data: bytes) -> "dict[str, np.ndarray[Any, Any]]":
 
 
 def serve(script: str, memory: str) -> None:
-    """Parse the files that come on standard input with the functions of a script, in a child process.
+    """Parse files from standard input with the functions of a script, in a child process.
 
-    A request is a line of JSON and the bytes of a file. A reply, of which the first comes unasked, is JSON and an
-    .npz archive or nothing, each after its size in 8 bytes.
+    A request is a line of JSON followed by the bytes of a file. A reply is JSON and an .npz archive or nothing, each
+    preceded by its size in 8 bytes; the first reply is sent without a request.
     """
     replies = os.fdopen(os.dup(1), "wb")
-    # Libraries say on standard output what they think of files.
+    # Libraries print remarks about files on standard output.
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     hello = _limit_memory(int(memory))
     functions: dict[str, Any] = {}
@@ -399,7 +399,7 @@ def serve(script: str, memory: str) -> None:
     while line := sys.stdin.buffer.readline():
         request = json.loads(line)
         data = sys.stdin.buffer.read(request["size"])
-        # Whoever asked ends what takes too long, unless it was ended itself.
+        # The parent kills this process on a timeout; the alarm does it if the parent is gone.
         alarm: Callable[[int], object] = getattr(signal, "alarm", int)
         alarm(60 + int(2 * request["seconds"]))
         _send(replies, *_answer(functions[request["function"]], data))
@@ -422,7 +422,7 @@ def _answer(function: Callable[[bytes], Any], data: bytes) -> tuple[dict[str, An
         return {"refused": error.args}, {}
     except MemoryError:
         return {"error": "one that needs too much memory"}, {}
-    # What parsers raise at broken files has no common root; that of Open CASCADE is not even known to Python.
+    # Exceptions of parsers for broken files have no common root; those of Open CASCADE are not even Python classes.
     except Exception as error:
         return {"error": f"{type(error).__name__} {' '.join(str(error).split())}"[:200].strip()}, {}
     return found if isinstance(found, tuple) else (found, {})
@@ -440,7 +440,7 @@ def _send(replies: BinaryIO, values: dict[str, Any], arrays: dict[str, Any]) -> 
 
 
 def _limit_memory(most: int) -> dict[str, Any]:
-    """Limit the address space of this process; what the parent is to know where it cannot be limited."""
+    """Limit the address space of this process; return what to report to the parent if that is impossible."""
     try:
         import resource
 
@@ -451,7 +451,7 @@ def _limit_memory(most: int) -> dict[str, Any]:
 
 
 def as_file(data: bytes, suffix: str, read: Callable[[str], Any]) -> Any:
-    """Return what a library that takes paths alone makes of bytes."""
+    """Read bytes with a library function that accepts only paths, through a temporary file."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"file{suffix}"
         path.write_bytes(data)

@@ -1,4 +1,4 @@
-"""A pool of processes that leaves nothing behind, whatever ends it."""
+"""Process pool that leaves no processes behind, however it ends."""
 
 import multiprocessing
 import os
@@ -22,23 +22,23 @@ R = TypeVar("R")
 
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 _STARTING = threading.Lock()
-"""What new processes inherit is changed for all threads of this one."""
+"""Lock for starting processes: the environment and signal mask that they inherit belong to all threads."""
 
 MOST_WORKERS = 256
 
 
 def processor_count() -> int:
-    """Processors that this process may use."""
+    """Return the number of processors available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def workers_for(wanted: int | None, worth: int) -> int:
-    """Processes to start: those wanted, or as many as there are processors and as the work is worth.
+    """Return the number of processes to start: `wanted`, or the number of processors, at most `worth`.
 
     Raises
     ------
     InputError
-        If the number that is wanted is below 1, or so large that the machine would choke.
+        If the number wanted is below 1 or above MOST_WORKERS.
     """
     if wanted is None:
         return min(processor_count(), worth)
@@ -50,9 +50,9 @@ def workers_for(wanted: int | None, worth: int) -> int:
 def map_chunks(
     function: Callable[[C], R], chunks: Sequence[C], workers: int, finished: Callable[[int], None]
 ) -> list[R]:
-    """Return function(chunk) of every chunk, computed by `workers` processes; 1 computes in this process.
+    """Return function(chunk) for every chunk, computed by `workers` processes; 1 computes in this process.
 
-    Calls finished(index) as each chunk is done. Whatever interrupts the caller ends the workers at once.
+    Calls finished(index) as each chunk is done. Anything that interrupts the caller ends the workers at once.
 
     Raises
     ------
@@ -88,16 +88,16 @@ def map_counted(
     progress: Callable[[int, int], None] | None = None,
     size: Callable[[C], int] = len,  # type: ignore[assignment]
 ) -> list[R]:
-    """Return function(chunk) of every chunk as `map_chunks` does, and report what is done of the whole.
+    """Return function(chunk) for every chunk as `map_chunks` does, and report progress.
 
     Parameters
     ----------
     workers : int
-        Processes; no more are started than there are chunks.
+        Maximum number of processes; no more are started than there are chunks.
     progress : callable or None
-        Called with the sizes of the chunks that are done, added up, and with their total; at first with 0.
+        Called with the total size of the finished chunks, and of all chunks; first with 0.
     size : callable
-        How much a chunk counts.
+        Size of a chunk, for progress.
     """
     total, done = sum(map(size, chunks)), 0
     if progress:
@@ -117,13 +117,13 @@ def as_completed_chunks(
 ) -> Generator[tuple[int, R], None, None]:
     """Yield the index and function(chunk) of each chunk as it is done, computed by `workers` other processes.
 
-    Closing it early, as any error does, ends the workers at once; raises as `map_chunks` does.
+    Closing the generator early, as any error does, ends the workers at once. Raises as `map_chunks` does.
 
-    Each worker has a pipe to this thread, and no two share a lock or a queue: one that dies takes nothing with it.
+    Each worker has a pipe to this thread, and no two share a lock or a queue, so a worker that dies affects no other.
     ProcessPoolExecutor watches its workers from a thread. On CPython 3.11 that thread tears its queues down when one
     dies while others are being started, as happens on a loaded machine, and the caller sees a closed handle instead.
     """
-    # A fresh interpreter, because fork would copy the locks that threads of BLAS and OpenCV hold at that moment.
+    # A fresh interpreter, because fork would copy locks that threads of BLAS and OpenCV may hold at that moment.
     context = multiprocessing.get_context("spawn")
     luggage = outside()
     team: dict[Connection, SpawnProcess] = {}
@@ -144,7 +144,7 @@ def as_completed_chunks(
                 worker = context.Process(target=_work, args=(theirs, luggage))
                 worker.start()
                 team[ours] = worker
-                # Now the worker alone has that end, and ours tells when it dies.
+                # Now only the worker holds that end, so ours reports its death.
                 theirs.close()
         for pipe in team:
             occupy(pipe)
@@ -155,7 +155,7 @@ def as_completed_chunks(
                 if failed:
                     raise result
                 index = busy.pop(pipe)
-                # Before the caller takes its time with the result.
+                # Before the caller spends time on the result.
                 occupy(pipe)
                 yield index, result
     except BaseException:
@@ -171,10 +171,10 @@ def as_completed_chunks(
 
 @contextmanager
 def _inherited_by_workers() -> Iterator[None]:
-    """Start processes with one thread of BLAS each, and deaf to Ctrl-C: that is for the parent to answer.
+    """Start processes with one BLAS thread each and with Ctrl-C blocked: the parent handles it.
 
-    BLAS reads its variables when numpy is imported, which in a worker is before any code of ours. A signal that is
-    blocked, other than one that is ignored, still reaches the parent afterwards.
+    BLAS reads its variables when numpy is imported, which in a worker happens before any of our code runs. Unlike an
+    ignored signal, a blocked one still reaches the parent afterwards.
     """
     before = {name: os.environ.get(name) for name in BLAS_THREADS}
     os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
@@ -195,7 +195,7 @@ def _inherited_by_workers() -> Iterator[None]:
 
 @contextmanager
 def _broken_pipes_are_errors() -> Iterator[None]:
-    """Write to a worker that died without dying of it, as one does where a library, gmsh for one, resets SIGPIPE."""
+    """Survive writing to a dead worker even where a library, such as gmsh, has reset SIGPIPE."""
     if not hasattr(signal, "sigtimedwait"):
         yield
         return
@@ -209,19 +209,19 @@ def _broken_pipes_are_errors() -> Iterator[None]:
 
 
 def _needs_script(*sent: object) -> bool:
-    """Whether something that workers are sent is defined in the script that runs, so that they have to import it."""
+    """Return whether anything sent to workers is defined in the running script, so that they have to import it."""
     try:
         return b"__main__" in pickle.dumps(sent)
-    except Exception:  # What cannot be sent is told when it is sent.
+    except Exception:  # Objects that cannot be pickled are reported when they are sent.
         return True
 
 
 @contextmanager
 def _without_script() -> Iterator[None]:
-    """Start processes that do not import the script that runs, which would do all of its work again in each of them.
+    """Start processes that do not import the running script, which would repeat all of its work in each of them.
 
-    A script then needs no ``if __name__ == "__main__":``. What tells `multiprocessing` of a script is that `__main__`
-    has a spec or a file.
+    A script then needs no ``if __name__ == "__main__":``. `multiprocessing` detects a script by the spec or file of
+    `__main__`.
     """
     script = sys.modules["__main__"].__dict__
     before: dict[str, Any] = {name: script.pop(name) for name in ("__spec__", "__file__") if name in script}
@@ -234,7 +234,7 @@ def _without_script() -> Iterator[None]:
 
 
 def _unless_dead(talk: Callable[..., Any], *words: Any) -> Any:
-    """What is sent to a worker or received from it; raises MarkergenError if it is no longer there."""
+    """Send to or receive from a worker; raises MarkergenError if it has died."""
     try:
         return talk(*words)
     except (EOFError, OSError) as error:
@@ -256,7 +256,7 @@ def _work(pipe: Connection, luggage: Luggage) -> None:
         while True:
             order = pipe.recv_bytes()
             try:
-                # What cannot be read or sent is an error of the chunk, too.
+                # A chunk or result that cannot be unpickled or sent is an error of the chunk, too.
                 function, chunk = pickle.loads(order)
                 answer = pickle.dumps((False, function(chunk)))
             except BaseException as error:
@@ -265,7 +265,7 @@ def _work(pipe: Connection, luggage: Luggage) -> None:
 
 
 def _packed(error: BaseException) -> bytes:
-    """Answer with an error and where it came from; with what it says alone, if it does not survive the way."""
+    """Pickle an answer with an error and its traceback, or only with its message if it cannot be pickled."""
     text = "".join(format_exception(error))
     error.add_note(f"In a worker process:\n{text}")
     try:
@@ -277,7 +277,7 @@ def _packed(error: BaseException) -> bytes:
 
 
 def _end_with_parent() -> None:
-    """Leave no worker waiting for work from a parent that was killed."""
+    """End this worker if its parent is killed."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

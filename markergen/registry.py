@@ -3,10 +3,10 @@
 An entry comes from one of three places:
 
 - a module of the table's own package, which registers it when it is imported;
-- an entry point of another distribution, whose name is the entry's name and whose object is the entry;
+- an entry point of another distribution, with the name and the object of the entry;
 - a user's own script, which calls `Registry.register`. Such entries travel to worker processes (`outside`, `receive`).
 
-`door` is the same idea for one method: what it calls stands in a layer above, and is imported by name when called.
+`door` does the same for a single method: it calls a function of a higher layer, imported by name at the call.
 """
 
 import importlib
@@ -30,18 +30,18 @@ Luggage = Mapping[str, Sequence[tuple[str, bytes]]]
 LOG = logging.getLogger("markergen")
 
 _TABLES: dict[str, "Registry[Any]"] = {}
-"""Tables that other packages may add to, by their entry-point group."""
+"""Tables that other packages may extend, by entry-point group."""
 
 _RECEIVED: dict[str, Sequence[tuple[str, bytes]]] = {}
-"""What came with the work that this process does now."""
+"""Entries received with the work that this process is doing."""
 
 
 class Registry(Generic[T]):
     """Entries by name; nothing is imported before the first look-up.
 
-    Looking up an entry of markergen's own never reads the entry points. A plug-in that does not work (it cannot be
+    Looking up one of markergen's own entries never reads the entry points. A plug-in that does not work (it cannot be
     imported, is of the wrong type, or has a name that is taken) is left out: a warning is logged under ``markergen``,
-    and asking for its name raises an error that says why. No plug-in replaces an entry of markergen's own.
+    and looking up its name raises an error that says why. No plug-in replaces one of markergen's own entries.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Registry(Generic[T]):
     package : str
         Dotted name of the package (or single module) that holds the entries; imported at the first look-up.
     entry_points : str
-        Group of the entry points that add entries; empty for a table that is closed.
+        Group of the entry points that add entries; empty for a closed table.
     entry : type
         Class that entries are instances of, or ``type[C]`` if they are subclasses of C.
 
@@ -65,12 +65,12 @@ class Registry(Generic[T]):
         self.kind, self._package, self._group, self._entry = kind, package, entry_points, entry
         self._entries: dict[str, T] = {}
         self._outside: dict[str, str] = {}
-        """Modules outside of markergen that registered an entry, by its name."""
+        """Modules outside markergen that registered an entry, by its name."""
         self._broken: dict[str, str] = {}
         """Errors of plug-ins by their names."""
         self._luggage: Sequence[tuple[str, bytes]] = ()
         self._received: set[str] = set()
-        """Names that came with the luggage."""
+        """Names received from another process."""
         self._loaded = self._listed = False
         self.__module__ = _caller()
         if entry_points:
@@ -79,8 +79,8 @@ class Registry(Generic[T]):
     def register(self, *names: str) -> Callable[[T], T]:
         """Decorate an entry to add it under each name; a name that is taken is a programming error.
 
-        In a script or a module of yours, the entry is known to worker processes as well, provided that it can be
-        pickled: define it at the top level. A notebook's cell may be run again.
+        Entries of user scripts and modules are also known to worker processes, provided that they can be pickled:
+        define them at top level. A notebook cell may be run again.
         """
         module = _caller()
         mine = module.partition(".")[0] != "markergen"
@@ -103,7 +103,7 @@ class Registry(Generic[T]):
         return add
 
     def names(self) -> list[str]:
-        """Return all names, sorted; those of plug-ins that do not work are not among them."""
+        """Return all names, sorted, without those of plug-ins that do not work."""
         self._load()
         if not self._listed:
             self._listed = True
@@ -113,7 +113,7 @@ class Registry(Generic[T]):
         return sorted(self._entries)
 
     def items(self) -> list[tuple[str, T]]:
-        """Return names and entries in the order in which they came."""
+        """Return names and entries in the order of registration."""
         self.names()
         return list(self._entries.items())
 
@@ -127,13 +127,13 @@ class Registry(Generic[T]):
         return name in self._entries or name in self._broken or name in self._installed()
 
     def __getitem__(self, name: str) -> T:
-        """Return the entry of that name.
+        """Return the entry with that name.
 
         Raises
         ------
         InputError
-            If there is none, and the message lists the known names and the nearest; or if it is that of a plug-in
-            which does not work, and the message says why.
+            If there is none, with the known names and the nearest one in the message; or if it belongs to a plug-in
+            that does not work, with the reason.
         """
         if name in self:
             self._plug_in(name)
@@ -143,7 +143,7 @@ class Registry(Generic[T]):
         raise InputError(f"a known {self.kind}", repr(name), among(name, self.names()))
 
     def __reduce__(self) -> str:
-        # By reference: entries that use a table must not take all of it along.
+        # Pickled by reference: entries that use a table must not take all of it along.
         return next((name for name, value in vars(sys.modules[self.__module__]).items() if value is self), self.kind)
 
     def _load(self) -> None:
@@ -170,19 +170,19 @@ class Registry(Generic[T]):
             try:
                 entry = found[0].load()
                 wrong = self._wrong(name, entry)
-            # Another package's code: it may raise anything.
+            # Other packages' code may raise anything.
             except Exception as error:
                 wrong = f"fails with {type(error).__name__}: {error}"
             wrong = wrong and f"{_words(found[0])} {wrong}"
         if wrong:
             self._broken[name] = " ".join(wrong.split())
         elif name not in self._entries:
-            # Loading it may have registered it as well.
+            # Importing it may have registered it as well.
             self._entries[name] = entry
             self._outside[name] = ""
 
     def _complain(self) -> None:
-        """Warn of what is left out."""
+        """Log a warning for each plug-in left out."""
         for name, found in self._installed().items():
             words = self._broken.get(name)
             if name in self._entries and name not in self._outside:
@@ -191,7 +191,7 @@ class Registry(Generic[T]):
                 LOG.warning("left out a plug-in, the %s %r: %s", self.kind, name, words)
 
     def _wrong(self, name: str, entry: object) -> str:
-        """What keeps an object from being an entry; empty if nothing."""
+        """Return the reason why an object cannot be an entry; empty if it can."""
         if get_origin(self._entry) is type:
             (base,) = get_args(self._entry)
             fits, wanted = isinstance(entry, type) and issubclass(entry, base), f"a subclass of {base.__name__}"
@@ -205,18 +205,18 @@ class Registry(Generic[T]):
         return "" if own == name else f"calls itself {own!r}"
 
     def _pack(self) -> list[tuple[str, bytes]]:
-        """Entries that were registered outside of markergen, without those that any process finds by entry points."""
+        """Pack entries registered outside markergen, except those that any process finds by entry points."""
         packed = []
         for name, module in self._outside.items():
             if module:
                 try:
                     packed.append((name, _pickler()(self._entries[name])))
-                except Exception:  # What cannot be pickled is missed where it is asked for.
+                except Exception:  # An entry that cannot be pickled is reported missing when it is looked up.
                     LOG.debug("the %s %r stays in this process", self.kind, name, exc_info=True)
         return packed
 
     def _unpack(self, luggage: Sequence[tuple[str, bytes]]) -> None:
-        # Workers of a cluster live longer than a script: neither its old version nor what is another's may stay.
+        # Workers of a cluster outlive a script: neither old versions of its entries nor another script's may stay.
         for name in self._received:
             self._entries.pop(name, None)
             self._broken.pop(name, None)
@@ -237,10 +237,10 @@ class Registry(Generic[T]):
 
 
 def door(room: str) -> Callable[..., Any]:
-    """Return a function of a higher layer, for a method that completes a class of a lower one, such as `Marker.save`.
+    """Return a late-bound function of a higher layer, for a method such as `Marker.save` of a class in a lower one.
 
-    A class is loaded, saved and drawn through its own name, although the readers and writers are made of the class. So
-    these few methods look up what they call by its name, when they are called; the layer test lists them all.
+    A class is loaded, saved and drawn through its own methods, although readers and writers depend on the class. These
+    few methods import their function by name when they are called; the layer test lists them all.
 
     Parameters
     ----------
@@ -253,21 +253,21 @@ def door(room: str) -> Callable[..., Any]:
 
 
 def outside() -> Luggage:
-    """Pack what was registered outside of markergen, for worker processes to `receive`."""
+    """Pack entries registered outside markergen, for worker processes to `receive`."""
     return {group: packed for group, table in _TABLES.items() if (packed := table._pack())}
 
 
 def receive(luggage: Luggage) -> None:
-    """Take what `outside` packed in the process that hands out work, in place of what came with earlier work.
+    """Take entries packed by `outside` in the process that hands out work, replacing those of earlier work.
 
-    It is unpacked when its table is next looked at.
+    They are unpacked when their table is next used.
     """
     _RECEIVED.clear()
     _RECEIVED.update(luggage)
 
 
 def _caller() -> str:
-    """Name of the module that calls whoever calls this."""
+    """Return the name of the module that called the caller."""
     return str(sys._getframe(2).f_globals.get("__name__", ""))
 
 
@@ -282,7 +282,7 @@ def _pickler() -> Callable[[object], bytes]:
 
 @cache
 def _installed(group: str) -> "dict[str, list[EntryPoint]]":
-    """Entry points of installed distributions in a group, by name; read once."""
+    """Return the entry points of installed distributions in a group, by name; read once."""
     from importlib.metadata import entry_points
 
     found: dict[str, list[EntryPoint]] = {}
@@ -292,5 +292,5 @@ def _installed(group: str) -> "dict[str, list[EntryPoint]]":
 
 
 def _words(point: "EntryPoint") -> str:
-    """``pkg.module:object of the package dist``."""
+    """Return ``pkg.module:object of the package dist``."""
     return f"{point.value}{f' of the package {point.dist.name}' if point.dist else ''}"

@@ -1,4 +1,4 @@
-"""The one parser of lengths, used where users type them; inside, everything is in meters."""
+"""The only parser of lengths, for user input; internally, all lengths are in meters."""
 
 import math
 import re
@@ -7,13 +7,13 @@ from decimal import Decimal
 from markergen.errors import InputError
 
 METERS = {"": "1", "m": "1", "cm": "0.01", "mm": "0.001", "um": "0.000001", "in": "0.0254", "ft": "0.3048"}
-"""Size of each unit in m, as text: the product is made in decimals, so that 6in is 0.1524 to the last bit."""
+"""Size of each unit in m, as text: products are computed in decimals, so that 6in is 0.1524 to the last bit."""
 
 _LENGTH = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf))\s*([a-zA-Z]*)\s*", re.IGNORECASE)
 
 
 def parse_length(text: str | float, name: str = "length") -> float:
-    """Read a length such as ``0.15``, ``150mm`` or ``6in`` and return meters; a bare number is meters.
+    """Parse a length such as ``0.15``, ``150mm`` or ``6in`` and return meters; a bare number is in meters.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def parse_length(text: str | float, name: str = "length") -> float:
 
 
 def format_length(meters: float) -> str:
-    """Write a length for people: millimeters below one meter, meters above.
+    """Format a length for people: millimeters below one meter, meters above.
 
     >>> format_length(0.036), format_length(1.5)
     ('36 mm', '1.5 m')

@@ -2,6 +2,7 @@
 
 import ast
 import re
+import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -73,6 +74,18 @@ def test_every_schema_goes_into_the_wheel():
     for path in published:
         assert inside[f"docs/{path.name}"] == f"markergen/schemas/{path.name}"
     assert [path.name for path in schemas().values()] == [path.name for path in published]
+
+
+def test_the_papers_study_is_installed_and_found_in_a_checkout():
+    build = PROJECT["tool"]["hatch"]["build"]
+    inside = build["targets"]["wheel"]["force-include"]
+    assert inside["examples/paper_study/markergen_paper"] == "markergen_paper"
+    assert "examples/paper_study" in build["dev-mode-dirs"]
+    assert PROJECT["project"]["entry-points"]["markergen.studies"] == {"paper": "markergen_paper:PAPER"}
+    # In a process of its own: here the folder is on the path for the tests.
+    code = "from markergen.studies.named import STUDIES; print(STUDIES.names(), STUDIES['paper'].run.__module__)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.split() == ["['paper']", "markergen_paper.study"]
 
 
 @pytest.mark.parametrize("name", ["templates", "schemas"])

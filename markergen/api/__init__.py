@@ -1,1 +1,1 @@
-"""The functions of the library: each takes objects, paths or texts, and returns a result."""
+"""The functions of the library: each takes objects, paths or text, and returns a result."""

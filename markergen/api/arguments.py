@@ -1,4 +1,4 @@
-"""What callers may give in several forms, made into the one that the engines take."""
+"""Conversion of the argument forms that callers may use to the one that the engines take."""
 
 from collections.abc import Sequence
 from os import PathLike
@@ -11,22 +11,22 @@ from markergen.options import CameraLike, MarkerLike, read_as
 
 
 def marker_of(value: MarkerLike) -> Marker:
-    """Marker itself, or of whatever `Marker.load` takes."""
+    """Return a marker as it is, or load it from anything that `Marker.load` takes."""
     return value if isinstance(value, Marker) else Marker.load(value)
 
 
 def camera_of(value: CameraLike | None) -> Camera | None:
-    """Camera itself, or of whatever `Camera.load` takes; None for None."""
+    """Return a camera as it is, or load it from anything that `Camera.load` takes; None for None."""
     return value if value is None or isinstance(value, Camera) else Camera.load(value)
 
 
 def files_among(*values: object) -> list[Path]:
-    """Those values that may be paths: what no output may be written over."""
+    """Return the values that may be input paths, which no output may overwrite."""
     return [Path(value) for value in values if isinstance(value, str | PathLike) and str(value)]
 
 
 def path_of(value: object, wanted: str) -> Path:
-    """Path of a text or path-like object; what is `wanted` is for the message.
+    """Return the path of a string or path-like object; `wanted` describes it in the message.
 
     Raises
     ------
@@ -37,12 +37,12 @@ def path_of(value: object, wanted: str) -> Path:
 
 
 def paths_of(values: Sequence[object], wanted: str) -> list[Path]:
-    """Paths of texts and path-like objects, one or more; what is `wanted` is for the message.
+    """Return the paths of one or more strings or path-like objects; `wanted` describes them in the message.
 
     Raises
     ------
     InputError
-        If there is none, or one is anything else.
+        If there is none, or one of them is anything else.
     """
     if not values or any(value is None for value in values):
         raise InputError(wanted, "none", 'give a path, such as "marker.pdf"')

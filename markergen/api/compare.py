@@ -1,4 +1,4 @@
-"""``markergen.compare``."""
+"""``markergen.compare``: markers against each other and against square tags and boards."""
 
 import logging
 import time
@@ -37,11 +37,11 @@ def compare(
         Files to write at the end, by suffix: .json for the results, .svg or .png for a plot of the errors. All targets
         are checked before the work begins.
     json, plot : path or None
-        Files for the results and for the plot; that of the results may have any suffix.
+        Files for the results and for the plot; the file for the results may have any suffix.
     progress : callable or None
-        Called with the stage, how much of it is done, and its total.
+        Called with the stage, the amount done, and the total.
     **options
-        As on the command line, ``markergen compare --help``, with underscores. Lengths are m or text with a unit.
+        As on the command line, ``markergen compare --help``, with underscores. Lengths are in m, or text with a unit.
 
     Returns
     -------
@@ -50,10 +50,10 @@ def compare(
     Raises
     ------
     InputError
-        If a contestant is unknown, the markers differ in size, or an argument is unknown, of a wrong type or out of
+        If a contestant is unknown, the markers differ in size, or an argument is unknown, of the wrong type or out of
         range.
     OutputError
-        If a file could not be written.
+        If a file cannot be written.
 
     Examples
     --------
@@ -83,7 +83,7 @@ compare.__signature__ = signature_of(compare, CompareKeywords)  # type: ignore[a
 
 
 def _named(contestants: Sequence[MarkerLike]) -> tuple[list[str], dict[str, Marker]]:
-    """Texts of all contestants, and by their texts the markers that come from no path."""
+    """Return the texts of all contestants, and the markers that come from no path, by their texts."""
     objects = [each for each in contestants if _is_object(each)]
     texts, given = [], dict[str, Marker]()
     for each in contestants:
@@ -99,5 +99,5 @@ def _named(contestants: Sequence[MarkerLike]) -> tuple[list[str], dict[str, Mark
 
 
 def _is_object(contestant: object) -> bool:
-    """Whether it is a marker, or what `Marker.load` takes beside paths."""
+    """True for a marker, or anything besides paths that `Marker.load` takes."""
     return isinstance(contestant, Marker | Mapping) or hasattr(contestant, "read")

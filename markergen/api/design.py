@@ -16,9 +16,8 @@ from markergen.files import check_outputs as check_files
 from markergen.model.spec import Spec
 from markergen.model.tag import parse_ids
 from markergen.objectives import OBJECTIVES
-from markergen.optimize.design import Design
+from markergen.optimize.design import Design, members
 from markergen.optimize.design import design as find
-from markergen.optimize.family import members
 from markergen.optimize.trace import check_trace_path, trace_bytes
 from markergen.options import Progress, check_progress, given, signature_of
 from markergen.options.tables import DesignKeywords
@@ -34,23 +33,23 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
     Parameters
     ----------
     progress : callable, optional
-        Called along the way with a stage, what is done of it, and its total.
+        Called with a stage, the amount done, and the total.
     **options
-        As on the command line, ``markergen design --help``, with underscores. Lengths are m or text with a unit;
+        As on the command line, ``markergen design --help``, with underscores. Lengths are in m, or text with a unit;
         ``boundary``, ``keep_out`` and ``outline`` may be boundaries, ``camera`` a `Camera`, ``poses`` a distribution;
         ``output`` and ``trace`` are one path or several, checked before the search and written together after it.
 
     Returns
     -------
     Design
-        ``design.marker`` is the marker; printing the design shows what the command shows. Its warnings are logged, too.
+        ``design.marker`` is the marker; printing the design shows what the command shows. Warnings are also logged.
 
     Raises
     ------
     InputError
-        If an option is unknown or unfit, the dots do not fit, no pose sees the marker, or a file cannot be used.
+        If an option is unknown or invalid, the dots do not fit, no pose sees the marker, or a file cannot be used.
     OutputError
-        If something cannot be written.
+        If a file cannot be written.
 
     Examples
     --------
@@ -77,7 +76,7 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
         progress("writing", 0, 1)
     written = []
     if paths:
-        # All files are checked once more, and none is written unless all can be made.
+        # All files are checked again, and none is written unless all can be made.
         write = save_family if request.ids else save
         written = write(found.markers, paths, request.choices, request.inputs)
     steps = {path: trace_bytes(found.trace, path.suffix, _label(request.spec)) for path in request.traces}
@@ -90,7 +89,7 @@ design.__signature__ = signature_of(design, DesignKeywords)  # type: ignore[attr
 
 @dataclass(frozen=True)
 class _Request:
-    """A request, checked before any search: the spec, ids of a family, and files."""
+    """A request, checked before any search: the spec, the ids of a family, and files."""
 
     spec: Spec
     ids: tuple[int, ...]
@@ -104,11 +103,11 @@ def _request(options: Mapping[str, Any]) -> _Request:
     asked = given(options, DesignKeywords)
     if "radius" in asked and "boundary" in asked:
         raise InputError("a radius or a boundary", "--radius and --boundary", "leave one of them out")
-    if asked.get("restarts") == 0:  # A spec takes 0 for the objective's default.
+    if asked.get("restarts") == 0:  # In a spec, 0 stands for the objective's default.
         raise InputError("restarts of 1 or more", "--restarts 0", "give a positive number, or leave it out")
     template, output, traces = (asked.pop(name, None) for name in ("template", "output", "trace"))
     values = read_template(str(template)) if template else {}
-    # Either of them gives the available room, so the one that is given replaces the template's.
+    # Each of them defines the available room, so the one that is given replaces the template's.
     for one, other in (("radius", "boundary"), ("boundary", "radius")):
         if one in asked:
             values.pop(other, None)
@@ -129,7 +128,7 @@ def _request(options: Mapping[str, Any]) -> _Request:
 
 
 def _named_in(values: Mapping[str, Any]) -> list[Any]:
-    """What may name a file that is read, whether an option or the template says so."""
+    """Return all values that may name an input file, from options or from the template."""
     plate = values.get("substrate")
     named = [values.get(key) for key in ("camera", "poses", "boundary", "outline")]
     named += [plate.get("outline")] if isinstance(plate, Mapping) else []

@@ -20,7 +20,7 @@ from markergen.model.substrate import parse_dowel, parse_mount
 from markergen.model.substrate_checks import check_edge, check_holes
 from markergen.options import MarkerLike, as_list, declared, given, signature_of
 from markergen.options.tables import ExportKeywords, PlateKeywords
-from markergen.read.outlines import read_room
+from markergen.read.outlines.boundary import read_room
 
 SHEET = ("paper", "orientation", "margin", "tile", "overlap", "compensate")
 MADE = ("process", "depth", "gap", "fit", "through", "tool", "dome", "draft", "foot", "engrave", "tolerance")
@@ -29,7 +29,7 @@ MADE = ("process", "depth", "gap", "fit", "through", "tool", "dome", "draft", "f
 def export(
     marker: MarkerLike | Iterable[MarkerLike], *paths: str | PathLike[str], **options: Unpack[ExportKeywords]
 ) -> list[Written]:
-    """Write a marker, or several, at true size: to print, to make, or as configuration for detection programs.
+    """Write one or more markers at true size: for printing, for manufacturing, or as configuration for detectors.
 
     Parameters
     ----------
@@ -39,8 +39,8 @@ def export(
         The suffix of each selects its format: ``.pdf``, ``.svg``, ``.png``, ``.dxf``, ``.step`` and so on. All
         files are written, or none.
     **options
-        As on the command line, ``markergen export --help``, with underscores: ``corner_radius="5mm"``. Options of the
-        plate override the marker's.
+        As on the command line, ``markergen export --help``, with underscores: ``corner_radius="5mm"``. Plate options
+        override the marker's.
 
     Returns
     -------
@@ -79,13 +79,13 @@ export.__signature__ = signature_of(export, ExportKeywords)  # type: ignore[attr
 
 
 def choices_of(asked: Mapping[str, Any]) -> ExportOptions:
-    """Choices about sheets and solids among the options that were given (see `given`); others are ignored."""
+    """Return the given choices about sheets and solids (see `given`); other options are ignored."""
     laid: dict[str, Any] = {name: asked[name] for name in SHEET if name in asked}
     if "colors" in asked:
         laid["colors"] = parse_colors(asked["colors"])
     making = {name: asked[name] for name in MADE if name in asked}
     for choice in CHOICES:
-        if making.get(choice):  # Also where it is the default: other processes have no such choice.
+        if making.get(choice):  # Even if it is the default: other processes have no such choice.
             check_choice(making.get("process", DEFAULT_PROCESS), choice)
     if "draft" in making:
         making["draft"] = radians(making["draft"])
@@ -94,7 +94,7 @@ def choices_of(asked: Mapping[str, Any]) -> ExportOptions:
 
 
 def with_plate(marker: Marker, asked: Mapping[str, Any]) -> Marker:
-    """Marker with options of the plate applied.
+    """Return the marker with plate options applied.
 
     Mounting holes replace all of the marker's mounting holes, and dowel holes all of its dowel holes.
 
@@ -114,7 +114,7 @@ def with_plate(marker: Marker, asked: Mapping[str, Any]) -> Marker:
     holes = [hole for hole in marker.substrate.holes if hole.use not in values]
     holes += [hole for text in values.pop("mount", ()) for hole in parse_mount(text)]
     holes += [hole for text in values.pop("dowel", ()) for hole in parse_dowel(text)]
-    # As a design lists them.
+    # In the same order as a design.
     holes.sort(key=lambda hole: hole.use == "dowel")
     plate = replace(marker.substrate, **values, holes=tuple(holes))
     if "edge" in values:

@@ -1,4 +1,4 @@
-"""``markergen.rescale``: the marker as it was printed."""
+"""``markergen.rescale``: the marker as printed."""
 
 from os import PathLike
 from typing import Unpack
@@ -23,7 +23,7 @@ class Rescaled(Result):
     ----------
     marker : Marker
     notes : tuple of str
-        Sentences: by how much the print is off, and how far that moves dots.
+        Sentences: the scale error of the print, and how far it moves the dots.
 
     Examples
     --------
@@ -47,14 +47,14 @@ class Rescaled(Result):
 def rescale(
     marker: MarkerLike, output: str | PathLike[str] | None = None, **options: Unpack[RescaleKeywords]
 ) -> Rescaled:
-    """Correct a marker for a print that came out at another size, by its rulers or by its dots.
+    """Correct a marker for a print that came out at another size, from measurements of its rulers or of its dots.
 
     Parameters
     ----------
     marker : Marker, path or dict
         As designed, or rescaled before.
     output : str or path, optional
-        The marker.json of this print; may be the file that the marker was read from.
+        The marker.json for this print; may be the file that the marker was read from.
     **options
         As on the command line, ``markergen rescale --help``, with underscores: ``measured_x="198.6mm"``.
 

@@ -1,4 +1,4 @@
-"""``markergen.study``: the paper reproduced, or any grid of designs, as one tidy table."""
+"""``markergen.study``: the paper reproduced, or any grid of designs as one tidy table."""
 
 import csv
 import logging
@@ -18,7 +18,8 @@ from markergen.presentation.tables import data_frame
 from markergen.studies.engines import engine_for
 from markergen.studies.named import STUDIES
 from markergen.studies.run import CellProgress
-from markergen.studies.sweep import read_sweep, run_sweep, sweep_from_mapping
+from markergen.studies.sweep.grid import read_sweep, sweep_from_mapping
+from markergen.studies.sweep.run import run_sweep
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -33,7 +34,7 @@ class Study(Result):
     ----------
     folder : Path
     files : tuple of Path
-        What was written.
+        Files written.
 
     Examples
     --------
@@ -58,7 +59,7 @@ class Study(Result):
         return [str(Written(path)) for path in self.files]
 
     def to_frame(self, table: str = "") -> "DataFrame":
-        """Return a table of the study as a DataFrame; without a name that of a sweep, or the claims of the paper.
+        """Return a table of the study as a DataFrame; by default a sweep's only table, or the paper's claims.
 
         Raises
         ------
@@ -83,9 +84,9 @@ def study(
     announce: Callable[[str], None] | None = None,
     **options: Unpack[StudyKeywords],
 ) -> Study:
-    """Reproduce the paper, or run any grid of designs, into a folder of tables, figures and a page.
+    """Reproduce the paper, or run any grid of designs, and write a folder of tables, figures and a page.
 
-    The results do not depend on the number of workers, nor on where they compute.
+    The results do not depend on the number of workers or on where they run.
 
     Parameters
     ----------
@@ -95,18 +96,18 @@ def study(
     output : str or path
         Folder for tables, figures and finished cells.
     progress : callable, optional
-        Called with the cells done, their total, and the seconds left.
+        Called with the number of finished cells, their total, and the seconds left.
     announce : callable, optional
-        Called once, with a sentence about how long it will take, where that is known beforehand.
+        Called once with a sentence about the expected duration, if known in advance.
     **options
         As on the command line, ``markergen study --help``.
 
     Raises
     ------
     InputError
-        If there is no such study, it asks for what cannot be, or the folder is that of another one.
+        If there is no such study, it specifies something impossible, or the folder belongs to another study.
     OutputError
-        If something cannot be written; what is finished remains, and ``resume=True`` continues.
+        If a file cannot be written; finished cells are kept, and ``resume=True`` continues.
 
     Examples
     --------
@@ -153,7 +154,7 @@ def _value(text: str) -> str | float:
 
 
 def duration(seconds: float) -> str:
-    """Write a time for people: seconds, minutes or hours."""
+    """Format a duration for people: seconds, minutes or hours."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -1,4 +1,4 @@
-"""``markergen.validate``."""
+"""``markergen.validate``: pose errors against their bounds, and detection in synthetic views."""
 
 import logging
 import time
@@ -18,7 +18,7 @@ from markergen.validation.views import SyntheticViews
 _log = logging.getLogger(__name__)
 
 VIEWS = 100
-"""Synthetic images unless another number is asked for."""
+"""Default number of synthetic images."""
 
 
 def validate(
@@ -34,8 +34,8 @@ def validate(
 ) -> Validation:
     """Prove a marker: pose errors of every estimator with their bounds, synthetic views, and what limits the accuracy.
 
-    Noisy trials at every pose that sees the whole marker are held against the Cramer-Rao bound, then synthetic images
-    are rendered in which the marker is detected as in photos. docs/validate.md describes what is measured and how.
+    Noisy trials at every pose that sees the whole marker are compared with the Cramer-Rao bound; then synthetic images
+    are rendered and the marker is detected in them as in photos. docs/validate.md describes the measurements.
 
     Parameters
     ----------
@@ -46,13 +46,13 @@ def validate(
         Files to write at the end, by suffix: .html for the report, .json for the results, .svg or .png for the plot.
         All targets are checked before the work begins.
     json, report : path or None
-        Files for the results, under any suffix, and for the report.
+        File for the results, under any suffix, and file for the report.
     pictures : path or None
         Folder for pictures of failed, worst and typical views.
     progress : callable or None
-        Called with the stage, how much of it is done, and its total.
+        Called with the stage, the amount done, and the total.
     **options
-        As on the command line, ``markergen validate --help``, with underscores. Lengths are m or text with a unit.
+        As on the command line, ``markergen validate --help``, with underscores. Lengths are in m, or text with a unit.
 
     Returns
     -------
@@ -61,9 +61,9 @@ def validate(
     Raises
     ------
     InputError
-        If an argument is unknown, of a wrong type or out of range, or no pose sees the whole marker.
+        If an argument is unknown, of the wrong type or out of range, or no pose sees the whole marker.
     OutputError
-        If a file could not be written.
+        If a file cannot be written.
 
     Examples
     --------

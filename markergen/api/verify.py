@@ -1,4 +1,4 @@
-"""``markergen.verify``."""
+"""``markergen.verify``: files read back and compared with the marker."""
 
 import logging
 from typing import Unpack
@@ -22,7 +22,7 @@ def verify(
     """Read files back with independent readers, and compare every dot with the marker.
 
     The dots are aligned with the marker's by the best rotation and translation, never by a scale: dots that are scaled,
-    mirrored, missing or of another marker are reported as such.
+    mirrored, missing or from another marker are reported as such.
 
     Parameters
     ----------
@@ -31,22 +31,22 @@ def verify(
     *files : path
         Sheets, solids and configurations, read by suffix.
     save, json : path or None
-        Write the results as .json, or as JSON under any name.
+        Files for the results: .json, or JSON under any name.
     **options
         As on the command line, ``markergen verify --help``: ``tolerance="0.1mm"``.
 
     Returns
     -------
     Verification
-        A check of each file, in their order. If a file cannot be used, the `error` of its check says why, and the
-        others are verified regardless.
+        One check for each file, in order. If a file cannot be used, the `error` of its check says why, and the others
+        are still verified.
 
     Raises
     ------
     InputError
-        If the marker cannot be read, no file is given, one is no path, or the tolerance is not above 0.
+        If the marker cannot be read, no file is given, one is not a path, or the tolerance is not above 0.
     OutputError
-        If a file could not be written.
+        If a file cannot be written.
 
     Examples
     --------

@@ -9,7 +9,7 @@ from markergen.cli.console import INTERRUPTED, UNUSABLE, complain
 
 
 class _Warnings(logging.Handler):
-    """Tells on stderr, in a line each, what the library warns about."""
+    """Prints library warnings on stderr, one line each."""
 
     def emit(self, record: logging.LogRecord) -> None:
         print("markergen: warning:", " ".join(record.getMessage().split()), file=sys.stderr)
@@ -19,7 +19,7 @@ WARNINGS = _Warnings(logging.WARNING)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit status; ``--debug`` anywhere asks for the traceback of an error."""
+    """Run the command line and return its exit status; ``--debug`` anywhere shows the traceback of an error."""
     # The matrices here are tiny and come in batches: threads inside the linear algebra only cost time and memory.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     given = list(sys.argv[1:] if arguments is None else arguments)
@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         status = INTERRUPTED
     except BrokenPipeError:
-        # Whoever read our output has seen enough; without this Python complains again at exit.
+        # The reader of our output has closed the pipe; without this, Python complains again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         _complain(_explain(error))
         return UNUSABLE
-    # Typer turns Ctrl-C into this status itself, without a word.
+    # Typer turns Ctrl-C into this status itself, without a message.
     if status == INTERRUPTED:
         _complain("interrupted")
     return status
@@ -55,7 +55,7 @@ def _run(arguments: list[str]) -> int:
         return int(app(arguments, standalone_mode=False, prog_name="markergen") or 0)
     except typer.Abort:
         return INTERRUPTED
-    # Typer carries its own click or not, depending on the version; the base of BadParameter is UsageError in both.
+    # Depending on its version, Typer bundles its own click; the base of BadParameter is UsageError either way.
     except typer.BadParameter.__base__ as error:  # type: ignore[misc]
         command = error.ctx.command_path if error.ctx else "markergen"
         raise MarkergenError(f"{error.format_message().rstrip('.')}; see {command} --help") from error

@@ -1,4 +1,4 @@
-"""Lets ``python -m markergen.cli`` do what ``markergen`` does."""
+"""Makes ``python -m markergen.cli`` equivalent to ``markergen``."""
 
 import sys
 

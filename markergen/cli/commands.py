@@ -1,4 +1,4 @@
-"""The commands: each says how it is called, calls its function of the library, and prints what that returns."""
+"""The commands: each declares its arguments, calls its library function, and prints the result."""
 
 import sys
 from pathlib import Path
@@ -46,7 +46,7 @@ def markergen(
       markergen export marker.json -o marker.step
       markergen detect photos/ --marker marker.json --camera camera.yaml
 
-    Lengths are meters, or carry a unit: 0.15, 150mm, 6in. Add --debug to see where an error came from.
+    Lengths are meters, or carry a unit: 0.15, 150mm, 6in. Add --debug for the traceback of an error.
     """
 
 
@@ -77,15 +77,13 @@ def validate(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Calibration: OpenCV, ROS camera_info, Kalibr or COLMAP. [default: what it was designed for]",
+            help="Calibration: OpenCV, ROS camera_info, Kalibr or COLMAP. [default: the camera of the design]",
             rich_help_panel=VIEW,
         ),
     ] = None,
-    report: Annotated[
-        Path | None, typer.Option(metavar="FILE.html", help="Write everything as one page to look at.")
-    ] = None,
+    report: Annotated[Path | None, typer.Option(metavar="FILE.html", help="Write everything as one HTML page.")] = None,
     pictures: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write views that failed, the worst and typical ones as PNG.")
+        Path | None, typer.Option(metavar="DIR", help="Write failed, worst and typical views as PNG.")
     ] = None,
     json: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the results as JSON; - is standard output.")
@@ -96,8 +94,8 @@ def validate(
     ] = None,
     **options: Any,
 ) -> None:
-    """Prove a marker: homography and pose errors of every estimator over all poses with their bounds, then synthetic
-    views in which it is found as a program would, and what limits the accuracy: image, print, or calibration.
+    """Prove a marker: homography and pose errors of every estimator over all poses with their bounds, then detection
+    in synthetic views, and what limits the accuracy: image, print, or calibration.
 
     \b
     Example:
@@ -149,7 +147,7 @@ def export(
     ],
     **options: Any,
 ) -> None:
-    """Write a marker at true size to print, as drawing or solid to make, or as configuration for detection programs.
+    """Write a marker at true size: a sheet to print, a drawing or solid to make, or configuration for detectors.
 
     \b
     Example:
@@ -174,28 +172,26 @@ def detect(
     images: Annotated[
         list[str], typer.Argument(metavar="IMAGE...", help="Image files, folders of them, or patterns such as '*.png'.")
     ],
-    marker: Annotated[
-        list[Path], typer.Option(metavar="MARKER.JSON", help="What to look for; may be repeated for several markers.")
-    ],
+    marker: Annotated[list[Path], typer.Option(metavar="MARKER.JSON", help="Marker to look for; may be repeated.")],
     camera: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Calibration: OpenCV, ROS camera_info, Kalibr or COLMAP. [default: none: pixels and homography only]",
+            help="Calibration: OpenCV, ROS camera_info, Kalibr or COLMAP. [default: none: pixels and homography]",
             rich_help_panel=VIEW,
         ),
     ] = None,
     json: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write what was found as JSON; - is standard output.")
+        Path | None, typer.Option(metavar="FILE", help="Write the detections as JSON; - is standard output.")
     ] = None,
     overlay: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write each image here with what was found drawn in.")
+        Path | None, typer.Option(metavar="DIR", help="Write each image here with its detections drawn in.")
     ] = None,
     **options: Any,
 ) -> None:
     """Find markers in images: dot centers with their covariance, homography, and pose T_camera_marker with its own.
 
-    Status 1 if any image has no marker, 2 if any could not be used; the others are processed regardless.
+    Status 1 if any image has no marker, 2 if any cannot be used; the others are processed regardless.
 
     \b
     Example:
@@ -203,7 +199,7 @@ def detect(
     """
     from markergen.detect.batch import detect_files
 
-    # While there is a bar, it stands in for the stream.
+    # While the progress bar is shown, it replaces the stream.
     stdout = sys.stdout
     to_stdout = str(json) == "-"
     with console.progress_bar() as progress:
@@ -257,7 +253,7 @@ def compare(
 @app.command(cls=GroupedCommand)
 @with_options(VerifyKeywords)
 def verify(
-    marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="What the files are to hold.")],
+    marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="Marker that the files should contain.")],
     files: Annotated[
         list[Path], typer.Argument(metavar="FILE...", help="Sheets, solids and configurations, read by suffix.")
     ],
@@ -269,7 +265,7 @@ def verify(
     """Read files back with independent readers, and compare every dot with marker.json.
 
     The dots are aligned with the marker's by the best rotation and translation, never by a scale: dots that are scaled,
-    mirrored, missing or of another marker are reported as such. Status 1 if a file is wrong, 2 if one cannot be used.
+    mirrored, missing or from another marker are reported as such. Status 1 if a file is wrong, 2 if one cannot be used.
 
     \b
     Example:
@@ -301,7 +297,7 @@ def rescale(
 ) -> None:
     """Correct a marker for a print that came out at another size, by its rulers or by its dots.
 
-    detect and validate then use the positions of the dots in the print.
+    detect and validate then use the dot positions of the print.
 
     \b
     Example:
@@ -333,7 +329,7 @@ def study(
 ) -> None:
     """Reproduce the paper, or run any grid of designs, as one tidy table with figures and a page.
 
-    The results do not depend on the number of workers, nor on where they compute. Whatever ends it early, --resume
+    The results do not depend on the number of workers or on where they run. After an interruption, --resume
     continues.
 
     \b
@@ -348,9 +344,7 @@ def study(
         with console.cells_progress() as progress:
             found = run(what, output, progress=progress, announce=console.complain, **options)
     except KeyboardInterrupt:
-        console.complain(
-            f"markergen: what is finished remains in {output}; continue with the same command and --resume"
-        )
+        console.complain(f"markergen: finished cells remain in {output}; continue with the same command and --resume")
         raise
     console.print_parts(found.parts())
 

@@ -1,4 +1,4 @@
-"""What the commands share on the terminal: exit status, progress with time left, tables, and files written."""
+"""Terminal helpers shared by the commands: exit status, progress with time left, tables, and files written."""
 
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -20,12 +20,12 @@ FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
 """Exit status: a check failed; unusable input; Ctrl-C."""
 
 SECONDS_BETWEEN_LINES = 30
-"""Between lines of progress in a log."""
+"""Seconds between lines of progress in a log."""
 
 
 @contextmanager
 def progress_bar() -> Iterator["Progress"]:
-    """Yield a callback ``(stage, done, total)`` that keeps a bar with the time left on stderr, gone at the end."""
+    """Yield a callback ``(stage, done, total)`` that shows a bar with the time left on stderr, removed at the end."""
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
@@ -41,7 +41,7 @@ def progress_bar() -> Iterator["Progress"]:
     ) as bar:
         tasks: dict[str, Any] = {}
 
-        # A stage announces itself with nothing done, so that the time left is reckoned from its start.
+        # A stage is announced with nothing done, so that the time left is measured from its start.
         def advance(stage: str, done: int, total: int) -> None:
             if stage not in tasks:
                 tasks[stage] = bar.add_task(stage, total=total)
@@ -52,7 +52,7 @@ def progress_bar() -> Iterator["Progress"]:
 
 @contextmanager
 def cells_progress() -> Iterator[Callable[[int, int, float], None]]:
-    """Yield a callback ``(done, total, seconds left)`` for a study: a bar, or now and then a line in a log."""
+    """Yield a callback ``(done, total, seconds left)`` for a study: a bar, or an occasional line in a log."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn
 
@@ -66,7 +66,7 @@ def cells_progress() -> Iterator[Callable[[int, int, float], None]]:
 
 
 class _Lines:
-    """Progress for a log: the first line, the last one, and one in half a minute."""
+    """Progress for a log: the first line, the last one, and one every half minute."""
 
     def __init__(self) -> None:
         self._told = -inf
@@ -85,7 +85,7 @@ def _left(seconds: float) -> str:
 
 @contextmanager
 def busy(words: str) -> Iterator[None]:
-    """Show on stderr that something is under way that has no parts to count."""
+    """Show on stderr that something without countable steps is in progress."""
     from rich.console import Console
 
     console = Console(stderr=True)
@@ -102,7 +102,7 @@ def complain(line: str) -> None:
 
 
 def print_found(found: "Found", as_json: bool, parts: Iterable["str | Table"] | None = None) -> None:
-    """Print a result as JSON, or all its parts, or some; then the files that were written, never amid JSON."""
+    """Print a result as JSON, or all or some of its parts; then the files written, unless in JSON."""
     if as_json:
         sys.stdout.write(found.to_json().decode())
     else:
@@ -112,7 +112,7 @@ def print_found(found: "Found", as_json: bool, parts: Iterable["str | Table"] | 
 
 
 def print_parts(parts: Iterable["str | Table"]) -> None:
-    """Print sentences and tables; a terminal decides on their width."""
+    """Print sentences and tables; the width of a terminal applies to tables."""
     from markergen.presentation.tables import print_parts
 
     print_parts(parts, sys.stdout)

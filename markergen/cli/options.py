@@ -17,7 +17,7 @@ Rows = list[tuple[str, str]]
 
 
 def length(text: str) -> float:
-    """Read a length for an option, so that an error names the option."""
+    """Parse a length so that an error names the option."""
     try:
         return parse_length(text)
     except InputError as error:
@@ -25,12 +25,12 @@ def length(text: str) -> float:
 
 
 def length_or_auto(text: str) -> float | str:
-    """Read a length, or the word auto, for an option."""
+    """Parse a length, or the word auto, for an option."""
     return text if text == "auto" else length(text)
 
 
 PARSERS = {"length": length, "length or auto": length_or_auto}
-"""What reads a value where typer cannot."""
+"""Parsers for kinds that typer cannot read itself."""
 
 TYPES: dict[str, Any] = {
     "int": int,
@@ -47,20 +47,20 @@ TYPES: dict[str, Any] = {
     "camera": str,
     "poses": str,
 }
-"""What typer reads for each kind of value."""
+"""Type given to typer for each kind of value."""
 
 
 def with_options(
     table: type, listed: Mapping[str, Callable[[], Rows]] | None = None
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Decorate a command so that its ``**options`` are those of a table; what is not given is not passed on.
+    """Decorate a command so that its ``**options`` are those of a table; options not given are not passed on.
 
     Parameters
     ----------
     table : type
         One of `markergen.options.tables`.
     listed : mapping of title to callable, optional
-        Rows of two columns that its help shows under each title, made when they are asked for.
+        Two-column rows to show in help under each title, created on demand.
     """
 
     def decorate(body: Callable[..., None]) -> Callable[..., None]:
@@ -94,7 +94,7 @@ def _parameter(option: Option) -> Parameter:
 
 
 class GroupedCommand(TyperCommand):
-    """A command whose help lists its options by the groups that they were declared in, and its own ones last."""
+    """A command whose help lists its options by their declared groups, then its own options."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write arguments, then each group of options."""

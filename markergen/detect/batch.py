@@ -1,4 +1,4 @@
-"""Detection in many image files: one that cannot be read is reported and does not stop the others."""
+"""Detection in many image files: an unreadable file is reported and does not stop the others."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -23,11 +23,11 @@ class Outcome:
     path : Path
     image : Image or None
     size : tuple (width, height) or None
-        Of the image, px.
+        Size of the image, px.
     notes : tuple of str
-        Remarks of its reader.
+        Remarks of the image reader.
     markers : tuple of Found
-        As `Detector` returns them.
+        Results, in the order of `Detector`.
     error : str
         Why the image could not be used; empty otherwise.
     """
@@ -41,7 +41,7 @@ class Outcome:
 
     @property
     def found(self) -> bool:
-        """At least one marker was found."""
+        """True if at least one marker was found."""
         return any(each.ok for each in self.markers)
 
     def without_image(self) -> "Outcome":
@@ -49,13 +49,13 @@ class Outcome:
         return replace(self, image=None)
 
     def lines(self) -> list[str]:
-        """One line for the image and each marker in it, then the notes of its reader."""
+        """Return one line for the image and each marker in it, then the notes of the image reader."""
         if self.error:
             return [f"{self.path}: not used: {self.error}"]
         return [*(f"{self.path}: {each}" for each in self.markers), *(f"  {note}" for note in self.notes)]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it as plain JSON values (docs/detect.md)."""
+        """Return the outcome as plain JSON values (docs/detect.md)."""
         return {
             "image": str(self.path),
             "size": self.size,
@@ -65,10 +65,10 @@ class Outcome:
         }
 
     def overlay(self) -> bytes | None:
-        """Return the image as PNG bytes with what was found drawn in; None for one that could not be used."""
+        """Return the image as PNG bytes with all detections drawn in; None for an image that could not be used."""
         if self.image is None:
             return None
-        # There is one for each marker that was looked for, at least.
+        # There is at least one result for each marker that was looked for.
         markers, camera = self.markers[0].markers, self.markers[0].camera
         return drawn_over(self.image.grey, markers, camera, [each.detection for each in self.markers if each.ok])
 
@@ -80,9 +80,9 @@ class Outcomes:
     Attributes
     ----------
     images : tuple of Outcome
-        In their order, without the images themselves.
+        Outcomes in the order of the images, without the images themselves.
     unwritten : int
-        Overlays that could not be written.
+        Number of overlays that could not be written.
     """
 
     images: tuple[Outcome, ...]
@@ -113,7 +113,7 @@ class Outcomes:
         return 0 if all(each.found for each in self) else 1
 
     def to_json(self) -> str:
-        """One JSON array for all images (docs/detect.md)."""
+        """Return one JSON array for all images (docs/detect.md)."""
         return dumps([each.as_dict() for each in self], indent=2, allow_nan=False) + "\n"
 
 
@@ -133,8 +133,8 @@ def detect_files(
 ) -> Outcomes:
     """Find markers in image files.
 
-    A file that cannot be used, or an overlay that cannot be written, does not stop the others. What was found is
-    written as JSON at the end, and also when the work is interrupted.
+    A file that cannot be used, or an overlay that cannot be written, does not stop the others. The results are written
+    as JSON at the end, even if the work is interrupted.
 
     Parameters
     ----------
@@ -143,19 +143,19 @@ def detect_files(
     markers, camera, camera_covariance, print_sigma, refine
         As for `Detector`.
     json
-        File for what was found, or a stream for its text.
+        File or text stream for the results.
     overlay
-        Folder for each image with what was found drawn in.
+        Folder for the images with detections drawn in.
     progress : callable (stage, done, total)
     tell, warn : callables
-        Take lines for people: what was found; images that cannot be used and overlays that cannot be written.
+        Take lines for people: results; images that cannot be used and overlays that cannot be written.
 
     Raises
     ------
     InputError
-        If there are no images, or as `Detector` does.
+        If there are no images, or an argument is invalid (see `Detector`).
     OutputError
-        If a file cannot be written, or is one of the inputs.
+        If a file cannot be written, or an output is also an input.
     """
     tell, warn = tell or _silent, warn or _silent
     sought = as_list(markers)
@@ -182,12 +182,12 @@ def detect_files(
                 except OutputError as error:
                     warn(f"{path}: {error}")
                     unwritten += 1
-            # The image itself is not needed any more, and a folder of them would not fit into memory.
+            # Drop the image itself: a whole folder of images would not fit into memory.
             done.append(outcome.without_image())
         if progress:
             progress("detecting", len(paths), len(paths))
     finally:
-        # Also when interrupted: what was found so far is not lost.
+        # Written even after an interruption, so that the results so far are not lost.
         outcomes = Outcomes(tuple(done), unwritten)
         if target:
             write_atomic(target, outcomes.to_json().encode())
@@ -200,7 +200,7 @@ def detect_files(
 
 
 def look_at(detector: Detector, path: Path) -> Outcome:
-    """Look for the detector's markers in one file."""
+    """Detect the detector's markers in one file."""
     try:
         image = read_image(path)
         return Outcome(path, image, image.grey.shape[::-1], image.notes, tuple(detector(image.grey)))
@@ -209,7 +209,7 @@ def look_at(detector: Detector, path: Path) -> Outcome:
 
 
 def overlay_names(paths: Sequence[Path]) -> list[str]:
-    """File names for the overlays of images, all different, in order: the image's stem, numbered if it comes twice."""
+    """Return distinct file names for image overlays, in order: the image's stem, numbered if it is repeated."""
     names, taken = [], set[str]()
     for path in paths:
         name, number = path.stem, 1

@@ -1,4 +1,4 @@
-"""Dot candidates: dark ellipses in the image, as they are seen and with the lens undone."""
+"""Dot candidates: dark ellipses in the image, as seen and with the lens distortion removed."""
 
 from dataclasses import dataclass, fields
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 _SAME_PLACE, _SAME_SIZE = 0.5, 1.5
-"""Share of the short semi-axis, and ratio of the semi-axes, within which two fits are of one dot."""
+"""Share of the short semi-axis, and ratio of the semi-axes, within which two fits are of the same dot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,13 +25,13 @@ class Blobs:
     Attributes
     ----------
     center : array (B, 2), px
-        Of the image ellipse, which is not yet the image of the dot's center.
+        Center of the image ellipse, which is not yet the image of the dot's center.
     semi : array (B, 2), px, longest first
     angle : array (B,), rad, of the longest axis from x
     ring : array (B,) of bool
-        Bright in the middle.
+        True if the middle is bright.
     covariance : array (B, 2, 2), px^2
-        Of the center, from the grey noise that the fit leaves.
+        Covariance of the center, from the grey noise estimated by the fit.
     """
 
     center: Array
@@ -47,8 +47,8 @@ class Blobs:
 def detect_dots(image: Image) -> Blobs:
     """Find dark elliptic dots on a lighter ground.
 
-    Regions that are darker than what is around them (`find_regions`) start a fit of ellipse, grey levels and blur to
-    the image's grey levels (`fit_dots`).
+    Regions that are darker than their surroundings (`find_regions`) initialize a fit of ellipse, grey levels and blur
+    to the image's grey levels (`fit_dots`).
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def detect_dots(image: Image) -> Blobs:
     Raises
     ------
     InputError
-        If the image is not a grey image of uint8 or uint16, or has more than LARGEST_FRAME.
+        If the image is not a grey image of uint8 or uint16, or has more than LARGEST_FRAME pixels.
     """
     if image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
         raise InputError(
@@ -80,9 +80,9 @@ def detect_dots(image: Image) -> Blobs:
 
 
 def _distinct(dots: FittedDots) -> NDArray[np.intp]:
-    """Indices of the dots without repetitions: fits that began in different regions can end in the same dot.
+    """Return the indices of distinct dots: fits that began in different regions can end in the same dot.
 
-    Of dots that lie in the middle of each other and are about as large, the one whose center is known best stays.
+    Of dots that lie in each other's middle and are of about the same size, the one with the most precise center stays.
     """
     kept: list[int] = []
     for i in np.argsort(np.trace(dots.covariance, axis1=-2, axis2=-1), kind="stable"):
@@ -109,7 +109,7 @@ class Ellipses:
         E with (x - c)' E^-1 (x - c) = 1 on the outline.
     ring : array (B,) of bool
     index : array (B,) of int
-        Of the blobs that they are.
+        Index of each ellipse's blob.
     """
 
     center: Array
@@ -121,20 +121,20 @@ class Ellipses:
         return len(self.center)
 
     def take(self, chosen: NDArray[np.intp] | NDArray[np.bool_]) -> "Ellipses":
-        """Return the chosen ones."""
+        """Return a subset."""
         return Ellipses(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
 
 def undo_lens(blobs: Blobs, camera: Camera) -> Ellipses:
-    """Ellipses of the blobs as a camera without distortion, of focal length 1, would have taken them.
+    """Return the blobs' ellipses as seen by a camera of focal length 1 without distortion.
 
-    A lens with distortion makes of an ellipse something else, which the blob's ellipse fits best; so points of the
-    blob's outline are sent back through the lens, and an ellipse fitted to where they come from. Blobs where no ray
-    comes to the image are left out.
+    A distorted ellipse is no longer an ellipse, and the blob's ellipse is only its best fit; so points of the blob's
+    outline are undistorted, and an ellipse is fitted to the results. Blobs with points that no ray reaches are left
+    out.
     """
     turn = np.stack([np.cos(blobs.angle), np.sin(blobs.angle)], axis=-1)
     across = np.stack([-turn[:, 1], turn[:, 0]], axis=-1)
-    # Columns: the semi-axes.
+    # The columns are the semi-axes.
     axes = np.stack([turn * blobs.semi[:, :1], across * blobs.semi[:, 1:]], axis=-1)
     if camera == camera.ideal:
         center = camera.from_pixels(blobs.center)
@@ -143,7 +143,7 @@ def undo_lens(blobs: Blobs, camera: Camera) -> Ellipses:
     angle = 2 * np.pi * np.arange(_SAMPLES) / _SAMPLES
     circle = np.stack([np.cos(angle), np.sin(angle)])
     pixels = blobs.center[:, None] + (axes @ circle).swapaxes(-1, -2)
-    # The fit of the grey levels spends its freedom evenly along the outline: points count by the arc they stand for.
+    # The fit of the grey levels weights the outline evenly along its length: points are weighted by their arc length.
     speed = np.linalg.norm(axes @ np.stack([-circle[1], circle[0]]), axis=-2)
     outline = camera.from_pixels(pixels)
     usable = np.flatnonzero(np.isfinite(outline).all(axis=(-2, -1)))
@@ -152,13 +152,13 @@ def undo_lens(blobs: Blobs, camera: Camera) -> Ellipses:
 
 
 def _fit_ellipse(points: Array, circle: Array, weight: Array) -> tuple[Array, Array]:
-    """Ellipses that minimize the weighted squared distance from points (B, s, 2) near their outline.
+    """Fit ellipses that minimize the weighted squared distance from points (B, s, 2) near their outline.
 
-    Center c and symmetric M, which takes the ellipse to the unit circle: the distance is (rho - 1)/|grad rho| with
-    rho = |M (x - c)|, to first order, as in the fit of the grey levels.
+    With center c and symmetric M, which maps the ellipse to the unit circle, the distance is (rho - 1)/|grad rho| to
+    first order, with rho = |M (x - c)|, as in the fit of the grey levels.
     """
     center = points.mean(axis=1)
-    # Points at equal steps of an ellipse's parameter have its axes as their first harmonic.
+    # The first harmonic of points at equal steps of an ellipse's parameter gives its axes.
     axes = 2 * (points - center[:, None]).swapaxes(-1, -2) @ circle.T / circle.shape[1]
     values, vectors = np.linalg.eigh(axes @ axes.swapaxes(-1, -2))
     matrix = (vectors / np.sqrt(values)[:, None, :]) @ vectors.swapaxes(-1, -2)
@@ -174,7 +174,7 @@ def _fit_ellipse(points: Array, circle: Array, weight: Array) -> tuple[Array, Ar
             unit[..., 1] * offset[..., 1],
         ]
         scale = weight / np.sum(gradient**2, axis=-1)
-        # Residual rho - 1; its derivatives by center and matrix.
+        # Residual rho - 1, and its derivatives with respect to center and matrix.
         rows = np.stack([-gradient[..., 0], -gradient[..., 1], *by_matrix], axis=-1)
         weighted = (rows * scale[..., None]).swapaxes(-1, -2)
         step = np.linalg.solve(weighted @ rows, weighted @ (1 - rho)[..., None])[..., 0]

@@ -1,4 +1,4 @@
-"""Where dots could be: dark regions with the outline of an ellipse and an edge all around, above the image's noise."""
+"""Candidate regions for dots: dark, elliptic, with an edge all around that stands out from the image's noise."""
 
 from dataclasses import dataclass, fields
 
@@ -11,45 +11,45 @@ Eight = NDArray[np.uint8]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 MAX_REGIONS = 128
-"""Regions that are kept, those with the most even edges first: more are clutter, and each costs time."""
+"""Maximum number of regions, those with the most even edges first: the rest are clutter, and each costs time."""
 
 _WINDOW = 15
-"""Side of the window whose mean a pixel is compared with, px: wider than a blurred edge, narrow beside a dot's
-surroundings. The inside of a larger dot is not told from its mean, but a closed band along its edge is."""
+"""Side of the window whose mean a pixel is compared with, px: wider than a blurred edge, narrow compared to a dot's
+surroundings. The inside of a larger dot does not differ from its mean, but a closed band along its edge does."""
 
 _MIN_SIDE = 48
-"""The shorter side of the smallest image of the pyramid is longer than this, px."""
+"""Lower limit for the shorter side of the smallest image of the pyramid, px."""
 
 _MAX_PIXELS = 40_000_000
-"""Of the largest image of the pyramid: texture all over it has a million contours."""
+"""Maximum size of the largest image of the pyramid: texture all over it has a million contours."""
 
 _MIN_STEP, _STEP_SIGMA = 6.0, 3.5
-"""Dark is what lies below the local mean by so many grey levels, and by so many times the noise."""
+"""Minimum depth below the local mean of dark pixels: in grey levels, and as a multiple of the noise."""
 
 _SMOOTH_ABOVE = 3.0
-"""Noise from which the image is smoothed first, grey levels; smoothing closes gaps of a pixel or two."""
+"""Noise above which the image is smoothed first, grey levels; smoothing closes gaps of a pixel or two."""
 
 _MIN_POINTS = 8
 _MIN_SEMI_PX = 0.4
 _MAX_ELONGATION = 12.0
 _MAX_RMS_PX, _MAX_RMS_SHARE = 0.45, 0.05
-"""Largest RMS distance of a contour from its ellipse: px, for the steps between pixels, plus a share of the smaller
-semi-axis, for edges that light and neighbors displace. Squares are at 0.12."""
+"""Maximum RMS distance of a contour from its ellipse: px, for the steps between pixels, plus a share of the smaller
+semi-axis, for edges displaced by light and neighbors. Squares have 0.12."""
 
 _ANGLES = 24
 _OFFSETS = np.array([-6.0, -4, -3, -2, -1, 0, 1, 2, 3, 4, 6])
 _MIN_SUPPORT = 0.75
-"""Share of the outline that must have an edge: the fit can do without a fifth."""
+"""Share of the outline that must have an edge: the fit tolerates a fifth missing."""
 _MIN_EDGE = 0.35
 _MAX_UNEVEN = 0.6
-"""Largest standard deviation of the step over the outline, as a share of its median, but for the odd quarter. That of
-dots is under 0.25, with a noise of a tenth of the contrast."""
+"""Maximum standard deviation of the step over the outline, without its most deviant quarter, as a share of its median.
+Dots have less than 0.25, with a noise of a tenth of the contrast."""
 _MIN_CONTRAST = 12.0
 
 
 @dataclass(frozen=True, eq=False)
 class Regions:
-    """B dark regions by their rough outlines, where the fit starts.
+    """Rough outlines of B dark regions, as initial values for the fit.
 
     Attributes
     ----------
@@ -74,24 +74,24 @@ class Regions:
         return len(self.center)
 
     def take(self, index: NDArray[np.bool_] | Indices) -> "Regions":
-        """Return those of an index."""
+        """Return a subset."""
         return Regions(*(getattr(self, field.name)[index] for field in fields(self)))
 
 
 def find_regions(image: Image) -> Regions:
-    """Outlines of dark regions that could be dots, the most even edges first.
+    """Find outlines of dark regions that could be dots, those with the most even edges first.
 
-    Pixels below the mean of a small window are dark; in an image pyramid such windows are small or large, and the
-    noise is averaged away. So neither the level of the light, nor its slope, nor dark things beside a dot matter. A
-    region's outer border must be an ellipse, by the second moments of its area, and the image must be lighter
-    outside than inside, by the same step, all around.
+    Pixels below the mean of a small window are dark; the levels of an image pyramid provide windows of all sizes and
+    average the noise away. So the result does not depend on the light's level or slope, or on dark objects beside a
+    dot. A region's outer border must be an ellipse, judging by the second moments of its area, and the image must be
+    lighter outside than inside, by the same step, all around.
 
     Parameters
     ----------
     image : array (h, w)
     """
     dark, range_ = _range(image)
-    # Beyond this size only dots of more px are looked for, so that time and memory stay bounded.
+    # In larger images, only larger dots are looked for, which bounds time and memory.
     scale = 1
     while image.size > _MAX_PIXELS * scale**2:
         scale *= 2
@@ -110,7 +110,7 @@ def find_regions(image: Image) -> Regions:
 
 
 def _range(image: Image) -> tuple[float, float]:
-    """Least grey level, and the range of levels, that become 8 bits; of 16 bits all but a thousandth at either end."""
+    """Return the least grey level and the range to map to 8 bits; of 16 bits, a thousandth is cut off at either end."""
     if image.dtype == np.uint8 or not image.size:
         return 0.0, 255.0
     step = max(1, int(np.sqrt(image.size / 1e6)))
@@ -128,7 +128,7 @@ def _eight_bits(image: Image, low: float, range_: float) -> Eight:
 
 
 def _shrunk(image: Image, factor: int) -> Image:
-    """The image with squares of factor pixels' side averaged; what is left over at its end is left out."""
+    """Shrink an image by averaging squares of `factor` pixels' side; remainders at the far edges are left out."""
     import cv2
 
     if factor == 1:
@@ -140,7 +140,7 @@ def _shrunk(image: Image, factor: int) -> Image:
 
 
 def _borders(image: Eight) -> list[NDArray[np.int32]]:
-    """Borders (m, 1, 2) of what is darker than its surroundings; those of holes in it are among them."""
+    """Find the borders (m, 1, 2) of regions darker than their surroundings, including the borders of their holes."""
     import cv2
 
     if min(image.shape) < 3:
@@ -148,7 +148,7 @@ def _borders(image: Eight) -> list[NDArray[np.int32]]:
     noise = grey_noise(image)
     if noise > _SMOOTH_ABOVE:
         image = np.asarray(cv2.GaussianBlur(image, (3, 3), 0), dtype=np.uint8)
-        # The weights 1/4, 1/2, 1/4 in both directions leave 3/8 of the noise.
+        # The weights 1/4, 1/2, 1/4 in both directions reduce the noise to 3/8.
         noise *= 3 / 8
     mean = cv2.blur(image, (_WINDOW, _WINDOW), borderType=cv2.BORDER_REPLICATE)
     step = max(_MIN_STEP, _STEP_SIGMA * noise)
@@ -158,7 +158,7 @@ def _borders(image: Eight) -> list[NDArray[np.int32]]:
 
 
 def _ellipses(contours: list[NDArray[np.int32]]) -> tuple[Array, Array]:
-    """Centers (k, 2) and spreads (k, 2, 2) of the contours that are ellipses, by their polygons' moments."""
+    """Return the centers (k, 2) and spreads (k, 2, 2) of elliptic contours, by the moments of their polygons."""
     none = np.zeros((0, 2)), np.zeros((0, 2, 2))
     if not contours:
         return none
@@ -178,7 +178,7 @@ def _ellipses(contours: list[NDArray[np.int32]]) -> tuple[Array, Array]:
         return np.add.reduceat(values, start)
 
     area = total(cross) / 2
-    # Outer borders and those of holes turn in opposite senses; a line of pixels has no area.
+    # Outer borders and borders of holes have opposite orientations; a line of pixels has no area.
     outer = area < -1
     area = np.where(outer, area, -1)
     center_x, center_y = total((x + x1) * cross) / (6 * area), total((y + y1) * cross) / (6 * area)
@@ -205,18 +205,18 @@ def _ellipses(contours: list[NDArray[np.int32]]) -> tuple[Array, Array]:
     distance = (dx * gx + dy * gy - 1) / (2 * np.maximum(np.hypot(gx, gy), 1e-12))
     rms = np.sqrt(np.bincount(of_shaped, distance**2) / length[shaped])
     good = rms < _MAX_RMS_PX + _MAX_RMS_SHARE * np.sqrt(values[:, 0])
-    # A contour runs through the outermost pixels' centers, half a pixel inside.
+    # A contour runs through the outermost pixels' centers, half a pixel inside the true outline.
     grown = (np.sqrt(values[good]) + 0.5) ** 2
     center = np.stack([center_x, center_y], axis=-1) + first
     return center[shaped[good]], np.einsum("bik,bk,bjk->bij", vectors[good], grown, vectors[good])
 
 
 def _with_edges(image: Image, unit: float, center: Array, spread: Array) -> tuple[Regions, Array]:
-    """Outlines with an edge from dark to light all around, and for each how uneven the edge is, 0 for not at all.
+    """Select outlines with an edge from dark to light all around; also return how uneven each edge is, 0 for even.
 
-    Pixels are sampled on the normals of the outline. The share of the outline with a step near the median must be
-    large; the median profile across the outline gives levels and blur. The unit is the least step that counts as one
-    of 255 levels.
+    Pixels are sampled on the normals of the outline. A large share of the outline must have a step near the median;
+    the median profile across the outline gives levels and blur. `unit` is the step that counts as one of 255 grey
+    levels.
     """
     height, width = image.shape
     angle = 2 * np.pi * np.arange(_ANGLES) / _ANGLES
@@ -226,13 +226,13 @@ def _with_edges(image: Image, unit: float, center: Array, spread: Array) -> tupl
     along = np.einsum("bik,bk,kt->bti", vectors, semi, circle)
     normal = np.einsum("bik,bk,kt->bti", vectors, 1 / semi, circle)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    # No farther inside than the middle of the shorter axis.
+    # At most as far inside as the middle of the shorter axis.
     offset = np.maximum(_OFFSETS, -semi[:, :1])[:, None, :, None]
     place = center[:, None, None] + along[:, :, None] + offset * normal[:, :, None]
     column, row = np.rint(place[..., 0]).astype(int), np.rint(place[..., 1]).astype(int)
     zero = len(_OFFSETS) // 2
     near = column[:, :, zero + 1], row[:, :, zero + 1]
-    # The outline itself must be in the image, with a pixel to spare.
+    # The outline itself must be in the image, with a margin of one pixel.
     whole = ((near[0] >= 0) & (near[0] < width) & (near[1] >= 0) & (near[1] < height)).all(axis=-1)
     grey = image[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)].astype(float)
 
@@ -245,18 +245,18 @@ def _with_edges(image: Image, unit: float, center: Array, spread: Array) -> tupl
     good = whole & (contrast > _MIN_CONTRAST * unit) & (support >= _MIN_SUPPORT) & (uneven < _MAX_UNEVEN)
 
     profile = np.median(grey[good], axis=1)
-    # Past the lightest outside and the darkest inside other things begin.
+    # Beyond the lightest point outside and the darkest inside, other objects begin.
     profile[:, zero:] = np.maximum.accumulate(profile[:, zero:], axis=1)
     profile[:, zero::-1] = np.minimum.accumulate(profile[:, zero::-1], axis=1)
     light, dark = profile[:, -1], profile[:, 0]
     share = (profile - dark[:, None]) / np.maximum(light - dark, unit)[:, None]
     # The integral of F (1 - F) over a normal distribution F is its standard deviation over the root of pi.
     blur = np.sqrt(np.pi) * np.trapezoid(share * (1 - share), _OFFSETS, axis=1)
-    # Where the profile is halfway, by its area: thresholds below the mean make small and blurred regions too large.
+    # Position of the half-level by area: thresholds below the mean make small and blurred regions too large.
     edge = _OFFSETS[-1] - np.trapezoid(share, _OFFSETS, axis=1)
     semi = np.maximum(semi[good] + edge[:, None], 0.4 * semi[good])
     spread = np.einsum("bik,bk,bjk->bij", vectors[good], semi**2, vectors[good])
-    # The middle of a ring's hole, half as wide as the ring, is light.
+    # In a ring, the middle of the hole, which is half as wide as the ring, is light.
     around = center[good, None] + np.concatenate([np.zeros((len(light), 1, 2)), 0.15 * along[good, ::3]], axis=1)
     around = np.rint(around).astype(int)
     middle = image[around[..., 1], around[..., 0]].mean(axis=1)
@@ -265,7 +265,7 @@ def _with_edges(image: Image, unit: float, center: Array, spread: Array) -> tupl
 
 
 def _distinct(outlines: Regions) -> Indices:
-    """Of outlines that are nearly the same the first one of each."""
+    """Return the first of each group of nearly equal outlines."""
     size = np.linalg.det(outlines.spread) ** 0.25
     taken = np.zeros(0, dtype=np.intp)
     for i in range(len(outlines)):
@@ -282,10 +282,10 @@ _PIECE = 32
 
 
 def grey_noise(image: NDArray[np.uint8] | NDArray[np.uint16]) -> float:
-    """Standard deviation of the grey noise: of neighbors' differences, over sqrt(2), where they are small.
+    """Estimate the standard deviation of the grey noise, from differences of neighbors over sqrt(2) in plain areas.
 
-    In every eighth row, the fifth part of the pieces of 32 px that differ least count: plain paper is there, if
-    anywhere. Zero for images without such pieces.
+    In every eighth row, the fifth of the 32 px pieces with the smallest differences counts: they show plain paper, if
+    anything does. Zero for images without such pieces.
 
     Parameters
     ----------
@@ -295,6 +295,6 @@ def grey_noise(image: NDArray[np.uint8] | NDArray[np.uint16]) -> float:
     if not rows.size:
         return 0.0
     spread = np.mean(np.square(np.diff(rows.reshape(-1, _PIECE), axis=1)), axis=1)
-    # Saturated pieces have no noise to show.
+    # Saturated pieces show no noise.
     spread = spread[spread > 0]
     return float(np.sqrt(np.percentile(spread, 20) / 2)) if len(spread) else 0.0

@@ -1,7 +1,7 @@
-"""How dots look from a pose, and the poses from which they look as they do: batched, in normalized coordinates.
+"""Projection of dots as ellipses, and pose refinement from ellipse centers: batched, in normalized coordinates.
 
-Normalized coordinates are (X/z, Y/z): the lens is undone, the camera matrix too. So nothing here knows of pixels. The
-center of an image ellipse is not the image of the dot's center; how far apart they are follows from the conic, exactly.
+Normalized coordinates are (X/z, Y/z), without lens distortion and camera matrix, so this module is independent of
+pixels. The center of an image ellipse is not the image of the dot's center; the exact offset follows from the conic.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -16,23 +16,23 @@ from markergen.maths.least_squares import Arrays, Attempt, Damping, LeastSquares
 Array = NDArray[np.float64]
 
 DAMPING = Damping(start=1e-4, least=1e-12, slack=1e-12, ridge=1e-14)
-"""The ridge holds the direction that dots on a line leave free."""
+"""Damping; the ridge holds the direction that collinear dots leave free."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outlines:
-    """Image ellipses of k times n disks, normalized coordinates.
+    """Image ellipses of k times n disks, in normalized coordinates.
 
     Attributes
     ----------
     center : array (k, n, 2)
-        Of the ellipses.
+        Centers of the ellipses.
     point : array (k, n, 2)
         Images of the disks' own centers.
     shape : array (k, n, 2, 2)
         E with (x - c)' E^-1 (x - c) = 1 on the outline: semi-axes squared along the axes.
     seen : array (k, n) of bool
-        Wholly in front of the camera, and face toward it.
+        True if the disk is wholly in front of the camera and faces it.
     """
 
     center: Array
@@ -41,18 +41,18 @@ class Outlines:
     seen: NDArray[np.bool_]
 
     def take(self, chosen: NDArray[np.intp]) -> "Outlines":
-        """Return the chosen ones of the k."""
+        """Return a subset of the k."""
         return Outlines(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
     def joined(self, other: "Outlines") -> "Outlines":
-        """Return these and those of others."""
+        """Concatenate two sets of outlines."""
         return Outlines(
             *(np.concatenate([getattr(self, each.name), getattr(other, each.name)]) for each in fields(self))
         )
 
 
 def outlines(points: Array, radii: Array, rotation: Array, translation: Array) -> Outlines:
-    """Image ellipses of disks parallel to the marker plane, exactly, each at its own height.
+    """Return the exact image ellipses of disks parallel to the marker plane, each at its own height.
 
     The dual conic of a disk of radius r about P with normal n is r^2 (I - n n') - P P', in the camera frame and in the
     normalized image alike; center and shape of the ellipse are ratios of its entries.
@@ -72,10 +72,10 @@ def outlines(points: Array, radii: Array, rotation: Array, translation: Array) -
 
 
 def plane_outlines(points: Array, radii: Array, homography: Array) -> Outlines:
-    """The same for homographies (k, 3, 3) of the marker plane in m; points (n, 2).
+    """Return the image ellipses for homographies (k, 3, 3) of the marker plane in m, with points (n, 2).
 
-    The dual conic is r^2 (h1 h1' + h2 h2') - p p' with h1, h2 the first two columns and p = H (X, Y, 1). Of H and -H
-    the one is taken that has the middle of the points in front.
+    The dual conic is r^2 (h1 h1' + h2 h2') - p p' with h1, h2 the first two columns and p = H (X, Y, 1). Of H and -H,
+    the one that maps the middle of the points to the front is taken.
     """
     ahead = homography[:, 2, :2] @ points.mean(axis=0) + homography[:, 2, 2]
     homography = homography * np.where(ahead < 0, -1.0, 1.0)[:, None, None]
@@ -87,7 +87,7 @@ def plane_outlines(points: Array, radii: Array, homography: Array) -> Outlines:
 
 
 def _images(place: Array, disk: Array, facing: NDArray[np.bool_]) -> Outlines:
-    """Outlines of the dual conics disk - place place', for `disk` (k, n, 3, 3) and `place` (k, n, 3)."""
+    """Return the outlines of the dual conics disk - place place', for `disk` (k, n, 3, 3) and `place` (k, n, 3)."""
     depth = place[..., 2]
     # Below zero the rim reaches the plane of the camera's center.
     level = depth**2 - disk[..., 2, 2]
@@ -100,13 +100,16 @@ def _images(place: Array, disk: Array, facing: NDArray[np.bool_]) -> Outlines:
 
 
 def pose_rows(points: Array, rotation: Array, translation: Array) -> Array:
-    """Jacobian (k, n, 2, 6) of the normalized images of points (n, 3) by the pose (w, dt), see `maths.information`."""
+    """Return the Jacobian (k, n, 2, 6) of the normalized images of points (n, 3) with respect to the pose (w, dt).
+
+    See `maths.information`.
+    """
     turned = points @ rotation.swapaxes(-1, -2)
     scale = 1 / (turned[..., 2] + translation[:, None, 2])
     x, y = (scale * (turned[..., i] + translation[:, None, i]) for i in (0, 1))
     a, b, c = (scale * turned[..., i] for i in range(3))
     rows = np.zeros((*x.shape, 2, 6))
-    # A row g of d x / d X_camera, here (1, 0, -x)/z and (0, 1, -y)/z, meets w as (R X) x g.
+    # A row g of d x / d X_camera, here (1, 0, -x)/z and (0, 1, -y)/z, gives (R X) x g for w.
     rows[..., 0, 0], rows[..., 0, 1], rows[..., 0, 2] = -x * b, c + x * a, -b
     rows[..., 1, 0], rows[..., 1, 1], rows[..., 1, 2] = -y * b - c, y * a, a
     rows[..., 0, 3] = rows[..., 1, 4] = scale
@@ -124,10 +127,10 @@ def refine_poses(
     steps: int = 20,
     tolerance: float = 1e-10,
 ) -> tuple[Array, Array, Array]:
-    """Levenberg-Marquardt of k poses on the weighted distance between measured and predicted ellipse centers.
+    """Refine k poses by Levenberg-Marquardt on the weighted distance between measured and predicted ellipse centers.
 
-    The derivative of an ellipse's center is taken to be that of the disk's center: they differ by a thousandth, which
-    costs a step and changes nothing of the minimum's place but for that thousandth of the residuals.
+    The derivative of an ellipse's center is approximated by that of the disk's center: they differ by a thousandth,
+    which costs a step and shifts the minimum by only that thousandth of the residuals.
 
     Parameters
     ----------
@@ -135,14 +138,14 @@ def refine_poses(
     seen : array (k, n, 2)
         Measured centers of ellipses, normalized coordinates; anything finite where the weight is 0.
     weight : array (k, n, 2, 2)
-        Inverse covariances of `seen`; 0 for a dot that is not there.
+        Inverse covariances of `seen`; 0 for missing dots.
     rotation, translation : arrays (k, 3, 3) and (k, 3)
-        Where to start.
+        Initial poses.
     steps : int
-        Most steps that are taken.
+        Maximum number of steps.
     tolerance : float
-        Stops when no step turns by more than this, in rad, or moves by more than this share of the distance, or
-        lessens chi2 by more than this share of it.
+        Stops when no step rotates by more than this, in rad, or moves by more than this share of the distance, or
+        lowers chi2 by more than this share of it.
 
     Returns
     -------
@@ -155,7 +158,7 @@ def refine_poses(
 
 
 def mirrored_poses(points: Array, rotation: Array, translation: Array) -> tuple[Array, Array]:
-    """Poses (k, 3, 3), (k, 3) from which a flat marker looks much the same: mirrored about the middle of its points."""
+    """Mirror poses (k, 3, 3), (k, 3) about the middle of the points, which leaves a flat marker's image similar."""
     middle = points.mean(axis=0)
     place = rotation @ middle + translation
     mirrored = mirrored_rotation(rotation, place)
@@ -169,7 +172,7 @@ _GENERATORS = np.array(
 
 
 def _turn(vectors: Array) -> Array:
-    """`maths.rotation.exponential` for a few vectors (k, 3), in a quarter of the time."""
+    """Compute `maths.rotation.exponential` for a few vectors (k, 3), in a quarter of the time."""
     cross = (vectors @ _GENERATORS).reshape(-1, 3, 3)
     angle = np.sqrt(np.sum(vectors**2, axis=-1))[:, None, None] + 1e-150
     half = np.sin(angle / 2) / angle
@@ -178,10 +181,10 @@ def _turn(vectors: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class EllipseCenters(LeastSquares):
-    """Weighted distances of measured from predicted ellipse centers; see `refine_poses`.
+    """Weighted distances between measured and predicted ellipse centers; see `refine_poses`.
 
-    `used` (k, n) tells which dots have a weight. Poses take steps until all have converged: they are few, and to leave
-    one by one would cost more than the steps.
+    `used` (k, n) marks the dots that have a weight. All poses take steps until all have converged: they are few, and
+    removing them one by one would cost more than the steps.
     """
 
     points: Array
@@ -192,7 +195,10 @@ class EllipseCenters(LeastSquares):
     tolerance: float
 
     def residuals(self, unknowns: Arrays) -> Arrays:
-        """chi2 (k,), inf where a dot used is not seen, and measured minus predicted centers (k, n, 2), 0 if unused."""
+        """Return chi2 (k,), inf if a used dot is not seen, and measured minus predicted centers (k, n, 2).
+
+        Centers of unused dots are 0.
+        """
         rotation, translation = unknowns
         # The centers of `outlines`, without the shapes.
         place = self.points @ rotation.swapaxes(-1, -2) + translation[:, None]
@@ -208,18 +214,23 @@ class EllipseCenters(LeastSquares):
         visible = (front | ~self.used).all(axis=-1)
         return np.where(visible & (chi2 < np.inf), chi2, np.inf), residual
 
-    def normal_equations(self, unknowns: Arrays, found: Arrays) -> tuple[Array, Array]:
+    def jacobian(self, unknowns: Arrays, found: Arrays) -> Array:
+        """See `LeastSquares.jacobian`; here (k, n, 2, 6)."""
+        del found
+        return pose_rows(self.points, *unknowns)
+
+    def normal_equations(self, jacobian: Array, residual: Array) -> tuple[Array, Array]:
         """See `LeastSquares.normal_equations`."""
-        rows, k = pose_rows(self.points, *unknowns), len(self.seen)
-        weighted = (self.weight @ rows).reshape(k, -1, 6).swapaxes(-1, -2)
-        return weighted @ rows.reshape(k, -1, 6), (weighted @ found[1].reshape(k, -1, 1))[..., 0]
+        k = len(self.seen)
+        weighted = (self.weight @ jacobian).reshape(k, -1, 6).swapaxes(-1, -2)
+        return weighted @ jacobian.reshape(k, -1, 6), (weighted @ residual.reshape(k, -1, 1))[..., 0]
 
     def moved(self, unknowns: Arrays, step: Array) -> Arrays:
         """See `LeastSquares.moved`."""
         return _turn(step[:, :3]) @ unknowns[0], unknowns[1] + step[:, 3:]
 
     def converged(self, attempt: Attempt) -> Mask:
-        """Tell whether all poses are at rest or beyond hope: true for all or for none."""
+        """Return true for all if all poses have converged or diverged, else false for all."""
         _, translation = attempt.kept
         settled = attempt.good & (attempt.after >= attempt.before * (1 - self.tolerance))
         moved = np.abs(attempt.step)
@@ -233,27 +244,27 @@ class EllipseCenters(LeastSquares):
 
 
 ECCENTRICITY_ROUNDS = 2
-"""Over the paper's poses the offset, up to a pixel, is known to 3e-3 px after one round and to 4e-5 px after two."""
+"""Iterations: over the paper's poses the offset, up to a pixel, is known to 3e-3 px after one and 4e-5 px after two."""
 
 
 def correct_centers(centers: Array, points: Array, radii: Array) -> tuple[Array, Array]:
-    """Subtract from ellipse centers how far they lie from the images of the circles' centers, without a camera.
+    """Correct ellipse centers for their offset from the images of the circles' centers, without a camera.
 
-    The offset follows exactly from the homography, which is estimated from the centers corrected so far, in turns.
+    The offset follows exactly from the homography, which is in turn estimated from the centers corrected so far.
 
     Parameters
     ----------
     centers : array (k, n, 2), n >= 4
         Centers of the dots' image ellipses in ideal px, or any linear function of them.
     points : array (n, 2), m
-        The dots' centers in the plane of the marker.
+        Centers of the dots in the marker plane.
     radii : array (n,), m
 
     Returns
     -------
     corrected : array (k, n, 2)
     homography : array (k, 3, 3)
-        From points to corrected centers; not finite or arbitrary if three of four points are on a line.
+        Homography from points to corrected centers; not finite or arbitrary if three of four points are collinear.
     """
     corrected = centers
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,4 +1,4 @@
-"""The whole way from an image to labeled centers and a pose, with a reason when it ends early."""
+"""Complete detection, from an image to labeled centers and a pose, with a reason if it fails."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -24,7 +24,7 @@ from markergen.model.marker import Marker, check_supported
 Array = NDArray[np.float64]
 
 MAX_COPIES = 32
-"""Copies of one marker that are looked for in one image."""
+"""Maximum number of copies of one marker in one image."""
 
 CLAIMED = "labels are ambiguous between two markers that fit the same dots"
 UNREAD = "the tag could not be read, and two markers fit the same dots"
@@ -41,11 +41,11 @@ class Unlabeled:
     Attributes
     ----------
     pixels : array (k, 2), px
-        Images of the dots' centers, in the image as taken, corrected from the pose or homography of the labeling that
-        fits best. Labelings that fit as well put the dots' outlines into the same places, so that the correction is
-        nearly the same; only between the two planar poses of a marker seen from afar it may differ, by up to itself.
+        Images of the dots' centers in the image as taken, corrected with the pose or homography of the best-fitting
+        labeling. Labelings that fit equally well predict the same outlines, so the correction is nearly the same; it
+        may differ, by up to its own size, only between the two planar poses of a marker seen from afar.
     covariance, ellipse_centers : arrays (k, 2, 2), px^2, and (k, 2), px
-        As those of a `Detection`.
+        As in `Detection`.
     """
 
     pixels: Array
@@ -55,36 +55,36 @@ class Unlabeled:
 
 @dataclass(frozen=True, eq=False)
 class Detection:
-    """What was found of a marker in one image.
+    """Detection of one marker in one image.
 
     Attributes
     ----------
     found : bool
-        Four control points or more, with labels that are the only ones possible.
+        True if there are four or more control points with unique labels.
     ids : array (m,) of int
-        Of the control points that were found, in the marker's order; empty when not found, as are the others.
+        Ids of the control points found, in the marker's order; empty if not found, like the other arrays.
     pixels : array (m, 2), px
         Images of the control points, in the image as taken: lens distortion included.
     covariance : array (m, 2, 2), px^2
-        Of `pixels`, from the image's noise.
+        Covariance of `pixels`, from the image's noise.
     ellipse_centers : array (m, 2), px
         Centers of the dots' image ellipses, in the image as taken, from which `pixels` were corrected.
     homography : array (3, 3) or None
-        From the marker plane (m) to ideal px, those of `camera.ideal`; None for a marker with relief.
+        Homography from the marker plane (m) to ideal px, those of `camera.ideal`; None for a marker with relief.
     pose : PoseEstimate or None
-        None without a camera.
+        Pose; None without a camera.
     reason : str
-        Why nothing was found; empty otherwise.
+        Reason why the marker was not found; empty otherwise.
     marker : int
-        Which of the markers that were looked for.
+        Index among the markers that were looked for.
     rival : int or None
-        Which other marker fits the same dots, where that is the reason.
+        Index of another marker that fits the same dots, if that is the reason.
     dropped : array (k,) of int
-        Control points that were labeled, but lie farther from where the others put them than any error explains.
+        Control points that were labeled, but lie farther from their predicted place than any error explains.
     tag : array (4, 2) in px, or None
         Corners of the marker's tag in the image as taken, in the order of `Tag.corners`; None if it was not read.
     unlabeled : Unlabeled or None
-        The dots, where their labels are ambiguous and that is the reason; None otherwise.
+        The dots, if ambiguous labels are the reason; None otherwise.
     """
 
     found: bool
@@ -104,15 +104,15 @@ class Detection:
 
 @dataclass(frozen=True, eq=False)
 class Sought:
-    """Markers that are looked for, and what follows from them alone; made once for many images.
+    """Markers to look for, with everything that depends only on them; prepared once for many images.
 
     Attributes
     ----------
     markers : tuple of Marker
     layouts : tuple of DotLayout
-        One for each marker; those of a family share theirs, and what is found for it.
+        One layout for each marker; the markers of a family share a layout and its search results.
     families : frozenset of str
-        Of their tags.
+        Families of their tags.
     """
 
     markers: tuple[Marker, ...]
@@ -121,12 +121,12 @@ class Sought:
 
 
 def prepare(markers: Sequence[Marker], calibrated: bool) -> Sought:
-    """Check markers, and work out what the search needs to know of them; raises as `detect` does.
+    """Check markers and precompute what the search needs; raises as `detect` does.
 
     Parameters
     ----------
     calibrated : bool
-        Whether the images have a camera.
+        True if the images have a camera.
     """
     if not markers:
         raise InputError("one marker or more", "none", "say what to look for")
@@ -142,22 +142,22 @@ def prepare(markers: Sequence[Marker], calibrated: bool) -> Sought:
 def detect(
     image: Image, marker: Marker, camera: Camera | None = None, errors: ErrorSources = DEFAULT_ERRORS
 ) -> Detection:
-    """Find one marker in a grey image; of several copies the one with the most dots.
+    """Find one marker in a grey image; if there are several copies, the one with the most dots.
 
     Parameters
     ----------
     image : array (h, w) of uint8 or uint16
     camera : Camera or None
-        Without one, labels are told by the homography alone, and there is no pose.
+        Without one, labels follow from the homography alone, and there is no pose.
     errors : ErrorSources
-        Of print and calibration, for the weights of the dots and the pose's covariance.
+        Errors of print and calibration, for the weights of the dots and the pose's covariance.
 
     Raises
     ------
     InputError
-        If the image is not grey of uint8 or uint16, or the marker has fewer than four dots, dots on one line, dots
+        If the image is not grey of uint8 or uint16, or the marker has fewer than four dots, collinear dots, dots
         without size, or relief and there is no camera; also as `check_supported` does. An image without the marker is
-        no error.
+        not an error.
     """
     return detect_all(image, [marker], camera, errors, copies=1)[0]
 
@@ -171,19 +171,19 @@ def detect_all(
 ) -> list[Detection]:
     """Find all copies of all markers in a grey image.
 
-    The best labeling of all markers is taken, its blobs are removed, and so on. A blob that two markers claim
-    with labelings that fit nearly as well goes to neither. A tag that is read decides between markers that differ
-    by it, and between labelings; where it is not, dots and key ring do.
+    The best labeling of all markers is taken, its blobs are removed, and so on. A blob that two markers claim with
+    labelings that fit nearly equally well is assigned to neither. A tag that is read decides between markers that
+    differ by their tags, and between labelings; otherwise, dots and key ring do.
 
     Parameters
     ----------
     copies : int
-        Most copies of each marker that are looked for.
+        Maximum number of copies of each marker.
 
     Returns
     -------
     list of Detection
-        Those found, best first, and then one with the reason for each marker that was not found at all.
+        Detections, best first, then one with the reason for each marker that was not found at all.
 
     Raises
     ------
@@ -203,7 +203,7 @@ def find_all(
     errors: ErrorSources = DEFAULT_ERRORS,
     copies: int = MAX_COPIES,
 ) -> list[Detection]:
-    """`detect_all` for markers that are prepared, in an image of the camera's size."""
+    """Run `detect_all` for prepared markers, in an image of the camera's size."""
     blobs = detect_dots(image)
     height, width = image.shape
     tags = look_for_tags(image, sought.families)
@@ -219,12 +219,12 @@ def identify(
     copies: int = MAX_COPIES,
     tags: Sightings = NO_TAGS,
 ) -> list[Detection]:
-    """`detect_all` from the dots and tags of an image.
+    """Run `detect_all` on the dots and tags of an image.
 
     Parameters
     ----------
     calibrated : bool
-        Whether the camera is more than a made-up one of the image's size.
+        False if the camera is made up from the image's size.
     """
     sought = markers if isinstance(markers, Sought) else prepare(markers, calibrated)
     markers, layouts = sought.markers, sought.layouts
@@ -263,7 +263,7 @@ def identify(
             left[best] -= 1
             if not left[best]:
                 del left[best]
-        # Also what is in doubt is something, and nothing else.
+        # An ambiguous detection also claims its blobs, exclusively.
         ellipses = ellipses.take(~np.isin(np.arange(len(ellipses)), chosen.blobs))
     seen = {each.marker for each in found}
     return found + [
@@ -274,13 +274,13 @@ def identify(
 
 
 def made_up_camera(width: int, height: int) -> Camera:
-    """A camera for images without one: its focal length only starts the search."""
+    """Return a camera for images without one: its focal length only initializes the search."""
     focal = float(max(width, height, 1))
     return Camera(max(width, 1), max(height, 1), focal, focal, (width - 1) / 2, (height - 1) / 2)
 
 
 def _claims(best: int, searches: dict[int, Search]) -> dict[int, int]:
-    """Markers that claim the same blobs with labelings nearly as good as the best one's, and the rival of each."""
+    """Return markers that claim the same blobs with labelings nearly as good as the best one's, with their rivals."""
     rivals = [
         k
         for k, each in searches.items()
@@ -290,7 +290,7 @@ def _claims(best: int, searches: dict[int, Search]) -> dict[int, int]:
 
 
 def _unlabeled(chosen: Search, blobs: Blobs, ellipses: Ellipses, camera: Camera) -> Unlabeled:
-    """Dots of the best labeling, without their labels."""
+    """Return the dots of the best labeling, without their labels."""
     used = np.flatnonzero(chosen.blobs >= 0)
     own, drawn = chosen.blobs[used], chosen.candidates.predicted
     corrected = ellipses.center[own] - (drawn.center - drawn.point)[0, used]
@@ -307,7 +307,7 @@ def _finish(
     calibrated: bool,
     errors: ErrorSources,
 ) -> Detection:
-    """Detection from a labeling: the pose, strangers dropped, and the dots' centers corrected from the pose."""
+    """Return a labeling's detection: the pose, outliers dropped, and the dots' centers corrected from the pose."""
     layout = chosen.layout
     ids = np.array([point.id for point in marker.control_points], dtype=np.intp)
     used = np.flatnonzero(chosen.blobs >= 0)
@@ -349,7 +349,7 @@ def _pose(
     camera: Camera,
     errors: ErrorSources,
 ) -> tuple[NDArray[np.intp], PoseEstimate | None]:
-    """Indices of the dots that are kept, and the pose from them."""
+    """Return the indices of the dots kept, and the pose from them."""
     model = chosen.candidates.model
     assert isinstance(model, Poses)
     start = model.rotation[0], model.translation[0]
@@ -371,7 +371,7 @@ def _pose(
 
 
 def _homography(points: Array, corrected: Array, camera: Camera, pose: PoseEstimate) -> Array:
-    """Homography of the marker plane to ideal px, by DLT; where the points do not determine it, that of the pose."""
+    """Return the homography from marker plane to ideal px, by DLT, or from the pose if the points are degenerate."""
     height = points[0, 2]
     solver = ESTIMATORS["dlt"]
     assert isinstance(solver, HomographyEstimator)

@@ -1,4 +1,4 @@
-"""The detector, which is built once and used for every frame, and its results."""
+"""The detector, built once and used for every frame, and its results."""
 
 import operator
 import os
@@ -33,13 +33,13 @@ CovarianceSource = str | Path | Array | None
 
 @dataclass(frozen=True, eq=False)
 class SecondPose:
-    """A pose T_camera_marker that a flat marker may have as well, and how likely it is beside the first.
+    """Second pose T_camera_marker that fits a flat marker, with its likelihood relative to the first.
 
     Attributes
     ----------
     rotation, translation : arrays (3, 3) and (3,), m
     likelihood_ratio : float
-        Of this pose to the first one, 0 to 1.
+        Likelihood ratio of this pose to the first one, 0 to 1.
     """
 
     rotation: Array
@@ -48,12 +48,12 @@ class SecondPose:
 
     @property
     def rvec(self) -> Array:
-        """Rotation vector (3, 1), rad, as OpenCV takes it."""
+        """Rotation vector (3, 1), rad, in OpenCV's form."""
         return logarithm(self.rotation)[:, None]
 
     @property
     def tvec(self) -> Array:
-        """Translation (3, 1), m, as OpenCV takes it."""
+        """Translation (3, 1), m, in OpenCV's form."""
         return self.translation[:, None]
 
 
@@ -61,22 +61,22 @@ class SecondPose:
 class Found:
     """The result for one marker in one frame.
 
-    Where labels are ambiguous, `pixels` still has the dots, and `ids` is empty. Without a pose, that is without a
-    camera or if the marker was not found, all that belongs to it is None.
+    If labels are ambiguous, `pixels` still has the dots, and `ids` is empty. Without a pose (there is no camera, or the
+    marker was not found), everything that depends on it is None.
 
     Attributes
     ----------
     detection : Detection
-        All results of the engine.
+        Complete result of the detection engine.
     markers : tuple of Marker
-        Those that were looked for.
+        Markers that were looked for.
     names : tuple of str
-        Their names: the file of each that came from one.
+        Names of the markers: their files, where they came from one.
     camera : Camera or None
 
     Examples
     --------
-    Whatever takes OpenCV's ``rvec`` and ``tvec`` takes these:
+    The pose can be passed to OpenCV functions that take ``rvec`` and ``tvec``:
 
     >>> import cv2, numpy as np
     >>> from markergen.detect import Detector
@@ -106,12 +106,12 @@ class Found:
 
     @property
     def ok(self) -> bool:
-        """Four control points or more were found, with labels that are the only ones possible."""
+        """True if four or more control points were found, with unique labels."""
         return self.detection.found
 
     @property
     def reason(self) -> str:
-        """Why it was not found; empty otherwise."""
+        """Reason why the marker was not found; empty otherwise."""
         return reason(self.detection, self.names)
 
     @property
@@ -131,12 +131,12 @@ class Found:
 
     @property
     def ids(self) -> NDArray[np.intp]:
-        """Identifiers (k,) of the control points that were found; empty where labels are ambiguous."""
+        """Ids (k,) of the control points found; empty if labels are ambiguous."""
         return self.detection.ids
 
     @cached_property
     def xyz(self) -> Array:
-        """Control points (k, 3) that belong to `ids`, m, marker frame."""
+        """Control points (k, 3) for `ids`, m, marker frame."""
         row = {point.id: i for i, point in enumerate(self.marker.control_points)}
         return self.marker.xyz[[row[int(i)] for i in self.ids]]
 
@@ -144,7 +144,7 @@ class Found:
     def pixels(self) -> Array:
         """Images (k, 2) of the control points in the frame as taken, px; pixel centers at integer coordinates.
 
-        Where labels are ambiguous, those of all dots of the best labeling, in no particular order.
+        If labels are ambiguous, these are all dots of the best labeling, in no particular order.
         """
         unlabeled = self.detection.unlabeled
         return self.detection.pixels if unlabeled is None else unlabeled.pixels
@@ -157,7 +157,7 @@ class Found:
 
     @property
     def pose(self) -> PoseEstimate | None:
-        """The pose with its error budget, chi2 and the second solution."""
+        """Pose with its error budget, chi2 and the second solution."""
         return self.detection.pose
 
     @property
@@ -184,14 +184,14 @@ class Found:
     def covariance(self) -> Array | None:
         """Covariance (6, 6) of the pose from image, print and calibration, of (w, dt) in rad and m.
 
-        w and dt are a small turn and a shift in the camera frame: R <- exp([w]x) R, from the left, and t <- t + dt. It
-        is not that of `rvec`. `pose.budget` has the three parts.
+        w and dt are a small rotation and a translation in the camera frame: R <- exp([w]x) R, from the left, and
+        t <- t + dt. This is not the covariance of `rvec`. `pose.budget` has the three parts.
         """
         return None if self.pose is None else self.pose.budget.total
 
     @property
     def second(self) -> SecondPose | None:
-        """The other pose from which a flat marker looks much the same, if it is a contender."""
+        """Other pose from which a flat marker looks much the same, if it is likely enough."""
         if self.pose is None or self.pose.alternative is None:
             return None
         return SecondPose(*self.pose.alternative, self.pose.likelihood_ratio)
@@ -209,8 +209,8 @@ class Found:
     def draw(self, frame: NDArray[Any]) -> NDArray[Any]:
         """Draw the outline, the dots with their ids and the axes into a frame, and return it.
 
-        A frame in color is drawn into, as by OpenCV's functions; of a grey one, a copy in BGR is returned. Without a
-        pose there are no axes; of dots whose labels are ambiguous there are crosses alone.
+        A color frame is modified in place, as by OpenCV's functions; for a grey frame, a BGR copy is returned. Without
+        a pose there are no axes; dots with ambiguous labels are marked by crosses only.
 
         Parameters
         ----------
@@ -219,12 +219,12 @@ class Found:
         Raises
         ------
         InputError
-            If it is none of these, or in color and read-only.
+            If the frame has another form, or is in color and read-only.
         """
         return draw(frame, self.marker, self.camera, self.detection)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it as plain JSON values, as ``markergen detect --json`` writes them (docs/detect.md)."""
+        """Return the result as plain JSON values, as ``markergen detect --json`` writes them (docs/detect.md)."""
         return as_dict(self.detection, self.markers, self.names)
 
     def __str__(self) -> str:
@@ -247,13 +247,13 @@ class Found:
 class Detector:
     """Finds markers in the frames of one camera; built once, used for every frame.
 
-    Whatever depends only on markers and camera is checked and computed once. A detector does not change after that: it
-    may be shared by threads, and be sent to other processes.
+    Everything that depends only on markers and camera is checked and computed once. A detector is immutable: it may be
+    shared by threads, and be sent to other processes.
 
     Parameters
     ----------
     markers : Marker, path of a marker.json, or its content as a dict; or several of these
-        Every copy of each of them is found.
+        Markers to find, with all their copies.
     camera : Camera, path of a calibration, or None
         Without one there are pixels and homographies, but no poses.
     print_sigma : str or float
@@ -269,8 +269,8 @@ class Detector:
     Raises
     ------
     InputError
-        If a marker or the camera cannot be read or is something else, a marker has fewer than four dots, dots on one
-        line, dots without size, or relief and there is no camera, or another argument is out of range.
+        If a marker or the camera cannot be read or is of the wrong type, a marker has fewer than four dots, collinear
+        dots, dots without size, or relief and there is no camera, or another argument is out of range.
 
     Examples
     --------
@@ -328,17 +328,17 @@ class Detector:
 
     @property
     def markers(self) -> tuple[Marker, ...]:
-        """The markers that are looked for."""
+        """Markers that the detector looks for."""
         return self._sought.markers
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the markers: the file of each that came from one."""
+        """Names of the markers: their files, where they came from one."""
         return self._names
 
     @property
     def camera(self) -> Camera | None:
-        """The camera that takes the frames."""
+        """Camera that takes the frames."""
         return self._camera
 
     def __call__(self, frame: NDArray[Any]) -> list[Found]:
@@ -353,24 +353,24 @@ class Detector:
         Returns
         -------
         list of Found
-            Every copy that was found, best first, then one with the reason for each marker that was not found.
+            Every copy found, best first, then one result with the reason for each marker that was not found.
 
         Raises
         ------
         InputError
-            If it is no such array, or not of the camera's size.
+            If the frame is not such an array, or not of the camera's size.
         """
         grey = self._grey(frame)
         found = find_all(grey, self._sought, self._camera, self._errors, self._copies)
         if self._photometric:
-            # What was not found comes back as it is.
+            # Detections that failed come back unchanged.
             found = [refine(grey, self.markers[each.marker], self._camera, each, self._errors) for each in found]
         return [Found(each, self.markers, self._names, self._camera) for each in found]
 
     def dots(self, frame: NDArray[Any]) -> Array:
-        """Centers (m, 2) in px of the image ellipses of all dots in a frame, of a marker or not, without labels.
+        """Return the centers (m, 2) in px of the image ellipses of all dots in a frame, unlabeled, of a marker or not.
 
-        They are not corrected for perspective, which would take the pose. Parameters and errors are as for calling it.
+        They are not corrected for perspective, which would take the pose. Takes and raises the same as `__call__`.
         """
         return detect_dots(self._grey(frame)).center
 
@@ -392,7 +392,7 @@ class Detector:
 
 
 def _marker(source: Any, name: str) -> tuple[Marker, str]:
-    """Marker, and what to call it."""
+    """Return a marker and its name."""
     if isinstance(source, Marker):
         return source, name
     return Marker.load(source), str(Path(source)) if isinstance(source, str | os.PathLike) else name

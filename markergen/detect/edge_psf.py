@@ -1,4 +1,4 @@
-"""Grey levels of a blurred ellipse and how they change with it: what a dot is fitted with."""
+"""Grey levels of a blurred ellipse and their derivatives, the model that dots are fitted with."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,37 +9,37 @@ _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 
 _SHARP = 0.1
-"""Curvature of the tips, in units of 1/blur, from which the expansion in it is not good enough."""
+"""Curvature of the tips, in units of 1/blur, above which the expansion in it is too inaccurate."""
 
 BOXED = 0.65
-"""Blur, in px with the pixel's own area, below which that area's square shows; above it differs from a Gaussian by
-at most 0.0013 of the contrast."""
+"""Blur, in px with the pixel's own area, below which that area's square shape matters; above it, the result differs
+from a Gaussian by at most 0.0013 of the contrast."""
 
 _PIXEL_VARIANCE = 1 / 12
 _LEAST_SIDE, _LEAST_LENS = 0.02, 0.05
-"""A pixel's width along the edge's normal, and a lens's blur, in px, are no less: what is thinner changes nothing, and
-would be a quotient of zeros."""
+"""Lower limits, in px, for a pixel's width along the edge's normal and for a lens's blur: smaller values change
+nothing, and would divide zero by zero."""
 
 _TINY = 1e-12
 
 
 def pixel_edge(depth: Array, normal: tuple[Array, Array], blur: Array) -> tuple[Array, Array, Array]:
-    """Share of ink that square pixels see of a straight edge through a Gaussian blur, and its derivatives; exact.
+    """Return the share of ink that square pixels see of a straight edge through a Gaussian blur, and its derivatives.
 
-    Along the normal n the square is two boxes, of widths |n_x| and |n_y|. Averaging over a box is the difference of an
-    integral at its ends, so the share is the second difference of H over |n_x n_y|, where H'' = F(z/s) is the edge
-    behind a lens of blur s: H = [(z^2 + s^2) F + z s f]/2, H' = z F + s f, f = F'. Where there is no
+    The result is exact. Along the normal n the square is two boxes, of widths |n_x| and |n_y|. Averaging over a box is
+    the difference of an integral at its ends, so the share is the second difference of H over |n_x n_y|, where
+    H'' = F(z/s) is the edge behind a lens of blur s: H = [(z^2 + s^2) F + z s f]/2, H' = z F + s f, f = F'. Without a
     lens, a Gaussian of the same variance is off by 0.06 of the contrast along rows and columns, and by 0.02 along
     diagonals.
 
     Parameters
     ----------
     depth : array (N,), px
-        How far inside the edge the pixels are.
+        Distance of the pixels from the edge, positive inside.
     normal : two arrays (N,)
-        Of length 1.
+        Unit normal.
     blur : array (N,), px
-        Standard deviation with the pixel's own area in it, as for `blurred_ellipse`.
+        Standard deviation including the pixel's own area, as for `blurred_ellipse`.
 
     Returns
     -------
@@ -47,7 +47,7 @@ def pixel_edge(depth: Array, normal: tuple[Array, Array], blur: Array) -> tuple[
     slope : array (N,), 1/px
         d ink/d depth.
     by_square : array (N,), 1/px^2
-        d ink/d blur^2: half of the second derivative by the depth, as heat spreads.
+        d ink/d blur^2: half of the second derivative with respect to depth, as in heat diffusion.
     """
     from scipy.special import ndtr
 
@@ -68,23 +68,23 @@ def pixel_edge(depth: Array, normal: tuple[Array, Array], blur: Array) -> tuple[
 def blurred_ellipse(
     x: Array, y: Array, shape: tuple[Array, Array, Array], blur: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Share of ink of an ellipse seen through a Gaussian blur, and its derivatives.
+    """Return the share of ink of an ellipse seen through a Gaussian blur, and its derivatives.
 
-    With M the symmetric matrix that takes the ellipse to the unit circle, rho = |M x| and F the normal distribution,
-    the share is F(-e/s - k s/2): e is the distance from the outline to first order, (rho - 1)/|grad rho|, k the
-    outline's curvature det(M)^2/|grad rho|^3, by which a blur s moves a convex edge inward. Where the tips are sharp,
+    With M the symmetric matrix that maps the ellipse to the unit circle, rho = |M x| and F the normal distribution,
+    the share is F(-e/s - k s/2): e is the distance from the outline to first order, (rho - 1)/|grad rho|, and k is the
+    outline's curvature det(M)^2/|grad rho|^3, by which a blur s moves a convex edge inward. For sharp tips,
     a s > b^2/10 for semi-axes a > b, the blur is integrated instead: along the edge's normal in closed form, over the
     ellipse's chord, and along its tangent by Gauss-Hermite quadrature. Both are within 0.001 of the contrast (RMS) for
     b > 4 s; at b = 2 s the quadrature is off by 0.01, where the expansion would be off by 0.03. Where the pixel is most
-    of the blur, what its square makes of a straight edge beside a Gaussian is added (`pixel_edge`).
+    of the blur, the difference between its square and a Gaussian at a straight edge is added (`pixel_edge`).
 
     Parameters
     ----------
     x, y : arrays (N,), px
-        Pixels, from the ellipse's center.
+        Pixel coordinates relative to the ellipse's center.
     shape : m11, m12, m22, each (N,), 1/px
     blur : array (N,), px
-        Standard deviation of the point spread function with the pixel's own area in it.
+        Standard deviation of the point spread function, including the pixel's own area.
 
     Returns
     -------
@@ -103,19 +103,19 @@ def blurred_ellipse(
     u, v = u / rho, v / rho
     gradient_x, gradient_y = m11 * u + m12 * v, m12 * u + m22 * v
     determinant = m11 * m22 - m12 * m12
-    # At the center itself rho has no direction; |grad rho| is nowhere below the least eigenvalue >= det/trace.
+    # At the center itself rho has no direction; |grad rho| is at least the smaller eigenvalue >= det/trace everywhere.
     steepness = np.maximum(np.hypot(gradient_x, gradient_y), determinant / (m11 + m22))
-    # A curvature above 1/s at the tips of thin ellipses is beyond the expansion.
+    # Curvatures above 1/s, at the tips of thin ellipses, are out of the expansion's range.
     inward = np.minimum(determinant**2 / steepness**3 * blur / 2, 0.5)
     depth = (1 - rho) / (steepness * blur) - inward
     density = np.exp(-0.5 * depth**2) / np.sqrt(2 * np.pi)
-    # |grad rho| and the curvature are held fixed in the derivatives: their own change is of second order at the
-    # outline, and only the path to the solution depends on it.
+    # The derivatives neglect changes of |grad rho| and the curvature: these are of second order at the outline, and
+    # affect only the path to the solution.
     by_rho = -density / (steepness * blur)
     by_blur = -density * (depth + 2 * inward) / blur
     ink = ndtr(depth)
     steepest = (m11 + m22) / 2 + np.sqrt(np.maximum((m11 - m22) ** 2 / 4 + m12 * m12, 0))
-    # a/b^2 by M's eigenvalues 1/a and 1/b, of which the second is the steepest.
+    # a/b^2 from M's eigenvalues 1/a and 1/b, of which the second is the steepest.
     sharp = np.flatnonzero(blur * steepest**3 > _SHARP * determinant)
     if len(sharp):
         ink[sharp] = _chords(
@@ -138,7 +138,7 @@ def blurred_ellipse(
 
 
 def _chords(u: Array, v: Array, nx: Array, ny: Array, shape: tuple[Array, Array, Array], blur: Array) -> Array:
-    """Share of ink: the blur's weight on chords along the normal (nx, ny), through points beside (u, v) = M x."""
+    """Integrate the blur over chords along the normal (nx, ny), through points near (u, v) = M x: the share of ink."""
     from scipy.special import ndtr
 
     m11, m12, m22 = shape
@@ -152,7 +152,7 @@ def _chords(u: Array, v: Array, nx: Array, ny: Array, shape: tuple[Array, Array,
     for node, weight in zip(_NODES, _WEIGHTS, strict=True):
         slope = slope0 + node * slope1
         root = slope * slope - square * (level0 + node * (level1 + node * level2))
-        # A line that misses the ellipse has a chord of no length.
+        # A line that misses the ellipse has a chord of length zero.
         root = np.sqrt(np.maximum(root, 0))
         ink += weight * (ndtr((root - slope) / square) - ndtr((-root - slope) / square))
     return ink

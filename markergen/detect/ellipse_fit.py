@@ -1,4 +1,4 @@
-"""Ellipses of dots, fitted to the grey levels around their outlines, many at once."""
+"""Fit of dots' ellipses to the grey levels around their outlines, batched."""
 
 from copy import copy
 from dataclasses import dataclass, fields
@@ -28,54 +28,54 @@ HOLE, SCALE = slice(10, 12), 12
 COUNT = 13
 
 MIN_SEMI_PX = 0.6
-"""Thinner than half a pixel's blur nothing is told from a line."""
+"""Minimum semi-axis: with less than half a pixel's blur, a dot cannot be told from a line."""
 
 _CONVERGED_PX, _SETTLED_PX = 1e-3, 0.02
-"""A step of every center below the first ends the iteration: the next would be under 4e-4 px, a tenth of the best
-standard deviation. What still takes steps above the second at the end is no dot."""
+"""The iteration ends when every center moves by less than the first: the next step would be under 4e-4 px, a tenth of
+the best standard deviation. Regions that still take steps above the second at the end are not dots."""
 
 _LONGEST_STEP_PX, _LONGEST_SCALE_STEP = 2.0, 0.1
 _MIN_BLUR, _MAX_BLUR = 0.28, 6.0
-"""In px, with the pixel's own area, which alone is 0.29."""
+"""Range of the blur in px, including the pixel's own area, which alone is 0.29."""
 
 _OUTLIER_SHARE, _OUTLIER_SIGMA, _OUTLIER_SPREAD = 0.12, 5.0, 4.0
-"""Pixels off by more than this share of the contrast, so many times the noise, and so many times the standard deviation
-of the residual, show something else."""
+"""Pixels that are off by more than this share of the contrast, this multiple of the noise, and this multiple of the
+standard deviation of the residual belong to something else."""
 
 _MAX_LEFT_OUT = 5
-"""Of the sectors, with the neighbors of those that are strange: half an ellipse is much of another ellipse too."""
+"""Maximum number of sectors left out, counting neighbors of strange ones: half an ellipse also fits other ellipses."""
 _MAX_TRIMMED = 0.15
 
 NOISE_SLACK, _MOST_NOISE = 1.5, 2.0
-"""Noise is accepted, and expected, so many times that of the plainest parts of the image: it grows with the light."""
+"""Ratio to the noise of the plainest image areas, accepted and maximum: noise grows with the light."""
 
 _SCALE_SIGMA, _SCALE_NOISE = 0.05, 0.02
-"""What is expected of a hole's size beside half of the ring's, as if it were measured at this noise per contrast."""
+"""Standard deviation of a hole's size about half of the ring's, as if measured at this noise per contrast."""
 
 _OF_DOTS = "ring", "index", "origin", "size", "unknowns", "left_out", "step", "normal"
 _OF_PIXELS = "weight", "residual", "slope", "direction", "silent"
-"""The state's arrays (B, ...) and (..., N)."""
+"""Names of the state arrays (B, ...) and (..., N)."""
 
 _SATURATION = tuple(2**bits - 1 for bits in range(8, 17))
 
 
 class EllipseDescent:
-    """Unknowns (B, 13) of the dots still in the race, and their pixels with weights 0 or 1.
+    """Unknowns (B, 13) of the dots still being fitted, and their pixels with weights 0 or 1.
 
     The columns: center (2) and M (m11, m12, m22) of the ellipse |M (x - c)| = 1; grey levels of light and dark; blur;
-    the light's slope (2), relative, 1/px; center (2) and size, relative to the outline's, of a ring's hole.
+    relative slope (2) of the light, 1/px; center (2) and size of a ring's hole, relative to the outline's.
 
     Parameters
     ----------
     pixels : OutlinePixels
     center, shape : arrays (B, 2) and (B, 2, 2), px and 1/px
-        The ellipses at the start; `shape` is M.
+        Initial ellipses; `shape` is M.
     light, dark, blur : arrays (B,), grey levels and px
     ring : array (B,) of bool
     noise : float, grey levels
-        Of plain parts of the image.
+        Noise of plain image areas.
     top : int
-        The image's highest grey level, which tells whether it is saturated.
+        The image's highest grey level, to detect saturation.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class EllipseDescent:
         self.unknowns[:, SCALE] = 0.5
         self.left_out = np.zeros((count, SECTORS), dtype=bool)
         self.step = np.full(count, np.inf)
-        # Of the last evaluation of the model:
+        # From the last evaluation of the model:
         self.normal = np.zeros((count, COUNT, COUNT))
         self.weight = np.ones(len(pixels.x))
         self.residual = np.zeros(len(pixels.x))
@@ -127,7 +127,7 @@ class EllipseDescent:
         self.pixels = self.pixels.of(chosen)
 
     def run(self, steps: int, chosen: Bools | None = None) -> None:
-        """Take steps until the centers, or those of the chosen, stand still; what runs away is dropped."""
+        """Iterate until the centers, or those of the chosen, converge; diverging fits are dropped."""
         if chosen is not None and not chosen.all():
             self._run_part(steps, chosen)
             return
@@ -137,12 +137,12 @@ class EllipseDescent:
             gradient = self._evaluate()
             scale = np.maximum(np.einsum("bii->bi", self.normal), 1e-12) ** -0.5
             scaled = self.normal * scale[:, :, None] * scale[:, None, :]
-            # A ridge of rounding's size keeps the matrices of what is no ellipse from being singular.
+            # A ridge of rounding's size keeps the matrices of regions that are not ellipses from being singular.
             step = scale * np.linalg.solve(scaled + 1e-9 * np.eye(COUNT), (scale * gradient)[..., None])[..., 0]
             self._move(step)
             moving = self.step > _CONVERGED_PX
             if 2 * moving.sum() <= len(moving):
-                # Most stand still, and each costs as much as one that moves.
+                # Most have converged, and each costs as much as one that still moves.
                 self._run_part(steps - done, moving)
                 return
 
@@ -163,21 +163,21 @@ class EllipseDescent:
         self.keep(alive)
 
     def _evaluate(self) -> Array:
-        """Residual, and normal matrices J'J, of the pixels that count; J'r (B, 13)."""
+        """Evaluate the residual and normal matrices J'J of the pixels that count; return J'r (B, 13)."""
         model, jacobian = self._model()
         if self.saturation is not None:
             self.silent = model > self.saturation
             model = np.minimum(model, self.saturation)
             jacobian[:, self.silent] = 0
         self.residual = self.pixels.grey - model
-        # A neighbor's edge in the band, or a speck, says nothing about this dot.
+        # A neighbor's edge in the band, or a speck, is no information about this dot.
         weight = self.weight * (np.abs(self.residual) < 0.5 * self.contrast[self.pixels.owner])
         weighted = jacobian * weight
         spans = list(zip(self.pixels.start[:-1], self.pixels.start[1:], strict=True))
         self.normal = np.stack([weighted[:, a:b] @ jacobian[:, a:b].T for a, b in spans])
         gradient = np.stack([weighted[:, a:b] @ self.residual[a:b] for a, b in spans])
-        # A disk has no hole to move. Where the blur is as wide as a ring's ink, a darker and thinner ring looks the
-        # same: half is usual.
+        # A disk has no hole to move. If the blur is as wide as a ring's ink, a darker and thinner ring looks the same:
+        # a half is the usual size.
         self.normal[:, range(10, COUNT), range(10, COUNT)] += ~self.ring[:, None]
         prior = self.ring * (_SCALE_NOISE * self.contrast / _SCALE_SIGMA) ** 2
         self.normal[:, SCALE, SCALE] += prior
@@ -185,7 +185,7 @@ class EllipseDescent:
         return gradient
 
     def _move(self, step: Array) -> None:
-        """Take the step (B, 13), within reason."""
+        """Take the step (B, 13), within limits."""
         now = self.unknowns
         moved = now + step
         moved[:, CENTER] = now[:, CENTER] + np.clip(step[:, CENTER], -_LONGEST_STEP_PX, _LONGEST_STEP_PX)
@@ -206,7 +206,7 @@ class EllipseDescent:
         self.keep(sane)
 
     def _model(self) -> tuple[Array, Array]:
-        """Grey levels (N,) and their derivatives (13, N)."""
+        """Return grey levels (N,) and their derivatives (13, N)."""
         counts = np.diff(self.pixels.start)
         p = np.repeat(self.unknowns.T, counts, axis=1)
         origin = np.repeat(self.origin.T, counts, axis=1)
@@ -243,27 +243,27 @@ class EllipseDescent:
         return level * lit, jacobian
 
     def misfit(self) -> Array:
-        """Mean square (B,) of the residual, grey levels squared, no pixel counting for more than half the contrast."""
+        """Return the mean square (B,) of the residual, grey levels squared, each pixel clipped at half the contrast."""
         half = 0.5 * self.contrast[self.pixels.owner]
         squares = np.clip(self.residual, -half, half) ** 2
         count = np.diff(self.pixels.start)
         return np.asarray(np.bincount(self.pixels.owner, squares, len(count)) / np.maximum(count, 1))
 
     def drop_hopeless(self, misfit: float) -> None:
-        """Drop what is farther from explained than by a share of the contrast and the noise."""
+        """Drop dots whose residual beyond the noise exceeds this share of the contrast."""
         self.keep(self.misfit() < (misfit * self.contrast) ** 2 + (NOISE_SLACK * self.image_noise) ** 2)
 
     def leave_out(self) -> Bools:
-        """Give no weight to pixels and sectors that show something else; for which dots (B,) this is news."""
+        """Give zero weight to foreign pixels and sectors; return for which dots (B,) this changed anything."""
         strange = self.strangeness()
-        # What is strange here pulls the fit, and so makes other sectors strange: the worst go first.
+        # Foreign edges distort the fit, and so make other sectors look strange: the worst go first.
         worst = np.where(self.left_out, 0, strange).max(axis=-1, keepdims=True)
         bad = strange > np.maximum(1, worst / 2)
-        # An occluder's edge rarely ends where a sector does.
+        # An occluder's edge rarely ends at a sector's limit.
         self.left_out = self.left_out | bad | np.roll(bad, 1, axis=-1) | np.roll(bad, -1, axis=-1)
         self.keep(self.left_out.sum(axis=-1) <= _MAX_LEFT_OUT)
         limit = np.maximum(_OUTLIER_SHARE * self.contrast, _OUTLIER_SIGMA * self.noise())
-        # Where the blur is another than the model's, much is off by some, and means no harm.
+        # If the blur differs from the model's, many pixels are off by a little, which is harmless.
         limit = np.maximum(limit, _OUTLIER_SPREAD * np.sqrt(self.variance()))
         kept = (np.abs(self.residual) < limit[self.pixels.owner]) & ~self.left_out.ravel()[self._sector()]
         changed = np.bincount(self.pixels.owner, kept != self.weight, len(self.index)) > 0
@@ -271,28 +271,28 @@ class EllipseDescent:
         return np.asarray(changed)
 
     def complete(self) -> Bools:
-        """Whether (B,) the fit stands still and every edge, but for what was left out, is that of the dot."""
+        """Return whether (B,) the fit has converged and every edge that was not left out belongs to the dot."""
         trimmed = (self.weight == 0) & ~self.left_out.ravel()[self._sector()]
         count = np.diff(self.pixels.start)
         few = np.bincount(self.pixels.owner, trimmed, len(count)) <= _MAX_TRIMMED * count
         return np.asarray((self.step < _SETTLED_PX) & few & ((self.strangeness() <= 1) | self.left_out).all(axis=-1))
 
     def strangeness(self) -> Array:
-        """How far (B, SECTORS) the edge is from where it should be; 1 is the most allowed."""
+        """Return the deviation (B, SECTORS) of the edge from its expected place; 1 is the maximum allowed."""
         model = self.pixels.grey - self.residual
         blur, size = self.unknowns[:, BLUR], self.size[:, 1]
         return strangeness(self._sector(), self.slope, model, self.residual, self.contrast, blur, size, self.noise())
 
     def noise(self) -> Array:
-        """Standard deviation (B,) of the grey noise in the band, no more than the image's noise allows.
+        """Return the standard deviation (B,) of the grey noise in the band, limited by the image's noise.
 
-        Of a small dot no pixel is far from an edge, and a misfit looks like noise.
+        In a small dot, all pixels are near an edge, and a misfit looks like noise.
         """
         most = max(_MOST_NOISE * self.image_noise + 0.5, np.sqrt(QUANTIZATION))
         return np.minimum(white_noise(self.pixels, self.residual), most)
 
     def variance(self) -> Array:
-        """Variance (B,) of the pixels that count, grey levels squared, no less than that of rounding."""
+        """Return the variance (B,) of the pixels that count, grey levels squared, at least that of rounding."""
         owner, count = self.pixels.owner, len(self.index)
         # Saturated pixels show no noise.
         weight = self.weight * ~self.silent
@@ -307,20 +307,21 @@ class EllipseDescent:
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 _CHECKPOINTS = (1, 0.3), (2, 0.17), (5, 0.12)
-"""Steps, and the largest RMS residual after them, as a share of the contrast and beyond the noise."""
+"""Step counts, and the maximum RMS residual after them, beyond the noise and as a share of the contrast."""
 _STEPS, _ROUNDS = 5, 4
 
 _BAND_BLURS, _MIN_BAND_PX, _MAX_BAND_PX = 3.0, 2.5, 9.0
-"""Half-width of the band of pixels around the outline that are fitted: beyond it the levels are flat and tell nothing,
+"""Half-width of the band of fitted pixels around the outline: beyond it the levels are flat and carry no information,
 and the next dot may begin."""
 
 _MAX_MISFIT, _MAX_NOISE = 0.06, 0.2
-"""Largest RMS residual beyond the noise, and largest noise, at the end, as shares of the contrast."""
+"""Maximum RMS residual beyond the noise, and maximum noise, at the end, as shares of the contrast."""
 _MIN_MAJOR_PX, _MAX_ELONGATION, _MAX_SIGMA_PX = 2.4, 10.0, 0.5
 _HOLE_SCALES = 0.15, 0.85
 
 _DISK_BELOW, _RING_ABOVE, _RING_GAIN = 0.15, 0.7, 20.0
-"""Levels in the middle of what is surely a disk, or a ring; what a ring in doubt must gain in log-likelihood, twice."""
+"""Levels in the middle of certain disks and certain rings; minimum gain of a doubtful ring in twice the
+log-likelihood."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,7 +331,7 @@ class FittedDots:
     Attributes
     ----------
     index : array (B,) of int
-        The region that each began as.
+        Index of the region that each dot was fitted to.
     center : array (B, 2), px
     covariance : array (B, 2, 2), px^2, of the center
     semi : array (B, 2), px, longest first
@@ -338,7 +339,7 @@ class FittedDots:
     ring : array (B,) of bool
     blur : array (B,), px
     misfit : array (B,)
-        Twice the log-likelihood that the dot lacks, but for a constant that all fits of one outline share.
+        Twice the negative log-likelihood, up to a constant that all fits of one outline share.
     """
 
     index: Indices
@@ -354,36 +355,36 @@ class FittedDots:
         return len(self.center)
 
     def take(self, index: Bools | Indices) -> "FittedDots":
-        """Return those of an index."""
+        """Return a subset."""
         return FittedDots(*(getattr(self, field.name)[index] for field in fields(self)))
 
 
 def fit_dots(image: Image, regions: Regions, noise: float) -> FittedDots:
-    """Least-squares fit of blurred dark ellipses, or elliptic rings, to grey levels; what is no dot is dropped.
+    """Fit blurred dark ellipses or elliptic rings to grey levels by least squares; drop regions that are not dots.
 
     Model: (1 + g'x) (light - (light - dark) (D - D_hole)), with D the share of ink (`blurred_ellipse`) and g the
     slope of the light over the dot; saturated where the image is. Ellipse, levels, slope and blur are unknown, and for
-    a ring the hole's center and scale too: under perspective hole and outline are not concentric. Every pixel counts by
-    what it tells, so the center's error is near the least that the image's noise allows.
+    a ring the hole's center and scale too: under perspective hole and outline are not concentric. Every pixel counts
+    by its information, so the center's error is near the lower bound set by the image's noise.
 
-    Parts of the outline that show no edge, or one elsewhere (an occluder, a touching neighbor), are found sector by
-    sector and left out. A fifth of the outline may be missing; with more the dot is dropped, for half an ellipse is
-    much of another ellipse, with another center, too.
+    Parts of the outline without an edge, or with one elsewhere (an occluder, a touching neighbor), are found sector by
+    sector and left out. A fifth of the outline may be missing; with more the dot is dropped, since half an ellipse also
+    fits other ellipses, with other centers.
 
     Parameters
     ----------
     image : array (h, w)
     regions : Regions
     noise : float, grey levels
-        Of plain parts of the image, to tell noise from what is not explained.
+        Noise of plain image areas, to distinguish noise from misfit.
 
     Returns
     -------
     FittedDots
-        With the covariance of each center by the fit's normal matrix and the noise that it leaves, no less than that
+        Dots with the covariance of each center from the fit's normal matrix and residual noise, which is at least that
         of rounding to whole grey levels.
     """
-    # What is neither dark nor light in the middle is fitted both as a disk and as a ring.
+    # A region that is neither dark nor light in the middle is fitted both as a disk and as a ring.
     doubtful = (regions.middle > _DISK_BELOW) & (regions.middle < _RING_ABOVE)
     index = np.concatenate([np.arange(len(regions)), np.flatnonzero(doubtful)])
     ring = np.concatenate([regions.middle >= _RING_ABOVE, np.ones(int(doubtful.sum()), dtype=bool)])
@@ -407,7 +408,7 @@ def _descent(image: Image, regions: Regions, ring: Bools, filled: Bools, noise: 
 
 
 def _dots(descent: EllipseDescent, index: Indices) -> FittedDots:
-    """What has the outline of a dot nearly all around, with the center's covariance."""
+    """Return the regions with the outline of a dot nearly all around, with the center's covariance."""
     if len(descent.index):
         noise, variance = descent.noise(), descent.variance()
         good = variance < (NOISE_SLACK * noise) ** 2 + (_MAX_MISFIT * descent.contrast) ** 2
@@ -434,11 +435,11 @@ def _dots(descent: EllipseDescent, index: Indices) -> FittedDots:
 
 
 def _shrink_slope(normal: Array, variance: Array, slope: Array) -> tuple[Array, Array]:
-    """Last step (B, 13), and covariance (B, 13, 13), when the slope of the light is expected to be as in other dots.
+    """Return the last step (B, 13) and covariance (B, 13, 13) with the light's slope shrunk toward that of other dots.
 
-    A slope that is free costs a third of the center's information, one that is left out displaces the center where the
-    light is uneven. So it has a normal prior about zero whose variance is what all slopes of the image show beyond
-    their own errors (DerSimonian and Laird's estimate): none in even light, as much as need be in other.
+    A free slope costs a third of the center's information; without a slope, uneven light displaces the center. So the
+    slope has a normal prior about zero with the variance of all slopes of the image beyond their own errors
+    (DerSimonian and Laird's estimate): none in even light, as much as needed in other light.
     """
     if not len(slope):
         return np.zeros((0, normal.shape[-1])), normal
@@ -450,14 +451,14 @@ def _shrink_slope(normal: Array, variance: Array, slope: Array) -> tuple[Array, 
     stiff = normal.copy()
     stiff[:, [8, 9], [8, 9]] += prior[:, None]
     inverse = np.linalg.pinv(stiff, hermitian=True)
-    # On some processors the product that it is made of is symmetric but for rounding.
+    # On some processors its product is symmetric only up to rounding.
     inverse = (inverse + inverse.swapaxes(-1, -2)) / 2
     step = -np.einsum("bij,bj->bi", inverse[:, :, SLOPE], prior[:, None] * slope)
     return step, variance[:, None, None] * inverse
 
 
 def _better(dots: FittedDots) -> Bools:
-    """Of dots that were fitted as a disk and as a ring the one that fits: the ring only if it does so clearly."""
+    """For dots fitted both as a disk and as a ring, choose the better fit: the ring only if it is clearly better."""
     chosen = np.ones(len(dots), dtype=bool)
     for ring in np.flatnonzero(dots.ring):
         for disk in np.flatnonzero((dots.index == dots.index[ring]) & ~dots.ring):

@@ -1,6 +1,6 @@
-"""Square tags and ChArUco boards: found by cv2.aruco, with the settings that decide their accuracy.
+"""Square tags and ChArUco boards: detection by cv2.aruco, with the settings that determine its accuracy.
 
-A marker's own tag, where it is read, tells the turn of the marker, and which of its family it is (`verdicts`).
+A marker's own tag, if it is read, gives the marker's orientation and its member of a family (`verdicts`).
 """
 
 from collections.abc import Collection
@@ -22,46 +22,46 @@ Fiducial = Tag | Board
 REFINEMENTS = ("none", "subpix", "contour", "apriltag")
 
 PIXEL_OFFSET = {"none": 0.0, "subpix": 0.0, "contour": 0.0, "apriltag": 0.5}
-"""What to subtract from the corners of each refinement, in px of the image that is searched, on both axes.
+"""Offset to subtract from both corner coordinates for each refinement, in px of the image that is searched.
 
 The AprilTag code counts from the corner of the top left pixel, the rest of cv2.aruco from its middle: see
-`detect_fiducial` for what was measured.
+`detect_fiducial` for the measurements.
 """
 
 _QUIET = 20
-"""Smallest step from black to white that the AprilTag code goes into, grey levels. Its default of 5 is within 2.5 sigma
-of a noise of 2 grey levels, and takes thirty times as long for the same corners."""
+"""Minimum step from black to white for the AprilTag code, grey levels. Its default of 5 is within 2.5 sigma of a noise
+of 2 grey levels, and takes thirty times as long for the same corners."""
 _ITERATIONS, _ACCURACY_PX = 200, 1e-3
-"""When cornerSubPix ends. The defaults, 30 and 0.1 px, stop as far from the minimum as the error that is asked for."""
+"""Termination of cornerSubPix. The defaults, 30 and 0.1 px, stop as far from the minimum as the desired error."""
 
 
 @dataclass(frozen=True)
 class FiducialSettings:
-    """How cv2.aruco looks for a tag or a board.
+    """Settings of cv2.aruco for a tag or a board.
 
     Attributes
     ----------
     refinement : str
-        Of the tags' corners: ``none``, ``subpix`` (cornerSubPix), ``contour`` (lines through the contour's pixels) or
-        ``apriltag`` (lines through the gradient's edge, and quads found as AprilTag 2 does).
+        Refinement of the tags' corners: ``none``, ``subpix`` (cornerSubPix), ``contour`` (lines through the contour's
+        pixels) or ``apriltag`` (lines through the gradient's edge, and quads found as AprilTag 2 does).
     enlarge : int
-        Times that the image is enlarged before the search, by cubic interpolation.
+        Factor of enlargement before the search, by cubic interpolation.
     window : int
         Half the window of ``subpix``, px of the image as taken, but at most half a cell of the tag.
     quad_sigma : float
-        Blur before ``apriltag`` looks for quads, px of the enlarged image.
+        Blur for the quad search of ``apriltag``, px of the enlarged image.
     threshold_window : int
-        Of the adaptive threshold, px; 0 tries OpenCV's three, 3, 13 and 23.
+        Window of the adaptive threshold, px; 0 tries OpenCV's three, 3, 13 and 23.
     calibrated : bool
-        For a board: predict its inner corners, and tags that were missed, from the pose of the tags rather than from
-        local homographies.
+        For a board: predict its inner corners, and missed tags, from the pose of the tags rather than from local
+        homographies.
     min_tags : int
-        For a board: tags beside an inner corner that must be seen.
+        For a board: minimum number of detected tags beside an inner corner.
 
     Raises
     ------
     InputError
-        If the refinement is unknown or a number out of range.
+        If the refinement is unknown or a number is out of range.
     """
 
     refinement: str = "subpix"
@@ -79,7 +79,7 @@ class FiducialSettings:
             raise InputError("settings that cv2.aruco can do with", str(self), "use the defaults")
 
     def describe(self, fiducial: Fiducial) -> str:
-        """Say in a few words what differs from a plain call, for that kind of fiducial."""
+        """Describe in a few words the differences from a plain call, for that kind of fiducial."""
         words = [self.refinement.upper()]
         if self.refinement == "subpix" and isinstance(fiducial, Tag):
             words.append(f"window {self.window} px")
@@ -94,7 +94,7 @@ class FiducialSettings:
 
 
 def tag_settings() -> tuple[FiducialSettings, ...]:
-    """Settings to choose from for a tag; measured over the paper's poses, none beside them did better."""
+    """Return the settings to choose from for a tag; over the paper's poses, no others did better."""
     return (
         FiducialSettings("none"),
         *(FiducialSettings("contour", k, threshold_window=w) for k in (1, 2) for w in (0, 53)),
@@ -104,7 +104,7 @@ def tag_settings() -> tuple[FiducialSettings, ...]:
 
 
 def board_settings() -> tuple[FiducialSettings, ...]:
-    """Settings to choose from for a board."""
+    """Return the settings to choose from for a board."""
     return (
         *(FiducialSettings(r, calibrated=c) for c in (False, True) for r in ("none", "subpix", "contour")),
         FiducialSettings("subpix", calibrated=True, min_tags=1),
@@ -121,11 +121,11 @@ class FiducialDetection:
     Attributes
     ----------
     ids : array (m,) of int
-        Rows of the fiducial's `corners` that were found; empty when it was not found.
+        Rows of the fiducial's `corners` that were found; empty if it was not found.
     pixels : array (m, 2), px
-        In the image as taken, pixel centers at integer coordinates.
+        Corners in the image as taken, pixel centers at integer coordinates.
     reason : str
-        Why it was not found; empty otherwise.
+        Reason why it was not found; empty otherwise.
     """
 
     ids: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
@@ -134,7 +134,7 @@ class FiducialDetection:
 
     @property
     def found(self) -> bool:
-        """Four corners or more."""
+        """True if there are four or more corners."""
         return len(self.ids) > 0
 
 
@@ -143,26 +143,27 @@ def detect_fiducial(
 ) -> FiducialDetection:
     """Find one tag or board in a grey image with cv2.aruco.
 
-    The corners come in our pixel convention. Measured in noise-free views (blur 0.7 px, 100 of the paper's poses, two
+    The corners follow our pixel convention. Measured in noise-free views (blur 0.7 px, 100 of the paper's poses, two
     kinds of tag), the mean offset of all corners in x and y, in px of the image searched, each +-0.02 or better:
 
         NONE -0.02, 0.00    SUBPIX 0.00, 0.00    CONTOUR 0.02, 0.00    APRILTAG 0.48, 0.46; enlarged 0.50, 0.49
 
-    So APRILTAG counts from the image's corner, and half a pixel is taken off; of a board's tags before its inner
-    corners are predicted from them, and those are then off by 0.00, 0.00 for every refinement. What is left is no
-    matter of convention: NONE, SUBPIX and CONTOUR see a tag's blurred corners too far inside, by 0.5, 0.2 and 0.7 px.
+    So APRILTAG counts from the image's corner, and half a pixel is subtracted; for the tags of a board this is done
+    before its inner corners are predicted from them, which are then off by 0.00, 0.00 for every refinement. The rest is
+    not a matter of convention: NONE, SUBPIX and CONTOUR place a tag's blurred corners too far inside, by 0.5, 0.2 and
+    0.7 px.
 
     Parameters
     ----------
     image : array (h, w) of uint8
     camera : Camera or None
-        That took the image; needed for a board with `settings.calibrated`. The fisheye model is none that
-        cv2.aruco knows: such boards are looked for without.
+        Camera that took the image; needed for a board with `settings.calibrated`. cv2.aruco does not support the
+        fisheye model: boards are then searched without the camera.
 
     Returns
     -------
     FiducialDetection
-        A board counts as found with four inner corners or more that are not all on one line.
+        A board counts as found with four or more inner corners that are not collinear.
 
     Raises
     ------
@@ -177,12 +178,12 @@ def detect_fiducial(
         found = _find_tag(searched, fiducial, settings)
     else:
         found = _find_board(searched, fiducial, settings, camera)
-    # The corner of the top left pixel, (-0.5, -0.5), stays where it is when an image is enlarged.
+    # The corner of the top left pixel, (-0.5, -0.5), stays in place when an image is enlarged.
     return FiducialDetection(found.ids, (found.pixels + 0.5) / k - 0.5, found.reason)
 
 
 def find_tags(image: NDArray[np.uint8], family: str, settings: FiducialSettings) -> list[tuple[int, Array]]:
-    """Ids and corners (4, 2) in px of all tags of a family in a grey image, which is searched as it is."""
+    """Find the ids and corners (4, 2) in px of all tags of a family in a grey image, without enlarging it."""
     corners, ids, _ = _tag_detector(family, settings).detectMarkers(image)
     numbers = [] if ids is None else [int(i) for i in np.ravel(ids)]
     offset = PIXEL_OFFSET[settings.refinement]
@@ -195,7 +196,7 @@ def _find_tag(image: NDArray[np.uint8], tag: Tag, settings: FiducialSettings) ->
     if not own:
         others = [number for number, _ in seen]
         return FiducialDetection(reason=f"no tag with id {tag.id}" + (f", but {others}" if others else ""))
-    # Of several with the same id the largest.
+    # Of several with the same id, take the largest.
     return FiducialDetection(np.arange(4), max(own, key=lambda quad: float(np.sum((quad[2] - quad[0]) ** 2))))
 
 
@@ -226,7 +227,7 @@ def _find_board(
 def _board_tags(
     image: NDArray[np.uint8], board: Board, settings: FiducialSettings, detector: Any, offset: np.float32
 ) -> tuple[Any, Any]:
-    """Corners and ids of a board's tags, as detectBoard finds them itself, moved by the offset."""
+    """Find the corners and ids of a board's tags as detectBoard does itself, moved by the offset."""
     finder = _tag_detector(board.family, settings)
     corners, ids, rejected = finder.detectMarkers(image)
     corners, rejected = ([quad - offset for quad in quads] for quads in (corners, rejected))
@@ -299,28 +300,28 @@ def _dictionary(family: str) -> Any:
 Indices = NDArray[np.intp]
 
 MATCH_PX, MATCH_SHARE = 2.0, 0.12
-"""How far a tag's corner may lie from where a labeling puts it: px, plus a share of its longest side in the image. To
-the next of the four turns it is a whole side, to the next label of a regular octagon half a one."""
+"""Maximum distance of a tag's corner from its place in a labeling: px, plus a share of its longest side in the image.
+The next of the four orientations is a whole side away, the next label of a regular octagon half a side."""
 
 PLACE_SHARE, SIZE_RATIO = 0.4, 2.0
-"""A tag lies in the place of another if their middles are no farther apart than this share of a side, and neither is
-larger by more than this ratio."""
+"""Two tags are at the same place if their middles are no farther apart than this share of a side, and their sizes
+differ by at most this ratio."""
 
 SETTINGS = FiducialSettings("subpix", window=3)
-"""Measured over the paper's poses: none reads more of the small and tilted tags, with the image enlarged neither."""
+"""Settings for a marker's tag: over the paper's poses, no others read more small and tilted tags, even enlarged."""
 
 REFUTES, SILENT, CONFIRMS = -1, 0, 1
 
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
-    """Tags that were read in an image.
+    """Tags read in an image.
 
     Attributes
     ----------
     names : tuple of (family, id)
     pixels : array (k, 4, 2), px
-        Of the corners, in the order of `Tag.corners`, in the image as taken.
+        Corners in the order of `Tag.corners`, in the image as taken.
     """
 
     names: tuple[tuple[str, int], ...] = ()
@@ -338,7 +339,7 @@ NO_TAGS = Sightings()
 
 
 def look_for_tags(image: NDArray[np.uint8] | NDArray[np.uint16], families: Collection[str]) -> Sightings:
-    """Read all tags of these families in a grey image (h, w); images of 16 bits are stretched to their range."""
+    """Read all tags of the families in a grey image (h, w); 16-bit images are stretched to their range."""
     if not families:
         return NO_TAGS
     if image.dtype == np.uint8:
@@ -355,20 +356,20 @@ def look_for_tags(image: NDArray[np.uint8] | NDArray[np.uint16], families: Colle
 
 
 def verdicts(corners: Array, tag: Tag, camera: Camera, seen: Sightings) -> tuple[Indices, Indices]:
-    """What the tags that are seen say of labelings, and which of them say so.
+    """Return the verdict of the visible tags on labelings, and the tag that it is based on.
 
-    A tag in the place where a labeling puts the marker's own confirms it if it is the same and its corners are where
-    they should be; another one, or the same in another turn, refutes it.
+    A tag at the place that a labeling gives to the marker's own tag confirms the labeling if it is the same tag and its
+    corners are where they should be; another tag, or the same one in another orientation, refutes it.
 
     Parameters
     ----------
     corners : array (A, 4, 2), normalized coordinates
-        Where each labeling puts the corners of the marker's tag.
+        Corners of the marker's tag as each labeling predicts them.
 
     Returns
     -------
     state : array (A,) of int
-        `CONFIRMS`, `REFUTES`, or `SILENT` where no tag is seen.
+        `CONFIRMS`, `REFUTES`, or `SILENT` if no tag is seen there.
     which : array (A,) of int
         Index of the sighting, -1 for none.
     """
@@ -386,7 +387,7 @@ def verdicts(corners: Array, tag: Tag, camera: Camera, seen: Sightings) -> tuple
     same = np.array([name == (tag.family, tag.id) for name in seen.names])
     allowed = MATCH_PX + MATCH_SHARE * own_side
     confirmed = in_place & same & (offset <= allowed)
-    # What is nearly right is badly seen rather than another labeling.
+    # Corners that are nearly right indicate a poor view rather than another labeling.
     refuted = in_place & (~same | (offset > 2 * allowed))
     state = np.where(confirmed.any(axis=1), CONFIRMS, np.where(refuted.any(axis=1), REFUTES, SILENT))
     which = np.where(
@@ -396,5 +397,5 @@ def verdicts(corners: Array, tag: Tag, camera: Camera, seen: Sightings) -> tuple
 
 
 def _longest_side(quads: Array) -> Array:
-    """Longest sides (...) in px of quadrangles (..., 4, 2)."""
+    """Return the longest sides (...) in px of quadrangles (..., 4, 2)."""
     return np.asarray(np.linalg.norm(quads - np.roll(quads, -1, axis=-2), axis=-1).max(axis=-1))

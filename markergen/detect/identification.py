@@ -1,4 +1,4 @@
-"""Which blob is which dot: the best of the labelings that fit, if it is the only one."""
+"""Identification of dots among blobs: the best labeling that fits, provided that it is unique."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -27,35 +27,35 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 MAX_BLOBS = 256
-"""Blobs among which labels are sought."""
+"""Maximum number of blobs among which labels are sought."""
 
 ACCEPT_PX, ACCEPT_SHARE = 0.6, 0.005
-"""Largest misfit of a labeling without missing dots: px, plus a share of the marker's extent in the image for an
-imperfect calibration. With dots missing it is less, in the ratio of what is left to check (see `Search.bound`)."""
+"""Maximum misfit of a labeling without missing dots: px, plus a share of the marker's extent in the image for an
+imperfect calibration. With dots missing it is lower, in proportion to the remaining checks (see `Search.bound`)."""
 
 PRINT_SIGMAS = 4.0
-"""Of the print, added in quadrature. The misfit of four dots in sigma is chi with two degrees of freedom: 1 in 3000 has
-more than four."""
+"""Multiple of the print's standard deviation, added in quadrature. The misfit of four dots in sigma follows a chi
+distribution with two degrees of freedom: 1 in 3000 exceeds four."""
 
 OUTLINE_PX, OUTLINE_SHARE = 0.1, 0.02
-"""Largest misfit of the outlines alone of four dots without a camera: px, plus a share of a dot's radius in the image.
-A mirrored marker that is nearly symmetric misses by as little as 0.027 of the radius, a tenth of a pixel is noise."""
+"""Maximum misfit of the outlines alone of four dots without a camera: px, plus a share of a dot's radius in the image.
+A mirrored marker that is nearly symmetric misses by as little as 0.027 of the radius; noise is a tenth of a pixel."""
 
 UNIQUE_RATIO, UNIQUE_PX = 2.0, 0.5
-"""Any other labeling of the same blobs must be worse by this factor, and by so many px for the marker and each dot that
-it misses."""
+"""Margin to any other labeling of the same blobs: it must be worse by this factor, and by this many px for the marker
+and for each dot that it misses."""
 
 MISSING_PX, WRONG_KIND_PX = 1.0, 3.0
-"""What is added to the misfit when labelings are compared: for a dot that should be seen and is not, and for one in
-whose place there is a ring instead of a disk, or the other way around."""
+"""Penalties added to the misfit when labelings are compared: for a dot that should be visible and is missing, and for a
+ring in place of a disk or vice versa."""
 
 EDGE_PX = 3.0
-"""A dot is expected if it is predicted inside the image, and farther than this, plus its size, from the edge."""
+"""Margin in px: a dot is expected if it is predicted inside the image, by more than this plus its size."""
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """What a search for one marker came to.
+    """Result of a search for one marker.
 
     Attributes
     ----------
@@ -63,17 +63,17 @@ class Search:
     candidates : Labelings
         Best first.
     bound : array (A,), px
-        Misfit up to which each is accepted.
+        Maximum accepted misfit of each.
     missing : array (A,) of int
-        Dots that should be seen and have no blob.
+        Number of dots that should be visible and have no blob.
     rings, disks : arrays (A,) of int
-        Disks in whose place there is a ring, and rings in whose place there is a disk.
+        Number of disks with a ring in their place, and of rings with a disk in their place.
     tags, sighting : arrays (A,) of int
-        What the tag in the image says of each labeling, and which one it is: see `verdicts`.
+        Verdict of the tags in the image on each labeling, and the tag that it is based on: see `verdicts`.
     alone : Search or None
-        The same for the blobs of the best labeling alone; if it has no ring, as though rings looked like disks.
+        Search on only the blobs of the best labeling; if it has no ring, as though rings looked like disks.
     reason : str
-        Why there is no labeling; empty if the first candidate is one, unless another contends.
+        Reason why there is no labeling; empty if the first candidate is one, unless another contends.
     """
 
     layout: DotLayout
@@ -89,7 +89,7 @@ class Search:
 
     @property
     def rank(self) -> tuple[int, int, float]:
-        """The less, the better: its tag seen, most dots, least misfit, to which dots that should be seen add."""
+        """Sort key, lower is better: a visible tag, most dots, least misfit including penalties for missing dots."""
         misfit = float(self.candidates.misfit[0] + MISSING_PX * self.missing[0])
         return -int(self.tags[0]), -int(self.candidates.count[0]), misfit
 
@@ -97,7 +97,7 @@ class Search:
         return len(self.candidates)
 
     def take(self, chosen: Indices) -> "Search":
-        """Return the chosen labelings."""
+        """Return a subset of the labelings."""
         per_labeling = ("bound", "missing", "rings", "disks", "tags", "sighting")
         parts = {name: getattr(self, name)[chosen] for name in per_labeling}
         return replace(self, candidates=self.candidates.take(chosen), **parts)
@@ -118,22 +118,22 @@ def search(
     sightings: Sightings = NO_TAGS,
     find: Callable[..., Labelings] = find_labelings,
 ) -> Search:
-    """Find the labelings of blobs that the camera could have seen, the best one first.
+    """Find the labelings of blobs that are consistent with the camera, best first.
 
-    Guessed poses (`guess_poses`) take blobs near the dots they predict; labelings of four dots or more are fitted, and
-    verified by how far centers and outlines are from those of the fitted pose, which leaves 5 m - 6 numbers of m dots
-    to check. A labeling that is accepted may still not be the only one: see `ambiguity`.
+    Guessed poses (`guess_poses`) take blobs near the dots they predict; labelings of four or more dots are fitted, and
+    verified by the distances of centers and outlines from those of the fitted pose, which leaves 5 m - 6 numbers of m
+    dots to check. An accepted labeling may still be ambiguous: see `ambiguity`.
 
     Parameters
     ----------
     camera : Camera
-        For pixels; its calibration counts only if `calibrated`.
+        Defines pixels; its calibration is used only if `calibrated`.
     print_sigma : float, m
-        Of a dot's place in the print along each axis; counts with a calibration alone.
+        Standard deviation of a dot's place in the print along each axis; used only with a calibration.
     tag, sightings : Tag or None, Sightings
-        The marker's tag, and those in the image: labelings that put another tag in its place are left out.
+        The marker's tag, and the tags in the image: labelings that put another tag in its place are left out.
     find : callable
-        `find_labelings`, or what remembers its results.
+        `find_labelings`, or a version that caches its results.
     """
     px = float(np.sqrt(camera.fx * camera.fy))
     if len(ellipses) < LEAST_DOTS:
@@ -152,7 +152,7 @@ def search(
     everything = ranked(candidates, ellipses)
     found = everything.take(np.flatnonzero(everything.tags != REFUTES))
     if everything.tags[0] == REFUTES and everything.candidates.misfit[0] <= everything.bound[0]:
-        # What else there is may be another copy, or just strangers.
+        # The remaining blobs may be another copy, or clutter.
         if not len(found) or not found.candidates.misfit[0] <= found.bound[0]:
             return _failed(layout, _other_tag(everything, tag, sightings))
     elif not len(found):
@@ -169,7 +169,7 @@ def search(
         return _failed(layout, f"{said}: the best labeling fits {fits}")
     if found.rings[0]:
         return _failed(layout, f"{said}: there is a ring in the place of a dot")
-    # What is around the marker may have spoiled the search for other labelings of the same dots.
+    # Clutter around the marker may have spoiled the search for other labelings of the same dots.
     ringed = not layout.rings.any() or bool((found.blobs[layout.rings] >= 0).any())
     own = ellipses.take(found.blobs[found.blobs >= 0])
     if ringed and len(own) == len(ellipses):
@@ -188,18 +188,18 @@ def _ranked(
     tag: Tag | None,
     seen: Sightings,
 ) -> Search:
-    """Labelings with what speaks against them, those with their tag first, best first by misfit and lack of dots.
+    """Rank labelings with the evidence against them: first those with their tag, then by misfit and missing dots.
 
-    Those out of bounds come last.
+    Rejected ones come last.
     """
     absent = candidates.blobs < 0
     missing = np.sum(_expected(candidates, camera) & absent, axis=-1)
     printing = _printing(candidates, px, print_sigma)
     bound = _bound(candidates, missing, ellipses, px, printing)
-    # Of a coarse print any dot may be left out for a better fit: all of them, if accepted, are the one to take.
+    # In a coarse print, leaving out any dot may improve the fit: if all dots are acceptable, keep them all.
     lack = np.hypot(MISSING_PX, printing) * (len(layout) - candidates.count)
     tags, sighting = np.zeros((2, len(candidates)), dtype=np.intp)
-    # A homography is that of the dots' plane alone.
+    # A homography maps only the dots' plane.
     if tag is not None and (isinstance(candidates.model, Poses) or not layout.points[0, 2]):
         corners = candidates.model.project(np.column_stack([tag.corners, np.zeros(4)]))
         tags, sighting = verdicts(corners, tag, camera, seen)
@@ -211,7 +211,7 @@ def _ranked(
 
 
 def ambiguity(chosen: Search) -> str:
-    """Reason why the best labeling of a search is not the only one; empty if it is."""
+    """Return the reason why the best labeling of a search is not unique; empty if it is."""
     for others in (chosen, chosen.alone):
         rival = None if others is None else contender(chosen, others, same_marker=True)
         if others is not None and rival is not None:
@@ -222,19 +222,19 @@ def ambiguity(chosen: Search) -> str:
 
 
 def contender(chosen: Search, others: Search, same_marker: bool) -> int | None:
-    """Index of a labeling that explains blobs of the best labeling differently, and nearly as well; None without any.
+    """Return the index of a labeling that explains the best one's blobs differently, and nearly as well, or None.
 
-    Labelings that share no blob are other copies; those that agree in what they have are parts of the same labeling.
+    Labelings that share no blob are other copies; those that agree on their common blobs are parts of one labeling.
     """
     best, labelings = chosen.blobs, others.candidates.blobs
     if others is chosen.alone:
-        # There the blobs are numbered by themselves.
+        # These blobs have a numbering of their own.
         best = np.where(best >= 0, np.cumsum(best >= 0) - 1, -1)
     shared = np.isin(labelings, best[best >= 0]).any(axis=-1)
     if same_marker:
         same = labelings == best
         shared &= ~(same | (labelings < 0)).all(axis=-1) & ~(same | (best < 0)).all(axis=-1)
-    # Fewer dots explained, or more that should be seen and are not, speak against a labeling.
+    # Fewer dots explained, or more expected dots missing, count against a labeling.
     fewer = chosen.candidates.count[0] - others.candidates.count
     more = MISSING_PX * np.maximum(fewer, others.missing - chosen.missing[0])
     strange = WRONG_KIND_PX * (others.rings + others.disks - chosen.rings[0] - chosen.disks[0])
@@ -247,7 +247,7 @@ def contender(chosen: Search, others: Search, same_marker: bool) -> int | None:
 
 
 def _printing(candidates: Labelings, px: float, print_sigma: float) -> Array:
-    """Error (A,) of the print in px, at `PRINT_SIGMAS`, at the distance of each pose; 0 without a camera."""
+    """Return the error (A,) of the print in px, at `PRINT_SIGMAS`, at each pose's distance; 0 without a camera."""
     if not isinstance(candidates.model, Poses):
         return np.zeros(len(candidates))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -255,9 +255,9 @@ def _printing(candidates: Labelings, px: float, print_sigma: float) -> Array:
 
 
 def _bound(candidates: Labelings, missing: Indices, ellipses: Ellipses, px: float, printing: Array) -> Array:
-    """Accepted misfit (A,) in px: less where dots are missing, by the share of dots beyond those that fix the pose.
+    """Return the maximum misfit (A,) in px: lower with missing dots, by the share of dots beyond those fixing the pose.
 
-    Less than half of the dots that should be seen are never enough. Negative for what is not accepted at any misfit.
+    Less than half of the expected dots are never enough. Negative where no misfit is acceptable.
     """
     used = (candidates.blobs >= 0)[..., None]
     center = ellipses.center[candidates.blobs]
@@ -273,10 +273,10 @@ def _bound(candidates: Labelings, missing: Indices, ellipses: Ellipses, px: floa
 
 
 def _plane_is_told(candidates: Labelings, missing: Indices, ellipses: Ellipses, px: float) -> NDArray[np.bool_]:
-    """Whether (A,) homographies are backed by more than the four centers that any homography fits.
+    """Return which homographies (A,) are supported by more than four centers, which any homography fits.
 
-    Their outlines must be right, the more so the fewer dots there are and the more are missing; and four dots of more,
-    or half of those that should be seen, are not enough.
+    Their outlines must fit, the more closely the fewer dots there are and the more are missing; four dots of a larger
+    marker, or half of the expected ones, are not enough.
     """
     used, count = candidates.blobs >= 0, candidates.count
     in_place = replace(candidates.predicted, center=ellipses.center[candidates.blobs])
@@ -287,7 +287,7 @@ def _plane_is_told(candidates: Labelings, missing: Indices, ellipses: Ellipses, 
 
 
 def _expected(candidates: Labelings, camera: Camera) -> NDArray[np.bool_]:
-    """Dots (A, n) that are predicted wholly inside the image, by a margin."""
+    """Return which dots (A, n) are predicted wholly inside the image, with a margin."""
     drawn = candidates.predicted
     with np.errstate(invalid="ignore", divide="ignore"):
         pixels = camera.to_pixels(drawn.center)
@@ -298,7 +298,7 @@ def _expected(candidates: Labelings, camera: Camera) -> NDArray[np.bool_]:
 
 
 def _how_far(ellipses: Ellipses, layout: DotLayout, candidates: Labelings, camera: Camera) -> str:
-    """Why there are no four dots in the marker's layout."""
+    """Return the reason why there are no four dots in the marker's layout."""
     found = f"found {len(ellipses)} dots"
     if layout.rings.any() and not ellipses.ring.any():
         found += ", no key ring"
@@ -311,7 +311,7 @@ def _how_far(ellipses: Ellipses, layout: DotLayout, candidates: Labelings, camer
 
 
 def _other_tag(search: Search, tag: Tag | None, seen: Sightings) -> str:
-    """Why the best labeling, which fits, is refuted by a tag."""
+    """Return the reason why a tag refutes the best labeling, which fits."""
     family, number = seen.names[search.sighting[0]]
     if tag is not None and (family, number) == (tag.family, tag.id):
         return f"found its dots and its tag {tag}, which do not lie as in the marker: the print may be a mirrored one"

@@ -1,4 +1,4 @@
-"""Labelings that blobs allow: guessed poses, the blobs near the dots that they predict, and the fit to those."""
+"""Candidate labelings of blobs: guessed poses, the blobs near the dots that they predict, and the fit to those."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -22,27 +22,28 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 LEAST_DOTS = 4
-"""Fewer do not determine pose and labels."""
+"""Minimum number of dots: fewer do not determine pose and labels."""
 
 MAX_LABELINGS = 600
-"""Labelings that are fitted, times the marker's dots; those with the most dots first."""
+"""Maximum number of fitted labelings times the marker's dots; those with the most dots first."""
 
 ROUNDS, TRIM_PX, MAX_TRIMMED = 3, 1.0, 60
-"""Rounds of second looks; misfit from which on dots are left out in one; labelings that this may make."""
+"""Maximum number of refinement rounds; misfit above which a round leaves dots out; maximum number of labelings that
+leaving out may add."""
 
 SPREAD = 0.2
-"""Logarithm of the largest common factor of all outlines that is let pass."""
+"""Maximum logarithm of a common factor of all outlines that is ignored."""
 
 FIT_TOLERANCE = 1e-3
-"""Of the fit: where its misfit changes by no more than this share, it is known well enough to tell labelings apart."""
+"""Relative change of the misfit at which a fit stops: enough to tell labelings apart."""
 
 FOCAL_FACTORS = (1.0, 0.4, 3.0)
-"""Focal lengths that are tried without a camera, in units of the one that is made up."""
+"""Focal lengths to try without a camera, in units of the made-up one."""
 
 NEAR_REACH, NEAR_PX = 0.5, 1.0
-"""How far from where a fitted labeling puts it a dot may lie: share of its radius, plus px."""
+"""Maximum distance of a dot from its place in a fitted labeling: share of its radius, plus px."""
 GUESS_PX = 2.0
-"""What is added in px to a layout's reach for guesses."""
+"""Margin in px added to a layout's reach for guesses."""
 _CHUNK = 2_000_000
 
 
@@ -57,9 +58,9 @@ class Labelings:
     misfit : array (A,), px
         See `misfits`; inf for labelings of fewer than four dots.
     model : Poses or Planes
-        What was fitted.
+        Fitted model.
     predicted : Outlines
-        Of all dots.
+        Predicted outlines of all dots.
     """
 
     blobs: Indices
@@ -72,34 +73,34 @@ class Labelings:
 
     @property
     def count(self) -> Indices:
-        """Dots (A,) that have a blob."""
+        """Number (A,) of dots that have a blob."""
         return np.sum(self.blobs >= 0, axis=-1)
 
     def take(self, chosen: Indices) -> "Labelings":
-        """Return the chosen ones."""
+        """Return a subset."""
         return Labelings(self.blobs[chosen], self.misfit[chosen], self.model.take(chosen), self.predicted.take(chosen))
 
 
 class Model(Protocol):
-    """Guesses of what maps the marker to the image: K of them."""
+    """K hypotheses of the mapping from marker to image."""
 
     def outlines(self, layout: DotLayout) -> Outlines:
-        """Where dots are predicted."""
+        """Predict the outlines of all dots."""
 
     def project(self, points: Array) -> Array:
-        """Images (K, m, 2) in normalized coordinates of points (m, 3) in m on the marker's plane."""
+        """Return the images (K, m, 2), in normalized coordinates, of points (m, 3) in m on the marker's plane."""
 
     def take(self, chosen: Indices) -> "Model":
-        """Return the chosen ones."""
+        """Return a subset."""
 
     def joined(self, other: "Model") -> "Model":
-        """Return these and others of the same kind."""
+        """Concatenate with another model of the same kind."""
 
     def mirrored(self, layout: DotLayout) -> "Model | None":
-        """Return what makes the marker look much the same, and ends in another minimum; None if nothing does."""
+        """Return the model with nearly the same image that leads to another minimum; None if there is none."""
 
     def fitted(self, blobs: Indices, ellipses: Ellipses, layout: DotLayout, px: float) -> "Model":
-        """Least-squares fit to labelings (K, n)."""
+        """Fit to labelings (K, n) by least squares."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,16 +111,16 @@ class Poses:
     translation: Array
 
     def outlines(self, layout: DotLayout) -> Outlines:
-        """Where dots are predicted."""
+        """Predict the outlines of all dots."""
         return outlines(layout.points, layout.radii, self.rotation, self.translation)
 
     def project(self, points: Array) -> Array:
-        """Images (K, m, 2) of points (m, 3) in m; nan for those behind the camera."""
+        """Return the images (K, m, 2) of points (m, 3) in m; nan for those behind the camera."""
         seen = points @ self.rotation.swapaxes(-1, -2) + self.translation[:, None]
         return np.where(seen[..., 2:] > 0, perspective(np.where(seen[..., 2:] > 0, seen, 1.0)), np.nan)
 
     def take(self, chosen: Indices) -> "Poses":
-        """Return the chosen ones."""
+        """Return a subset."""
         return Poses(self.rotation[chosen], self.translation[chosen])
 
     def mirrored(self, layout: DotLayout) -> "Poses | None":
@@ -127,14 +128,14 @@ class Poses:
         return Poses(*mirrored_poses(layout.points, self.rotation, self.translation)) if layout.flat else None
 
     def joined(self, other: Model) -> "Poses":
-        """Return these and others of the same kind."""
+        """Concatenate with other poses."""
         assert isinstance(other, Poses)
         return Poses(
             np.concatenate([self.rotation, other.rotation]), np.concatenate([self.translation, other.translation])
         )
 
     def fitted(self, blobs: Indices, ellipses: Ellipses, layout: DotLayout, px: float) -> "Poses":
-        """Least-squares fit to labelings (K, n)."""
+        """Fit to labelings (K, n) by least squares."""
         weight = (blobs >= 0)[..., None, None] * (px**2 * np.eye(2))
         rotation, translation, _ = refine_poses(
             layout.points,
@@ -151,32 +152,32 @@ class Poses:
 
 @dataclass(frozen=True, eq=False)
 class Planes:
-    """Without calibration: homographies (K, 3, 3) from the marker plane in m."""
+    """Uncalibrated: homographies (K, 3, 3) from the marker plane in m."""
 
     homography: Array
 
     def outlines(self, layout: DotLayout) -> Outlines:
-        """Where dots are predicted."""
+        """Predict the outlines of all dots."""
         return plane_outlines(layout.points[:, :2], layout.radii, self.homography)
 
     def project(self, points: Array) -> Array:
-        """Images (K, m, 2) of points (m, 3) in m of the marker's plane."""
+        """Return the images (K, m, 2) of points (m, 3) in m on the marker's plane."""
         return apply_homography(self.homography, points[:, :2])
 
     def take(self, chosen: Indices) -> "Planes":
-        """Return the chosen ones."""
+        """Return a subset."""
         return Planes(self.homography[chosen])
 
     def mirrored(self, layout: DotLayout) -> None:
-        """Return nothing: there is one homography."""
+        """Return None: the homography is unique."""
 
     def joined(self, other: Model) -> "Planes":
-        """Return these and others of the same kind."""
+        """Concatenate with other homographies."""
         assert isinstance(other, Planes)
         return Planes(np.concatenate([self.homography, other.homography]))
 
     def fitted(self, blobs: Indices, ellipses: Ellipses, layout: DotLayout, px: float) -> "Planes":  # noqa: ARG002
-        """DLT of each labeling (K, n), corrected for the difference between centers of ellipses and of dots."""
+        """Fit each labeling (K, n) by DLT, corrected for the offset between centers of ellipses and of dots."""
         homography = self.homography.copy()
         patterns, group = np.unique(blobs >= 0, axis=0, return_inverse=True)
         for k, used in enumerate(patterns):
@@ -190,16 +191,16 @@ class Planes:
 def find_labelings(
     ellipses: Ellipses, layout: DotLayout, px: float, calibrated: bool = True, rings_tell: bool = True
 ) -> Labelings:
-    """Labelings of `LEAST_DOTS` dots or more, fitted; without any, the best of fewer, for the record.
+    """Find and fit labelings of `LEAST_DOTS` or more dots; if there are none, the best of fewer, for messages.
 
     Parameters
     ----------
     px : float
         Pixels per unit of the normalized coordinates.
     calibrated : bool
-        Fit poses; else homographies.
+        True to fit poses, False to fit homographies.
     rings_tell : bool
-        Only rings stand for rings, and only disks for disks.
+        True if rings match only rings, and disks only disks.
     """
     guesses = _guesses(ellipses, layout, px, calibrated, rings_tell)
     drawn = guesses.outlines(layout)
@@ -219,11 +220,11 @@ def find_labelings(
 
 
 def misfits(predicted: Outlines, ellipses: Ellipses, blobs: Indices, px: float) -> Array:
-    """RMS (A,) in px by which centers and outlines of labeled blobs (A, n) miss the predicted ones.
+    """Return the RMS (A,) in px by which centers and outlines of labeled blobs (A, n) miss the predicted ones.
 
-    sqrt(sum |dc|^2/(m - 3) + sum |dS|^2/m) over the m dots that have a blob, with c the centers, whose fit takes up six
+    sqrt(sum |dc|^2/(m - 3) + sum |dS|^2/m) over the m dots that have a blob, with c the centers, whose fit uses up six
     of 2m numbers, and S the symmetric square roots of the shapes. A common factor of all outlines, up to a fifth, is
-    let pass: ink spreads, and bright surroundings eat into dark dots.
+    ignored: ink spreads, and bright surroundings eat into dark dots.
     """
     used = blobs >= 0
     count = used.sum(axis=-1)
@@ -240,7 +241,7 @@ def misfits(predicted: Outlines, ellipses: Ellipses, blobs: Indices, px: float) 
 
 
 def _fitted(blobs: Indices, start: Model, ellipses: Ellipses, layout: DotLayout, px: float) -> Labelings:
-    """Labelings (K, n) fitted from where they were guessed and from the mirrored pose, whichever fits better."""
+    """Fit labelings (K, n) from the guess and from the mirrored pose, and keep the better fit."""
     count, mirrored = len(blobs), start.mirrored(layout)
     if mirrored is not None:
         blobs, start = np.concatenate([blobs, blobs]), start.joined(mirrored)
@@ -255,10 +256,10 @@ def _fitted(blobs: Indices, start: Model, ellipses: Ellipses, layout: DotLayout,
 def _next(
     candidates: Labelings, ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool
 ) -> tuple[Indices, Indices]:
-    """Labelings (k, n) that fitted ones suggest and that were not fitted yet, and which of them each comes from.
+    """Return labelings (k, n) derived from fitted ones and not fitted yet, and the index of the one each comes from.
 
-    A second look from the fitted pose: dots that the guess missed come in, strangers go. And where nothing better fits,
-    each dot in turn is left out, for which a stranger near its place may have been taken.
+    The fitted pose is used for another assignment: dots that the guess missed are added, wrong ones removed. If nothing
+    fits better, each dot in turn is left out, in case a foreign blob near its place was taken for it.
     """
     old = candidates.blobs
     near, _ = assign(candidates.predicted, ellipses, layout, NEAR_REACH, NEAR_PX / px, rings_tell)
@@ -271,7 +272,7 @@ def _next(
     trimmed = old[row]
     trimmed[np.arange(len(row)), dot] = -1
     labelings = np.concatenate([old, near, trimmed])
-    # Those that are fitted already come first among equals, and are not fitted again.
+    # Labelings that are already fitted come first among equals, and are not fitted again.
     fresh = _distinct(labelings, (np.arange(len(labelings)) >= len(old)).astype(float))
     fresh = fresh[(fresh >= len(old)) & (np.sum(labelings[fresh] >= 0, axis=-1) >= LEAST_DOTS)]
     start = np.concatenate([np.arange(len(old)), np.arange(len(old)), row])
@@ -295,9 +296,9 @@ def _guesses(ellipses: Ellipses, layout: DotLayout, px: float, calibrated: bool,
 def assign(
     predicted: Outlines, ellipses: Ellipses, layout: DotLayout, reach: float, margin: float, rings_tell: bool
 ) -> tuple[Indices, Array]:
-    """Nearest blob (K, n) of each predicted dot, -1 if none is within reach; and the sum (K,) of squared distances.
+    """Assign to each predicted dot its nearest blob (K, n), -1 if none is in reach; also sum squared distances (K,).
 
-    Distances are in units of what is allowed: `reach` radii of the blob, plus a margin.
+    Distances are in units of the allowed distance: `reach` radii of the blob, plus a margin.
     """
     gate = np.linalg.inv(reach**2 * ellipses.shape + margin**2 * np.eye(2))
     # |L'd|^2 = d' G d.
@@ -321,7 +322,7 @@ def assign(
         nearest = square.argmin(axis=-1)
         least = np.take_along_axis(square, nearest[..., None], axis=-1)[..., 0]
         nearest[least > 1] = -1
-        # Of two dots with the same blob, the farther one goes without.
+        # Of two dots with the same blob, the farther one gets none.
         same = (nearest[:, :, None] == nearest[:, None, :]) & (least[:, :, None] > least[:, None, :])
         nearest[same.any(axis=-1)] = -1
         blobs[part], total[part] = nearest, np.where(nearest >= 0, least, 0.0).sum(axis=-1)
@@ -329,7 +330,7 @@ def assign(
 
 
 def _distinct(blobs: Indices, error: Array) -> Indices:
-    """Indices of distinct labelings (A, n), those with the most dots first, then by error; of equal ones the best."""
+    """Return indices of distinct labelings (A, n), most dots first, then by error; of equal ones the best."""
     order = np.lexsort((error, -np.sum(blobs >= 0, axis=-1)))
     # A random linear form tells rows apart: exact in integers up to overflow, which wraps around the same way.
     weight = np.random.default_rng(0).integers(1, 2**62, blobs.shape[1])

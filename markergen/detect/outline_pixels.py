@@ -1,4 +1,4 @@
-"""The pixels around the outlines of many ellipses, as one flat list, and whether they show an edge all around."""
+"""Pixels around the outlines of many ellipses, as one flat list, and tests for an edge all around."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 _ENOUGH = 20_000
-"""Pixels per ellipse. Of larger ones every second, third ... row is taken, but no fewer than 64 rows."""
+"""Maximum number of pixels per ellipse. Larger ones are subsampled by rows, to no fewer than 64 rows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,9 +21,9 @@ class OutlinePixels:
     x, y : arrays (N,), px
     grey : array (N,)
     owner : array (N,) of int
-        The ellipse that a pixel belongs to; near neighbors may share pixels.
+        Ellipse that a pixel belongs to; near neighbors may share pixels.
     start : array (B + 1,) of int
-        Pixels start[b] to start[b + 1] are those of ellipse b.
+        Pixels start[b] to start[b + 1] belong to ellipse b.
     """
 
     x: Array
@@ -33,7 +33,7 @@ class OutlinePixels:
     start: Indices
 
     def of(self, chosen: NDArray[np.bool_]) -> "OutlinePixels":
-        """Only the pixels of the chosen (B,) ellipses, which are numbered anew."""
+        """Return the pixels of the chosen (B,) ellipses only, which are renumbered."""
         kept = chosen[self.owner]
         count = np.diff(self.start)[chosen]
         return OutlinePixels(
@@ -59,7 +59,7 @@ def outline_pixels(
     band : array (B,), px
         The bands are bounded by the ellipses whose semi-axes are longer and shorter by this.
     filled : array (B,) of bool
-        Take the inside as well.
+        True to take the inside as well.
     """
     height, width = image.shape
     values, vectors = np.linalg.eigh(spread)
@@ -103,13 +103,13 @@ def outline_pixels(
 
 
 def _count_up(lengths: Indices) -> Indices:
-    """0, 1, ... length - 1 for each of the lengths, one after another."""
+    """Return 0, 1, ... length - 1 for each of the lengths, concatenated."""
     starts = np.cumsum(lengths) - lengths
     return np.arange(int(lengths.sum())) - np.repeat(starts, lengths)
 
 
 def _crossing(spread: Array, center: Array, owner: Indices, y: Indices) -> tuple[Array, Array]:
-    """Middle and half length, px, of the part of row y inside each row's ellipse; length 0 where there is none."""
+    """Return middle and half length, px, of the part of row y inside each row's ellipse; length 0 if there is none."""
     q = spread[owner]
     up = y - center[owner, 1]
     determinant = np.maximum(q[:, 0, 0] * q[:, 1, 1] - q[:, 0, 1] ** 2, 0)
@@ -120,11 +120,11 @@ def _crossing(spread: Array, center: Array, owner: Indices, y: Indices) -> tuple
 SECTORS = 16
 
 _SHIFT_PX, _SHIFT_SHARE, _HEIGHT, _SIGMAS = 0.05, 0.004, 0.3, 4.0
-"""The edge in a sector may be off the ellipse by so many px, or blurs if these are more than a px, plus a share of the
-longer semi-axis, for print and lens; its height by a share of the contrast; and both by so many times their error."""
+"""Maximum deviations of the edge in a sector: its shift in px, or in blurs if these exceed a px, plus a share of the
+longer semi-axis, for print and lens; its height as a share of the contrast; both plus a multiple of their error."""
 
 _EVEN = 4.0
-"""And by so many times more where the opposite one is off as well."""
+"""Additional multiple if the opposite sector is off as well."""
 
 QUANTIZATION = 1 / 12
 """Variance of rounding to whole grey levels: no image has less noise."""
@@ -133,10 +133,10 @@ _TINY = 1e-12
 
 
 def white_noise(pixels: OutlinePixels, residual: Array) -> Array:
-    """Standard deviation (B,) of the white part of the residual (N,), from the median of neighbors' differences.
+    """Return the standard deviation (B,) of the residual's white part, from the median of neighbors' differences.
 
-    Neither a misfit, which is smooth, nor strange pixels, which are few, count for much. Dots of which no two
-    neighboring pixels are known have that of rounding.
+    Misfit, which is smooth, and foreign pixels, which are few, hardly count. Dots without known neighboring pixels get
+    the standard deviation of rounding.
     """
     neighbors = (np.diff(pixels.x) == 1) & (np.diff(pixels.owner) == 0)
     size = np.abs(np.diff(residual))
@@ -147,18 +147,18 @@ def white_noise(pixels: OutlinePixels, residual: Array) -> Array:
 
 
 def _middle(values: Array) -> float:
-    """Upper median, 0 of none; np.median takes several times as long for so few values."""
+    """Return the upper median, 0 if empty; np.median takes several times as long for so few values."""
     half = len(values) // 2
     return float(np.partition(values, half)[half]) if len(values) else 0.0
 
 
 def sector_of(pixels: OutlinePixels, direction: Array) -> NDArray[np.intp]:
-    """Number (N,) of the sector that a pixel belongs to, SECTORS b + k for the k-th of dot b.
+    """Return the number (N,) of the sector that a pixel belongs to, SECTORS b + k for the k-th of dot b.
 
     Parameters
     ----------
     direction : array (2, N)
-        From the dot's center, in coordinates in which the outline is a circle.
+        Direction from the dot's center, in coordinates in which the outline is a circle.
     """
     turn = np.arctan2(direction[1], direction[0]) / (2 * np.pi) + 0.5
     return np.asarray(pixels.owner * SECTORS + np.minimum((turn * SECTORS).astype(int), SECTORS - 1))
@@ -174,9 +174,9 @@ def strangeness(
     size: Array,
     noise: Array,
 ) -> Array:
-    """How far (B, SECTORS) the edge in a sector is from where and how high the fit has it; 1 is the most allowed.
+    """Return the deviation (B, SECTORS) of the edge's place and height from the fit; 1 is the maximum allowed.
 
-    Moved outward by d, the edge adds -d times its slope to the grey levels, so d follows from the residual by least
+    An edge moved outward by d adds -d times its slope to the grey levels, so d follows from the residual by least
     squares; likewise the edge's height, relative to the model's.
 
     Parameters

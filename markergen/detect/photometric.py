@@ -1,11 +1,11 @@
 """Photometric refinement: the dots as the pose predicts them, aligned with the grey levels of the image itself.
 
-What is aligned is each dot by itself, not the pose: a dot's shape, tilt and curvature come from the pose, its place in
-the marker's plane is free. A pose aligned with all pixels at once takes the dots to be exactly where the marker says;
-every error of the print then becomes an error of the pose that no covariance knows of, and for a perfect print it
-gains next to nothing: over the paper's poses the rotation would be 1 to 2 % better, as what the dots' shapes tell of it
-is little beside what their places do. Places measured
-one by one carry the image's errors alone, and the pose that follows from them weighs these against the print's.
+Each dot is aligned separately, not the pose: a dot's shape, tilt and curvature come from the pose, while its place in
+the marker's plane is free. Aligning a pose with all pixels at once would assume that the dots are exactly where the
+marker specifies; every error of the print would become an error of the pose that no covariance includes. Even for a
+perfect print the gain would be next to nothing: over the paper's poses the rotation would be 1 to 2 % better, since the
+dots' shapes carry little information on it compared to their places. Places measured one by one carry only the image's
+errors, and the pose estimated from them weighs these against the print's.
 """
 
 from collections.abc import Sequence
@@ -41,11 +41,11 @@ from markergen.model.marker import Marker
 Array = NDArray[np.float64]
 
 REFINEMENTS = ("none", "photometric")
-"""What may follow a detection."""
+"""Refinements that may follow a detection."""
 
 
 def check_refinement(name: str) -> None:
-    """Refuse the name of a refinement that there is not."""
+    """Refuse an unknown refinement; raises InputError."""
     if name not in REFINEMENTS:
         raise InputError(f"a refinement: {' or '.join(REFINEMENTS)}", repr(name), "choose one of these")
 
@@ -57,27 +57,27 @@ def refine(
     detection: Detection,
     errors: ErrorSources = DEFAULT_ERRORS,
 ) -> Detection:
-    """Measure the dots of a detection again, by the grey levels of the image around their predicted outlines.
+    """Measure the dots of a detection again, from the grey levels of the image around their predicted outlines.
 
     Parameters
     ----------
     image : array (h, w) of uint8 or uint16
-        The one that the detection comes from.
+        The image that the detection comes from.
     camera : Camera or None
-        Without one the detection's homography takes the place of the pose.
+        Without one, the detection's homography replaces the pose.
 
     Returns
     -------
     Detection
-        With new `pixels` and `covariance`, and with homography and pose estimated from these. A dot that the image
-        shows otherwise than predicted, such as one half hidden, keeps what it had, and so does a detection that found
+        The detection with new `pixels` and `covariance`, and with homography and pose estimated from them. A dot that
+        looks different than predicted, such as one half hidden, keeps its values, and so does a detection that found
         nothing.
 
     Raises
     ------
     InputError
-        If there is neither pose nor homography (a marker with relief and no camera), or the image has another size
-        than the camera's.
+        If there is neither pose nor homography (a marker with relief and no camera), or the image is not of the
+        camera's size.
     """
     if not detection.found:
         return detection
@@ -88,7 +88,7 @@ def refine(
             f"{width}x{height} px",
             "give the camera that took the image",
         )
-    # A camera whose normalized coordinates are pixels stands for the one that is not known.
+    # Without a known camera, use one whose normalized coordinates are pixels.
     lens = camera or Camera(width, height, 1, 1, 0, 0)
     position = {point.id: i for i, point in enumerate(marker.control_points)}
     chosen = np.array([position[int(i)] for i in detection.ids])
@@ -109,7 +109,7 @@ def refine(
 
 
 def _predicted(marker: Marker, chosen: NDArray[np.intp], lens: Camera, detection: Detection) -> list[PredictedDot]:
-    """The chosen dots as the detection's pose, or else its homography, puts them."""
+    """Return the chosen dots as predicted by the detection's pose, or else its homography."""
     xyz = marker.xyz
     if detection.pose is not None:
         rotation = np.broadcast_to(detection.pose.rotation, (len(xyz), 3, 3))
@@ -141,62 +141,63 @@ Mask = NDArray[np.bool_]
 _LEAST_PIXELS = 3 * UNKNOWNS
 
 _ITERATIONS, _LOOSE = 12, 2
-"""Most iterations, and how many come before the sharp look at outliers, which needs the model to fit."""
+"""Maximum number of iterations, and the number before strict outlier rejection, which needs the model to fit."""
 _CONVERGED_PX = 1e-3
-"""A step below this ends the iteration; the next would be under 1e-4 px."""
+"""Step in px below which the iteration ends; the next would be under 1e-4 px."""
 
 _DAMPING = 1e-3
-"""Marquardt's lambda: blur, size and contrast of a dot of a few pixels are hardly told apart."""
+"""Marquardt's lambda: blur, size and contrast of a dot of a few pixels are nearly degenerate."""
 
 _LOOSE_OUTLIER = 0.5
-"""Share of the contrast by which pixels may be off at the beginning."""
+"""Maximum error of pixels in the first iterations, as a share of the contrast."""
 _OUTLIER_FLAT, _OUTLIER_EDGE, _OUTLIER_NOISE, _OUTLIER_BLUR = 0.05, 0.3, 6.0, 3.0
-"""Pixels belong to something else if they are off by more than the first share of the contrast, and so many times the
-noise, where the model is flat; by more than the second share on an edge, where the point spread need not be Gaussian
-and a lower limit would cut a dot's own pixels on one side; or if they are within so many times the blur of such."""
+"""Pixels belong to something else if they are off by more than the first share of the contrast, and this multiple of
+the noise, where the model is flat; by more than the second share on an edge, where the point spread need not be
+Gaussian and a lower limit would cut a dot's own pixels on one side; or if they are within this multiple of the blur of
+such pixels."""
 
 _LEAST_SHARE = 0.9
-"""A dot is no good if outliers have taken more of its information than the rest."""
+"""Minimum share of a dot's information that must remain after outlier rejection."""
 
 _MAX_MISFIT, _MAX_NOISE = 0.06, 1.5
-"""Largest RMS residual: this share of the contrast, for what the model misses, plus so many times the noise."""
+"""Maximum RMS residual: a share of the contrast, for errors of the model, plus a multiple of the noise."""
 
 _MAX_MOVE_PX = 1.0
-"""The start is the center of a fitted ellipse; a dot that moves farther is not the one that was found."""
+"""Maximum move from the start, the center of a fitted ellipse; a dot that moves farther is not the one detected."""
 
 _USUAL_BLUR, _BLUR_MARGIN = 0.75, 1.3
-"""Blur in px that the pixels are first gathered for, and by how much it may be more."""
+"""Blur in px for which pixels are first gathered, and the factor by which it may be exceeded."""
 
 _LEAST_BLUR, _MOST_BLUR = 0.25, 6.0
 _MOST_SPREAD, _MOST_SLOPE = 0.3, 0.2
-"""Bounds of the unknowns: px, radii, and the light's change over a dot's half-width."""
+"""Limits of the unknowns: px, radii, and the light's change over a dot's half-width."""
 
 _NARROW = 1.7
-"""A disk or hole whose least half-width is less than so many times the blur has no edges that the model describes."""
+"""Minimum half-width of a disk or hole in blurs: narrower ones have no edges that the model describes."""
 
 _FLAT = 0.01
-"""Where the edge's profile is below this the model is flat and residuals are noise alone."""
+"""Limit of the edge's profile below which the model is flat and residuals are pure noise."""
 
 _ROUNDING = 1 / 12
-"""Variance that whole grey levels leave at least."""
+"""Variance of rounding to whole grey levels, a lower limit."""
 
 _SHARP = 0.5
-"""An edge of less blur, in px, is sampled too coarsely for what the model misses to cancel: it acts as noise."""
+"""Blur in px below which an edge is sampled too coarsely for model errors to cancel: they act as noise."""
 
 _TINY = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """Places of m dots in the image.
+    """Measured places of m dots in the image.
 
     Attributes
     ----------
     pixels : array (m, 2), px of the image as taken
     covariance : array (m, 2, 2), px^2
-        From the noise of the image.
+        Covariance from the noise of the image.
     good : array (m,) of bool
-        False where the image disagrees with the model; such rows are nan.
+        False where the image contradicts the model; such rows are nan.
     """
 
     pixels: Array
@@ -205,17 +206,17 @@ class Alignment:
 
 
 def align_dots(image: Grey, camera: Camera, dots: Sequence[PredictedDot]) -> Alignment:
-    """Least-squares fit of the model `grey_levels` to the pixels around each dot.
+    """Fit the model `grey_levels` to the pixels around each dot by least squares.
 
-    The covariance is the inverse of the normal matrix times the variance of the noise. This is read off the residuals
-    where the model is flat, light and dark: those at the edge also hold what the model misses of the point spread,
-    which is no noise and, being even about the center, does not move it.
+    The covariance is the inverse of the normal matrix times the variance of the noise. The noise is estimated from
+    residuals where the model is flat, light and dark: those at the edge also contain errors of the modeled point
+    spread, which are not noise and, being even about the center, do not move it.
 
     Parameters
     ----------
     image : array (h, w)
     camera : Camera
-        Takes normalized coordinates to pixels of this image.
+        Maps normalized coordinates to pixels of this image.
     dots : one or more
     """
     to_image = np.array([dot.image(camera, dot.start)[1] for dot in dots])
@@ -224,7 +225,7 @@ def align_dots(image: Grey, camera: Camera, dots: Sequence[PredictedDot]) -> Ali
     while True:
         pixels = surroundings(image, camera, dots, blur)
         state, good = _fit(pixels, _first(dots, pixels, blur), to_image, top)
-        # A band for less blur than there is tells neither the levels nor the noise.
+        # A band for too small a blur contains neither the true levels nor the noise.
         wide = blur < _blur_range(state)[1] / _BLUR_MARGIN
         if not (wide & good).any():
             break
@@ -249,12 +250,12 @@ def align_dots(image: Grey, camera: Camera, dots: Sequence[PredictedDot]) -> Ali
 
 
 def _fit(pixels: Surroundings, state: Array, to_image: Array, top: float) -> tuple[Array, Mask]:
-    """Fitted state (m, 10), and for which dots (m,) there is one."""
+    """Return the fitted state (m, 10), and for which dots (m,) the fit succeeded."""
     good = np.ones(len(state), dtype=bool)
     for iteration in range(_ITERATIONS):
         residual, jacobian, edge, seen = _compare(state, pixels, top)
         if iteration < _LOOSE:
-            # A slope would be laid through what is not the dot's.
+            # A slope would be fitted to foreign pixels.
             jacobian[SLOPE] = 0
             kept = seen & (np.abs(residual) < _LOOSE_OUTLIER * (state[:, LIGHT] - state[:, DARK])[pixels.dot])
         else:
@@ -269,26 +270,26 @@ def _fit(pixels: Surroundings, state: Array, to_image: Array, top: float) -> tup
 
 
 def _compare(state: Array, pixels: Surroundings, top: float) -> tuple[Array, Array, Array, Mask]:
-    """Residual (N,), jacobian (10, N) and edge (N,), and whether the level is below that of saturation (N,)."""
+    """Return residual (N,), Jacobian (10, N) and edge (N,), and whether the level is below saturation (N,)."""
     model, jacobian, edge = grey_levels(state, pixels)
     seen = model < top
     ground = (edge < _FLAT) & (model > 0.5 * (state[:, LIGHT] + state[:, DARK])[pixels.dot])
     for part in pixels.parts:
-        # Where nearly all the ground is saturated, edges alone would have to tell the slope of the light from a shift.
+        # If nearly all the ground is saturated, only edges would distinguish the light's slope from a shift.
         if np.count_nonzero(ground[part] & seen[part]) < 0.5 * np.count_nonzero(ground[part]):
             jacobian[SLOPE, part] = 0
     return pixels.grey - np.minimum(model, top), jacobian, edge, seen
 
 
 def _blur_range(state: Array) -> tuple[Array, Array]:
-    """Least and largest standard deviation (m,) of the blur along any direction, px."""
+    """Return the least and largest standard deviation (m,) of the blur along any direction, px."""
     s11, s12, s22 = state[:, BLUR].T
     mean, half = 0.5 * (s11 + s22), np.hypot(0.5 * (s11 - s22), s12)
     return np.sqrt(mean - half), np.sqrt(mean + half)
 
 
 def _first(dots: Sequence[PredictedDot], pixels: Surroundings, blur: Array) -> Array:
-    """State (m, 10) to begin with."""
+    """Return the initial state (m, 10)."""
     state = np.zeros((len(dots), UNKNOWNS))
     state[:, PLACE] = [dot.start for dot in dots]
     state[:, BLUR] = blur[:, None] ** 2 * [1, 0, 1]
@@ -299,7 +300,7 @@ def _first(dots: Sequence[PredictedDot], pixels: Surroundings, blur: Array) -> A
 
 
 def _own(state: Array, residual: Array, edge: Array, pixels: Surroundings) -> Mask:
-    """Mask (N,) of the pixels that belong to their dot: neither outliers nor so near to one that they are blurred."""
+    """Return a mask (N,) of the dots' own pixels: neither outliers nor within the blur of one."""
     from scipy.spatial import KDTree
 
     contrast = state[:, LIGHT] - state[:, DARK]
@@ -317,13 +318,13 @@ def _own(state: Array, residual: Array, edge: Array, pixels: Surroundings) -> Ma
 
 
 def _typical(residual: Array, parts: list[slice]) -> float:
-    """Standard deviation of the residuals of a typical dot, taken from their median: a disturbed dot does not count."""
+    """Return the standard deviation of a typical dot's residuals, by their median: disturbed dots do not count."""
     medians = [np.median(np.abs(residual[part])) for part in parts if part.stop > part.start]
     return float(np.median(medians)) / 0.6745 if medians else 0.0
 
 
 def _steps(jacobian: Array, residual: Array, kept: Mask, parts: list[slice]) -> tuple[Array, Mask]:
-    """Damped Gauss-Newton steps (m, 10), and which dots (m,) have one; what no pixel tells of stays as it is."""
+    """Return damped Gauss-Newton steps (m, 10), and which dots (m,) have one; undetermined unknowns stay unchanged."""
     normal = np.array([_normal(jacobian, kept, part) for part in parts])
     gradient = np.array([jacobian[:, part] @ (residual[part] * kept[part]) for part in parts])
     enough = np.array([np.count_nonzero(kept[part]) >= _LEAST_PIXELS for part in parts])
@@ -334,7 +335,7 @@ def _steps(jacobian: Array, residual: Array, kept: Mask, parts: list[slice]) -> 
 
 
 def _normal(jacobian: Array, kept: Mask, part: slice) -> Array:
-    """Normal matrix (10, 10) of one dot, with a 1 on the diagonal for what no pixel tells of."""
+    """Return the normal matrix (10, 10) of one dot, with a 1 on the diagonal for undetermined unknowns."""
     used = jacobian[:, part] * kept[part]
     normal = used @ used.T
     silent = np.flatnonzero(np.diagonal(normal) == 0)
@@ -343,7 +344,7 @@ def _normal(jacobian: Array, kept: Mask, part: slice) -> Array:
 
 
 def _bounded(state: Array) -> Array:
-    """The state (m, 10) with blur, spread and slope within what can be."""
+    """Clip the state (m, 10) to plausible blur, spread and slope."""
     blur = state[:, BLUR][:, [0, 1, 1, 2]].reshape(-1, 2, 2)
     values, vectors = np.linalg.eigh(blur)
     blur = vectors * np.clip(values, _LEAST_BLUR**2, _MOST_BLUR**2)[:, None] @ vectors.swapaxes(-1, -2)
@@ -354,7 +355,7 @@ def _bounded(state: Array) -> Array:
 
 
 def _credible(state: Array, residual: Array, edge: Array, kept: Mask, parts: list[slice]) -> Mask:
-    """Tell (m,) whether the image shows the dots as the model has them."""
+    """Return whether (m,) the image shows the dots as modeled."""
     contrast = state[:, LIGHT] - state[:, DARK]
     credible = contrast > 0
     noise = _typical(residual, parts)
@@ -369,10 +370,10 @@ def _credible(state: Array, residual: Array, edge: Array, kept: Mask, parts: lis
 
 
 def _noise(state: Array, residual: Array, edge: Array, kept: Mask, pixels: Surroundings) -> float:
-    """Variance of the grey noise at the edges of the dots, from residuals where the model is flat.
+    """Return the variance of the grey noise at the edges of the dots, from residuals where the model is flat.
 
-    The variance of shot noise grows linearly with the level: in the middle of an edge it is the mean of that in the
-    light and that in the dark.
+    The variance of shot noise grows linearly with the level: in the middle of an edge it is the mean of the variances
+    in the light and in the dark.
     """
     middle = 0.5 * (state[:, LIGHT] + state[:, DARK])[pixels.dot]
     flat = kept & (edge < _FLAT)

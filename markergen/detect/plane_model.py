@@ -1,4 +1,4 @@
-"""What a camera sees of dots that lie in known planes: the pixels around their outlines, and the grey levels there."""
+"""Image model of dots in known planes: the pixels around their outlines, and their grey levels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,36 +14,37 @@ Array = NDArray[np.float64]
 Grey = NDArray[np.uint8] | NDArray[np.uint16]
 
 _EDGE = 3.5
-"""Half-width of an edge, in standard deviations of its blur: that much of the ink is looked at, and as far from other
-dots a pixel has to be."""
+"""Half-width of an edge, in standard deviations of its blur: the width of ink that is used, and the minimum distance of
+a pixel from other dots."""
 
 _GROUND_PX, _INK_PX = 2.5, 1.0
-"""Width of what is looked at beyond an edge. Both tell the noise; the ground also tells how the light changes across
-the dot, which otherwise would be mistaken for a shift."""
+"""Width of the strip used beyond an edge, on ground and ink. Both show the noise; the ground also shows how the light
+changes across the dot, which otherwise would be mistaken for a shift."""
 
 _BENT = 0.15
-"""Share of a dot's half-width by which its image may differ from an ellipse."""
+"""Maximum deviation of a dot's image from an ellipse, as a share of its half-width."""
 
 _LEAST_HOLE = 0.1
-"""Share of a hole that is left however far the ink has spread."""
+"""Minimum share of a hole that remains, however far the ink has spread."""
 
 _TINY = 1e-12
 
 UNKNOWNS = 10
-"""Per dot: place (2), spread of the ink (1), S (3), light, dark, gradient of the light (2); see `grey_levels`."""
+"""Unknowns of each dot: place (2), spread of the ink (1), S (3), light, dark, gradient of the light (2); see
+`grey_levels`."""
 PLACE, SPREAD, BLUR, LIGHT, DARK, SLOPE = slice(0, 2), 2, slice(3, 6), 6, 7, slice(8, 10)
 
 
 @dataclass(frozen=True, eq=False)
 class PredictedDot:
-    """A dot as it is predicted; places are in its plane, from its predicted center, in its radii.
+    """A predicted dot; places are in its plane, relative to its predicted center, in units of its radius.
 
     Attributes
     ----------
     plane : array (3, 3)
-        From places to normalized image coordinates, homogeneous.
+        Homogeneous mapping from places to normalized image coordinates.
     start : array (2,)
-        Where it was found.
+        Place where it was detected.
     hole : float
         Radius of the hole; 0 for disks.
     neighbors : array (k, 3)
@@ -56,16 +57,16 @@ class PredictedDot:
     neighbors: Array
 
     def image(self, camera: Camera, place: Array) -> tuple[Array, Array]:
-        """Image (2,) of a place (2,) in px as taken, and its derivative (2, 2) by the place."""
+        """Return the image (2,) of a place (2,) in px as taken, and its derivative (2, 2) with respect to the place."""
         mapped = self.plane @ np.append(place, 1)
         normalized = mapped[:2] / mapped[2]
         derivative = (self.plane[:2, :2] - normalized[:, None] * self.plane[2, :2]) / mapped[2]
         return camera.to_pixels(normalized), camera.pixel_jacobian(normalized) @ derivative
 
     def rays(self, normalized: Array, from_pixel: Array) -> tuple[Array, Array, Array]:
-        """Where rays (2, N) meet the plane: `place`, `jacobian` and `fade` of `Surroundings`.
+        """Intersect rays (2, N) with the plane, and return `place`, `jacobian` and `fade` of `Surroundings`.
 
-        from_pixel (2, 2, N) is the derivative of the normalized coordinates by the pixel.
+        from_pixel (2, 2, N) is the derivative of the normalized coordinates with respect to the pixel.
         """
         inverse = np.linalg.inv(self.plane)
         mapped = inverse[:, :2] @ normalized + inverse[:, 2:]
@@ -77,7 +78,7 @@ class PredictedDot:
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """N pixels around the outlines of dots, those of one dot after those of another.
+    """N pixels around the outlines of dots, ordered by dot.
 
     Attributes
     ----------
@@ -87,13 +88,13 @@ class Surroundings:
     pixel : array (2, N) of int
         Column and row.
     place : array (2, N)
-        Where the ray of each pixel meets the dot's plane.
+        Intersection of each pixel's ray with the dot's plane.
     jacobian : array (2, 2, N), 1/px
-        Derivative of `place` by the pixel in the image as taken.
+        Derivative of `place` with respect to the pixel in the image as taken.
     fade : array (2, N), 1/px
-        Derivative of the logarithm of the plane's homogeneous coordinate by the pixel.
+        Derivative of the logarithm of the plane's homogeneous coordinate with respect to the pixel.
     offset : array (2, N)
-        From the dot's center in the image, in half-widths of the dot.
+        Offset from the dot's center in the image, in half-widths of the dot.
     grey : array (N,)
     hole : array (N,)
     """
@@ -110,7 +111,7 @@ class Surroundings:
 
 
 def surroundings(image: Grey, camera: Camera, dots: Sequence[PredictedDot], blur: Array) -> Surroundings:
-    """Gather the pixels near the outlines of one dot or more, but not those near another dot's.
+    """Gather the pixels near the outlines of one or more dots, except those near other dots' outlines.
 
     Parameters
     ----------
@@ -122,7 +123,7 @@ def surroundings(image: Grey, camera: Camera, dots: Sequence[PredictedDot], blur
     center = np.array([each[0] for each in seen])
     half_width = np.array([np.hypot(*each[1].T).max() for each in seen])
     candidates = [_candidates(image, dot, *each, edge) for dot, each, edge in zip(dots, seen, edges, strict=True)]
-    # All at once: the way back through a lens takes about as long for one dot as for many.
+    # All at once: undoing the lens distortion takes about as long for one dot as for many.
     normalized = camera.from_pixels(np.concatenate(candidates).astype(float))
     from_pixel = _inverse(camera.pixel_jacobian(normalized).transpose(1, 2, 0))
     found, start = [], 0
@@ -149,7 +150,7 @@ def surroundings(image: Grey, camera: Camera, dots: Sequence[PredictedDot], blur
 
 
 def _candidates(image: Grey, dot: PredictedDot, center: Array, derivative: Array, edge: float) -> NDArray[np.intp]:
-    """Columns and rows (k, 2) of the pixels that are in the band around the outline, and of some that are not."""
+    """Return columns and rows (k, 2) of all pixels in the band around the outline, and of some outside it."""
     half = np.hypot(derivative[:, 0], derivative[:, 1])
     # Lens and perspective bend the ellipse that the derivative at the center makes of the circle.
     margin = edge + _GROUND_PX + 1 + _BENT * half.max()
@@ -165,7 +166,7 @@ def _candidates(image: Grey, dot: PredictedDot, center: Array, derivative: Array
 
 
 def _near(dot: PredictedDot, edge: float, place: Array, jacobian: Array) -> NDArray[np.bool_]:
-    """Tell which places (2, N) are near this outline alone, whose edges are `edge` px wide to either side."""
+    """Return which places (2, N) are near this outline alone, with edges `edge` px wide to either side."""
     with np.errstate(invalid="ignore"):
         rho, steepness = _radial(place - dot.start[:, None], jacobian)
         near = (rho - 1 > -(edge + _INK_PX) * steepness) & (rho - 1 < (edge + _GROUND_PX) * steepness)
@@ -178,30 +179,30 @@ def _near(dot: PredictedDot, edge: float, place: Array, jacobian: Array) -> NDAr
 
 
 def _radial(offset: Array, jacobian: Array) -> tuple[Array, Array]:
-    """Distance rho (N,) of places (2, N) from a center, and |grad rho| (N,) by the pixel."""
+    """Return the distance rho (N,) of places (2, N) from a center, and |grad rho| (N,) with respect to the pixel."""
     rho = np.maximum(np.hypot(offset[0], offset[1]), _TINY)
     gradient = (offset[:, None] * jacobian).sum(axis=0) / rho
     return rho, np.hypot(gradient[0], gradient[1])
 
 
 def _inverse(matrices: Array) -> Array:
-    """Inverses (2, 2, N) of matrices (2, 2, N): a tenth of the time that the general routine takes."""
+    """Invert matrices (2, 2, N), in a tenth of the time that the general routine takes."""
     (a, b), (c, d) = matrices
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.array([[d, -b], [-c, a]]) / (a * d - b * c)
 
 
 def grey_levels(state: Array, pixels: Surroundings) -> tuple[Array, Array, Array]:
-    """Model of the grey levels, with F the normal distribution and e the distance from the outline in px, outward.
+    """Evaluate the model of the grey levels, with F the normal distribution and e the outward distance in px.
 
         grey = (1 + g'x) [light - (light - dark) (F(-e/s) - F(-e_hole/s))],    e = (rho - 1 - w) / |grad rho|
 
-    rho is the distance from the dot's center in radii, its gradient that by the pixel in the image as taken. Two
-    terms are added to e: perspective in second order, without which the near and the far edge are both off toward the
-    same side, by 0.002 px; and the retreat s^2/2 times its curvature of an edge that is blurred. s^2 = n'Sn along the
-    edge's normal n, since a moving camera blurs along its motion alone. w is the spread of the ink, by which disks grow
-    and holes shrink, g the gradient of the light. All unknowns but place and g are even about the center: that they are
-    not known costs it nothing, and neither does what the model misses of the point spread.
+    rho is the distance from the dot's center in radii, its gradient is with respect to the pixel in the image as taken.
+    Two terms are added to e: second-order perspective, without which the near and the far edge are both off toward the
+    same side, by 0.002 px; and s^2/2 times the curvature, the retreat of a blurred edge. s^2 = n'Sn along the edge's
+    normal n, since a moving camera blurs only along its motion. w is the spread of the ink, by which disks grow and
+    holes shrink, g the gradient of the light. All unknowns but place and g are even about the center, so neither
+    estimating them nor errors of the modeled point spread degrade the center.
 
     Parameters
     ----------
@@ -214,7 +215,7 @@ def grey_levels(state: Array, pixels: Surroundings) -> tuple[Array, Array, Array
     jacobian : array (10, N)
         Derivatives by the unknowns of the pixel's dot.
     edge : array (N,)
-        Steepness of the edge's profile, as a share of the most there is.
+        Slope of the edge's profile, as a share of its maximum.
     """
     from scipy.special import ndtr
 
@@ -230,7 +231,7 @@ def grey_levels(state: Array, pixels: Surroundings) -> tuple[Array, Array, Array
     blur = np.sqrt(blur_square)
     fade = pixels.fade[0] * u + pixels.fade[1] * v
     # The pixel's square has a fourth cumulant along the normal, -(u^4 + v^4)/120 = -(1 - 2 u^2 v^2)/120, and a Gaussian
-    # none; Edgeworth's series has it over 24. That is enough unless the pixel is most of the blur.
+    # none; Edgeworth's series has it over 24. That suffices unless the pixel is most of the blur.
     peak = (1 - 2 * (u * v) ** 2) / (2880 * np.sqrt(2 * np.pi) * blur_square**2)
     # Curvature of the image of the circle through the pixel, times its rho.
     bend = (j11 * j22 - j12 * j21) ** 2 / (steepness**2 * steepness)
@@ -243,7 +244,7 @@ def grey_levels(state: Array, pixels: Surroundings) -> tuple[Array, Array, Array
         radius = 1 + spread[where] if sign > 0 else np.maximum(hole - spread[where], _LEAST_HOLE * hole)
         distance = (rho[where] - radius) / steepness[where]
         distance -= fade[where] * distance**2
-        # Where the curve is no wider than the blur the law of small retreats exaggerates.
+        # Where the curve is no wider than the blur, the law of small retreats exaggerates.
         retreat = 0.5 * blur[where] * bend[where] / radius
         distance += blur[where] * retreat / (1 + retreat)
         depth = -distance / blur[where]
@@ -264,7 +265,7 @@ def grey_levels(state: Array, pixels: Surroundings) -> tuple[Array, Array, Array
     contrast = light - dark
     shade = 1 + slope_x * pixels.offset[0] + slope_y * pixels.offset[1]
     flat = light - contrast * ink
-    # Only the path to the solution depends on how gradient and retreat change with the unknowns: it is left out.
+    # The change of gradient and retreat with the unknowns affects only the path to the solution, and is neglected.
     by_place = shade * contrast * by_distance / steepness
     by_square = -0.5 * shade * contrast * by_blur / blur
     jacobian = np.stack(

@@ -1,4 +1,4 @@
-"""The pose that labeled points stand for, with its error budget and the other pose that may be meant."""
+"""Pose of labeled points, with its error budget and the second pose that may also fit."""
 
 from dataclasses import dataclass
 
@@ -15,31 +15,31 @@ from markergen.model.camera import Camera
 Array = NDArray[np.float64]
 
 CONTENDER = 1e-3
-"""Least likelihood, relative to the best pose, of a second one that is told."""
+"""Minimum likelihood of a second pose relative to the best one, for it to be reported."""
 
 TOLERANCE, COARSE = 1e-8, 1e-3
-"""Where refinements stop, see `refine_poses`: the best pose; the second one, until it is known to be a contender."""
+"""Tolerances of `refine_poses`: for the best pose; for the second one, until it is known to be a contender."""
 
 SEARCHED = 20.0
-"""Difference of half chi2 up to which the second pose is worth a refinement to the end."""
+"""Maximum difference of half chi2 at which the second pose is refined completely."""
 
 DISTINCT_SIGMA = 3.0
-"""Poses whose rotations differ by fewer sigma are one."""
+"""Poses whose rotations differ by fewer sigma are considered equal."""
 
 DEFAULT_ERRORS = ErrorSources()
 """A tenth of a millimeter in the print, an exact calibration."""
 
 OUTLIER_SIGMA, OUTLIER_PX = 5.0, 0.05
 LEAST_TO_DROP = 6
-"""Points from which on one may be dropped: of fewer, the rest would hardly tell which."""
+"""Minimum number of points for dropping one: with fewer, the outlier could hardly be identified."""
 
 _LEAST_PX = 1e-5
-"""Standard deviation of a point that nothing is said to be wrong with, so that its weight stays finite."""
+"""Lower limit for a point's standard deviation, so that its weight stays finite without any error source."""
 
 
 @dataclass(frozen=True, eq=False)
 class PoseEstimate:
-    """A pose T_camera_marker and how far it can be trusted.
+    """A pose T_camera_marker with its uncertainty.
 
     Attributes
     ----------
@@ -47,13 +47,13 @@ class PoseEstimate:
     budget : PoseBudget
         Covariances (6, 6) of (w, dt): from the image, the print, the camera's calibration, and their sum.
     chi2 : float
-        Residuals weighted by the inverse of their covariance from image and print.
+        Sum of the residuals weighted by the inverse of their covariance from image and print.
     degrees_of_freedom : int
         Expected value of chi2, if the covariances are right: twice the number of points, less 6.
     alternative : (rotation, translation) or None
-        The other pose from which a flat marker looks much the same, if it is a contender.
+        Other pose from which a flat marker looks much the same, if it is a contender.
     likelihood_ratio : float
-        Of the alternative to this pose: exp(-(chi2 of the alternative - chi2)/2); 0 when there is none.
+        Likelihood of the alternative relative to this pose: exp(-(chi2 of the alternative - chi2)/2); 0 without one.
     """
 
     rotation: Array
@@ -72,23 +72,23 @@ def estimate_pose(
     camera: Camera,
     errors: ErrorSources = DEFAULT_ERRORS,
 ) -> PoseEstimate | None:
-    """Most likely pose of labeled points: each weighs by the inverse of its covariance from image and print.
+    """Estimate the most likely pose of labeled points, weighted by the inverse of their image and print covariance.
 
-    Levenberg-Marquardt from both of IPPE's poses, or from SQPnP's where the points are in space.
+    Levenberg-Marquardt from both of IPPE's poses, or from SQPnP's for points that are not coplanar.
 
     Parameters
     ----------
     points : array (m, 3), m, m >= 4
-        In the marker frame.
+        Points in the marker frame.
     pixels : array (m, 2), px
-        Their images as the camera takes them, lens distortion and all.
+        Images of the points as the camera takes them, including lens distortion.
     covariance : array (m, 2, 2), px^2
-        Of `pixels`, from the image's noise.
+        Covariance of `pixels`, from the image's noise.
 
     Returns
     -------
     PoseEstimate or None
-        None where the points do not determine a pose that sees them from the front.
+        None if the points do not determine a pose that sees them from the front.
 
     Raises
     ------
@@ -108,16 +108,16 @@ def fit_pose(
     errors: ErrorSources,
     start: tuple[Array, Array] | None = None,
 ) -> PoseEstimate | None:
-    """`estimate_pose` from the centers of image ellipses of disks, of radii (m,) in m.
+    """Estimate the pose, as `estimate_pose` does, from the centers of image ellipses of disks with radii (m,) in m.
 
     Parameters
     ----------
     seen : array (m, 2)
         Centers of the ellipses in normalized coordinates.
     covariance : array (m, 2, 2), px^2
-        Of the centers in the image as the camera takes it.
+        Covariance of the centers in the image as the camera takes it.
     start : tuple of arrays (3, 3) and (3,), or None
-        A pose that is near.
+        Approximate pose.
     """
     if len(points) < 4:
         raise InputError("four points or more", f"{len(points)}", "a pose of fewer is not unique")
@@ -129,7 +129,7 @@ def fit_pose(
     image = _normalized_covariance(seen, covariance, camera)
 
     def refined(rotation: Array, translation: Array, tolerance: float = TOLERANCE) -> tuple[Array, Array, Array]:
-        # The print's share of the weights depends on the pose, smoothly: from a start that is right to a percent they
+        # The print's share of the weights depends smoothly on the pose: from a start that is right to a percent, they
         # are right to a percent, and the estimate then to second order.
         spread = image + print_covariance(pose_rows(points, rotation, translation), points, rotation, errors)
         weight = np.asarray(np.linalg.inv(spread), dtype=float)
@@ -167,12 +167,12 @@ def outlier(
     errors: ErrorSources,
     pose: PoseEstimate,
 ) -> int | None:
-    """Index of the point that lies farther from where the others put it than `OUTLIER_SIGMA` sigma; None without any.
+    """Return the index of the point more than `OUTLIER_SIGMA` sigma from where the others predict it; None if none is.
 
-    Leaving out point i lessens chi2 by r_i' (S_i - J_i C J_i')^-1 r_i, with S_i the covariance from image, print and a
-    twentieth of a pixel, and C the pose's. That counts in units of the share by which the others' chi2 exceeds its
-    expectation: in a print that is worse than said all points are off, and none is a stranger. Of fewer than six points
-    none is told from the rest.
+    Leaving out point i lowers chi2 by r_i' (S_i - J_i C J_i')^-1 r_i, with S_i the covariance from image, print and a
+    twentieth of a pixel, and C the pose's. This is compared in units of the factor by which the others' chi2 exceeds
+    its expectation: in a print that is worse than stated, all points are off, and none is an outlier. With fewer than
+    six points none can be identified.
     """
     if len(points) < LEAST_TO_DROP:
         return None
@@ -183,7 +183,7 @@ def outlier(
     weighted = np.linalg.inv(spread) @ rows
     normal = np.linalg.inv(np.einsum("mia,mib->ab", weighted, rows))
     residual = seen - outlines(points, radii, rotation, translation).center[0]
-    # The pose has other weights: a step brings it to where these want it.
+    # The pose was fitted with other weights: a step adapts it to these.
     residual = residual - rows @ normal @ np.einsum("mia,mi->a", weighted, residual)
     total = np.einsum("mi,mij,mj->", residual, np.linalg.inv(spread), residual)
     left = spread - rows @ normal @ rows.swapaxes(-1, -2)
@@ -195,7 +195,7 @@ def outlier(
 
 
 def _starts(points: Array, seen: Array, camera: Camera) -> tuple[Array, Array]:
-    """Finite poses (k, 3, 3), (k, 3) to start from."""
+    """Return finite initial poses (k, 3, 3), (k, 3)."""
     height = points[0, 2]
     flat = not np.ptp(points[:, 2])
     # A flat marker is solved in the plane z = 0, wherever its plane is.
@@ -209,6 +209,6 @@ def _starts(points: Array, seen: Array, camera: Camera) -> tuple[Array, Array]:
 
 
 def _normalized_covariance(seen: Array, covariance: Array, camera: Camera) -> Array:
-    """Covariance (m, 2, 2) of normalized coordinates from that of px."""
+    """Return the covariance (m, 2, 2) of normalized coordinates from that of px."""
     lens = np.linalg.inv(camera.pixel_jacobian(seen))
     return lens @ (covariance + _LEAST_PX**2 * np.eye(2)) @ lens.swapaxes(-1, -2)

@@ -1,9 +1,9 @@
-"""Poses guessed from pairs of blobs: the first one's outline gives the plane, the second the turn in it.
+"""Poses guessed from pairs of blobs: the first blob's outline gives the plane, the second the rotation in it.
 
-The outline of a disk of known size is that of two poses but for the turn about its normal (the ambiguity of a circle).
-Where the plane of either meets the ray through another blob's center, that blob lies if it belongs to the marker: its
-distance from the first must be one of the layout's, and its size and shape those of a disk there. Few pairs of
-strangers pass. No choice of three or four blobs is ever enumerated: their number counts only to the second power.
+The outline of a disk of known size is consistent with two poses, up to the rotation about its normal (the ambiguity of
+a circle). The ray through another blob's center meets either plane where that blob lies if it belongs to the marker:
+its distance from the first must occur in the layout, and its size and shape must be those of a disk there. Few wrong
+pairs pass. Triples or quadruples of blobs are never enumerated: the cost is only quadratic in the number of blobs.
 """
 
 from dataclasses import dataclass
@@ -20,12 +20,12 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 MAX_PAIRS = 240
-"""Ordered pairs of control points from which poses are guessed; all of them for up to 16 dots."""
+"""Maximum number of ordered pairs of control points for guessing poses; all of them for up to 16 dots."""
 
 
 @dataclass(frozen=True, eq=False)
 class DotLayout:
-    """Control points, their dots, and the pairs from which poses are guessed.
+    """Control points, their dots, and the pairs of them for guessing poses.
 
     Attributes
     ----------
@@ -33,11 +33,11 @@ class DotLayout:
     radii : array (n,), m
     rings : array (n,) of bool
     flat : bool
-        All at one height.
+        True if all are at the same height.
     pairs : array (q, 2) of int
         Ordered pairs of control points.
     reach : float
-        Up to how many radii of a dot another point can lie and be its own and no other's.
+        Distance, in radii of a dot, within which another point can be assigned to it and to no other.
     """
 
     points: Array
@@ -81,24 +81,24 @@ def layout_of(marker: Marker) -> DotLayout:
 
 
 def _pairs(points: Array, rings: NDArray[np.bool_]) -> Indices:
-    """Ordered pairs of points apart from each other, those with one ring first, up to `MAX_PAIRS`."""
+    """Return ordered pairs of points apart from each other, those with one ring first, up to `MAX_PAIRS`."""
     pairs = np.array(list(permutations(range(len(points)), 2)), dtype=np.intp)
     lateral = np.linalg.norm(np.diff(points[pairs, :2], axis=1)[:, 0], axis=-1)
-    # Short pairs tell the turn badly. What is left of many is a fixed random choice, so that every dot has its share.
+    # Short pairs determine the rotation badly. Of too many others, take a fixed random choice, fair to every dot.
     pairs = np.random.default_rng(0).permutation(pairs[lateral > 0.25 * lateral.max()])
     one_ring = rings[pairs].sum(axis=-1) == 1
     return pairs[np.argsort(~one_ring, kind="stable")[:MAX_PAIRS]]
 
 
 MAX_POSES = 3000
-"""Poses that are tried, the most consistent pairs first."""
+"""Maximum number of poses to try, those of the most consistent pairs first."""
 
 MAX_TRIALS = 1_000_000
-"""Pairs of blobs times pairs of control points that are compared; beyond, the pairs of control points are cut down."""
+"""Maximum number of pairs of blobs times pairs of control points; above it, fewer pairs of control points are used."""
 
 _SLACK, _SLACK_PX = 0.2, 0.4
-"""Error of a semi-axis that is allowed for: a share of it, which covers the change of perspective within a dot, plus px
-over the smaller semi-axis, which is where the outline of small dots is blurred most."""
+"""Tolerated error of a semi-axis: a share of it, which covers the change of perspective within a dot, plus px over the
+smaller semi-axis, where the outline of small dots is blurred most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,14 +113,14 @@ class PoseHypotheses:
 
 
 def guess_poses(ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool = True) -> PoseHypotheses:
-    """Poses from all pairs of blobs that a pair of dots could be, the most consistent first.
+    """Guess poses from all pairs of blobs that a pair of dots could be, the most consistent first.
 
     Parameters
     ----------
     px : float
         Pixels per unit of the normalized coordinates.
     rings_tell : bool
-        Only rings stand for rings, and only disks for disks.
+        True if rings match only rings, and disks only disks.
     """
     first, second = _neighbors(ellipses, layout)
     position, normal = circle_poses(ellipses.center, ellipses.shape)
@@ -169,10 +169,10 @@ def guess_poses(ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bo
 
 
 def circle_poses(center: Array, shape: Array) -> tuple[Array, Array]:
-    """Both poses of a disk of radius 1 that is seen as an ellipse, up to the turn about its normal.
+    """Return both poses of a disk of radius 1 that is seen as an ellipse, up to the rotation about its normal.
 
-    The ellipse's dual conic D is proportional to I - n n' - P P' (see `fit.outlines`). With its eigenvalues
-    m1 >= m2 > 0 > m3 and a = 1 - m2/m1, b = 1 - m3/m1, the normal is n = +-s v2 + sqrt(1 - s^2) v3 with
+    The ellipse's dual conic D is proportional to I - n n' - P P' (see `conic_projection.outlines`). With eigenvalues
+    m1 >= m2 > 0 > m3 of D and a = 1 - m2/m1, b = 1 - m3/m1, the normal is n = +-s v2 + sqrt(1 - s^2) v3 with
     s^2 = a (b - 1)/(b - a), and P follows from P P' = I - D/m1 - n n'.
 
     Parameters
@@ -201,9 +201,9 @@ def circle_poses(center: Array, shape: Array) -> tuple[Array, Array]:
 
 
 def _neighbors(ellipses: Ellipses, layout: DotLayout) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Pairs of different blobs no farther apart, in radii of the first, than the dots can be."""
+    """Return pairs of different blobs no farther apart, in radii of the first, than the dots can be."""
     lateral = layout.points[:, None, :2] - layout.points[:, :2]
-    # Twice as much for the perspective of near views, in which radii shrink toward the far side.
+    # The factor of 2 covers the perspective of near views, in which radii shrink toward the far side.
     most = 2 * np.linalg.norm(lateral, axis=-1).max() / layout.radii.min()
     if not layout.flat:
         most += 2 * np.ptp(layout.points[:, 2]) / layout.radii.min()
@@ -216,7 +216,7 @@ def _neighbors(ellipses: Ellipses, layout: DotLayout) -> tuple[NDArray[np.intp],
 
 
 def _elongation(shape: Array, center: Array, normal: Array) -> Array:
-    """Logarithm (m,) of the ratio by which ellipses are more or less elongated than disks of given normals.
+    """Return the logarithm (m,) of the elongation of ellipses relative to that of disks with given normals.
 
     The image of a small disk is proportional to G = A (I - n n') A', A = [I, -x].
     """
@@ -232,7 +232,7 @@ def _elongation(shape: Array, center: Array, normal: Array) -> Array:
 
 
 def _turned(point: Array, step: Array, place: Array, other: Array, normal: Array, scale: Array) -> PoseHypotheses:
-    """Poses that take a point (K, 3) to `place` and the one a step (K, 3) from it toward `other`."""
+    """Return poses that map a point (K, 3) to `place`, and one at `step` (K, 3) from it in the direction of `other`."""
     along = other - place - step[:, 2:] * normal
     along /= np.linalg.norm(along, axis=-1, keepdims=True)
     across = np.cross(normal, along)

@@ -1,4 +1,4 @@
-"""Detections for people and programs: drawn into their image, as plain JSON values, and in words."""
+"""Presentation of detections: drawn into their image, as plain JSON values, and in words."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,11 +19,11 @@ from markergen.read.images import check_frame
 Array = NDArray[np.float64]
 
 _FOUND, _GUESSED = (0, 110, 255), (255, 200, 0)
-"""Orange and cyan as cv2 orders them (blue, green, red): dots that were found, and where the others must be."""
+"""Orange and cyan in cv2's order (blue, green, red): dots that were found, and predicted places of the others."""
 _AXES = {"x": (60, 60, 230), "y": (60, 160, 40), "z": (220, 110, 30)}
 
 _BITS = 4
-"""Binary places of a coordinate that cv2 draws with."""
+"""Fractional bits of coordinates for drawing with cv2."""
 _OUTLINE = 2 * np.pi * np.arange(64) / 64
 
 
@@ -33,11 +33,11 @@ def overlay(
     camera: Camera | None,
     detections: Sequence[Detection],
 ) -> bytes:
-    """Image as PNG bytes with every detection drawn in; the same input gives the same bytes.
+    """Return the image as PNG bytes with every detection drawn in; the same input gives the same bytes.
 
-    Crosses are the measured control points, outlines are where pose or homography put the dots, and boxed numbers their
-    ids; a dot that was not found has its outline alone. With a pose the axes of the marker frame stand at its origin,
-    half the marker's radius long.
+    Crosses are the measured control points, outlines the dots as predicted by pose or homography, and boxed numbers
+    their ids; a dot that was not found has only its outline. With a pose, the axes of the marker frame are drawn at its
+    origin, half the marker's radius long.
     """
     import cv2
 
@@ -50,7 +50,7 @@ def overlay(
 
 
 def draw(frame: NDArray[Any], marker: Marker, camera: Camera | None, detection: Detection) -> NDArray[Any]:
-    """Draw a detection into an image in color, and return it; of a grey one, return a copy in color.
+    """Draw a detection into a color image and return it; for a grey image, return a copy in color.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def draw(frame: NDArray[Any], marker: Marker, camera: Camera | None, detection: 
     Raises
     ------
     InputError
-        If it is none of these, or in color and read-only.
+        If the frame has another form, or is in color and read-only.
     """
     frame = check_frame(frame)
     if frame.ndim == 2 or frame.shape[2] == 1:
@@ -69,7 +69,7 @@ def draw(frame: NDArray[Any], marker: Marker, camera: Camera | None, detection: 
     if frame.dtype == np.uint8 and frame.shape[2] == 3 and frame.flags.c_contiguous:
         _draw(frame, marker, camera, detection)
         return frame
-    # cv2 draws smooth lines and words in 8 bits, three colors and its own memory layout alone.
+    # cv2 draws smooth lines and text only in 8 bits, three colors and its own memory layout.
     levels = frame[..., :3] if frame.dtype == np.uint8 else frame[..., :3] >> 8
     before = np.ascontiguousarray(levels, dtype=np.uint8)
     canvas = before.copy()
@@ -108,7 +108,7 @@ def _draw(canvas: NDArray[Any], marker: Marker, camera: Camera | None, detection
 
 
 def _seen(points: Array, camera: Camera | None, detection: Detection) -> Array:
-    """Pixels (m, 2) of marker points (m, 2 or 3), as pose or homography put them; nan where they tell nothing."""
+    """Return pixels (m, 2) of marker points (m, 2 or 3), by pose or homography; nan where these are undefined."""
     nowhere = np.full((len(points), 2), np.nan)
     if detection.pose is not None and camera is not None:
         rotation, translation = detection.pose.rotation[None], detection.pose.translation[None]
@@ -128,7 +128,7 @@ def _polyline(
 ) -> None:
     import cv2
 
-    # What lies far outside would overflow cv2's fixed point, and is not seen anyway.
+    # Far outside the image, coordinates would overflow cv2's fixed point, and are not visible anyway.
     if np.isfinite(pixels).all() and np.abs(pixels).max() < 2**20:
         corners = np.rint(pixels * 2**_BITS).astype(np.int32)
         cv2.polylines(canvas, [corners], closed, color, width, cv2.LINE_AA, _BITS)
@@ -146,12 +146,12 @@ def _label(canvas: NDArray[Any], pixel: Array, text: str, color: tuple[int, int,
 
 
 def as_dict(detection: Detection, markers: Sequence[Marker], names: Sequence[str]) -> dict[str, Any]:
-    """Return what was found of one marker in the form that docs/detect.md describes.
+    """Return the result for one marker in the form documented in docs/detect.md.
 
     Parameters
     ----------
     markers, names
-        The markers that were looked for, and what to call each.
+        Markers that were looked for, and their names.
     """
     marker = markers[detection.marker]
     known = [point.id for point in marker.control_points]
@@ -172,14 +172,14 @@ def as_dict(detection: Detection, markers: Sequence[Marker], names: Sequence[str
 
 
 def reason(detection: Detection, names: Sequence[str]) -> str:
-    """Why a marker was not found, with the name of the other marker where two of them fit the same dots."""
+    """Return why a marker was not found, with the name of the other marker if two of them fit the same dots."""
     if detection.rival is None:
         return detection.reason
     return f"{detection.reason}: {names[detection.marker]} and {names[detection.rival]}"
 
 
 def in_words(detection: Detection, markers: Sequence[Marker], names: Sequence[str]) -> str:
-    """One line: the marker and how many of its dots were found, or why not; of a pose the distance, tilt and sigma."""
+    """Return one line: the marker, and its dots found or the reason; for a pose its distance, tilt and sigma."""
     name, total = names[detection.marker], len(markers[detection.marker])
     if not detection.found:
         return f"{name} not found: {reason(detection, names)}"

@@ -16,11 +16,11 @@ Column = tuple[str, str, tuple[str, ...], str]
 """Slug, heading, lines and face of a column of facts."""
 
 MOST_LISTED = 12
-"""Largest number of dots that a note names."""
+"""Maximum number of dots named in a note."""
 
 
 def axis_arrows(frame: Frame) -> Drawn:
-    """Two labeled arrows that show which way the marker frame's x and y point."""
+    """Two labeled arrows that show the directions of the marker frame's x and y axes."""
     scale = frame.scale
     length, x, y = 9 * scale, frame.right - 12 * scale, frame.ruler_y
     head, half = 2.2 * scale, 0.7 * scale
@@ -39,7 +39,7 @@ def axis_arrows(frame: Frame) -> Drawn:
 
 
 def title_block(frame: Frame, markers: Sequence[Marker], factor: Point = (1.0, 1.0)) -> Drawn:
-    """Caption along the foot of the sheet: small gray headings over their values, from margin to margin."""
+    """Title block at the foot of the sheet: small gray headings above their values, from margin to margin."""
     first = markers[0]
     same = all(other.boundary == first.boundary and other.dot_diameter == first.dot_diameter for other in markers)
     meaning = "size: diameter of the outline" if is_disk(first.boundary) else "size: width x height of the outline"
@@ -66,7 +66,7 @@ def title_block(frame: Frame, markers: Sequence[Marker], factor: Point = (1.0, 1
 
 
 def scale_column(factor: Point) -> Column:
-    """Column with the scale of the drawing, and the printer that it is compensated for, if any."""
+    """Column with the drawing's scale, and the printer error that it compensates for, if any."""
     if factor == (1.0, 1.0):
         return "scale", "scale", ("1 : 1, print at 100 %",), "regular"
     printer, drawn = (", ".join(f"{name} {value:.6g}" for name, value in zip("xy", pair, strict=True)) for pair in (
@@ -76,14 +76,14 @@ def scale_column(factor: Point) -> Column:
 
 
 def facts(frame: Frame, columns: Sequence[Column], y: float, name: str) -> list[Shape]:
-    """Columns from margin to margin, a small gray heading over lines of which the last stands at height y."""
+    """Columns from margin to margin: a small gray heading above lines, the last of which stands at height y."""
     scale, left = frame.scale, frame.margin
     small, large, step = 1.35 * scale, 1.9 * scale, 3.2 * scale
     widths = [
         max(text_width(heading, small), *(text_width(line, large, face) for line in lines))
         for _, heading, lines, face in columns
     ]
-    # Columns that would run into each other on narrow paper shrink together.
+    # On narrow paper, columns that would overlap shrink together.
     between = max(len(columns) - 1, 1)
     shrink = min(1.0, frame.width / (sum(widths) + 3 * scale * between))
     gap = (frame.width - shrink * sum(widths)) / between
@@ -101,7 +101,7 @@ def facts(frame: Frame, columns: Sequence[Column], y: float, name: str) -> list[
 def paragraph(
     words: str, left: float, top: float, width: float, height: float, lines: int, name: str, color: str = GRAY
 ) -> list[Shape]:
-    """Words in at most `lines` lines below `top`, smaller than `height` (of a capital, mm) if they need it."""
+    """Words in at most `lines` lines below `top`, smaller than the cap height `height` (mm) if necessary."""
     step, rows = 1.94 * height, wrap(words, width, height)
     while len(rows) > lines or max(text_width(row, height) for row in rows) > width:
         height *= 0.96
@@ -113,7 +113,7 @@ def paragraph(
 
 
 def remedy_lines(frame: Frame, words: Sequence[str], top: float, height: float) -> list[Shape]:
-    """One line per sentence below `top`, each as small as it must be."""
+    """One line per sentence below `top`, each shrunk to fit."""
     texts: list[Shape] = []
     for index, line in enumerate(words):
         texts += paragraph(line, frame.margin, top - 1.94 * height * index, frame.width, height, 1, f"remedy-{index}")
@@ -121,7 +121,7 @@ def remedy_lines(frame: Frame, words: Sequence[str], top: float, height: float) 
 
 
 def nameless_note(nameless: Sequence[str]) -> tuple[str, ...]:
-    """A sentence about dots that have no room for their number."""
+    """Sentence about dots without room for their numbers."""
     if not nameless:
         return ()
     more = len(nameless) - MOST_LISTED

@@ -1,4 +1,4 @@
-"""Colors of a sheet as data: ink, paper and cut, each `#rrggbb`, or a named spot color that a cutter is told by."""
+"""Colors of a sheet as data: ink, paper and cut, each `#rrggbb` or a named spot color for a cutter."""
 
 import re
 from dataclasses import dataclass
@@ -8,10 +8,10 @@ from markergen.errors import InputError
 HEX = re.compile(r"#[0-9a-f]{6}")
 SPOT = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]*")
 MAGENTA = "#ff00ff"
-"""Screen color of a spot color unless told otherwise: the signal color that cutters' programs show."""
+"""Default screen color of a spot color: the signal color shown by cutters' software."""
 LEAST_CONTRAST = 64
-"""Difference of ink and paper in grey levels of 255 below which no camera tells a dot from its ground reliably."""
-FORMS = "black, inverted or #rrggbb,#rrggbb (ink,paper), and after it, if wanted, ,cut:NAME or ,cut:#rrggbb"
+"""Minimum difference of ink and paper, of 255 grey levels, at which a camera reliably tells a dot from its ground."""
+FORMS = "black, inverted or #rrggbb,#rrggbb (ink,paper), optionally followed by ,cut:NAME or ,cut:#rrggbb"
 
 
 def spot_name(color: str) -> str | None:
@@ -21,7 +21,7 @@ def spot_name(color: str) -> str | None:
 
 
 def rgb(color: str) -> str:
-    """``#rrggbb`` of any color, of a spot color what it looks like."""
+    """Screen color ``#rrggbb`` of any color, including spot colors."""
     return color.rpartition("=")[2]
 
 
@@ -32,12 +32,12 @@ def channels(color: str) -> tuple[int, int, int]:
 
 
 def is_grey(color: str) -> bool:
-    """Tell whether red, green and blue are equal."""
+    """True if red, green and blue are equal."""
     return len(set(channels(color))) == 1
 
 
 def luma(color: str) -> float:
-    """Grey level, 0 to 255, that a monochrome camera sees (Rec. 601)."""
+    """Grey level, 0 to 255, seen by a monochrome camera (Rec. 601)."""
     red, green, blue = channels(color)
     return 0.299 * red + 0.587 * green + 0.114 * blue
 
@@ -49,14 +49,14 @@ class Colors:
     Attributes
     ----------
     ink, paper : str
-        Of dots, tag and marks, and of the ground that they lie on: ``#rrggbb``.
+        Color of dots, tag and marks, and of the ground under them: ``#rrggbb``.
     cut : str
-        Of the lines that a cutter follows: ``#rrggbb``, or a spot color as `spot_color` writes it.
+        Color of the lines for a cutter: ``#rrggbb``, or a spot color in the format of `spot_color`.
 
     Raises
     ------
     InputError
-        If a color is not ``#rrggbb``, or ink and paper are too much alike to be told apart.
+        If a color is not ``#rrggbb``, or the contrast between ink and paper is too low.
     """
 
     ink: str = "#000000"
@@ -76,11 +76,11 @@ class Colors:
 
     @property
     def grounded(self) -> bool:
-        """Whether the ground has to be printed, because the paper is not white."""
+        """True if the ground must be printed because the paper is not white."""
         return self.paper != "#ffffff"
 
     def mix(self, share: float) -> str:
-        """Color between paper (0) and ink (1), for marks that must stay behind the dots."""
+        """Color between paper (0) and ink (1), for marks that must be less prominent than the dots."""
         parts = zip(channels(self.ink), channels(self.paper), strict=True)
         return "#" + "".join(f"{round(share * ink + (1 - share) * paper):02x}" for ink, paper in parts)
 
@@ -90,12 +90,12 @@ INVERTED = Colors("#ffffff", "#000000")
 
 
 def parse_colors(text: str) -> Colors:
-    """Read ``black``, ``inverted`` or ``#ink,#paper``, each with ``,cut:NAME`` or ``,cut:#rrggbb`` after it if wanted.
+    """Parse ``black``, ``inverted`` or ``#ink,#paper``, each optionally followed by ``,cut:NAME`` or ``,cut:#rrggbb``.
 
     Raises
     ------
     InputError
-        If it is none of these, or ink and paper cannot be told apart.
+        If it is none of these, or the contrast between ink and paper is too low.
 
     Examples
     --------
@@ -119,12 +119,12 @@ def parse_colors(text: str) -> Colors:
 
 
 def spot_color(name: str, look: str = MAGENTA) -> str:
-    """Write a spot color as one text, ``NAME=#rrggbb``: what a cutter knows it by, and what it looks like elsewhere.
+    """Encode a spot color as ``NAME=#rrggbb``: the name for the cutter, and the screen color elsewhere.
 
     Raises
     ------
     InputError
-        If the name is empty, longer than 40 characters or holds more than letters, digits, blanks, ``_``, ``.``, ``-``.
+        If the name is empty, longer than 40 characters, or has characters other than letters, digits, blanks, ``_.-``.
     """
     if not SPOT.fullmatch(name) or len(name) > 40:
         raise InputError(

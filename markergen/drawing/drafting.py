@@ -1,4 +1,4 @@
-"""Drafting in mm on paper: lettering, dimensions, center lines, hatching, and callouts whose leaders keep clear."""
+"""Drafting in mm on paper: lettering, dimensions, center lines, hatching, and callouts with unobstructed leaders."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,28 +30,28 @@ from markergen.geometry.region import Region, line_distances
 Array = NDArray[np.float64]
 
 THICK, THIN = 0.4, 0.18
-"""Widths in mm of edges that are seen, and of all that explains them (ISO 128)."""
+"""Line widths in mm of visible edges, and of dimension, center and other thin lines (ISO 128)."""
 
 DARK = "#b9b9b9"
-"""Fill of what is dark: pale enough for numbers on it, and that nobody takes a drawing for the marker."""
+"""Fill of dark parts: pale enough for numbers on it, and not to be mistaken for the marker."""
 
 WORDS = "words"
-"""Name of text that needs none of its own: what has a name goes into the layer of texts."""
+"""Default name of text; text with a name of its own goes into the layer of texts."""
 
 CLOSE = 6.0
 """Distance in mm between dimension lines, on A4."""
 
 SLANTS = tuple(tan(radians(angle)) for angle in (30, 45, 60, 75))
-"""Slopes of leaders that come to lie level before they reach their words."""
+"""Slopes of leaders in front of their horizontal landing."""
 
 MOST_PLACES = 12
-"""Largest number of like features, nearest to the words first, that a leader is tried to."""
+"""Maximum number of identical features, nearest to the words first, to which a leader is tried."""
 
 HIT, CROSSED, BEND = 100.0, 300.0, 2.0
-"""Cost in mm of leader of running across a feature or along the axis, across another leader, and of a bend."""
+"""Costs of a leader, as mm of length: crossing a feature or running along the axis, crossing a leader, and a bend."""
 
 SMOOTH = 2e-3
-"""Largest distance in mm on paper of a drawn line from its arc."""
+"""Maximum distance in mm on paper of a drawn line from its arc."""
 
 OFF, BEYOND = 0.8, 1.5
 """Gap between an edge and its extension line, and overshoot beyond the dimension line, mm on A4."""
@@ -59,39 +59,39 @@ OFF, BEYOND = 0.8, 1.5
 
 @dataclass(frozen=True)
 class Style:
-    """Sizes in mm on the paper at hand; `scale` is 1 on A4."""
+    """Sizes in mm on the sheet's paper; `scale` is 1 on A4."""
 
     scale: float = 1.0
 
     @property
     def words(self) -> float:
-        """Height of the capitals of dimensions."""
+        """Cap height of dimensions."""
         return 2.1 * self.scale
 
     @property
     def small(self) -> float:
-        """Height of the capitals of tables and notes."""
+        """Cap height of tables and notes."""
         return 1.75 * self.scale
 
     @property
     def head(self) -> float:
-        """Length of an arrow head."""
+        """Length of an arrowhead."""
         return 2.3 * self.scale
 
 
 @dataclass(frozen=True)
 class Lettering(FilledPath):
-    """A line of words as outlines, with all that a format with fonts needs to write them as text.
+    """Line of words as outlines, with the data needed to write them as text in a format with fonts.
 
     Attributes
     ----------
     words : str
     start : (x, y)
-        Where the baseline begins, mm.
+        Start of the baseline, mm.
     height : float
-        Height of a capital, mm.
+        Cap height, mm.
     upright : bool
-        Whether it reads upward, from the right of the sheet.
+        True if it reads upward, from the right side of the sheet.
     face : {"regular", "bold"}
     """
 
@@ -113,7 +113,7 @@ def lettering(
     color: str = BLACK,
     name: str = WORDS,
 ) -> Lettering:
-    """Words with their baseline from, about or up to (x, y), turned a quarter about it if upright; see `text`."""
+    """Letter words aligned at (x, y), rotated a quarter turn counterclockwise about it if upright; see `text`."""
     path = text(words, x, y, height, align, face, color, name)
     back = SHIFT[align] * text_width(words, height, face)
     start = (x, y - back) if upright else (x - back, y)
@@ -123,30 +123,30 @@ def lettering(
 
 @dataclass(frozen=True)
 class DrawingView:
-    """Place and scale of a view on paper: its (0, 0) at (x, y), lengths times `scale`."""
+    """Position and scale of a view on paper: its origin at (x, y), lengths times `scale`."""
 
     x: float
     y: float
     scale: float
 
     def at(self, point: Point) -> Point:
-        """Place on paper of a point of the view."""
+        """Position on paper of a point of the view."""
         return self.x + self.scale * point[0], self.y + self.scale * point[1]
 
     def trace(self, contour: Contour) -> list[Point]:
-        """Corners on paper of a polygon for a contour, whose arcs it follows within `SMOOTH`."""
+        """Vertices on paper of a polygon that follows a contour's arcs within `SMOOTH`."""
         return [self.at(point) for point in flattened(contour, SMOOTH / self.scale)]
 
     def box(self, box: Box) -> Box:
-        """Place on paper of a box of the view."""
+        """Position on paper of a box of the view."""
         return *self.at(box[:2]), *self.at(box[2:])
 
 
 def drawn(face: ViewFace, view: DrawingView, hatched: bool = False, style: Style | None = None) -> list[Shape]:
-    """Draw a face with its outline and edges; one that is cut is hatched instead."""
+    """Draw a face with its outline and edges; a cut face is hatched instead."""
     fill = DARK if face.material == "dark" else WHITE
     rings = [view.trace(contour) for contour in face.contours]
-    # Filled by the nonzero rule: what lies in an odd number of others is a hole, and runs clockwise.
+    # For the nonzero fill rule a ring inside an odd number of others is a hole and must run clockwise.
     filled = (
         _directed(ring, sum(inside(ring[0], other) for other in rings if other is not ring) % 2 == 0) for ring in rings
     )
@@ -159,7 +159,7 @@ def drawn(face: ViewFace, view: DrawingView, hatched: bool = False, style: Style
 
 
 def inside(point: Point, ring: Sequence[Point]) -> bool:
-    """Tell whether a point lies in a ring, by the number of times that a ray from it crosses the ring."""
+    """True if a point lies in a ring: a ray from it crosses the ring an odd number of times."""
     x, y = point
     within = False
     for (ax, ay), (bx, by) in pairwise((*ring, ring[0])):
@@ -169,7 +169,7 @@ def inside(point: Point, ring: Sequence[Point]) -> bool:
 
 
 def cut_edges(face: ViewFace, view: DrawingView, box: Box) -> list[Shape]:
-    """Edges of a face that is cut, fine where the view ends (left and right of the box) and the solid goes on."""
+    """Edges of a cut face, thin at the left and right ends of the box, where the solid continues beyond the view."""
     shapes: list[Shape] = []
     ends = [view.at((side, 0.0))[0] for side in (box[0], box[2])]
     for contour in face.contours:
@@ -181,14 +181,14 @@ def cut_edges(face: ViewFace, view: DrawingView, box: Box) -> list[Shape]:
 
 
 def hatching(face: ViewFace, view: DrawingView, style: Style) -> list[Shape]:
-    """Parallel lines at 45 degrees in a face: rising in what is light, falling and closer in what is dark."""
+    """Hatch a face at 45 degrees: rising lines in light material, falling and denser lines in dark material."""
     sign, gap = (-1.0, 1.1 * style.scale) if face.material == "dark" else (1.0, 2.0 * style.scale)
     outer, *holes = (view.trace(contour) for contour in face.contours)
     region = Region.polygon(outer, holes, mend=True)
     left, bottom, right, top = region.box
     if not (right - left > 0 and top - bottom > 0):
         return []
-    # Lines x - sign y = k * gap * sqrt(2), so that those of one material meet across parts.
+    # Lines x - sign y = k * gap * sqrt(2), so that the lines of one material align across parts.
     step = gap * sqrt(2)
     corners = [x - sign * y for x in (left, right) for y in (bottom, top)]
     first, last = int(min(corners) // step), int(max(corners) // step)
@@ -198,7 +198,7 @@ def hatching(face: ViewFace, view: DrawingView, style: Style) -> list[Shape]:
 
 
 def center_line(a: Point, b: Point, style: Style, color: str = BLACK) -> list[Shape]:
-    """Chain line: long and short dashes in turn, a long one at both ends."""
+    """Chain line: alternating long and short dashes, with a long one at both ends."""
     long, gap, short = 6.0 * style.scale, 1.0 * style.scale, 0.6 * style.scale
     length = hypot(b[0] - a[0], b[1] - a[1])
     if length < 2 * long:
@@ -232,7 +232,7 @@ def center_circle(x: float, y: float, radius: float, style: Style) -> list[Shape
 
 
 def arrow(tip: Point, direction: Point, style: Style) -> FilledPath:
-    """Head of an arrow that points in a direction."""
+    """Arrowhead pointing in a direction."""
     length = hypot(*direction)
     ux, uy = direction[0] / length, direction[1] / length
     back, half = style.head, style.head / 6
@@ -245,7 +245,7 @@ def arrow(tip: Point, direction: Point, style: Style) -> FilledPath:
 def across(
     x0: float, x1: float, y: float, from_y: float | tuple[float, float], words: str, style: Style
 ) -> list[Shape]:
-    """Dimension between two places on paper along x, on a line at height y; extension lines come from `from_y`."""
+    """Horizontal dimension between two positions on paper, on a line at height y; extension lines start at `from_y`."""
     starts = from_y if isinstance(from_y, tuple) else (from_y, from_y)
     shapes: list[Shape] = []
     for x, start in zip((x0, x1), starts, strict=True):
@@ -255,7 +255,7 @@ def across(
     beside = width > x1 - x0 - (0 if outside else 2 * style.head * 0.5)
     shapes += _arrows((x0, y), (x1, y), outside, style)
     if beside:
-        # To the right of the arrows, on a line of its own.
+        # To the right of the arrows, on an extended dimension line.
         start = x1 + (1.9 * style.head if outside else 0.0)
         ground, written = on_white(lettering(words, start + style.scale, y + 0.7 * style.scale, style.words))
         shapes += [ground, Line(((x1, y), (start + width + 1.5 * style.scale, y)), THIN), written]
@@ -267,7 +267,7 @@ def across(
 def upright(
     y0: float, y1: float, x: float, from_x: float | tuple[float, float], words: str, style: Style
 ) -> list[Shape]:
-    """Dimension between two heights on paper, on a line at x; what is written on it reads from the right."""
+    """Vertical dimension between two heights on paper, on a line at x; its text reads from the right."""
     starts = from_x if isinstance(from_x, tuple) else (from_x, from_x)
     shapes: list[Shape] = []
     for y, start in zip((y0, y1), starts, strict=True):
@@ -276,7 +276,7 @@ def upright(
     outside = y1 - y0 < 2.6 * style.head
     shapes += _arrows((x, y0), (x, y1), outside, style)
     if width > y1 - y0 - style.head:
-        # Above the upper arrow, lying down where it has room.
+        # Horizontal above the upper arrow, where there is room.
         top = y1 + (1.9 * style.head if outside else 0.6 * style.scale)
         shapes.append(Line(((x, y1), (x, top + style.scale * 0.3)), THIN))
         shapes += on_white(lettering(words, x, top + 0.9 * style.scale, style.words, "center"))
@@ -287,13 +287,13 @@ def upright(
 
 
 def on_white(words: Lettering, color: str = WHITE) -> list[Shape]:
-    """Words on a ground of their own, so that no line runs through them."""
+    """Words on a background of their own, so that no line runs through them."""
     left, bottom, right, top = bounds(words)
     return [rectangle((left - 0.3, bottom - 0.25, right + 0.3, top + 0.25), "", color), words]
 
 
 def leader(tip: Point, elbow: Point, end: Point, style: Style) -> list[Shape]:
-    """Line from words by an elbow to a place, with an arrow there."""
+    """Leader line from the words via an elbow to a point, with an arrowhead there."""
     return [
         Line((elbow, end), THIN),
         Line((tip, elbow), THIN),
@@ -309,7 +309,7 @@ def frame_lines(box: Box, width: float) -> Line:
 
 
 def scale_words(scale: float) -> str:
-    """``1 : 2`` and the like."""
+    """Scale in words, such as ``1 : 2``."""
     return f"{scale:g} : 1" if scale >= 1 else f"1 : {round(1 / scale):g}"
 
 
@@ -317,7 +317,7 @@ def scale_words(scale: float) -> str:
 class _Leader:
     cost: float
     run: tuple[Point, Point, Point]
-    """Tip, elbow, and end at the words."""
+    """Tip, elbow and end at the words."""
     top: float
     """Upper end of the words."""
 
@@ -325,18 +325,18 @@ class _Leader:
 def place_callouts(
     callouts: Sequence[Callout], view: DrawingView, column: Box, style: Style, marks: Sequence[Box] = ()
 ) -> list[Shape]:
-    """Words and leaders; those with the fewest places to point at choose first.
+    """Place the words and leaders of callouts; those with the fewest features to point at choose first.
 
     Parameters
     ----------
     callouts : sequence of Callout
     view : DrawingView
-        What they point into.
+        View that the leaders point into.
     column : box
-        Of the words, mm on paper; leaders come from its left.
+        Column for the words, mm on paper; leaders start on its left.
     style : Style
     marks : sequence of box
-        Words on paper that leaders should keep off.
+        Words on paper that leaders should avoid.
     """
     step, gap = 1.75 * style.words, 1.4 * style.words
     circles = np.array([(*view.at((x, y)), view.scale * r) for each in callouts for x, y, r in each.places])
@@ -369,7 +369,7 @@ def _best(
     runs: Sequence[tuple[Point, Point, Point]],
     style: Style,
 ) -> _Leader | None:
-    """Cheapest leader of all places, heights of the words and slants; None if no room is left for the words."""
+    """Cheapest leader over all features, heights of the words and slopes; None if there is no room for the words."""
     left, low, _, high = column
     tops = [
         top
@@ -404,7 +404,7 @@ def _best(
 
 
 def _hits(run: tuple[Point, Point, Point], circles: Array, own: tuple[float, float, float]) -> int:
-    """Number of circles but its own that a leader runs across, or within half a millimeter of."""
+    """Number of circles, other than its own, that a leader crosses or passes within half a millimeter."""
     others = circles[np.any(np.abs(circles - own) > 1e-6, axis=-1)]
     near = np.zeros(len(others), dtype=bool)
     for a, b in ((run[0], run[1]), (run[1], run[2])):
@@ -415,7 +415,7 @@ def _hits(run: tuple[Point, Point, Point], circles: Array, own: tuple[float, flo
 
 
 def _along_axis(run: tuple[Point, Point, Point], view: DrawingView) -> int:
-    """Number of legs of a leader that lie on the x axis or close beside it."""
+    """Number of segments of a leader that lie on the x axis or close to it."""
     axis = view.at((0.0, 0.0))[1]
     legs = ((run[0], run[1]), (run[1], run[2]))
     return sum(max(abs(a[1] - axis), abs(b[1] - axis)) < 1.5 and abs(b[0] - a[0]) > 5 for a, b in legs)
@@ -426,7 +426,7 @@ def _crossings(run: tuple[Point, Point, Point], others: Sequence[tuple[Point, Po
 
 
 def _as_circles(boxes: Sequence[Box]) -> Array:
-    """Circles around boxes."""
+    """Circumscribed circles of boxes."""
     return np.array([((a + c) / 2, (b + d) / 2, hypot(c - a, d - b) / 2) for a, b, c, d in boxes]).reshape(-1, 3)
 
 
@@ -441,7 +441,7 @@ def _arrows(a: Point, b: Point, outside: bool, style: Style) -> list[Shape]:
 
 
 def _extension(start: Point, end: Point, style: Style) -> list[Shape]:
-    """Line from just off an edge to just behind the dimension line."""
+    """Extension line from just off an edge to just beyond the dimension line."""
     length = hypot(end[0] - start[0], end[1] - start[1])
     if length < OFF * style.scale:
         return []

@@ -1,6 +1,6 @@
-"""Content of a fabrication drawing as plain data in mm: views of a solid, its sections, its parts and the words.
+"""Content of a fabrication drawing as plain data in mm: views of a solid, its sections, its parts and the text.
 
-Independent of how solids are described: `markergen.solid` fills it in, `fabrication_views` draws it.
+Independent of the representation of solids: `markergen.solid` fills it in, `fabrication_views` draws it.
 """
 
 from dataclasses import dataclass
@@ -12,18 +12,18 @@ from markergen.geometry.contour import Contour
 
 @dataclass(frozen=True)
 class ViewFace:
-    """Visible or cut face of one body; it hides the faces before it.
+    """Visible or cut face of a body; it hides the faces listed before it.
 
     Attributes
     ----------
     contours : tuple of Contour
-        Its outer contour, then the holes in it.
+        Outer contour, then the holes.
     material : {"light", "dark", ""}
-        Empty: a hole that one sees through.
+        Material; empty for a through hole, which shows what is behind it.
     edges : tuple of Contour
-        Closed edges in it.
+        Closed edges within the face.
     fine : bool
-        Whether its outlines are drawn fine: letters that are engraved.
+        True if its outlines are drawn with thin lines, as for engraved letters.
     """
 
     contours: tuple[Contour, ...]
@@ -39,7 +39,7 @@ class ViewFace:
 
 @dataclass(frozen=True)
 class Dimension:
-    """A dimension between two places along one direction, with what is written on it."""
+    """Dimension between two positions along one direction, with its text."""
 
     start: float
     end: float
@@ -48,15 +48,15 @@ class Dimension:
 
 @dataclass(frozen=True)
 class Callout:
-    """Features that are alike, named once and pointed at.
+    """Callout of identical features, which names them once and points at them.
 
     Attributes
     ----------
     lines : tuple of str
     places : tuple of (x, y, radius)
-        Of each of them.
+        Position and radius of each feature.
     pitch : float
-        Radius of the circle around the origin that all of them are on; 0 if there is none.
+        Radius of their pitch circle about the origin; 0 for none.
     """
 
     lines: tuple[str, ...]
@@ -66,18 +66,18 @@ class Callout:
 
 @dataclass(frozen=True)
 class SectionView:
-    """A cut through the solid, across and up.
+    """Section through the solid, with coordinates along the cut and up.
 
     Attributes
     ----------
     title : str
     faces : tuple of ViewFace
-        In (along the cut, z), clipped to the box.
+        Faces in (along the cut, z), clipped to the box.
     box : (left, bottom, right, top)
     across, upright : tuple of Dimension
-        Dimensions, the shortest first; those upright are measured along z.
+        Dimensions along the cut and along z, shortest first.
     axes : tuple of float
-        Where along the cut the axes of round features are.
+        Positions along the cut of the axes of round features.
     """
 
     title: str
@@ -90,18 +90,18 @@ class SectionView:
 
 @dataclass(frozen=True)
 class DrawingTable:
-    """Rows of words under headings; numbers stand with their last digits below each other."""
+    """Rows of words under headings; numbers are right-aligned."""
 
     title: str
     headings: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     left: tuple[int, ...] = ()
-    """Columns of words, which begin on the left."""
+    """Left-aligned columns of words."""
 
 
 @dataclass(frozen=True)
 class DotLabel:
-    """The number of a control point, at its dot; mm."""
+    """Number of a control point, at its dot; mm."""
 
     words: str
     x: float
@@ -112,22 +112,22 @@ class DotLabel:
 
 @dataclass(frozen=True)
 class Workpiece:
-    """All that a fabrication sheet says.
+    """Complete content of a fabrication sheet.
 
     Attributes
     ----------
     name, title : str
-        The marker's name, and what it is in a few words.
+        Name of the marker, and a short description.
     process, materials : str
-        For the title block.
+        Entries of the title block.
     front, side : tuple of ViewFace
-        Seen from +z with y up, and from -y with z up; x is to the right in both.
+        Views from +z with y up, and from -y with z up; x is to the right in both.
     back : tuple of ViewFace
-        Seen from -z with y up, so that x is to the left; empty if there is nothing to see.
+        View from -z with y up, so that x is to the left; empty if there is nothing to show.
     size : (width, height)
-        Of the whole seen from the front.
+        Overall size in the front view.
     round : bool
-        Whether the plate is a disk, whose size is a diameter.
+        True if the plate is a disk, whose size is a diameter.
     labels : tuple of DotLabel
     callouts : tuple of Callout
     heights : tuple of Dimension
@@ -156,10 +156,10 @@ class Workpiece:
 
 
 def around(faces: tuple[ViewFace, ...]) -> Box:
-    """Box around faces, of which there is one at least."""
+    """Bounding box of at least one face."""
     return union(*(face.box for face in faces))
 
 
 def millimeters(value: float) -> str:
-    """Length in mm as it is written on a drawing: whole microns, no zeros behind."""
+    """Format a length in mm for a drawing: whole microns, no trailing zeros."""
     return f"{round(value, 3) + 0.0:.3f}".rstrip("0").rstrip(".")

@@ -57,22 +57,22 @@ from markergen.geometry.contour import flattened
 Array = NDArray[np.float64]
 
 SCALES = (10, 5, 2, 1, 1 / 2, 1 / 5, 1 / 10, 1 / 20, 1 / 50, 1 / 100, 1 / 200)
-"""Scales to choose from (ISO 5455)."""
+"""Available scales (ISO 5455)."""
 
 LEAST_VIEW = 20.0
-"""Size in mm on paper of the front view, below which it shows nothing."""
+"""Minimum size in mm on paper of the front view, below which no detail is visible."""
 
 NEAR = 0.05
-"""Largest distance in mm from an arc, near enough to tell what a number stands on."""
+"""Maximum distance in mm from an arc, sufficient to find the face under a number."""
 
 LEAST_NUMBER = 1.2
-"""Height in mm of the smallest number of a dot; a smaller one is left out, and the table tells."""
+"""Minimum height in mm of a dot's number; smaller ones are omitted, and the table lists the dots instead."""
 
 USUAL = ("a4-landscape", "a4", "a3-landscape", "a3")
-"""Papers that are tried where none is named, in this order."""
+"""Papers tried by default, in this order."""
 
 GOOD = 0.5
-"""Scale from which on no larger paper is tried."""
+"""Scale from which no larger paper is tried."""
 
 BLOCK = 12.0
 """Height of the title block, mm on A4."""
@@ -80,7 +80,7 @@ BLOCK = 12.0
 
 @dataclass(frozen=True)
 class ViewPlacement:
-    """Places of the two views on a page, and their scale."""
+    """Positions of the two views on a page, and their scale."""
 
     scale: float
     front: DrawingView
@@ -90,7 +90,7 @@ class ViewPlacement:
 
 @dataclass(frozen=True)
 class FrontPage:
-    """The first page: the marker from the front and from the side.
+    """First page: the marker seen from the front and from the side.
 
     Attributes
     ----------
@@ -98,9 +98,9 @@ class FrontPage:
     scale : float
         Lengths on paper over lengths of the marker.
     origin : (x, y)
-        Where the marker's origin is in the front view, mm from the page's lower left corner.
+        Position of the marker's origin in the front view, mm from the page's lower left corner.
     shapes : tuple of Shape
-        In mm from there; what is written is `Lettering`.
+        Shapes, mm from the page's lower left corner; text is `Lettering`.
     """
 
     frame: Frame
@@ -111,16 +111,16 @@ class FrontPage:
 
 @dataclass(frozen=True)
 class DetailView:
-    """A view of its own to be put among tables and notes.
+    """Separate view to place among tables and notes.
 
     Attributes
     ----------
     title : str
-        What is seen and at what scale.
+        Subject and scale of the view.
     width, height : float
-        mm on paper.
+        Size, mm on paper.
     shapes : tuple of Shape
-        In mm from the lower left corner; what is written is `Lettering`.
+        Shapes, mm from the lower left corner; text is `Lettering`.
     """
 
     title: str
@@ -130,9 +130,9 @@ class DetailView:
 
 
 def front_page(work: Workpiece, options: SheetOptions) -> FrontPage:
-    """Draw the front and side views, with dimensions, numbers and callouts, on the paper that shows them large enough.
+    """Draw the front and side views, with dimensions, numbers and callouts, on paper that shows them large enough.
 
-    Without a paper named it is A4, or A3 where that allows a larger scale than 1 : 2 or less.
+    The default paper is A4, or A3 if A4 allows only a scale below 1 : 2 and A3 a larger one.
 
     Raises
     ------
@@ -144,20 +144,20 @@ def front_page(work: Workpiece, options: SheetOptions) -> FrontPage:
 
 
 def drawing_area(frame: Frame) -> Box:
-    """Inside of the border, above the title block, mm."""
+    """Area inside the border and above the title block, mm."""
     air = 3 * frame.scale
     return frame.margin + air, frame.margin + BLOCK * frame.scale + air, frame.right - air, frame.top - air
 
 
 def section_view(section: SectionView, width: float, height: float, style: Style) -> DetailView:
-    """Draw a cut through the solid at the largest scale that suits a column of that width and height, mm."""
+    """Draw a section of the solid at the largest scale that suits a column of the given width and height, mm."""
     left, bottom, right, top = section.box
     tier = CLOSE * style.scale
     beside, below = (0.8 + len(section.upright)) * tier, 0.8 * tier
     low = max(min(min((face.box[1] for face in section.faces), default=bottom), top), bottom)
 
     def lift(scale: float) -> float:
-        # Words that stand beside short dimensions are not to meet those of the heights.
+        # Text beside short dimensions must not collide with that of the heights.
         narrow = any(text_width(span.words, style.words) > scale * (span.end - span.start) for span in section.across)
         return 1.5 * tier if narrow else 0.6 * tier
 
@@ -165,7 +165,7 @@ def section_view(section: SectionView, width: float, height: float, style: Style
         tall = scale * (top - low) + lift(scale) + len(section.across) * tier + below
         return scale * (right - left) + beside + 0.5 * tier <= width and tall <= room
 
-    # Small where that shows enough, with more room where it would be smaller than the solid.
+    # Small if that shows enough; more room if the section would be smaller than the solid.
     rooms = min(0.45 * height, 52 * style.scale), 0.7 * height
     scales = [next((each for each in SCALES[1:] if fits(each, room)), SCALES[-1]) for room in rooms]
     scale = scales[0] if scales[0] >= 1 else min(scales[1], 1.0)
@@ -181,7 +181,7 @@ def section_view(section: SectionView, width: float, height: float, style: Style
         (x, foot), (_, head) = view.at((axis, low)), view.at((axis, top))
         over = 2 * style.scale
         shapes += center_line((x, foot - over), (x, head + over), style)
-    # The outer ones first, so that the words of the inner ones lie on their extension lines.
+    # Outer dimensions first, so that the text of the inner ones covers their extension lines.
     for number, span in reversed(list(enumerate(section.across))):
         line = view.at((0.0, top))[1] + lift(scale) + number * tier
         starts = [view.at((0.0, _highest(section.faces, at, top)))[1] for at in (span.start, span.end)]
@@ -193,10 +193,10 @@ def section_view(section: SectionView, width: float, height: float, style: Style
 
 
 def back_view(work: Workpiece, width: float, height: float) -> DetailView:
-    """Draw the back at the largest scale that suits a column of that width and height, mm."""
+    """Draw the back at the largest scale that suits a column of the given width and height, mm."""
     left, bottom, right, top = around(work.back)
     room = min(0.6 * height, width)
-    # Half a millimeter on each side for the strokes.
+    # Half a millimeter on each side for line widths.
     scale = next((s for s in SCALES if s * (right - left) + 1 <= width and s * (top - bottom) <= room), SCALES[-1])
     view = DrawingView(0.5 - scale * left, 0.5 - scale * bottom, scale)
     shapes = tuple(shape for face in work.back for shape in drawn(face, view))
@@ -204,7 +204,7 @@ def back_view(work: Workpiece, width: float, height: float) -> DetailView:
 
 
 def _place(work: Workpiece, options: SheetOptions) -> tuple[Frame, ViewPlacement]:
-    """Paper and the layout of the drawing on it."""
+    """Paper of the drawing, and its layout."""
     best: tuple[Frame, ViewPlacement] | None = None
     papers = _papers(options)
     for paper in papers:
@@ -234,7 +234,7 @@ def _papers(options: SheetOptions) -> list[Paper]:
 
 
 def _placement(work: Workpiece, frame: Frame, room: Box) -> ViewPlacement | None:
-    """Largest scale at which both views fit in a part of the page with what belongs to them; None if they do not."""
+    """Placement at the largest scale at which both views and their annotations fit in `room`; None if there is none."""
     style = Style(frame.scale)
     left, bottom, right, top = _reach(work)
     _, foot, _, head = around(work.side)
@@ -250,7 +250,7 @@ def _placement(work: Workpiece, frame: Frame, room: Box) -> ViewPlacement | None
         thick = scale * (head - foot)
         if width + beside + column > room[2] - room[0] or height + thick + above + gap + below > room[3] - room[1]:
             continue
-        # What is left over is shared out; the callouts stand beside the view, not at the page's far end.
+        # Spare room is distributed; the callouts stand beside the view, not at the far end of the page.
         group = room[0] + (room[2] - room[0] - width - beside - column) / 2
         down = room[3] - room[1] - height - thick - above - gap - below
         x = group + 2.2 * tiers - scale * left
@@ -263,7 +263,7 @@ def _placement(work: Workpiece, frame: Frame, room: Box) -> ViewPlacement | None
 
 
 def _draw_front(work: Workpiece, layout: ViewPlacement, frame: Frame) -> list[Shape]:
-    """Both views with dimensions, numbers and callouts."""
+    """Draw both views with dimensions, numbers and callouts."""
     style, view = Style(frame.scale), layout.front
     shapes: list[Shape] = []
     for face in work.front:
@@ -282,7 +282,7 @@ def _reach(work: Workpiece) -> Box:
 
 
 def _axes(work: Workpiece, view: DrawingView, style: Style) -> list[Shape]:
-    """The marker frame: chain lines through the origin, with arrows at their positive ends."""
+    """Marker frame: chain lines through the origin, with arrows at their positive ends."""
     left, bottom, right, top = view.box(_reach(work))
     x, y = view.at((0.0, 0.0))
     over = 4.5 * style.scale
@@ -297,27 +297,27 @@ def _axes(work: Workpiece, view: DrawingView, style: Style) -> list[Shape]:
     ]
     for callout in work.callouts:
         if callout.pitch:
-            # Holes in the corners of a plate have a circle that is larger than it.
+            # The pitch circle of holes in the corners of a plate is larger than the plate.
             dashes = center_circle(x, y, view.scale * callout.pitch, style)
             shapes += [dash for dash in dashes if union(bounds(dash), ends) == ends]
     return shapes
 
 
 def _dot_numbers(work: Workpiece, view: DrawingView, style: Style) -> list[Shape]:
-    """Numbers in their dots where they fit, else beside them."""
+    """Numbers inside their dots where they fit, otherwise beside them."""
     shapes: list[Shape] = []
     rest: list[tuple[str, Disk]] = []
     for label in work.labels:
         x, y = view.at((label.x, label.y))
         room = view.scale * (label.inner_radius or label.radius)
         width = text_width(label.words, 1.0)
-        # Half the diagonal of the number, with some air, is at most the circle's radius.
+        # Half the diagonal of the number, with a margin, must not exceed the circle's radius.
         height = min(style.words, 0.85 * room / (hypot(width, 1.0) / 2))
         if height >= LEAST_NUMBER * style.scale:
             words = lettering(label.words, x, y - height / 2, height, "center", name=f"number-{label.words}")
             shapes += on_white(words, _label_ground(work, label))
         else:
-            # What has to stay free around the dot is the dot alone.
+            # No quiet zone here: only the dot itself must stay clear.
             rest.append((label.words, Disk(x, y, 0.55 * view.scale * label.radius + 0.1)))
     if rest:
         names, dots = [each[0] for each in rest], [each[1] for each in rest]
@@ -334,9 +334,9 @@ def _dot_numbers(work: Workpiece, view: DrawingView, style: Style) -> list[Shape
 
 
 def _label_ground(work: Workpiece, label: DotLabel) -> str:
-    """Color of what a number stands on: that of the uppermost face there."""
+    """Color under a number: that of the uppermost face there."""
     at = label.x, label.y
-    # Odd: in the outer contour and in none of its holes.
+    # An odd count: inside the outer contour and outside its holes.
     over = [face for face in work.front if sum(inside(at, flattened(ring, NEAR)) for ring in face.contours) % 2]
     return DARK if over and over[-1].material == "dark" else WHITE
 
@@ -353,7 +353,7 @@ def _edge_points(work: Workpiece, view: DrawingView) -> np.ndarray[tuple[int, in
 
 
 def _sizes(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
-    """The side view, the overall size under it and beside the front view, and heights on the right."""
+    """Side view, overall sizes below it and beside the front view, and heights on the right."""
     front, side = layout.front, layout.side
     shapes: list[Shape] = []
     for face in work.side:
@@ -377,7 +377,7 @@ def _sizes(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
 def _stacked(
     spans: Sequence[Dimension], view: DrawingView, start: float, first: float, tier: float, style: Style
 ) -> list[Shape]:
-    """Dimensions along z in the order given, each a tier farther to the right."""
+    """Dimensions along z in the given order, each one tier farther to the right."""
     shapes: list[Shape] = []
     for number, span in enumerate(spans):
         y0, y1 = (view.at((0.0, z))[1] for z in (span.start, span.end))
@@ -386,6 +386,6 @@ def _stacked(
 
 
 def _highest(faces: Sequence[ViewFace], at: float, top: float) -> float:
-    """Start of the extension line at a place along the cut: the highest corner of the edge there."""
+    """Start of the extension line at a position along the cut: the highest corner of the edge there."""
     found = [z for face in faces for ring in face.contours for s, z in ring.points if abs(s - at) < 1e-3]
     return max(found, default=top)

@@ -1,4 +1,4 @@
-"""The figure: a marker as it is drawn, in mm and its own frame, pre-compensated for a printer if asked."""
+"""Figure: a marker as it is drawn, in mm and in its own frame, optionally pre-compensated for a printer."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,18 +14,18 @@ from markergen.model.marker import Marker
 Array = NDArray[np.float64]
 
 FLAT = 1e-9
-"""Largest height in m of a control point that counts as flat: rounding, far below any printer."""
+"""Maximum height in m of a control point that counts as flat: rounding error, far below any printer's accuracy."""
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One marker as it is drawn.
+    """Marker as it is drawn.
 
     Attributes
     ----------
     marker : Marker
     factor : (x, y)
-        Lengths drawn over lengths meant: (1, 1), or the inverse of what a printer makes of 1.
+        Ratio of drawn to nominal lengths: (1, 1), or the inverse of the printer's scale.
     ink : str
         Color of dots and tag.
     """
@@ -36,7 +36,7 @@ class Figure:
 
     @cached_property
     def dots(self) -> tuple[Disk, ...]:
-        """Dots; a circle stays one, its radius scaled by the geometric mean of both factors."""
+        """Dots; circles remain circles, with radii scaled by the geometric mean of both factors."""
         fx, fy = self.factor
         mean = (fx * fy) ** 0.5
         return tuple(
@@ -56,19 +56,19 @@ class Figure:
 
     @cached_property
     def tag_zone(self) -> Box | None:
-        """The tag with its quiet zone."""
+        """Box of the tag with its quiet zone."""
         if self.marker.tag is None:
             return None
         return drawn_box(self.marker.tag.quiet_zone, self.factor)
 
     @cached_property
     def outline(self) -> Box:
-        """Box around the boundary."""
+        """Bounding box of the boundary."""
         return drawn_box(self.marker.boundary, self.factor)
 
     @cached_property
     def quiet(self) -> Box:
-        """Box around all quiet zones of dots."""
+        """Bounding box of the dots' quiet zones."""
         return quiet_box(self.dots)
 
 
@@ -78,7 +78,7 @@ def marker_dots(marker: Marker) -> tuple[Disk, ...]:
     Raises
     ------
     InputError
-        If a control point has no dot (diameter 0), or lies off the plane: neither can be printed.
+        If a control point has no dot (diameter 0) or lies off the plane: neither can be printed.
     """
     for point in marker.control_points:
         if point.feature.diameter == 0:
@@ -108,7 +108,7 @@ def marker_dots(marker: Marker) -> tuple[Disk, ...]:
 def marker_tag(marker: Marker) -> tuple[FilledPath, ...]:
     """Ink of the marker's tag as one outline named ``tag``, in mm, marker frame; none without a tag.
 
-    Neighboring black cells are one region, so that no seam shows; holes run against what they are cut from.
+    Neighboring black cells form one region, so that no seam shows; holes run opposite to the outlines around them.
     """
     if marker.tag is None:
         return ()
@@ -120,7 +120,7 @@ def marker_tag(marker: Marker) -> tuple[FilledPath, ...]:
 
 
 def quiet_radius(disk: Disk) -> float:
-    """Radius in mm around a dot's center that nothing else may enter: the dot and a ring half its diameter wide."""
+    """Radius in mm of a dot's quiet zone: the dot, and a ring around it half its diameter wide."""
     return 2 * disk.radius
 
 
@@ -132,7 +132,7 @@ def drawn_box(boundary: Boundary, factor: Point = (1.0, 1.0)) -> Box:
 
 
 def quiet_box(dots: tuple[Disk, ...]) -> Box:
-    """Box around the dots' quiet zones; a point at the origin without dots."""
+    """Bounding box of the dots' quiet zones; the origin if there are no dots."""
     return (
         min((dot.x - quiet_radius(dot) for dot in dots), default=0.0),
         min((dot.y - quiet_radius(dot) for dot in dots), default=0.0),
@@ -142,13 +142,13 @@ def quiet_box(dots: tuple[Disk, ...]) -> Box:
 
 
 def size_words(boundary: Boundary) -> str:
-    """``300 mm across`` for a disk, else width and height as in ``200 x 100 mm``."""
+    """Size in words: ``300 mm across`` for a disk, otherwise width and height, such as ``200 x 100 mm``."""
     width, height = size_mm(boundary)
     return f"{width:.6g} mm across" if is_disk(boundary) else f"{width:.6g} x {height:.6g} mm"
 
 
 def size_mm(boundary: Boundary) -> Point:
-    """Width and height of the outline, mm; of a disk twice its diameter to the last digit."""
+    """Width and height of the outline, mm; for a disk exactly its diameter twice."""
     if is_disk(boundary):
         return 2e3 * boundary.radius, 2e3 * boundary.radius
     left, bottom, right, top = drawn_box(boundary)
@@ -156,14 +156,14 @@ def size_mm(boundary: Boundary) -> Point:
 
 
 def is_disk(boundary: Boundary) -> bool:
-    """Tell whether the outline is as wide and as high as the circle around it."""
+    """True if the outline is as wide and as high as its circumscribed circle about the origin."""
     left, bottom, right, top = drawn_box(boundary)
     across = 2e3 * boundary.radius
     return max(abs(right - left - across), abs(top - bottom - across)) < 1e-6 * across
 
 
 def compensated_note(figure: Figure) -> tuple[str, ...]:
-    """A sentence about a drawing that is true from one printer only."""
+    """Sentence about a drawing that is true to size from one printer only."""
     if figure.factor == (1.0, 1.0):
         return ()
     factors = " and ".join(f"{value:.6g} along {name}" for name, value in zip("xy", figure.factor, strict=True))

@@ -1,4 +1,4 @@
-"""Where the number of a dot goes on a sheet: outside every quiet zone, clear of other numbers and of all other ink."""
+"""Placement of dot numbers on a sheet: outside all quiet zones, clear of other numbers and of all other ink."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ from markergen.drawing.text import text_width
 Array = NDArray[np.float64]
 
 ANGLES = np.deg2rad([0, *(sign * step for step in range(10, 180, 10) for sign in (1, -1)), 180])
-"""Directions from a dot that are tried for its number, the outward one first."""
+"""Candidate directions from a dot to its number, the outward one first."""
 
 
 def place_numbers(
@@ -24,10 +24,10 @@ def place_numbers(
     ink: Array,
     boxes: Sequence[Box] = (),
 ) -> list[tuple[float, float] | None]:
-    """Middles (x, y) in mm of the dots' numbers, or None where a dot has no free place of its own.
+    """Find centers (x, y) in mm for the dots' numbers; None for a dot without a free position.
 
-    A number stands as near to its dot as the quiet zone lets it, outward if it can, and nearer to its dot than to any
-    other, so that nobody takes it for the neighbor's.
+    A number stands as close to its dot as the quiet zone permits, outward if possible, and closer to its dot than to
+    any other, so that it is not mistaken for the neighbor's.
 
     Parameters
     ----------
@@ -35,15 +35,15 @@ def place_numbers(
     labels : sequence of str
         One per dot.
     height : float
-        Of the digits, mm.
+        Digit height, mm.
     rooms : sequence of box
-        That the numbers must stay in, one per dot.
+        Bounds of each dot's number.
     center : (x, y)
-        What "outward" means.
+        Point from which "outward" is measured.
     ink : array (m, 2)
-        Points of everything else that is drawn, close enough that no number fits between two.
+        Points of everything else that is drawn, dense enough that no number fits between two.
     boxes : sequence of box
-        Where no number may be.
+        Areas without numbers.
     """
     centers = np.array([[dot.x, dot.y] for dot in dots])
     quiet = np.array([quiet_radius(dot) for dot in dots])
@@ -52,10 +52,10 @@ def place_numbers(
     for index, label in enumerate(labels):
         half = np.array([text_width(label, height) / 2, height / 2]) + 0.5 * height
         outward = centers[index] - center
-        # A dot in the middle has no outward; its number goes where a reader looks for a footnote mark.
+        # A central dot has no outward direction; its number goes where a footnote mark would be.
         heading = np.arctan2(outward[1], outward[0]) if np.hypot(*outward) > dots[index].radius else np.pi / 4
         direction = np.stack([np.cos(heading + ANGLES), np.sin(heading + ANGLES)], axis=-1)
-        # The support of the box in that direction: a box that far out cannot reach into the circle.
+        # The support of the box in that direction: at that distance the box cannot overlap the circle.
         reach = quiet[index] + np.abs(direction) @ half
         candidates = np.concatenate(
             [centers[index] + (reach + extra * height)[:, None] * direction for extra in (0.2, 1, 2)]
@@ -63,7 +63,7 @@ def place_numbers(
         place = next(
             (
                 (float(middle[0]), float(middle[1]))
-                for lead in (2 * height, 0.0)  # clearly the nearest if that can be, else just the nearest
+                for lead in (2 * height, 0.0)  # clearly the closest if possible, otherwise just the closest
                 for middle in candidates
                 if _free(middle, half, index, lead, centers, quiet, rooms[index], ink, taken)
             ),

@@ -1,6 +1,6 @@
-"""Artwork of a marker in its own frame, ready for a page or tiles: dots, cut lines, ticks, center cross, numbers.
+"""Artwork of a marker in its own frame, for a page or tiles: dots, cut lines, ticks, center cross, numbers.
 
-The outlines are hairlines to cut along by hand, interrupted at quiet zones, or closed lines that a cutter follows.
+The outlines are hairlines for cutting by hand, interrupted at quiet zones, or closed lines for a cutter.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,40 +37,40 @@ from markergen.model.boundary import Boundary, Circle
 Array = NDArray[np.float64]
 
 NUMBER_HEIGHT = 2.6
-"""Height of the digits of dot numbers, mm on A4."""
+"""Digit height of dot numbers, mm on A4."""
 
 GRAY_SHARE, GROUND = 0.647, 5.5
-"""Ink in the color of numbers; width in mm on A4 that a printed ground has around everything, so that numbers fit."""
+"""Share of ink in the color of numbers; width in mm on A4 of a printed ground around everything, for the numbers."""
 
 TICK = 4.0
 """Length of an axis tick in mm on A4."""
 
 CENTROID_PULL = 2e-3
-"""Largest shift in mm of a dot's center of gravity by a center cross that is not in its middle."""
+"""Maximum shift in mm of a dot's centroid by an eccentric center cross."""
 
 SHORTEST_ARM = 0.5
-"""Shortest arm of the center cross, mm; a shorter one would be taken for a speck."""
+"""Minimum arm length of the center cross, mm; a shorter one would look like a speck."""
 
 AIR = 1.0
 """Gap between an outline and a tick or the center cross, mm."""
 
 TRUE = 5e-4
-"""Largest distance in mm of a closed line from its circle."""
+"""Maximum distance in mm of a closed line from its circle."""
 
 HEADINGS = {"+x": (1, 0), "+y": (0, 1), "-x": (-1, 0), "-y": (0, -1)}
-"""The axes' four directions."""
+"""Unit vectors of the four axis directions."""
 
 
 @dataclass(frozen=True)
 class MarkerArtwork:
-    """Shapes by layer, mm, marker frame, and the dots that have no room for their number."""
+    """Shapes by layer, mm, marker frame, and the dots without room for their number."""
 
     layers: dict[str, tuple[Shape, ...]]
     nameless: tuple[str, ...]
 
 
 def ground_box(figure: Figure, scale: float) -> Box:
-    """Box that a printed ground fills: outline and quiet zones with room for numbers around them."""
+    """Box filled by a printed ground: outline and quiet zones, with room for numbers around them."""
     left, bottom, right, top = union(figure.outline, figure.quiet)
     pad = GROUND * scale
     return left - pad, bottom - pad, right + pad, top + pad
@@ -91,13 +91,13 @@ def draw_artwork(
     figure : Figure
     colors : Colors
     scale : float
-        Of numbers and ticks.
+        Scale of numbers and ticks.
     room : box
-        That numbers and ticks must stay in, mm, marker frame.
+        Bounds of numbers and ticks, mm, marker frame.
     ink : array (m, 2) or None
-        Points that numbers must keep off as well.
+        Additional points that numbers must avoid.
     rooms : sequence of box or None
-        That the number of each dot must stay in besides.
+        Additional bounds of the number of each dot.
     """
     marker, dots = figure.marker, figure.dots
     boxes = [figure.tag_zone] if figure.tag_zone else []
@@ -109,7 +109,7 @@ def draw_artwork(
     on_tag = any(around_origin(box) for box in boxes)
     cross = [] if on_tag or not around_origin(room) else center_cross(scale, dots, clear, colors)
     reach = axis_reach(figure)
-    # Ticks that stand on the boundary come before the numbers; those that a quiet zone pushes out come after them.
+    # Ticks on the boundary are placed before the numbers, those displaced by a quiet zone after them.
     on_boundary = [
         tick
         for tick in axis_ticks(scale, room, reach, dots)
@@ -150,10 +150,10 @@ def axis_ticks(
     boxes: Sequence[Box] = (),
     color: str = BLACK,
 ) -> list[Line]:
-    """Short lines where the axes leave the boundary, or farther out where a quiet zone or a box is in the way.
+    """Short lines where the axes leave the boundary, or farther out if a quiet zone or a box is in the way.
 
-    A tick that would leave the `room` (mm, marker frame), or whose axis has the whole boundary behind it, is left out.
-    `reach` is what `axis_reach` tells.
+    A tick is omitted if it would leave the `room` (mm, marker frame) or if its axis has the entire boundary behind it.
+    `reach` is the result of `axis_reach`.
     """
     length = TICK * scale
     centers = np.array([[dot.x, dot.y] for dot in dots])
@@ -165,7 +165,7 @@ def axis_ticks(
         zones = list(zip(along - half, along + half, strict=True))
         zones += [_shadow(box, heading, 2 * scale) for box in boxes]
         start = reach[name]
-        # Sorted by where they begin, so one pass over the zones jumps over all that the tick would touch.
+        # Sorted by their start, so one pass moves the tick beyond all zones that it would touch.
         for near, far in sorted(zones):
             if near < far and near < start + length and far > start:
                 start = float(far)
@@ -177,7 +177,7 @@ def axis_ticks(
 
 
 def _shadow(box: Box, heading: tuple[int, int], air: float) -> tuple[float, float]:
-    """Distances at which a ray from the origin enters and leaves a box with some air around it; (0, 0) if it misses."""
+    """Distances at which a ray from the origin enters and leaves a box with a margin around it; (0, 0) if it misses."""
     low, high = np.array(box[:2]) - air, np.array(box[2:]) + air
     side = 1 - int(np.argmax(np.abs(heading)))
     if not low[side] < 0 < high[side]:
@@ -187,11 +187,12 @@ def _shadow(box: Box, heading: tuple[int, int], air: float) -> tuple[float, floa
 
 
 def center_cross(scale: float, dots: tuple[Disk, ...], room: float, colors: Colors) -> list[Line]:
-    """Fine cross at the origin: ink on paper, paper on a dot, none where it would disturb a dot.
+    """Fine cross at the origin: ink on paper, paper on a dot, omitted where it would disturb a dot.
 
-    A cross on a dot but e mm off its middle moves the dot's center of gravity by area(cross) e / area(dot); there its
-    arms are shortened until that is below `CENTROID_PULL`. Too short to see, or beside a dot in its quiet zone, it is
-    left out: the axis ticks still give the center. So it is where an outline is near, which is `room` mm away.
+    A cross on a dot, e mm off the dot's center, shifts the dot's centroid by area(cross) e / area(dot); its arms are
+    shortened until the shift is below `CENTROID_PULL`. The cross is omitted if its arms become too short to see, or if
+    it lies in a dot's quiet zone but off the dot; the axis ticks still mark the center. The distance `room` in mm to
+    the nearest outline also limits the arms.
     """
     arm, width, color = min(3.0 * scale, room - AIR), HAIRLINE, colors.ink
     for dot in dots:
@@ -217,10 +218,10 @@ def center_cross(scale: float, dots: tuple[Disk, ...], room: float, colors: Colo
 
 
 def boundary_lines(figure: Figure, colors: Colors) -> list[Line]:
-    """Lines along the boundary, and along the keep-outs and the plate's holes in it, mm, marker frame.
+    """Lines along the boundary, its keep-outs and the plate's holes, mm, marker frame.
 
-    As hairlines they are interrupted where they would cross a quiet zone. With a color of their own for a cutter they
-    are closed, for a cutter lets no ink behind.
+    Hairlines are interrupted where they would cross a quiet zone. Lines in a cutter's color are closed, because a
+    cutter leaves no ink.
     """
     marker, closed = figure.marker, colors.cut != BLACK_ON_WHITE.cut
     lines = _lines(figure, marker.boundary, "boundary", colors.cut, closed)
@@ -248,7 +249,7 @@ def _lines(
         rim = points * figure.factor
         step = float(np.max(np.hypot(*(np.roll(rim, -1, axis=0) - rim).T)))
         inside = within.depth(points / 1e3) > 0 if within else np.ones(len(rim), dtype=bool)
-        # A segment between two points that are half a step clear of a circle cannot cross it.
+        # A segment between two points at least half a step away from a circle cannot cross it.
         free = inside if closed else inside & _clear(rim, figure, step / 2 + HAIRLINE)
         runs += _runs(rim, free, corner)
     return [
@@ -265,7 +266,7 @@ def _clear(points: Array, figure: Figure, spare: float) -> NDArray[np.bool_]:
 
 
 def _runs(rim: Array, free: NDArray[np.bool_], corner: NDArray[np.bool_]) -> list[Array]:
-    """Parts of a closed line whose points are free, of each the ends and the corners between them."""
+    """Runs of consecutive free points of a closed line, reduced to their ends and the corners between them."""
     if free.all():
         corners = rim[corner]
         return [np.concatenate([corners, corners[:1]])]
@@ -282,9 +283,9 @@ def _runs(rim: Array, free: NDArray[np.bool_], corner: NDArray[np.bool_]) -> lis
 
 
 def axis_reach(figure: Figure) -> dict[str, float]:
-    """Reach of the outline along each axis, mm from the origin, beyond which ticks may begin.
+    """Distance of the outline from the origin along each axis, mm, beyond which ticks may begin.
 
-    What counts is the outline within `AIR` of the axis; where there is none on that side, all of it.
+    Only the outline within `AIR` of the axis counts, or all of it if there is none on that side.
     """
     region = Region.enclosed(ring * 1e3 * figure.factor for ring in figure.marker.boundary.outlines())
     whole = region.box

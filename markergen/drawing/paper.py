@@ -1,4 +1,4 @@
-"""The paper of a sheet: known sizes, what is inside its margins, and what a user may choose about it."""
+"""Paper of a sheet: known sizes, the area inside the margins, and the user's options."""
 
 import re
 from collections.abc import Sequence
@@ -14,12 +14,12 @@ DESCENT = 0.65
 """Depth of letters below their baseline, mm on A4."""
 
 LEAST_ROOM = 70.0
-"""Least width and height between the margins, mm: below it no words fit under the marker."""
+"""Minimum width and height between the margins, mm, to fit text below the marker."""
 
 
 @dataclass(frozen=True)
 class Paper:
-    """A sheet size in mm."""
+    """Sheet size in mm."""
 
     name: str
     width: float
@@ -27,12 +27,12 @@ class Paper:
 
     @property
     def landscape(self) -> "Paper":
-        """The same sheet turned."""
+        """The same sheet in landscape orientation."""
         return Paper(f"{self.name}-landscape", self.height, self.width)
 
     @property
     def turned(self) -> "Paper":
-        """The same sheet the other way round, by its usual name."""
+        """The same sheet in the other orientation, by its usual name."""
         if self.name.endswith("mm"):
             return _custom(self.height, self.width)
         return PAPERS[self.name.removesuffix("-landscape").lower()] if self.width > self.height else self.landscape
@@ -52,7 +52,7 @@ ISO = (
     Paper("A1", 594, 841),
     Paper("A0", 841, 1189),
 )
-"""ISO 216 sizes from small to large, upright: what is chosen from when no paper is named."""
+"""ISO 216 sizes from small to large, upright: the candidates when no paper is named."""
 
 AMERICAN = (
     Paper("letter", 215.9, 279.4),
@@ -64,29 +64,28 @@ PAPERS = {paper.name.lower(): paper for upright in ISO + AMERICAN for paper in (
 """All papers by lower-case name; ``-landscape`` after the name turns a sheet, upright is the default."""
 
 SMALLEST, LARGEST = 100.0, 5000.0
-"""Sides in mm of paper of any size: below, no marker fits beside what it is checked by; a PDF ends at 5080 mm."""
+"""Limits of the sides of custom paper, mm: no marker with its rulers fits on less; a PDF ends at 5080 mm."""
 
 _CUSTOM = re.compile(r"([\d.]+)\s*(?:mm)?\s*[xX*]\s*([\d.]+)\s*mm")
 
 Orientation = Literal["", "portrait", "landscape"]
-"""Orientation of a sheet; empty: as its name says."""
+"""Orientation of a sheet; empty for the one implied by its name."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Margins of a page and heights of what stands at its foot, mm: they grow with the paper, but less than it does.
+    """Margins of a page and heights of the items at its foot, mm; they grow less than proportionally with the paper.
 
     Attributes
     ----------
     paper : Paper
     edge : float or None
-        Distance from the paper's edge that all ink keeps, mm; None for about `12 * scale`, more than printers cannot
-        reach.
+        Distance of all ink from the paper's edge, mm; None for about `12 * scale`, more than any printer's margin.
 
     Raises
     ------
     InputError
-        If the margin is negative or leaves nothing to print on.
+        If the margin is negative or leaves no room to print on.
     """
 
     paper: Paper
@@ -102,22 +101,22 @@ class Frame:
 
     @property
     def scale(self) -> float:
-        """Size of text and gaps relative to those on A4."""
+        """Size of text and gaps relative to A4."""
         return min(max(sqrt(min(self.paper.width, self.paper.height) / 210), 0.84), 2.0)
 
     @property
     def margin(self) -> float:
-        """Distance of baselines from the paper's edge; letters reach a little beyond, but not to the edge given."""
+        """Distance of baselines from the paper's edge; letters extend slightly beyond, but not into a given margin."""
         return (12 if self.edge is None else DESCENT) * self.scale + (self.edge or 0.0)
 
     @property
     def right(self) -> float:
-        """Right margin's x."""
+        """Position of the right margin along x."""
         return self.paper.width - self.margin
 
     @property
     def top(self) -> float:
-        """Upper margin's y."""
+        """Position of the upper margin along y."""
         return self.paper.height - self.margin
 
     @property
@@ -127,12 +126,12 @@ class Frame:
 
     @property
     def block_top(self) -> float:
-        """Height of the hairline over the title block."""
+        """Height of the hairline above the title block."""
         return self.margin + 9 * self.scale
 
     @property
     def checks_y(self) -> float:
-        """Height of the lowest line of the lengths to measure; the words on what to do are below."""
+        """Height of the lowest line of the lengths to measure; the remedies are below it."""
         return self.block_top + 10.4 * self.scale
 
     @property
@@ -142,12 +141,12 @@ class Frame:
 
     @property
     def footer(self) -> float:
-        """Height above which the marker's region begins."""
+        """Height of the lower edge of the marker's region."""
         return self.ruler_y + 13.5 * self.scale
 
     @property
     def region(self) -> tuple[float, float, float, float]:
-        """Part of the page for the marker and what belongs to it."""
+        """Part of the page for the marker and its annotations."""
         return self.margin, self.footer, self.right, self.top
 
 
@@ -158,24 +157,24 @@ class SheetOptions:
     Attributes
     ----------
     paper : str or None
-        Name or size (`find_paper`); None takes the smallest ISO size from A5 to A0 that holds the marker, for several
-        markers from A4 on.
+        Name or size (`find_paper`); None for the smallest ISO size from A5 to A0 that holds the marker, or from A4 on
+        for several markers.
     orientation : {"", "portrait", "landscape"}
-        Empty: as the paper's name says; if that says nothing, upright unless only the other way holds the marker.
+        Empty for that of the paper's name; if the name has none, upright unless only landscape holds the marker.
     margin : float or None
-        Distance from the paper's edge that all ink keeps; None for 10 to 24 mm, by the size of the paper.
+        Distance of all ink from the paper's edge; None for 10 to 24 mm, depending on the paper size.
     tile : bool
-        Whether a marker larger than the paper goes on several sheets; else it is refused.
+        True to put a marker larger than the paper on several sheets; otherwise it is rejected.
     overlap : float
-        Width of what two neighboring tiles both print.
+        Width of the strip that neighboring tiles both print.
     compensate : bool
-        Whether a marker that was measured on a print (`print_scale`) is drawn so that the same printer makes it true.
+        True to draw a marker that was measured on a print (`print_scale`) so that the same printer prints it true.
     colors : Colors
 
     Raises
     ------
     InputError
-        If the orientation is unknown, or margin or overlap is no length from 0.
+        If the orientation is unknown, or margin or overlap is not a nonnegative length.
     """
 
     paper: str | None = None
@@ -194,11 +193,11 @@ class SheetOptions:
                 raise InputError(f"{article} {name} from 0", f"{name}={value}", "give a length such as 10mm")
 
     def frame(self, paper: Paper) -> Frame:
-        """Measures of a page of that paper; raises as `Frame` does."""
+        """Frame of a page of the given paper; raises as `Frame` does."""
         return Frame(paper, None if self.margin is None else round(self.margin * 1e3, 9))
 
     def frames(self, papers: Sequence[Paper]) -> list[Frame]:
-        """Measures of pages to choose from: without those that the margin leaves nothing of, unless that is all."""
+        """Frames of candidate pages, without those that the margin leaves no room on, unless none remain."""
         frames = []
         for paper in papers:
             try:
@@ -210,15 +209,15 @@ class SheetOptions:
 
 
 def find_paper(name: str, orientation: Orientation = "") -> Paper:
-    """Paper of that name in any case, or of a size such as ``300x400mm``.
+    """Find a paper by name, in any case, or by size such as ``300x400mm``.
 
-    An orientation turns it if need be; the ending of a name (``A4-landscape``) must not contradict it.
+    An orientation rotates it if necessary; the suffix of a name (``A4-landscape``) must not contradict it.
 
     Raises
     ------
     InputError
-        If there is none of that name (the message lists the known ones and the nearest), a size is beyond all reason,
-        or name and orientation disagree.
+        If the name is unknown (the message lists the known ones and the nearest), a size is out of range, or name and
+        orientation disagree.
     """
     stem, _, ending = name.strip().lower().rpartition("-")
     wanted = stem if ending == "portrait" else name.strip().lower()
@@ -242,7 +241,7 @@ def find_paper(name: str, orientation: Orientation = "") -> Paper:
 
 
 def oriented(name: str) -> bool:
-    """Tell whether the name of a paper says its orientation."""
+    """True if the name of a paper specifies its orientation."""
     return name.strip().lower().endswith(("-portrait", "-landscape")) or bool(_CUSTOM.fullmatch(name.strip().lower()))
 
 

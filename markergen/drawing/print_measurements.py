@@ -1,4 +1,4 @@
-"""What to measure on a print: rulers, where a sheet has room for them, and pairs of dots that lie far apart."""
+"""Measurements for checking a print: rulers, where a sheet has room for them, and pairs of distant dots."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -13,10 +13,10 @@ from markergen.drawing.text import text
 from markergen.model.marker import ControlPoint, Marker
 
 LENGTHS = (200, 150, 100, 50, 20)
-"""Lengths of rulers in mm, the best first."""
+"""Lengths of rulers in mm, in order of preference."""
 
 BAND = 3.8
-"""Width of a ruler whose numbers stand beside its ticks, mm on A4."""
+"""Width of a ruler with numbers beside its ticks, mm on A4."""
 
 AIR = 0.8
 """Gap between a ruler and its neighbors, mm on A4."""
@@ -27,31 +27,31 @@ LONG, SHORT, DIGITS = 3.2, 1.8, 1.5
 Span = tuple[float, float]
 
 LEAST = 10.0
-"""Shortest length worth measuring, mm."""
+"""Minimum length worth measuring, mm."""
 
 SHOWN = (0.993, 0.9955)
-"""Shares of the rulers' lengths along x and y that the command in the example has measured."""
+"""Measured shares of the rulers' lengths along x and y in the example command."""
 
 USUAL = 200
-"""Length of rulers in mm that `markergen rescale` takes for granted."""
+"""Default ruler length in mm of `markergen rescale`."""
 
 
 def ruler(
     start: Point, length: int, axis: int, scale: float, factor: float = 1.0, inward: int = 1, name: str = "ruler"
 ) -> Drawn:
-    """Ruler from `start` along x (axis 0) or y (1), a tick every 10 mm, a number at every 50 (20 on short ones).
+    """Ruler from `start` along x (axis 0) or y (1), with a tick every 10 mm and a number every 50 (20 on short ones).
 
     Parameters
     ----------
     start : (x, y)
     length : int
-        What it is to measure, mm; drawn `factor` times as long.
+        Nominal length, mm; drawn `factor` times as long.
     axis : int
     scale : float
-        Of ticks and numbers.
+        Scale of ticks and numbers.
     factor : float
     inward : int
-        Side of the base line that its ticks are on: 1 up or right, -1 down or left.
+        Side of the base line with the ticks: 1 up or right, -1 down or left.
     name : str
     """
 
@@ -66,7 +66,7 @@ def ruler(
         marks.append(Line((at(mm, 0), at(mm, LONG if mm % step == 0 else SHORT)), FINE, f"{name}-{mm}"))
         if mm == 0 or mm % step:
             continue
-        # Before its tick and above the short ones, so that the whole ruler keeps to a narrow band.
+        # In front of its tick and above the short ones, which keeps the ruler narrow.
         words = f"{mm} mm" if mm == length else str(mm)
         low = (SHORT + 0.4) * scale
         near = low if inward > 0 else -low - height
@@ -88,20 +88,20 @@ def place_ruler(
     shapes: Iterable[Shape],
     name: str,
 ) -> tuple[int, Drawn]:
-    """Longest ruler of `LENGTHS` that one of the strips of a page has room for, and its length; 0 if none has.
+    """Find the longest ruler of `LENGTHS` that fits in a strip of a page, and its length; 0 if none fits.
 
     Parameters
     ----------
     strips : sequence of (box, inward)
-        Where it may stand, the best first, each `BAND * scale` wide: from its base line inward (1 up or right).
+        Candidate strips in order of preference, each `BAND * scale` wide, from the base line inward (1 up or right).
     axis : int
         0 along x, 1 along y.
     scale, factor : float
         See `ruler`.
     disks : iterable of Disk
-        Dots; it keeps out of their quiet zones.
+        Dots, whose quiet zones the ruler avoids.
     shapes : iterable of Shape
-        All else that it must not touch.
+        Other shapes that it must not touch.
     name : str
     """
     dots, others = list(disks), list(shapes)
@@ -118,7 +118,7 @@ def place_ruler(
 
 
 def _free_spans(strip: Box, axis: int, disks: Sequence[Disk], shapes: Sequence[Shape], air: float) -> list[Span]:
-    """Spans along a strip that nothing blocks."""
+    """Unobstructed spans along a strip."""
     low, high = strip[1 - axis], strip[3 - axis]
     blocked: list[Span] = []
     for disk in disks:
@@ -145,7 +145,7 @@ def _free_spans(strip: Box, axis: int, disks: Sequence[Disk], shapes: Sequence[S
 
 
 def remedy_words(rulers: tuple[int, int]) -> tuple[str, str]:
-    """Remedy for a sheet whose rulers do not measure these lengths in mm: a sentence, and a command."""
+    """Remedy if the rulers of a sheet do not measure these lengths in mm: a sentence, and a command."""
     options = ""
     for name, length, share in zip("xy", rulers, SHOWN, strict=True):
         if length:
@@ -160,7 +160,7 @@ def remedy_words(rulers: tuple[int, int]) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two dots to measure between, mm: from center to center, and over their outer edges, which calipers can hold."""
+    """Two dots to measure between, mm: center to center, and over the outer edges, where calipers can be applied."""
 
     first: int
     second: int
@@ -172,16 +172,16 @@ class Pair:
 
 
 def far_pair(points: Sequence[ControlPoint], axis: int, seam: float | None = None) -> Pair | None:
-    """Pair that lies farthest apart along x (axis 0) or y (1) and more along it than across; None if there is none.
+    """Pair that lies farthest apart along x (axis 0) or y (1), and farther along it than across; None if there is none.
 
-    With a seam, a coordinate on that axis in m, the two lie on either side of it.
+    With a seam, a coordinate on that axis in m, the two dots lie on opposite sides of it.
     """
     if len(points) < 2:
         return None
     xy = np.array([[point.x, point.y] for point in points])
     away = np.abs(xy[:, None] - xy)
     along, across = away[..., axis], away[..., 1 - axis]
-    # A pair that lies obliquely says less about one axis. Rounded, so that equal pairs go by their numbers.
+    # An oblique pair says less about one axis. Rounded, so that ties are resolved by the dots' numbers.
     score = np.where((along >= across) & (along * 1e3 >= LEAST), np.round(along - 0.5 * across, 9), -np.inf)
     if seam is not None:
         side = xy[:, axis] > seam
@@ -196,7 +196,7 @@ def far_pair(points: Sequence[ControlPoint], axis: int, seam: float | None = Non
 
 
 def measured_columns(marker: Marker, rulers: tuple[int, int], where: str = "") -> list[Column]:
-    """Facts to check a sheet by: a pair of dots along either axis, and the rulers."""
+    """Facts for checking a sheet: a pair of dots along each axis, and the rulers."""
     facts: list[Column] = []
     for axis, name in enumerate("xy"):
         pair = far_pair(marker.control_points, axis)
@@ -208,5 +208,5 @@ def measured_columns(marker: Marker, rulers: tuple[int, int], where: str = "") -
 
 
 def ruler_words(rulers: tuple[int, int]) -> str:
-    """``x 200 mm, y 150 mm``."""
+    """Ruler lengths in words, such as ``x 200 mm, y 150 mm``."""
     return ", ".join(f"{name} {length} mm" for name, length in zip("xy", rulers, strict=True) if length) or "none"

@@ -1,4 +1,4 @@
-"""The scene: a display list in millimeters, y up, that every file format replays. No format knows what a marker is."""
+"""Scene: a display list in millimeters, y up, replayed by every file format. Formats are independent of markers."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,28 +15,28 @@ Array = NDArray[np.float64]
 Point = tuple[float, float]
 
 Segment = tuple[str, tuple[Point, ...]]
-"""One step of a path: ``M`` and ``L`` with one point, ``Q`` with two, ``C`` with three, ``Z`` with none."""
+"""Segment of a path: ``M`` and ``L`` with one point, ``Q`` with two, ``C`` with three, ``Z`` with none."""
 
 BLACK, WHITE = "#000000", "#ffffff"
 
 GRAY, LIGHT = "#5a5a5a", "#9a9a9a"
 
 FINE = 0.25
-"""Width in mm of the lines that are to be seen from afar."""
+"""Width in mm of lines that must be visible from a distance."""
 
 HAIRLINE = 0.15
-"""Width in mm that a 600 dpi printer still draws whole."""
+"""Minimum line width in mm that a 600 dpi printer draws without gaps."""
 
 LAYERS = ("ground", "dots", "tag", "cut", "marks", "text")
 """Layers of a marker's sheet, from the bottom up."""
 
 FLATNESS = 1e-4
-"""Largest distance in mm of the outline of a clipped circle from the circle."""
+"""Maximum distance in mm of the outline of a clipped circle from the circle."""
 
 
 @dataclass(frozen=True)
 class Disk:
-    """A filled circle, or an annulus when it has an inner radius (even-odd: the hole is not painted); mm."""
+    """Filled circle, or annulus if it has an inner radius (even-odd: the hole is not painted); mm."""
 
     x: float
     y: float
@@ -53,9 +53,9 @@ class Disk:
 
 @dataclass(frozen=True)
 class Line:
-    """A stroked run of straight segments with mitered corners; points and width in mm.
+    """Stroked polyline with mitered corners; points and width in mm.
 
-    It has butt ends, or is closed if it ends where it begins.
+    It has butt ends, or is closed if its end is its start.
     """
 
     points: tuple[Point, ...]
@@ -65,19 +65,19 @@ class Line:
 
     @property
     def closed(self) -> bool:
-        """Whether it ends where it begins."""
+        """True if the line ends at its start."""
         return len(self.points) > 3 and self.points[0] == self.points[-1]
 
     @property
     def path_points(self) -> tuple[Point, ...]:
-        """Corners of a box that holds the stroke."""
+        """Corners of a box containing the stroke."""
         half = self.width / 2
         return tuple((x + sign * half, y + sign * half) for x, y in self.points for sign in (-1, 1))
 
 
 @dataclass(frozen=True)
 class FilledPath:
-    """A filled path (nonzero winding) of line, quadratic and cubic segments: glyphs and arrow heads; mm."""
+    """Filled path (nonzero winding) of line, quadratic and cubic segments, such as glyphs and arrowheads; mm."""
 
     segments: tuple[Segment, ...]
     name: str = ""
@@ -85,7 +85,7 @@ class FilledPath:
 
     @property
     def path_points(self) -> tuple[Point, ...]:
-        """All points of the path; its hull holds the curves."""
+        """All points of the path; their convex hull contains the curves."""
         return tuple(point for _, points in self.segments for point in points)
 
 
@@ -96,7 +96,7 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Layer:
-    """Shapes under one name; later ones cover earlier ones."""
+    """Named group of shapes; later ones cover earlier ones."""
 
     name: str
     shapes: tuple[Shape, ...]
@@ -113,30 +113,30 @@ class Scene:
         return (shape for layer in self.layers for shape in layer.shapes)
 
     def __getitem__(self, name: str) -> tuple[Shape, ...]:
-        """Shapes of the layer of that name; none if there is no such layer."""
+        """Shapes of the named layer; empty if there is no such layer."""
         return tuple(shape for layer in self.layers if layer.name == name for shape in layer.shapes)
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """A page ready for any printable format.
+    """Page ready for any printable format.
 
     Attributes
     ----------
     paper : Paper
     scene : Scene
-        In mm from the page's lower left corner; layers ``dots``, ``tag`` if there is one, ``cut``, ``marks`` and
-        ``text``, below them ``ground`` if the paper's color is printed.
+        Scene in mm from the page's lower left corner; layers ``dots``, ``tag`` if there is one, ``cut``, ``marks`` and
+        ``text``, and below them ``ground`` if the paper's color is printed.
     origins_mm : tuple of (x, y)
-        Where the markers' origins are on the page, one per marker; a tile's may be beyond its edge, a plan has none.
+        Positions of the markers' origins on the page, one per marker; a tile's may be off the page, a plan has none.
     rulers_mm : (int, int)
-        What the printed rulers along x and y measure; 0 without one.
+        Nominal lengths of the printed rulers along x and y; 0 for none.
     title, description : str
-        For the file's metadata.
+        Metadata for the file.
     notes : tuple of str
-        Sentences for the user; those about several pages come with the first.
+        Sentences for the user; those about several pages are with the first page.
     trim_mm : (left, bottom, right, top)
-        What is left of the page once it is cut: all of it but for tiles.
+        Part of the page that remains after cutting: all of it, except for tiles.
     """
 
     paper: Paper
@@ -150,19 +150,19 @@ class Sheet:
 
 
 def around_origin(box: Box) -> bool:
-    """Tell whether a box holds the origin."""
+    """True if a box contains the origin."""
     left, bottom, right, top = box
     return left <= 0 <= right and bottom <= 0 <= top
 
 
 def bounds(shape: Shape) -> Box:
-    """Box (left, bottom, right, top) in mm that holds the shape; an outline without points has none (ValueError)."""
+    """Bounding box (left, bottom, right, top) in mm of a shape; ValueError for an outline without points."""
     xs, ys = zip(*shape.path_points, strict=True)
     return min(xs), min(ys), max(xs), max(ys)
 
 
 def union(first: Box, *others: Box) -> Box:
-    """Box around boxes."""
+    """Bounding box of boxes."""
     boxes = (first, *others)
     return (
         min(box[0] for box in boxes),
@@ -190,13 +190,13 @@ def ink_points(shapes: Sequence[Shape]) -> Array:
 
 
 def scene_of(layers: Sequence[Mapping[str, Sequence[Shape]]]) -> Scene:
-    """Scene of what several drawings have in each layer; layers ``ground`` and ``tag`` only if they hold something."""
+    """Merge the layers of several drawings into a scene; ``ground`` and ``tag`` only if they are not empty."""
     found = {name: tuple(shape for each in layers for shape in each.get(name, ())) for name in LAYERS}
     return Scene(tuple(Layer(name, found[name]) for name in LAYERS if found[name] or name not in ("ground", "tag")))
 
 
 def moved_layers(layers: Mapping[str, Sequence[Shape]], dx: float, dy: float) -> dict[str, tuple[Shape, ...]]:
-    """All shapes moved by (dx, dy) mm."""
+    """Layers with all shapes moved by (dx, dy) mm."""
     return {name: tuple(moved(shape, dx, dy) for shape in shapes) for name, shapes in layers.items()}
 
 
@@ -211,7 +211,7 @@ def moved(shape: Shape, dx: float, dy: float) -> Shape:
 
 
 def turned(outline: FilledPath, x: float, y: float) -> FilledPath:
-    """FilledPath turned a quarter counterclockwise about (x, y)."""
+    """Path rotated a quarter turn counterclockwise about (x, y)."""
     segments = (
         (command, tuple((x - (py - y), y + (px - x)) for px, py in points)) for command, points in outline.segments
     )
@@ -219,7 +219,7 @@ def turned(outline: FilledPath, x: float, y: float) -> FilledPath:
 
 
 def renamed(shapes: Iterable[Shape], prefix: str) -> tuple[Shape, ...]:
-    """Shapes with a prefix before their names."""
+    """Shapes whose names get a prefix."""
     return tuple(replace(shape, name=prefix + shape.name) if shape.name else shape for shape in shapes)
 
 
@@ -234,10 +234,10 @@ def polygon(points: Sequence[Point], name: str, color: str) -> FilledPath:
 
 
 def clipped(shapes: Iterable[Shape], box: Box) -> Iterator[Shape]:
-    """Parts of the shapes in a box; what lies whole in it stays as it is, what is outside is left out.
+    """Clip shapes to a box; shapes entirely inside are unchanged, shapes outside are omitted.
 
-    A cut disk becomes an outline within `FLATNESS` of it, a cut line several, named ``<name>``, ``<name>-part-2`` and
-    so on. An outline that is cut must be of straight segments, as those of tags are.
+    A clipped disk becomes an outline within `FLATNESS` of it. A clipped line may become several, named ``<name>``,
+    ``<name>-part-2`` and so on. Clipped paths must have only straight segments, as those of tags do.
     """
     window = Region.rectangle(*box)
     for shape in shapes:
@@ -258,7 +258,7 @@ def clipped(shapes: Iterable[Shape], box: Box) -> Iterator[Shape]:
 
 
 def _region(shape: Disk | FilledPath) -> Region:
-    """Region of a disk or of a path of straight segments, in which holes run against what they are cut from."""
+    """Region of a disk or of a path of straight segments whose holes run opposite to the outlines around them."""
     if isinstance(shape, Disk):
         count = max(ceil(pi * sqrt(shape.radius / (2 * FLATNESS))), 16)
         angle = 2 * pi * np.arange(count) / count

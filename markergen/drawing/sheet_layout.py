@@ -1,8 +1,8 @@
 """Sheets of markers at true size: one marker to a page, several in a grid, or one on tiles.
 
 +--------------------------+
-|       |  ticks on axes   |   everything but the dots keeps out of their quiet zones: a ring half a dot
-|     o   o                |   diameter wide around each, which detectors need white
+|       |  ticks on axes   |   only the dots themselves may be in their quiet zones: a ring half a dot
+|     o   o                |   diameter wide around each, which detectors need blank
 | _                        |
 | |  -o + o-   boundary    |
 | |                        |
@@ -55,25 +55,26 @@ from markergen.model.marker import Marker, marker_name
 _AWAY = "The marker's origin is not on the sheet; see the coordinates in marker.json."
 
 CAPTION, CAPTION_LINES = 1.7, 3
-"""Height of a capital in captions in mm on A4, and their lines."""
+"""Cap height of captions in mm on A4, and their number of lines."""
 
 GAP = 4.0
 """Gap between neighbors, mm on A4."""
 
 BESIDE = 6.0
-"""Width left for the ruler along y, mm on A4."""
+"""Width reserved for the ruler along y, mm on A4."""
 
 
 def sheet_for(marker: Marker, paper: str | None = None) -> Sheet:
-    """Lay a marker out on one page, at true size; see `pages_for`."""
+    """Lay out a marker on one page, at true size; see `pages_for`."""
     return pages_for([marker], SheetOptions(paper, tile=False))[0]
 
 
 def pages_for(markers: Sequence[Marker], options: SheetOptions) -> tuple[Sheet, ...]:
-    """Lay markers out on pages, at true size, never smaller.
+    """Lay out markers on pages at true size, never smaller.
 
-    One marker gets one page, or, if it is larger than the paper, a plan of assembly and a page for every tile. Several
-    share pages, as many on each as fit; without a paper named, on the smallest from A4 on that holds one of them.
+    One marker gets one page or, if it is larger than the paper, an assembly plan and a page for each tile. Several
+    markers share pages, as many on each as fit; if no paper is named, it is the smallest from A4 on that holds one of
+    them.
 
     Parameters
     ----------
@@ -84,7 +85,7 @@ def pages_for(markers: Sequence[Marker], options: SheetOptions) -> tuple[Sheet, 
     Raises
     ------
     InputError
-        If a control point has no dot or lies off the plane, the paper is unknown or its margins leave nothing, or a
+        If a control point has no dot or lies off the plane, the paper is unknown or its margins leave no room, or a
         marker does not fit on it and may not be tiled.
     """
     figures = [_figure(marker, options) for marker in markers]
@@ -96,12 +97,12 @@ def pages_for(markers: Sequence[Marker], options: SheetOptions) -> tuple[Sheet, 
 
 
 def one_page(markers: Sequence[Marker], options: SheetOptions, suffix: str) -> Sheet:
-    """Lay markers out on the single page that a format holds.
+    """Lay out markers on one page, for a format without multiple pages.
 
     Raises
     ------
     InputError
-        If they need several; also as `pages_for` does.
+        If they need several pages, and as for `pages_for`.
     """
     pages = pages_for(markers, options)
     if len(pages) != 1:
@@ -112,7 +113,7 @@ def one_page(markers: Sequence[Marker], options: SheetOptions, suffix: str) -> S
 
 
 def check_paper(boundary: Boundary, options: SheetOptions) -> None:
-    """Refuse a boundary that the paper is too small for, whatever dots come to lie in it; see `pages_for`."""
+    """Reject a boundary that is too large for the paper, whatever its dots; see `pages_for`."""
     box = drawn_box(boundary)
     reach = _reach_of(box, (inf, inf, -inf, -inf), options.colors)
     if not _whole(reach, _frames(options)) and not options.tile:
@@ -121,16 +122,16 @@ def check_paper(boundary: Boundary, options: SheetOptions) -> None:
 
 @dataclass(frozen=True)
 class _Reach:
-    """Reach of the outline and of the quiet zones from the origin: left, down, right, up; mm."""
+    """Extent of the outline and of the quiet zones from the origin: left, down, right, up; mm."""
 
     outline: Box
     quiet: Box
     grounded: bool = False
-    """Whether the ground is printed, which then has to stay between the margins."""
+    """True if the ground is printed, and must therefore stay between the margins."""
 
 
 def _figure(marker: Marker, options: SheetOptions) -> Figure:
-    """Figure to draw: the marker as designed, whatever was measured on a print; larger where the printer shrinks."""
+    """Figure to draw: the marker as designed, regardless of measurements on a print; larger if the printer shrinks."""
     sx, sy = marker.print_scale
     if not options.compensate:
         return Figure(marker.as_designed, ink=options.colors.ink)
@@ -154,7 +155,7 @@ def _pages(figure: Figure, options: SheetOptions) -> tuple[Sheet, ...]:
 
 
 def _frames(options: SheetOptions, sizes: Sequence[Paper] = ISO) -> list[Frame]:
-    """Pages to try in this order: the named paper, both ways round if nothing says which, else each of the sizes so."""
+    """Pages to try in this order: the named paper, in both orientations if none is given, or else each of the sizes."""
     if options.paper is not None:
         paper = find_paper(options.paper, options.orientation)
         fixed = options.orientation or oriented(options.paper)
@@ -165,7 +166,7 @@ def _frames(options: SheetOptions, sizes: Sequence[Paper] = ISO) -> list[Frame]:
 
 
 def _whole(reach: _Reach, frames: Sequence[Frame]) -> tuple[Frame, Point] | None:
-    """The first page that holds a marker, and where on it the origin goes."""
+    """First page that holds a marker, and the position of the origin on it."""
     for frame in frames:
         origin = _origin_on(frame, reach)
         if origin:
@@ -196,15 +197,15 @@ def _both_ways(sizes: Sequence[Paper]) -> list[Paper]:
 
 
 def _reach_of(outline: Box, quiet: Box, colors: Colors) -> _Reach:
-    """Reach of a marker with an outline and quiet zones in these boxes (mm, marker frame)."""
+    """Extent of a marker whose outline and quiet zones fill these boxes (mm, marker frame)."""
     sides = [(-box[0], -box[1], box[2], box[3]) for box in (outline, quiet)]
     return _Reach(sides[0], sides[1], colors.grounded)
 
 
 def _needs(frame: Frame, reach: _Reach) -> Box:
-    """Distances in mm that the origin must keep from the paper's left, lower, right and upper edge.
+    """Required distances in mm of the origin from the paper's left, lower, right and upper edge.
 
-    Marks and a printed ground keep to the margin; blank quiet zones may fill it, but not leave the paper.
+    Marks and a printed ground respect the margin; blank quiet zones may fill it, but not extend beyond the paper.
     """
     ink, quiet = (tuple(side + TICK * frame.scale for side in reach.outline)), reach.quiet
     if reach.grounded:
@@ -219,7 +220,7 @@ def _needs(frame: Frame, reach: _Reach) -> Box:
 
 
 def _origin_on(frame: Frame, reach: _Reach) -> Point | None:
-    """Place for the origin: centered across the paper if possible, in the middle of the room above the footer.
+    """Position of the origin: centered across the paper if possible, and in the middle of the room above the footer.
 
     None if the marker does not fit.
     """
@@ -235,9 +236,9 @@ def _origin_on(frame: Frame, reach: _Reach) -> Point | None:
 def _footer(
     frame: Frame, markers: Sequence[Marker], factor: Point, taken: Mapping[str, Sequence[Shape]], where: str = ""
 ) -> tuple[dict[str, tuple[Shape, ...]], tuple[int, int]]:
-    """Draw what stands below and beside markers; also the lengths of the rulers.
+    """Draw everything below and beside the markers; also return the lengths of the rulers.
 
-    Rulers, axes, lengths to measure, what to do if they are off, and the title block.
+    These are rulers, axes, lengths to measure, remedies if they are off, and the title block.
     """
     scale, left, base = frame.scale, frame.margin, frame.ruler_y
     axes_marks, axes_text = axis_arrows(frame)
@@ -307,7 +308,7 @@ def _single_notes(figure: Figure, where: str, lengths: tuple[int, int], nameless
 def _grid_pages(figures: Sequence[Figure], options: SheetOptions, frames: Sequence[Frame]) -> tuple[Sheet, ...]:
     """Sheets of several markers, all with the same grid; none if the first page that holds a marker holds only one.
 
-    That is the first of the frames, but of one paper turned this way or that the one that holds more.
+    The page is the first of the frames, in the orientation of its paper that holds more markers.
     """
     grids = [_grid(figures, frame) for frame in frames]
     first = next((grid for grid in grids if grid.count), None)
@@ -325,7 +326,7 @@ def _grid_pages(figures: Sequence[Figure], options: SheetOptions, frames: Sequen
 
 @dataclass(frozen=True)
 class PageGrid:
-    """Equal cells on a page: the box around a marker's origin that each needs, mm, and how many there are."""
+    """Equal cells on a page: the box around a marker's origin that each cell needs, mm, and the number of cells."""
 
     frame: Frame
     cell: Box
@@ -339,16 +340,16 @@ class PageGrid:
 
     @property
     def below(self) -> float:
-        """Height of a caption, at the foot of the cell."""
+        """Height of a caption, at the bottom of the cell."""
         return 2 * CAPTION_LINES * CAPTION * self.frame.scale
 
     @property
     def room(self) -> Box:
-        """The part of a cell above the caption."""
+        """Part of a cell above the caption."""
         return self.cell[0], self.cell[1] + self.below, self.cell[2], self.cell[3]
 
     def origin(self, index: int) -> Point:
-        """Place for the origin of a marker, cell by cell from the top left; spare room is shared."""
+        """Position of a marker's origin, cell by cell from the top left; spare room is distributed evenly."""
         row, column = divmod(index, self.columns)
         left, bottom, right, top = _region(self.frame)
         step_x, step_y = (right - left) / self.columns, (top - bottom) / self.rows
@@ -357,14 +358,14 @@ class PageGrid:
 
 
 def _region(frame: Frame) -> Box:
-    """Part of the page for the cells, beside the ruler along y."""
+    """Part of the page for the cells, next to the ruler along y."""
     left, bottom, right, top = frame.region
     return left + BESIDE * frame.scale, bottom, right, top
 
 
 def _grid(figures: Sequence[Figure], frame: Frame) -> PageGrid:
     scale = frame.scale
-    # A number and a tick find room outside of the outline and of every quiet zone.
+    # Room for a number and a tick outside the outline and all quiet zones.
     pad = (TICK + 2) * scale
     left, bottom, right, top = union(*(union(figure.outline, figure.quiet) for figure in figures))
     width, height = right - left + 2 * pad, top - bottom + 2 * pad + 2 * CAPTION_LINES * CAPTION * scale

@@ -1,4 +1,4 @@
-"""Text as filled outlines: no sheet carries a live font, so it looks and measures the same everywhere.
+"""Text as filled outlines: sheets use no live fonts, so text looks and measures the same everywhere.
 
 The face is Bitstream Vera Sans, which reportlab ships and whose license allows this use.
 """
@@ -32,15 +32,15 @@ def text(
     color: str = BLACK,
     name: str = "",
 ) -> FilledPath:
-    """Outline of one line of Latin-1 text; a character outside of it is written as ``?``.
+    """Outline of one line of Latin-1 text; other characters are replaced by ``?``.
 
     Parameters
     ----------
     string : str
     x, y : float
-        Where the baseline starts, has its middle or ends, by `align`; mm.
+        Start, middle or end of the baseline, as given by `align`; mm.
     height : float
-        Of a capital letter, mm.
+        Cap height, mm.
     align : {"left", "center", "right"}
     face : {"regular", "bold"}
     color, name : str
@@ -59,25 +59,25 @@ def text(
 
 
 def text_width(string: str, height: float, face: str = "regular") -> float:
-    """Advance width in mm of a line of text whose capitals are `height` mm high."""
+    """Advance width in mm of a line of text with the given cap height in mm."""
     glyphs, cap = _glyphs(string, face)
     return height / cap * sum(glyph.width for glyph in glyphs)
 
 
 def font_size(height: float, face: str = "regular") -> float:
-    """Size of the font in mm whose capitals are `height` mm high."""
+    """Font size in mm for a cap height in mm."""
     _, cap, em = _face(face)
     return height * em / cap
 
 
 def written(string: str, face: str = "regular") -> str:
-    """Text as `text` draws it: with ``?`` for every character that the face lacks."""
+    """Text as drawn by `text`: characters missing in the face are replaced by ``?``."""
     table, _, _ = _face(face)
     return "".join(character if character in table else "?" for character in string)
 
 
 def wrap(string: str, width: float, height: float) -> list[str]:
-    """Lines of words no wider than `width` mm; a single word that is wider has a line of its own."""
+    """Lines of words at most `width` mm wide; a single wider word gets a line of its own."""
     lines = [""]
     for word in string.split(" "):
         longer = f"{lines[-1]} {word}".strip()
@@ -95,7 +95,7 @@ def _glyphs(string: str, face: str) -> tuple[list[_Glyph], float]:
 
 @cache
 def _face(face: str) -> tuple[dict[str, _Glyph], float, float]:
-    """Glyphs of Latin-1 by character, the height of a capital, and the size of the font, in font units."""
+    """Glyphs of Latin-1 by character, the cap height, and the font size, in font units."""
     from fontTools.ttLib import TTFont
 
     with TTFont(_font_file(FACES[face]), lazy=True) as font:
@@ -109,7 +109,7 @@ def _face(face: str) -> tuple[dict[str, _Glyph], float, float]:
 
 
 def _segments(glyph: Any, shapes: Any) -> tuple[Segment, ...]:
-    """Path of a glyph, accented letters taken apart and chains of quadratic curves split into single ones."""
+    """Path of a glyph, with composite glyphs decomposed and chains of quadratic curves split into single curves."""
     from fontTools.pens.basePen import decomposeQuadraticSegment
     from fontTools.pens.recordingPen import DecomposingRecordingPen
 
@@ -125,7 +125,7 @@ def _segments(glyph: Any, shapes: Any) -> tuple[Segment, ...]:
 
 
 def _font_file(name: str) -> Path:
-    # Found, not imported: reportlab itself is slow to load and only the PDF writer needs it.
+    # Found, not imported: reportlab is slow to load and only the PDF writer needs it.
     spec = find_spec("reportlab")
     for folder in (spec.submodule_search_locations or []) if spec else []:
         path = Path(folder) / "fonts" / name

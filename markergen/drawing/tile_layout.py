@@ -1,4 +1,4 @@
-"""Where a figure larger than the paper is cut into tiles: along seams that cut no dot if possible."""
+"""Division of a figure larger than the paper into tiles, along seams that cut no dot if possible."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,41 +18,41 @@ from markergen.errors import InputError
 Array = NDArray[np.float64]
 
 KERF = 0.5
-"""Nearest in mm that a seam may come to a dot's edge: what scissors miss a line by."""
+"""Minimum distance in mm of a seam from a dot's edge: the accuracy of cutting with scissors."""
 
 STEP, MOST_PLACES = 0.5, 1000
-"""Step between places that are tried for a seam, mm, and the most that are tried."""
+"""Step in mm of the trial positions of a seam, and their maximum number."""
 
 SHORTEST = 25.0
-"""Least width and height of a tile, mm."""
+"""Minimum width and height of a tile, mm."""
 
 CUT, EVEN = 1e3, 1e-3
-"""Costs of a cut dot and of uneven tiles, against 1 for a seam that grazes a dot."""
+"""Costs of a cut dot and of uneven tiles, relative to 1 for a seam that grazes a dot."""
 
 STRIP = 20.5
-"""Height of the strip at the foot of a tile's page that tells what it is, mm on A4."""
+"""Height of the strip that identifies a tile at the foot of its page, mm on A4."""
 
 ARM, LEAST_ARM = 3.0, 1.5
-"""Arm of a registration cross, mm, and the shortest of use."""
+"""Arm length of a registration cross, and its useful minimum, mm."""
 
 END = 9.0
 """Distance from a corner of tiles to the nearest registration cross, mm."""
 
 CENTER = 15.0
-"""Distance that a seam keeps from the marker's center if possible, mm."""
+"""Preferred minimum distance of a seam from the marker's center, mm."""
 
 MARK_WIDTH = 0.2
-"""Width of registration crosses in mm."""
+"""Line width of registration crosses, mm."""
 
 MOST_TILES = 100
-"""Largest number of tiles of one marker; nobody glues more together."""
+"""Maximum number of tiles of one marker that anyone would glue together."""
 
 
 @dataclass(frozen=True)
 class Item:
-    """A thing not to be cut, along one axis: its middle, its half width without and with a quiet zone; mm.
+    """Item to keep uncut, along one axis: its center, and its half width without and with a quiet zone; mm.
 
-    A half width of -`KERF` is for what may be cut, but should not be near a seam.
+    A half width of -`KERF` is for items that may be cut, but should not be near a seam.
     """
 
     middle: float
@@ -62,7 +62,7 @@ class Item:
 
 @dataclass(frozen=True)
 class Cuts:
-    """Seams along one axis from low to high, mm, and how many items lie on one."""
+    """Seams along one axis in ascending order, mm, and the number of items that they cut."""
 
     places: tuple[float, ...]
     cut: int
@@ -75,31 +75,31 @@ class Cuts:
 
 @dataclass(frozen=True)
 class Tile:
-    """One tile: row from the top, column from the left, both from 0, and what of the figure is left of it once cut."""
+    """Tile: row from the top, column from the left, both from 0, and its part of the figure after trimming."""
 
     row: int
     column: int
     box: Box
 
     def holds(self, x: float, y: float) -> bool:
-        """Tell whether a point of the figure is on this tile; a point on a seam is on one of the two."""
+        """True if a point of the figure is on this tile; a point on a seam belongs to exactly one tile."""
         return self.box[0] <= x < self.box[2] and self.box[1] <= y < self.box[3]
 
 
 @dataclass(frozen=True)
 class Tiling:
-    """A figure divided.
+    """Figure divided into tiles.
 
     Attributes
     ----------
     frame : Frame
-        Of every page.
+        Frame of every page.
     overlap : float
-        mm.
+        Overlap of neighboring tiles, mm.
     across, upward : Cuts
         Vertical and horizontal seams, mm, marker frame.
     extent : box
-        All ink of the figure.
+        Bounds of all ink of the figure.
     """
 
     frame: Frame
@@ -120,12 +120,12 @@ class Tiling:
 
     @property
     def layout_words(self) -> str:
-        """Words for the number of rows and of tiles in each."""
+        """Layout in words: the number of rows, and of tiles in each."""
         return f"{self.rows} row{'s' if self.rows > 1 else ''} of {self.columns}"
 
     @property
     def window(self) -> Box:
-        """Part of the page that a tile is printed on, mm."""
+        """Part of the page on which a tile is printed, mm."""
         frame = self.frame
         return frame.margin, frame.margin + STRIP * frame.scale, frame.right, frame.top
 
@@ -141,19 +141,20 @@ class Tiling:
         )
 
     def seams_of(self, tile: Tile) -> tuple[bool, bool, bool, bool]:
-        """Tell whether there is a neighbor on the left, below, on the right, above."""
+        """True for each side of a tile, left, lower, right and upper, that has a neighbor."""
         return tile.column > 0, tile.row < self.rows - 1, tile.column < self.columns - 1, tile.row > 0
 
     def printed(self, tile: Tile) -> Box:
-        """Part of the figure that is printed on a tile: half the overlap more at each seam."""
+        """Part of the figure printed on a tile: the tile, extended by half the overlap at each seam."""
         half, (left, below, right, above) = self.overlap / 2, self.seams_of(tile)
         box = tile.box
         return box[0] - half * left, box[1] - half * below, box[2] + half * right, box[3] + half * above
 
     def shift(self, tile: Tile) -> Point:
-        """Shift from the marker frame to the tile's page, which puts the tile amid the window or at its seam.
+        """Shift from the marker frame to the tile's page, which centers the tile in the window or moves it to one side.
 
-        A lone seam is as far in the window as it can be, so that the margin beyond stays free for the marker.
+        With a seam on only one side, that seam is as far inside the window as possible, so that the margin beyond it
+        stays free for the marker.
         """
         box, window, seams = self.printed(tile), self.window, self.seams_of(tile)
         shifts = []
@@ -165,12 +166,13 @@ class Tiling:
 
 
 def best_tiling(figure: Figure, options: SheetOptions, frames: Sequence[Frame]) -> Tiling:
-    """Divide a figure on the pages that give the fewest tiles, then those whose seams cut the fewest dots.
+    """Divide a figure on the pages that give the fewest tiles and then cut the fewest dots.
 
     Raises
     ------
     InputError
-        If the overlap is too narrow for registration marks or wide for the paper, or there are over `MOST_TILES` tiles.
+        If the overlap is too narrow for registration marks or too wide for the paper, or there are over `MOST_TILES`
+        tiles.
     """
     overlap = round(options.overlap * 1e3, 9)
     least, most = 2 * LEAST_ARM + 1, min(frames[0].width, frames[0].top - frames[0].margin) / 4
@@ -188,7 +190,7 @@ def best_tiling(figure: Figure, options: SheetOptions, frames: Sequence[Frame]) 
 
 
 def _tiling(figure: Figure, frame: Frame, overlap: float, grounded: bool) -> Tiling:
-    """Divide a figure into as few tiles as can be, with seams that no dot and no tag lies on if there are any."""
+    """Divide a figure into as few tiles as possible, with seams that avoid dots and tag if there are any such."""
     scale, tick = frame.scale, TICK * frame.scale
     solid = [(dot.x - dot.radius, dot.y - dot.radius, dot.x + dot.radius, dot.y + dot.radius) for dot in figure.dots]
     left, bottom, right, top = figure.outline
@@ -196,7 +198,7 @@ def _tiling(figure: Figure, frame: Frame, overlap: float, grounded: bool) -> Til
     if grounded:
         left, bottom, right, top = ground_box(figure, scale)
         ink = union(ink, (left - tick, bottom - tick, right + tick, top + tick))
-    # Quiet zones are blank: they may fill the margins beyond the ink.
+    # Quiet zones are blank and may extend into the margins beyond the ink.
     quiet, margin = figure.quiet, frame.margin
     extent = union(ink, (quiet[0] + margin, quiet[1] + margin, quiet[2] - margin, quiet[3] - margin))
     whole = Tiling(frame, overlap, Cuts((), 0), Cuts((), 0), extent)
@@ -210,7 +212,7 @@ def _tiling(figure: Figure, frame: Frame, overlap: float, grounded: bool) -> Til
 
 def _items(figure: Figure, axis: int) -> list[Item]:
     items = [Item((dot.x, dot.y)[axis], dot.radius, quiet_radius(dot)) for dot in figure.dots]
-    # A seam beside the center would put crosses there that are taken for it.
+    # A seam near the center would put crosses there that could be mistaken for it.
     items.append(Item(0.0, -KERF, CENTER))
     if figure.tag_zone and figure.tag:
         ink = bounds(figure.tag[0])
@@ -220,17 +222,17 @@ def _items(figure: Figure, axis: int) -> list[Item]:
 
 
 def find_seams(low: float, high: float, room: float, overlap: float, items: Sequence[Item]) -> Cuts:
-    """Seams for a drawing from `low` to `high` on pages with `room` for it; mm.
+    """Find the seams of a drawing from `low` to `high` on pages with `room` for it; mm.
 
-    A tile needs half the overlap on each side that has a neighbor. As few tiles as can be, but one more if that saves
-    an item from being cut. Among all places for the seams those are taken that cut the fewest items, then keep the
-    farthest out of quiet zones, then make the tiles the most alike: found exactly, on a grid of places, by dynamic
+    A tile needs half the overlap on each side that has a neighbor. The number of tiles is the minimum, or one more if
+    that saves an item from being cut. The seams cut the fewest items; among those, they stay farthest out of quiet
+    zones, then make the tiles most uniform. The optimum on a grid of positions is found exactly, by dynamic
     programming.
     """
     extent = high - low
     if extent <= room:
         return Cuts((), 0)
-    # Two outer tiles of room - overlap / 2, and room - overlap for each between them.
+    # Two outer tiles of room - overlap / 2, and inner tiles of room - overlap.
     least = 2 + max(ceil((extent - (2 * room - overlap)) / (room - overlap) - 1e-9), 0)
     found = [_places(low, high, room, overlap, items, count) for count in (least, least + 1)]
     return min(found, key=lambda cuts: cuts.cut)
@@ -264,7 +266,7 @@ def _places(low: float, high: float, room: float, overlap: float, items: Sequenc
     best = np.where((grid >= high - outer) & (grid <= high - SHORTEST), best, inf)
     place = int(np.argmin(best))
     if not np.isfinite(best[place]):
-        # One tile more than needed may be too many for tiles of a sensible size.
+        # With one more tile than needed, the tiles may become too small.
         return Cuts((), len(items) + 1)
     chain = [place]
     for back in reversed(came):
@@ -277,7 +279,7 @@ def _even(low: float, high: float, number: int, count: int) -> float:
 
 
 def cut_dots(tiles: Tiling, dots: Sequence[Disk]) -> list[Disk]:
-    """Dots that a seam runs through."""
+    """Dots cut by a seam."""
     return [
         dot
         for dot in dots
@@ -287,9 +289,9 @@ def cut_dots(tiles: Tiling, dots: Sequence[Disk]) -> list[Disk]:
 
 
 def registration(tiles: Tiling, figure: Figure, lines: Sequence[Line], color: str) -> list[Line]:
-    """Crosses on the seams, two on every side that two tiles share if quiet zones leave room, as far apart as can be.
+    """Crosses on the seams, two on every side shared by two tiles if quiet zones leave room, as far apart as possible.
 
-    One arm lies on the seam, so a tile cut there shows half a cross that its neighbor's other half completes.
+    One arm lies on the seam, so a tile cut there shows half a cross, which its neighbor's half completes.
     """
     arm = min(ARM, tiles.overlap / 2 - 0.5)
     ink = ink_points(lines)

@@ -1,4 +1,4 @@
-"""Sheets of a marker larger than the paper: a plan of how to put the tiles together, and one page per tile."""
+"""Sheets of a marker larger than the paper: an assembly plan, and one page per tile."""
 
 from collections.abc import Mapping, Sequence
 from math import cos, pi, sin
@@ -49,32 +49,32 @@ CROP = 4.0
 """Length of crop marks, mm."""
 
 BLEED = 1.0
-"""Overshoot of a printed ground beyond a seam, mm."""
+"""Extension of a printed ground beyond a seam, mm."""
 
 Layers = Mapping[str, Sequence[Shape]]
 
 PALE = "#c8c8c8"
-"""Color of the dots in the picture: nobody takes it for the marker."""
+"""Color of the dots in the plan's picture: too pale to be mistaken for the marker."""
 
 CORNERS = 48
-"""Corners of a dot in the picture: no circle, so that no program takes it for the marker either."""
+"""Number of corners of a dot in the plan's picture: a polygon, so that no program mistakes it for the marker either."""
 
 LARGEST = 0.6
-"""Scale of the picture at most: at 1 or nearly so its dots would be taken for those of the marker, print or file."""
+"""Maximum scale of the plan's picture: near 1 its dots would be mistaken for the marker's, on paper or in the file."""
 
 MOST_LENGTHS = 4
-"""Largest number of lengths across seams that are listed for each axis."""
+"""Maximum number of lengths across seams listed for each axis."""
 
 
 def tile_sheets(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Sheet, ...]:
-    """Plan of assembly, then one sheet per tile."""
+    """Lay out an assembly plan, then one sheet per tile."""
     layers, nameless = _layers(figure, options, tiles)
     pages = [_page(figure, tiles, tile, layers) for tile in tiles.tiles]
     return (_plan(figure, tiles, _notes(figure, options, tiles, nameless)), *pages)
 
 
 def _layers(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Layers, Sequence[str]]:
-    """All that is to be divided, mm, marker frame: the artwork, and crosses on the seams."""
+    """Artwork and registration crosses to divide, mm, marker frame, and the dots without room for their number."""
     scale, color = tiles.frame.scale, options.colors.ink
     near = any(abs(place) < CENTER / 2 for place in (*tiles.across.places, *tiles.upward.places))
     bare = draw_artwork(figure, options.colors, scale, tiles.extent)
@@ -83,7 +83,7 @@ def _layers(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Layer
     left, bottom, right, top = tiles.extent
     seams = [Line(((x, bottom), (x, top)), HAIRLINE) for x in tiles.across.places]
     seams += [Line(((left, y), (right, y)), HAIRLINE) for y in tiles.upward.places]
-    # Numbers keep off seams and crosses, as off all other ink, and stay on the tile of their dot.
+    # Numbers avoid seams and crosses, like all other ink, and stay on the tile of their dot.
     homes = [next(tile.box for tile in tiles.tiles if tile.holds(dot.x, dot.y)) for dot in figure.dots]
     artwork = draw_artwork(figure, options.colors, scale, tiles.extent, ink_points([*seams, *crosses]), homes)
     marks = [shape for shape in artwork.layers["marks"] if not (near and shape.name.startswith("center-"))]
@@ -119,9 +119,9 @@ def _page(figure: Figure, tiles: Tiling, tile: Tile, layers: Layers) -> Sheet:
 
 
 def _part(tiles: Tiling, tile: Tile, layers: Layers) -> dict[str, list[Shape]]:
-    """Part of the artwork that belongs on a tile.
+    """Part of the artwork on a tile.
 
-    A dot is printed once, on the tile that it lies on; only one that a seam cuts is on several, as far as they reach.
+    A dot is printed only on the tile that contains its center, but one cut by a seam on every tile that it overlaps.
     """
     left, bottom, right, top = tile.box
     window = tiles.printed(tile)
@@ -146,11 +146,11 @@ def _part(tiles: Tiling, tile: Tile, layers: Layers) -> dict[str, list[Shape]]:
 
 
 def _crop_marks(tiles: Tiling, box: Box, seams: tuple[bool, bool, bool, bool]) -> list[Shape]:
-    """Short lines at both ends of every seam, at the edge of what is printed."""
+    """Short lines at both ends of every seam, at the edge of the printed area."""
     left, bottom, right, top = tiles.window
     half = tiles.overlap / 2
     length = min(CROP, half)
-    # At a corner of seams in the overlap beyond; else at the end of the window.
+    # In the overlap beyond where seams meet; otherwise at the end of the window.
     low_y, high_y = (box[1] - half if seams[1] else bottom), (box[3] + half if seams[3] else top)
     low_x, high_x = (box[0] - half if seams[0] else left), (box[2] + half if seams[2] else right)
     marks: list[Shape] = []
@@ -170,14 +170,14 @@ def _crop_marks(tiles: Tiling, box: Box, seams: tuple[bool, bool, bool, bool]) -
 def _strip(
     figure: Figure, tiles: Tiling, tile: Tile, drawn: Layers, seams: tuple[bool, bool, bool, bool]
 ) -> tuple[dict[str, tuple[Shape, ...]], tuple[int, int]]:
-    """Draw what identifies a tile and what to measure on it, at the foot of its page and beside it."""
+    """Draw a tile's rulers beside it and at the foot of the page, and the strip that identifies it."""
     frame, scale = tiles.frame, tiles.frame.scale
     left, bottom, right, top = tiles.window
     band_scale = min(scale, 1.2)
     band = BAND * band_scale
     dots = [shape for shape in drawn["dots"] if isinstance(shape, Disk)]
     others = [shape for name, shapes in drawn.items() if name not in ("dots", "ground") for shape in shapes]
-    # The overlap beside a printed ground is just wide enough for a ruler.
+    # The overlap next to a printed ground is just wide enough for a ruler.
     air = AIR * band_scale
     boxes = [bounds(shape) for shape in drawn["ground"]]
     ground = [rectangle((b[0] + air, b[1] + air, b[2] - air, b[3] - air), "", "") for b in boxes]
@@ -187,7 +187,7 @@ def _strip(
         [((left, base, right, base + band), 1)], 0, band_scale, figure.factor[0], (), (), "ruler"
     )
     sides: list[tuple[Box, int]] = [((left, bottom, left + band, top), 1), ((right - band, bottom, right, top), -1)]
-    # Beside a seam it stands on what is cut off or covered.
+    # Next to a seam the ruler stands where it is cut off or covered.
     if not seams[0]:
         sides.reverse()
     y_length, (y_marks, y_text) = place_ruler(
@@ -243,7 +243,7 @@ def _notes(figure: Figure, options: SheetOptions, tiles: Tiling, nameless: Seque
 
 
 def _plan(figure: Figure, tiles: Tiling, notes: tuple[str, ...]) -> Sheet:
-    """Sheet that tells how to put the tiles together: it is neither cut nor measured."""
+    """Assembly plan; it is neither cut nor measured."""
     frame, scale, paper = tiles.frame, tiles.frame.scale, tiles.frame.paper
     left, width, top = frame.margin, frame.width, frame.top
     count = len(tiles.tiles)
@@ -269,7 +269,7 @@ def _plan(figure: Figure, tiles: Tiling, notes: tuple[str, ...]) -> Sheet:
 
 
 def _picture(figure: Figure, tiles: Tiling, room: Box) -> tuple[list[Shape], list[Shape]]:
-    """All tiles small in a part of the page, with their numbers; dashed along edges that are cut."""
+    """Small picture of all tiles in a part of the page, with their numbers; edges to cut are dashed."""
     scale = tiles.frame.scale
     left, bottom, right, top = tiles.extent
     small = min((room[2] - room[0]) / (right - left), (room[3] - room[1]) / (top - bottom), LARGEST)
@@ -297,7 +297,7 @@ def _picture(figure: Figure, tiles: Tiling, room: Box) -> tuple[list[Shape], lis
     for index, y in enumerate(tiles.upward.places):
         marks += _dashed(at(left, y), at(right, y), f"plan-upward-{index}")
     texts: list[Shape] = []
-    # Labels keep off dots and outline.
+    # Labels avoid dots and outline.
     near = ink_points(edges)
     disks = np.array([(*at(dot.x, dot.y), small * dot.radius) for dot in figure.dots])
     disks = np.concatenate([disks, np.column_stack([near, np.ones(len(near))])])
@@ -307,7 +307,7 @@ def _picture(figure: Figure, tiles: Tiling, room: Box) -> tuple[list[Shape], lis
         height = min(5 * scale, (y1 - y0) / 4, (x1 - x0) / 4)
         fine = min(0.34 * height, 0.34 * height * 0.9 * (x1 - x0) / text_width(label, 0.34 * height))
         wide, high, pad = text_width(label, fine), height + 2.2 * fine, 0.4 * height
-        # The upper left corner, or where it hides less.
+        # The upper left corner, or the place where it hides least.
         xs, ys = (x0 + pad, (x0 + x1 - wide) / 2, x1 - pad - wide), (y1 - pad - high, (y0 + y1 - high) / 2, y0 + pad)
         places = [(x, y) for y in ys for x in xs]
         x, y = max(places, key=lambda place: min(_gap(place, (wide, high), disks), 0.0))
@@ -317,7 +317,7 @@ def _picture(figure: Figure, tiles: Tiling, room: Box) -> tuple[list[Shape], lis
 
 
 def _gap(place: Point, size: Point, disks: NDArray[np.float64]) -> float:
-    """Gap between a box at its lower left corner and the nearest disk (x, y, radius); below 0 if they overlap."""
+    """Gap between a box, given by its lower left corner, and the nearest disk (x, y, radius); negative for overlap."""
     low = np.array(place)
     beyond = np.maximum(np.maximum(low - disks[:, :2], disks[:, :2] - low - size), 0)
     return float(np.min(np.hypot(*beyond.T) - disks[:, 2]))
@@ -329,7 +329,7 @@ def _circle(center: Point, radius: float) -> list[Point]:
 
 
 def _dashed(start: Point, end: Point, name: str) -> list[Line]:
-    """Dashes of 3 mm with gaps of 2 along a horizontal or vertical line."""
+    """Dashes of 3 mm with gaps of 2 mm along a horizontal or vertical line."""
     axis = 0 if end[0] > start[0] else 1
     dashes, place, number = [], start[axis], 0
     while place < end[axis]:
@@ -341,7 +341,7 @@ def _dashed(start: Point, end: Point, name: str) -> list[Line]:
 
 
 def _steps(figure: Figure, tiles: Tiling, low: float) -> tuple[list[Shape], float]:
-    """Numbered paragraphs that end at height `low`, and where they begin."""
+    """Numbered paragraphs ending at height `low`, and the height of their upper end."""
     frame, scale = tiles.frame, tiles.frame.scale
     height, indent = 1.75 * scale, 5 * scale
     rows: list[tuple[str, str]] = []
@@ -387,7 +387,7 @@ def _words(figure: Figure, tiles: Tiling) -> list[str]:
 
 
 def _across(figure: Figure, tiles: Tiling) -> Sequence[str]:
-    """Lengths between dots on either side of seams."""
+    """Lengths between dots on opposite sides of the seams."""
     found: list[str] = []
     for axis, cuts in enumerate((tiles.across, tiles.upward)):
         for place in cuts.places[:MOST_LENGTHS]:

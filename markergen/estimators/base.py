@@ -45,8 +45,8 @@ class Correspondences:
     Attributes
     ----------
     object_points : array (n, 2 or 3) or (T, n, 2 or 3), m, marker frame; n is 4 or more
-    image_points : array (T, n, 2), ideal px
-        Where `camera.ideal`, the camera without its lens' distortion, sees them; `as_taken` makes them of an image's.
+    image_points : array (T, n, 2), undistorted px
+        Where `camera.ideal`, the camera without its lens' distortion, sees them; see `from_distorted`.
     camera : Camera
 
     Raises
@@ -71,8 +71,8 @@ class Correspondences:
             )
 
     @classmethod
-    def as_taken(cls, object_points: Array, pixels: Array, camera: Camera) -> "Correspondences":
-        """Correspondences of image points (T, n, 2) in px as the camera takes them, lens distortion and all.
+    def from_distorted(cls, object_points: Array, pixels: Array, camera: Camera) -> "Correspondences":
+        """Correspondences of distorted image points (T, n, 2) in px, as the camera takes them.
 
         Pixels that no ray comes to make the trial unsolvable.
         """
@@ -116,7 +116,7 @@ class Correspondences:
 
     @cached_property
     def lens(self) -> Array | None:
-        """Derivative (T, n, 2, 2) of the image points as taken by the ideal ones; None without distortion."""
+        """Derivative (T, n, 2, 2) of the distorted image points by the undistorted ones; None without distortion."""
         if self.camera.distortion == NO_DISTORTION:
             return None
         normalized = from_pixels(self.image_points, self.camera.matrix)
@@ -130,7 +130,7 @@ class Correspondences:
         return finite & _spread(images) & _spread(self.xyz)
 
     def reprojection_error(self, rotation: Array, translation: Array) -> Array:
-        """Mean squared distance (T,) in ideal px^2 between image points and reprojected object points.
+        """Mean squared distance (T,) in undistorted px^2 between image points and reprojected object points.
 
         inf for a pose (T, 3, 3), (T, 3) that is not finite or puts a point behind the camera.
         """

@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimates, PoseEstimator
-from markergen.estimators.decomposition import decompose_homography
-from markergen.estimators.dlt import DLT
+from markergen.estimators import ESTIMATORS, Correspondences, HomographyEstimator, PoseEstimates, PoseEstimator
 from markergen.estimators.opencv import best_first, solve_each
 from markergen.maths.information import mirrored_rotation
+from markergen.maths.projection import decompose_homography
 
 
 class Ippe(PoseEstimator):
@@ -24,7 +23,9 @@ class Ippe(PoseEstimator):
         lost = np.isnan(found.translation[:, 0, 0])
         if not lost.any():
             return found
-        rotation, translation = decompose_homography(batch.once(DLT)[lost], batch.camera.matrix)
+        dlt = ESTIMATORS["dlt"]
+        assert isinstance(dlt, HomographyEstimator)
+        rotation, translation = decompose_homography(batch.once(dlt)[lost], batch.camera.matrix)
         found.rotation[lost] = np.stack([rotation, mirrored_rotation(rotation, translation)], axis=1)
         found.translation[lost] = translation[:, None]
         return best_first(batch, found.rotation, found.translation)

@@ -7,9 +7,7 @@ from numpy.typing import NDArray
 
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimates, PoseEstimator
 from markergen.estimators.base import turned
-from markergen.estimators.ippe import IPPE
-from markergen.estimators.sqpnp import SQPNP
-from markergen.maths.information import apply_pose_step, information, turned_jacobian
+from markergen.maths.information import apply_pose_step, turned_jacobian
 from markergen.maths.least_squares import Arrays, Attempt, Damping, LeastSquares, Mask, levenberg_marquardt
 from markergen.maths.projection import perspective, to_pixels
 from markergen.model.camera import Camera
@@ -30,7 +28,9 @@ class LevenbergMarquardt(PoseEstimator):
 
     def solve(self, batch: Correspondences) -> PoseEstimates:
         """Poses of the batch, one solution each."""
-        rotation, translation = refine(batch, *batch.once(IPPE if batch.planar else SQPNP).best)
+        start = ESTIMATORS["ippe" if batch.planar else "sqpnp"]
+        assert isinstance(start, PoseEstimator)
+        rotation, translation = refine(batch, *batch.once(start).best)
         return PoseEstimates(rotation[:, None], translation[:, None])
 
 
@@ -82,25 +82,21 @@ class Reprojection(LeastSquares):
     camera: Camera
 
     def residuals(self, unknowns: Arrays) -> Arrays:
-        """Sum of squares (T,), image minus projection (T, 2n) in distorted px, and R X (T, n, 3).
-
-        The first two are inf where a point is behind the camera.
-        """
+        """Sum of squares (T,), image minus projection (T, 2n) in distorted px; inf if a point is behind the camera."""
         rotation, translation = unknowns
-        points = turned(self.object_points, rotation)
-        seen = points + translation[:, None]
+        seen = turned(self.object_points, rotation) + translation[:, None]
         behind = np.any(seen[..., 2] <= 0, axis=-1)
         seen[behind] = 1.0
         residual = self.image_points - to_pixels(perspective(seen), self.camera.matrix)
         residual = self._distorted(residual.reshape(len(residual), 2 * residual.shape[1], 1))[..., 0]
         residual[behind] = np.inf
-        return np.einsum("tk,tk->t", residual, residual), residual, points
+        return np.einsum("tk,tk->t", residual, residual), residual
 
-    def normal_equations(self, unknowns: Arrays, found: Arrays) -> tuple[Array, Array]:
-        """See `LeastSquares.normal_equations`."""
-        _, residual, points = found
-        jacobian = self._distorted(turned_jacobian(points, unknowns[1], self.camera.focal))
-        return information(jacobian), np.einsum("tki,tk->ti", jacobian, residual)
+    def jacobian(self, unknowns: Arrays, found: Arrays) -> Array:
+        """See `LeastSquares.jacobian`."""
+        del found
+        rotation, translation = unknowns
+        return self._distorted(turned_jacobian(turned(self.object_points, rotation), translation, self.camera.focal))
 
     def moved(self, unknowns: Arrays, step: Array) -> Arrays:
         """See `LeastSquares.moved`."""

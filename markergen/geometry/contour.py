@@ -1,7 +1,7 @@
-"""A closed contour of straight lines and arcs, as DXF and CAD kernels have them: corners, and a bulge for each side.
+"""Closed contours of straight lines and arcs, stored as in DXF and CAD kernels: corners, and a bulge for each side.
 
-The bulge of a side is the tangent of a quarter of the angle that its arc turns by, counterclockwise positive: 0 is a
-straight line, 1 half a turn to the left. Lengths are in any unit, the same throughout.
+The bulge of a side is the tangent of a quarter of its arc's angle, counterclockwise positive: 0 for a straight line, 1
+for a semicircle to the left. Lengths are in any consistent unit.
 """
 
 from collections.abc import Iterable, Sequence
@@ -19,24 +19,25 @@ Side = tuple[Point, Point, float]
 """Start, end and bulge."""
 
 COARSEST = pi / 4
-"""Largest angle in rad of an arc that one chord replaces."""
+"""Maximum angle in rad of an arc replaced by one chord."""
 
 MOST_CHORDS = 100_000
-"""Most chords for the arcs of one contour."""
+"""Maximum number of chords for the arcs of one contour."""
 
 
 @dataclass(frozen=True)
 class Contour:
-    """A closed contour of straight lines and arcs.
+    """Closed contour of straight lines and arcs.
 
     Attributes
     ----------
     points : tuple of (x, y)
-        Corners, each one once; counterclockwise, or clockwise around a hole. Two are enough if a side is an arc.
+        Corners, without repeating the first; counterclockwise, or clockwise around a hole. Two suffice if a side is an
+        arc.
     bulges : tuple of float
-        Bulges of the sides from each corner to the next one, the last one to the first. Empty: all are straight.
+        Bulges of the sides from each corner to the next one, the last one to the first. Empty if all are straight.
     about : (x, y, radius) or None
-        Center and radius that `circle` made a full circle from: its corners have lost digits of them.
+        Exact center and radius of a full circle made by `circle`, because its corners have lost digits of them.
 
     Examples
     --------
@@ -50,17 +51,17 @@ class Contour:
 
     @property
     def has_arcs(self) -> bool:
-        """Whether a side is an arc."""
+        """True if at least one side is an arc."""
         return any(self.bulges)
 
     @property
     def is_circle(self) -> bool:
-        """Whether it is two half turns."""
+        """True if the contour consists of two semicircles."""
         return self.bulges in ((1.0, 1.0), (-1.0, -1.0))
 
     @property
     def sides(self) -> list[Side]:
-        """All sides, from the first corner on."""
+        """All sides, starting at the first corner."""
         bulges = self.bulges or (0.0,) * len(self.points)
         return list(zip(self.points, (*self.points[1:], *self.points[:1]), bulges, strict=True))
 
@@ -74,15 +75,15 @@ class Contour:
 
 
 def circle(radius: float, x: float = 0.0, y: float = 0.0, hole: bool = False) -> Contour:
-    """Full circle as two half turns; clockwise as a hole."""
+    """Full circle made of two semicircles; clockwise for a hole."""
     sign = -1.0 if hole else 1.0
     return Contour(((x + radius, y), (x - radius, y)), (sign, sign), (x, y, radius))
 
 
 def rings_and_circles(contours: Iterable[Contour]) -> tuple[list[Array], Array]:
-    """Contours without arcs as closed polygons (m, 2), and full circles (c, 4) as center x, y, radius and side.
+    """Split contours into polygons (m, 2) without arcs, and full circles (c, 4) as center x, y, radius and side.
 
-    The side is 1 for a circle with what it encloses to its left, and -1 for one around a hole.
+    The side is 1 for a circle with its interior to its left, and -1 for one around a hole.
     """
     rings, circles = [], []
     for contour in contours:
@@ -94,20 +95,20 @@ def rings_and_circles(contours: Iterable[Contour]) -> tuple[list[Array], Array]:
 
 
 def center_of(side: Side) -> Point:
-    """Center of a side that is an arc: to the left of its chord for a turn to the left of less than a half one."""
+    """Center of an arc side: to the left of its chord for a left turn of less than half a turn."""
     (x, y), (u, v), bulge = side
     away = (1 - bulge**2) / (4 * bulge)
     return (x + u) / 2 - (v - y) * away, (y + v) / 2 + (u - x) * away
 
 
 def radius_of(side: Side) -> float:
-    """Radius of a side; infinite for a straight one."""
+    """Radius of a side; infinite for a straight line."""
     (x, y), (u, v), bulge = side
     return hypot(u - x, v - y) * (1 + bulge**2) / (4 * abs(bulge)) if bulge else inf
 
 
 def heading(side: Side, end: bool) -> Point:
-    """Unit vector along which a side arrives at its end, or leaves its start."""
+    """Unit tangent of a side at its end or its start."""
     (x, y), (u, v), bulge = side
     length = ((u - x) ** 2 + (v - y) ** 2) ** 0.5
     turn = 2 * atan(bulge) * (1 if end else -1)
@@ -116,7 +117,7 @@ def heading(side: Side, end: bool) -> Point:
 
 
 def turns_of(contour: Contour) -> list[float]:
-    """Angle in rad, positive to the left, by which the contour turns in each of its corners; 0 where it is smooth."""
+    """Angle in rad, positive to the left, by which the contour turns at each of its corners; 0 where it is smooth."""
     sides = contour.sides
     found = []
     for before, after in zip((sides[-1], *sides[:-1]), sides, strict=True):
@@ -126,7 +127,7 @@ def turns_of(contour: Contour) -> list[float]:
 
 
 def area(contour: Contour) -> float:
-    """Signed area, positive if it runs counterclockwise: shoelace, and a circle's segment for each arc."""
+    """Signed area, positive if counterclockwise: shoelace formula, and a circular segment for each arc."""
     total = 0.0
     for (x, y), (u, v), bulge in contour.sides:
         chord = (u - x) ** 2 + (v - y) ** 2
@@ -138,7 +139,7 @@ def area(contour: Contour) -> float:
 
 
 def box(contour: Contour) -> tuple[float, float, float, float]:
-    """Left, lower, right and upper end: of the corners, and of arcs where they run along an axis."""
+    """Left, lower, right and upper end, including the extreme points of arcs."""
     points = list(contour.points)
     for side in contour.sides:
         (x, y), _, bulge = side
@@ -156,7 +157,7 @@ def box(contour: Contour) -> tuple[float, float, float, float]:
 
 
 def flattened(contour: Contour, off: float) -> list[Point]:
-    """Corners of a polygon for the contour, on it, from which its arcs are no farther than `off`."""
+    """Vertices of a polygon inscribed in the contour's arcs, within a distance `off` of them."""
     points: list[Point] = []
     for (x, y), (u, v), bulge in contour.sides:
         points.append((x, y))
@@ -166,7 +167,7 @@ def flattened(contour: Contour, off: float) -> list[Point]:
         radius = hypot(u - x, v - y) / (2 * abs(sin(angle / 2)))
         count = ceil(abs(angle) / min(2 * acos(max(1 - off / radius, 0.0)), COARSEST))
         for k in range(1, count):
-            # Of the point that a part of the angle further on, the chord's length and its turn from the whole chord.
+            # Length of the chord to the point at this part of the angle, and its rotation from the full chord.
             part = angle * k / count
             scale, turn = sin(part / 2) / sin(angle / 2), (part - angle) / 2
             points.append(
@@ -179,15 +180,16 @@ def flattened(contour: Contour, off: float) -> list[Point]:
 
 
 def inner_polygon(contour: Contour, off: float) -> Array:
-    """Corners (m, 2) of a polygon no farther than `off` from the contour, whose left is to the contour's left.
+    """Vertices (m, 2) of a polygon within a distance `off` of the contour that never leaves the contour's left side.
 
-    Arcs to the left become chords, and arcs to the right tangents: what is inside of the polygon, or outside of a
-    hole's, is so of the contour. Steps are even in number, so that a circle keeps its symmetry.
+    Arcs to the left become chords, and arcs to the right tangents, so every point inside the polygon, or outside that
+    of a hole, is also inside the contour, or outside the hole. Each arc gets an even number of steps, which keeps the
+    symmetry of a circle.
 
     Raises
     ------
     InputError
-        If its arcs take more than `MOST_CHORDS`, or are not finite.
+        If its arcs need more than `MOST_CHORDS`, or are not finite.
     """
     points: list[Point] = []
     for side in contour.sides:
@@ -196,7 +198,7 @@ def inner_polygon(contour: Contour, off: float) -> Array:
         if not bulge:
             continue
         (cx, cy), radius, angle = center_of(side), radius_of(side), 4 * atan(bulge)
-        # 1 - cos h = 2 sin^2 (h / 2), which keeps its digits where the radius is large.
+        # 1 - cos h = 2 sin^2 (h / 2), which avoids cancellation for large radii.
         share = off / (2 * radius) if bulge > 0 else off / (2 * (radius + off))
         count = abs(angle) / min(4 * asin(min(sqrt(share), 1.0)), COARSEST) if share > 0 else inf
         if not len(points) + count < MOST_CHORDS:
@@ -214,9 +216,9 @@ def inner_polygon(contour: Contour, off: float) -> Array:
 
 
 def inset(contour: Contour, distance: float) -> Contour:
-    """Contour moved to its left: parallel lines with mitered corners, and arcs about the same centers.
+    """Contour offset to its left: parallel lines with mitered corners, and concentric arcs.
 
-    Arcs go on smoothly at both ends. Sides that would turn around are not looked for.
+    Arcs must join smoothly at both ends. Sides that would reverse are not detected.
     """
     sides = contour.sides
     moved = []
@@ -228,28 +230,28 @@ def inset(contour: Contour, distance: float) -> Contour:
 
 
 def backward(contour: Contour) -> Contour:
-    """Contour the other way around, from its last corner on."""
+    """Reversed contour, starting at its last corner."""
     bulges = (*(0.0 - b for b in contour.bulges[-2::-1]), *(0.0 - b for b in contour.bulges[-1:]))
     return Contour(contour.points[::-1], bulges, contour.about)
 
 
 def turned_over(contour: Contour) -> Contour:
-    """Contour the other way around, from the same corner on."""
+    """Reversed contour, starting at the same corner."""
     points, bulges = contour.points, contour.bulges
     return Contour((*points[:1], *points[:0:-1]), tuple(0.0 - bulge for bulge in bulges[::-1]), contour.about)
 
 
 def mirrored(contour: Contour) -> Contour:
-    """Contour with y for -y."""
+    """Contour mirrored in the x axis (y becomes -y)."""
     return Contour(tuple((x, -y) for x, y in contour.points), tuple(0.0 - bulge for bulge in contour.bulges))
 
 
 def placed(
     contour: Contour, scale: float, shift: Sequence[float] | Array = (0.0, 0.0), digits: int | None = None
 ) -> Contour:
-    """Contour shifted and then scaled, its coordinates rounded to digits after the point; -0 becomes a plain 0.
+    """Contour shifted, then scaled, with coordinates rounded to the given decimals; -0 becomes 0.
 
-    Of a circle the center and the radius are rounded, so that its diameter keeps the digits that it has.
+    For a circle, center and radius are rounded, so that its diameter keeps its digits.
     """
     whole = contour.as_circle
     if whole and digits is not None:
@@ -265,7 +267,7 @@ def placed(
 
 
 def merged(contour: Contour, off: float) -> Contour:
-    """A full circle for arcs that make one up within `off`, all turning the same way; any other contour as it is."""
+    """Merge arcs that form a full circle within `off`, all turning the same way; return any other contour unchanged."""
     bulges = np.array(contour.bulges)
     if contour.is_circle or not (len(bulges) and (np.all(bulges > 0) or np.all(bulges < 0))):
         return contour
@@ -273,10 +275,10 @@ def merged(contour: Contour, off: float) -> Contour:
         return contour
     corner = np.array(contour.points)
     chord = np.roll(corner, -1, axis=0) - corner
-    # The middle of an arc lies to the right of its chord for a turn to the left.
+    # The midpoint of an arc that turns left lies to the right of its chord.
     middle = corner + chord / 2 + bulges[:, None] / 2 * np.stack([chord[:, 1], -chord[:, 0]], axis=-1)
     points = np.concatenate([corner, middle])
-    # x^2 + y^2 = 2 a x + 2 b y + c, about the mean.
+    # Fit x^2 + y^2 = 2 a x + 2 b y + c, relative to the mean.
     mean = points.mean(axis=0)
     about = points - mean
     (a, b, c), *_ = np.linalg.lstsq(np.column_stack([2 * about, np.ones(len(about))]), np.sum(about**2, axis=1))

@@ -1,9 +1,10 @@
-"""How much of each pixel polygons cover: exact areas, for sheets in pixels and for what a camera sees.
+"""Exact pixel coverage of polygons, for sheets in pixels and for rendered camera images.
 
-Our own, because OpenCV, Pillow and the like sample a pixel at a few points, and every later error of a dot's center
-starts here. By Green's theorem, pixel by pixel: a piece of an edge that stays within one pixel and falls by dy
-(y points down) takes dy off everything right of it in its row, and off its own pixel dy times the part right of the
-piece. The running sum of these along a row is the winding number times the covered share.
+Our own, because OpenCV, Pillow and the like sample a pixel at a few points, and any error here adds to every later
+error of a dot's center. The method is Green's theorem, pixel by pixel: a piece of an edge that stays within one pixel
+and falls by dy (y points down) subtracts dy from every pixel to its right in its row, and from its own pixel dy times
+the part of the pixel to the right of the piece. The cumulative sum along a row is the winding number times the covered
+share.
 """
 
 from collections.abc import Sequence
@@ -18,20 +19,20 @@ Grey = NDArray[np.float32]
 Indices = NDArray[np.intp]
 
 FAINT = 1e-3
-"""Share of a pixel below which a run is left out; half a grey level is 2e-3."""
+"""Minimum share of a pixel in a run; half a grey level is 2e-3."""
 
 _BLOCK = 64
-"""Rows painted at a time, so that the shares of a block stay in the processor's cache."""
+"""Number of rows painted at a time, so that the shares of a block fit in the processor's cache."""
 
 
 @dataclass(frozen=True)
 class Runs:
-    """Runs of evenly covered pixels, in raster order.
+    """Runs of uniformly covered pixels, in raster order.
 
     Attributes
     ----------
     row, column, length : array (s,)
-        Where each run begins, and its number of pixels.
+        Start of each run, and its number of pixels.
     share : array (s,)
         Covered share of each of its pixels, 0 to 1.
     """
@@ -48,27 +49,27 @@ def polygon_coverage(outlines: Sequence[Array], width: int, height: int) -> tupl
     Parameters
     ----------
     outlines : arrays (m, 2), px; pixel centers at integer coordinates
-        One that turns from x toward y adds what it encloses, one that turns the other way takes it off.
+        An outline that turns from x toward y adds its interior, one that turns the other way subtracts it.
     width, height : int, px
 
     Returns
     -------
     tile : array (h, w)
-        The part of the image around the outlines; empty where they lie outside the image.
+        Part of the image around the outlines; empty if they lie outside the image.
     top, left : int
-        The pixel of the image that tile[0, 0] belongs to.
+        Pixel of the image at tile[0, 0].
     """
     steps, top, left = _tile_steps(outlines, width, height)
     return np.cumsum(steps, axis=1), top, left
 
 
 def paint(image: Grey, outlines: Sequence[Array], value: ArrayLike, fineness: int) -> None:
-    """Cover an image (fineness h, fineness w) in place with a value, or an image of the same size, inside polygons.
+    """Paint the inside of polygons in an image (fineness h, fineness w) in place with a value or an image of its size.
 
     Parameters
     ----------
     outlines : arrays (m, 2), in px of the image, not of its subpixels
-        As `polygon_coverage` takes them, but turning as a whole either way.
+        As for `polygon_coverage`, but with either overall orientation.
     """
     height, width = image.shape
     value = np.broadcast_to(np.asarray(value, dtype=np.float32), image.shape)
@@ -84,9 +85,9 @@ def paint(image: Grey, outlines: Sequence[Array], value: ArrayLike, fineness: in
 
 
 def covered_runs(edges: Array, width: int, height: int) -> Runs:
-    """Runs of pixels of a large raster that closed polygons cover, without a value for each of its pixels.
+    """Runs of pixels of a large raster covered by closed polygons, without storing a value for each pixel.
 
-    Polygons that overlap, as the strokes of a glyph may, count once.
+    Overlaps of polygons, such as strokes of a glyph, count once.
 
     Parameters
     ----------
@@ -97,7 +98,7 @@ def covered_runs(edges: Array, width: int, height: int) -> Runs:
     Returns
     -------
     Runs
-        Without those of a share below `FAINT`.
+        All runs with a share of at least `FAINT`.
     """
     cells, changes = _changes(edges[:, :2], edges[:, 2:], np.array([width, height]))
     if not len(cells):
@@ -106,7 +107,7 @@ def covered_runs(edges: Array, width: int, height: int) -> Runs:
     cells, changes = cells[order], changes[order]
     first = np.flatnonzero(np.concatenate([[True], cells[1:] != cells[:-1]]))
     starts = cells[first]
-    # Each row sums to zero, so that one running sum serves them all.
+    # Each row sums to zero, so one cumulative sum serves all rows.
     share = np.minimum(np.abs(np.cumsum(np.add.reduceat(changes, first))), 1.0)
     ends = np.append(starts[1:], starts[-1])
     row, column = np.divmod(starts, width + 2)
@@ -117,7 +118,7 @@ def covered_runs(edges: Array, width: int, height: int) -> Runs:
 
 @lru_cache(maxsize=16)
 def unit_disk(count: int) -> Array:
-    """Regular polygon (count, 2) around the origin with the area of the disk of radius 1."""
+    """Regular polygon (count, 2) about the origin with the area of the unit disk."""
     angle = 2 * np.pi * np.arange(count) / count
     # Regular polygon of circumradius R: area count R^2 sin(2 pi/count)/2.
     circumradius = np.sqrt(2 * np.pi / (count * np.sin(2 * np.pi / count)))
@@ -125,7 +126,7 @@ def unit_disk(count: int) -> Array:
 
 
 def closing(outlines: Sequence[Array]) -> tuple[Indices, Indices]:
-    """Where each of several outlines begins when they are put end to end, and which vertex follows each vertex."""
+    """Start index of each outline in their concatenation, and the index of the vertex that follows each vertex."""
     lengths = np.array([len(outline) for outline in outlines])
     first = np.cumsum(lengths) - lengths
     following = np.arange(1, lengths.sum() + 1)
@@ -135,8 +136,8 @@ def closing(outlines: Sequence[Array]) -> tuple[Indices, Indices]:
 
 
 def _tile_steps(outlines: Sequence[Array], width: int, height: int) -> tuple[Array, int, int]:
-    """Change (h, w) of the coverage from pixel to pixel along each row of a tile, and the tile's place: top, left."""
-    # From here on in px from the image's corner: pixel k lies between k and k + 1.
+    """Change (h, w) of the coverage from pixel to pixel along each row of a tile, and the tile's top and left."""
+    # From here on in px from the image corner: pixel k spans k to k + 1.
     corners = [np.asarray(outline, dtype=float) + 0.5 for outline in outlines if len(outline) > 2]
     if not corners:
         return np.zeros((0, 0)), 0, 0
@@ -153,15 +154,15 @@ def _tile_steps(outlines: Sequence[Array], width: int, height: int) -> tuple[Arr
 
 
 def _changes(start: Array, end: Array, size: Indices) -> tuple[Indices, Array]:
-    """Cells of a tile (width, height), counted row by row, and by how much edges (e, 2) change the coverage there.
+    """Cells of a tile (width, height), counted row by row, and the changes of coverage by edges (e, 2) there.
 
-    Each row has two more cells than pixels: they take what leaves the tile on the right.
+    Each row has two more cells than pixels, for changes beyond the right border of the tile.
     """
     start, end = _pieces(start, end, size)
-    # y points down, so that a piece that climbs has what it encloses on its right.
+    # y points down, so an ascending piece has the interior on its right.
     climb = start[:, 1] - end[:, 1]
     x, y = ((start + end) / 2).T
-    # Left of the tile a piece counts for the whole row, as at its left border; past its right border for nothing.
+    # To the left of the tile a piece counts as at its left border, for the entire row; to the right it has no effect.
     x = np.clip(x, 0, size[0])
     column, row = x.astype(int), np.floor(y).astype(int)
     inside = (row >= 0) & (row < size[1])
@@ -171,7 +172,7 @@ def _changes(start: Array, end: Array, size: Indices) -> tuple[Indices, Array]:
 
 
 def _pieces(start: Array, end: Array, size: Indices) -> tuple[Array, Array]:
-    """Cut edges (e, 2) where they cross the lines between the pixels of a tile (width, height)."""
+    """Split edges (e, 2) where they cross the lines between the pixels of a tile (width, height)."""
     step = end - start
     edges, shares = [np.arange(len(start))], [np.zeros(len(start))]
     for axis in (0, 1):

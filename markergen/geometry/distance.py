@@ -1,4 +1,4 @@
-"""Exact distances from many points at once: to segments, to arcs, and into the polygons that segments enclose."""
+"""Exact distances from many points at once: to segments, to arcs, and into polygons enclosed by segments."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -15,35 +15,35 @@ Box = tuple[Array, Array]
 """Lower left and upper right corner (2,)."""
 
 BLOCK = 2**15
-"""Pairs of a point and a curve that are worked on at once, so that their arrays stay in the cache."""
+"""Maximum number of pairs of a point and a curve processed at once, so that their arrays fit in the cache."""
 
 MANY = 2**16
-"""Number of pairs above which it pays to leave out the curves that are too far away."""
+"""Number of pairs above which it pays to exclude distant curves first."""
 
 CELLS = 48
-"""Cells along the longer side of the grid that tells which curves may be nearest."""
+"""Number of cells along the longer side of the grid of candidate curves."""
 
 
 class Curves(ABC):
-    """A number of curves in the plane, numbered from 0."""
+    """Curves in the plane, numbered from 0."""
 
     @abstractmethod
     def __len__(self) -> int: ...
 
     @abstractmethod
     def gaps(self, points: Array, index: Index | slice) -> Array:
-        """Distances from points (P, 2) to curves (P, k), or (P, s) to all, or any growing function of them."""
+        """Distances from points (P, 2) to curves (P, k), or (P, s) to all, or an increasing function of them."""
 
     @abstractmethod
     def distance(self, gaps: Array) -> Array:
-        """Distances for values of `gaps`."""
+        """Distances from values of `gaps`."""
 
     @abstractmethod
     def box(self) -> Box:
-        """Box around all curves, or a larger one where many points are expected."""
+        """Bounding box of all curves, or a larger one where many points are expected."""
 
     def nearest(self, points: Array) -> Index:
-        """Index (P,) of the curve nearest to each of the points (P, 2), the first of several."""
+        """Index (P,) of the curve nearest to each of the points (P, 2); the first of equally near ones."""
         if len(points) * len(self) < MANY:
             return self._nearest_of_all(points)
         grid = self._cells
@@ -74,16 +74,16 @@ class Curves(ABC):
 
 
 class _Cells:
-    """Cells over the curves and their surroundings, each with the curves that may be nearest to a point in it.
+    """Grid of cells over the curves and their surroundings, each with the curves that may be nearest to a point in it.
 
-    From the middle of a cell to any of its points the distance to a curve changes by half a diagonal at most, so what
-    is more than a whole one farther than the nearest curve is out. The lists are filled up, with their last curves,
-    to powers of two, so that points in cells with about as many candidates are worked on as one array.
+    From the center of a cell to any of its points the distance to a curve changes by at most half a diagonal, so curves
+    more than a full diagonal farther than the nearest one are excluded. The lists are padded with their last curve to
+    powers of two, so that points in cells with similar numbers of candidates are processed as one array.
     """
 
     def __init__(self, curves: Curves) -> None:
         low, high = curves.box()
-        # All curves may be one point.
+        # All curves may coincide in one point.
         margin = 0.1 * float(np.max(high - low)) or 1.0
         self.low = low - margin
         size = high - low + 2 * margin
@@ -110,7 +110,7 @@ class _Cells:
             self.tables.append(curve[first[here, None] + np.minimum(np.arange(width), count[here, None] - 1)])
 
     def cell(self, points: Array) -> Index:
-        """Index (P,) of the cell that holds each of the points (P, 2), -1 for points outside of the grid."""
+        """Index (P,) of the cell containing each of the points (P, 2), -1 for points outside the grid."""
         x, y = ((points - self.low) / self.step).T
         inside = (x >= 0) & (x < self.shape[0]) & (y >= 0) & (y < self.shape[1])
         cell = np.where(inside, x, 0).astype(np.int64) * self.shape[1] + np.where(inside, y, 0).astype(np.int64)
@@ -119,7 +119,7 @@ class _Cells:
 
 @dataclass(frozen=True, eq=False)
 class Segments(Curves):
-    """Segments (s) from `start` to `end`, both (s, 2); a segment may be a point."""
+    """Segments (s) from `start` to `end`, both (s, 2); a segment may degenerate to a point."""
 
     start: Array
     end: Array
@@ -143,7 +143,7 @@ class Segments(Curves):
     @cached_property
     def _columns(self) -> tuple[Array, ...]:
         square = np.sum(self.step**2, axis=-1, keepdims=True)
-        # Its product with a point's offset from the start is the place on the segment, 0 for a segment that is a point.
+        # Its product with a point's offset from the start is the parameter on the segment, 0 for a degenerate segment.
         per_length = self.step / np.where(square > 0, square, np.inf)
         return tuple(np.ascontiguousarray(c) for c in np.concatenate([self.start, self.step, per_length], axis=1).T)
 
@@ -171,12 +171,12 @@ class Segments(Curves):
         return self.around or (low.min(axis=0), high.max(axis=0))
 
     def place(self, points: Array, index: Index) -> Array:
-        """Places (P,) of the nearest points on segments, from 0 at the start to 1 at the end."""
+        """Parameters (P,) of the nearest points on segments, from 0 at the start to 1 at the end."""
         start_x, start_y, _, _, per_x, per_y = (column[index] for column in self._columns)
         return np.clip((points[:, 0] - start_x) * per_x + (points[:, 1] - start_y) * per_y, 0.0, 1.0)
 
     def at(self, index: Index, place: Array) -> Array:
-        """Points (P, 2) at places 0 to 1 on segments; the ends are met exactly."""
+        """Points (P, 2) at parameters 0 to 1 on segments; exact at the ends."""
         inner = self.start[index] + place[:, None] * self.step[index]
         return np.where(place[:, None] < 1, inner, self.end[index])
 
@@ -185,7 +185,7 @@ class Segments(Curves):
         return self.at(index, self.place(points, index))
 
     def surround(self, points: Array) -> Mask:
-        """Tell which points (P, 2) the closed outlines made of these segments surround an odd number of times."""
+        """True for points (P, 2) that the closed outlines made of these segments surround an odd number of times."""
         odd = np.empty(len(points), dtype=bool)
         rows = max(1, BLOCK // len(self))
         for low in range(0, len(points), rows):
@@ -199,16 +199,16 @@ class Segments(Curves):
 
 @dataclass(frozen=True, eq=False)
 class Arcs(Curves):
-    """Arcs (a).
+    """Circular arcs (a).
 
     Attributes
     ----------
     center : array (a, 2)
     radius : array (a,)
     middle : array (a,), rad
-        Direction from the center to the middle.
+        Direction from the center to the arc's midpoint.
     half : array (a,), rad
-        Angle from the middle to either end, up to pi.
+        Angle from the midpoint to either end, up to pi.
     around : (low, high), optional
         See `Curves.box`.
     """
@@ -224,7 +224,7 @@ class Arcs(Curves):
 
     @cached_property
     def heading(self) -> Array:
-        """Unit vectors (a, 2) from the center to the middle."""
+        """Unit vectors (a, 2) from the center to the midpoint."""
         return np.stack([np.cos(self.middle), np.sin(self.middle)], axis=-1)
 
     @cached_property
@@ -236,10 +236,10 @@ class Arcs(Curves):
         """See `Curves.gaps`: the distances."""
         center_x, center_y, ahead, left, radius, cos, sin = (column[index] for column in self._columns)
         x, y = points[:, :1] - center_x, points[:, 1:] - center_y
-        # Along the middle, and to either side of it.
+        # Along the direction to the midpoint, and perpendicular to it.
         along, aside = x * ahead + y * left, np.abs(y * ahead - x * left)
         beyond = along * sin < aside * cos
-        # From the end if that is nearer than the arc's side. Not hypot, which takes ten times as long.
+        # Relative to the end if that is nearest. Not hypot, which takes ten times as long.
         along -= np.where(beyond, radius * cos, 0.0)
         aside -= np.where(beyond, radius * sin, 0.0)
         along *= along
@@ -259,13 +259,13 @@ class Arcs(Curves):
         return self.around or ((self.center - reach).min(axis=0), (self.center + reach).max(axis=0))
 
     def from_middle(self, points: Array, index: Index) -> Array:
-        """Angle (P,) in rad from the middle of arcs to points (P, 2), from -pi to pi."""
+        """Angle (P,) in rad from the midpoint of arcs to points (P, 2), from -pi to pi."""
         offset, heading = points - self.center[index], self.heading[index]
         cross = heading[:, 0] * offset[:, 1] - heading[:, 1] * offset[:, 0]
         return np.arctan2(cross, np.sum(heading * offset, axis=-1))
 
     def at(self, index: Index, angle: Array) -> Array:
-        """Points (P, 2) on arcs, each at an angle from its arc's middle."""
+        """Points (P, 2) on arcs, each at an angle from the arc's midpoint."""
         direction = self.middle[index] + angle
         return self.center[index] + self.radius[index, None] * np.stack([np.cos(direction), np.sin(direction)], axis=-1)
 
@@ -276,7 +276,7 @@ class Arcs(Curves):
 
 
 class Edges:
-    """Edges of closed polygons (m, 2) with the region to their left; `size` is about theirs."""
+    """Edges of closed polygons (m, 2) with the region to their left; `size` is their approximate extent."""
 
     def __init__(self, rings: Sequence[Array], size: float) -> None:
         self._sizes, self._size = [len(ring) for ring in rings], size
@@ -288,11 +288,11 @@ class Edges:
         return sign * np.hypot(*offset.T)
 
     def depth_gradient(self, points: Array) -> Array:
-        """Gradients (P, 2) of `depth`; where several edges are nearest, one of them decides."""
+        """Gradients (P, 2) of `depth`; if several edges are equally near, that of one of them."""
         sign, offset, index, at_corner = self._seen_from(points)
         distance = np.hypot(*offset.T)
         apart = distance > 1e-12 * self._size
-        # Beside an edge this is its normal, which has no rounding even on the outline; in a corner the mean of two.
+        # Nearest to an edge: its normal, free of rounding errors even on the outline; at a corner: the mean of two.
         gradient = self._edges.normal[index]
         within = at_corner & ~apart
         gradient[within] = self._bisectors[self._corner(points[within], index[within])]
@@ -301,10 +301,10 @@ class Edges:
         return gradient
 
     def _seen_from(self, points: Array) -> tuple[Array, Array, Index, Mask]:
-        """Sign (P,), 1 inside and -1 outside, offset (P, 2) from the nearest point, its edge, and whether at a corner.
+        """Sign (P,), 1 inside and -1 outside, offset (P, 2) from the nearest point, its edge, and if it is a corner.
 
-        The side of the nearest edge tells inside from outside; at a corner the sides of both its edges do, unless
-        outlines touch there: then all edges have a say.
+        The side of the nearest edge determines the sign; at a corner, the sides of both its edges do, unless outlines
+        touch there: then all edges count.
         """
         edges, (before, _, sharp, touching) = self._edges, self._corners
         index = edges.nearest(points)
@@ -321,7 +321,7 @@ class Edges:
         return np.where(left, 1.0, -1.0), points - edges.at(index, place), index, at_corner
 
     def _corner(self, points: Array, index: Index) -> Index:
-        """Corners (P,), those ends of edges that are nearer."""
+        """Corners (P,): the nearer ends of edges."""
         return np.where(self._edges.place(points, index) > 0.5, self._corners[1][index], index)
 
     @cached_property
@@ -336,7 +336,7 @@ class Edges:
 
     @cached_property
     def _corners(self) -> tuple[Index, Index, Mask, Mask]:
-        """For each corner, the one before, the one after, whether it turns left, and whether outlines touch there."""
+        """For each corner: previous and next corner, whether it turns left, and whether outlines touch there."""
         import shapely
 
         first = np.cumsum([0, *self._sizes[:-1]])

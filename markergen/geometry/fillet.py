@@ -1,22 +1,22 @@
-"""Contours with their corners rounded, whether lines or arcs meet there."""
+"""Contours with filleted corners between lines and arcs."""
 
 from math import atan, atan2, copysign, hypot, pi, remainder, sqrt, tan
 
 from markergen.geometry.contour import Contour, Point, Side, center_of, radius_of, turns_of
 
 Cut = tuple[Point, Point, float]
-"""Start, end and bulge of the arc that rounds a corner."""
+"""Start, end and bulge of the arc that fillets a corner."""
 
 DUST = 1e-9
-"""Length by which a side may be too short, or that may be left of one that is used up."""
+"""Length tolerance: a side may be too short by it, and a remainder below it counts as used up."""
 
 HALVINGS = 60
 
 
 def filleted(contour: Contour, radius: float, sharp: float) -> Contour | None:
-    """Contour with a radius in all corners that turn by more than `sharp` rad, to either side; None if one has no room.
+    """Fillet all corners that turn by more than `sharp` rad, to either side; None if there is no room for the radius.
 
-    Coordinates are in a unit in which `DUST` is nothing, such as mm.
+    Coordinates are in a unit in which `DUST` is negligible, such as mm.
     """
     sides, count = contour.sides, len(contour.points)
     cuts: list[Cut] = []
@@ -38,14 +38,14 @@ def filleted(contour: Contour, radius: float, sharp: float) -> Contour | None:
             bulges.append(bulge)
         if high - low > DUST:
             points.append(start)
-            # What is left of an arc turns by as much less.
+            # The remainder of an arc turns by the remaining share of its angle.
             part = 4 * atan(side[2]) * (high - low) / _length(side)
             bulges.append(side[2] if (start, end) == side[:2] else tan(part / 4))
     return Contour(tuple(points), tuple(bulges))
 
 
 def largest_fillet(contour: Contour, sharp: float, fails: float) -> float:
-    """Largest radius that `filleted` has room for, below one that fails; short of it by less than 1e-12 of that."""
+    """Largest radius for which `filleted` has room, below a radius that fails; too small by at most 1e-12 of that."""
     low, high = 0.0, fails
     for _ in range(HALVINGS):
         middle = (low + high) / 2
@@ -54,14 +54,14 @@ def largest_fillet(contour: Contour, sharp: float, fails: float) -> float:
 
 
 def _cut(before: Side, after: Side, turn: float, radius: float) -> Cut | None:
-    """Arc of a radius that touches two sides at the corner where one follows the other."""
+    """Arc of a radius tangent to two sides at the corner between them."""
     x, y = after[0]
     if not before[2] and not after[2]:
         (ax, ay), (bx, by) = (x - before[0][0], y - before[0][1]), (after[1][0] - x, after[1][1] - y)
         turn = atan2(ax * by - ay * bx, ax * bx + ay * by)
         back, on = (radius * tan(abs(turn) / 2) / hypot(u, v) for u, v in ((ax, ay), (bx, by)))
         return (x - back * ax, y - back * ay), (x + on * bx, y + on * by), tan(turn / 4)
-    # The arc's center is at the radius to the inner side of both.
+    # The arc's center lies one radius to the inner side of both.
     middles = _crossings(before, after, copysign(radius, turn))
     if not middles:
         return None
@@ -74,7 +74,7 @@ def _cut(before: Side, after: Side, turn: float, radius: float) -> Cut | None:
 
 
 def _crossings(one: Side, other: Side, left: float) -> list[Point]:
-    """Intersections of two sides that are moved to their left and extended beyond their ends."""
+    """Intersections of two sides offset to their left and extended beyond their ends."""
     if not one[2] and other[2]:
         one, other = other, one
     (cx, cy), reach = center_of(one), radius_of(one) - copysign(left, one[2] * left)
@@ -85,7 +85,7 @@ def _crossings(one: Side, other: Side, left: float) -> list[Point]:
         length = hypot(u - x, v - y)
         dx, dy = (u - x) / length, (v - y) / length
         away = dx * (cy - y) - dy * (cx - x) - left
-        # The foot of the center on the line that was moved.
+        # Perpendicular foot of the center on the offset line.
         fx, fy = cx + dy * away, cy - dx * away
         across = reach**2 - away**2
         return [(fx + s * dx, fy + s * dy) for s in _both(across)]
@@ -103,7 +103,7 @@ def _both(square: float) -> tuple[float, ...]:
 
 
 def _foot(side: Side, point: Point) -> Point:
-    """Nearest point on a side that is extended beyond its ends."""
+    """Nearest point on a side extended beyond its ends."""
     (x, y), (u, v), bulge = side
     px, py = point
     if bulge:
@@ -120,7 +120,7 @@ def _length(side: Side) -> float:
 
 
 def _along(side: Side, point: Point) -> float:
-    """Length of a side from its start to a point on it, negative before its start."""
+    """Arc length from the start of a side to a point on it, negative before its start."""
     (x, y), (u, v), bulge = side
     px, py = point
     if not bulge:

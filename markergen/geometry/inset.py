@@ -1,10 +1,10 @@
-"""The region at least some distance inside an outline, by its exact edge of straight pieces and arcs.
+"""Region at least some distance inside an outline, by its exact boundary of line segments and arcs.
 
-The edge consists of parts of a few curves: each segment of the outline moved inward, an arc around each corner that
-points inward (a hole's corner, say), and each circle of the outline made smaller or, around a hole, larger. Where two
-of these curves meet, one may leave the region. So every curve is cut at all such places, and a part belongs to the
-edge if its middle is deep enough. No approximation by a polygon is involved; a region in several parts needs no care.
-`Interior` finds nearest points, the deepest ones and random ones by it.
+The boundary consists of parts of a few curves: each segment of the outline offset inward, an arc around each corner
+that points inward (a hole's corner, say), and each circle of the outline with a smaller radius or, around a hole, a
+larger one. Where two of these curves intersect, one may leave the region. So every curve is split at all
+intersections, and a part belongs to the boundary if its midpoint is deep enough. There is no polygonal approximation,
+and regions of several parts need no special care. `Interior` uses it to find nearest, deepest and random points.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -21,28 +21,28 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SLACK = 1e-12
-"""Rounding that is forgiven, as a share of the outline's size."""
+"""Tolerance for rounding errors, relative to the outline's size."""
 
 ROUNDS = 100
-"""Rounds of drawing points all over the outline and keeping those that are deep enough."""
+"""Maximum number of rounds of rejection sampling."""
 
 MOST_INSETS = 64
-"""Insets of one outline that are kept."""
+"""Maximum number of cached insets of one outline."""
 
 
 class Interior:
-    """The inside of an outline: its part with some depth, and points all over it.
+    """Inside of an outline: its part with at least some depth, and random points in it.
 
     Parameters
     ----------
     contours : iterable of Contour
-        The outline, of straight sides and full circles, with the region to their left.
+        Outline of straight sides and full circles, with the region to their left.
     depth : callable
-        Depth (P,) of points (P, 2), exact inside of the region.
+        Depth (P,) of points (P, 2), exact inside the region.
     size : float
         Radius of a circle around the outline.
     region : callable
-        The same as a region, circles taken for polygons; asked for once, if points are to be drawn.
+        The same as a region, with polygons for circles; called once, when points are first sampled.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class Interior:
         self._insets: dict[float, Inset] = {}
 
     def project(self, points: Array, inset: float) -> Array:
-        """Nearest points (..., 2) with a depth of at least `inset`, or the deepest; points that are so already stay."""
+        """Nearest points (..., 2) with a depth of at least `inset`, or the deepest; points so deep are unchanged."""
         flat = np.ascontiguousarray(points, dtype=float).reshape(-1, 2)
         shallow = self._depth(flat) < inset
         if not shallow.any():
@@ -67,7 +67,7 @@ class Interior:
         return flat.reshape(points.shape)
 
     def sample(self, count: int, inset: float, rng: "np.random.Generator") -> Array:
-        """Draw (count, 2) points uniformly from the part with a depth of at least `inset`."""
+        """Sample (count, 2) points uniformly from the part with a depth of at least `inset`."""
         corners, share = self._triangles
         found = np.zeros((0, 2))
         for _ in range(ROUNDS):
@@ -78,11 +78,11 @@ class Interior:
             u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
             points = a + u * (b - a) + v * (c - a)
             found = np.concatenate([found, points[self._depth(points) >= inset]])
-        # That part is less than a hundredth of the whole, or nothing.
+        # That part is empty, or less than a hundredth of the whole.
         return np.concatenate([found, self.project(points, inset)])[:count]
 
     def _inset(self, inset: float) -> "Inset":
-        """Part with a depth of at least `inset`; what is deepest where nothing is so deep."""
+        """Part with a depth of at least `inset`; the deepest part if nothing is that deep."""
         if inset not in self._insets:
             found = self._exactly(inset)
             if len(self._insets) == MOST_INSETS:
@@ -95,8 +95,8 @@ class Interior:
 
     @cached_property
     def _deepest(self) -> float:
-        """Largest depth of any point, short of it by a billionth of the size."""
-        # By halving: Inset is exact, which GEOS's buffers are not in corners made of many short edges.
+        """Maximum depth of any point, too small by at most a billionth of the size."""
+        # By bisection: Inset is exact, unlike GEOS's buffers in corners made of many short edges.
         low, high = 0.0, self._size
         while high - low > 1e-9 * self._size:
             middle = (low + high) / 2
@@ -105,13 +105,13 @@ class Interior:
 
     @cached_property
     def _triangles(self) -> tuple[Array, Array]:
-        """Triangles (t, 3, 2) that make it up, and running shares (t,) of the area."""
+        """Triangles (t, 3, 2) of the region, and cumulative shares (t,) of the area."""
         corners, area = self._region().triangles()
         return corners, np.cumsum(area / area.sum())
 
 
 class Inset:
-    """The region with a depth of at least `inset`.
+    """Region with a depth of at least `inset`.
 
     Parameters
     ----------
@@ -120,10 +120,10 @@ class Inset:
     circles : array (c, 4)
         Center x, y and radius, and 1 with the region inside, -1 with the region outside.
     depth : callable
-        Depth (P,) of points (P, 2), exact inside of the region.
+        Depth (P,) of points (P, 2), exact inside the region.
     inset : float
     slack : float
-        Rounding that is forgiven.
+        Tolerance for rounding errors.
     """
 
     def __init__(
@@ -133,8 +133,8 @@ class Inset:
             return depth(points) + within >= inset - slack
 
         lines, arcs = _moved(rings, inset), _rounded(rings, circles, inset)
-        # What is too shallow from end to end is left out first: of a fine outline, far inside, that is nearly all, and
-        # all of it would meet all of it.
+        # Curves that are too shallow over their entire length are excluded first: far inside a fine outline, these are
+        # nearly all, and all of them would intersect each other.
         middle = (lines.start + lines.end) / 2
         near = holds(middle, np.hypot(*lines.step.T) / 2)
         lines = Segments(lines.start[near], lines.end[near])
@@ -159,18 +159,18 @@ class Inset:
         middle, half = arcs.middle[of] + (first + last) / 2, (last - first) / 2
         self.arcs = Arcs(arcs.center[of], arcs.radius[of], middle, half, around)
         if self.empty:
-            # A region may be single points, such as the middle of a square inset by half its side.
+            # A region may be a single point, such as the center of a square inset by half its side.
             ends = np.concatenate([lines.at(line, place), arcs.at(arc, angle)])
             ends = ends[holds(ends)]
             self.lines = Segments(ends, ends)
 
     @property
     def empty(self) -> bool:
-        """Whether no point is so deep."""
+        """True if no point is deep enough."""
         return not len(self.lines) and not len(self.arcs)
 
     def nearest(self, points: Array) -> Array:
-        """Points (P, 2) of the edge nearest to points (P, 2)."""
+        """Boundary points (P, 2) nearest to points (P, 2)."""
         found = [pieces.foot(points, pieces.nearest(points)) for pieces in (self.lines, self.arcs) if len(pieces)]
         if len(found) == 1:
             return found[0]
@@ -186,7 +186,7 @@ def _moved(rings: Sequence[Array], inset: float) -> Segments:
 
 
 def _rounded(rings: Sequence[Array], circles: Array, inset: float) -> Arcs:
-    """Arcs around the corners that point into the region, and circles moved into it."""
+    """Arcs around corners that point into the region, and circles offset into it."""
     radius = circles[:, 2] - inset * circles[:, 3]
     circles, radius = circles[radius >= 0], radius[radius >= 0]
     whole = np.full(len(circles), np.pi)
@@ -211,7 +211,7 @@ def _joined(rings: Sequence[Array]) -> Array:
 
 
 def _kept(index: Index, place: Array, holds: Callable[[Index, Array], Mask]) -> tuple[Array, Array, Index]:
-    """First and last places (k,) of the parts between cuts whose middles hold, neighbors joined, and of which curve."""
+    """First and last parameters (k,) of parts whose midpoints hold, adjacent parts joined, and their curves."""
     order = np.lexsort([place, index])
     index, place = index[order], place[order]
     same = (index[1:] == index[:-1]) & (place[1:] > place[:-1])
@@ -226,9 +226,10 @@ def _kept(index: Index, place: Array, holds: Callable[[Index, Array], Mask]) -> 
 
 
 def _cuts(lines: Segments, arcs: Arcs) -> tuple[Index, Array, Index, Array]:
-    """Intersections of the curves: indices of lines and places 0 to 1 on them, indices of arcs and angles on them.
+    """Intersections of the curves: indices of lines and parameters 0 to 1 on them, indices of arcs and angles on them.
 
-    Places a hair beyond an end are kept: two curves that meet at an end of both must not miss each other by rounding.
+    Intersections slightly beyond an end are kept, so that two curves with a common end do not miss each other by
+    rounding.
     """
     import shapely
 
@@ -269,7 +270,7 @@ def _line_arc(lines: Segments, arcs: Arcs, i: Index, j: Index) -> tuple[Index, A
     safe = np.where(length > 0, length, np.inf)
     foot = -np.sum(offset * step, axis=-1) / safe
     away = (offset[:, 0] * step[:, 1] - offset[:, 1] * step[:, 0]) / safe
-    # A line that misses by rounding touches.
+    # A line that misses the circle by a rounding error counts as tangent.
     reach = np.sqrt(np.maximum(radius**2 - away**2, 0.0))
     near = np.abs(away) <= radius * (1 + 1e-9)
     found: list[tuple[Index, Array, Index, Array]] = []

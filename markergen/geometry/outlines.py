@@ -1,4 +1,4 @@
-"""Closed outlines as people draw them, made fit for use: clean corners, which is inside which, and no crossings.
+"""Cleaning of closed outlines: no repeated corners, consistent nesting and orientation, no crossings.
 
 Lengths are in m.
 """
@@ -17,32 +17,32 @@ Array = NDArray[np.float64]
 Ring = tuple[tuple[float, float], ...]
 
 MOST_CORNERS = 10_000
-"""Most corners of all outlines together; a few hundred keep any marker on a table within 5 um."""
+"""Maximum number of corners of all outlines together; a few hundred keep any tabletop marker within 5 um."""
 
 TOLERANCE = 4.5e-6
-"""Largest distance in m between an arc and its polygon; the rest of 5 um is for joining the ends of drawings."""
+"""Maximum distance in m between an arc and its polygon; the rest of 5 um is for joining the ends of drawings."""
 
 SHALLOWEST = 1e-6
-"""Smallest bulge; anything less is a straight line."""
+"""Minimum bulge of an arc; anything less is a straight line."""
 
 FARTHEST = 1e9
-"""Largest coordinate in m of an arc's ends, whose squares still keep their digits."""
+"""Maximum coordinate in m of an arc's ends, whose squares still have sufficient digits."""
 
 MOST_PAIRS = 50_000
-"""Most pairs of outlines that touch or lie in each other; a plate with as many holes as allowed has 3,333."""
+"""Maximum number of pairs of touching or nested outlines; a plate with as many holes as allowed has 3,333."""
 
 
 def canonical(outlines: Sequence[Sequence[Sequence[float]] | Array]) -> tuple[Ring, ...]:
     """Outlines in m without repeated corners, outer ones counterclockwise and holes clockwise.
 
-    An outline within an even number of others is an outer one, within an odd number a hole; how it was drawn does not
-    matter. They keep their order and their first corners.
+    An outline inside an even number of others is an outer one, inside an odd number a hole, regardless of its original
+    orientation. Their order and first corners are kept.
 
     Raises
     ------
     InputError
         If there is none, a coordinate is not finite, there are too many corners, an outline has no area or crosses or
-        touches itself, or two of them cross or share a piece of line; the message tells where.
+        touches itself, or two of them cross or share part of a line; the message says where.
     """
     if not len(outlines):
         raise InputError("at least one outline", "none", "give a closed outline of three corners or more")
@@ -59,18 +59,18 @@ def canonical(outlines: Sequence[Sequence[Sequence[float]] | Array]) -> tuple[Ri
 def canonical_contours(
     outlines: Sequence[Sequence[Sequence[float]] | Array], bulges: Sequence[Sequence[float]] = ()
 ) -> tuple[Contour, ...]:
-    """Contours from corners in m and the bulges of their sides, with what they enclose to their left, as `canonical`.
+    """Contours from corners in m and the bulges of their sides, oriented as in `canonical`.
 
     Parameters
     ----------
     bulges : sequence of sequence of float
-        For each outline those of its sides, or none where all are straight; or nothing.
+        For each outline the bulges of its sides, or none if all are straight; empty if there are no arcs.
 
     Raises
     ------
     InputError
-        As `canonical` does, for arcs by their polygons (see `polygons_of`); or if the bulges are not one for each
-        corner, not finite, above 1, or below `SHALLOWEST` and not 0.
+        As for `canonical`, with polygons for arcs (see `polygons_of`); or if the bulges are not one for each corner,
+        not finite, above 1, or below `SHALLOWEST` and not 0.
     """
     if not any(map(any, bulges)):
         return tuple(map(Contour, canonical(outlines)))
@@ -81,16 +81,16 @@ def canonical_contours(
     clean = [contour if area(contour) > 0 else turned_over(contour) for contour in clean]
     outer = [signed_area(np.array(ring)) > 0 for ring in canonical(polygons_of(clean))]
     found = tuple(c if is_outer else turned_over(c) for c, is_outer in zip(clean, outer, strict=True))
-    # As holes they have other polygons.
+    # Reversed to holes they have other polygons.
     canonical(polygons_of(found))
     return found
 
 
 def polygons_of(contours: Sequence[Contour]) -> tuple[Array, ...]:
-    """Polygons (m, 2) in m of contours with what they enclose to their left, within `TOLERANCE`, or 1e-4 of their size.
+    """Polygons (m, 2) in m of contours with the region to their left, within `TOLERANCE`, or 1e-4 of their size.
 
-    They are on the inner side of arcs, in whole picometers: what has some depth in them has it in the contours. Without
-    arcs they are the corners.
+    They lie on the inner side of arcs, in whole picometers, so the depth of a point in a polygon is never more than in
+    the contour. Without arcs they are the corners.
     """
     if not any(contour.has_arcs for contour in contours):
         return tuple(np.array(contour.points) for contour in contours)
@@ -106,9 +106,9 @@ def polygons_of(contours: Sequence[Contour]) -> tuple[Array, ...]:
 
 
 def walked(ring: Array, step: float) -> tuple[Array, NDArray[np.bool_]]:
-    """Points (m, 2) at most `step` apart along a closed polygon, all its corners among them, and which (m,) those are.
+    """Points (m, 2) at most `step` apart along a closed polygon, including all corners, and a mask (m,) of the corners.
 
-    From the first corner on; without the first point again at the end.
+    Starts at the first corner; the first point is not repeated at the end.
     """
     onward = np.roll(ring, -1, axis=0) - ring
     counts = np.maximum(np.ceil(np.hypot(*onward.T) / step), 1).astype(int)
@@ -118,7 +118,7 @@ def walked(ring: Array, step: float) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def place(point: Array) -> str:
-    """Coordinates (2,) in m for messages."""
+    """Format coordinates (2,) in m for messages."""
     return f"({format_length(float(point[0]))}, {format_length(float(point[1]))})"
 
 
@@ -135,11 +135,11 @@ def _corners(outline: Sequence[Sequence[float]] | Array, name: str) -> Array:
         raise InputError(f"pairs x, y for {name}", f"an array of shape {ring.shape}", "give [[x, y], ...] in m")
     if not np.isfinite(ring).all():
         raise InputError(f"finite coordinates in {name}", "nan or infinity", "correct the outline")
-    # The first of equal corners stays.
+    # Of equal corners, keep the first.
     fresh = np.append(True, np.any(ring[1:] != ring[:-1], axis=1))
     fresh[np.all(ring == ring[0], axis=1) & (np.cumsum(fresh) == fresh.sum())] = len(ring) == 1
     ring = ring[fresh]
-    # Not the signed area, which a figure eight has none of either: that is told as what it is.
+    # Not the signed area, which also vanishes for a figure eight; that is reported as a crossing.
     spread = np.linalg.svd(ring - ring.mean(axis=0), compute_uv=False) if len(ring) > 2 else np.zeros(2)
     if spread[1] <= 1e-9 * spread[0]:
         raise InputError(f"an area in {name}", f"{len(ring)} corners on a line", "give a closed outline with an inside")
@@ -147,7 +147,7 @@ def _corners(outline: Sequence[Sequence[float]] | Array, name: str) -> Array:
 
 
 def _contour(outline: Sequence[Sequence[float]] | Array, row: Sequence[float], name: str) -> Contour:
-    """Contour of numbers that are fit, without sides that have no length."""
+    """Contour of valid numbers, without sides of zero length."""
     points, bulges = np.asarray(outline, dtype=float), np.asarray(row or [0.0] * len(outline), dtype=float)
     if points.shape != (len(bulges), 2) or not len(bulges):
         raise InputError(
@@ -167,7 +167,7 @@ def _contour(outline: Sequence[Sequence[float]] | Array, row: Sequence[float], n
             f"{bulges[odd][0]:.6g}",
             "draw an arc of more than half a turn as two, and a shallower one as a line",
         )
-    # Where corners are equal the first one stays, with the side that leaves the last.
+    # Of equal corners, keep the first, with the side that leaves the last.
     kept = np.any(points != np.roll(points, -1, axis=0), axis=1)
     corners = np.count_nonzero(kept)
     if corners < 2 or (corners == 2 and not bulges[kept].any()):
@@ -176,21 +176,21 @@ def _contour(outline: Sequence[Sequence[float]] | Array, row: Sequence[float], n
 
 
 def _nesting(rings: list[Array]) -> list[int]:
-    """In how many others each outline lies; refuses those that cross."""
+    """Number of other outlines that contain each outline; rejects outlines that cross."""
     import shapely
 
-    # An array of objects, even of one outline alone.
+    # An array of objects, even for a single outline.
     shapes = shapely.polygons([shapely.linearrings(ring) for ring in rings])
     for i in np.flatnonzero(~shapely.is_valid(shapes)):
-        # GEOS says, for example, Self-intersection[0.1 0.2].
+        # GEOS returns text such as Self-intersection[0.1 0.2].
         where = np.array(shapely.is_valid_reason(shapes[i]).split("[")[1].rstrip("]").split()[:2], dtype=float)
         raise InputError(
             "outlines that do not cross or touch themselves",
-            f"outline {i + 1} doing so at {place(where)}",
-            "correct it there, or draw the parts as outlines of their own",
+            f"outline {i + 1} crossing or touching itself at {place(where)}",
+            "correct it there, or draw the parts as separate outlines",
         )
     first, second = _pairs(shapes)
-    # Two that touch at a corner are fine.
+    # Outlines may touch at a corner.
     shared = shapely.intersection(shapely.boundary(shapes[first]), shapely.boundary(shapes[second]))
     bad = ~shapely.is_empty(shared) & (
         (shapely.get_dimensions(shared) > 0) | shapely.overlaps(shapes[first], shapes[second])
@@ -208,12 +208,12 @@ def _nesting(rings: list[Array]) -> list[int]:
 
 
 def _pairs(shapes: NDArray[np.object_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Pairs (k,) of shapes that have points in common, the smaller number first."""
+    """Pairs (k,) of shapes with points in common, the smaller index first."""
     import shapely
 
     tree = shapely.STRtree(shapes)
     pairs, count = [np.zeros((2, 0), dtype=np.intp)], 0
-    # By parts, because a thousand outlines in each other are half a million pairs.
+    # In parts, because a thousand nested outlines form half a million pairs.
     for start in range(0, len(shapes), 50):
         found = tree.query(shapes[start : start + 50], predicate="intersects") + np.array([[start], [0]])
         found = found[:, found[0] < found[1]]

@@ -1,9 +1,9 @@
-"""Regions of the plane with straight edges, for adding, cutting, growing and asking what lies where.
+"""Regions of the plane with straight edges: Boolean operations, offsets, distances and containment.
 
-A `Region` is any number of separate pieces, each with or without holes. It is the one place where GEOS does the work,
-through shapely, which is imported when first needed. Exact lines and arcs are a `Contour`, which `Region.of_contour`
-flattens. Points are arrays (P, 2), and closed polygons arrays (m, 2) without the first corner again at the end; lengths
-are in any unit.
+A `Region` is any number of separate pieces, with or without holes. This is the only module that uses GEOS, through
+shapely, which is imported when first needed. Exact lines and arcs are a `Contour`, which `Region.of_contour` flattens.
+Points are arrays (P, 2), and closed polygons arrays (m, 2) without repeating the first corner at the end; lengths are
+in any unit.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -21,10 +21,10 @@ Box = tuple[float, float, float, float]
 
 
 class Region:
-    """A part of the plane, perhaps nothing of it; it never changes.
+    """Immutable part of the plane, possibly empty.
 
-    ``a | b`` is the union, ``a & b`` the intersection, ``a - b`` the part of a outside b, and ``a ^ b`` what is in only
-    one of them. Lines and points in which two regions merely touch count as nothing.
+    ``a | b`` is the union, ``a & b`` the intersection, ``a - b`` the part of a outside b, and ``a ^ b`` the symmetric
+    difference. Lines and points where two regions merely touch are omitted.
 
     Examples
     --------
@@ -36,14 +36,14 @@ class Region:
     __slots__ = ("_shape",)
 
     def __init__(self, shape: Any = None) -> None:
-        """Make the empty region; only this package wraps geometries of shapely."""
+        """Make the empty region; only this package wraps shapely geometries."""
         import shapely
 
         self._shape = shapely.Polygon() if shape is None else shape
 
     @classmethod
     def polygon(cls, outer: ArrayLike, holes: Iterable[ArrayLike] = (), mend: bool = False) -> "Region":
-        """Make the inside of a closed polygon without holes in it; `mend` repairs one that crosses itself."""
+        """Make the inside of a closed polygon, minus holes; `mend` repairs self-intersections."""
         import shapely
 
         shape = shapely.Polygon(outer, list(holes))
@@ -51,23 +51,23 @@ class Region:
 
     @classmethod
     def rectangle(cls, left: float, low: float, right: float, high: float) -> "Region":
-        """Make an upright rectangle from its ends."""
+        """Make an axis-parallel rectangle from its limits."""
         import shapely
 
         return cls(shapely.box(left, low, right, high))
 
     @classmethod
     def disk(cls, x: float, y: float, radius: float, segments: int = 512) -> "Region":
-        """Make a disk as a polygon with corners on its rim, `segments` in each quarter."""
+        """Make a disk as a polygon with vertices on its rim, `segments` in each quarter."""
         import shapely
 
         return cls(shapely.Point(x, y).buffer(radius, quad_segs=segments))
 
     @classmethod
     def enclosed(cls, rings: Iterable[ArrayLike]) -> "Region":
-        """Make what closed polygons enclose: outer ones run counterclockwise, holes clockwise.
+        """Make the region enclosed by closed polygons, outer ones counterclockwise and holes clockwise.
 
-        From the outside in: what a hole takes away, an island in it gives back.
+        They are applied from the outside in, so a hole may contain islands.
         """
         import shapely
 
@@ -81,7 +81,7 @@ class Region:
 
     @classmethod
     def odd(cls, rings: Iterable[ArrayLike]) -> "Region":
-        """Make what an odd number of closed polygons go around, whichever way they run."""
+        """Make the region inside an odd number of closed polygons of any orientation."""
         import shapely
 
         shape = shapely.Polygon()
@@ -91,12 +91,12 @@ class Region:
 
     @classmethod
     def of_contour(cls, outer: Contour, holes: Iterable[Contour], off: float) -> "Region":
-        """Make the inside of a contour without holes in it; arcs become chords at most `off` from them."""
+        """Make the inside of a contour, minus holes; arcs become chords at most `off` from them."""
         return cls.polygon(flattened(outer, off), [flattened(hole, off) for hole in holes])
 
     @classmethod
     def union(cls, regions: Iterable["Region"], grid: float | None = None) -> "Region":
-        """Join any number of regions; a `grid` that corners are moved to closes slits between neighbors."""
+        """Join any number of regions; snapping corners to a `grid` closes slits between neighbors."""
         import shapely
 
         return cls(shapely.union_all([region._shape for region in regions], grid_size=grid))
@@ -122,18 +122,18 @@ class Region:
         return Region(shapely.symmetric_difference(self._shape, other._shape))
 
     def __bool__(self) -> bool:
-        """Whether it has an area."""
+        """True if the region has an area."""
         return self.area > 0
 
     def offset(self, by: float, corners: Literal["round", "miter"] = "round", segments: int = 16) -> "Region":
-        """Grow by a distance, or shrink by a negative one; round corners get `segments` chords in each quarter turn."""
+        """Grow by a distance, or shrink for a negative one; round corners get `segments` chords per quarter turn."""
         import shapely
 
         style = "mitre" if corners == "miter" else "round"
         return Region(shapely.buffer(self._shape, by, quad_segs=segments, join_style=style))
 
     def oriented(self) -> "Region":
-        """Run outer rings counterclockwise and holes clockwise."""
+        """Orient outer rings counterclockwise and holes clockwise."""
         import shapely
 
         return Region(shapely.orient_polygons(self._shape))
@@ -145,9 +145,9 @@ class Region:
         return Region.union(Region(shapely.Polygon(piece._shape.exterior)) for piece in self.pieces)
 
     def mapped(self, function: Callable[[Array], Array], step: float | None = None) -> "Region":
-        """Move all corners by a function from points (P, 2) to points, and mend what crosses itself then.
+        """Map all corners by a function from points (P, 2) to points, and repair any resulting self-intersections.
 
-        With a `step` edges are first cut to pieces no longer than that, so that they may become curved.
+        With a `step`, edges are first subdivided to at most that length, so that they may become curved.
         """
         import shapely
 
@@ -156,40 +156,40 @@ class Region:
 
     @property
     def area(self) -> float:
-        """Area, without that of the holes."""
+        """Area, excluding holes."""
         return float(self._shape.area)
 
     @property
     def perimeter(self) -> float:
-        """Length of the edge, holes and all."""
+        """Length of the edge, including that of holes."""
         return float(self._shape.length)
 
     @property
     def crosses_itself(self) -> bool:
-        """Whether its edge crosses or touches itself; then mend it, or its area is not what it encloses."""
+        """True if the edge crosses or touches itself; the area is then wrong until it is repaired."""
         return not self._shape.is_valid
 
     @property
     def box(self) -> Box:
-        """Left, lower, right and upper end; of nothing, nan."""
+        """Left, lower, right and upper end; nan for the empty region."""
         left, low, right, high = self._shape.bounds
         return left, low, right, high
 
     @property
     def pieces(self) -> "list[Region]":
-        """Separate pieces, each one outer ring and its holes; what merely touches is left out."""
+        """Separate pieces, each an outer ring and its holes; degenerate parts are omitted."""
         return [Region(part) for part in self._polygons()]
 
     @property
     def rings(self) -> tuple[Array, ...]:
-        """Closed polygons (m, 2), of each piece the outer one and then its holes; see `oriented`."""
+        """Closed polygons (m, 2), for each piece the outer one and then its holes; see `oriented`."""
         import shapely
 
         rings = shapely.get_rings(np.array(self._polygons(), dtype=object))
         return tuple(shapely.get_coordinates(ring)[:-1] for ring in rings)
 
     def contains(self, points: ArrayLike) -> Mask:
-        """Tell which points (P, 2) are inside; those on the edge are not."""
+        """True for points (P, 2) inside; those on the edge are not."""
         import shapely
 
         shapely.prepare(self._shape)
@@ -203,7 +203,7 @@ class Region:
         return self._signed(shapely.boundary(self._shape), _points(points))
 
     def clearance(self, others: "Sequence[ArrayLike | Region]") -> Array:
-        """Distances (k,) to the edge from regions, closed polygons (m, 2) or points (1, 2), negated unless inside."""
+        """Distances (k,) to the edge from regions, closed polygons (m, 2) or points (1, 2), negative unless inside."""
         import shapely
 
         return self._signed(shapely.boundary(self._shape), _shapes(others))
@@ -216,17 +216,17 @@ class Region:
         return found
 
     def covers(self, other: "Region") -> bool:
-        """Tell whether nothing of another is outside."""
+        """True if no part of another region is outside."""
         return bool(self._shape.covers(other._shape))
 
     def surrounds(self, other: "Region") -> bool:
-        """Tell whether another is inside and nowhere reaches the edge."""
+        """True if another region is inside and does not touch the edge."""
         import shapely
 
         return bool(shapely.contains_properly(self._shape, other._shape))
 
     def surrounds_boxes(self, boxes: ArrayLike) -> Mask:
-        """Tell which upright rectangles (..., 4), left, lower, right and upper end, are inside and off the edge."""
+        """True for axis-parallel rectangles (..., 4), left, low, right and high, inside and clear of the edge."""
         import shapely
 
         shapely.prepare(self._shape)
@@ -234,11 +234,11 @@ class Region:
         return found
 
     def meets(self, other: "Region") -> bool:
-        """Tell whether it has a point in common with another, if only of their edges."""
+        """True if it has a point in common with another region, even if only on their edges."""
         return bool(self._shape.intersects(other._shape))
 
     def within(self, points: ArrayLike, distance: float) -> Mask:
-        """Tell which points (P, 2) are inside or no farther than a distance outside."""
+        """True for points (P, 2) inside or at most a distance outside."""
         import shapely
 
         shapely.prepare(self._shape)
@@ -246,13 +246,13 @@ class Region:
         return found
 
     def runs(self, line: ArrayLike) -> list[Array]:
-        """Parts (m, 2) of a line through points (k, 2), as far as it lies in the region."""
+        """Parts (m, 2) of a polyline through points (k, 2) that lie in the region."""
         import shapely
 
         return _lines(shapely.intersection(shapely.LineString(line), self._shape))
 
     def triangles(self) -> tuple[Array, Array]:
-        """Triangles (t, 3, 2) that make it up, and their areas (t,)."""
+        """Triangulate into triangles (t, 3, 2), and return them with their areas (t,)."""
         import shapely
 
         parts = shapely.get_parts(shapely.constrained_delaunay_triangles(self._shape))
@@ -260,7 +260,7 @@ class Region:
         return corners, shapely.area(parts)
 
     def inner_point(self) -> tuple[float, float]:
-        """Find some point (x, y) that is inside, clear of the edge."""
+        """Return a point (x, y) inside, clear of the edge."""
         point = self._shape.representative_point()
         return float(point.x), float(point.y)
 
@@ -285,13 +285,13 @@ class Region:
 
 def signed_area(ring: Array) -> float:
     """Area of a closed polygon (m, 2), positive if counterclockwise."""
-    # About its own corner, so that a small outline far out keeps its digits.
+    # Relative to a corner, to avoid cancellation for a small outline far from the origin.
     x, y = (ring - ring[0]).T
     return float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) / 2)
 
 
 def distances(ones: Sequence[ArrayLike | Region], others: Sequence[ArrayLike | Region]) -> Array:
-    """Distances (m, k) between regions, closed polygons (m, 2) or points (1, 2); 0 where they meet."""
+    """Distances (m, k) between regions, closed polygons (m, 2) or points (1, 2); 0 where they intersect."""
     import shapely
 
     found: Array = shapely.distance(_shapes(ones)[:, None], _shapes(others)[None])
@@ -299,7 +299,7 @@ def distances(ones: Sequence[ArrayLike | Region], others: Sequence[ArrayLike | R
 
 
 def line_distances(line: ArrayLike, others: Sequence[ArrayLike]) -> Array:
-    """Distances (k,) from a line through points to other lines through points; 0 where they cross."""
+    """Distances (k,) from a polyline through points to other polylines; 0 where they cross."""
     import shapely
 
     lines = np.array([shapely.LineString(other) for other in others], dtype=object)
@@ -315,7 +315,7 @@ def hull(points: ArrayLike) -> Array:
 
 
 def enclosing_circle(points: ArrayLike) -> tuple[Array, float]:
-    """Center (2,) and radius of the smallest circle around points (P, 2)."""
+    """Center (2,) and radius of the smallest enclosing circle of points (P, 2)."""
     import shapely
 
     cloud = shapely.MultiPoint(points)

@@ -8,7 +8,7 @@ with r the residuals, J their derivative (of what is predicted, so that s lessen
 Marquardt's damping, which falls after a step that does not raise the cost r'Wr and grows after one that does and is
 taken back. Problems leave the batch when they have converged.
 
-A kind of problem is a subclass of `LeastSquares`: what it leaves over, what its normal equations are, how a step is
+A kind of problem is a subclass of `LeastSquares`: what it leaves over, with its derivative, how a step is
 applied, and when it has converged.
 """
 
@@ -77,14 +77,18 @@ class LeastSquares(ABC):
 
     @abstractmethod
     def residuals(self, unknowns: Arrays) -> Arrays:
-        """Cost r'Wr (k,), inf where the unknowns are not allowed; residuals; and whatever else `normal_equations` uses.
+        """Cost r'Wr (k,), inf where the unknowns are not allowed; residuals; and whatever else `jacobian` uses.
 
         All have the problems as their first axis.
         """
 
     @abstractmethod
-    def normal_equations(self, unknowns: Arrays, found: Arrays) -> tuple[Array, Array]:
-        """J'WJ (k, p, p) and J'Wr (k, p), from the unknowns and what `residuals` found there."""
+    def jacobian(self, unknowns: Arrays, found: Arrays) -> Array:
+        """J (k, m, p), from the unknowns and what `residuals` found there."""
+
+    def normal_equations(self, jacobian: Array, residual: Array) -> tuple[Array, Array]:
+        """J'WJ (k, p, p) and J'Wr (k, p); all residuals (k, m) weigh the same unless a problem knows better."""
+        return jacobian.swapaxes(-1, -2) @ jacobian, np.einsum("kij,ki->kj", jacobian, residual)
 
     @abstractmethod
     def moved(self, unknowns: Arrays, step: Array) -> Arrays:
@@ -135,7 +139,9 @@ def levenberg_marquardt(problems: LeastSquares, unknowns: Arrays, damping: Dampi
             index, strength, problems = index[going], strength[going], problems.take(going)
             current = tuple([each[going] for each in current])
         old, found = current[:parts], current[parts:]
-        step = _damped_step(*problems.normal_equations(old, found), strength, damping.ridge)
+        # Held until the next one is there: what is freed at once the system takes back, and gives again page by page.
+        jacobian = problems.jacobian(old, found)
+        step = _damped_step(*problems.normal_equations(jacobian, found[1]), strength, damping.ridge)
         tried = problems.moved(old, step)
         fresh = problems.residuals(tried)
         good = fresh[0] <= found[0] * (1 + damping.slack)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError
-from markergen.maths.rigid import rigid_motion
+from markergen.maths.rotation import rigid_motion
 from markergen.model.marker import ControlPoint, Marker, check_supported
 from markergen.units import format_length
 

@@ -198,12 +198,6 @@ class Spec:
                 f"relief={self.relief} m and asymmetric={self.asymmetric} px",
                 "leave out --asymmetric: a marker with relief has a key ring",
             )
-        if self.relief and self.objective in ("condition", "homography"):
-            raise InputError(
-                "an objective for points in space with a relief",
-                f"objective={self.objective!r}",
-                "use --objective pose, rotation or translation",
-            )
 
     def _settle_tag(self) -> None:
         if self.tag_side is not None and not self.tag:
@@ -253,11 +247,6 @@ class Spec:
             raise InputError(
                 "dots with a size for the noise model image", "dot=0", "give --dot a length such as 36mm, or auto"
             )
-        if self.noise_model == "image" and self.objective == "condition":
-            raise InputError(
-                "an objective that depends on the noise", "objective='condition' with the noise model image",
-                "use --objective pose, rotation, translation or homography",
-            )  # fmt: skip
 
     def as_dict(self) -> dict[str, Any]:
         """Return the spec as plain JSON values, lengths in m; of the noise, only what is not the default."""

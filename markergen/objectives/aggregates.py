@@ -18,7 +18,7 @@ Aggregate = Callable[[Array, float], tuple[Array, Array]]
 AGGREGATES: Registry[Aggregate] = Registry("aggregate", __name__)
 """Aggregates by name."""
 
-KINKED = ("max", "cvar")
+NONSMOOTH = ("max", "cvar")
 """Those whose derivative jumps where poses change places; with a softness above 0 it does not."""
 
 DEFAULT_LEVEL = 0.9

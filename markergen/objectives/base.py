@@ -16,10 +16,8 @@ from markergen.maths.information import covariance, information
 from markergen.model.boundary import Boundary
 from markergen.model.camera import NO_DISTORTION, Camera
 from markergen.model.poses import PoseDistribution
-from markergen.objectives.aggregates import KINKED, aggregate_of
-from markergen.objectives.blocks import in_pairs
-from markergen.objectives.lens import linearize_lens
-from markergen.objectives.weights import DotNoise, DotWeights
+from markergen.objectives.aggregates import NONSMOOTH, aggregate_of
+from markergen.objectives.observation import DotNoise, DotWeights, in_pairs, linearize_lens
 from markergen.registry import Registry
 
 Array = NDArray[np.float64]
@@ -49,7 +47,7 @@ class Setting:
     poses : PoseDistribution
         Those that see the boundary whole.
     noise : DotNoise or None
-        What the image tells about the dots; None is noise of 1 px on every coordinate of the image as taken.
+        What the image tells about the dots; None is noise of 1 px on every coordinate of the distorted image.
     """
 
     boundary: Boundary
@@ -116,7 +114,7 @@ class Objective(ABC):
     ----------
     unit : str
         Of the values; empty for a bare number.
-    kinked : bool
+    nonsmooth : bool
         Whether the optimum may sit where the gradient jumps, so that a softened version leads there.
     aggregated : callable
         The aggregate: takes values (..., P) and a softness, returns (...) and its derivative.
@@ -131,7 +129,7 @@ class Objective(ABC):
     unit: str = ""
     default_aggregate: str = "rms"
     coordinates: tuple[str, ...] = ("unit",)
-    has_kinks: bool = False
+    nonsmooth_values: bool = False
     planar_only: bool = False
     knows_noise: bool = True
     default_restarts: int = 16
@@ -147,9 +145,9 @@ class Objective(ABC):
         self.aggregated = aggregate_of(self.aggregate)
 
     @property
-    def kinked(self) -> bool:
+    def nonsmooth(self) -> bool:
         """See the class."""
-        return self.has_kinks or self.aggregate.partition(":")[0] in KINKED
+        return self.nonsmooth_values or self.aggregate.partition(":")[0] in NONSMOOTH
 
     @abstractmethod
     def linearize(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
@@ -217,9 +215,9 @@ class TraceObjective(Objective):
     """sqrt(trace(W C)), C = M^-1 the first-order covariance, M the Fisher information.
 
     M = J'J for image noise of 1 px; with `Setting.noise` M = sum of J_i' F_i J_i over the dots, F_i the information of
-    a dot's center (`markergen.maths.dot_noise`), which depends on where the dot is. J and the noise are those of the
-    image as taken, through the lens (`markergen.objectives.lens`). The gradient is closed: d trace(W M^-1) = -<S, dM>
-    with S = M^-1 W M^-1, that is -2 <J S, dJ> for J'J.
+    a dot's center (`markergen.maths.dot_crlb`), which depends on where the dot is. J and the noise are those of the
+    distorted image, through the lens (`markergen.objectives.observation`). The gradient is closed:
+    d trace(W M^-1) = -<S, dM> with S = M^-1 W M^-1, that is -2 <J S, dJ> for J'J.
     """
 
     def __init__(self, setting: Setting, aggregate: str = "", coordinates: str = "unit") -> None:
@@ -227,7 +225,7 @@ class TraceObjective(Objective):
         self.weight = self._weight()
         self._dots: DotWeights | None = None
         if setting.noise:
-            self._dots = DotWeights(setting.noise, self._plane(), self._taken(np.zeros((1, 2)))[0])
+            self._dots = DotWeights(setting.noise, self._plane(), self._distorted(np.zeros((1, 2)))[0])
 
     @abstractmethod
     def _weight(self) -> Array:
@@ -235,7 +233,7 @@ class TraceObjective(Objective):
 
     @abstractmethod
     def _jacobian(self, points: Array) -> Array:
-        """J (B, P, 2n, k) of ideal image points, for points (B, n, .)."""
+        """J (B, P, 2n, k) of undistorted image points, for points (B, n, .)."""
 
     @abstractmethod
     def _plane(self) -> Array:
@@ -247,12 +245,12 @@ class TraceObjective(Objective):
 
     def covariance(self, points: Array) -> Array:
         """C (B, P, k, k) for layouts (B, n, .) in m; inf where a layout determines nothing."""
-        found = covariance(self._information(self._taken(points)[0])[0])
+        found = covariance(self._information(self._distorted(points)[0])[0])
         return np.where(np.isnan(found), np.inf, found)
 
     def information(self, points: Array) -> tuple[Array, Pullback]:
         """M (B, P, k, k) of layouts (B, n, .) in m, and its pullback: a cotangent (B, P, k, k) to the points."""
-        jacobian, to_points = self._taken(points)
+        jacobian, to_points = self._distorted(points)
         matrix, through_weights = self._information(jacobian)
 
         def pullback(cotangent: Array) -> Array:
@@ -265,7 +263,7 @@ class TraceObjective(Objective):
     def linearize(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
         """See `Objective.linearize`; smooth everywhere, so softness changes nothing."""
         del softness
-        jacobian, to_points = self._taken(points)
+        jacobian, to_points = self._distorted(points)
         matrix, through_weights = self._information(jacobian)
         inverse = covariance(matrix)
         values, weighted = self._values(inverse)
@@ -279,7 +277,7 @@ class TraceObjective(Objective):
     def linearize_without(self, points: Array, losses: Losses, softness: float = 0.0) -> tuple[Array, Pullback]:
         """See `Objective.linearize_without`; what the lost dots tell is taken off the information of all."""
         del softness
-        jacobian, to_points = self._taken(points)
+        jacobian, to_points = self._distorted(points)
         weighed, through_weights = self._weighed(jacobian)
         matrix = jacobian.swapaxes(-1, -2) @ weighed
         shares = in_pairs(jacobian).swapaxes(-1, -2) @ in_pairs(weighed)
@@ -311,8 +309,8 @@ class TraceObjective(Objective):
         # A rounded inverse of a singular matrix can have a negative or undefined trace.
         return np.sqrt(np.where(trace > 0, trace, np.inf)), weighted
 
-    def _taken(self, points: Array) -> tuple[Array, Pullback]:
-        """J of the image points as taken, and its pullback to the points (B, P, n, .)."""
+    def _distorted(self, points: Array) -> tuple[Array, Pullback]:
+        """J of the distorted image points, and its pullback to the points (B, P, n, .)."""
         jacobian, camera = self._jacobian(points), self.setting.camera
         if camera.distortion == NO_DISTORTION:
             return jacobian, lambda cotangent: self._jacobian_pullback(cotangent, points)

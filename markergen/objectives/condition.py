@@ -47,7 +47,7 @@ class ConditionObjective(Objective):
     of length matters. ``metric``: m and K^-1 px, as in the paper. ``pixel``: m and px. ``hartley``: each set of points
     normalized by itself; c then forgets the size and the markers shrink to nothing, so it is for study only.
 
-    A homography knows no lens distortion, so the DLT is written with undistorted points; px are ideal px.
+    A homography knows no lens distortion, so the DLT is written with undistorted points; px are undistorted px.
     """
 
     unit = ""
@@ -55,7 +55,7 @@ class ConditionObjective(Objective):
     knows_noise = False
     default_aggregate = "logmean"
     coordinates = ("unit", "metric", "pixel", "hartley")
-    has_kinks = True
+    nonsmooth_values = True
     planar_only = True
     default_restarts = 24
 

@@ -23,8 +23,8 @@ class HomographyObjective(TraceObjective):
     """Root of the expected HE in px, HE the mean squared error over the validation grid, for the noise of the setting.
 
     trace(W C) with C the CRLB of the eight parameters of the homography and W the mean over the grid of J_g'J_g. The
-    noise is that of the image as taken; the homography maps to ideal px, those of a camera without distortion, and so
-    its error is in these: a grid wider than the marker may lie where the lens sees nothing.
+    noise is that of the distorted image; the homography maps to undistorted px, those of a camera without distortion,
+    and so its error is in these: a grid wider than the marker may lie where the lens sees nothing.
     """
 
     unit = "px"

@@ -37,7 +37,7 @@ class SurvivalObjective(Objective):
         self.planar_only, self.knows_noise = objective.planar_only, objective.knows_noise
 
     @property
-    def kinked(self) -> bool:
+    def nonsmooth(self) -> bool:
         """Whatever the objective: at the best layout several losses are equally bad."""
         return True
 

@@ -1,15 +1,27 @@
-"""The layouts that a design is held against, all from the same feasible region."""
+"""Layouts that a design is held against, all from the same feasible region, and tables of their criteria."""
+
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.geometry import region as geometry
 from markergen.objectives import Setting
-from markergen.objectives.criteria import RANDOM_LAYOUTS, regular_polygon
+from markergen.objectives.criteria import RANDOM_LAYOUTS, Criteria, columns, criteria, median_criteria, regular_polygon
 from markergen.objectives.pose import PoseObjective
-from markergen.optimize.region import Region
+from markergen.objectives.survive import HiddenDots
+from markergen.optimize.problem import FeasibleRegion
+from markergen.presentation.tables import Table, number
 
 Array = NDArray[np.float64]
+
+LAYOUTS = {
+    "flat": "best without relief",
+    "ngon": "regular n-gon",
+    "square": "square, 4 dots",
+    "random": "random, median",
+}
+"""Names of the layouts that a marker is compared with."""
 
 PHASES = 24
 """Turns of a regular polygon that are looked at."""
@@ -21,7 +33,23 @@ SIZES, HALVINGS = 100, 30
 """Sizes of a polygon that are tried, and halvings of the interval between the largest that fits and the next."""
 
 
-def comparison_layouts(region: Region, n: int, seed: int = 0, setting: Setting | None = None) -> dict[str, Array]:
+def compare(
+    points: Array, region: FeasibleRegion, setting: Setting, seed: int = 0, others: Mapping[str, Array] | None = None
+) -> dict[str, Criteria]:
+    """Criteria of a layout (n, 2 or 3) and of the n-gon, the square and the median random layout of the same region.
+
+    Other layouts (n, 2 or 3) come under their names, after its own.
+    """
+    table: dict[str, Criteria] = {"design": criteria(points[None], setting)[0]}
+    table |= {name: criteria(other[None], setting)[0] for name, other in (others or {}).items()}
+    for name, layouts in comparison_layouts(region, len(points), seed, setting).items():
+        table[name] = median_criteria(criteria(layouts, setting))
+    return table
+
+
+def comparison_layouts(
+    region: FeasibleRegion, n: int, seed: int = 0, setting: Setting | None = None
+) -> dict[str, Array]:
     """Layouts (B, m, 2) in m by name: ``ngon`` and ``square``, regular and as large as can be, and ``random`` ones.
 
     Regular polygons lie about the center of the marker or of the largest circle in the region, whichever is better.
@@ -39,7 +67,7 @@ def comparison_layouts(region: Region, n: int, seed: int = 0, setting: Setting |
     return {name: kept for name, batch in layouts.items() if len(kept := batch[region.holds(batch)])}
 
 
-def _polygon(region: Region, n: int, setting: Setting | None) -> Array:
+def _polygon(region: FeasibleRegion, n: int, setting: Setting | None) -> Array:
     """The best regular n-gon (1, n, 2) in m, or one that the region does not hold."""
     turned = 2 * np.pi / n * np.arange(PHASES) / PHASES
     cosine, sine = np.cos(turned), np.sin(turned)
@@ -56,7 +84,7 @@ def _polygon(region: Region, n: int, setting: Setting | None) -> Array:
     return held[:1] if worth[0] <= worth.min() + NOTICEABLE * abs(worth.min()) else held[[np.argmin(worth)]]
 
 
-def _largest(region: Region, unit: Array, center: Array) -> Array:
+def _largest(region: FeasibleRegion, unit: Array, center: Array) -> Array:
     """Polygons (B, n, 2) with corners in directions (B, n, 2) from a center, as large as the region allows."""
     boundary = region.boundary
     if len(region.walls) == 1:
@@ -78,10 +106,56 @@ def _largest(region: Region, unit: Array, center: Array) -> Array:
     return np.asarray(center + unit * low[:, None, None])
 
 
-def _centers(region: Region) -> Array:
+def _centers(region: FeasibleRegion) -> Array:
     """Centers (1 or 2, 2) in m: that of the marker, and that of the largest circle in the region."""
     if len(region.walls) == 1:
         return np.zeros((1, 2))
     # Inside is what an odd number of the outlines goes around.
     inside = geometry.Region.odd(region.boundary.outlines())
     return np.stack([np.zeros(2), inside.largest_circle(1e-4 * region.boundary.radius)])
+
+
+def criteria_table(criteria: Mapping[str, Mapping[str, float]], n: int, noise: str) -> Table:
+    """Criteria of a design of n dots beside those of the layouts that it is compared with.
+
+    Parameters
+    ----------
+    criteria : mapping
+        By ``design`` or the key of a layout in `LAYOUTS`, then by criterion, in the units of the objectives.
+    noise : str
+        What they are for, in words.
+    """
+    but = " and ".join(each.title for each in columns().values() if not each.proportional)
+    names = {"design": "this marker", **LAYOUTS, "ngon": f"regular {n}-gon"}
+    return Table(
+        f"What the layout allows, for {noise}",
+        _header(),
+        [[names[name], *_cells(row)] for name, row in criteria.items()],
+        f"RMS over the poses; proportional to the noise but for {but}.",
+    )
+
+
+def hidden_table(errors: Sequence[HiddenDots], noise: str) -> Table:
+    """Criteria of a marker with none, one and more of its dots hidden."""
+    rows = []
+    for row in errors:
+        worst = f"dot{'s' * (row.hidden > 1)} {', '.join(map(str, row.worst_dots))}"
+        dots = f"worst: {worst} hidden" if row.hidden else "none hidden"
+        rows.append([dots, *_cells(row.worst)])
+        if row.hidden:
+            rows.append([f"mean of any {row.hidden} hidden", *_cells(row.mean)])
+    return Table(
+        f"With dots hidden, for {noise}",
+        _header(),
+        rows,
+        "Each criterion after the loss that is worst for it; dots named are those whose loss is worst for the pose.",
+    )
+
+
+def _header() -> list[str]:
+    return ["", *(each.title for each in columns().values())]
+
+
+def _cells(row: Mapping[str, float]) -> list[str]:
+    """Cells for the columns of criteria; a relief lacks some."""
+    return [number(row[each.key] * each.factor, 4) if each.key in row else "-" for each in columns().values()]

@@ -2,7 +2,7 @@
 
 import logging
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -20,20 +20,16 @@ from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
 from markergen.model.spec import Spec
 from markergen.model.substrate_checks import check_holes
 from markergen.objectives import OBJECTIVES, Objective, Setting
-from markergen.objectives.criteria import Criteria, criteria, median_criteria
+from markergen.objectives.criteria import Criteria
+from markergen.objectives.observation import DotNoise
 from markergen.objectives.survive import hidden_dot_errors
-from markergen.objectives.weights import DotNoise
-from markergen.optimize.asymmetry import AsymmetricOptimum, asymmetric_search
-from markergen.optimize.check import check, check_relief
-from markergen.optimize.comparisons import comparison_layouts
-from markergen.optimize.criteria_tables import criteria_table, hidden_table
-from markergen.optimize.dots import FEWEST_PIXELS, DotSize, choose_dots, pixels_across
-from markergen.optimize.goal import objective_of, room_of, rough_of
-from markergen.optimize.label_safety import LabelSafety, layout_safety
-from markergen.optimize.multistart import Optimum, search
-from markergen.optimize.region import Region
-from markergen.optimize.relief import search_relief
-from markergen.optimize.relief_room import ReliefRoom
+from markergen.optimize.comparisons import compare, criteria_table, hidden_table
+from markergen.optimize.dot_size import FEWEST_PIXELS, DotSize, choose_dots, pixels_across
+from markergen.optimize.keyless import AsymmetricOptimum, asymmetric_search
+from markergen.optimize.label_ambiguity import LabelSafety, layout_safety
+from markergen.optimize.problem import FeasibleRegion, check, check_objective, objective_of, room_of, rough_of
+from markergen.optimize.relief import ReliefRoom, check_relief, search_relief
+from markergen.optimize.search import Optimum, search
 from markergen.optimize.trace import Recorder, Step, trace_of
 from markergen.options import Progress
 from markergen.presentation.results import Result
@@ -220,15 +216,16 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
         If no pose sees the marker, the dots do not fit, a name in the spec is unknown, the best layout has no
         homography, or no layout was found whose labels are as safe as it demands.
     """
-    begin, kind = perf_counter(), OBJECTIVES[spec.objective]
+    begin = perf_counter()
+    check_objective(spec, spec.noise_model == "image")
     poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera, spec.relief)
     setting = Setting(spec.boundary, spec.camera, poses)
-    kind(setting, spec.aggregate, spec.coordinates)  # a wrong name is told before any search
+    OBJECTIVES[spec.objective](setting, spec.aggregate, spec.coordinates)  # a wrong name is told before any search
     dots = choose_dots(spec, setting.poses, progress)
     if spec.noise_model == "image":
         setting = replace(setting, noise=DotNoise(dots.diameter, spec.image_noise, spec.print_sigma))
     objective = objective_of(spec, setting)
-    region = Region(room_of(spec), dots.diameter, dots.clearance)
+    region = FeasibleRegion(room_of(spec), dots.diameter, dots.clearance)
     rng = np.random.default_rng(spec.seed)
     recorder = Recorder() if traced else None
     more = spec.restarts, progress, rough_of(spec, setting), recorder
@@ -261,22 +258,8 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
     return found
 
 
-def compare(
-    points: Array, region: Region, setting: Setting, seed: int = 0, others: Mapping[str, Array] | None = None
-) -> dict[str, Criteria]:
-    """Criteria of a layout (n, 2 or 3) and of the n-gon, the square and the median random layout of the same region.
-
-    Other layouts (n, 2 or 3) come under their names, after its own.
-    """
-    table: dict[str, Criteria] = {"design": criteria(points[None], setting)[0]}
-    table |= {name: criteria(other[None], setting)[0] for name, other in (others or {}).items()}
-    for name, layouts in comparison_layouts(region, len(points), seed, setting).items():
-        table[name] = median_criteria(criteria(layouts, setting))
-    return table
-
-
 def upright(
-    points: Array, objective: Objective, region: Region, allowed: Callable[[Array], bool] | None = None
+    points: Array, objective: Objective, region: FeasibleRegion, allowed: Callable[[Array], bool] | None = None
 ) -> Array:
     """Turn a layout (n, 2 or 3) so that one control point stands straight up, where that costs nothing.
 
@@ -374,3 +357,28 @@ def _stored(spec: Spec, seen: PoseDistribution) -> Spec:
     """Spec as a marker.json has it: of a file with too many poses only those that the marker was designed for."""
     too_many = isinstance(spec.poses, RecordedPoses) and len(spec.poses) > MOST_KEPT
     return replace(spec, poses=seen) if too_many and isinstance(seen, RecordedPoses) else spec
+
+
+def members(marker: Marker, spec: Spec, ids: Sequence[int]) -> tuple[Marker, ...]:
+    """Markers of the same layout with a tag of each of these ids, each as if it had been designed by itself.
+
+    Parameters
+    ----------
+    marker : Marker
+        As designed from `spec`; the id of its tag does not matter.
+
+    Raises
+    ------
+    InputError
+        If it has no tag, or an id is not in the tag's family.
+    """
+    if marker.tag is None:
+        raise InputError("a tag to tell the markers of a family apart", "none", "add --tag aruco:DICT_4X4_50, say")
+    made = []
+    for number in ids:
+        tag = replace(marker.tag, id=number)
+        own = replace(spec, tag=str(tag))
+        stored = {**marker.provenance["spec"], "tag": str(tag)}
+        provenance = {**marker.provenance, "spec": stored, "spec_hash": own.hash}
+        made.append(replace(marker, tag=tag, provenance=provenance))
+    return tuple(made)

@@ -12,21 +12,17 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.model.poses import PoseDistribution
 from markergen.objectives import Objective
 from markergen.objectives.aggregates import aggregate_of
 from markergen.objectives.base import TraceObjective
 from markergen.objectives.criteria import regular_polygon
-from markergen.optimize.region import Region
+from markergen.optimize.problem import FeasibleRegion
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 RIM, INNER = 160, 160
 """Places along the edge of the region and inside of it, about; for more than 60 dots there are more."""
-
-FEW_POSES = 48
-"""Poses that stand for all in an exchange: what it finds is judged by all of them afterwards."""
 
 BETTER = 1e-4
 """Relative gain for which a dot is moved."""
@@ -35,21 +31,14 @@ SWEEPS, TURNS = 8, 500
 """Most rounds over all dots, and most turns of single dots."""
 
 
-def fewer(poses: PoseDistribution, count: int = FEW_POSES) -> PoseDistribution:
-    """Every p-th pose, about `count` in all; p is prime, so that it fits into no grid of poses."""
-    most = len(poses) // count
-    step = max((p for p in range(2, most + 1) if all(p % q for q in range(2, p))), default=1)
-    return poses.taken(np.arange(0, len(poses), step), poses.dropped)
-
-
-def edge(region: Region, count: int) -> Array:
+def edge(region: FeasibleRegion, count: int) -> Array:
     """Places (C, 2) in m on the edge of the region, about `count`, its corners among them."""
     boundary = region.boundary
     corners = [outline for outline in boundary.outlines() if len(outline) <= count]
     return boundary.project(np.concatenate([*corners, boundary.rim(count)]), region.inset)
 
 
-def places(region: Region, n: int) -> Array:
+def places(region: FeasibleRegion, n: int) -> Array:
     """Places (C, 2) in m for n control points: the edge of the region with its corners, and a lattice inside."""
     boundary, more = region.boundary, max(1.0, n / 60)
     rim = edge(region, int(RIM * more))
@@ -64,7 +53,7 @@ def places(region: Region, n: int) -> Array:
     return np.asarray(found[np.unique(np.round(found / (1e-3 * boundary.radius)), axis=0, return_index=True)[1]])
 
 
-class Table(ABC):
+class ExchangeTable(ABC):
     """What an objective says of layouts that have all control points but one in common.
 
     Attributes
@@ -89,7 +78,7 @@ class Table(ABC):
         return table
 
 
-class AnyTable(Table):
+class AnyExchangeTable(ExchangeTable):
     """The table of any objective, which is asked for each layout."""
 
     def __init__(self, objective: Objective, places: Array) -> None:
@@ -97,12 +86,12 @@ class AnyTable(Table):
         self._objective = objective
 
     def values(self, rest: Index, candidates: Index) -> Array:
-        """See `Table`."""
+        """See `ExchangeTable`."""
         kept = np.broadcast_to(self.places[rest], (len(candidates), len(rest), 2))
         return self._objective(np.concatenate([kept, self.places[candidates][:, None]], axis=1))
 
 
-class TraceTable(Table):
+class TraceExchangeTable(ExchangeTable):
     """The table of sqrt(trace(W M^-1)), M the sum of what each control point tells: a hundred times as fast.
 
     A point tells I = R'R with two rows R, and with A = M^-1 of the rest (M + R'R)^-1 = A - A R'(1 + R A R')^-1 R A.
@@ -119,7 +108,7 @@ class TraceTable(Table):
         self._upper = np.triu_indices(size)
 
     def joined(self, more: Array) -> Self:
-        """See `Table`."""
+        """See `ExchangeTable`."""
         table, told = super().joined(more), self._tell(more)
         table._told = np.concatenate([told, self._told], axis=1)
         table._products = np.concatenate([_products(told), self._products], axis=1)
@@ -133,7 +122,7 @@ class TraceTable(Table):
         return np.asarray((np.linalg.inv(self._objective.covariance(layouts)) - alone).swapaxes(0, 1))
 
     def values(self, rest: Index, candidates: Index) -> Array:
-        """See `Table`."""
+        """See `ExchangeTable`."""
         inverse = np.linalg.inv(self._told[:, rest].sum(axis=1) + self._little)
         weighed = inverse @ self._objective.weight @ inverse
         i, j = self._upper
@@ -160,17 +149,21 @@ def _products(told: Array) -> Array:
     return np.asarray(np.stack(mixed, axis=2) * np.where(i == j, 0.5, 1.0))
 
 
-def table_of(objective: Objective, places: Array) -> Table:
+def exchange_table(objective: Objective, places: Array) -> ExchangeTable:
     """The fastest table of places (C, 2) in m that the objective allows."""
-    return TraceTable(objective, places) if isinstance(objective, TraceObjective) else AnyTable(objective, places)
+    return (
+        TraceExchangeTable(objective, places)
+        if isinstance(objective, TraceObjective)
+        else AnyExchangeTable(objective, places)
+    )
 
 
-def exchange(table: Table, spacing: float, layout: Index) -> Index:
+def exchange(table: ExchangeTable, spacing: float, layout: Index) -> Index:
     """Move one control point after the other to its best place, until none has a better one.
 
     Parameters
     ----------
-    table : Table
+    table : ExchangeTable
     spacing : float
         Smallest distance in m between control points.
     layout : array (n,)

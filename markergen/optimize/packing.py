@@ -1,12 +1,13 @@
-"""How large n dots can be, and how many dots of one size fit."""
+"""Packings: how large n dots can be, and how many dots of one size fit."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.maths.rotation import turn_z
 from markergen.model.boundary import Boundary
-from markergen.optimize.contacts import contacts
-from markergen.optimize.region import Region
+from markergen.optimize.constraints import contacts
+from markergen.optimize.polish import slsqp
+from markergen.optimize.problem import FeasibleRegion
 
 Array = NDArray[np.float64]
 
@@ -45,7 +46,7 @@ def pack(boundary: Boundary, n: int, clearance: float | None = None) -> tuple[Ar
     if n > EXACT_UP_TO:
         return _pack_on_lattice(boundary, n, clearance)
     full = np.sqrt(4 * boundary.area / (np.pi * n))
-    region, rng = Region(boundary, 0.6 * full), np.random.default_rng(0)
+    region, rng = FeasibleRegion(boundary, 0.6 * full), np.random.default_rng(0)
     starts = list(region.sample(SAMPLES, n, rng))
     if len(region.walls) > 1:
         starts += [_spread(boundary, n, rng) for _ in range(SAMPLES)]
@@ -53,7 +54,7 @@ def pack(boundary: Boundary, n: int, clearance: float | None = None) -> tuple[Ar
     return points, max(0.0, diameter)
 
 
-def fitting(region: Region, n: int) -> Array | None:
+def fitting(region: FeasibleRegion, n: int) -> Array | None:
     """Layout (n, 2) in m that the region holds, such as a packing; None where none is found."""
     points, _ = pack(region.boundary, n, region.clearance)
     if region.holds(points[None])[0]:
@@ -71,7 +72,7 @@ def count_that_fit(boundary: Boundary, diameter: float, clearance: float, at_mos
     return fit
 
 
-def _grow(region: Region, start: Array, most: float, clearance: float | None) -> tuple[Array, float]:
+def _grow(region: FeasibleRegion, start: Array, most: float, clearance: float | None) -> tuple[Array, float]:
     """Dots that grow from nothing at points (n, 2) to at most `most` m, pushing each other; see `pack`."""
     n, scale = len(start), region.boundary.radius
     # Edge and gap as linear functions of the diameter: offset + slope * d.
@@ -81,7 +82,7 @@ def _grow(region: Region, start: Array, most: float, clearance: float | None) ->
     reach = np.inf if everything else REACH * most
     for _ in range(1 if everything else ROUNDS):
         before = x
-        x = _slsqp(region, x, most / scale, offset, tenth, reach / scale)
+        x = _run(region, x, most / scale, offset, tenth, reach / scale)
         if everything or np.abs(x - before).max() < 1e-6:
             break
     points = x[:-1].reshape(n, 2) * scale
@@ -93,10 +94,8 @@ def _grow(region: Region, start: Array, most: float, clearance: float | None) ->
     return points, float(d - 2 * max(0.0, -room.min(), -distance.min(initial=0.0)))
 
 
-def _slsqp(region: Region, x: Array, most: float, offset: float, tenth: float, reach: float) -> Array:
+def _run(region: FeasibleRegion, x: Array, most: float, offset: float, tenth: float, reach: float) -> Array:
     """One round of `_grow`, in units of the radius; no coordinate changes by more than `reach`."""
-    from scipy.optimize import minimize
-
     n, scale = (len(x) - 1) // 2, region.boundary.radius
     points, d, diagonal = x[:-1].reshape(n, 2) * scale, x[-1], np.sqrt(2) * reach
     gap, most_gap = offset + tenth * d, offset + tenth * most
@@ -127,18 +126,9 @@ def _slsqp(region: Region, x: Array, most: float, offset: float, tenth: float, r
     direction[-1] = -1.0
     bounds = None
     if np.isfinite(reach):
-        bounds = np.stack([x - reach, x + reach], axis=-1)
-        bounds[-1] = 0.0, most
-    result = minimize(
-        lambda x: -x[-1],
-        x,
-        jac=lambda _: direction,
-        method="SLSQP",
-        bounds=bounds,
-        constraints=[{"type": "ineq", "fun": slack, "jac": slack_jacobian}],
-        options={"maxiter": 200, "ftol": 1e-9},
-    )
-    return np.asarray(result.x)
+        bounds = x - reach, x + reach
+        bounds[0][-1], bounds[1][-1] = 0.0, most
+    return slsqp(lambda x: (-x[-1], direction), slack, slack_jacobian, x, bounds, 200, 1e-9)
 
 
 def _spread(boundary: Boundary, n: int, rng: np.random.Generator) -> Array:

@@ -1,14 +1,21 @@
-"""Constrained polish of a layout: SLSQP on the exact constraints, from where the descent left off."""
+"""Constrained polish of a layout by SLSQP on the exact constraints, from where a descent left off.
+
+`slsqp` is the one driver of SciPy's sequential quadratic programming, and `Clearances` the constraints of any layout;
+packings, layouts in space and layouts without a key ring are found with both.
+"""
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.objectives import Objective
-from markergen.optimize.contacts import contacts
-from markergen.optimize.region import Region
+from markergen.optimize.constraints import contacts
+from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.trace import Record
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 SOFTNESSES = (0.1, 0.03, 0.01, 0.003, 0.001, 1e-4, 1e-5)
 """Continuation for an objective with kinks (s7 = s8): each stage starts from the one before and follows a smooth
@@ -24,8 +31,101 @@ REACH, ROUNDS = 0.15, 4
 rounds, and only what it can come to touch is a constraint: dozens of them instead of thousands."""
 
 
+def slsqp(
+    cost: Callable[[Array], tuple[float, Array]],
+    slack: Callable[[Array], Array],
+    slack_jacobian: Callable[[Array], Array],
+    start: Array,
+    bounds: tuple[Array, Array] | None,
+    iterations: int,
+    tolerance: float,
+    visited: Callable[[Array], object] | None = None,
+) -> Array:
+    """Minimize cost(x) subject to slack(x) >= 0 and bounds.
+
+    How the run ended is not told: what matters is whether the layout that it ended with is feasible and better, which
+    callers ask anyway.
+
+    Parameters
+    ----------
+    cost : callable
+        Value and gradient (m,) at x (m,).
+    slack, slack_jacobian : callable
+        Constraints (c,), and their derivative (c, m).
+    start : array (m,)
+        All unknowns should be of about the same size, as coordinates in radii are.
+    bounds : pair of arrays (m,) or None
+        Least and largest x.
+    iterations : int
+        Most steps.
+    tolerance : float
+        Change of the cost at which it ends.
+    visited : callable or None
+        Called with x after each step.
+
+    Returns
+    -------
+    array (m,)
+        The last x, which may be infeasible by some rounding.
+    """
+    from scipy.optimize import minimize
+
+    result = minimize(
+        cost,
+        start,
+        jac=True,
+        method="SLSQP",
+        bounds=None if bounds is None else np.stack(bounds, axis=-1),
+        constraints=[{"type": "ineq", "fun": slack, "jac": slack_jacobian}],
+        options={"maxiter": iterations, "ftol": tolerance},
+        callback=visited,
+    )
+    return np.asarray(result.x)
+
+
+class Clearances:
+    """Walls and other dots that a layout must keep clear of while no coordinate changes by more than `reach`.
+
+    The slack at walls is in radii of the boundary, that at other dots in squared radii, and derivatives are by
+    coordinates in radii.
+
+    Parameters
+    ----------
+    region : FeasibleRegion
+    start : array (n, 2), m
+    reach : float
+        m; inf takes everything for near.
+    unit : float
+        Length in m that layouts (n, 2) are given in.
+    moving : array or None
+        Indices of the dots that move, None for all.
+    """
+
+    def __init__(
+        self, region: FeasibleRegion, start: Array, reach: float, unit: float, moving: Index | None = None
+    ) -> None:
+        # No distance between two dots changes by more than twice the reach's diagonal.
+        diagonal = np.sqrt(2) * reach
+        to_dot = region.spacing + 2 * diagonal if region.spacing else -1.0
+        near = contacts(region.walls, start, region.inset, region.inset + diagonal, to_dot)
+        self._near = near if moving is None else near.of(moving)
+        self._inset, self._scale, self._unit = region.inset, region.boundary.radius, unit
+        self._radius = self._scale / unit
+        self._least = (region.spacing / self._scale) ** 2
+
+    def slack(self, layout: Array) -> Array:
+        """Slack (c,) of the constraints; 0 or more is feasible."""
+        room = (self._near.room(layout * self._unit) - self._inset) / self._scale
+        return np.concatenate([room, np.sum((self._near.apart(layout) / self._radius) ** 2, axis=-1) - self._least])
+
+    def slack_jacobian(self, layout: Array) -> Array:
+        """Derivative (c, n, 2) of `slack`."""
+        pairs = self._near.apart_jacobian(layout, 2 / self._radius * self._near.apart(layout))
+        return np.concatenate([self._near.room_jacobian(layout * self._unit), pairs])
+
+
 def polish(
-    objective: Objective, region: Region, start: Array, iterations: int = 60, record: Record | None = None
+    objective: Objective, region: FeasibleRegion, start: Array, iterations: int = 60, record: Record | None = None
 ) -> tuple[Array, float]:
     """Improve one layout (n, 2) in m; return it and its value, never worse than the start if that is feasible.
 
@@ -34,7 +134,7 @@ def polish(
     """
     best, best_value = start, float(objective(start[None])[0]) if region.holds(start[None])[0] else np.inf
     current = start
-    for softness in SOFTNESSES if objective.kinked else (0.0,):
+    for softness in SOFTNESSES if objective.nonsmooth else (0.0,):
         current = _rounds(objective, region, current, softness, iterations, record)
         value = float(objective(current[None])[0])
         if value < best_value and region.holds(current[None])[0]:
@@ -43,7 +143,7 @@ def polish(
 
 
 def _rounds(
-    objective: Objective, region: Region, start: Array, softness: float, iterations: int, record: Record | None
+    objective: Objective, region: FeasibleRegion, start: Array, softness: float, iterations: int, record: Record | None
 ) -> Array:
     reach = np.inf
     if len(region.walls) > 1 or len(start) > ALL_PAIRS_UP_TO:
@@ -52,7 +152,7 @@ def _rounds(
             reach = min(reach, region.spacing / 2)
     for _ in range(ROUNDS):
         way = [start]
-        end = _slsqp(objective, region, start, softness, iterations, reach, way)
+        end = _run(objective, region, start, softness, iterations, reach, way)
         moved = np.abs(end - start).max()
         start = region.project(end[None])[0]
         if record:
@@ -62,9 +162,9 @@ def _rounds(
     return start
 
 
-def _slsqp(
+def _run(
     objective: Objective,
-    region: Region,
+    region: FeasibleRegion,
     start: Array,
     softness: float,
     iterations: int,
@@ -72,38 +172,22 @@ def _slsqp(
     way: list[Array],
 ) -> Array:
     """One run of SLSQP from a layout (n, 2); its steps are added to `way`."""
-    from scipy.optimize import minimize
-
     n, scale = len(start), region.boundary.radius
-    # No coordinate changes by more than the reach, no distance between two dots by more than twice its diagonal.
-    diagonal = np.sqrt(2) * reach
-    to_dot = region.spacing + 2 * diagonal if region.spacing else -1.0
-    near = contacts(region.walls, start, region.inset, region.inset + diagonal, to_dot)
-    least = (region.spacing / scale) ** 2
+    clear = Clearances(region, start, reach, scale)
 
     def log_value(x: Array) -> tuple[float, Array]:
         value, gradient = objective.value_and_gradient(x.reshape(1, n, 2) * scale, softness)
         return float(np.log(value[0])), (gradient[0] * (scale / value[0])).ravel()
 
-    def slack(x: Array) -> Array:
-        points = x.reshape(n, 2)
-        room = (near.room(points * scale) - region.inset) / scale
-        return np.concatenate([room, np.sum(near.apart(points) ** 2, axis=-1) - least])
-
-    def slack_jacobian(x: Array) -> Array:
-        points = x.reshape(n, 2)
-        pairs = near.apart_jacobian(points, 2 * near.apart(points))
-        return np.concatenate([near.room_jacobian(points * scale), pairs]).reshape(-1, 2 * n)
-
     x = start.ravel() / scale
-    result = minimize(
+    end = slsqp(
         log_value,
+        lambda x: clear.slack(x.reshape(n, 2)),
+        lambda x: clear.slack_jacobian(x.reshape(n, 2)).reshape(-1, 2 * n),
         x,
-        jac=True,
-        method="SLSQP",
-        bounds=None if np.isinf(reach) else np.stack([x - reach / scale, x + reach / scale], axis=-1),
-        constraints=[{"type": "ineq", "fun": slack, "jac": slack_jacobian}],
-        options={"maxiter": iterations, "ftol": 1e-10},
-        callback=lambda x: way.append(x.reshape(n, 2) * scale),
+        None if np.isinf(reach) else (x - reach / scale, x + reach / scale),
+        iterations,
+        1e-10,
+        lambda x: way.append(x.reshape(n, 2) * scale),
     )
-    return np.asarray(result.x).reshape(n, 2) * scale
+    return end.reshape(n, 2) * scale

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.objectives import Objective
-from markergen.optimize.region import Region
+from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.trace import Record
 
 Array = NDArray[np.float64]
@@ -39,7 +39,7 @@ class Descent:
 
 def descend(
     objective: Objective,
-    region: Region,
+    region: FeasibleRegion,
     starts: Array,
     steps: int = 150,
     patience: int = 10,

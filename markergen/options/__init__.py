@@ -1,4 +1,4 @@
-"""Options: what is declared of one, the kinds of their values, and the check of what callers give.
+"""Option declarations, the kinds of their values, and validation of caller input.
 
 The options themselves are declared in `markergen.options.tables`.
 """
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     CameraLike = str | PathLike[str] | IO[str] | IO[bytes] | Camera | Mapping[str, Any]
     Poses = str | PathLike[str] | PoseDistribution
 else:
-    # Type checkers see above what callers may give; at runtime the aliases carry the kind, one of `ACCEPTED`.
+    # Type checkers see the accepted types above; at runtime the aliases carry the kind, one of `ACCEPTED`.
     Length = Annotated[object, "length"]
     LengthOrAuto = Annotated[object, "length or auto"]
     File = Annotated[object, "file"]
@@ -48,7 +48,7 @@ else:
     Poses = Annotated[object, "poses"]
 
 Progress = Callable[[str, int, int], None]
-"""Called along the way with the name of the stage, what is done of it, and its total."""
+"""Progress callback: name of the stage, amount done, total."""
 
 ACCEPTED = {
     "length": "float | str",
@@ -62,16 +62,16 @@ ACCEPTED = {
     "camera": "Camera | str | Path | dict",
     "poses": "str | Path | PoseDistribution",
 }
-"""What may be given for each kind of value, as ``help()`` and editors show it."""
+"""Accepted types for each kind of value, as ``help()`` and editors show them."""
 
 REPEATABLE = ("files", "texts", "shapes")
-"""Kinds of which several may be given."""
+"""Kinds that accept several values."""
 
 LAYOUT, VIEW, DOTS = "Layout", "Camera and poses", "Dots and labels"
 SHEET, SOLID, SEARCH = "Sheet", "Solid", "Search"
 TRIALS, IMAGES, ERRORS, RUN, FILES = "Trials", "Synthetic views", "Print and calibration", "Run", "Files"
 GROUPS = (LAYOUT, VIEW, DOTS, TRIALS, IMAGES, ERRORS, SHEET, SOLID, SEARCH, RUN, FILES)
-"""In the order of help."""
+"""Groups in the order of help."""
 
 
 @dataclass(frozen=True)
@@ -84,16 +84,16 @@ class Option:
         One of `GROUPS`.
     help : str
         A sentence or two, without the default.
-    default : object
+        Default, as a user would write it; None if `otherwise` describes it, or there is none.
         Its default, as a user would write it; None if `otherwise` describes it, or there is none.
     otherwise : str
         The default in words.
     metavar : str
         Placeholder for the value in help.
     flags : str
-        Its spelling on the command line, where that does not follow from the name.
+        Spelling on the command line, if it does not follow from the name.
     aliases : tuple of str
-        Further names that spec files have for it.
+        Additional names accepted in spec files.
     name, kind : str
         Filled in by `declared`: the keyword, and the kind of its value: ``int``, ``float``, ``str``, ``bool``, or one
         of the kinds above.
@@ -120,14 +120,14 @@ class Option:
 
     @property
     def flag(self) -> str:
-        """Its long flag on the command line: ``--corner-radius``."""
+        """Long flag on the command line: ``--corner-radius``."""
         words = self.flags.replace("/", " ").split() or ["--" + self.name.replace("_", "-")]
         return next(word for word in words if word.startswith("--"))
 
 
 @cache
 def declared(table: type) -> Mapping[str, Option]:
-    """Options of a table by name, in the order of `GROUPS` and, within each, of their declaration.
+    """Return a table's options by name, in the order of `GROUPS` and, within each, of declaration.
 
     >>> from markergen.options.tables import DesignKeywords
     >>> declared(DesignKeywords)["corner_radius"].flag
@@ -150,7 +150,7 @@ def _named(name: str, hint: Any) -> Option:
 
 
 class _Accepted:
-    """An annotation that ``help()`` shows as it stands in `ACCEPTED`."""
+    """Annotation that ``help()`` shows as written in `ACCEPTED`."""
 
     def __init__(self, words: str) -> None:
         self._words = words
@@ -160,7 +160,7 @@ class _Accepted:
 
 
 def _accepted(hint: Any) -> Any:
-    """Annotation with the kinds of values in it as what may be given for them."""
+    """Replace the kinds of values in an annotation with the types they accept."""
     if get_origin(hint) is Annotated:
         kind, first, *_ = get_args(hint)
         return _Accepted(ACCEPTED[first]) if kind is object else kind
@@ -170,7 +170,7 @@ def _accepted(hint: Any) -> Any:
 
 
 def signature_of(function: Any, table: type) -> Signature:
-    """Signature of a function with its ``**options`` spelled out, as a table declares them."""
+    """Return the signature of a function with its ``**options`` spelled out as declared in a table."""
     from inspect import signature
 
     own = [each for each in signature(function).parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
@@ -183,27 +183,27 @@ def signature_of(function: Any, table: type) -> Signature:
 
 
 def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
-    """Check the options that a caller gave and return all of a table's, converted, with defaults for what is missing.
+    """Check a caller's options and return all options of the table, converted and with defaults filled in.
 
-    It is as strict as a spec file: no ``"5"`` for a number, no True for 1; scalars of numpy are numbers as any other.
+    As strict as a spec file: no ``"5"`` for a number, no True for 1. NumPy scalars count as numbers.
 
     Parameters
     ----------
     options : mapping
-        Keyword arguments. None stands for an option that was not given.
+        Keyword arguments; None means that the option was not given.
     table : type
-        One of the tables of `markergen.options.tables`; its name is that of the function, as in ``ValidateKeywords``.
+        One of the tables of `markergen.options.tables`, named after its function, as in ``ValidateKeywords``.
 
     Returns
     -------
     dict
-        Every name of the table: lengths in m, files as `Path`, what may be repeated as a tuple; None where nothing was
-        given and the table has no default. Shapes, cameras and poses are as they were given, for those who know them.
+        Every name of the table: lengths in m, files as `Path`, repeatable options as tuples; None where nothing was
+        given and the table has no default. Shapes, cameras and poses are passed on unchanged.
 
     Raises
     ------
     InputError
-        Listing all errors: unknown names, each with the nearest known one, and values of a wrong type.
+        Listing all errors: unknown names, each with the nearest known one, and values of the wrong type.
 
     Examples
     --------
@@ -241,7 +241,7 @@ def read_as(kind: str, value: Any, name: str) -> Any:
     Raises
     ------
     InputError
-        If it is of another type.
+        If the value is of the wrong type.
 
     Examples
     --------
@@ -255,7 +255,7 @@ def read_as(kind: str, value: Any, name: str) -> Any:
 
 
 def check_progress(progress: object) -> None:
-    """Refuse what cannot be called, before any work is done; raises InputError."""
+    """Refuse a progress callback that is not callable, before any work is done; raises InputError."""
     if progress is not None and not callable(progress):
         raise InputError(
             "a function for progress", brief(progress), "give one that takes a stage, what is done, and a total"
@@ -263,20 +263,20 @@ def check_progress(progress: object) -> None:
 
 
 def given(options: Mapping[str, Any], table: type) -> dict[str, Any]:
-    """Options that a caller gave, checked and converted as `settle` does; the others are left to whoever asks."""
+    """Return only the options that a caller gave, checked and converted as by `settle`."""
     settled = settle(options, table)
     return {name: settled[name] for name, value in options.items() if value is not None}
 
 
 def as_list(value: Any) -> list[Any]:
-    """What was given as a list, whether it is one thing or several: a text, path, mapping or open file is one.
+    """Return a value as a list; a string, path, mapping or open file counts as a single item.
 
     >>> as_list("marker.json"), as_list(("a.json", "b.json"))
     (['marker.json'], ['a.json', 'b.json'])
     """
-    # The lines of an open file are not several things.
+    # An open file is iterable, but its lines are not separate values.
     one = isinstance(value, str | bytes | os.PathLike | Mapping) or hasattr(value, "read")
-    one = one or getattr(value, "ndim", 1) == 0  # An array may be one number.
+    one = one or getattr(value, "ndim", 1) == 0  # A zero-dimensional array is a single number.
     return list(value) if isinstance(value, Iterable) and not one else [value]
 
 
@@ -286,7 +286,7 @@ def _hint(name: str, known: Mapping[str, Option]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Scalars of numpy as the Python values that they stand for, without numpy."""
+    """Convert NumPy scalars to Python values, without importing NumPy."""
     is_scalar = getattr(value, "ndim", None) == 0 and hasattr(value, "item")
     return value.item() if is_scalar else value
 
@@ -356,7 +356,7 @@ def _several(read: Callable[[Any, str], Any], expected: str) -> Callable[[Any, s
 
 
 def _thing(expected: str) -> Callable[[Any, str], Any]:
-    """Pass on what may be an object of markergen, whose class this layer does not know; no builtin is one."""
+    """Pass on an object of a markergen class that this layer cannot import; builtins are refused."""
 
     def read(value: Any, _: str) -> Any:
         if isinstance(value, str | os.PathLike | Mapping) or type(value).__module__ != "builtins":

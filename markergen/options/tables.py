@@ -1,8 +1,8 @@
-"""All options, declared once: name, type, unit, default, help and group of every option.
+"""All options, each declared once: name, type, unit, default, help and group.
 
-The command line's options and its help, the keys of a spec file and their JSON Schema, and the keyword arguments of
-`markergen.design`, `export`, `validate` and the others are all made of the tables here; a new option is a new line.
-Each table is a ``TypedDict``, so that type checkers know the keywords, too.
+The command-line options and their help, the keys of a spec file and their JSON Schema, and the keyword arguments of
+`markergen.design`, `export`, `validate` and the others are all generated from these tables; a new option is a new
+line. Each table is a ``TypedDict``, so type checkers know the keywords, too.
 """
 
 from typing import Annotated, TypedDict
@@ -33,7 +33,7 @@ from markergen.options import (
 
 
 class SheetKeywords(TypedDict, total=False):
-    """Options of the sheet that a marker is printed on."""
+    """Options for the sheet that a marker is printed on."""
 
     paper: Annotated[
         str,
@@ -75,7 +75,7 @@ class SheetKeywords(TypedDict, total=False):
 
 
 class PlateKeywords(TypedDict, total=False):
-    """Options of the plate that carries the dots of a solid."""
+    """Options for the plate that carries the dots of a solid."""
 
     thickness: Annotated[Length, Option(SOLID, "Thickness of the plate.", "3mm")]
     edge: Annotated[
@@ -113,13 +113,13 @@ class PlateKeywords(TypedDict, total=False):
 
 
 class ProcessKeyword(TypedDict, total=False):
-    """Option for how a solid is made."""
+    """Option for the manufacturing process of a solid."""
 
     process: Annotated[
         str,
         Option(
             SOLID,
-            "How solids are made: one of the processes that markergen export --help lists.",
+            "Manufacturing process of solids: one of those that markergen export --help lists.",
             "fdm",
             metavar="NAME",
         ),
@@ -192,7 +192,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         str,
         Option(
             VIEW,
-            "point: 1 px for every dot; image: from the image of each dot in each pose.",
+            "point: 1 px for every dot; image: predicted from the image of each dot in each pose.",
             otherwise="point",
             metavar="NAME",
         ),
@@ -247,7 +247,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         str,
         Option(
             DOTS,
-            "A family of markers of one layout with these ids instead of the tag's own: 0-9, or 0,3,7; on one sheet, "
+            "A family of markers with one layout and these ids instead of the tag's own: 0-9, or 0,3,7; on one sheet, "
             "with <stem>-<id>.json for each.",
             metavar="LIST",
         ),
@@ -301,7 +301,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
 
 
 OUTSIDE_FILES = ("template", "output", "trace")
-"""Options of a design that a spec file does not have."""
+"""Design options that a spec file does not have."""
 
 
 class ExportKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
@@ -311,7 +311,7 @@ class ExportKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         bool,
         Option(
             SHEET,
-            "Draw a rescaled marker so that the measured printer makes it as designed.",
+            "Draw a rescaled marker so that the measured printer prints it as designed.",
             False,
             flags="--compensate",
         ),
@@ -324,7 +324,7 @@ class ExportKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
     through: Annotated[
         bool, Option(SOLID, "Holes as dots, instead of milled pockets with discs.", False, flags="--through")
     ]
-    tool: Annotated[Length, Option(SOLID, "Diameter of nozzle, mill or beam.", otherwise="the process decides")]
+    tool: Annotated[Length, Option(SOLID, "Diameter of the nozzle, end mill or beam.", otherwise="the process decides")]
     dome: Annotated[str, Option(SOLID, "Shape for --process dome: half or ball.", "half", metavar="NAME")]
     draft: Annotated[
         float, Option(SOLID, "Angle by which pillars of a relief widen toward the plate.", 0, metavar="DEGREES")
@@ -346,14 +346,14 @@ class ExportKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
 
 
 class ValidateKeywords(TypedDict, total=False):
-    """Options of a validation, beside the marker and the camera."""
+    """Options of a validation, besides the marker and the camera."""
 
     poses: Annotated[
         Poses,
         Option(
             VIEW,
             "paper, paper-roll, cone:tilt=0..60,distance=0.4..1m, or a CSV, JSON, TUM or COLMAP file.",
-            otherwise="what it was designed for",
+            otherwise="the poses of the design",
             metavar="NAME|CONE|FILE",
         ),
     ]
@@ -372,16 +372,14 @@ class ValidateKeywords(TypedDict, total=False):
     background: Annotated[
         str, Option(IMAGES, "Background of the marker: plain, clutter or photo.", "plain", metavar="NAME")
     ]
-    hide: Annotated[int, Option(IMAGES, "Number of dots that are covered in each view.", 0)]
+    hide: Annotated[int, Option(IMAGES, "Number of dots covered in each view.", 0)]
     refine: Annotated[
         str,
         Option(IMAGES, "none, or photometric: align the rendered model with the image.", "none", metavar="NAME"),
     ]
     stress: Annotated[
         bool,
-        Option(
-            IMAGES, "Repeat the views with blur, noise, little light, a hidden dot, clutter.", False, flags="--stress"
-        ),
+        Option(IMAGES, "Repeat the views with blur, noise, low light, a hidden dot, clutter.", False, flags="--stress"),
     ]
     print_sigma: Annotated[
         Length, Option(ERRORS, "Standard deviation of a printed dot's position along each axis.", "0.1mm")
@@ -395,7 +393,7 @@ class ValidateKeywords(TypedDict, total=False):
 
 
 class CompareKeywords(TypedDict, total=False):
-    """Options of a comparison, beside the contestants."""
+    """Options of a comparison, besides the contestants."""
 
     views: Annotated[int, Option(IMAGES, "Synthetic images of each, from the same poses.", 200)]
     poses: Annotated[
@@ -403,7 +401,7 @@ class CompareKeywords(TypedDict, total=False):
         Option(
             VIEW,
             "paper, paper-roll, a cone, or a file of poses.",
-            otherwise="what the first was designed for",
+            otherwise="the design poses of the first one",
             metavar="NAME",
         ),
     ]
@@ -415,7 +413,7 @@ class CompareKeywords(TypedDict, total=False):
 
 
 class VerifyKeywords(TypedDict, total=False):
-    """Options of a verification, beside the marker and the files."""
+    """Options of a verification, besides the marker and the files."""
 
     tolerance: Annotated[
         Length,
@@ -424,7 +422,7 @@ class VerifyKeywords(TypedDict, total=False):
 
 
 class DetectKeywords(TypedDict, total=False):
-    """Options of a detector, beside the markers and the camera."""
+    """Options of a detector, besides the markers and the camera."""
 
     camera_covariance: Annotated[
         File,
@@ -467,7 +465,7 @@ class StudyKeywords(TypedDict, total=False):
     ]
     resume: Annotated[
         bool,
-        Option(RUN, "Continue in a folder: what is finished is not computed again.", False, flags="--resume"),
+        Option(RUN, "Continue in a folder: finished cells are not computed again.", False, flags="--resume"),
     ]
     runs: Annotated[
         int,

@@ -1,5 +1,5 @@
-"""One way to present results: `tables` for the terminal, CSV and data frames, `plots` in SVG, `pages` in HTML.
+"""Presentation of results: `tables` for the terminal, CSV and data frames, `plots` in SVG, `pages` in HTML.
 
-`results` holds what the results of the library's functions have in common. The same values give the same bytes, and
-text that comes from files is escaped everywhere.
+`results` is the common base of the results of the library's functions. Equal values give equal bytes, and text from
+files is escaped everywhere.
 """

@@ -1,4 +1,4 @@
-"""Pages of HTML that load nothing from elsewhere but what lies beside them; all text is escaped."""
+"""HTML pages that load only files stored beside them; all text is escaped."""
 
 import base64
 from collections.abc import Mapping
@@ -9,18 +9,18 @@ from markergen.errors import InputError
 
 _JPEG_QUALITY = 90
 _SMALL_PNG = 60_000
-"""Bytes up to which a picture is left as it is; noise makes larger ones of most views, and a report has a dozen."""
+"""Maximum size in bytes of a picture kept as PNG; noise makes most views larger, and a report has a dozen of them."""
 
 
 def page_bytes(template: str, values: Mapping[str, Any]) -> bytes:
-    """Fill in a template of jinja2 and return the page in UTF-8; the same bytes for the same values.
+    """Fill in a jinja2 template and return the page in UTF-8; equal values give equal bytes.
 
     Parameters
     ----------
     template : str
-        The text itself; lines that hold nothing but a statement leave no line.
+        Text of the template; lines with only a statement leave no line in the page.
     values : mapping
-        Every value is escaped, unless the template marks it as safe, as it may our own drawings.
+        Values are escaped unless the template marks them as safe, which is allowed for our own drawings.
 
     Raises
     ------
@@ -35,12 +35,12 @@ def page_bytes(template: str, values: Mapping[str, Any]) -> bytes:
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    # A lone surrogate, which JSON allows, has no UTF-8.
+    # JSON allows lone surrogates, which UTF-8 cannot encode.
     return environment.from_string(template).render(values).encode("utf-8", "replace")
 
 
 def data_uri(png: bytes) -> str:
-    """Return PNG bytes as a data URI; pictures full of noise as JPEG, which takes a fifth of the room."""
+    """Return PNG bytes as a data URI; noisy pictures become JPEG, a fifth of the size."""
     import cv2
     import numpy as np
 
@@ -54,7 +54,7 @@ def data_uri(png: bytes) -> str:
 
 
 def check_page(path: Path) -> None:
-    """Refuse a name whose ending promises something else than a page.
+    """Reject a file name whose suffix is not that of an HTML page.
 
     Raises
     ------

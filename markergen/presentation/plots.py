@@ -1,8 +1,8 @@
-"""Plots with matplotlib: the same drawing gives the same bytes, whatever the user's own settings are.
+"""Plots with matplotlib: the same drawing gives the same bytes, regardless of the user's settings.
 
-Three kinds of picture, each drawn by a function of its caller: `svg_bytes` for a figure of a study, which looks the
-same wherever it is put; `plot` for a drawing inside a page, whose text stays text; `figure_bytes` for a file that a
-user names. `log_axis`, `positive` and `legend_below` are what their axes share, `SERIES` are the looks of their lines.
+Each kind of picture is drawn by a function of its caller: `svg_bytes` for a figure of a study, which looks the same
+everywhere; `plot` for a drawing inside a page, whose text remains text; `figure_bytes` for a file named by the user.
+Their axes share `log_axis`, `positive` and `legend_below`; `SERIES` are the line styles.
 """
 
 import io
@@ -30,10 +30,10 @@ SERIES: tuple[dict[str, Any], ...] = (
     {"color": "#7a6a00", "linestyle": (0, (4, 1, 1, 1, 1, 1)), "marker": "v"},
     {"color": "#3a8f8f", "linestyle": (0, (7, 2)), "marker": "P"},
 )
-"""Looks of the lines of a plot: each differs from the others in dashes and marks as well as in color."""
+"""Styles of the lines of a plot, which differ in dashes and markers as well as in color."""
 
 FORMATS: dict[str, dict[str, None]] = {".svg": {"Date": None, "Creator": None}, ".png": {"Software": None}}
-"""Formats of pictures by suffix, and what to leave out of each: a time, and a version."""
+"""Picture formats by suffix, and the metadata to omit from each: the date and the version of matplotlib."""
 
 SIZE = (4.9, 3.9)
 """Width and height in inches of a plot that shares its row of a page with another."""
@@ -43,7 +43,7 @@ _SALT = {"svg.hashsalt": "markergen"}
 
 _STYLE: dict[str, Any] = {
     **_SALT,
-    "svg.fonttype": "path",  # A figure looks the same wherever it is put, whatever fonts are there.
+    "svg.fonttype": "path",  # A figure looks the same whatever fonts are installed.
     "text.parse_math": False,
     "font.size": 9.5,
     "axes.titlesize": 10,
@@ -64,7 +64,7 @@ _STYLE: dict[str, Any] = {
 
 _PAGE_STYLE: dict[str, Any] = {
     **_STYLE,
-    "svg.fonttype": "none",  # Text stays text: a reader can search it, and a screen reader can read it.
+    "svg.fonttype": "none",  # Text remains text, which can be searched and read by screen readers.
     "axes.edgecolor": MUTED,
     "axes.labelcolor": INK,
     "xtick.color": INK,
@@ -81,21 +81,21 @@ _TICKS = (
     (1000, (1, 3)),
     (math.inf, (1,)),
 )
-"""Where a logarithmic axis is labeled in each decade, by the ratio of its ends."""
+"""Labeled steps in each decade of a logarithmic axis, by the ratio of its limits."""
 
 
 @dataclass(frozen=True)
 class Plot:
-    """A drawing on a page.
+    """Drawing on a page.
 
     Attributes
     ----------
     svg : str
-        Inline SVG; its text is escaped.
+        Inline SVG with escaped text.
     caption : str
-        How to read it.
+        Explanation below the drawing.
     wide : bool
-        Whether it takes a row of its own.
+        True if it takes a row of its own.
     """
 
     svg: str
@@ -104,18 +104,18 @@ class Plot:
 
 
 def plot(draw: Callable[["Axes"], object], name: str, alt: str, caption: str, size: tuple[float, float] = SIZE) -> Plot:
-    """Draw on new axes, and return the drawing as a part of a page.
+    """Draw on new axes, and return the drawing as part of a page.
 
     Parameters
     ----------
     draw : callable
-        Takes matplotlib axes.
+        Function that draws on the given matplotlib axes.
     name : str
-        Unique in the page: no two drawings may share an id.
+        Prefix of the drawing's ids, unique in the page.
     alt : str
-        What is to be seen, for whoever cannot see it.
+        Text alternative for readers who cannot see the drawing.
     size : (float, float)
-        Width and height in inches of a page on paper.
+        Width and height in inches when printed.
     """
     from matplotlib.figure import Figure
 
@@ -128,7 +128,7 @@ def plot(draw: Callable[["Axes"], object], name: str, alt: str, caption: str, si
 
 
 def svg_bytes(draw: Callable[["Figure"], object], size: tuple[float, float]) -> bytes:
-    """Draw on a new figure of that width and height in inches, and return it as an SVG file."""
+    """Draw on a new figure of the given width and height in inches, and return it as an SVG file."""
     from matplotlib.figure import Figure
 
     with _settings(_STYLE):
@@ -138,7 +138,7 @@ def svg_bytes(draw: Callable[["Figure"], object], size: tuple[float, float]) -> 
 
 
 def figure_bytes(draw: Callable[[], "Figure"], path: Path) -> bytes:
-    """Return the figure that `draw` makes as a file in the format of the path's suffix."""
+    """Return the figure made by `draw` as a file in the format of the path's suffix."""
     check_figure(path)
     suffix = path.suffix.lower()
     with _settings(_SALT):
@@ -146,7 +146,7 @@ def figure_bytes(draw: Callable[[], "Figure"], path: Path) -> bytes:
 
 
 def check_figure(path: Path) -> None:
-    """Refuse the name of a picture in a format that is not drawn.
+    """Reject the name of a picture in an unsupported format.
 
     Raises
     ------
@@ -158,31 +158,31 @@ def check_figure(path: Path) -> None:
 
 
 def new_figure(size: tuple[float, float] = (6.4, 4.8)) -> "Figure":
-    """Return an empty figure of `size` in inches that no window belongs to."""
+    """Return an empty figure of `size` in inches without a window."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=size, layout="constrained")
 
 
 def axes_of(ax: object, size: tuple[float, float] = (6.4, 4.8)) -> "Axes":
-    """Return the axes that were given, or, for None, those of a new figure of `size` in inches.
+    """Return the given axes, or for None those of a new figure of `size` in inches.
 
     Raises
     ------
     InputError
-        If it is something else, such as a figure, or the array of axes that ``plt.subplots(2)`` makes.
+        If `ax` is something else, such as a figure or the array of axes from ``plt.subplots(2)``.
     """
     from matplotlib.axes import Axes
 
     if ax is None:
         return new_figure(size).add_subplot()
     if not isinstance(ax, Axes):
-        raise InputError("axes of matplotlib", f"ax={brief(ax)}", "give one of those that plt.subplots makes, or None")
+        raise InputError("axes of matplotlib", f"ax={brief(ax)}", "give axes from plt.subplots, or None")
     return ax
 
 
 def positive(value: float | None) -> float:
-    """Return a value that a logarithmic axis can show; nan, which leaves a gap, for any other."""
+    """Return a value if a logarithmic axis can show it, otherwise nan, which leaves a gap."""
     return float(value) if value and value > 0 and math.isfinite(value) else float("nan")
 
 
@@ -192,7 +192,7 @@ def ticks(low: float, high: float) -> tuple[float, ...]:
 
 
 def log_axis(ax: "Axes", which: str, steps: tuple[float, ...] = ()) -> None:
-    """Make the ``x`` or ``y`` axis logarithmic, with plain numbers at some steps of each decade: these, or `ticks`."""
+    """Make the ``x`` or ``y`` axis logarithmic, with plain numbers at the given steps of each decade, or at `ticks`."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
     getattr(ax, f"set_{which}scale")("log")
@@ -203,13 +203,13 @@ def log_axis(ax: "Axes", which: str, steps: tuple[float, ...] = ()) -> None:
 
 
 def legend_below(ax: "Axes") -> None:
-    """Put the legend under the axes, where it covers no line."""
+    """Put the legend below the axes, where it covers no line."""
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2, columnspacing=1.2)
 
 
 @contextmanager
 def _settings(style: Mapping[str, Any]) -> Iterator[None]:
-    """Draw with these settings of matplotlib and its defaults; the user's own are as before afterwards."""
+    """Apply these matplotlib settings on top of its defaults, and restore the user's afterwards."""
     import matplotlib
 
     with matplotlib.rc_context():
@@ -227,9 +227,9 @@ def _saved(figure: "Figure", **options: Any) -> bytes:
 def _inline(svg: str, name: str, alt: str) -> str:
     from markupsafe import escape
 
-    # Ids are made from what is drawn, so that equal things in two drawings of one page would share them.
+    # Ids are hashes of what they identify, so equal items in two drawings of one page would share an id.
     svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", svg[svg.index("<svg") :])
-    # Fonts and joins are the page's: a style inside a drawing would hold for all of the page.
+    # The page sets fonts and joins: a style inside a drawing would apply to the entire page.
     svg = re.sub(r"<style.*?</style>|<metadata>.*?</metadata>|font-family: [^;\"]*; ", "", svg, flags=re.DOTALL)
     box = re.search(r'viewBox="[^"]*"', svg)
     head = f'<svg {box[0] if box else ""} role="img" aria-label="{escape(alt)}">'

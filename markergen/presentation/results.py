@@ -1,4 +1,4 @@
-"""What the results of the library's functions have in common: how they are shown, and how they are written to files."""
+"""Common base of the results of the library's functions: display, and export to files."""
 
 import json
 import math
@@ -18,18 +18,18 @@ from markergen.presentation.tables import Table, parts_as_html, parts_as_text
 StrPath = str | PathLike[str]
 
 _CHECKS = {"plot": check_figure, "report": check_page}
-"""What is demanded of the name of a file by what it holds; results may have any suffix."""
+"""Checks of file names by the kind of content; files of results may have any suffix."""
 
 
 class Result(ABC):
-    """A result of a function of the library: sentences and tables.
+    """Result of a function of the library: sentences and tables.
 
-    ``str()`` is what the command of the same name prints, ``repr()`` a line or two; a notebook shows tables.
+    ``str()`` gives the output of the command of the same name, ``repr()`` a line or two; a notebook shows tables.
     """
 
     @abstractmethod
     def parts(self) -> Sequence[str | Table]:
-        """Sentences and tables in the order in which they are shown."""
+        """Return sentences and tables in display order."""
 
     def __str__(self) -> str:
         return parts_as_text(self.parts())
@@ -45,7 +45,7 @@ class Targets:
     Attributes
     ----------
     files : tuple of (str, Path)
-        What a file is to hold (``json``, ``plot``, ``report``), and its path.
+        Content of each file (``json``, ``plot``, ``report``), and its path.
     pictures : Path or None
     """
 
@@ -53,37 +53,37 @@ class Targets:
     pictures: Path | None = None
 
     def check(self, inputs: Sequence[Path] = ()) -> None:
-        """Refuse, before any work is done, what could not be written; makes the folder for pictures.
+        """Reject files that could not be written, before any work is done, and create the folder for pictures.
 
         Raises
         ------
         OutputError
-            If a file cannot be written, is asked for twice, or is one of the inputs.
+            If a file cannot be written, is named twice, or is one of the inputs.
         """
         check_outputs([path for _, path in self.files], inputs)
         if self.pictures is not None:
             make_folder(self.pictures)
 
     def checked(self) -> "Targets":
-        """Return the targets themselves if there are any and they can be written; raises InputError or OutputError."""
+        """Return self if there are targets and all can be written; otherwise raise InputError or OutputError."""
         check_some([*self.files, *([self.pictures] if self.pictures is not None else [])])
         self.check()
         return self
 
 
 class SavableResult(Result):
-    """A result that can be written to files, all of them or none.
+    """Result that can be written to files, either all of them or none.
 
-    The method ``save`` of each kind of result takes paths, whose suffixes tell what the files hold, and paths by what
-    they are to hold, such as ``json="results.txt"``. It returns what was written, and raises `InputError` if no file is
-    named or a suffix is unknown, and `OutputError` if a file cannot be written; then nothing was changed.
+    The method ``save`` of each kind of result takes paths, whose suffixes determine their content, and paths by kind of
+    content, such as ``json="results.txt"``. It returns the written files. It raises `InputError` if no file is named or
+    a suffix is unknown, and `OutputError` if a file cannot be written; then nothing is changed.
 
     Attributes
     ----------
     KINDS : mapping
-        What a file holds by its suffix.
+        Kind of content by suffix.
     written : tuple of Written
-        Files that were asked for together with the result.
+        Files that were requested together with the result.
     """
 
     KINDS: ClassVar[Mapping[str, str]] = {".json": "json"}
@@ -91,12 +91,12 @@ class SavableResult(Result):
 
     @classmethod
     def targets(cls, paths: object = (), pictures: object = None, **named: object) -> Targets:
-        """Sort paths by suffix, and add those whose kind is their keyword; `Targets.check` does the rest.
+        """Sort paths by suffix, and add those whose keyword is their kind; see `Targets.check` for further checks.
 
         Raises
         ------
         InputError
-            If one is no path, or its suffix is unknown.
+            If one is not a path, or its suffix is unknown.
         """
         files = sorted_by_suffix(read_as("files", paths, "save") or (), cls.KINDS)
         for kind, given in named.items():
@@ -107,13 +107,13 @@ class SavableResult(Result):
         return Targets(tuple(files), read_as("file", pictures, "pictures"))
 
     def write(self, targets: Targets) -> list[Written]:
-        """Write what was sorted and checked before."""
+        """Write targets that were sorted and checked before."""
         contents = {path: self.content(kind, path) for kind, path in targets.files}
         write_all(contents)
         return [Written(path) for path in contents]
 
     def content(self, kind: str, path: Path) -> bytes:
-        """Return what a file of that kind and name is to hold."""
+        """Return the content of a file of the given kind and name."""
         del path
         if kind != "json":
             raise ValueError(f"no result is written as {kind}")
@@ -121,16 +121,16 @@ class SavableResult(Result):
 
     @abstractmethod
     def to_json(self) -> bytes:
-        """Results as JSON text."""
+        """Return the results as JSON text."""
 
 
 def json_bytes(value: Any) -> bytes:
-    """Return JSON text, indented, with a line end; raises ValueError for nan and inf, see `plain`."""
+    """Return indented JSON text with a final newline; raises ValueError for nan and inf, see `plain`."""
     return (json.dumps(value, indent=2, allow_nan=False) + "\n").encode()
 
 
 def plain(value: Any) -> Any:
-    """Return JSON values of dictionaries, sequences and numpy scalars; None for nan and inf, which JSON lacks.
+    """Convert dictionaries, sequences and numpy scalars to JSON values; nan and inf, which JSON lacks, become None.
 
     >>> plain({4: (1.5, float("nan"))})
     {'4': [1.5, None]}

@@ -1,4 +1,4 @@
-"""Tables of text for the terminal and for notebooks; rows of values as CSV and as data frames."""
+"""Text tables for the terminal and notebooks; rows of values as CSV and as data frames."""
 
 import csv
 import html
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 WIDTH = 100
-"""Characters in a line where no terminal says otherwise; no table needs more."""
+"""Line width in characters if there is no terminal to set it; no table needs more."""
 
 _AS_IT_IS: dict[str, Any] = {"highlight": False, "markup": False, "emoji": False}
-"""Settings of rich's console: a file may be called ``[red].svg``."""
+"""Settings of rich's console that print text verbatim: a file may be called ``[red].svg``."""
 
 
 class Table(NamedTuple):
-    """Rows of text under a header.
+    """Table of text under a header.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class Table(NamedTuple):
     header : sequence of str
         Names of the columns.
     rows : sequence of sequences of str
-        As many cells each as the header has.
+        Rows of as many cells as the header has.
     caption : str
         Explanation below the table.
     """
@@ -40,7 +40,7 @@ class Table(NamedTuple):
     caption: str = ""
 
     def text(self, width: int = WIDTH) -> str:
-        """Return the table as lines of plain text, nothing cut off; cells that are too long go on in the next line.
+        """Return the table as lines of plain text without truncation; long cells wrap.
 
         >>> text = Table("", ["dot", "x", "y"], [["0", "1.5", "-2"]]).text()
         >>> [line.strip() for line in text.splitlines() if line.strip()]
@@ -54,7 +54,7 @@ class Table(NamedTuple):
         return out.getvalue()
 
     def print(self, console: Any) -> None:
-        """Print on a console of rich: the first column to the left, the others, if there are any more, to the right."""
+        """Print on a rich console: first column left-aligned, the others right-aligned if there are at least two."""
         from rich import box
         from rich.table import Table as Drawn
 
@@ -74,7 +74,7 @@ class Table(NamedTuple):
         console.print(drawn)
 
     def html(self) -> str:
-        """Return the table as HTML, everything escaped.
+        """Return the table as HTML with all text escaped.
 
         >>> Table("", ["file"], [["a<b"]]).html()
         '<table><thead><tr><th>file</th></tr></thead><tbody><tr><td>a&lt;b</td></tr></tbody></table>'
@@ -91,25 +91,25 @@ def parts_as_text(parts: Iterable[str | Table]) -> str:
 
 
 def parts_as_html(parts: Iterable[str | Table]) -> str:
-    """Return sentences and tables as HTML, everything escaped."""
+    """Return sentences and tables as HTML with all text escaped."""
     shown = (_paragraph(part) if isinstance(part, str) else part.html() for part in parts)
     return f"<div>{''.join(shown)}</div>"
 
 
 def print_parts(parts: Iterable[str | Table], file: TextIO) -> None:
-    """Print sentences and tables; a terminal decides on their width and shows titles in bold."""
+    """Print sentences and tables; a terminal sets their width and shows titles in bold."""
     from rich.console import Console
 
     for part in parts:
         if isinstance(part, str):
             print(part, file=file)
         else:
-            # A pipe has no width of its own.
+            # A pipe has no width.
             part.print(Console(file=file, width=None if file.isatty() else WIDTH, **_AS_IT_IS))
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Write a number with that many significant digits; a dash where there is none, no digits where it is rounding.
+    """Format a number with the given significant digits; a dash for None, ``<1e-6`` for rounding errors.
 
     >>> number(0.12345), number(None), number(3e-9)
     ('0.123', '-', '<1e-6')
@@ -120,7 +120,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def percent(share: float | None) -> str:
-    """Write a share as a percentage with up to three digits; a dash where there is none.
+    """Format a share as a percentage with up to three digits; a dash for None.
 
     >>> percent(0.5), percent(None)
     ('50 %', '-')
@@ -129,7 +129,7 @@ def percent(share: float | None) -> str:
 
 
 def data_frame(rows: Sequence[Mapping[str, Any]]) -> "DataFrame":
-    """Return rows as a data frame of pandas, whose columns are the keys of the first row.
+    """Return rows as a pandas data frame whose columns are the keys of the first row.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def data_frame(rows: Sequence[Mapping[str, Any]]) -> "DataFrame":
         import pandas
     except ImportError:
         raise MissingLibraryError(
-            "expected pandas, which data frames are made with, found none; pip install pandas"
+            "expected pandas, which data frames require, found none; pip install pandas"
         ) from None
     return pandas.DataFrame(list(rows))
 
@@ -151,16 +151,16 @@ def csv_bytes(rows: Sequence[Mapping[str, Any]], columns: Sequence[str] = (), di
     Parameters
     ----------
     rows : sequence of mappings
-        Values by column; a cell is empty where there is none, or a number that is not finite.
+        Values by column; a cell is empty if its value is missing or not finite.
     columns : sequence of str
-        Names of the columns; without them the keys of the first row.
+        Names of the columns; the keys of the first row by default.
     digits : int
-        Significant digits of numbers that are not whole.
+        Significant digits of non-integer numbers.
 
     Raises
     ------
     ValueError
-        If a row has a value for a column that is not among them.
+        If a row has a value for a column that is not in `columns`.
 
     Examples
     --------
@@ -177,7 +177,7 @@ def csv_bytes(rows: Sequence[Mapping[str, Any]], columns: Sequence[str] = (), di
 def _csv_cell(value: Any, digits: int) -> str:
     if value is None:
         return ""
-    # Also numpy's floats of 32 bits, which are none of Python's.
+    # Also numpy's 32-bit floats, which are not instances of float.
     if isinstance(value, Real) and not isinstance(value, Integral):
         return f"{value:.{digits}g}" if math.isfinite(value) else ""
     return str(value)

@@ -33,7 +33,7 @@ from markergen.model.substrate import Hole, parse_dowel, parse_mount
 from markergen.options import Option, declared
 from markergen.options.tables import OUTSIDE_FILES, DesignKeywords, PlateKeywords
 from markergen.read.cameras import load_camera
-from markergen.read.outlines import drawn_plate, is_drawing, parse_boundary, read_room
+from markergen.read.outlines.boundary import drawn_plate, is_drawing, parse_boundary, read_room
 from markergen.read.poses import settled
 from markergen.read.poses.rows import numbers_of_rows
 from markergen.units import parse_length

@@ -1,4 +1,4 @@
-"""Synthetic views: flat patches as a camera images them, in given scenery, through given optics, with given noise."""
+"""Synthetic views: camera images of flat patches, with scenery, optics and noise."""
 
 from markergen.render.optics import DEFAULT_OPTICS, Optics, optics_from_text
 from markergen.render.patches import Patch, circle

@@ -1,6 +1,6 @@
-"""From covered area to grey levels: contrast, point spread, light, noise, quantization.
+"""Conversion of covered area to grey levels: contrast, point spread, illumination, noise, quantization.
 
-Point spread functions are kernels of unit sum, symmetric about the middle, so that they move nothing.
+Point spread functions are kernels of unit sum, symmetric about their center, so they shift nothing.
 """
 
 from dataclasses import dataclass, fields
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Grey = NDArray[np.float32]
 
 FULL_SCALE = 255.0
-"""Grey level at which the sensor saturates, whatever its bits."""
+"""Grey level at which the sensor saturates, for any bit depth."""
 
 LARGEST_PSF_PX = 100.0
 
@@ -28,32 +28,32 @@ _DISK_VERTICES = 720
 
 @dataclass(frozen=True)
 class Optics:
-    """What lens, light and sensor do to a view. Grey levels run from 0 to 255 whatever the sensor's bits.
+    """Effects of lens, light and sensor on a view. Grey levels run from 0 to 255 for any bit depth.
 
     Attributes
     ----------
     blur_px : float
-        Standard deviation of the Gaussian point spread function (PSF), px, on top of the pixel's own area.
+        Standard deviation of the Gaussian point spread function (PSF), px, in addition to the pixel's own area.
     noise_grey : float
-        Standard deviation of the noise that does not depend on the light (read noise), grey levels.
+        Standard deviation of the signal-independent noise (read noise), grey levels.
     dark, light : float
-        Grey levels of ink and substrate, 0 to 255, at exposure 1 and in the full light.
+        Grey levels of ink and substrate, 0 to 255, at exposure 1 and in full light.
     defocus_px : float
-        Radius of the disk over which a lens out of focus spreads a point, px.
+        Radius of the disk over which a defocused lens spreads a point, px.
     motion_px, motion_deg : float
         Length of the line over which motion spreads a point, px, and its direction from x toward y.
     exposure : float
-        Factor on all grey levels; what exceeds 255 saturates.
+        Factor on all grey levels; levels above 255 saturate.
     vignetting : float
-        Light lost at the image's corners, 0 to below 1: cos^4 of an angle whose tangent grows with the distance from
-        the image's middle.
+        Share of light lost at the image corners, 0 to below 1: cos^4 of an angle whose tangent is proportional to the
+        distance from the image center.
     gradient, gradient_deg : float
-        Change of the light from one end of the image to the other, relative to the middle, 0 to below 2, and the
+        Change of illumination from one end of the image to the other, relative to the center, 0 to below 2, and the
         direction from x toward y in which it gets brighter.
     full_well : float or None
-        Electrons at grey level 255, which decide the shot noise; None for none.
+        Electrons at grey level 255, which determine the shot noise; None for no shot noise.
     bits : int
-        Of the sensor, 8 to 16; above 8 images are of uint16 with levels up to 2^bits - 1.
+        Bit depth of the sensor, 8 to 16; above 8, images are uint16 with levels up to 2^bits - 1.
 
     Raises
     ------
@@ -98,10 +98,10 @@ class Optics:
 
     @property
     def edge_blur(self) -> float:
-        """Standard deviation in px by which an edge is spread, by PSF and pixel area, in the mean over its directions.
+        """Standard deviation in px of an edge's blur by PSF and pixel area, averaged over edge directions.
 
         Variances add: blur^2 + defocus^2/4 (disk) + motion^2/24 (line, half of it across the mean edge) + 1/12 (pixel).
-        A Gaussian of this width stands for all of them in a bound: the slope's energy agrees within 5 %.
+        In a bound, a Gaussian of this width stands for all of them: the energy of the slope agrees within 5 %.
         """
         return float(np.sqrt(self.blur_px**2 + self.defocus_px**2 / 4 + self.motion_px**2 / 24 + 1 / 12))
 
@@ -111,7 +111,7 @@ class Optics:
         return int(np.ceil(4 * self.blur_px + self.defocus_px + self.motion_px / 2)) + 2
 
     def grey_noise(self, level: ArrayLike) -> Array:
-        """Standard deviation (...) in grey levels at given grey levels (...): read, shot, and quantization noise.
+        """Standard deviation (...) of read, shot and quantization noise at given grey levels (...), in grey levels.
 
         Variances add: noise_grey^2 + 255 level/full_well (Poisson) + q^2/12 with q = 255/(2^bits - 1).
         """
@@ -121,12 +121,12 @@ class Optics:
 
 
 def optics_from_text(text: str) -> Optics:
-    """Optics from ``name=value,...``; what is not named keeps its default, and no text at all is the default.
+    """Parse optics from ``name=value,...``; omitted parameters keep their defaults, as all do for empty text.
 
     Raises
     ------
     InputError
-        If a name is unknown or named twice, a value is no number, or the optics are impossible.
+        If a name is unknown or repeated, a value is not a number, or the optics are impossible.
     """
     known = [field.name for field in fields(Optics)]
     values: dict[str, Any] = {}
@@ -144,11 +144,11 @@ def optics_from_text(text: str) -> Optics:
 
 
 FINENESS = 2
-"""Subpixels along each side of a pixel in which the scene is drawn and blurred.
+"""Subpixels per side of a pixel at which the scene is drawn and blurred.
 
-A lens blurs before the sensor samples. Blurring whole pixels instead leaves the aliasing of a sharp image in, which
-moves a dot's center by 0.002 px, as much as all the noise may; with half pixels 0.0005 px are left, and finer ones
-change nothing any more.
+A lens blurs before the sensor samples. Blurring whole pixels instead keeps the aliasing of a sharp image, which shifts
+a dot's center by 0.002 px, as much as all the noise may; with half pixels 0.0005 px remain, and finer ones bring no
+further gain.
 """
 
 DEFAULT_OPTICS = Optics()
@@ -162,14 +162,14 @@ def expose(
     corner: ArrayLike = (0, 0),
     size: tuple[int, int] | None = None,
 ) -> Grey:
-    """Grey image of what is ink: blurred, collected by the pixels, lit, noisy; neither clipped nor rounded.
+    """Grey image of an ink coverage: blurred, integrated over pixels, illuminated, noisy; neither clipped nor rounded.
 
     Parameters
     ----------
     coverage : array (FINENESS h, FINENESS w)
         Fraction of each subpixel's area that is ink.
     corner, size : (left, top) and (height, width), px
-        Where in which image the coverage lies, with nothing but substrate around it; by default it is all of it.
+        Position of the coverage in the image, with only substrate around it, and the image size; by default they agree.
 
     Returns
     -------
@@ -179,7 +179,7 @@ def expose(
 
     rows, columns = coverage.shape[0] // FINENESS, coverage.shape[1] // FINENESS
     ink = _spread(coverage.astype(np.float32, copy=False), optics)
-    # With a whole factor this is the mean over each pixel's subpixels.
+    # For an integer factor this is the mean over each pixel's subpixels.
     pixels = cv2.resize(ink, (columns, rows), interpolation=cv2.INTER_AREA)
     left, top = np.asarray(corner).tolist()
     grey = np.full(size or (rows, columns), optics.light, dtype=np.float32)
@@ -196,7 +196,7 @@ def expose(
 
 
 def _spread(ink: Grey, optics: Optics) -> Grey:
-    """Blur subpixels by all point spread functions. Past the image's edge the scene goes on as it was there."""
+    """Blur subpixels by all point spread functions, replicating the scene beyond the image border."""
     import cv2
 
     if optics.blur_px > 0:
@@ -211,16 +211,16 @@ def _spread(ink: Grey, optics: Optics) -> Grey:
 
 @lru_cache(maxsize=16)
 def disk_kernel(radius: float) -> Array:
-    """Exact coverage (2k + 1, 2k + 1) of a disk of that radius, in px of the kernel, around the middle."""
+    """Exact coverage (2k + 1, 2k + 1) of a centered disk; its radius is in px of the kernel."""
     angle = 2 * np.pi * np.arange(_DISK_VERTICES) / _DISK_VERTICES
     return _kernel(radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
 
 
 @lru_cache(maxsize=16)
 def line_kernel(length: float, direction_deg: float) -> Array:
-    """Exact coverage (2k + 1, 2k + 1) of a line of that length, in px of the kernel, around the middle.
+    """Exact coverage (2k + 1, 2k + 1) of a centered line; its length is in px of the kernel.
 
-    The line has a width of one hundredth px, which adds nothing to the kernel's spread.
+    The line is 0.01 px wide, which adds practically nothing to the kernel's spread.
     """
     angle = np.deg2rad(direction_deg)
     along = np.array([np.cos(angle), np.sin(angle)]) * length / 2
@@ -233,13 +233,13 @@ def _kernel(outline: Array) -> Array:
     kernel = np.zeros((2 * half + 1, 2 * half + 1))
     tile, top, left = polygon_coverage([outline + half], 2 * half + 1, 2 * half + 1)
     kernel[top : top + tile.shape[0], left : left + tile.shape[1]] = tile
-    # Rounding apart it is symmetric and positive already.
+    # Already symmetric and nonnegative except for rounding.
     kernel = np.abs(kernel + kernel[::-1, ::-1])
     return np.asarray(kernel / kernel.sum())
 
 
 def illumination(optics: Optics, width: int, height: int) -> Grey | None:
-    """Factor (h, w) on the grey levels by exposure, vignetting and gradient; None where all of it is 1."""
+    """Factor (h, w) on the grey levels from exposure, vignetting and gradient; None if it is 1 everywhere."""
     if optics.exposure == 1 and optics.vignetting == 0 and optics.gradient == 0:
         return None
     pixels = np.stack(np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float)), axis=-1)
@@ -247,8 +247,8 @@ def illumination(optics: Optics, width: int, height: int) -> Grey | None:
 
 
 def light_at(optics: Optics, pixels: Array, width: int, height: int) -> Array:
-    """Factor (...) on the grey levels at pixels (..., 2) of an image by exposure, vignetting and gradient."""
-    # From the image's middle.
+    """Factor (...) on the grey levels at pixels (..., 2) of an image from exposure, vignetting and gradient."""
+    # Relative to the image center.
     x = pixels[..., 0] - (width - 1) / 2
     y = pixels[..., 1] - (height - 1) / 2
     corner_tangent_square = 1 / np.sqrt(1 - optics.vignetting) - 1
@@ -260,7 +260,7 @@ def light_at(optics: Optics, pixels: Array, width: int, height: int) -> Array:
 
 
 def quantize(grey: Grey, bits: int = 8) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Round to the nearest of 2^bits levels, uint8 or uint16; what lies beyond them saturates, as on a sensor."""
+    """Round to the nearest of 2^bits levels, uint8 or uint16; levels out of range saturate, as on a sensor."""
     top = 2**bits - 1
     if bits == 8:
         return np.clip(np.rint(grey), 0, top).astype(np.uint8)

@@ -14,13 +14,13 @@ from markergen.model.camera import Camera
 Array = NDArray[np.float64]
 
 CIRCLE_VERTICES = 1024
-"""Vertices of a circle by default: enough for a radius of 30 px in the image (see `circle_vertices`)."""
+"""Default number of vertices of a circle: enough for a radius of 30 px in the image (see `circle_vertices`)."""
 
 CIRCLE_ERROR_PX = 1e-4
-"""Largest distance of a circle's polygon from the circle in the image, px."""
+"""Maximum distance of a circle's polygon from the circle in the image, px."""
 
 EDGE_ERROR_PX = 5e-4
-"""Largest distance of a subdivided straight edge from its image through a lens that bends it, px."""
+"""Maximum distance of a subdivided straight edge from its distorted image, px."""
 
 _UPRIGHT = 1e-9
 _MARGIN_PX = 2.0
@@ -29,18 +29,18 @@ _BORDER_POINTS = 32
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A flat piece of the scene, seen from the side that its normal with positive z points to.
+    """Flat piece of the scene, visible from the side to which its normal, of positive z, points.
 
-    Outlines may lie side by side or within each other (even-odd: the inner one is a hole), but must not cross. Abutting
-    pieces of one color belong in one patch: painted one by one, their seam shows where both cover a pixel in part.
+    Outlines may be disjoint or nested (even-odd: the inner one is a hole), but must not cross. Abutting pieces of one
+    color belong in one patch: if painted separately, their seam shows where both partially cover a pixel.
 
     Attributes
     ----------
     outlines : tuple of arrays (m, 3), m
-        Closed polygons in one plane of the marker frame; turned here so that holes run against what they are cut from.
-        An upright patch is seen from both sides.
+        Closed coplanar polygons in the marker frame, reoriented here so that holes run opposite to the outlines around
+        them. A vertical patch is visible from both sides.
     reflectance : float
-        1 for the substrate, 0 for ink; others in between or beyond.
+        1 for the substrate, 0 for ink; values between or beyond them are allowed.
     """
 
     outlines: tuple[Array, ...]
@@ -62,7 +62,7 @@ class Patch:
 
 
 def circle(center: Array, radius: float, count: int = CIRCLE_VERTICES) -> Array:
-    """Polygon (count, 3) in m around a center (3,), parallel to the marker's plane, with the area of the circle."""
+    """Polygon (count, 3) in m about a center (3,), parallel to the marker plane, with the area of the circle."""
     outline = np.empty((count, 3))
     outline[:, :2] = radius * unit_disk(count) + center[:2]
     outline[:, 2] = center[2]
@@ -70,9 +70,9 @@ def circle(center: Array, radius: float, count: int = CIRCLE_VERTICES) -> Array:
 
 
 def circle_vertices(radius_px: float) -> int:
-    """Vertices, a multiple of 8, that keep a circle's polygon within `CIRCLE_ERROR_PX` of it in the image.
+    """Number of vertices, a multiple of 8, that keeps a circle's polygon within `CIRCLE_ERROR_PX` of it in the image.
 
-    A polygon of m vertices with the area of its circle is nowhere farther than r pi^2/(3 m^2) from it.
+    A polygon of m vertices with the area of its circle of radius r deviates from it by at most r pi^2/(3 m^2).
     """
     count = np.pi * np.sqrt(max(radius_px, 1.0) / (3 * CIRCLE_ERROR_PX))
     return int(8 * np.ceil(count / 8))
@@ -81,10 +81,10 @@ def circle_vertices(radius_px: float) -> int:
 def project_patches(
     patches: Sequence[Patch], camera: Camera, rotation: Array, translation: Array
 ) -> list[tuple[Array, ...]]:
-    """Outlines (m, 2) in px of each patch from one pose T_camera_marker, through the lens; none for what is not seen.
+    """Project each patch to distorted outlines (m, 2) in px from one pose T_camera_marker; none if it is not visible.
 
-    What lies behind the camera or outside its view is cut off. Edges are straight before the lens; where it bends
-    them by more than `EDGE_ERROR_PX` they come back subdivided.
+    Patches are clipped to the field of view in front of the camera. Edges that the lens bends by more than
+    `EDGE_ERROR_PX` are subdivided.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def _faces(patch: Patch, eye: Array) -> bool:
 
 
 def _cut(outlines: list[Array], vertices: Array, planes: Array) -> list[Array]:
-    """Parts (m, 3) of polygons on the inner side, plane @ point <= 0, of all the planes through the camera's center."""
+    """Clip polygons (m, 3) to the inner side, plane @ point <= 0, of all planes through the camera center."""
     outside = vertices @ planes.T > 0
     if not outside.any():
         return outlines
@@ -121,7 +121,7 @@ def _cut(outlines: list[Array], vertices: Array, planes: Array) -> list[Array]:
     for outline in outlines:
         beyond = outside[first : first + len(outline)].any(axis=0)
         first += len(outline)
-        # Sutherland and Hodgman's clipping; what it leaves along the planes lies outside the image.
+        # Sutherland-Hodgman clipping; the edges it leaves along the planes lie outside the image.
         for plane in planes[beyond]:
             outline = _cut_by_plane(outline, plane)
         result.append(outline)
@@ -145,10 +145,10 @@ def _cut_by_plane(outline: Array, plane: Array) -> Array:
 
 @lru_cache(maxsize=8)
 def _view_planes(camera: Camera) -> Array:
-    """Outward normals (k, 3) of the planes through the camera's center that enclose all it sees.
+    """Outward normals (k, 3) of the planes through the camera center that bound its field of view.
 
-    They span the hull of the rays to the image's border, from a little outside, so that no cut shows. Where no ray
-    comes to the border, the hull is that of the rays nearer to the middle.
+    They span the hull of the rays to slightly outside the image border, so that no clipped edge is visible. Where the
+    lens model has no ray to the border, rays nearer to the center form the hull.
     """
     import cv2
 
@@ -168,7 +168,7 @@ def _view_planes(camera: Camera) -> Array:
 
 
 def _through_lens(outlines: list[Array], camera: Camera) -> list[Array]:
-    """Images (m', 2) in px of closed polygons (m, 3) in the camera frame, all of them within the view."""
+    """Distorted images (m', 2) in px of closed polygons (m, 3) in the camera frame, all within the field of view."""
     lengths = np.array([len(outline) for outline in outlines])
     with np.errstate(invalid="ignore"):
         start = perspective(np.concatenate(outlines))
@@ -180,7 +180,7 @@ def _through_lens(outlines: list[Array], camera: Camera) -> list[Array]:
         for share in (0.25, 0.5, 0.75):
             straight = pixels + share * (end_pixels - pixels)
             bend = np.fmax(bend, np.linalg.norm(camera.to_pixels(start + share * step) - straight, axis=-1))
-        # Of an edge cut into k pieces each bends by 1/k^2 as much.
+        # Each of k pieces of an edge bends by 1/k^2 as much.
         count = np.maximum(np.ceil(np.sqrt(bend / EDGE_ERROR_PX)), 1).astype(int)
         edge = np.repeat(np.arange(len(start)), count)
         share = (np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)) / count[edge]
@@ -190,7 +190,7 @@ def _through_lens(outlines: list[Array], camera: Camera) -> list[Array]:
 
 
 def _vector_areas(outlines: list[Array]) -> Array:
-    """Areas times normals (k, 3) of closed polygons (m, 3)."""
+    """Vector areas (k, 3), area times unit normal, of closed polygons (m, 3)."""
     first, following = closing(outlines)
     vertices = np.concatenate(outlines)
     x, y, z = (vertices - np.repeat(vertices[first], [len(outline) for outline in outlines], axis=0)).T
@@ -206,7 +206,7 @@ def _vector_areas(outlines: list[Array]) -> Array:
 
 
 def _nesting(outlines: list[Array], sizes: Array, normal: Array) -> NDArray[np.intp]:
-    """How many larger outlines each one lies within."""
+    """Number of larger outlines that contain each outline."""
     depth = np.zeros(len(outlines), dtype=np.intp)
     if len(outlines) == 1:
         return depth
@@ -221,7 +221,7 @@ def _nesting(outlines: list[Array], sizes: Array, normal: Array) -> NDArray[np.i
 
 
 def _inner_point(outline: Array) -> Array:
-    """Return a point (2,) just inside the middle of the longest edge, clear of outlines that touch this one."""
+    """Return a point (2,) just inside the midpoint of the longest edge, clear of outlines that touch this one."""
     step = np.roll(outline, -1, axis=0) - outline
     k = int(np.argmax(np.sum(step**2, axis=-1)))
     inward = np.array([-step[k, 1], step[k, 0]]) * 1e-6
@@ -231,7 +231,7 @@ def _inner_point(outline: Array) -> Array:
 
 
 def _holds(outline: Array, point: Array) -> bool:
-    """Tell whether a point (2,) lies inside a polygon (m, 2): a ray to the right crosses it an odd number of times."""
+    """True if a point (2,) lies inside a polygon (m, 2): a ray to the right crosses it an odd number of times."""
     (x, y), (next_x, next_y) = outline.T, np.roll(outline, -1, axis=0).T
     spans = (y <= point[1]) != (next_y <= point[1])
     x, y, next_x, next_y = x[spans], y[spans], next_x[spans], next_y[spans]

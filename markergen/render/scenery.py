@@ -1,4 +1,4 @@
-"""What is around a marker in a view: backgrounds behind it, and things that lie before it."""
+"""Surroundings of a marker in a view: backgrounds behind it and occluders in front of it."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -21,14 +21,14 @@ Grey = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Occluder:
-    """A thing before the marker.
+    """Object in front of the marker.
 
     Attributes
     ----------
     outlines : tuple of arrays (m, 2), px
         Closed polygons in the image.
     grey : float or array (height, width)
-        Its grey level, 0 to 255, or those of its texture at each pixel of the image.
+        Uniform grey level, 0 to 255, or the texture's grey level at each pixel of the image.
     """
 
     outlines: tuple[Array, ...]
@@ -37,14 +37,14 @@ class Occluder:
 
 @dataclass(frozen=True, eq=False)
 class Scenery:
-    """What is behind and before the patches of a view.
+    """Background behind the patches of a view, and occluders in front of them.
 
     Attributes
     ----------
     background : None, float or array (height, width)
-        Grey levels behind the plate, 0 to 255: everywhere the substrate's, everywhere one, or one per pixel.
+        Grey levels behind the plate, 0 to 255: the substrate's for None, one for all, or one per pixel.
     occluders : tuple of Occluder
-        Painted one over the other, over all else.
+        Painted in this order, over everything else.
 
     Raises
     ------
@@ -60,7 +60,7 @@ class Scenery:
             raise InputError("a background of finite grey levels", "nan or infinity in it", "give levels from 0 to 255")
 
     def ink_behind(self, camera: Camera, optics: Optics, fineness: int) -> Grey | None:
-        """Ink (fineness h, fineness w) that has the background's grey levels; None for substrate everywhere.
+        """Ink coverage (fineness h, fineness w) with the background's grey levels; None if it is all substrate.
 
         Raises
         ------
@@ -86,7 +86,7 @@ class Scenery:
 
 
 def _ink(grey: Grey, optics: Optics) -> Grey:
-    """Amount of ink, below 0 or above 1 if need be, that comes out as these grey levels."""
+    """Ink coverage that yields these grey levels; may be below 0 or above 1."""
     return np.asarray((optics.light - grey) / np.float32(optics.light - optics.dark), dtype=np.float32)
 
 
@@ -99,7 +99,7 @@ def _finer(image: Grey, fineness: int) -> Grey:
 BACKGROUNDS: Registry[Callable[[Camera, np.random.Generator], Grey]] = Registry(
     "background", "markergen.render.scenery"
 )
-"""By name: functions of camera and random generator that draw grey levels (height, width) from 0 to 255."""
+"""Backgrounds by name: functions of camera and random generator that draw grey levels (height, width), 0 to 255."""
 
 _CLUTTER = 150
 _PICTURES = (
@@ -122,7 +122,7 @@ _SUBPIXEL_BITS = 4
 
 @BACKGROUNDS.register("clutter")
 def clutter(camera: Camera, rng: np.random.Generator) -> Grey:
-    """Rectangles, ellipses, rings, lines and writing of all sizes and grey levels: much that resembles dots."""
+    """Rectangles, ellipses, rings, lines and text of all sizes and grey levels, many of which resemble dots."""
     import cv2
 
     size = np.array([camera.width, camera.height])
@@ -132,7 +132,7 @@ def clutter(camera: Camera, rng: np.random.Generator) -> Grey:
     scale = float(np.hypot(*size))
     for kind in rng.integers(0, 6, _CLUTTER):
         grey, angle = float(rng.integers(0, 256)), float(rng.uniform(0, 360))
-        # As many small things as large ones on a scale of ratios.
+        # Uniform on a logarithmic scale.
         width, height = scale * np.exp(rng.uniform(np.log(0.004), np.log(0.12), 2))
         middle = rng.uniform(0, 1, 2) * size
         thickness = int(rng.integers(1, 5))
@@ -140,7 +140,7 @@ def clutter(camera: Camera, rng: np.random.Generator) -> Grey:
             corners = cv2.boxPoints((middle.tolist(), (width, height), angle))
             cv2.fillConvexPoly(image, _subpixels(corners), grey, cv2.LINE_AA, _SUBPIXEL_BITS)
         elif kind in (1, 2):
-            # Twice as many as the rest: filled ones, and nearly as many rings.
+            # Twice as likely as any other kind: filled ellipses and rings.
             axes = _subpixels([width, max(height, width / 4)]) // 2
             cv2.ellipse(
                 image, _subpixels(middle).tolist(), axes.tolist(), angle, 0, 360, grey,
@@ -161,7 +161,7 @@ def clutter(camera: Camera, rng: np.random.Generator) -> Grey:
 
 @BACKGROUNDS.register("photo")
 def photo(camera: Camera, rng: np.random.Generator) -> Grey:
-    """One of the pictures that come with scikit-image, in grey; a random part of it, scaled to the image."""
+    """Random crop of one of scikit-image's pictures, in grey, scaled to the image."""
     import cv2
 
     picture = _picture(str(rng.choice(_PICTURES)))
@@ -184,7 +184,7 @@ def _picture(name: str) -> Grey:
 
 
 def scattered(share: float, camera: Camera, rng: np.random.Generator) -> tuple[Occluder, ...]:
-    """Random dark, bright and textured polygons that cover a share of the image, to 0.002.
+    """Random dark, bright and textured polygons that cover a share of the image, within 0.002.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def scattered(share: float, camera: Camera, rng: np.random.Generator) -> tuple[O
     while (missing := share - float(covered.mean())) > 0.002:
         area = min(rng.uniform(0.005, 0.04), missing) * size.prod()
         angle = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 10))))
-        # From a triangle to a star: corners at random distances, around the middle.
+        # Triangles to stars: vertices at random distances from the center.
         star = rng.uniform(0.4, 1, len(angle))[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         x, y = star.T
         star *= np.sqrt(area / (abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2))
@@ -214,10 +214,10 @@ def scattered(share: float, camera: Camera, rng: np.random.Generator) -> tuple[O
 def hiding(
     marker: Marker, hidden: Iterable[int], camera: Camera, rotation: Array, translation: Array, rng: np.random.Generator
 ) -> tuple[Occluder, ...]:
-    """Fingers that lie on the marker and hide whole dots, and none but these.
+    """Fingers on the marker that hide the given dots completely, and no others.
 
-    A finger is a strip a tenth wider than the dot, which it comes to from outside the boundary, from the side where it
-    keeps farthest from the other dots; where it would meet one on any way, a round piece covers the dot alone.
+    A finger is a strip 10 % wider than the dot. It reaches the dot from outside the boundary, from the direction with
+    the largest gap to the other dots; if every direction would touch another dot, a disk covers the dot alone.
 
     Parameters
     ----------
@@ -249,5 +249,5 @@ def hiding(
 
 
 def _subpixels(points: ArrayLike) -> NDArray[np.int32]:
-    """Pixel coordinates as cv2's drawing takes them, with fractional bits."""
+    """Pixel coordinates in the fixed-point format of cv2's drawing functions."""
     return np.rint(np.asarray(points) * 2**_SUBPIXEL_BITS).astype(np.int32)

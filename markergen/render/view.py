@@ -1,6 +1,6 @@
-"""One synthetic view of a marker, or of anything else that is made of flat patches.
+"""Synthetic view of a marker, or of any scene made of flat patches.
 
-A marker is its plate, its tag, the pillars of raised dots, and the dots, painted in that order.
+A marker consists of its plate, its tag, and its dots with the pillars of raised ones, painted in that order.
 """
 
 from collections.abc import Sequence
@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.geometry.coverage import paint
-from markergen.maths.conic import circle_image
-from markergen.maths.projection import plane_homography
+from markergen.maths.projection import circle_image, plane_homography
 from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
 from markergen.model.marker import ControlPoint, Marker, check_supported
@@ -38,9 +37,9 @@ def render_view(
     rng: np.random.Generator,
     scenery: Scenery | None = None,
 ) -> Image:
-    """Image (height, width) of a marker, as the camera takes it from one pose T_camera_marker.
+    """Render the camera's image (height, width) of a marker from one pose T_camera_marker.
 
-    See `render_patches`; the patches are those of `marker_patches`, the plate with its default margin.
+    See `render_patches`; the patches are those of `marker_patches`, with the default margin of the plate.
     """
     check_supported(marker, "to render", joint=False)
     eye = -rotation.T @ translation
@@ -58,24 +57,24 @@ def render_patches(
     rng: np.random.Generator,
     scenery: Scenery | None = None,
 ) -> Image:
-    """Image (height, width) of patches, painted one over the other, as the camera takes it from one pose.
+    """Render the camera's image (height, width) of patches, painted in their order, from one pose.
 
-    Where one patch after the other covers a subpixel whole or not at all its grey level is exact; where the outlines
-    of two pass through the same one, each is taken to cover the same share of all parts of it.
+    A subpixel's grey level is exact if each patch covers it completely or not at all. Where the outlines of two patches
+    pass through one subpixel, each is assumed to cover the same share of all its parts.
 
     Parameters
     ----------
     rotation, translation : arrays (3, 3) and (3,), m
         T_camera_marker.
     rng : Generator
-        Draws the noise; the same seed gives the same bytes.
+        Source of the noise; the same seed gives the same bytes.
     scenery : Scenery
-        What is behind and before the patches; None for substrate everywhere behind, and nothing before.
+        Background and occluders; None for substrate everywhere behind the patches and nothing in front of them.
 
     Returns
     -------
-    array (height, width) of uint8, or uint16 where the sensor has more than 8 bits
-        Patches that turn their face away are not seen, nor what lies behind the camera.
+    array (height, width) of uint8, or uint16 if the sensor has more than 8 bits
+        Patches that face away or lie behind the camera are not visible.
 
     Raises
     ------
@@ -85,12 +84,12 @@ def render_patches(
     scenery = scenery or Scenery()
     ink = scenery.ink_behind(camera, optics, FINENESS)
     if ink is None:
-        # Substrate painted on substrate.
+        # Skip substrate painted on substrate.
         patches = list(dropwhile(lambda patch: patch.reflectance == 1, patches))
     projected = project_patches(patches, camera, rotation, translation)
     corner, size = np.zeros(2, dtype=int), np.array([camera.width, camera.height])
     if ink is None and not scenery.occluders:
-        # All around the patches is substrate: no need to blur it.
+        # Everything around the patches is substrate, which need not be blurred.
         corner, size = _window(projected, optics.reach_px, size)
     if ink is None:
         ink = np.zeros(size[::-1] * FINENESS, dtype=np.float32)
@@ -101,7 +100,7 @@ def render_patches(
 
 
 def _window(projected: list[tuple[Array, ...]], reach_px: int, size: Indices) -> tuple[Indices, Indices]:
-    """Top left pixel and size (2,) of the part of an image to which the light of outlines spreads."""
+    """Top left pixel and size (2,) of the part of an image affected by outlines, including their blur."""
     vertices = [outline for outlines in projected for outline in outlines]
     if not vertices:
         return np.zeros(2, dtype=int), np.ones(2, dtype=int)
@@ -115,21 +114,21 @@ def _window(projected: list[tuple[Array, ...]], reach_px: int, size: Indices) ->
 def marker_patches(
     marker: Marker, margin: float | None = None, eye: Array | None = None, count: int = CIRCLE_VERTICES
 ) -> list[Patch]:
-    """Plate, tag, pillars and dots of a marker, in the order to paint them in.
+    """Plate, tag, pillars and dots of a marker, in painting order.
 
-    The plate is the boundary's region, enlarged by `margin` (which may close its holes), at z = 0 or, if some dot lies
-    deeper, at the deepest one's height. Each dot above it stands on a cylinder of substrate, in radius a quarter of the
-    clearance larger.
+    The plate is the boundary's region enlarged by `margin` (which may close its holes), at z = 0 or at the height of
+    the lowest dot if that is below. Each dot above the plate stands on a cylinder of substrate whose radius is larger
+    by a quarter of the clearance.
 
     Parameters
     ----------
     margin : float, m
-        Of the plate around the boundary; by default one dot diameter.
+        Margin of the plate around the boundary; one dot diameter by default.
     eye : array (3,), m
-        The camera's center in the marker frame, -R't. It decides what is seen of the pillars and which of them hides
-        which; without it they are seen from far above, and hide nothing. Flat markers do not need it.
+        Camera center in the marker frame, -R't. It determines which parts of the pillars are visible and their painting
+        order; without it they are seen from far above and hide nothing. Flat markers do not need it.
     count : int
-        Vertices of each circle.
+        Number of vertices of each circle.
     """
     margin = marker.dot_diameter if margin is None else margin
     floor = min(0.0, float(marker.xyz[:, 2].min()))
@@ -152,7 +151,7 @@ def marker_patches(
 def dot_ellipses(
     marker: Marker, camera: Camera, rotation: Array, translation: Array, diameters: Array
 ) -> tuple[Array, Array, Array]:
-    """Image ellipses of circles around the control points, each in the plane of its own height, without the lens.
+    """Undistorted image ellipses of circles about the control points, each in the plane of its own height.
 
     Parameters
     ----------
@@ -161,7 +160,7 @@ def dot_ellipses(
     Returns
     -------
     center (n, 2), semi (n, 2), angle (n,)
-        See `ellipse_of_conic`; nan for circles of diameter 0, seen from behind, or not wholly in front of the camera.
+        See `ellipse_of_conic`; nan for circles of diameter 0, seen from behind, or not entirely in front of the camera.
     """
     xyz = marker.xyz
     normal = rotation[:, 2]
@@ -177,7 +176,7 @@ def dot_ellipses(
 
 
 def _largest_radius(marker: Marker, camera: Camera, rotation: Array, translation: Array) -> float:
-    """Upper limit in px for how large any dot's radius is magnified; no more than the image's diagonal."""
+    """Upper bound in px of the dots' radii in the image; at most the image diagonal."""
     centers = marker.xyz @ rotation.T + translation
     diagonal = float(np.hypot(camera.width, camera.height))
     nearest = centers[:, 2] - marker.dot_diameter
@@ -196,16 +195,16 @@ def _plate(boundary: Boundary, margin: float) -> tuple[Array, ...]:
 
 
 def _farthest_first(marker: Marker, floor: float, eye: Array | None) -> list[int]:
-    """Indices of the control points, each behind or beside all that come after it.
+    """Indices of the control points, farthest first: none hides a later one.
 
-    Two upright cylinders that do not meet are parted by the upright plane on which (distance to the axis)^2 - radius^2
-    is the same for both. A ray from an eye on one side of it can meet the other cylinder only afterwards.
+    Two disjoint vertical cylinders are separated by the vertical plane on which (distance to the axis)^2 - radius^2 is
+    the same for both. A ray from an eye on one side of it can meet the other cylinder only afterwards.
     """
     if eye is None or not np.any(marker.xyz[:, 2] > floor):
         return list(range(len(marker)))
     radius = np.array([_pillar_radius(marker, point) for point in marker.control_points])
     power = np.sum((marker.xyz[:, :2] - eye[:2]) ** 2, axis=-1) - radius**2
-    # Dots on the plate hide nothing.
+    # Dots on the plate hide nothing, so they come first.
     power[marker.xyz[:, 2] <= floor] = np.inf
     return [int(k) for k in np.argsort(-power, kind="stable")]
 
@@ -215,10 +214,10 @@ def _pillar_radius(marker: Marker, point: ControlPoint) -> float:
 
 
 def _pillar(marker: Marker, point: ControlPoint, floor: float, eye: Array | None, count: int) -> Patch:
-    """Outline of a cylinder as the eye sees it: part of its foot's circle, part of its top's, and two sides between.
+    """Silhouette of a cylinder seen from the eye: an arc of its base circle, an arc of its top circle, and two sides.
 
-    The sides stand where the tangents from the eye's foot touch the circle. From above, the near half of the foot and
-    the far half of the top are seen; from straight above only the top.
+    The sides stand where the tangents from the eye's vertical projection touch the circle. From above, the near arc of
+    the base and the far arc of the top are visible; from straight above, only the top.
     """
     axis, radius = np.array([point.x, point.y]), _pillar_radius(marker, point)
     away = None if eye is None else eye[:2] - axis

@@ -28,8 +28,8 @@ from markergen.model.spec import Spec
 from markergen.model.tag import Board, Tag, parse_tag
 from markergen.objectives import Setting
 from markergen.optimize.comparisons import comparison_layouts
-from markergen.optimize.dots import CLEARANCE, ROOM, choose_dots
-from markergen.optimize.region import Region
+from markergen.optimize.dot_size import CLEARANCE, ROOM, choose_dots
+from markergen.optimize.problem import FeasibleRegion
 from markergen.read.poses import poses_from
 from markergen.render import Optics, Patch, circle, render_patches, render_view
 from markergen.units import format_length
@@ -202,7 +202,7 @@ class Peer(Contestant):
         found = detect_fiducial(grey.astype(np.uint8, copy=False), self.fiducial, setting or self.settings[0], camera)
         if not found.found:
             return Sighting(reason=found.reason)
-        batch = Correspondences.as_taken(self.points[found.ids], found.pixels[None], camera)
+        batch = Correspondences.from_distorted(self.points[found.ids], found.pixels[None], camera)
         rotation, translation = batch.once(LM).best
         if not np.isfinite(translation).all():
             return Sighting(reason="corners that determine no pose")
@@ -323,7 +323,7 @@ def _layout(text: str, first: Marker | None, setting: Setting, seed: int) -> Dot
     sizes = [(first.dot_diameter, first.clearance)] if first else []
     dots = choose_dots(spec, setting.poses)
     for diameter, clearance in [*sizes, (dots.diameter, dots.clearance), _on_a_ring(n, setting.boundary.radius)]:
-        region = Region(setting.boundary, diameter, clearance)
+        region = FeasibleRegion(setting.boundary, diameter, clearance)
         layouts = comparison_layouts(region, n, seed).get(kind)
         if layouts is not None:
             return DotMarker(name, build_marker(median_layout(layouts, setting), setting.boundary, diameter, clearance))

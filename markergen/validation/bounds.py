@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.estimators.budget import PoseBudget, pose_budget
-from markergen.maths.dot_noise import dot_covariance
+from markergen.maths.dot_crlb import dot_covariance
 from markergen.maths.information import (
     covariance,
     flip_separation,
@@ -20,7 +20,7 @@ from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
-from markergen.objectives.lens import lens_blocks, through_lens
+from markergen.objectives.observation import lens_blocks, through_lens
 from markergen.render import Optics
 from markergen.render.optics import FULL_SCALE, light_at
 from markergen.render.view import dot_ellipses

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from markergen.optimize.criteria_tables import LAYOUTS
+from markergen.optimize.comparisons import LAYOUTS
 from markergen.presentation.tables import Table, number, percent
 from markergen.validation.metrics import STATISTICS, mean_nees_interval
 from markergen.validation.view_records import DETECTOR

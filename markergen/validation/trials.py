@@ -307,7 +307,7 @@ def join(parts: list[dict[str, Errors]], stack: bool) -> dict[str, Errors]:
 def _run_pose(experiment: Experiment, index: int) -> dict[str, Errors]:
     blocks = []
     for images in noisy_images(experiment, index):
-        batch = Correspondences.as_taken(experiment.points, images, experiment.camera)
+        batch = Correspondences.from_distorted(experiment.points, images, experiment.camera)
         blocks.append({name: _errors(experiment, index, batch, ESTIMATORS[name]) for name in experiment.estimators})
     return join(blocks, stack=False)
 

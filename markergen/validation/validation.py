@@ -19,10 +19,9 @@ from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import Criteria, criteria, without_height
-from markergen.optimize.comparisons import comparison_layouts
-from markergen.optimize.design import compare
-from markergen.optimize.label_safety import label_safety
-from markergen.optimize.region import Region
+from markergen.optimize.comparisons import compare, comparison_layouts
+from markergen.optimize.label_ambiguity import label_safety
+from markergen.optimize.problem import FeasibleRegion
 from markergen.options import Progress, check_progress
 from markergen.presentation.plots import axes_of, figure_bytes, new_figure
 from markergen.presentation.results import SavableResult, StrPath, Targets, json_bytes
@@ -120,7 +119,7 @@ def validate(
         )  # fmt: skip
 
     points = without_height(marker.xyz)
-    region = Region(marker.boundary, marker.dot_diameter, marker.clearance)
+    region = FeasibleRegion(marker.boundary, marker.dot_diameter, marker.clearance)
     judge, what = ("condition", "homography") if points.shape[-1] == 2 else ("pose", "pose")
     if not np.isfinite(OBJECTIVES[judge](setting)(points[None])[0]):
         raise InputError(

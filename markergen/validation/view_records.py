@@ -262,7 +262,7 @@ def _pose_errors(
     series: SyntheticViews, view: View, rotation: Array, translation: Array
 ) -> dict[str, tuple[float, float]]:
     camera, points = series.camera, series.marker.xyz[view.found]
-    batch = Correspondences.as_taken(points, view.detection.pixels[None], camera)
+    batch = Correspondences.from_distorted(points, view.detection.pixels[None], camera)
     found: dict[str, tuple[Array, Array]] = {}
     own = view.detection.pose
     if own is not None:

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.maths.rigid import rigid_motion, scaled_motion
+from markergen.maths.rotation import rigid_motion, scaled_motion
 from markergen.verification.matching import DotSet, Match, best_match
 
 Array = NDArray[np.float64]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.maths.rigid import rigid_motion
+from markergen.maths.rotation import rigid_motion
 from markergen.model.marker import Marker
 from markergen.verification.reading import Page
 

@@ -134,7 +134,7 @@ def test_saving_nothing_is_refused_and_none_asks_for_nothing(proved, pentagon):
 def test_what_cannot_be_written_is_told_before_the_work(pentagon, tmp_path, monkeypatch):
     path = tmp_path / "marker.json"
     path.write_bytes(to_json(pentagon))
-    monkeypatch.setattr(module, "prove", None)
+    monkeypatch.setattr(module, "run", None)
     for options in (
         {"save": tmp_path / "no" / "r.html"},
         {"save": [tmp_path / "r.html", tmp_path / "r.html"]},

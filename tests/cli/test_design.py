@@ -8,7 +8,7 @@ import pytest
 
 from markergen.cli import main
 from markergen.model.marker_json import read_marker
-from markergen.optimize.check import breach
+from markergen.optimize.problem import breach
 
 PLATE = """<svg xmlns="http://www.w3.org/2000/svg" width="240mm" height="200mm" viewBox="0 0 240 200">
 <g id="outline"><path d="M20,20 h200 v160 h-200 z"/></g>

@@ -14,7 +14,7 @@ from markergen.cli import main
 from markergen.model.boundary import Circle, Polygon, polygon_from
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker_json import read_marker
-from markergen.read.outlines import read_contours
+from markergen.read.outlines.reader import read_contours
 from markergen.read.spec_file import spec_from_mapping
 from markergen.solid.fabrication_content import workpiece
 from markergen.solid.processes import parts_of

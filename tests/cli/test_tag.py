@@ -7,7 +7,7 @@ import pytest
 
 from markergen.cli import main
 from markergen.model.marker_json import read_marker
-from markergen.optimize.check import breach
+from markergen.optimize.problem import breach
 
 QUICK = ["design", "--restarts", "1", "--radius", "60mm", "--dot", "20mm"]
 

@@ -23,8 +23,9 @@ from markergen.model.poses import POSES
 from markergen.objectives import OBJECTIVES
 from markergen.objectives.criteria import regular_polygon
 from markergen.read.cameras import CAMERA_FORMATS
-from markergen.read.outlines import OUTLINE_FORMATS
+from markergen.read.outlines.formats import OUTLINE_FORMATS
 from markergen.read.poses import POSE_FORMATS
+from markergen.studies.named import STUDIES
 
 GROUPS = tomllib.loads((PLUGIN / "pyproject.toml").read_text())["project"]["entry-points"]
 SWEEP = """
@@ -93,7 +94,7 @@ def test_every_table_that_is_open_is_described():
     text = (ROOT / "docs" / "plugins.md").read_text()
     tables = OBJECTIVES, ESTIMATORS, EXPORTERS, LENSES, PROCESSES, POSES
     assert {table._group for table in tables} == set(GROUPS)
-    for table in (*tables, CAMERA_FORMATS, POSE_FORMATS, OUTLINE_FORMATS):
+    for table in (*tables, CAMERA_FORMATS, POSE_FORMATS, OUTLINE_FORMATS, STUDIES):
         assert f"`{table._group}`" in text
     for group, points in GROUPS.items():
         assert group in text

@@ -5,8 +5,7 @@ import pytest
 
 from markergen.detect.blobs import Blobs, detect_dots, undo_lens
 from markergen.errors import InputError
-from markergen.maths.conic import circle_image
-from markergen.maths.projection import plane_homography
+from markergen.maths.projection import circle_image, plane_homography
 from markergen.maths.rotation import turn_z
 from markergen.model.camera import PAPER_CAMERA, Distortion
 from markergen.model.poses import paper

@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 from markergen.detect.conic_projection import _turn, correct_centers, outlines, plane_outlines, pose_rows, refine_poses
-from markergen.maths.conic import circle_image
 from markergen.maths.information import pose_jacobian
-from markergen.maths.projection import apply_homography, plane_homography, project
+from markergen.maths.projection import apply_homography, circle_image, plane_homography, project
 from markergen.maths.rotation import angle_between, exponential
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import paper_roll

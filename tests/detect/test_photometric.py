@@ -8,8 +8,7 @@ from markergen.detect.detection import Detection
 from markergen.detect.photometric import refine
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
-from markergen.maths.conic import circle_image
-from markergen.maths.projection import apply_homography, plane_homography
+from markergen.maths.projection import apply_homography, circle_image, plane_homography
 from markergen.maths.rotation import angle_between, logarithm
 from markergen.model.camera import PAPER_CAMERA, Distortion
 from markergen.model.marker import Marker

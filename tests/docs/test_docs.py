@@ -69,6 +69,19 @@ def test_links_of_the_readme_lead_somewhere_from_everywhere():
         assert image.startswith(f"{home}/raw/"), image
 
 
+def test_every_room_on_the_map_is_there():
+    """ARCHITECTURE.md sends readers to files; each of them exists, and every package is in its table."""
+    text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`([\w.]+(?:/[\w.]*)+)`", text))
+    assert len(named) > 30
+    for path in named:
+        assert (ROOT / path).exists() or (ROOT / "markergen" / path).exists(), path
+    for link in re.findall(r"\]\(([^)]+)\)", text):
+        assert (ROOT / link).exists(), link
+    packages = {path.parent.name for path in (ROOT / "markergen").glob("*/__init__.py")}
+    assert packages <= set(re.findall(r"`(\w+)`", text))
+
+
 def test_flags_of_the_readme_exist():
     known = (ROOT / "docs" / "cli.md").read_text()
     for flag in re.findall(r"(--[a-z][a-z-]+)", (ROOT / "README.md").read_text()):

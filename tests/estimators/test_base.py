@@ -60,11 +60,11 @@ def test_reprojection_error_is_the_mean_squared_distance():
     assert np.array_equal(batch.reprojection_error(np.full((2, 3, 3), np.nan), np.ones((2, 3))), [np.inf, np.inf])
 
 
-def test_image_points_as_taken_are_led_back_through_the_lens():
+def test_distorted_image_points_are_led_back_through_the_lens():
     camera = replace(PAPER_CAMERA, distortion=Distortion("radtan", (-0.4, 0.0, 1e-3, -5e-4)))
     poses = paper()
     taken = camera.project(SQUARE, poses.rotation[:3], poses.translation[:3])
-    batch = Correspondences.as_taken(SQUARE, taken, camera)
+    batch = Correspondences.from_distorted(SQUARE, taken, camera)
     ideal = camera.ideal.project(SQUARE, poses.rotation[:3], poses.translation[:3])
     # The inverse is good to 1e-13 of the focal length.
     np.testing.assert_allclose(batch.image_points, ideal, atol=1e-9)
@@ -82,11 +82,11 @@ def test_pixels_that_no_ray_comes_to_make_a_trial_unsolvable():
     camera = replace(PAPER_CAMERA, distortion=Distortion("radtan", (-0.4, 0.0, 0.0, 0.0)))
     pixels = np.array([[[300, 200], [340, 200], [340, 260], [300, 260]]], dtype=float).repeat(2, axis=0)
     pixels[1, 0] = [-900, 200]
-    assert Correspondences.as_taken(SQUARE, pixels, camera).solvable.tolist() == [True, False]
+    assert Correspondences.from_distorted(SQUARE, pixels, camera).solvable.tolist() == [True, False]
 
 
 def test_without_a_lens_pixels_are_what_they_are():
     pixels = np.random.default_rng(0).uniform(0, 400, (2, 4, 2))
-    batch = Correspondences.as_taken(SQUARE, pixels, PAPER_CAMERA)
+    batch = Correspondences.from_distorted(SQUARE, pixels, PAPER_CAMERA)
     assert batch.image_points is pixels
     assert batch.lens is None

@@ -84,14 +84,14 @@ def test_a_start_that_is_no_pose_stays():
     assert np.isfinite(end_rotation[2:]).all()
 
 
-def test_with_a_lens_the_residuals_are_those_of_the_image_as_taken():
+def test_with_a_lens_the_residuals_are_those_of_the_distorted_image():
     """The step of Gauss-Newton from the truth; at 0.01 px the second order is below 2 % of it away from the front."""
     camera = Camera(640, 480, 250.0, 250.0, 320.0, 240.0, Distortion("equidistant", (0.0035, 0.0007, -0.002, 0.0002)))
     poses = tilted(every=8)
     poses = PoseDistribution("beside", poses.rotation, 0.4 * poses.translation + [0.2, 0.1, 0])
     exact = camera.project(PENTAGON, poses.rotation, poses.translation)
     noise = 0.01 * np.random.default_rng(0).normal(size=exact.shape)
-    rotation, translation = Correspondences.as_taken(PENTAGON, exact + noise, camera).once(LM).best
+    rotation, translation = Correspondences.from_distorted(PENTAGON, exact + noise, camera).once(LM).best
     # The Gauss-Newton step of the image as taken, with the Jacobian of the projection by differences.
     step = 1e-6
     ahead, behind = (
@@ -113,7 +113,7 @@ def test_no_trial_that_begins_anywhere_is_no_error():
     poses = tilted(every=40)
     camera = Camera(1280, 960, 800.0, 800.0, 640.0, 480.0, Distortion("radtan", (-0.2, 0.05, 0.0, 0.0)))
     seen = to_camera(PENTAGON, poses.rotation, poses.translation)
-    batch = Correspondences.as_taken(PENTAGON, camera.to_pixels(perspective(seen)), camera)
+    batch = Correspondences.from_distorted(PENTAGON, camera.to_pixels(perspective(seen)), camera)
     nothing = np.full((len(seen), 3, 3), np.nan), np.full((len(seen), 3), np.nan)
     for found in refine(batch, *nothing):
         assert np.isnan(found).all()

@@ -89,7 +89,7 @@ def test_at_coincident_singular_values_the_gradient_is_a_subgradient():
     assert np.all(np.isfinite(by_object))
     assert np.all(np.isfinite(by_image))
     rng = np.random.default_rng(0)
-    kinked = 0
+    nonsmooth = 0
     for _ in range(50):
         along = rng.normal(size=(2, 4, 2))
         step = 1e-6
@@ -101,8 +101,8 @@ def test_at_coincident_singular_values_the_gradient_is_a_subgradient():
         # Second-order terms over a step of 1e-6 are below 1e-4.
         assert slopes[0] >= claimed - 1e-4
         assert slopes[1] >= -claimed - 1e-4
-        kinked += slopes[0] + slopes[1] > 1e-2
-    assert kinked > 25
+        nonsmooth += slopes[0] + slopes[1] > 1e-2
+    assert nonsmooth > 25
 
 
 def test_softened_gradient_is_exact_at_coincident_singular_values():

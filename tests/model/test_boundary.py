@@ -246,8 +246,11 @@ def test_outlines_may_touch_at_a_corner():
     ("rings", "words"),
     [
         ((), "at least one outline, found none"),
-        ((((0, 0), (1, 1), (1, 0), (0, 1)),), "outline 1 doing so at (500 mm, 500 mm)"),
-        ((SQUARE, ((0, 0), (1, 0), (1, 1), (0.5, 0), (0, 1))), "outline 2 doing so at (500 mm, 0 mm)"),
+        ((((0, 0), (1, 1), (1, 0), (0, 1)),), "outline 1 crossing or touching itself at (500 mm, 500 mm)"),
+        (
+            (SQUARE, ((0, 0), (1, 0), (1, 1), (0.5, 0), (0, 1))),
+            "outline 2 crossing or touching itself at (500 mm, 0 mm)",
+        ),
         ((SQUARE, tuple((x + 0.1, y + 0.1) for x, y in SQUARE)), "outlines 1 and 2 crossing or sharing a line at (0"),
         ((SQUARE, tuple((x + 0.2, y) for x, y in SQUARE)), "outlines 1 and 2 crossing or sharing a line at (100 mm, "),
         ((SQUARE, SQUARE), "outlines 1 and 2 crossing or sharing a line"),

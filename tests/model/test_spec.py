@@ -45,10 +45,8 @@ def test_print_errors_that_cannot_be_are_refused(print_sigma):
         ({"noise_model": "pixel"}, "known: point, image"),
         ({"noise_model": "point", "dot": "auto"}, "the noise model image for --dot auto"),
         ({"noise_model": "image", "dot": 0.0}, "dots with a size"),
-        ({"noise_model": "image", "objective": "condition"}, "an objective that depends on the noise"),
         ({"print_sigma": 1e-4}, "use --noise-model image"),
         ({"print_sigma": 1e-4, "noise_model": "point", "dot": 0.036}, "use --noise-model image"),
-        ({"dot": "auto", "objective": "condition"}, "an objective that depends on the noise"),
     ],
 )
 def test_wishes_that_do_not_go_together_are_refused(values, words):

@@ -12,9 +12,9 @@ from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES
 from markergen.objectives.autograd import AutogradObjective
 from markergen.objectives.criteria import regular_polygon
+from markergen.objectives.observation import DotNoise
 from markergen.objectives.survive import SurvivalObjective
-from markergen.objectives.weights import DotNoise
-from markergen.optimize.goal import objective_of
+from markergen.optimize.problem import objective_of
 
 STEP = 1e-7
 

@@ -10,11 +10,10 @@ from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES
 from markergen.objectives.aggregates import aggregate_of
 from markergen.objectives.criteria import criteria, regular_polygon
+from markergen.objectives.observation import DotNoise
 from markergen.objectives.survive import SurvivalObjective, hidden_dot_errors, losses
-from markergen.objectives.weights import DotNoise
-from markergen.optimize.goal import objective_of
-from markergen.optimize.multistart import search
-from markergen.optimize.region import Region
+from markergen.optimize.problem import FeasibleRegion, objective_of
+from markergen.optimize.search import search
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +46,7 @@ def test_it_is_the_worst_of_what_can_be_left(few, name, lost, aggregate):
     np.testing.assert_allclose(surviving.value_and_gradient(layouts())[0], expected, rtol=1e-11)
     assert surviving.per_pose(layouts()).shape == (2, len(few.poses))
     assert (surviving.unit, surviving.aggregate) == (objective.unit, objective.aggregate)
-    assert surviving.kinked
+    assert surviving.nonsmooth
 
 
 @pytest.mark.parametrize("noise", [None, DotNoise(0.03)])
@@ -85,7 +84,7 @@ def test_a_loss_that_leaves_a_line_is_infinite(few):
 
 
 def test_the_search_at_least_matches_the_hexagon(few):
-    region, hexagon = Region(few.boundary), regular_polygon(6, 0.15)[None]
+    region, hexagon = FeasibleRegion(few.boundary), regular_polygon(6, 0.15)[None]
     objective = SurvivalObjective(OBJECTIVES["pose"](few), 1)
     found = search(objective, region, 6, np.random.default_rng(0))
     # The last softness of the polish leaves some 1e-7.

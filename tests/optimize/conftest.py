@@ -2,7 +2,7 @@ import pytest
 
 from markergen.model.boundary import Circle, area_without
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.optimize.exchange import fewer
+from markergen.optimize.problem import fewer
 
 
 @pytest.fixture(scope="session")

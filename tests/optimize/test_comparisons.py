@@ -5,10 +5,11 @@ from markergen.model.boundary import Circle
 from markergen.model.poses import PoseDistribution, named_poses
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import regular_polygon
-from markergen.optimize.comparisons import comparison_layouts
-from markergen.optimize.region import Region
+from markergen.objectives.survive import HiddenDots
+from markergen.optimize.comparisons import comparison_layouts, criteria_table, hidden_table
+from markergen.optimize.problem import FeasibleRegion
 
-DISK = Region(Circle(0.15), 0.02, 0.002)
+DISK = FeasibleRegion(Circle(0.15), 0.02, 0.002)
 
 
 def test_in_a_disk_polygons_reach_the_inset_rim_upright(setting):
@@ -36,7 +37,7 @@ def test_a_polygon_is_turned_where_that_matters(setting):
 @pytest.mark.parametrize("n", [4, 5])
 def test_polygons_are_regular_and_as_large_as_can_be(rooms, n):
     for room in rooms.values():
-        region = Region(room, 0.02, 0.002)
+        region = FeasibleRegion(room, 0.02, 0.002)
         layouts = comparison_layouts(region, n)
         for points in [layouts[name][0] for name in ("ngon", "square") if name in layouts]:
             center = points.mean(axis=0)
@@ -48,12 +49,12 @@ def test_polygons_are_regular_and_as_large_as_can_be(rooms, n):
 
 
 def test_a_ring_has_its_polygon_around_the_hole(rooms):
-    points = comparison_layouts(Region(rooms["ring"], 0.02, 0.002), 6)["ngon"][0]
+    points = comparison_layouts(FeasibleRegion(rooms["ring"], 0.02, 0.002), 6)["ngon"][0]
     np.testing.assert_allclose(np.hypot(*points.T), 0.138, atol=1e-6)
 
 
 def test_what_does_not_fit_is_left_out(rooms, setting):
-    region = Region(rooms["two squares"], 0.03, 0.003)
+    region = FeasibleRegion(rooms["two squares"], 0.03, 0.003)
     layouts = comparison_layouts(region, 9, setting=Setting(rooms["two squares"], setting.camera, few(setting)))
     assert "ngon" not in layouts
     assert region.holds(layouts["square"]).all()
@@ -61,3 +62,28 @@ def test_what_does_not_fit_is_left_out(rooms, setting):
 
 def few(setting):
     return PoseDistribution("few", setting.poses.rotation[::20], setting.poses.translation[::20])
+
+
+FLAT = {"pose_m": 0.0086638, "rotation_deg": 2.7742, "translation_pct": 0.5431, "homography_px": 1.5, "condition": 3.0}
+
+
+def test_a_row_for_each_layout_in_the_units_of_its_column():
+    table = criteria_table({"design": FLAT, "ngon": FLAT, "square": {"pose_m": 0.01}}, 5, "image noise of 1 px")
+    assert table.title == "What the layout allows, for image noise of 1 px"
+    assert table.header == ["", "pose mm", "rotation deg", "translation %", "homography px", "c(A)"]
+    assert table.rows[0] == ["this marker", "8.664", "2.774", "0.5431", "1.500", "3.000"]
+    assert [row[0] for row in table.rows] == ["this marker", "regular 5-gon", "square, 4 dots"]
+    # A relief lacks some.
+    assert table.rows[2][1:] == ["10.00", "-", "-", "-", "-"]
+
+
+def test_worst_and_mean_with_dots_hidden():
+    errors = [HiddenDots(0, FLAT, FLAT, ()), HiddenDots(1, FLAT, FLAT, (3,)), HiddenDots(2, FLAT, FLAT, (0, 3))]
+    names = [row[0] for row in hidden_table(errors, "noise").rows]
+    assert names == [
+        "none hidden",
+        "worst: dot 3 hidden",
+        "mean of any 1 hidden",
+        "worst: dots 0, 3 hidden",
+        "mean of any 2 hidden",
+    ]

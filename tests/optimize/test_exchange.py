@@ -3,19 +3,18 @@ import pytest
 
 from markergen.model.spec import ImageNoise
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.objectives.weights import DotNoise
+from markergen.objectives.observation import DotNoise
 from markergen.optimize.exchange import (
-    AnyTable,
-    TraceTable,
+    AnyExchangeTable,
+    TraceExchangeTable,
     distances,
     edge,
     exchange,
-    fewer,
+    exchange_table,
     places,
     random_layout,
-    table_of,
 )
-from markergen.optimize.region import Region
+from markergen.optimize.problem import FeasibleRegion, fewer
 
 
 def test_fewer_poses_are_spread_over_all(setting):
@@ -31,7 +30,7 @@ def test_fewer_poses_are_spread_over_all(setting):
 
 def test_places_are_in_the_region_and_hold_its_corners(rooms):
     for room in rooms.values():
-        region = Region(room, 0.02, 0.002)
+        region = FeasibleRegion(room, 0.02, 0.002)
         found = places(region, 8)
         assert 100 < len(found) < 700
         assert room.depth(found).min() >= region.inset - 1e-10
@@ -39,12 +38,12 @@ def test_places_are_in_the_region_and_hold_its_corners(rooms):
         assert room.depth(found).max() > 0.7 * room.depth(room.sample(2000, 0.0, np.random.default_rng(0))).max()
     # The corner of the inset rectangle, 100 mm x 50 mm from the middle.
     corner = np.array([0.1, 0.05]) - region_inset(shape := rooms["rectangle"])
-    rim = edge(Region(shape, 0.02, 0.002), 50)
+    rim = edge(FeasibleRegion(shape, 0.02, 0.002), 50)
     assert np.linalg.norm(rim - corner, axis=-1).min() < 1e-9
 
 
 def region_inset(boundary):
-    return Region(boundary, 0.02, 0.002).inset
+    return FeasibleRegion(boundary, 0.02, 0.002).inset
 
 
 @pytest.mark.parametrize("name", ["pose", "homography", "rotation", "translation"])
@@ -52,8 +51,8 @@ def region_inset(boundary):
 def test_the_fast_table_says_what_the_objective_says(rooms, criterion, name, aggregate):
     room = rooms["plate"]
     objective = criterion(room, name, aggregate)
-    here = places(Region(room, 0.02, 0.002), 8)[::7]
-    fast, slow = TraceTable(objective, here), AnyTable(objective, here)
+    here = places(FeasibleRegion(room, 0.02, 0.002), 8)[::7]
+    fast, slow = TraceExchangeTable(objective, here), AnyExchangeTable(objective, here)
     candidates = np.arange(len(here))
     for count in (4, 5, 9):
         rest = np.random.default_rng(count).choice(len(here), count, replace=False)
@@ -67,20 +66,23 @@ def test_the_fast_table_knows_the_noise_of_dots(rooms, setting):
     room = rooms["L"]
     poses = fewer(setting.poses.seen_whole(room, setting.camera))
     objective = OBJECTIVES["pose"](Setting(room, setting.camera, poses, DotNoise(0.03, ImageNoise())))
-    here = places(Region(room, 0.03, 0.003), 8)[::5]
+    here = places(FeasibleRegion(room, 0.03, 0.003), 8)[::5]
     rest = np.array([0, 9, 20, 30])
     candidates = np.arange(len(here))
-    expected = AnyTable(objective, here).values(rest, candidates)
-    np.testing.assert_allclose(TraceTable(objective, here).values(rest, candidates), expected, rtol=1e-5)
+    expected = AnyExchangeTable(objective, here).values(rest, candidates)
+    np.testing.assert_allclose(TraceExchangeTable(objective, here).values(rest, candidates), expected, rtol=1e-5)
 
 
 @pytest.mark.parametrize("name", ["pose", "condition"])
 def test_further_places_come_first(rooms, criterion, name):
     room = rooms["L"]
     objective = criterion(room, name)
-    here = edge(Region(room, 0.02, 0.002), 30)
+    here = edge(FeasibleRegion(room, 0.02, 0.002), 30)
     more = room.sample(6, 0.012, np.random.default_rng(0))
-    joined, whole = table_of(objective, here).joined(more), table_of(objective, np.concatenate([more, here]))
+    joined, whole = (
+        exchange_table(objective, here).joined(more),
+        exchange_table(objective, np.concatenate([more, here])),
+    )
     np.testing.assert_array_equal(joined.places, whole.places)
     np.testing.assert_array_equal(joined.apart, whole.apart)
     rest, candidates = np.array([0, 3, 8, 20, 27]), np.arange(len(joined.places))
@@ -93,19 +95,21 @@ def test_three_points_and_one_are_told_apart_from_none(rooms, criterion):
     room = rooms["two squares"]
     for name in ("pose", "homography"):
         objective = criterion(room, name)
-        here = edge(Region(room, 0.02, 0.002), 40)
+        here = edge(FeasibleRegion(room, 0.02, 0.002), 40)
         rest = np.array([0, 10, 25])
         candidates = np.setdiff1d(np.arange(len(here)), rest)
-        fast, slow = (table(objective, here).values(rest, candidates) for table in (TraceTable, AnyTable))
+        fast, slow = (
+            table(objective, here).values(rest, candidates) for table in (TraceExchangeTable, AnyExchangeTable)
+        )
         # A thousandth is what keeps the three from being singular.
         assert slow[np.argmin(fast)] <= 1.001 * slow.min()
 
 
 def test_no_single_move_improves_what_an_exchange_ends_with(rooms, criterion):
     room = rooms["star"]
-    region, n = Region(room, 0.02, 0.002), 7
+    region, n = FeasibleRegion(room, 0.02, 0.002), 7
     objective = criterion(room)
-    table = table_of(objective, places(region, n))
+    table = exchange_table(objective, places(region, n))
     start = random_layout(table.apart, region.spacing, n, np.random.default_rng(0))
     end = exchange(table, region.spacing, start)
     before, after = objective(table.places[np.array([start, end])])
@@ -122,8 +126,8 @@ def test_no_single_move_improves_what_an_exchange_ends_with(rooms, criterion):
 def test_any_objective_can_be_exchanged(rooms, criterion):
     room = rooms["rectangle"]
     objective = criterion(room, "condition")
-    table = table_of(objective, edge(Region(room), 24))
-    assert isinstance(table, AnyTable)
+    table = exchange_table(objective, edge(FeasibleRegion(room), 24))
+    assert isinstance(table, AnyExchangeTable)
     start = np.arange(5)
     end = exchange(table, 0.01, start)
     assert objective(table.places[end][None])[0] < 0.8 * objective(table.places[start][None])[0]

@@ -9,10 +9,10 @@ import pytest
 from markergen.model.boundary import Circle
 from markergen.objectives import OBJECTIVES
 from markergen.objectives.criteria import regular_polygon
-from markergen.optimize.multistart import search
-from markergen.optimize.region import Region
+from markergen.optimize.problem import FeasibleRegion
+from markergen.optimize.search import search
 
-BARE = Region(Circle(0.15))
+BARE = FeasibleRegion(Circle(0.15))
 SEEDS = 20
 
 

@@ -8,14 +8,13 @@ from markergen.model.camera import PAPER_CAMERA
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import regular_polygon
 from markergen.objectives.survive import SurvivalObjective
-from markergen.optimize.exchange import fewer
-from markergen.optimize.multistart import search
 from markergen.optimize.polish import polish
-from markergen.optimize.region import Region
+from markergen.optimize.problem import FeasibleRegion, fewer
+from markergen.optimize.search import search
 from markergen.optimize.supersab import descend
 from markergen.read.poses import poses_from
 
-BARE = Region(Circle(0.15))
+BARE = FeasibleRegion(Circle(0.15))
 
 
 @pytest.mark.parametrize("n", [4, 5, 8])
@@ -48,7 +47,7 @@ def test_the_worst_pose_can_be_minimized(setting):
 
 
 def test_descent_never_ends_above_its_start_and_stays_feasible(setting):
-    region = Region(Circle(0.15), 0.036, 0.0036)
+    region = FeasibleRegion(Circle(0.15), 0.036, 0.0036)
     objective = OBJECTIVES["condition"](setting)
     starts = region.sample(4, 6, np.random.default_rng(0))
     result = descend(objective, region, starts, steps=30)
@@ -67,7 +66,7 @@ def test_most_of_the_gain_comes_in_the_first_steps(setting):
 
 @pytest.mark.parametrize("name", list(OBJECTIVES))
 def test_polish_never_makes_worse(setting, name):
-    region = Region(Circle(0.15), 0.036, 0.0036)
+    region = FeasibleRegion(Circle(0.15), 0.036, 0.0036)
     objective = OBJECTIVES[name](setting)
     start = region.sample(1, 5, np.random.default_rng(2))[0]
     points, value = polish(objective, region, start)
@@ -87,7 +86,7 @@ def test_the_same_seed_gives_the_same_layout(setting):
 def test_a_camera_from_one_side_gets_more_than_a_regular_polygon(n, dot):
     poses = poses_from("cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,count=100,seed=0")
     objective = OBJECTIVES["pose"](Setting(Circle(0.15), PAPER_CAMERA, poses))
-    region = Region(Circle(0.15), dot, dot / 10)
+    region = FeasibleRegion(Circle(0.15), dot, dot / 10)
     angles = 2 * np.pi / n * np.arange(90) / 90
     turns = np.stack([np.cos(angles), np.sin(angles), -np.sin(angles), np.cos(angles)], axis=-1).reshape(-1, 2, 2)
     best = objective(regular_polygon(n, 0.15 - region.inset) @ turns).min()
@@ -104,7 +103,7 @@ def test_six_dots_bear_the_loss_of_one_as_well_as_a_hexagon(setting):
 
 
 def test_dots_that_nearly_fill_the_disk_still_get_a_layout(setting):
-    region = Region(Circle(0.15), 0.0975, 0.0)
+    region = FeasibleRegion(Circle(0.15), 0.0975, 0.0)
     found = search(OBJECTIVES["pose"](setting), region, 7, np.random.default_rng(0), restarts=2)
     assert region.holds(found.points[None])[0]
 

@@ -3,7 +3,7 @@ import pytest
 
 from markergen.model.boundary import Circle
 from markergen.optimize.packing import count_that_fit, fitting, largest_diameter, lattice, pack
-from markergen.optimize.region import Region
+from markergen.optimize.problem import FeasibleRegion
 
 # Densest packings of n equal disks in a unit disk (Graham et al. 1998; proved for these n but 12): radius of a disk.
 BEST = {
@@ -31,18 +31,18 @@ def test_packings_are_the_known_best(n):
 def test_packed_dots_really_fit(n, clearance):
     boundary = Circle(0.15)
     points, diameter = pack(boundary, n, clearance)
-    region = Region(boundary, diameter, diameter / 10 if clearance is None else clearance)
+    region = FeasibleRegion(boundary, diameter, diameter / 10 if clearance is None else clearance)
     assert region.violation(points[None])[0] <= 1e-9
 
 
 def test_dots_fit_or_do_not(shapes):
     # Seven disks in a disk three times as large leave no room at all.
-    assert fitting(Region(Circle(0.15), 0.1, 0.0), 7) is not None
-    assert fitting(Region(Circle(0.15), 0.1 * (1 + 1e-7), 0.0), 7) is None
+    assert fitting(FeasibleRegion(Circle(0.15), 0.1, 0.0), 7) is not None
+    assert fitting(FeasibleRegion(Circle(0.15), 0.1 * (1 + 1e-7), 0.0), 7) is None
     for n in (6, 30):
-        region = Region(shapes["L"], 0.99 * largest_diameter(shapes["L"], n, 0.001), 0.001)
+        region = FeasibleRegion(shapes["L"], 0.99 * largest_diameter(shapes["L"], n, 0.001), 0.001)
         assert region.holds(fitting(region, n)[None])[0]
-    assert fitting(Region(shapes["L"], 0.05, 0.001), 30) is None
+    assert fitting(FeasibleRegion(shapes["L"], 0.05, 0.001), 30) is None
 
 
 def test_counting_agrees_with_packing():
@@ -65,7 +65,7 @@ def test_lattice_counts_are_sane():
 def test_packed_dots_fit_in_every_shape(shape, n):
     points, diameter = pack(shape, n)
     assert diameter > 0
-    assert Region(shape, diameter, diameter / 10).violation(points[None])[0] <= 1e-9
+    assert FeasibleRegion(shape, diameter, diameter / 10).violation(points[None])[0] <= 1e-9
 
 
 def test_known_packings_in_squares(shapes):
@@ -82,4 +82,4 @@ def test_a_lattice_is_turned_to_fit(shapes):
     # Rows along the sides of the rectangle hold more than rows across.
     flat = len(lattice(shapes["rectangle"], 0.01, 0.001))
     assert flat >= len(lattice(shapes["plate"], 0.01, 0.001)) / 2.5
-    assert Region(shapes["L"], 0.01, 0.001).holds(lattice(shapes["L"], 0.01, 0.001)[None])[0]
+    assert FeasibleRegion(shapes["L"], 0.01, 0.001).holds(lattice(shapes["L"], 0.01, 0.001)[None])[0]

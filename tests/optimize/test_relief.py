@@ -10,11 +10,9 @@ from markergen.model.occlusion import eyes_of, hidden
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES
 from markergen.optimize import relief
-from markergen.optimize.check import breach, check_relief, relief_breach
 from markergen.optimize.design import design
-from markergen.optimize.region import Region
-from markergen.optimize.relief import polish_relief, search_relief
-from markergen.optimize.relief_room import ReliefRoom
+from markergen.optimize.problem import FeasibleRegion, breach
+from markergen.optimize.relief import ReliefRoom, check_relief, polish_relief, relief_breach, search_relief
 
 ONE_SIDED = "cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,count=30"
 QUICK = Spec(n=6, dot=0.03, relief=0.02, restarts=2, poses=ONE_SIDED)
@@ -22,7 +20,7 @@ QUICK = Spec(n=6, dot=0.03, relief=0.02, restarts=2, poses=ONE_SIDED)
 
 @pytest.fixture
 def room(setting):
-    return ReliefRoom(Region(Circle(0.15), 0.03, 0.003), 0.05, eyes_of(setting.poses))
+    return ReliefRoom(FeasibleRegion(Circle(0.15), 0.03, 0.003), 0.05, eyes_of(setting.poses))
 
 
 def some_layout(room, n=6, seed=0):

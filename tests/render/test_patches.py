@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from markergen.maths.conic import circle_image
-from markergen.maths.projection import plane_homography
+from markergen.maths.projection import circle_image, plane_homography
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.poses import paper
 from markergen.render.patches import (

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from markergen.maths.conic import circle_image
-from markergen.maths.projection import plane_homography, project
+from markergen.maths.projection import circle_image, plane_homography, project
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.feature import Feature, key_ring

@@ -3,7 +3,7 @@ import pytest
 
 from markergen.estimators import Correspondences
 from markergen.estimators.lm import LM
-from markergen.maths.dot_noise import center_covariance
+from markergen.maths.dot_crlb import center_covariance
 from markergen.maths.information import mirrored_rotation
 from markergen.maths.projection import project
 from markergen.maths.rotation import angle_between, exponential, logarithm

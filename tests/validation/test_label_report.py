@@ -10,7 +10,7 @@ from markergen.model.camera import PAPER_CAMERA
 from markergen.model.feature import Feature
 from markergen.model.poses import paper
 from markergen.objectives import Setting
-from markergen.optimize.label_safety import label_safety
+from markergen.optimize.label_ambiguity import label_safety
 from markergen.render import DEFAULT_OPTICS, render_view
 from markergen.validation.report import overview
 from markergen.validation.report.subject import Subject

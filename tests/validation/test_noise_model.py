@@ -5,14 +5,14 @@ import pytest
 
 from markergen.detect import detect
 from markergen.estimators import ESTIMATORS, Correspondences
-from markergen.maths.dot_noise import center_covariance
+from markergen.maths.dot_crlb import center_covariance
 from markergen.maths.information import displacement_weight, pose_jacobian
 from markergen.maths.projection import project
 from markergen.maths.rotation import logarithm
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import RIM_POINTS
 from markergen.model.spec import ImageNoise, Spec
-from markergen.optimize.dots import choose_dots
+from markergen.optimize.dot_size import choose_dots
 from markergen.render import DEFAULT_OPTICS, render_view
 
 NOISE = ImageNoise()

@@ -8,7 +8,7 @@ from markergen.estimators.budget import ErrorSources
 from markergen.model.boundary import Circle
 from markergen.model.marker import Marker
 from markergen.objectives import OBJECTIVES
-from markergen.optimize.label_safety import label_safety
+from markergen.optimize.label_ambiguity import label_safety
 from markergen.presentation.results import json_bytes
 from markergen.validation import tables
 from markergen.validation.validation import setting_of, validate

@@ -11,10 +11,9 @@ from markergen.model.occlusion import eyes_of
 from markergen.model.poses import PoseDistribution
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import criteria, regular_polygon
-from markergen.optimize.exchange import fewer
-from markergen.optimize.multistart import search
-from markergen.optimize.relief import search_relief
-from markergen.optimize.relief_room import ReliefRoom
+from markergen.optimize.problem import fewer
+from markergen.optimize.relief import ReliefRoom, search_relief
+from markergen.optimize.search import search
 from markergen.optimize.supersab import descend
 from markergen.optimize.trace import Recorder
 from markergen.studies.cells import Cell, Result

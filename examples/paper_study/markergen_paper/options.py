@@ -10,12 +10,12 @@ from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import PoseDistribution, paper
 from markergen.objectives import OBJECTIVES, Objective, Setting
-from markergen.optimize.region import Region
+from markergen.optimize.problem import FeasibleRegion
 
 Index = NDArray[np.intp]
 
 BOUNDARY = Circle(0.15)
-REGION = Region(BOUNDARY)
+REGION = FeasibleRegion(BOUNDARY)
 """The paper's disk; control points are bare, and may lie on its rim."""
 
 REAL_CAMERA = mg.Camera(1288, 964, 1070.82, 1071.20, 647.98, 488.27)

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 
 from markergen.estimators import Correspondences, PoseEstimates, PoseEstimator
-from markergen.estimators.decomposition import decompose_homography
 from markergen.estimators.dlt import DLT
+from markergen.maths.projection import decompose_homography
 
 
 class Refined(PoseEstimator):

@@ -9,11 +9,20 @@ from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from markergen.registry import Registry
 
-__all__ = ["LARGEST_RADIUS", "LENSES", "Coefficients", "LensModel", "RadialModel"]
+__all__ = [
+    "LARGEST_RADIUS",
+    "LENSES",
+    "Coefficients",
+    "LensModel",
+    "RadialModel",
+    "derivative",
+    "first_root",
+    "horner",
+]
 
 Array = NDArray[np.float64]
 Coefficients = tuple[float, ...]
@@ -216,6 +225,32 @@ class RadialModel(LensModel):
 
 LENSES: Registry[LensModel] = Registry("distortion model", __name__, "markergen.camera_models", LensModel)
 """Lens models by name; an entry is an instance of one."""
+
+
+def horner(x: Array, ascending: Coefficients) -> Array:
+    """Horner's rule; nan stays nan, for a constant, too."""
+    if len(ascending) == 1:
+        return x * 0 + ascending[0]
+    value = x * ascending[-1]
+    for coefficient in ascending[-2:0:-1]:
+        value += coefficient
+        value *= x
+    value += ascending[0]
+    return value
+
+
+def derivative(ascending: Coefficients) -> Coefficients:
+    """Coefficients of a polynomial's derivative."""
+    return tuple(i * c for i, c in enumerate(ascending))[1:] or (0.0,)
+
+
+def first_root(ascending: ArrayLike) -> float:
+    """Smallest positive root of 1 + c1 r + c2 r^2 + ..., inf if there is none."""
+    # The roots of the reversed polynomial are 1/r: it is monic, so that tiny leading coefficients do no harm, and the
+    # root wanted is the largest. A double root, where rounding may make two complex ones, counts.
+    inverse = np.roots(ascending)
+    real = inverse.real[(np.abs(inverse.imag) <= 1e-6 * np.abs(inverse)) & (inverse.real > 0)]
+    return float(1 / real.max()) if real.size and real.max() > 1e-300 else np.inf
 
 
 def _shift(x: Array, y: Array, scale: Array, p1: float, p2: float) -> tuple[Array, Array]:

@@ -4,8 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from markergen.maths.lenses import LARGEST_RADIUS, LENSES, Array, Coefficients, RadialModel
-from markergen.maths.lenses.polynomial import derivative, first_root, polynomial
+from markergen.maths.lenses import (
+    LARGEST_RADIUS,
+    LENSES,
+    Array,
+    Coefficients,
+    RadialModel,
+    derivative,
+    first_root,
+    horner,
+)
 
 
 class Equidistant(RadialModel):
@@ -21,7 +29,7 @@ class Equidistant(RadialModel):
         # At the center, atan r / r = 1 - r^2/3: the quotient below is 0/0 there.
         center = square < 1e-12
         unit = np.where(center, 1 - square / 3, angle / np.where(center, 1, radius))
-        return unit * polynomial(angle * angle, (1.0, *coefficients))
+        return unit * horner(angle * angle, (1.0, *coefficients))
 
     def scale_and_slope(self, square: Array, coefficients: Coefficients) -> tuple[Array, Array]:
         """See `RadialModel.scale_and_slope`."""
@@ -31,8 +39,8 @@ class Equidistant(RadialModel):
         angle2 = angle * angle
         center = square < 1e-12
         unit = np.where(center, 1 - square / 3, angle / np.where(center, 1, radius))
-        scale = unit * polynomial(angle2, (1.0, *c))
-        steepness = polynomial(angle2, (1.0, 3 * c[0], 5 * c[1], 7 * c[2], 9 * c[3])) / (1 + square)
+        scale = unit * horner(angle2, (1.0, *c))
+        steepness = horner(angle2, (1.0, 3 * c[0], 5 * c[1], 7 * c[2], 9 * c[3])) / (1 + square)
         return scale, np.where(center, c[0] - 1 / 3, (steepness - scale) / np.where(center, 1, 2 * square))
 
     def bend(self, square: Array, coefficients: Coefficients) -> Array:
@@ -45,7 +53,7 @@ class Equidistant(RadialModel):
         # With S = (s r)' = s + 2 r^2 s', s'' = (S' - 3 s') / (2 r^2); at the center from the series of both.
         grown = (1.0, 3 * c[0], 5 * c[1], 7 * c[2], 9 * c[3])
         unit = np.where(center, 1.0, angle / np.sqrt(np.where(center, 1.0, square)))
-        change = (polynomial(angle2, derivative(grown)) * unit - polynomial(angle2, grown)) / (1 + square) ** 2
+        change = (horner(angle2, derivative(grown)) * unit - horner(angle2, grown)) / (1 + square) ** 2
         return np.where(center, 2 * (c[1] - c[0] + 0.2), (change - 3 * slope) / np.where(center, 1.0, 2 * square))
 
     def scale_by_coefficients(self, square: Array, coefficients: Coefficients) -> Sequence[Array]:

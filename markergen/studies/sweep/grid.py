@@ -16,9 +16,10 @@ from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.findings import listed
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.optimize.dots import choose_dots
+from markergen.optimize.dot_size import choose_dots
+from markergen.optimize.problem import check_objective
 from markergen.read.cameras import read_camera
-from markergen.read.outlines import read_room
+from markergen.read.outlines.boundary import read_room
 from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_from_mapping
 from markergen.read.templates import read_template, templates
@@ -349,6 +350,7 @@ class _Feasible:
         return tuple(dict.fromkeys(name for name in names if not (spec.relief and ESTIMATORS[name].planar_only)))
 
     def _check_names(self, spec: Spec) -> None:
+        check_objective(spec, spec.noise_model == "image")
         key = canonical(["names", spec.objective, spec.aggregate, spec.coordinates])
         self._once(key, lambda: self._build(spec))
 

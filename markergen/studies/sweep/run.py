@@ -13,12 +13,11 @@ from markergen.files import write_all
 from markergen.model.spec import Spec
 from markergen.objectives import Setting
 from markergen.objectives.criteria import criteria
-from markergen.objectives.weights import DotNoise
+from markergen.objectives.observation import DotNoise
 from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.design import design
-from markergen.optimize.dots import DotSize, choose_dots
-from markergen.optimize.goal import room_of
-from markergen.optimize.region import Region
+from markergen.optimize.dot_size import DotSize, choose_dots
+from markergen.optimize.problem import FeasibleRegion, room_of
 from markergen.presentation.tables import csv_bytes
 from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_from_mapping
@@ -137,7 +136,7 @@ def _given_layout(spec: Spec, kind: str, seed: int) -> tuple[Array, DotSize, Map
     dots = choose_dots(spec, poses)
     if spec.noise_model == "image":
         setting = replace(setting, noise=DotNoise(dots.diameter, spec.image_noise, spec.print_sigma))
-    region = Region(room_of(spec), dots.diameter, dots.clearance)
+    region = FeasibleRegion(room_of(spec), dots.diameter, dots.clearance)
     layouts = comparison_layouts(region, spec.n, seed, setting).get(kind)
     if layouts is None:
         raise MarkergenError(f"expected room for the layout {kind}, found that its dots would touch")

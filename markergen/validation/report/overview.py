@@ -8,8 +8,8 @@ from typing import Any
 
 from markergen.model.marker import Marker
 from markergen.model.picture import draw_marker, shows_origin
-from markergen.optimize.criteria_tables import LAYOUTS
-from markergen.optimize.dots import PERCENTILE, PIXELS
+from markergen.optimize.comparisons import LAYOUTS
+from markergen.optimize.dot_size import PERCENTILE, PIXELS
 from markergen.presentation.plots import plot
 from markergen.presentation.tables import Table, percent
 from markergen.render import DEFAULT_OPTICS

@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.estimators.budget import PoseBudget
-from markergen.maths.conic import circle_image
 from markergen.maths.information import covariance, rotation_bound
-from markergen.maths.projection import plane_homography
+from markergen.maths.projection import circle_image, plane_homography
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
-from markergen.optimize.dots import CLEARANCE, PERCENTILE, PIXELS
+from markergen.optimize.dot_size import CLEARANCE, PERCENTILE, PIXELS
 from markergen.optimize.packing import largest_diameter
 from markergen.presentation import tables
 from markergen.presentation.plots import Plot

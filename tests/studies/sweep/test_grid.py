@@ -5,8 +5,7 @@ import pytest
 from markergen.errors import InputError
 from markergen.model.camera import PAPER_CAMERA
 from markergen.read.templates import template_text
-from markergen.studies.sweep import read_sweep, studies, sweep_from_mapping
-from markergen.studies.sweep.grid import named_camera
+from markergen.studies.sweep.grid import named_camera, read_sweep, studies, sweep_from_mapping
 
 GRID = {"n": [4, 5], "layout": ["designed", "ngon"]}
 

@@ -2,7 +2,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from markergen.studies.sweep import sweep_from_mapping
+from markergen.studies.sweep.grid import sweep_from_mapping
 from markergen.studies.sweep.report import page, plots, roles_of
 
 ROW = {

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from markergen.studies.engines import ENGINES, EngineOptions, engine_for
-from markergen.studies.sweep import read_sweep, run_sweep
+from markergen.studies.sweep.grid import read_sweep
+from markergen.studies.sweep.run import run_sweep
 
 ROOT = Path(__file__).parents[3]
 
@@ -64,7 +65,7 @@ def test_ctrl_c_says_how_to_continue(small, alone, tmp_path):
     process.send_signal(signal.SIGINT)
     _, complaint = process.communicate(timeout=30)
     assert process.returncode == 130
-    assert f"what is finished remains in {folder}; continue with the same command and --resume" in complaint
+    assert f"finished cells remain in {folder}; continue with the same command and --resume" in complaint
     assert "Traceback" not in complaint
     run_sweep(read_sweep(str(small)), folder, ENGINES["serial"](EngineOptions()), resume=True)
     assert files(folder) == files(alone)

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from markergen.presentation.tables import csv_bytes
-from markergen.studies.sweep import sweep_from_mapping
-from markergen.studies.sweep.grid import KEYS
+from markergen.studies.sweep.grid import KEYS, sweep_from_mapping
 from markergen.studies.sweep.run import DIGITS, layout_cell, trials_cell, work
 from markergen.studies.sweep.table import ALL, COLUMNS, ERROR, columns, mean_square_interval, rows
 from markergen.validation.metrics import statistics

@@ -5,9 +5,17 @@ from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from markergen.maths.lenses import LARGEST_RADIUS, LENSES, Array, Coefficients, RadialModel
+from markergen.maths.lenses import (
+    LARGEST_RADIUS,
+    LENSES,
+    Array,
+    Coefficients,
+    RadialModel,
+    derivative,
+    first_root,
+    horner,
+)
 
 
 class RadialTangential(RadialModel):
@@ -24,36 +32,34 @@ class RadialTangential(RadialModel):
     def scale(self, square: Array, coefficients: Coefficients) -> Array:
         """See `RadialModel.scale`."""
         above, below, _, _ = _ratio(coefficients)
-        scale = polynomial(square, above)
-        return scale * (1 / polynomial(square, below)) if len(below) > 1 else scale
+        scale = horner(square, above)
+        return scale * (1 / horner(square, below)) if len(below) > 1 else scale
 
     def scale_and_slope(self, square: Array, coefficients: Coefficients) -> tuple[Array, Array]:
         """See `RadialModel.scale_and_slope`."""
         above, below, above_slope, below_slope = _ratio(coefficients)
-        scale, slope = polynomial(square, above), polynomial(square, above_slope)
+        scale, slope = horner(square, above), horner(square, above_slope)
         if len(below) > 1:
-            inverse = 1 / polynomial(square, below)
+            inverse = 1 / horner(square, below)
             scale = scale * inverse
-            slope = (slope - scale * polynomial(square, below_slope)) * inverse
+            slope = (slope - scale * horner(square, below_slope)) * inverse
         return scale, slope
 
     def bend(self, square: Array, coefficients: Coefficients) -> Array:
         """See `RadialModel.bend`."""
         scale, slope = self.scale_and_slope(square, coefficients)
         _, below, above_slope, below_slope = _ratio(coefficients)
-        bend = polynomial(square, derivative(above_slope))
+        bend = horner(square, derivative(above_slope))
         if len(below) > 1:
-            bend = (
-                bend - 2 * slope * polynomial(square, below_slope) - scale * polynomial(square, derivative(below_slope))
-            )
-            bend = bend / polynomial(square, below)
+            bend = bend - 2 * slope * horner(square, below_slope) - scale * horner(square, derivative(below_slope))
+            bend = bend / horner(square, below)
         return bend
 
     def scale_by_coefficients(self, square: Array, coefficients: Coefficients) -> Sequence[Array]:
         """See `RadialModel.scale_by_coefficients`."""
         above, below, _, _ = _ratio(coefficients)
-        inverse = 1 / polynomial(square, below)
-        scale = polynomial(square, above) * inverse
+        inverse = 1 / horner(square, below)
+        scale = horner(square, above) * inverse
         powers = [square * inverse, square**2 * inverse, square**3 * inverse]
         none = np.zeros_like(square)
         by = [powers[0], powers[1], none, none, powers[2], *(-scale * power for power in powers)]
@@ -84,32 +90,6 @@ class Rational(RadialTangential):
 
 LENSES.register("radtan")(RadialTangential())
 LENSES.register("rational")(Rational())
-
-
-def polynomial(x: Array, ascending: Coefficients) -> Array:
-    """Horner's rule; nan stays nan, for a constant, too."""
-    if len(ascending) == 1:
-        return x * 0 + ascending[0]
-    value = x * ascending[-1]
-    for coefficient in ascending[-2:0:-1]:
-        value += coefficient
-        value *= x
-    value += ascending[0]
-    return value
-
-
-def derivative(ascending: Coefficients) -> Coefficients:
-    """Coefficients of a polynomial's derivative."""
-    return tuple(i * c for i, c in enumerate(ascending))[1:] or (0.0,)
-
-
-def first_root(ascending: ArrayLike) -> float:
-    """Smallest positive root of 1 + c1 r + c2 r^2 + ..., inf if there is none."""
-    # The roots of the reversed polynomial are 1/r: it is monic, so that tiny leading coefficients do no harm, and the
-    # root wanted is the largest. A double root, where rounding may make two complex ones, counts.
-    inverse = np.roots(ascending)
-    real = inverse.real[(np.abs(inverse.imag) <= 1e-6 * np.abs(inverse)) & (inverse.real > 0)]
-    return float(1 / real.max()) if real.size and real.max() > 1e-300 else np.inf
 
 
 def _even(coefficients: Coefficients) -> Array:

@@ -1,6 +1,12 @@
-"""The image noise model: every dot weighs, in every pose, as much as its image tells about where it is.
+"""How a dot is observed: from the Jacobian of undistorted image points to that of the distorted image, weighted.
 
-A dot that is printed out of place counts as well: its covariance is that of the image plus that of the print.
+A Jacobian has two rows to an image point; what acts on them are 2x2 blocks.
+
+**Lens.** With x the normalized coordinates of a point and x' = d(x) what the lens makes of them, the two rows of an
+image point are multiplied by D(x) = diag(f) d'(x) diag(1/f).
+
+**Image noise.** Every dot weighs, in every pose, as much as its image tells about where it is. A dot that is printed
+out of place counts as well: its covariance is that of the image plus that of the print.
 """
 
 from collections.abc import Callable
@@ -9,13 +15,69 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.maths.dot_noise import directions, displaced, linearize
+from markergen.maths.distortion import distortion_hessian
+from markergen.maths.dot_crlb import directions, displaced, linearize, product
+from markergen.maths.projection import perspective, to_camera
+from markergen.model.camera import NO_DISTORTION, Camera
+from markergen.model.poses import PoseDistribution
 from markergen.model.spec import ImageNoise
-from markergen.objectives.blocks import row_products, times_rows
 from markergen.units import format_length
 
 Array = NDArray[np.float64]
 Pullback = Callable[[Array], Array]
+LensPullback = Callable[[Array], tuple[Array, Array]]
+
+
+def in_pairs(rows: Array) -> Array:
+    """Rows (..., 2n, k) as (..., n, 2, k)."""
+    return rows.reshape(*rows.shape[:-2], -1, 2, rows.shape[-1])
+
+
+def times_rows(blocks: Array, rows: Array) -> Array:
+    """Rows (..., 2n, k) multiplied by blocks (..., n, 2, 2)."""
+    return product(blocks, rows.reshape(*blocks.shape[:-1], rows.shape[-1])).reshape(rows.shape)
+
+
+def row_products(left: Array, right: Array) -> Array:
+    """Blocks (..., n, 2, 2) on the diagonal of left right', for rows (..., 2n, k)."""
+    return np.einsum("...ik,...jk->...ij", in_pairs(left), in_pairs(right))
+
+
+def lens_blocks(camera: Camera, normalized: Array) -> Array:
+    """D (..., 2, 2) at normalized coordinates (..., 2); nan where the lens does not see."""
+    return camera.pixel_jacobian(normalized) / camera.focal
+
+
+def through_lens(jacobian: Array, points: Array, camera: Camera, poses: PoseDistribution) -> Array:
+    """Rows (..., P, 2n, k), distorted px, of those in undistorted px, for points (..., n, 2 or 3) in m."""
+    if camera.distortion == NO_DISTORTION:
+        return jacobian
+    normalized = perspective(to_camera(points, poses.rotation, poses.translation))
+    return times_rows(lens_blocks(camera, normalized), jacobian)
+
+
+def linearize_lens(
+    jacobian: Array, points: Array, camera: Camera, poses: PoseDistribution
+) -> tuple[Array, LensPullback]:
+    """`through_lens`, and its pullback.
+
+    The pullback takes a cotangent of the distorted rows to that of the undistorted ones, and to the gradient
+    (..., P, n, 2 or 3) with respect to the points of what D alone changes: <C, dD J> for the cotangent C.
+    """
+    seen = to_camera(points, poses.rotation, poses.translation)
+    normalized = perspective(seen)
+    blocks = lens_blocks(camera, normalized)
+
+    def pullback(cotangent: Array) -> tuple[Array, Array]:
+        distortion, focal = camera.distortion, camera.focal
+        hessian = distortion_hessian(distortion.model, normalized, distortion.coefficients)
+        by_block = row_products(cotangent, jacobian) * (focal[:, None] / focal)
+        lateral = np.einsum("...ij,...ijk->...k", by_block, hessian) / seen[..., 2:]
+        axial = -np.sum(lateral * normalized, axis=-1, keepdims=True)
+        by_points = np.concatenate([lateral, axial], axis=-1) @ poses.rotation[:, :, : points.shape[-1]]
+        return times_rows(blocks.swapaxes(-1, -2), cotangent), by_points
+
+    return times_rows(blocks, jacobian), pullback
 
 
 @dataclass(frozen=True)

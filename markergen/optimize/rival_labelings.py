@@ -102,7 +102,7 @@ class Rivals:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class SeenLayout:
     """Dots and what the camera sees of them from each pose.
 
     Attributes
@@ -167,11 +167,11 @@ class Scene:
         return Rivals(labeling, pose, *found)
 
 
-def scene_of(points: Array, kinds: Indices, camera: Camera, poses: PoseDistribution) -> Scene:
-    """Scene of points (n, 2) or (n, 3) in m."""
+def seen_layout(points: Array, kinds: Indices, camera: Camera, poses: PoseDistribution) -> SeenLayout:
+    """SeenLayout of points (n, 2) or (n, 3) in m."""
     points = np.pad(np.asarray(points, dtype=float), ((0, 0), (0, 3 - points.shape[1])))
     rays = perspective(to_camera(points, poses.rotation, poses.translation))
-    return Scene(points, kinds, camera, poses, rays, camera.to_pixels(rays))
+    return SeenLayout(points, kinds, camera, poses, rays, camera.to_pixels(rays))
 
 
 def fit_poses(
@@ -225,12 +225,6 @@ class RivalFit(LeastSquares):
         """Those that start in front of the camera, and do not fit already."""
         return np.asarray(np.isfinite(cost) & (cost > NOTHING))
 
-    def normal_equations(self, unknowns: Arrays, found: Arrays) -> tuple[Array, Array]:
-        """See `LeastSquares.normal_equations`."""
-        _, residual, normalized = found
-        jacobian = self.jacobian(unknowns[0], unknowns[1], normalized)
-        return jacobian.swapaxes(-1, -2) @ jacobian, np.einsum("kij,ki->kj", jacobian, residual)
-
     def moved(self, unknowns: Arrays, step: Array) -> Arrays:
         """See `LeastSquares.moved`."""
         return apply_pose_step(unknowns[0], unknowns[1], step)
@@ -244,8 +238,9 @@ class RivalFit(LeastSquares):
         """See `LeastSquares.take`."""
         return replace(self, images=self.images[chosen])
 
-    def jacobian(self, rotation: Array, translation: Array, normalized: Array) -> Array:
+    def jacobian(self, unknowns: Arrays, found: Arrays) -> Array:
         """Derivative (K, 2n + 1, 6) of the projections by the pose (w, dt)."""
+        (rotation, translation), (*_, normalized) = unknowns, found
         rows = self.image_rows(rotation, translation, normalized).reshape(len(rotation), 2 * len(self.points), 6)
         axis, distance = rotation[:, :, 2], np.linalg.norm(translation, axis=-1)[:, None]
         cosine = _cos_tilt(rotation, translation)[:, None]

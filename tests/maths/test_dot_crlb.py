@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import i1e
 
-from markergen.maths.dot_noise import (
+from markergen.maths.dot_crlb import (
     center_covariance,
     center_information,
     directions,

@@ -5,7 +5,7 @@ import pytest
 
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources, pose_budget
-from markergen.maths.dot_noise import center_covariance
+from markergen.maths.dot_crlb import center_covariance
 from markergen.maths.information import pose_jacobian
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA, Camera
@@ -14,9 +14,9 @@ from markergen.model.poses import PoseDistribution
 from markergen.model.spec import ImageNoise, Spec
 from markergen.objectives import OBJECTIVES, Setting
 from markergen.objectives.criteria import regular_polygon
-from markergen.objectives.weights import DotNoise
+from markergen.objectives.observation import DotNoise
 from markergen.optimize.design import design
-from markergen.optimize.dots import choose_dots, largest_that_leaves_room, pixels_across, smallest_detectable
+from markergen.optimize.dot_size import choose_dots, largest_that_leaves_room, pixels_across, smallest_detectable
 
 
 @pytest.fixture(scope="module")

@@ -7,20 +7,16 @@ from markergen.errors import InputError
 from markergen.model.boundary import Circle, polygon_from
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.optimize.check import breach
-from markergen.optimize.contacts import MOST_WALLS, contacts
-from markergen.optimize.dots import choose_dots
-from markergen.optimize.exchange import fewer
-from markergen.optimize.goal import objective_of, rough_of
-from markergen.optimize.multistart import search
+from markergen.optimize.constraints import MOST_WALLS, contacts
+from markergen.optimize.dot_size import choose_dots
 from markergen.optimize.packing import largest_diameter
-from markergen.optimize.placement import place
 from markergen.optimize.polish import polish
-from markergen.optimize.region import Region
+from markergen.optimize.problem import FeasibleRegion, breach, fewer, objective_of, rough_of
+from markergen.optimize.search import place, search
 
 
 def found(objective, room, n, seed=0, dot=0.02, **options):
-    return search(objective, Region(room, dot, dot / 10), n, np.random.default_rng(seed), **options)
+    return search(objective, FeasibleRegion(room, dot, dot / 10), n, np.random.default_rng(seed), **options)
 
 
 def test_constraints_hold_in_every_shape(rooms, criterion):
@@ -53,7 +49,7 @@ def test_a_rectangle_is_no_worse_than_its_four_corners(setting):
     boundary = polygon_from([np.array([[0, 0], [0.2, 0], [0.2, 0.1], [0, 0.1]])])
     poses = setting.poses.seen_whole(boundary, setting.camera)
     for dot in (0.036, 0.01, 0.0):
-        region = Region(boundary, dot, dot / 10)
+        region = FeasibleRegion(boundary, dot, dot / 10)
         objective = OBJECTIVES["pose"](Setting(boundary, setting.camera, poses))
         rough = OBJECTIVES["pose"](Setting(boundary, setting.camera, fewer(poses)))
         x, y = 0.1 - region.inset, 0.05 - region.inset
@@ -65,7 +61,7 @@ def test_a_rectangle_is_no_worse_than_its_four_corners(setting):
 
 def test_it_finds_what_descents_find_in_a_disk(criterion):
     disk = Circle(0.15)
-    objective, region = criterion(disk), Region(disk, 0.02, 0.002)
+    objective, region = criterion(disk), FeasibleRegion(disk, 0.02, 0.002)
     for n in (5, 8):
         points, value = place(objective, objective, region, n, np.random.default_rng(0), 3)
         assert region.holds(points[None])[0]
@@ -77,7 +73,7 @@ def test_other_objectives_are_searched_as_well(rooms, criterion, name):
     room = rooms["L"]
     objective = criterion(room, name)
     optimum = found(objective, room, 5, restarts=2)
-    region = Region(room, 0.02, 0.002)
+    region = FeasibleRegion(room, 0.02, 0.002)
     assert region.holds(optimum.points[None])[0]
     sampled = objective(region.sample(200, 5, np.random.default_rng(1)))
     assert optimum.value < 0.7 * sampled.min()
@@ -89,7 +85,7 @@ def test_the_worst_pose_and_lost_dots_are_searched_as_well(rooms, setting):
     for spec in (Spec(n=6, aggregate="max"), Spec(n=6, survive=1)):
         objective = objective_of(spec, Setting(room, setting.camera, poses))
         optimum = found(objective, room, 6, restarts=2)
-        sampled = objective(Region(room, 0.02, 0.002).sample(100, 6, np.random.default_rng(1)))
+        sampled = objective(FeasibleRegion(room, 0.02, 0.002).sample(100, 6, np.random.default_rng(1)))
         assert optimum.value < 0.8 * sampled.min()
 
 
@@ -109,7 +105,7 @@ def test_dots_that_nearly_fill_the_room_still_get_a_layout(rooms, setting, crite
     for name in ("two squares", "L", "drilled"):
         room = rooms[name]
         dots = choose_dots(Spec(n=12, boundary=room, dot=None), setting.poses)
-        region = Region(room, dots.diameter, dots.clearance)
+        region = FeasibleRegion(room, dots.diameter, dots.clearance)
         assert region.holds(found(criterion(room), room, 12, dot=dots.diameter, restarts=2).points[None])[0]
 
 
@@ -123,7 +119,7 @@ def test_a_toothed_outline_costs_no_more_than_a_smooth_one(criterion):
     angles = 2 * np.pi * np.arange(400) / 400
     radius = np.where(np.arange(400) // 2 % 2, 0.15, 0.14)
     gear = polygon_from([radius[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)])
-    region = Region(gear, 0.02, 0.002)
+    region = FeasibleRegion(gear, 0.02, 0.002)
     assert len(region.walls) == 400
     dots = region.sample(1, 12, np.random.default_rng(0))[0]
     assert len(contacts(region.walls, dots, region.inset, 0.1, -1.0).dot) <= 12 * MOST_WALLS
@@ -133,7 +129,7 @@ def test_a_toothed_outline_costs_no_more_than_a_smooth_one(criterion):
 def test_many_dots(rooms, criterion):
     room = rooms["plate"]
     objective = criterion(room)
-    region = Region(room, 0.012, 0.0012)
+    region = FeasibleRegion(room, 0.012, 0.0012)
     optimum = search(objective, region, 60, np.random.default_rng(0))
     assert region.holds(optimum.points[None])[0]
     assert optimum.value < 0.9 * objective(region.sample(8, 60, np.random.default_rng(1))).min()
@@ -146,7 +142,7 @@ def test_the_same_seed_gives_the_same_layout(rooms, criterion):
 
 def test_a_polish_goes_straight_into_a_corner(rooms, criterion):
     room = rooms["L"]
-    region = Region(room, 0.02, 0.002)
+    region = FeasibleRegion(room, 0.02, 0.002)
     corners = np.concatenate(room.outlines())[[0, 1, 2, 4, 5]]
     into = room.project(corners, region.inset)
     shaken = room.project(into + np.random.default_rng(0).normal(scale=0.004, size=into.shape), region.inset)

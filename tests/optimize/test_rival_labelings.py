@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from markergen.maths.rotation import exponential
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.poses import named_poses
-from markergen.optimize.rival_fits import EDGE_ON, RivalFit, fit_poses, scene_of
+from markergen.optimize.rival_labelings import EDGE_ON, RivalFit, fit_poses, seen_layout
 
 POSES = named_poses("cone:distance=0.8..1.2,tilt=20..60,count=6,seed=1")
 FISHY = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.2, 0.05, 0.001, -0.002)))
@@ -16,7 +16,7 @@ POINTS = np.array([[0.12, 0.02], [0.03, 0.1], [-0.09, 0.08], [-0.1, -0.07], [0.0
 
 
 def scene(points=POINTS, camera=PAPER_CAMERA, poses=POSES):
-    return scene_of(points, np.zeros(len(points), dtype=np.intp), camera, poses)
+    return seen_layout(points, np.zeros(len(points), dtype=np.intp), camera, poses)
 
 
 @pytest.mark.parametrize("camera", [PAPER_CAMERA, FISHY])
@@ -34,8 +34,8 @@ def test_the_jacobian_is_the_derivative_on_both_sides_of_the_limit():
     fit = RivalFit(np.pad(POINTS, ((0, 0), (0, 1))), np.zeros((5, 5, 2)), FISHY, 0.8)
     # 37 degrees is at a cosine of 0.8: of these tilts two are beyond.
     poses = named_poses("cone:distance=1,tilt=20..60,count=5,seed=1")
-    _, _, normalized = fit.residuals((poses.rotation, poses.translation))
-    jacobian = fit.jacobian(poses.rotation, poses.translation, normalized)
+    here = poses.rotation, poses.translation
+    jacobian = fit.jacobian(here, fit.residuals(here))
     assert 0 < np.count_nonzero(jacobian[:, -1].any(axis=-1)) < 5
     step = 1e-6
     for k, change in enumerate(step * np.eye(6)):

@@ -1,9 +1,9 @@
 """Layouts whose dots are told apart by their place alone, by so many pixels, without a key ring.
 
-The least objective subject to a label safety of at least so many px (see `markergen.optimize.label_safety`), by cutting
-planes: of a layout the rivals that are too near are found and become constraints, each a labeling at a pose; the layout
-is polished under these, and looked at again, until there are no new ones. A constraint's derivative is in closed form:
-D is a minimum over the rival's poses, so these need not be differentiated,
+The least objective subject to a label safety of at least so many px (see `markergen.optimize.label_ambiguity`), by
+cutting planes: of a layout the rivals that are too near are found and become constraints, each a labeling at a pose;
+the layout is polished under these, and looked at again, until there are no new ones. A constraint's derivative is in
+closed form: D is a minimum over the rival's poses, so these need not be differentiated,
 
     dD = sum over j of e_j . (dm_T(X_s(j)) - dm_T'(X_j)) / D,    e_j = m_T(X_s(j)) - m_T'(X_j).
 
@@ -19,13 +19,18 @@ from numpy.typing import NDArray
 from markergen.errors import InputError
 from markergen.model.camera import Camera
 from markergen.objectives import Objective
-from markergen.optimize.contacts import contacts
-from markergen.optimize.label_safety import LabelSafety, layout_safety, safety_of, worst_rivals
-from markergen.optimize.multistart import Optimum, search
-from markergen.optimize.polish import ALL_PAIRS_UP_TO, REACH
-from markergen.optimize.region import Region
-from markergen.optimize.rival_fits import Rivals, Scene, scene_of
-from markergen.optimize.rivals import find_rivals, representative
+from markergen.optimize.label_ambiguity import (
+    LabelSafety,
+    find_rivals,
+    layout_safety,
+    representative,
+    safety_of,
+    worst_rivals,
+)
+from markergen.optimize.polish import ALL_PAIRS_UP_TO, REACH, Clearances, slsqp
+from markergen.optimize.problem import FeasibleRegion
+from markergen.optimize.rival_labelings import Rivals, SeenLayout, seen_layout
+from markergen.optimize.search import Optimum, search
 from markergen.optimize.trace import Record
 from markergen.options import Progress
 
@@ -133,7 +138,7 @@ class AsymmetricOptimum:
 
 def asymmetric_search(
     objective: Objective,
-    region: Region,
+    region: FeasibleRegion,
     n: int,
     rng: np.random.Generator,
     px: float,
@@ -232,9 +237,9 @@ class _Cuts:
         new = found.take(self._chosen(found, NEAR * px, CUT_POSES))
         self.rivals = new if self.rivals is None else _without_repeats(self.rivals.joined(new))
 
-    def scene(self, points: Array) -> Scene:
+    def scene(self, points: Array) -> SeenLayout:
         setting = self.objective.setting
-        return scene_of(points, np.zeros(len(points), dtype=np.intp), setting.camera, setting.poses)
+        return seen_layout(points, np.zeros(len(points), dtype=np.intp), setting.camera, setting.poses)
 
     def safety(self, points: Array) -> tuple[Array, Array]:
         """Safety (K,) of points (n, 2) from each rival, in px, and its derivative (K, n, 2) per m."""
@@ -261,7 +266,7 @@ class _Cuts:
         return chosen[rivals.px[chosen] < limit]
 
 
-def safety_gradient(scene: Scene, rivals: Rivals) -> Array:
+def safety_gradient(scene: SeenLayout, rivals: Rivals) -> Array:
     """Derivative (K, n, 2), px per m, of the safety from each rival by the dots' places in the plane."""
     true = _image_rows(
         scene.points, scene.camera, scene.poses.rotation[rivals.pose], scene.poses.translation[rivals.pose]
@@ -292,7 +297,13 @@ def _safety(objective: Objective, points: Array) -> LabelSafety:
 
 
 def _cut(
-    objective: Objective, region: Region, start: Array, px: float, cuts: _Cuts, bar: float, record: Record | None
+    objective: Objective,
+    region: FeasibleRegion,
+    start: Array,
+    px: float,
+    cuts: _Cuts,
+    bar: float,
+    record: Record | None,
 ) -> _Layout:
     """Polish a layout and cut it, in turns, until it rests, or is worse than `bar`, which more cuts never mend."""
     reach = _reach(region, len(start))
@@ -317,7 +328,7 @@ def _cut(
 
 
 def _finished(
-    objective: Objective, region: Region, layout: _Layout, px: float, record: Record | None
+    objective: Objective, region: FeasibleRegion, layout: _Layout, px: float, record: Record | None
 ) -> list["_Candidate"]:
     """A layout as it is seen from all poses, and cut by what is found there."""
     points, cuts, found = layout.points, layout.cuts, list[_Candidate]()
@@ -334,26 +345,27 @@ def _finished(
     return found
 
 
-def _reach(region: Region, n: int) -> float:
+def _reach(region: FeasibleRegion, n: int) -> float:
     """How far a dot may go in one polish, m; see `markergen.optimize.polish`."""
     return np.inf if len(region.walls) == 1 and n <= ALL_PAIRS_UP_TO else REACH * region.boundary.radius
 
 
 def _polish(
-    objective: Objective, region: Region, start: Array, px: float, cuts: _Cuts, reach: float, record: Record | None
+    objective: Objective,
+    region: FeasibleRegion,
+    start: Array,
+    px: float,
+    cuts: _Cuts,
+    reach: float,
+    record: Record | None,
 ) -> Array:
     """One run of SLSQP under the region's constraints and the cuts; what these lack of px has a price.
 
     With the lack as one more variable no start is infeasible, and what cannot be reached is approached.
     """
-    from scipy.optimize import minimize
-
     n, scale = len(start), region.boundary.radius
-    diagonal = np.sqrt(2) * reach
-    to_dot = region.spacing + 2 * diagonal if region.spacing else -1.0
-    near = contacts(region.walls, start, region.inset, region.inset + diagonal, to_dot)
-    least = (region.spacing / scale) ** 2
-    softness = SOFTNESS if objective.kinked else 0.0
+    clear = Clearances(region, start, reach, scale)
+    softness = SOFTNESS if objective.nonsmooth else 0.0
     known: dict[bytes, tuple[Array, Array]] = {}
 
     def safety(x: Array) -> tuple[Array, Array]:
@@ -369,16 +381,11 @@ def _polish(
         return float(np.log(value[0])) + PRICE * x[-1], np.append(by_points, PRICE)
 
     def slack(x: Array) -> Array:
-        points = x[:-1].reshape(n, 2)
-        room = (near.room(points * scale) - region.inset) / scale
-        apart = np.sum(near.apart(points) ** 2, axis=-1) - least
-        return np.concatenate([room, apart, safety(x)[0] / px - 1 + x[-1]])
+        return np.concatenate([clear.slack(x[:-1].reshape(n, 2)), safety(x)[0] / px - 1 + x[-1]])
 
     def slack_jacobian(x: Array) -> Array:
-        points = x[:-1].reshape(n, 2)
-        pairs = near.apart_jacobian(points, 2 * near.apart(points))
         by_safety = safety(x)[1] * (scale / px)
-        rows = np.concatenate([near.room_jacobian(points * scale), pairs, by_safety]).reshape(-1, 2 * n)
+        rows = np.concatenate([clear.slack_jacobian(x[:-1].reshape(n, 2)), by_safety]).reshape(-1, 2 * n)
         by_lack = np.zeros(len(rows))
         by_lack[len(rows) - len(by_safety) :] = 1.0
         return np.concatenate([rows, by_lack[:, None]], axis=1)
@@ -387,16 +394,8 @@ def _polish(
     x[-1] = max(0.0, 1 - float(safety(x)[0].min(initial=px)) / px)
     low, high = x - reach / scale, x + reach / scale
     low[-1], high[-1] = 0.0, np.inf
-    result = minimize(
-        cost,
-        x,
-        jac=True,
-        method="SLSQP",
-        bounds=np.stack([low, high], axis=-1),
-        constraints=[{"type": "ineq", "fun": slack, "jac": slack_jacobian}],
-        options={"maxiter": ITERATIONS, "ftol": 1e-9},
-    )
-    points = region.project(np.asarray(result.x[:-1]).reshape(1, n, 2) * scale)
+    end = slsqp(cost, slack, slack_jacobian, x, (low, high), ITERATIONS, 1e-9)
+    points = region.project(end[:-1].reshape(1, n, 2) * scale)
     if record:
         record("asymmetric", start[None], points)
     return points[0]

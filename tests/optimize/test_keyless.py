@@ -10,11 +10,11 @@ from markergen.model.boundary import Circle, Polygon
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
 from markergen.model.poses import named_poses
 from markergen.objectives import OBJECTIVES, Setting
-from markergen.optimize import asymmetry
-from markergen.optimize.asymmetry import asymmetric_search, safety_gradient
-from markergen.optimize.region import Region
-from markergen.optimize.rival_fits import scene_of
-from markergen.optimize.rivals import find_rivals
+from markergen.optimize import keyless
+from markergen.optimize.keyless import asymmetric_search, safety_gradient
+from markergen.optimize.label_ambiguity import find_rivals
+from markergen.optimize.problem import FeasibleRegion
+from markergen.optimize.rival_labelings import seen_layout
 
 POSES = named_poses("cone:distance=0.8..1.2,tilt=0..60,count=8,seed=0")
 FISHY = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.2, 0.05, 0.001, -0.002)))
@@ -23,13 +23,13 @@ FISHY = Camera(640, 480, 800.0, 800.0, 320.0, 240.0, Distortion("radtan", (-0.2,
 @pytest.fixture(autouse=True)
 def few_starts(monkeypatch):
     """Fewer starts than a user's, for time."""
-    monkeypatch.setattr(asymmetry, "SHAKES", (0.1,))
+    monkeypatch.setattr(keyless, "SHAKES", (0.1,))
 
 
 def least_of_all(points):
     """Label safety by brute force: every permutation at every pose."""
     n = len(points)
-    scene = scene_of(points, np.zeros(n, dtype=np.intp), PAPER_CAMERA, POSES)
+    scene = seen_layout(points, np.zeros(n, dtype=np.intp), PAPER_CAMERA, POSES)
     labelings = np.array(list(permutations(range(n))))[1:]
     poses = np.arange(len(POSES))
     found = scene.fit(np.repeat(labelings, len(poses), axis=0), np.tile(poses, len(labelings)))
@@ -40,21 +40,21 @@ def least_of_all(points):
 def test_the_gradient_is_the_derivative_of_the_safety(camera):
     points = Circle(0.13).sample(5, 0.01, np.random.default_rng(1))
     kinds = np.zeros(5, dtype=np.intp)
-    scene = scene_of(points, kinds, camera, POSES)
+    scene = seen_layout(points, kinds, camera, POSES)
     rivals = find_rivals(scene, np.array([0, 3]))
     gradient = safety_gradient(scene, rivals)
     step = 1e-6
     for dot, axis in [(0, 0), (2, 1), (4, 0)]:
         change = np.zeros_like(points)
         change[dot, axis] = step
-        ends = [scene_of(points + s * change, kinds, camera, POSES).refit(rivals).px for s in (1, -1)]
+        ends = [seen_layout(points + s * change, kinds, camera, POSES).refit(rivals).px for s in (1, -1)]
         # The fits end when the sum of squares, of up to 1e5 px^2, is known to 1e-9: some px per m in a difference.
         np.testing.assert_allclose((ends[0] - ends[1]) / (2 * step), gradient[:, dot, axis], atol=2, rtol=0.02)
 
 
 def test_a_safe_pentagon_costs_little():
     objective = OBJECTIVES["pose"](Setting(Circle(0.15), PAPER_CAMERA, POSES))
-    region = Region(Circle(0.15), 0.02, 0.002)
+    region = FeasibleRegion(Circle(0.15), 0.02, 0.002)
     found = asymmetric_search(objective, region, 5, np.random.default_rng(0), 2.0, restarts=1)
     assert found.reached
     assert least_of_all(found.points) >= 2.0 * (1 - 1e-6)
@@ -67,9 +67,9 @@ def test_a_safe_pentagon_costs_little():
 
 
 def test_what_cannot_be_reached_is_told(monkeypatch):
-    monkeypatch.setattr(asymmetry, "ROUNDS", 2)
+    monkeypatch.setattr(keyless, "ROUNDS", 2)
     objective = OBJECTIVES["pose"](Setting(Circle(0.15), PAPER_CAMERA, POSES))
-    region = Region(Circle(0.15), 0.02, 0.002)
+    region = FeasibleRegion(Circle(0.15), 0.02, 0.002)
     found = asymmetric_search(objective, region, 4, np.random.default_rng(0), 500.0, restarts=1)
     assert not found.reached
     assert found.safety.least > 1
@@ -82,7 +82,7 @@ def test_what_cannot_be_reached_is_told(monkeypatch):
 def test_a_boundary_with_corners():
     square = Polygon((((0.1, 0.1), (-0.1, 0.1), (-0.1, -0.1), (0.1, -0.1)),))
     objective = OBJECTIVES["pose"](Setting(square, PAPER_CAMERA, POSES))
-    region = Region(square, 0.02, 0.002)
+    region = FeasibleRegion(square, 0.02, 0.002)
     found = asymmetric_search(objective, region, 4, np.random.default_rng(0), 2.0, restarts=1)
     assert found.reached
     assert region.holds(found.points[None])[0]

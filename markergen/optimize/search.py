@@ -1,34 +1,46 @@
-"""Global search where corners, holes or sheer numbers trap a descent: exchange on a grid, polish, move single dots.
+"""Global search for a flat layout.
 
-All of it is done for few of the poses, which is enough to tell good from bad; only the best layouts are polished for
-all of them.
+In a disk a batch of descents from random starts, then a polish of the best distinct few. Where corners, holes or sheer
+numbers trap a descent: exchange on a grid, polish, and moves of single dots. All of that is done for few of the poses,
+which is enough to tell good from bad; only the best layouts are polished for all of them.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.errors import InputError
 from markergen.objectives import Objective
 from markergen.objectives.base import TraceObjective
 from markergen.objectives.pose import PoseObjective
-from markergen.optimize.exchange import Table, distances, edge, exchange, places, random_layout, table_of
+from markergen.optimize.exchange import ExchangeTable, distances, edge, exchange, exchange_table, places, random_layout
 from markergen.optimize.packing import fitting, lattice, pack
 from markergen.optimize.polish import ALL_PAIRS_UP_TO, polish
-from markergen.optimize.region import Region
+from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.supersab import descend
 from markergen.optimize.trace import Record
 from markergen.options import Progress
+from markergen.units import format_length
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+POLISHED = 5
+"""How many distinct descents are polished."""
+
+DISTINCT = 2e-4
+"""Layouts whose values are this close, relatively, are taken for one: of their descents one is polished."""
+
+JITTER = 0.01
+"""Starts of the polish are shaken by this many radii: a descent from a symmetric layout can end on a saddle, such as
+two squares at a wrong angle to each other, which no gradient leaves."""
 
 STARTS = 12
 """Exchanges from random layouts of up to so many dots; of more dots there are fewer."""
 
 KEPT = 3
 """How many distinct layouts are followed to the end."""
-
-DISTINCT = 2e-4
-"""Layouts whose values are this close, relatively, are taken for one."""
 
 QUICK = 25
 """Iterations of the polishes that only tell good from bad."""
@@ -56,10 +68,99 @@ FINE_EDGE = 1200
 """Points of the edge among which those are found that touch a dot."""
 
 
+@dataclass(frozen=True)
+class Optimum:
+    """The best layout (n, 2) in m that was found, and its value."""
+
+    points: Array
+    value: float
+
+
+def search(
+    objective: Objective,
+    region: FeasibleRegion,
+    n: int,
+    rng: np.random.Generator,
+    restarts: int = 0,
+    progress: Progress | None = None,
+    rough: Objective | None = None,
+    record: Record | None = None,
+) -> Optimum:
+    """Find the layout of n control points in the region that minimizes the objective.
+
+    In a disk by descents from random layouts; where corners, holes or many dots would trap them, by exchange (`place`).
+
+    Parameters
+    ----------
+    restarts : int
+        Random starts; 0 takes the objective's own default.
+    rough : Objective or None
+        The same criterion for fewer poses, which saves time in the exchange.
+    record : callable or None
+        Called with what each step makes of layouts (see `markergen.optimize.trace`).
+
+    Raises
+    ------
+    InputError
+        If no layout is found that the region holds and that determines what the objective asks for.
+    """
+    if len(region.walls) > 1 or n > ALL_PAIRS_UP_TO:
+        found = Optimum(*place(objective, rough or objective, region, n, rng, restarts, progress, record))
+    else:
+        found = _descended(objective, region, n, rng, restarts or objective.default_restarts, progress, record)
+    if not np.isfinite(found.value):
+        raise InputError(
+            f"a {region.boundary} with room for {n} control points that are not in one line",
+            f"dots of {format_length(region.diameter)} with {format_length(region.clearance)} clearance",
+            "use a larger marker, a smaller --dot or a smaller --n",
+        )
+    return found
+
+
+def _descended(
+    objective: Objective,
+    region: FeasibleRegion,
+    n: int,
+    rng: np.random.Generator,
+    restarts: int,
+    progress: Progress | None,
+    record: Record | None,
+) -> Optimum:
+    """The best of descents from random layouts; inf if none ends in a layout that is feasible."""
+    if progress:
+        progress("descent", 0, 1)
+    starts = region.sample(restarts, n, rng)
+    if not region.holds(starts).all():
+        # Random points jam when the dots nearly fill the room; one layout that fits is then a start as well.
+        packed = fitting(region, n)
+        starts = starts if packed is None else np.concatenate([starts, packed[None]])
+    told = (lambda done, total: progress("descent", done, total)) if progress else None
+    descent = descend(objective, region, starts, progress=told, record=record)
+    order = np.argsort(descent.values, kind="stable")
+    best, best_value = descent.points[order[0]], float(descent.values[order[0]])
+    chosen: list[int] = []
+    for index in order[: np.isfinite(descent.values).sum()]:
+        if not chosen or descent.values[index] > descent.values[chosen[-1]] * (1 + DISTINCT):
+            chosen.append(int(index))
+        if len(chosen) == POLISHED:
+            break
+    shakes = rng.normal(scale=JITTER * region.boundary.radius, size=(len(chosen), n, 2))
+    for done, (index, shake) in enumerate(zip(chosen, shakes, strict=True), start=1):
+        shaken = region.project((descent.points[index] + shake)[None])
+        if record:
+            record("polish", descent.points[[index]], shaken)
+        points, value = polish(objective, region, shaken[0], record=record)
+        if value < best_value and region.holds(points[None])[0]:
+            best, best_value = points, value
+        if progress:
+            progress("polish", done, len(chosen))
+    return Optimum(best, best_value)
+
+
 def place(
     objective: Objective,
     rough: Objective,
-    region: Region,
+    region: FeasibleRegion,
     n: int,
     rng: np.random.Generator,
     starts: int = 0,
@@ -82,7 +183,7 @@ def place(
     starts = starts or max(1, STARTS * STARTS // max(n, STARTS))
     tell = progress or _silent
     grid, spare = _grid(region, n, rng)
-    guide = table_of(rough if isinstance(rough, TraceObjective) else PoseObjective(rough.setting), grid)
+    guide = exchange_table(rough if isinstance(rough, TraceObjective) else PoseObjective(rough.setting), grid)
     layouts = []
     for done in range(starts):
         tell("exchange", done, starts)
@@ -91,7 +192,7 @@ def place(
         layouts.append(grid[end])
         if record:
             record("exchange", grid[begin][None], grid[end][None])
-    if rough.kinked:
+    if rough.nonsmooth:
         layouts = list(descend(rough, region, np.array(layouts), record=record).points)
     tell("exchange", starts, starts)
     found = _best([polish(rough, region, layout, QUICK, record) for layout in layouts])
@@ -99,7 +200,7 @@ def place(
         found = [polish(rough, region, packed, record=record)]
     if n <= ALL_PAIRS_UP_TO and n * np.pi / 4 * region.spacing**2 > CROWDED * region.boundary.area:
         found = _best([*found, *_shaken(rough, region, *found[0], SHAKES * starts, rng, record)])
-    judge = guide if isinstance(rough, TraceObjective) else table_of(rough, grid)
+    judge = guide if isinstance(rough, TraceObjective) else exchange_table(rough, grid)
     rim = edge(region, FINE_EDGE)
     total = 2 * len(found)
     for done, (points, value) in enumerate(found):
@@ -115,7 +216,7 @@ def place(
 
 
 def _start(
-    table: Table, spacing: float, n: int, turn: int, spare: Index, rng: np.random.Generator
+    table: ExchangeTable, spacing: float, n: int, turn: int, spare: Index, rng: np.random.Generator
 ) -> tuple[Index, float]:
     """Layout (n,) to begin an exchange with, random unless dots jam, and the spacing in m that it keeps.
 
@@ -133,7 +234,7 @@ def _silent(stage: str, done: int, total: int) -> None:
     del stage, done, total
 
 
-def _grid(region: Region, n: int, rng: np.random.Generator) -> tuple[Array, Index]:
+def _grid(region: FeasibleRegion, n: int, rng: np.random.Generator) -> tuple[Array, Index]:
     """Places (C, 2) in m for an exchange, and the indices (n,) of a layout."""
     grid = places(region, n)
     layout = random_layout(distances(grid), region.spacing, n, rng)
@@ -148,7 +249,7 @@ def _grid(region: Region, n: int, rng: np.random.Generator) -> tuple[Array, Inde
 
 def _shaken(
     rough: Objective,
-    region: Region,
+    region: FeasibleRegion,
     points: Array,
     value: float,
     times: int,
@@ -170,10 +271,10 @@ def _shaken(
 
 def _relocate(
     rough: Objective,
-    region: Region,
+    region: FeasibleRegion,
     points: Array,
     value: float,
-    judge: Table,
+    judge: ExchangeTable,
     rim: Array,
     record: Record | None,
 ) -> tuple[Array, float]:

@@ -1,4 +1,4 @@
-"""How safely dots are told apart: known layouts, the poses, and what noise really does."""
+"""How safely dots are told apart: known layouts, the poses, what noise really does, and the search for near rivals."""
 
 from dataclasses import replace
 from itertools import permutations
@@ -9,10 +9,11 @@ import pytest
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.feature import Feature
-from markergen.model.poses import named_poses
+from markergen.model.poses import named_poses, paper
 from markergen.objectives import Setting
-from markergen.optimize.label_safety import label_safety, safety_of
-from markergen.optimize.rival_fits import fit_poses, scene_of
+from markergen.objectives.criteria import regular_polygon
+from markergen.optimize.label_ambiguity import find_rivals, label_safety, representative, safety_of
+from markergen.optimize.rival_labelings import fit_poses, seen_layout
 
 CIRCLE = Circle(0.15)
 FEW = Setting(CIRCLE, PAPER_CAMERA, named_poses("cone:distance=0.6..1.5,tilt=0..65,count=12,seed=0"))
@@ -86,7 +87,7 @@ def test_two_close_dots_are_the_least_safe_and_named_by_their_ids(make_marker):
 
 def test_noise_confuses_labels_as_often_as_is_told():
     points = np.array([[0.1, 0.0], [0.01, 0.1], [-0.1, 0.01], [0.0, -0.09]])
-    scene = scene_of(points, np.zeros(4, dtype=np.intp), PAPER_CAMERA, FEW.poses)
+    scene = seen_layout(points, np.zeros(4, dtype=np.intp), PAPER_CAMERA, FEW.poses)
     report = safety_of(scene)
     pose = int(report.pose[report.worst])
     labelings = np.array(list(permutations(range(4))))
@@ -121,7 +122,7 @@ def test_noise_confuses_labels_as_often_as_is_told():
 
 def test_dots_that_all_differ_are_safe():
     points = np.array([[0.1, 0.0], [0.01, 0.1], [-0.1, 0.01], [0.0, -0.09]])
-    report = safety_of(scene_of(points, np.arange(4), PAPER_CAMERA, FEW.poses))
+    report = safety_of(seen_layout(points, np.arange(4), PAPER_CAMERA, FEW.poses))
     assert np.isinf(report.px).all()
     assert report.sentences == ("labels are safe: no two dots are alike",)
     assert report.as_dict(0.2)["least_px"] is None
@@ -132,7 +133,7 @@ def test_twenty_dots(make_marker):
     report = label_safety(make_marker(points, 0.15, 0.01), FEW)
     assert np.isfinite(report.px[1:]).all()
     # No exchange of two equal dots is nearer than the nearest that was found.
-    scene = scene_of(points, np.array([1] + [0] * 19), PAPER_CAMERA, FEW.poses)
+    scene = seen_layout(points, np.array([1] + [0] * 19), PAPER_CAMERA, FEW.poses)
     pose = int(report.pose[report.worst])
     first, second = np.triu_indices(19, 1)
     labelings = np.tile(np.arange(20), (len(first), 1))
@@ -153,7 +154,55 @@ def test_of_several_rivals_that_are_equally_near_all_are_followed():
     """A layout that was made as safe as demanded: its nearest rival is near where the camera is near, too."""
     points = 1e-3 * np.array([[-120.89, 43.28], [-100.92, -79.38], [7.95, -128.15], [128.4, 0.67], [6.22, 128.25]])
     poses = named_poses("paper").taken(np.arange(0, 400, 2), 0)
-    scene = scene_of(points, np.zeros(5, dtype=np.intp), PAPER_CAMERA, poses)
+    scene = seen_layout(points, np.zeros(5, dtype=np.intp), PAPER_CAMERA, poses)
     labelings = np.array([np.roll(np.arange(5), k) for k in range(1, 5)])
     every = scene.fit(np.repeat(labelings, len(poses), axis=0), np.tile(np.arange(len(poses)), 4))
     assert safety_of(scene).least <= every.px.min() * (1 + 1e-6)
+
+
+POSES = named_poses("cone:distance=0.7..1.4,tilt=0..65,count=3,seed=2")
+
+
+def per_dot(rivals):
+    return np.where(rivals.moved, rivals.px[:, None], np.inf).min(axis=0)
+
+
+@pytest.mark.parametrize("n", [4, 5, 6])
+@pytest.mark.parametrize("ring", [False, True])
+def test_the_search_finds_the_nearest_of_all_permutations(n, ring):
+    rng = np.random.default_rng(10 * n + ring)
+    kinds = np.zeros(n, dtype=np.intp)
+    kinds[0] = ring
+    layouts = [Circle(0.15).sample(n, 0.01, rng), regular_polygon(n, 0.13) + rng.normal(scale=0.01, size=(n, 2))]
+    labelings = np.array(list(permutations(range(n))))[1:]
+    labelings = labelings[(kinds[labelings] == kinds).all(axis=-1)]
+    for points in layouts:
+        scene = seen_layout(points, kinds, PAPER_CAMERA, POSES)
+        found = find_rivals(scene, np.arange(len(POSES)))
+        assert (kinds[found.labeling] == kinds).all()
+        for pose in range(len(POSES)):
+            every = scene.fit(labelings, np.full(len(labelings), pose))
+            mine = found.take(np.flatnonzero(found.pose == pose))
+            assert mine.distance.min() == pytest.approx(every.distance.min(), rel=1e-6)
+            # Far ones end at the limit of the tilt, where a fit that starts elsewhere can end a little lower.
+            assert np.all(per_dot(mine) <= 1.03 * per_dot(every))
+
+
+def test_a_turn_by_one_place_is_found_among_many_dots():
+    points = regular_polygon(24, 0.13)
+    points[0] *= 0.99
+    scene = seen_layout(points, np.zeros(24, dtype=np.intp), PAPER_CAMERA, POSES)
+    found = find_rivals(scene, np.array([0]))
+    shifts = np.mod(found.labeling - np.arange(24), 24)
+    assert (shifts == shifts[:, :1]).all(axis=-1).any()
+    assert found.px.min() < 0.2
+
+
+def test_representative_poses_are_far_from_each_other_and_no_turn_counts():
+    poses = paper()
+    assert len(representative(poses, 12)) == 12
+    # 80 of the 400 are four frontal views, turned: 4 + 320 differ.
+    assert len(representative(poses, 400)) == 324
+    first = representative(poses, 1)[0]
+    assert poses.polar_angle_deg[first] == pytest.approx(70)
+    assert poses.distance[first] == pytest.approx(1.5)

@@ -3,8 +3,7 @@
 import numpy as np
 
 from markergen.model.boundary import Circle, area_without, polygon_from
-from markergen.optimize.contacts import contacts
-from markergen.optimize.walls import walls_of
+from markergen.optimize.constraints import contacts, walls_of
 
 
 def inside(room, count=400, seed=0):

@@ -1,4 +1,4 @@
-"""How well an image tells where a dot's center is: Fisher information of its grey levels.
+"""CRLB of a dot's center in an image, from the Fisher information of the grey levels.
 
 A dark ellipse {c + A u, |u| <= 1} on a light ground is seen through a Gaussian point spread of sigma s (lens and pixel
 together), with white noise of sigma grey levels. Moving the center changes the image by the gradient of the blurred
@@ -103,7 +103,7 @@ def dot_covariance(
     edge_px, contrast, noise_grey : float
         See `center_information`; contrast and noise in grey levels.
     lens : array (..., 2, 2) or None
-        Derivative of the image as taken, whose pixels and blur count, by the one that the ellipses are in.
+        Derivative of the distorted image, whose pixels and blur count, by the one that the ellipses are in.
 
     Returns
     -------

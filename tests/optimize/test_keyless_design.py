@@ -6,9 +6,9 @@ import pytest
 from markergen.errors import InputError
 from markergen.model.marker_json import from_json, to_json
 from markergen.model.spec import Spec
-from markergen.optimize import asymmetry
+from markergen.optimize import keyless
 from markergen.optimize.design import design, upright
-from markergen.optimize.label_safety import label_safety
+from markergen.optimize.label_ambiguity import label_safety
 
 SPEC = Spec(n=5, asymmetric=2.0, restarts=1, poses="cone:distance=0.6..1.2,tilt=0..60,count=12")
 
@@ -16,8 +16,8 @@ SPEC = Spec(n=5, asymmetric=2.0, restarts=1, poses="cone:distance=0.6..1.2,tilt=
 @pytest.fixture(autouse=True)
 def few_starts(monkeypatch):
     """Fewer starts than a user's, for time."""
-    monkeypatch.setattr(asymmetry, "SHAKES", (0.1,))
-    monkeypatch.setattr(asymmetry, "FINALISTS", 2)
+    monkeypatch.setattr(keyless, "SHAKES", (0.1,))
+    monkeypatch.setattr(keyless, "FINALISTS", 2)
 
 
 def test_the_layout_tells_the_labels():
@@ -44,7 +44,7 @@ def test_the_key_ring_is_named_where_there_is_one():
 
 
 def test_a_demand_that_cannot_be_met_is_refused_with_what_can(monkeypatch):
-    monkeypatch.setattr(asymmetry, "ROUNDS", 1)
+    monkeypatch.setattr(keyless, "ROUNDS", 1)
     with pytest.raises(InputError, match=r"safe to 300 px .* no layout safer than [1-9]"):
         design(Spec(n=4, asymmetric=300.0, restarts=1, poses=SPEC.poses))
 
@@ -52,10 +52,10 @@ def test_a_demand_that_cannot_be_met_is_refused_with_what_can(monkeypatch):
 def test_a_turn_that_is_not_allowed_is_not_made(criterion, rooms):
     from markergen.model.boundary import Circle
     from markergen.objectives.criteria import regular_polygon
-    from markergen.optimize.region import Region
+    from markergen.optimize.problem import FeasibleRegion
 
     disk = Circle(0.15)
     turn = np.array([[0.9, -np.sqrt(0.19)], [np.sqrt(0.19), 0.9]])
-    points, region = regular_polygon(5, 0.15) @ turn.T, Region(disk)
+    points, region = regular_polygon(5, 0.15) @ turn.T, FeasibleRegion(disk)
     assert upright(points, criterion(disk), region, lambda _: False) is points
     assert upright(points, criterion(disk), region, lambda _: True) is not points

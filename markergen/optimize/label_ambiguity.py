@@ -1,0 +1,399 @@
+"""When a labeling of the dots counts as ambiguous: how far images must move until another labeling fits as well.
+
+For each dot the nearest rival labeling that takes it for another one is looked for over all poses (see
+`markergen.optimize.rival_labelings`, also for D). Its safety is d = D/(2 sqrt(n)), in px: while the images of the n
+dots are displaced by less than d, root of the mean square over the dots, the true labeling fits better than that rival.
+So it does while no single dot is displaced by more. That is proved; the displacement half way to the rival's images, of
+exactly that RMS, makes the rival fit as well as the true pose. Labels whose safety is below `SAME_PX` are ambiguous.
+
+With noise of sigma px in every coordinate the rival is taken with a probability of about Q(sqrt(n) d/sigma), Q the
+tail of the normal distribution: all dots together tell.
+
+**Search.** A rival's images are the same set of points as the true ones. To first order its pose therefore keeps mean
+and covariance of the set, which leaves one number free: the angle of a turn of the whitened set, S^(-1/2) (X - mean).
+Every angle gives one labeling. Those that fit best, and the true one, are then varied by exchanging two dots, again
+and again, which is priced without a new fit: the images that are exchanged differ by d, which adds +d and -d to two
+residuals, and the fit takes away what lies in the span of its Jacobian.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.model.marker import Marker
+from markergen.model.poses import PoseDistribution
+from markergen.objectives import Setting
+from markergen.optimize.rival_labelings import RivalFit, Rivals, SeenLayout, seen_layout
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+MANY = 24
+"""Dots beyond which rivals are all alike, two neighbors exchanged, and the constants below "of many" hold."""
+
+REPRESENTATIVE, REPRESENTATIVE_OF_MANY = 12, 4
+"""Poses at which rivals are looked for."""
+
+BROUGHT, BROUGHT_PER_DOT, FOLLOWED, FOLLOWED_PER_DOT = 24, 3, 8, 1
+"""Labelings, the nearest of all and of each dot, that are followed from where they were found to the other
+representative poses, and then to all: where safety was demanded, several are equally near where they were found."""
+
+NEAR = 1.5
+"""Poses where the rough fit of a labeling is farther than so many times its nearest are not fitted to the end."""
+
+FITS = 400_000
+"""Dots times poses times rivals that are fitted in the end; with more of them, fewer poses."""
+
+SAME_PX = 1e-3
+"""Below this safety two labelings are the same to any camera."""
+
+
+LISTED = 8
+"""Dots of a cycle that words list; of longer ones they say how long."""
+
+ANGLES, ANGLES_OF_MANY = 180, 360
+"""Turns that are tried; many dots are closer together."""
+
+KEPT = 16
+"""Labelings of a pose that are fitted in each round, besides the best for each dot."""
+
+VARIED = 6
+"""Labelings of a pose whose exchanges are tried in each round, besides the true one in the first."""
+
+ROUNDS = 3
+"""Rounds of exchanges: three make every permutation of four dots, and every cycle of as many."""
+
+FINISHED, FINISHED_PER_DOT = 8, 2
+"""Labelings of a pose that are fitted to the end: the nearest of all, and those of each dot."""
+
+
+@dataclass(frozen=True, eq=False)
+class LabelSafety:
+    """How safely each of n dots can be told apart.
+
+    Attributes
+    ----------
+    px : array (n,)
+        Safety of each dot over the poses; inf for one that no labeling can take for another.
+    labels : array (n, n) of int
+        Row i: what each dot is taken for by the nearest rival labeling that moves dot i, by their order.
+    pose : array (n,) of int
+        Index of the pose where that is.
+    poses : PoseDistribution
+    ids : tuple of int
+        What the dots are called.
+    """
+
+    px: Array
+    labels: Indices
+    pose: Indices
+    poses: PoseDistribution
+    ids: tuple[int, ...]
+
+    @property
+    def least(self) -> float:
+        """Safety in px of the least safe dot, and so of the labels as a whole."""
+        return float(self.px.min())
+
+    @property
+    def worst(self) -> int:
+        """The least safe dot, by its order."""
+        return int(self.px.argmin())
+
+    def confusion(self, sigma: float) -> Array:
+        """Probability (n,) that noise of sigma px in every coordinate makes each dot's nearest rival fit better.
+
+        At the rival's pose, the worst one; a half for a dot that another labeling fits exactly.
+        """
+        from scipy.special import erfc
+
+        with np.errstate(divide="ignore", invalid="ignore"):
+            far = np.sqrt(len(self.px) / 2) * self.px / sigma
+        return np.asarray(0.5 * erfc(np.where(self.px < SAME_PX, 0.0, far)))
+
+    @property
+    def sentence(self) -> str:
+        """The least safety, the labeling that is likeliest taken for the true one, and where."""
+        if np.isinf(self.least):
+            return "labels are safe: no two dots are alike"
+        pose, rival = self.pose[self.worst], self.in_words(self.worst)
+        seen = f"tilt {self.poses.polar_angle_deg[pose]:.0f} deg, distance {self.poses.distance[pose]:.3g} m"
+        if self.least < SAME_PX:
+            return f"labels are ambiguous: with {rival} the marker looks the same ({seen})"
+        return (
+            f"labels are safe while dots move by less than {self.least:.2g} px RMS; "
+            f"then they fit as well with {rival} ({seen})"
+        )
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The report in words: `sentence`, and how much safer other dots are."""
+        if np.isinf(self.least) or self.px.max() <= self.least + SAME_PX:
+            return (self.sentence,)
+        safest = int(self.px.argmax())
+        never = "never taken for another" if np.isinf(self.px[safest]) else f"safe to {self.px[safest]:.2g} px"
+        return self.sentence, f"the least safe dot is {self.ids[self.worst]}, the safest is {self.ids[safest]}, {never}"
+
+    def in_words(self, dot: int) -> str:
+        """The nearest rival labeling that moves a dot, such as "2 and 3 exchanged"; empty for a dot it never moves."""
+        found = []
+        for cycle in self.cycles(dot):
+            if len(cycle) == 2:
+                found.append(f"{cycle[0]} and {cycle[1]} exchanged")
+            elif len(cycle) <= LISTED:
+                found.append(f"each of {', '.join(map(str, (*cycle, cycle[0])))} taken for the next")
+            else:
+                found.append(f"{len(cycle)} dots taken for each other, {cycle[0]} for {cycle[1]} among them")
+        return " and ".join(found)
+
+    def cycles(self, dot: int) -> tuple[tuple[int, ...], ...]:
+        """The nearest rival labeling that moves a dot: (0, 1, 2) takes dot 0 for 1, 1 for 2, and 2 for 0."""
+        labels, cycles, left = self.labels[dot], [], set(range(len(self.px)))
+        while left:
+            cycle = [min(left)]
+            while int(labels[cycle[-1]]) != cycle[0]:
+                cycle.append(int(labels[cycle[-1]]))
+            left -= set(cycle)
+            if len(cycle) > 1:
+                cycles.append(tuple(self.ids[i] for i in cycle))
+        return tuple(cycles)
+
+    def as_dict(self, sigma: float) -> dict[str, object]:
+        """Return the report as plain JSON values, with the confusion by noise of sigma px.
+
+        Of a dot that is never taken for another px is null, and there is nothing else to tell.
+        """
+        confusion = self.confusion(sigma)
+        return {
+            "least_px": self.least if np.isfinite(self.least) else None,
+            "noise_px": sigma,
+            "confusion": float(confusion.max()),
+            "sentences": list(self.sentences),
+            "dots": [
+                {
+                    "id": self.ids[i],
+                    "px": float(self.px[i]),
+                    "confusion": float(confusion[i]),
+                    "rival": {str(self.ids[a]): self.ids[int(b)] for a, b in enumerate(self.labels[i]) if a != b},
+                    "in_words": self.in_words(i),
+                    "tilt_deg": float(self.poses.polar_angle_deg[self.pose[i]]),
+                    "distance_m": float(self.poses.distance[self.pose[i]]),
+                }
+                if np.isfinite(self.px[i])
+                else {"id": self.ids[i], "px": None}
+                for i in range(len(self.px))
+            ],
+        }
+
+
+def label_safety(marker: Marker, setting: Setting) -> LabelSafety:
+    """How safely the dots of a marker can be told apart from the poses of a setting.
+
+    Rings are told from disks by their looks, and what has the same look by its place. All dots are seen. Sizes of dots
+    and shapes of their images, which tell more, are left out. Heights of control points count.
+    """
+    kinds = np.array([point.feature.kind == "ring" for point in marker.control_points], dtype=np.intp)
+    scene = seen_layout(marker.xyz, kinds, setting.camera, setting.poses)
+    return safety_of(scene, tuple(point.id for point in marker.control_points))
+
+
+def layout_safety(points: Array, setting: Setting, keyed: bool) -> LabelSafety:
+    """How safely the dots of a layout (n, 2 or 3) in m can be told apart, the first one a ring if `keyed`."""
+    kinds = np.zeros(len(points), dtype=np.intp)
+    kinds[0] = keyed
+    return safety_of(seen_layout(points, kinds, setting.camera, setting.poses))
+
+
+def safety_of(scene: SeenLayout, ids: tuple[int, ...] = (), rivals: Rivals | None = None) -> LabelSafety:
+    """Safety of the dots of a scene; without ids they are called by their order, without rivals these are sought."""
+    n = len(scene.points)
+    rivals = worst_rivals(scene) if rivals is None else rivals
+    # What a rival takes for dot j is dot s(j): the labels are its inverse. Of equals the first in order is told.
+    order = np.lexsort(np.argsort(rivals.labeling, axis=-1).T[::-1])
+    rivals = rivals.take(order)
+    away = np.where(rivals.moved, rivals.px[:, None], np.inf)
+    px = np.min(away, axis=0, initial=np.inf)
+    told = np.isfinite(px)
+    labels, pose = np.tile(scene.truth, (n, 1)), np.zeros(n, dtype=np.intp)
+    row = np.argmax(away[:, told] <= px[told] + SAME_PX, axis=0) if told.any() else []
+    labels[told], pose[told] = np.argsort(rivals.labeling[row], axis=-1), rivals.pose[row]
+    return LabelSafety(px, labels, pose, scene.poses, ids or tuple(range(n)))
+
+
+def worst_rivals(scene: SeenLayout) -> Rivals:
+    """The nearest rivals that were found, with those that move each dot, followed over all poses."""
+    n = len(scene.points)
+    at = representative(scene.poses, REPRESENTATIVE_OF_MANY if n > MANY else REPRESENTATIVE)
+    found = find_rivals(scene, at)
+    found = _followed(scene, found, found.nearest_labelings(BROUGHT, BROUGHT_PER_DOT), at)
+    nearest = found.nearest_labelings(FOLLOWED, FOLLOWED_PER_DOT)
+    many = max(1, FITS // (n * max(1, len(nearest))))
+    return _followed(scene, found, nearest, representative(scene.poses, many))
+
+
+def _followed(scene: SeenLayout, rivals: Rivals, labeling: Indices, at: Indices) -> Rivals:
+    """Rivals with the labelings (K, n) fitted at the poses `at` that come into question for the nearest."""
+    found = scene.fit(np.repeat(labeling, len(at), axis=0), np.tile(at, len(labeling)), rough=True)
+    px = found.px.reshape(len(labeling), len(at))
+    near = px <= NEAR * px.min(axis=1, initial=np.inf, keepdims=True)
+    return rivals.joined(scene.refit(found.take(np.flatnonzero(near))))
+
+
+def find_rivals(scene: SeenLayout, at: Indices) -> Rivals:
+    """Near rivals at the poses with indices `at`: for every dot those that move it, and the nearest of all.
+
+    Not all permutations are tried; see the module for which. A search: a test compares it with all of them.
+    """
+    pool = scene.fit(*_turned(scene, at), rough=True)
+    pool = _unique(pool.joined(_reassigned(scene, pool)))
+    truth = Rivals(
+        np.tile(scene.truth, (len(at), 1)), at, scene.poses.rotation[at], scene.poses.translation[at], np.zeros(len(at))
+    )
+    for turn in range(ROUNDS):
+        nearest = pool.take(_nearest(pool, at, VARIED))
+        bases = truth.joined(nearest) if turn == 0 else nearest
+        fresh = _not_in(*_exchanged(scene, bases, at), pool)
+        if not len(fresh[0]):
+            break
+        pool = pool.joined(scene.fit(*fresh, rough=True))
+    best = pool.take(_nearest(pool, at, FINISHED, FINISHED_PER_DOT))
+    # From all starts again: a rough fit may have gone on from the one that ends in the worse minimum.
+    return scene.fit(best.labeling, best.pose)
+
+
+def representative(poses: PoseDistribution, count: int) -> Indices:
+    """Indices of up to `count` poses that differ much in distance and direction, the farthest tilted one first.
+
+    Each next one is that which is farthest from all before, in the direction of the camera and the logarithm of its
+    distance. A turn about the line of sight changes nothing and does not count.
+    """
+    center = -np.einsum("pij,pi->pj", poses.rotation, poses.translation)
+    distance = np.linalg.norm(center, axis=-1)
+    where = np.concatenate([center / distance[:, None], np.log(distance)[:, None]], axis=-1)
+    chosen = [int(np.argmin(poses.cos_tilt / distance))]
+    gap = np.linalg.norm(where - where[chosen[0]], axis=-1)
+    while len(chosen) < count and gap.max() > 1e-9:
+        chosen.append(int(np.argmax(gap)))
+        gap = np.minimum(gap, np.linalg.norm(where - where[chosen[-1]], axis=-1))
+    return np.array(chosen, dtype=np.intp)
+
+
+def _turned(scene: SeenLayout, at: Indices) -> tuple[Indices, Indices]:
+    """Labelings (K, n) by turns of the set made round, the best `KEPT` at each of the poses; and the poses (K,)."""
+    from scipy.optimize import linear_sum_assignment
+
+    n = len(scene.points)
+    strange = np.where(scene.kinds[:, None] != scene.kinds, 1e6, 0.0)
+    angles = np.arange(ANGLES_OF_MANY if n > MANY else ANGLES) * (2 * np.pi / (ANGLES_OF_MANY if n > MANY else ANGLES))
+    layout = _round(scene.points[:, :2])
+    labelings, poses = [], []
+    for pose in at:
+        seen = _round(scene.rays[pose] * [1, -1])
+        found: dict[bytes, tuple[float, Indices]] = {}
+        for angle in angles:
+            turned = layout @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+            cost = np.sum((turned[:, None] - seen) ** 2, axis=-1) + strange
+            labeling = linear_sum_assignment(cost)[1]
+            total = float(cost[scene.truth, labeling].sum())
+            if total < 1e6 and (labeling != scene.truth).any():
+                key = labeling.tobytes()
+                found[key] = min(found.get(key, (np.inf, labeling)), (total, labeling), key=lambda each: each[0])
+        best = sorted(found.values(), key=lambda each: each[0])[:KEPT]
+        labelings += [labeling for _, labeling in best]
+        poses += [pose] * len(best)
+    return np.array(labelings, dtype=np.intp).reshape(-1, n), np.array(poses, dtype=np.intp)
+
+
+def _round(points: Array) -> Array:
+    """Points (n, 2) with their mean taken off and their covariance made the identity, not mirrored."""
+    centered = points - points.mean(axis=0)
+    values, vectors = np.linalg.eigh(centered.T @ centered / len(points))
+    return centered @ (vectors / np.sqrt(np.maximum(values, 1e-12 * values[1]))) @ vectors.T
+
+
+def _reassigned(scene: SeenLayout, rivals: Rivals) -> Rivals:
+    """Rivals whose dots take the images nearest to where the fit has them, as far as these are new."""
+    from scipy.optimize import linear_sum_assignment
+
+    finite = np.flatnonzero(np.isfinite(rivals.distance))
+    rivals = rivals.take(finite)
+    drawn = scene.camera.project(scene.points, rivals.rotation, rivals.translation)
+    cost = np.sum((drawn[:, :, None] - scene.images[rivals.pose][:, None]) ** 2, axis=-1)
+    strange = np.where(scene.kinds[:, None] != scene.kinds, 1e12, 0.0)
+    labeling = np.array([linear_sum_assignment(each + strange)[1] for each in cost], dtype=np.intp)
+    return scene.fit(*_not_in(labeling.reshape(rivals.labeling.shape), rivals.pose, rivals), rough=True)
+
+
+def _exchanged(scene: SeenLayout, bases: Rivals, at: Indices) -> tuple[Indices, Indices]:
+    """Labelings (K, n) that differ from bases by an exchange of two dots, the most promising of each pose and dot."""
+    n = len(scene.points)
+    first, second = np.triu_indices(n, 1)
+    alike = scene.kinds[first] == scene.kinds[second]
+    first, second = first[alike], second[alike]
+    promised = np.concatenate(
+        [_prices(scene, bases.take(rows), first, second) for rows in np.array_split(np.arange(len(bases)), len(at))]
+    )
+    labelings, poses = [], []
+    for pose in at:
+        rows = np.flatnonzero(bases.pose == pose)
+        price = promised[rows].ravel()
+        base, pair = np.unravel_index(np.argsort(price, kind="stable"), (len(rows), len(first)))
+        # More than twice that many are the same labelings by other ways.
+        top = np.arange(min(2 * KEPT, len(base)))
+        # The cheapest exchange of each dot, too.
+        _, by_first = np.unique(first[pair], return_index=True)
+        _, by_second = np.unique(second[pair], return_index=True)
+        chosen = np.unique(np.concatenate([top, by_first, by_second]))
+        labeling = bases.labeling[rows[base[chosen]]].copy()
+        one, other = first[pair[chosen]], second[pair[chosen]]
+        row = np.arange(len(chosen))
+        labeling[row, one], labeling[row, other] = labeling[row, other], labeling[row, one]
+        labelings.append(labeling)
+        poses.append(np.full(len(chosen), pose))
+    return np.concatenate(labelings), np.concatenate(poses)
+
+
+def _prices(scene: SeenLayout, bases: Rivals, first: Indices, second: Indices) -> Array:
+    """D^2 (K, pairs) to first order after dots `first` and `second` have exchanged their images."""
+    images = np.take_along_axis(scene.images[bases.pose], bases.labeling[..., None], axis=1)
+    fit = RivalFit(scene.points, images, scene.camera, scene.edge_on)
+    _, residual, normalized = fit.residuals((bases.rotation, bases.translation))
+    rows = fit.image_rows(bases.rotation, bases.translation, normalized)
+    span = np.linalg.qr(rows.reshape(len(bases), -1, 6))[0].reshape(rows.shape)
+    residual = residual[:, :-1].reshape(images.shape)
+    change = images[:, second] - images[:, first]
+    taken = np.einsum("kpi,kpij->kpj", change, span[:, first] - span[:, second])
+    along = np.sum((residual[:, first] - residual[:, second]) * change, axis=-1)
+    return bases.distance[:, None] ** 2 + 2 * along + 2 * np.sum(change**2, axis=-1) - np.sum(taken**2, axis=-1)
+
+
+def _nearest(rivals: Rivals, at: Indices, count: int, per_dot: int = 0) -> Indices:
+    """Indices of the nearest `count` rivals at each pose, and of the nearest `per_dot` that move each dot."""
+    chosen = [np.zeros(0, dtype=np.intp)]
+    for pose in at:
+        rows = np.flatnonzero((rivals.pose == pose) & np.isfinite(rivals.distance))
+        chosen.append(rows[np.argsort(rivals.distance[rows], kind="stable")[:count]])
+        chosen.append(rows[rivals.take(rows).best_per_dot(per_dot)])
+    return np.unique(np.concatenate(chosen))
+
+
+def _keys(labeling: Indices, pose: Indices) -> list[bytes]:
+    return [row.tobytes() for row in np.concatenate([labeling, pose[:, None]], axis=1)]
+
+
+def _not_in(labeling: Indices, pose: Indices, known: Rivals) -> tuple[Indices, Indices]:
+    """Labelings (K, n) with their poses (K,), each once, without the true one and those that are known."""
+    seen = set(_keys(known.labeling, known.pose))
+    wrong = (labeling != np.arange(labeling.shape[1])).any(axis=-1)
+    chosen = []
+    for index, key in enumerate(_keys(labeling, pose)):
+        if wrong[index] and key not in seen:
+            seen.add(key)
+            chosen.append(index)
+    return labeling[chosen], pose[chosen]
+
+
+def _unique(rivals: Rivals) -> Rivals:
+    keys = _keys(rivals.labeling, rivals.pose)
+    return rivals.take(np.array(sorted({key: index for index, key in enumerate(keys)}.values()), dtype=np.intp))

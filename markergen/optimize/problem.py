@@ -1,0 +1,203 @@
+"""The problem that a spec poses: an objective to minimize over the feasible region of layouts.
+
+Last, an independent check that a layout solves it: it finds distances in other ways than the search does.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+from math import dist, hypot
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.geometry.region import Region
+from markergen.model.boundary import Boundary, Circle, area_without
+from markergen.model.poses import PoseDistribution
+from markergen.model.spec import Spec
+from markergen.objectives import OBJECTIVES, Objective, Setting
+from markergen.objectives.base import either
+from markergen.objectives.survive import SurvivalObjective
+from markergen.optimize.constraints import Walls, walls_of
+
+Array = NDArray[np.float64]
+
+FEW_POSES = 48
+"""Poses that stand for all in an exchange: what it finds is judged by all of them afterwards."""
+
+SWEEPS, GENTLE = 60, 10
+"""Rounds of pushing apart and pulling inside, and how many of them push by no more than is needed."""
+
+TOLERANCE = 1e-9
+"""Breach in m that is put down to rounding by the independent check."""
+
+
+def room_of(spec: Spec) -> Boundary:
+    """Where the spec lets dots be: the boundary without its keep-outs and the tag."""
+    return area_without(spec.boundary, spec.blocked)
+
+
+def check_objective(spec: Spec, noisy: bool) -> None:
+    """Refuse an objective that does not know what it is asked about.
+
+    Parameters
+    ----------
+    noisy : bool
+        Whether it is to follow the noise of an image.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name, or it does not know the spec's relief or the noise.
+    """
+    kind = OBJECTIVES[spec.objective]
+    if spec.relief and kind.planar_only:
+        raise InputError(
+            "an objective for points in space with a relief",
+            f"objective={spec.objective!r}",
+            f"use --objective {either(name for name in OBJECTIVES if not OBJECTIVES[name].planar_only)}",
+        )
+    if noisy and not kind.knows_noise:
+        raise InputError(
+            "an objective that depends on the noise",
+            f"objective={spec.objective!r} with the noise model image",
+            f"use --objective {either(name for name in OBJECTIVES if OBJECTIVES[name].knows_noise)}",
+        )
+
+
+def objective_of(spec: Spec, setting: Setting) -> Objective:
+    """The objective that the spec asks for, in a setting; refuses what `check_objective` does."""
+    check_objective(spec, bool(setting.noise))
+    objective = OBJECTIVES[spec.objective](setting, spec.aggregate, spec.coordinates)
+    return SurvivalObjective(objective, spec.survive) if spec.survive else objective
+
+
+def rough_of(spec: Spec, setting: Setting) -> Objective:
+    """The same objective for fewer poses."""
+    return objective_of(spec, replace(setting, poses=fewer(setting.poses)))
+
+
+def fewer(poses: PoseDistribution, count: int = FEW_POSES) -> PoseDistribution:
+    """Every p-th pose, about `count` in all; p is prime, so that it fits into no grid of poses."""
+    most = len(poses) // count
+    step = max((p for p in range(2, most + 1) if all(p % q for q in range(2, p))), default=1)
+    return poses.taken(np.arange(0, len(poses), step), poses.dropped)
+
+
+@dataclass(frozen=True)
+class FeasibleRegion:
+    """The feasible layouts of dots of one diameter.
+
+    Attributes
+    ----------
+    boundary : Boundary
+    diameter, clearance : float
+        Of the dots, m.
+    """
+
+    boundary: Boundary
+    diameter: float = 0.0
+    clearance: float = 0.0
+
+    @property
+    def inset(self) -> float:
+        """Smallest distance in m from a control point to the outline: dot radius plus clearance."""
+        return self.diameter / 2 + self.clearance
+
+    @property
+    def spacing(self) -> float:
+        """Smallest distance in m between control points: dot diameter plus clearance."""
+        return self.diameter + self.clearance
+
+    @cached_property
+    def walls(self) -> Walls:
+        """The outline in smooth pieces."""
+        return walls_of(self.boundary)
+
+    def sample(self, count: int, n: int, rng: np.random.Generator) -> Array:
+        """Random layouts (count, n, 2): uniform points, pushed apart until they are feasible."""
+        points = self.boundary.sample(count * n, self.inset, rng).reshape(count, n, 2)
+        return self.project(points)
+
+    def project(self, points: Array) -> Array:
+        """Bring layouts (B, n, 2) into the region: pairs that are too close part evenly, points outside come in.
+
+        A layout that is jammed is left with what `violation` tells.
+        """
+        points = self.boundary.project(points, self.inset)
+        if not self.spacing:
+            return points
+        tight = np.flatnonzero(self._overlap(points).max(axis=(1, 2)) > 0)
+        for sweep in range(SWEEPS):
+            if not len(tight):
+                break
+            # Half the overlap each is the nearest remedy; what is jammed after that comes free when both overdo it.
+            points[tight] = self._spread(points[tight], 0.5 if sweep < GENTLE else 1.0)
+            tight = tight[self._overlap(points[tight]).max(axis=(1, 2)) > 1e-12]
+        return points
+
+    def violation(self, points: Array) -> Array:
+        """Largest breach (B,) in m of the inset or the spacing; 0 or less is feasible."""
+        outside = np.max(self.inset - self.boundary.depth(points), axis=-1)
+        if not self.spacing or points.shape[1] < 2:
+            return outside
+        return np.maximum(outside, self._overlap(points).max(axis=(1, 2)))
+
+    def holds(self, points: Array) -> NDArray[np.bool_]:
+        """Tell which layouts (B, n, 2) are feasible, to a tenth of a nanometer."""
+        return self.violation(points) <= 1e-10
+
+    def _overlap(self, points: Array) -> Array:
+        gaps = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)
+        diagonal = np.arange(points.shape[1])
+        gaps[:, diagonal, diagonal] = np.inf
+        return self.spacing - gaps
+
+    def _spread(self, points: Array, share: float) -> Array:
+        difference = points[:, :, None] - points[:, None]
+        distance = np.linalg.norm(difference, axis=-1)
+        diagonal = np.arange(points.shape[1])
+        distance[:, diagonal, diagonal] = np.inf
+        # A hair more than needed, or the last gap would be approached only in the limit.
+        push = np.maximum(self.spacing * (1 + 1e-9) - distance, 0.0) * share
+        direction = difference / np.maximum(distance, 1e-12 * self.spacing)[..., None]
+        # Coincident points have no direction of their own: part them along x.
+        direction[..., 0] += np.where(distance == 0, np.sign(diagonal[:, None] - diagonal), 0.0)
+        return self.boundary.project(points + np.sum(push[..., None] * direction, axis=2), self.inset)
+
+
+def breach(
+    points: Array, boundary: Boundary, keep_outs: Sequence[Boundary], diameter: float, clearance: float
+) -> float:
+    """Largest breach in m of the promises that a layout (n, 2 or 3) in m makes; 0 or less if it keeps them.
+
+    Every dot lies whole in the boundary, `clearance` or more from its outline and from the keep-outs, and as far from
+    every other dot. Circles are measured by plain arithmetic, all else by GEOS from the outlines.
+    """
+    inset = diameter / 2 + clearance
+    worst = max((diameter + clearance - dist(p[:2], q[:2]) for p, q in combinations(points.tolist(), 2)), default=0.0)
+    for x, y, *_ in points.tolist():
+        worst = max(worst, inset - _depth(x, y, boundary), *(inset + _depth(x, y, keep_out) for keep_out in keep_outs))
+    return worst
+
+
+def check(points: Array, boundary: Boundary, keep_outs: Sequence[Boundary], diameter: float, clearance: float) -> None:
+    """Refuse a layout that breaks its promises (see `breach`) by more than a nanometer.
+
+    Raises
+    ------
+    RuntimeError
+        If it does: a search has gone wrong, which is no fault of the user's.
+    """
+    worst = breach(points, boundary, keep_outs, diameter, clearance)
+    if not worst <= TOLERANCE:
+        raise RuntimeError(f"the layout that was found breaks its constraints by {worst:.3g} m")
+
+
+def _depth(x: float, y: float, boundary: Boundary) -> float:
+    """Distance in m from the outline, negative outside."""
+    if isinstance(boundary, Circle):
+        return boundary.size - hypot(x - boundary.center[0], y - boundary.center[1])
+    return float(Region.odd(boundary.outlines()).depth(np.array([[x, y]]))[0])
