@@ -1,4 +1,4 @@
-"""The paper's objective and ours on the same job: where they agree, and where they part.
+"""Compare the paper's objective with ours on the same task: where they agree, and where they differ.
 
 python examples/condition_against_pose.py
 """

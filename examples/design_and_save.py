@@ -1,4 +1,4 @@
-"""Design a marker, see what to expect of it, and save it as a sheet, a drawing to cut, and for OpenCV.
+"""Design a marker, see its expected accuracy, and save it as a sheet, as a cutting drawing, and for OpenCV.
 
 python examples/design_and_save.py out
 """
@@ -10,7 +10,7 @@ import markergen as mg
 
 
 def main(folder: Path) -> None:
-    """Design eight dots on an A4 sheet for a camera that looks from 0.5 to 2 m, and write four files."""
+    """Design eight dots on an A4 sheet for a camera at 0.5 to 2 m, and write four files."""
     folder.mkdir(parents=True, exist_ok=True)
     design = mg.design(n=8, boundary="rect:170mmx170mm", dot="18mm", poses="cone:distance=0.5..2m,tilt=0..60")
     print(design)

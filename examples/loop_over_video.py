@@ -11,7 +11,7 @@ import markergen as mg
 
 
 def main(marker: str, camera: str, video: str, annotated: str | None) -> None:
-    """Print a line for every frame; write the video with what was found drawn in, if a file for it is named."""
+    """Print a line for every frame; write the annotated video if a file for it is named."""
     detector = mg.Detector(marker, camera)
     source, target = cv2.VideoCapture(video), cv2.VideoWriter()
     if not source.isOpened():

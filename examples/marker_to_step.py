@@ -1,4 +1,4 @@
-"""Make a marker as solids: a plate with mounting holes and inlays, milled, with its drawing; then check the files.
+"""Make a marker as solids: a milled plate with mounting holes and inlays, with its drawing; then check the files.
 
 python examples/marker_to_step.py marker.step
 """

@@ -1,4 +1,4 @@
-"""A camera that only ever comes from one side: what the layout gains over a regular polygon at its best phase.
+"""Gain of an optimized layout over a regular polygon at its best phase, for a camera always on one side.
 
 python examples/one_sided_camera.py 5
 """
@@ -11,7 +11,7 @@ VOLUME = "cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,roll=0"
 
 
 def main(n: int) -> None:
-    """Design n dots in a disk of 150 mm for the volume; print the expected displacement of both layouts."""
+    """Design n dots in a disk of 150 mm for the volume; print the expected displacement for both layouts."""
     found = mg.design(n=n, radius="150mm", poses=VOLUME, dot="10mm")
     layout, polygon = (1e3 * found.criteria[name]["pose_m"] for name in ("design", "ngon"))
     for x, y, _ in 1e3 * found.marker.xyz:

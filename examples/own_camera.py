@@ -1,4 +1,4 @@
-"""Design for a camera and a working volume of your own, and read the expected accuracy from the result.
+"""Design for your own camera and working volume, and read the expected accuracy from the result.
 
 python examples/own_camera.py marker.pdf
 """

@@ -1,4 +1,4 @@
-"""An objective of your own in ten lines, by autograd: the error along the line of sight, instead of in all directions.
+"""Define an objective in ten lines, with autograd: the error along the line of sight, not in all directions.
 
 python examples/own_objective.py 6
 """
@@ -25,7 +25,7 @@ class Depth(AutogradObjective):
 
 
 def main(n: int) -> None:
-    """Design n dots with it and with the default objective, for a camera that stands to one side."""
+    """Design n dots with it and with the default objective, for a camera off to one side."""
     for objective in ("depth", "pose"):
         design = mg.design(n=n, dot="20mm", poses="cone:tilt=40..70,azimuth=-30..30,count=100", objective=objective)
         print(f"{objective:>6}: depth to {1e3 * design.criteria['design']['depth_m']:.2f} mm for 1 px of noise")

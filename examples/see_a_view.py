@@ -1,4 +1,4 @@
-"""See a marker as a camera would: render it, find its dots, and save the picture with what was found.
+"""See a marker as a camera would: render it, detect its dots, and save the annotated picture.
 
 python examples/see_a_view.py view.png
 """
@@ -14,7 +14,7 @@ from markergen.validation.views import SyntheticViews, take_view
 
 
 def main(path: Path) -> None:
-    """Design the default marker and look at it once, from somewhere steep, through a slightly blurred lens."""
+    """Design the default marker and view it once, at a steep angle, through a slightly blurred lens."""
     found = design(Spec())
     setting = found.setting
     series = SyntheticViews(found.marker, setting.camera, setting.poses, count=3, optics=Optics(blur_px=1.0))

@@ -1,4 +1,4 @@
-"""Sweep over the number of dots and the noise, and look at the table as a DataFrame of pandas.
+"""Sweep over the number of dots and the noise, and view the table as a pandas DataFrame.
 
 python examples/sweep_to_dataframe.py sweep
 """

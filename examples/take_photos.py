@@ -1,4 +1,4 @@
-"""Take photos of a marker that nobody had to print: synthetic ones, in clutter, through a lens with distortion.
+"""Take synthetic photos of a marker, without printing it, in clutter and through a lens with distortion.
 
 python examples/take_photos.py marker.json photos
 markergen detect photos/ --marker marker.json --camera photos/camera.yaml --overlay seen
@@ -23,7 +23,7 @@ POSES = (10, 130, 190, 250, 330, 395)
 
 
 def main(marker: Path, folder: Path) -> None:
-    """Write six photos, each from another pose, and the camera's calibration as ROS has it."""
+    """Write six photos, each from a different pose, and the camera's calibration in ROS format."""
     found, poses = mg.Marker.load(marker), paper()
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "camera.yaml").write_text(CALIBRATION)

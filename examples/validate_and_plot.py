@@ -1,4 +1,4 @@
-"""Prove a marker by trials and synthetic views, and plot the errors of each estimator over the bound.
+"""Validate a marker by trials and synthetic views, and plot the errors of each estimator relative to the bound.
 
 python examples/validate_and_plot.py errors.png
 """
@@ -10,7 +10,7 @@ import markergen as mg
 
 
 def main(path: Path, runs: int, views: int) -> None:
-    """Design the default marker, validate it, print what comes out, and save the plot and the report."""
+    """Design the default marker, validate it, print the result, and save the plot and the report."""
     marker = mg.design(n=5, radius="150mm").marker
     validation = mg.validate(marker, poses="cone:tilt=0..70,count=80", runs=runs, views=views)
     print(validation)

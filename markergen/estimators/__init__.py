@@ -1,4 +1,4 @@
-"""A table of estimators of pose and homography from correspondences: the only place that calls cv2.solvePnP.
+"""Table of pose and homography estimators; no other package calls cv2.solvePnP.
 
 ``Correspondences(object_points, image_points, camera).once(ESTIMATORS["lm"]).best`` is the pose of every trial.
 """

@@ -1,4 +1,4 @@
-"""What every estimator is given and what it returns: batches of correspondences, batches of estimates."""
+"""Interface of estimators: batches of correspondences in, batches of estimates out."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 E = TypeVar("E")
 
 COLLINEAR = 1e-6
-"""Points whose spread across their main direction is below this share of the spread along it count as collinear."""
+"""Collinearity threshold: ratio of the points' spread across their main direction to the spread along it."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +40,13 @@ class PoseEstimates:
 
 @dataclass(frozen=True, eq=False)
 class Correspondences:
-    """One layout seen in T images, or T layouts of as many points, each in an image of its own.
+    """One layout seen in T images, or T layouts with the same number of points, each seen in its own image.
 
     Attributes
     ----------
     object_points : array (n, 2 or 3) or (T, n, 2 or 3), m, marker frame; n is 4 or more
     image_points : array (T, n, 2), undistorted px
-        Where `camera.ideal`, the camera without its lens' distortion, sees them; see `from_distorted`.
+        Image points in `camera.ideal`, the camera without lens distortion; see `from_distorted`.
     camera : Camera
 
     Raises
@@ -72,21 +72,21 @@ class Correspondences:
 
     @classmethod
     def from_distorted(cls, object_points: Array, pixels: Array, camera: Camera) -> "Correspondences":
-        """Correspondences of distorted image points (T, n, 2) in px, as the camera takes them.
+        """Correspondences from distorted image points (T, n, 2) in px, as measured in the camera's images.
 
-        Pixels that no ray comes to make the trial unsolvable.
+        Pixels that correspond to no ray make the trial unsolvable.
         """
         if camera.distortion != NO_DISTORTION:
             pixels = camera.ideal.to_pixels(camera.from_pixels(pixels))
         return cls(object_points, pixels, camera)
 
     def once(self, estimator: "Estimator[E]") -> E:
-        """Solve with `estimator`, or hand out what it found before, so that LM and IPPE share one solution of IPPE.
+        """Solve with `estimator` and cache the result, so that LM and IPPE share one IPPE solution.
 
         Raises
         ------
         InputError
-            If the points do not lie in one plane and the estimator can do only with those that do.
+            If the points are not coplanar and the estimator requires coplanar points.
         """
         if estimator.planar_only and not self.planar:
             raise InputError(
@@ -111,12 +111,12 @@ class Correspondences:
         return np.pad(points, [(0, 0)] * (points.ndim - 1) + [(0, 3 - points.shape[-1])])
 
     def of(self, trials: NDArray[np.intp] | NDArray[np.bool_]) -> Array:
-        """Object points (n, 3) or (t, n, 3) in m of some trials, by indices or a mask."""
+        """Object points (n, 3) or (t, n, 3) in m of selected trials, by indices or a mask."""
         return self.xyz if self.xyz.ndim == 2 else self.xyz[trials]
 
     @cached_property
     def lens(self) -> Array | None:
-        """Derivative (T, n, 2, 2) of the distorted image points by the undistorted ones; None without distortion."""
+        """Derivative (T, n, 2, 2) of distorted with respect to undistorted image points; None without distortion."""
         if self.camera.distortion == NO_DISTORTION:
             return None
         normalized = from_pixels(self.image_points, self.camera.matrix)
@@ -124,7 +124,7 @@ class Correspondences:
 
     @cached_property
     def solvable(self) -> NDArray[np.bool_]:
-        """Mask (T,) of the trials with finite points that are neither coincident nor collinear, here or there."""
+        """Mask (T,) of the trials whose object and image points are finite and neither coincident nor collinear."""
         finite = np.asarray(np.isfinite(self.image_points).all(axis=(-2, -1)))
         images = np.where(finite[:, None, None], self.image_points, 0.0)
         return finite & _spread(images) & _spread(self.xyz)
@@ -142,13 +142,13 @@ class Correspondences:
 
 
 class Estimator(ABC, Generic[E]):
-    """An entry of the table: solves a whole batch at once and never raises for points that have no solution.
+    """Entry of the table: solves a whole batch at once and never raises for points without a solution.
 
     Attributes
     ----------
     name : str
     planar_only : bool
-        True if it can do only with control points in one plane.
+        True if it requires coplanar control points.
     """
 
     name: ClassVar[str]
@@ -156,21 +156,21 @@ class Estimator(ABC, Generic[E]):
 
     @abstractmethod
     def solve(self, batch: Correspondences) -> E:
-        """Estimate from every trial of the batch, nan where there is no solution; called by `Correspondences.once`."""
+        """Solve every trial of the batch, nan where there is no solution; called by `Correspondences.once`."""
 
 
 class PoseEstimator(Estimator[PoseEstimates]):
-    """Estimates poses."""
+    """Estimator of poses."""
 
 
 class HomographyEstimator(Estimator[Array]):
-    """Estimates homographies (T, 3, 3) from marker plane (m) to image (px)."""
+    """Estimator of homographies (T, 3, 3) from marker plane (m) to image (px)."""
 
     planar_only = True
 
 
 def turned(points: Array, rotation: Array) -> Array:
-    """Return R X (t, n, 3) of the points (n, 3) of all trials or those (t, n, 3) of each, for rotations (t, 3, 3)."""
+    """Return R X (t, n, 3) for rotations (t, 3, 3) and points (n, 3), shared by all trials, or (t, n, 3)."""
     return rotate(points, rotation) if points.ndim == 2 else rotate_each(points, rotation)
 
 

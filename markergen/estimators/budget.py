@@ -1,12 +1,12 @@
-"""Error budget: what of a pose's error comes from the image, from the print, and from the camera's calibration.
+"""Error budget: contributions of image, print and camera calibration to the error of a pose.
 
-To first order the estimate that weighs image points by W errs by G e, G = (J'WJ)^-1 J'W, with J the pose Jacobian of
-the image points and e their errors. The three errors are independent, so their covariances add up:
+To first order, the error of an estimate that weights image points by W is G e, G = (J'WJ)^-1 J'W, with J the pose
+Jacobian of the image points and e their errors. The three errors are independent, so their covariances add up:
 
     C = G (S_image + S_print + S_camera) G'
 
-W is the inverse of S_image + S_print, block by block. Errors of the calibration move all points together; no weight of
-single points undoes that, so they go through G as they are.
+W is the inverse of S_image + S_print, block by block. Calibration errors move all points together; weights of single
+points cannot compensate for that, so W ignores them.
 """
 
 from collections.abc import Callable
@@ -26,19 +26,19 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ErrorSources:
-    """Errors besides the image's.
+    """Error sources other than the image.
 
     Attributes
     ----------
     print_sigma : float
-        Standard deviation in m of a control point's place along each axis of the marker plane; with relief of its
+        Standard deviation in m of a control point's position along each axis of the marker plane; with relief, of its
         height, too.
     camera_covariance : array (k, k) or None
-        Of the camera's parameters (fx, fy, cx, cy, then the distortion's), px^2 and so on; None takes the calibration
-        as exact.
+        Covariance of the camera parameters (fx, fy, cx, cy, then distortion coefficients), px^2 and so on; None means
+        an exact calibration.
     place_covariance : array (n, 2, 2) or None
-        Of the n points at hand along x and y, m^2, where their places were measured on the print: it takes the place
-        of print_sigma there. nan for points that were not measured. See `of`.
+        Covariance in m^2 of the positions, along x and y, of n points measured on the print, which replaces
+        print_sigma; nan for points that were not measured. See `of`.
 
     Raises
     ------
@@ -59,7 +59,7 @@ class ErrorSources:
             matrix = np.asarray(self.camera_covariance, dtype=float)
             if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix).all():
                 raise _no_covariance(f"shape {matrix.shape}" if np.isfinite(matrix).all() else "numbers not finite")
-            # Parameters differ in unit by orders of magnitude, so the check is made on the correlations.
+            # Variances differ by orders of magnitude between units, so the correlations are checked.
             scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
             correlation = matrix / scale / scale[:, None]
             if not np.allclose(correlation, correlation.T, atol=1e-6):
@@ -68,14 +68,14 @@ class ErrorSources:
                 raise _no_covariance("a negative variance along some direction")
 
     def of(self, marker: Marker, chosen: NDArray[np.intp] | slice = slice(None)) -> "ErrorSources":
-        """Sources for the chosen control points of a marker, by index, with what was measured of their places."""
+        """Sources for the chosen control points of a marker, by index, with their measured positions if any."""
         places = marker.place_covariance
         return replace(self, place_covariance=None if places is None else places[chosen])
 
     def place_blocks(self, n: int, axes: int) -> Array:
-        """Covariances (n, axes, axes) in m^2 of the places of n points: as measured, else from print_sigma.
+        """Covariances (n, axes, axes) in m^2 of the positions of n points: as measured, else from print_sigma.
 
-        Heights were not measured.
+        Heights are never measured.
         """
         blocks = np.broadcast_to(self.print_sigma**2 * np.eye(axes), (n, axes, axes)).copy()
         if self.place_covariance is not None:
@@ -85,7 +85,7 @@ class ErrorSources:
 
     @property
     def largest_place_sigma(self) -> float:
-        """Largest standard deviation in m of any point's place along any direction."""
+        """Largest standard deviation in m of any point's position along any direction."""
         if self.place_covariance is None:
             return self.print_sigma
         blocks = self.place_blocks(len(self.place_covariance), 2)
@@ -100,7 +100,7 @@ def _no_covariance(found: str) -> InputError:
 
 @dataclass(frozen=True, eq=False)
 class PoseBudget:
-    """Covariances (..., 6, 6) of a pose (w, dt), see `maths.information`, in rad and m: by source, and their sum."""
+    """Covariances (..., 6, 6) of a pose (w, dt), rad and m, by source, and their sum; see `maths.information`."""
 
     image: Array
     print: Array
@@ -133,15 +133,15 @@ def pose_budget(
     image_covariance: Array,
     sources: ErrorSources,
 ) -> PoseBudget:
-    """Budget of the pose estimate that weighs each image point by the inverse of its image and print covariance.
+    """Budget of the pose estimate that weights each image point by its inverse covariance from image and print.
 
     Parameters
     ----------
     points : array (n, 2 or 3), m, marker frame
-        In one plane, z = 0, the print errs in the plane alone; else along z as well.
+        For points in the plane z = 0 the print error is in the plane; otherwise it is along z as well.
     rotation, translation : arrays (P, 3, 3) and (P, 3), m
-    image_covariance : array (P, n, 2, 2) or what broadcasts to it, px^2
-        Of the points in the image as the camera takes it, lens distortion and all.
+    image_covariance : array broadcastable to (P, n, 2, 2), px^2
+        Covariance of the image points, in distorted px.
     sources : ErrorSources
 
     Returns
@@ -152,7 +152,7 @@ def pose_budget(
     Raises
     ------
     InputError
-        If the camera's covariance is not that of its parameters.
+        If the size of the camera's covariance does not match its parameters.
     """
     normalized = perspective(to_camera(points, rotation, translation))
     count, n = normalized.shape[:2]
@@ -161,7 +161,7 @@ def pose_budget(
     printing = print_covariance(jacobian, points, rotation, sources)
     image_covariance = np.broadcast_to(image_covariance, (count, n, 2, 2))
     spread = image_covariance + printing
-    # Where nothing errs all points weigh the same, as they do in the limit of small isotropic noise.
+    # Without any error all points have the same weight, as in the limit of small isotropic noise.
     weight = np.linalg.inv(spread) if spread.any() else np.broadcast_to(np.eye(2), spread.shape)
     weighted = weight @ jacobian
     normal = _stack(weighted).swapaxes(-1, -2) @ _stack(jacobian)
@@ -184,16 +184,16 @@ def pose_budget(
 
 
 def print_covariance(jacobian: Array, points: Array, rotation: Array, sources: ErrorSources) -> Array:
-    """Covariance of image points from the print: J R S R' J' with S that of places along the axes on which it errs.
+    """Covariance of image points due to the print: J R S R' J', S being the covariance of the printed positions.
 
-    S is print_sigma^2 on these axes, or what `sources.place_covariance` says of a point along x and y.
+    S is print_sigma^2 on each axis with a print error, or `sources.place_covariance` along x and y where it is given.
 
     Parameters
     ----------
     jacobian : array (P, n, 2, 6)
-        Of the image points by the pose (w, dt), in px or normalized.
+        Jacobian of the image points with respect to the pose (w, dt), in px or normalized.
     points : array (n, 2 or 3), m, marker frame
-        In one plane, z = 0, the print errs in the plane alone; else along z as well.
+        For points in the plane z = 0 the print error is in the plane; otherwise it is along z as well.
     rotation : array (P, 3, 3)
     sources : ErrorSources
 
@@ -201,7 +201,7 @@ def print_covariance(jacobian: Array, points: Array, rotation: Array, sources: E
     -------
     array (P, n, 2, 2), px^2 or normalized
     """
-    # A control point out of place moves in the camera frame as the whole marker would by R times as much.
+    # A displaced control point moves in the camera frame as if the marker were translated by R times the displacement.
     axes = 3 if points.shape[1] == 3 and points[:, 2].any() else 2
     displaced = jacobian[..., 3:] @ rotation[:, None, :, :axes]
     if sources.place_covariance is None:
@@ -218,10 +218,10 @@ def point_budget(
     noise_px: float,
     sources: ErrorSources,
 ) -> PoseBudget:
-    """`pose_budget` for image noise of the same standard deviation, `noise_px`, on every image coordinate."""
+    """`pose_budget` for image noise of standard deviation `noise_px` on every image coordinate."""
     return pose_budget(points, rotation, translation, camera, noise_px**2 * np.eye(2), sources)
 
 
 def _stack(blocks: Array) -> Array:
-    """Blocks (P, n, 2, k) of the points as one matrix (P, 2n, k)."""
+    """Stack the blocks (P, n, 2, k) of the points into one matrix (P, 2n, k)."""
     return blocks.reshape(blocks.shape[0], -1, blocks.shape[-1])

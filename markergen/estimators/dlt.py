@@ -1,4 +1,4 @@
-"""The normalized direct linear transform, the estimator of the paper."""
+"""Normalized direct linear transform, the paper's estimator."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +26,10 @@ class Dlt(HomographyEstimator):
 
 
 def _four_in_general_position(points: Array) -> NDArray[np.bool_]:
-    """Tell (...) whether four of the points (..., n, 2), not all collinear, have no three of them on a line."""
+    """True (...) if some four of the points (..., n, 2), not all collinear, have no three on a line."""
     center, scale = normalization(points)
     normalized = (points - center) * scale
-    # The DLT matrix of the identity has rank 8 exactly then.
+    # This holds exactly if the DLT matrix of the identity has rank 8.
     return np.isfinite(condition(normalized, normalized))
 
 

@@ -1,4 +1,4 @@
-"""EPnP (Lepetit, Moreno-Noguer & Fua 2009), OpenCV's, with two of its defects on flat markers mended."""
+"""OpenCV's EPnP (Lepetit, Moreno-Noguer & Fua 2009), with workarounds for two of its defects on flat markers."""
 
 from dataclasses import replace
 
@@ -13,25 +13,25 @@ from markergen.maths.projection import from_pixels
 Array = NDArray[np.float64]
 
 HALF_TURN = np.diag([-1.0, -1.0, 1.0])
-"""Of the camera about its optical axis."""
+"""Half turn of the camera about its optical axis."""
 
 
 class Epnp(PoseEstimator):
-    """The better, by reprojection error, of OpenCV's EPnP on the image and on the image turned by 180 degrees.
+    """OpenCV's EPnP on the image and on the image rotated by 180 degrees, whichever has the lower reprojection error.
 
-    On points of one plane OpenCV's EPnP returns the mirrored pose, also without noise, whenever the marker leans toward
-    one half of the directions in the image: up to 140 degrees wrong in 40 % of the paper's poses, and in 13 % of them
-    under a random roll. The turned image leans toward the other half. A single call measures the roll of the camera
-    instead of the layout.
+    On coplanar points OpenCV's EPnP returns the mirrored pose, even without noise, whenever the marker's tilt direction
+    lies in a certain half of the image: up to 140 degrees wrong in 40 % of the paper's poses, and in 13 % of them
+    under a random roll. In the rotated image the tilt direction lies in the other half. A single call would measure
+    the roll of the camera instead of the layout.
 
-    Its scale, and with it the translation, is off by any factor in half of the paper's poses where the rotation is
-    right; so the translation is solved again from the rotation.
+    In half of the paper's poses where the rotation is right, the scale, and with it the translation, is off by an
+    arbitrary factor; so the translation is solved again from the rotation.
     """
 
     name = "epnp"
 
     def solve(self, batch: Correspondences) -> PoseEstimates:
-        """Poses of the batch, two solutions each, the better one first."""
+        """Poses of the batch, two solutions each, the better first."""
         upright = solve_each(batch, "EPNP").rotation
         principal = batch.camera.matrix[:2, 2]
         half = solve_each(replace(batch, image_points=2 * principal - batch.image_points), "EPNP").rotation
@@ -41,7 +41,7 @@ class Epnp(PoseEstimator):
 
 
 def translation_of(batch: Correspondences, rotation: Array) -> Array:
-    """Translations (T, 3) in m that put the points of given rotations (T, 3, 3) on their rays, by least squares.
+    """Least-squares translations (T, 3) in m that bring the points, for given rotations (T, 3, 3), onto their rays.
 
     With (a, b) the normalized image point and Y = R X, each point gives t_x - a t_z = a Y_z - Y_x, and the same in y.
     nan where the rotation or an image point is not finite.

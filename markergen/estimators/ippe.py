@@ -1,4 +1,4 @@
-"""IPPE (Collins & Bartoli 2014), OpenCV's: both poses that a plane's homography allows to first order."""
+"""OpenCV's IPPE (Collins & Bartoli 2014): both poses that agree with a plane's homography to first order."""
 
 import numpy as np
 
@@ -9,9 +9,9 @@ from markergen.maths.projection import decompose_homography
 
 
 class Ippe(PoseEstimator):
-    """IPPE as OpenCV has it, both solutions kept; where that gives nan, the pose of the homography and its mirror.
+    """OpenCV's IPPE with both solutions; where it gives nan, the pose decomposed from the homography, and its mirror.
 
-    OpenCV divides 0 by 0 where the two solutions coincide, as they do from the front.
+    OpenCV divides 0 by 0 where the two solutions coincide, as they do in a frontal view.
     """
 
     name = "ippe"

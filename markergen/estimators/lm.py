@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt on the reprojection error: the maximum-likelihood pose under Gaussian noise of the image."""
+"""Levenberg-Marquardt on the reprojection error: the maximum-likelihood pose under Gaussian image noise."""
 
 from dataclasses import dataclass
 
@@ -15,14 +15,14 @@ from markergen.model.camera import Camera
 Array = NDArray[np.float64]
 
 STEP = 1e-10
-"""A trial has converged when a step turns by less than this, in rad, and moves by less than this share of |t|."""
+"""Convergence threshold: a step rotates by less than this, in rad, and translates by less than this fraction of |t|."""
 ITERATIONS = 100
 DAMPING = Damping(start=1e-3, least=1e-10, slack=1e-12)
-"""It never falls to 0, for J'J may be singular; 1e-12 of the sum of squares is some 1e-13 px in a coordinate."""
+"""Damping never falls to 0, as J'J may be singular; 1e-12 of the sum of squares is about 1e-13 px in a coordinate."""
 
 
 class LevenbergMarquardt(PoseEstimator):
-    """Levenberg-Marquardt from the better solution of IPPE (for control points in space: from SQPnP's)."""
+    """Levenberg-Marquardt from the better IPPE solution (for non-coplanar control points, from SQPnP's)."""
 
     name = "lm"
 
@@ -37,18 +37,18 @@ class LevenbergMarquardt(PoseEstimator):
 def refine(batch: Correspondences, rotation: Array, translation: Array) -> tuple[Array, Array]:
     """Minimize the squared reprojection error of every trial over its pose (see `markergen.maths.least_squares`).
 
-    Unknowns are the pose (w, dt) of `maths.information`, residuals those of the image in px. The noise is that of the
-    distorted image: with a lens, residuals and their derivatives are multiplied by its derivative at the measured
+    The unknowns are the pose (w, dt) of `maths.information`, the residuals are in px. Noise applies to the distorted
+    image: with lens distortion, residuals and their derivatives are multiplied by the lens derivative at the measured
     points.
 
-    cv2.solvePnPRefineLM finds the same poses (a test says so) but takes three times as long, one call per trial, and
-    stops after 20 iterations, which is too few for far frontal poses.
+    cv2.solvePnPRefineLM finds the same poses (tested) but takes three times as long, one call per trial, and stops
+    after 20 iterations, which is too few for distant frontal poses.
 
     Parameters
     ----------
     batch : Correspondences
     rotation, translation : arrays (T, 3, 3) and (T, 3)
-        Where to start; a trial that starts at nan or with a point behind the camera stays there.
+        Initial pose; a trial whose initial pose is nan or has a point behind the camera stays there.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def refine(batch: Correspondences, rotation: Array, translation: Array) -> tuple
 
 @dataclass(frozen=True, eq=False)
 class Reprojection(LeastSquares):
-    """Distances of reprojected object points from the image points of T trials.
+    """Reprojection residuals of T trials.
 
     Attributes
     ----------
@@ -103,12 +103,12 @@ class Reprojection(LeastSquares):
         return apply_pose_step(unknowns[0], unknowns[1], step)
 
     def converged(self, attempt: Attempt) -> Mask:
-        """Tell which trials have come to rest, see `STEP`."""
+        """Mask of the converged trials, see `STEP`."""
         turn, shift, distance = (
             np.linalg.norm(each, axis=-1) for each in (attempt.step[:, :3], attempt.step[:, 3:], attempt.tried[1])
         )
         size = np.maximum(turn, shift / distance)
-        # A step that is not a number ends its trial as well.
+        # A nan step ends its trial as well.
         return ~np.asarray(size > STEP)
 
     def take(self, chosen: Mask) -> "Reprojection":
@@ -118,7 +118,7 @@ class Reprojection(LeastSquares):
         return Reprojection(points, self.image_points[chosen], lens, self.camera)
 
     def _distorted(self, rows: Array) -> Array:
-        """Rows (T, 2n, k) in distorted px, of those in undistorted px."""
+        """Convert rows (T, 2n, k) from undistorted to distorted px."""
         if self.lens is None:
             return rows
         pairs = rows.reshape(*self.image_points.shape, rows.shape[-1])

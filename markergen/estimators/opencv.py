@@ -1,6 +1,6 @@
-"""cv2.solvePnPGeneric over a batch, away from the poses in which it goes wrong.
+"""cv2.solvePnPGeneric over a batch, kept away from poses in which it fails.
 
-Only the bare call stands in the loop; everything before and after it is done for the whole batch.
+Only the call itself is in the loop; everything before and after it is done for the whole batch.
 """
 
 from typing import Any
@@ -16,13 +16,13 @@ Array = NDArray[np.float64]
 AWAY = np.diag([1.0, -1.0, -1.0])
 """Half turn about x: the marker's z then points away from the camera, and an upright frontal marker has R = I."""
 MOST_SOLUTIONS = 18
-"""The most that any method of OpenCV returns; SQPnP has room for this many."""
+"""Maximum number of solutions of any OpenCV method; SQPnP reserves room for this many."""
 
 
 def solve_each(batch: Correspondences, method: str, solutions: int = 1) -> PoseEstimates:
-    """Poses of every trial by the method cv2.SOLVEPNP_`method`, k = `solutions` or more, best first; nan for none.
+    """Poses of every trial by cv2.SOLVEPNP_`method`, k = `solutions` or more, best first; nan for missing ones.
 
-    For a method that has one solution, solvePnP is called: solvePnPGeneric reprojects it as well, a tenth of the time.
+    For methods with one solution solvePnP is called, as solvePnPGeneric also reprojects, which takes 10 % of the time.
     """
     import cv2
 
@@ -51,9 +51,9 @@ def solve_each(batch: Correspondences, method: str, solutions: int = 1) -> PoseE
 def prepare(batch: Correspondences) -> tuple[Array, Array, Array]:
     """Object points (T, n, 3), image points (T, n, 2) and turn (T, 3, 3) for OpenCV: R_marker = R_opencv turn.
 
-    OpenCV's IPPE is wrong, and says success, where the rotation it has to find is a half turn about the optical axis
-    or the marker's z points toward the camera. So the object is turned to have z away and to lie in its plane as the
-    image shows it (the Procrustes angle between both), and the rotation is turned back afterwards.
+    OpenCV's IPPE is wrong, yet reports success, where the rotation is a half turn about the optical axis or the
+    marker's z points toward the camera. So the object is turned such that z points away and its orientation in the
+    plane matches the image (the Procrustes angle between both), and the rotation is turned back afterwards.
     """
     images = np.where(batch.solvable[:, None, None], batch.image_points, 0.0)
     away = batch.xyz @ AWAY
@@ -62,10 +62,10 @@ def prepare(batch: Correspondences) -> tuple[Array, Array, Array]:
 
 
 def best_first(batch: Correspondences, rotation: Array, translation: Array) -> PoseEstimates:
-    """Order the solutions (T, k, 3, 3), (T, k, 3) of every trial by reprojection error, nan for one not finite last.
+    """Sort the solutions (T, k, 3, 3), (T, k, 3) of every trial by reprojection error; nan for non-finite ones, last.
 
-    OpenCV orders IPPE's solutions so, except that it takes one behind the camera for as good as one in front, but not
-    SQPnP's, whose first is off by a radian in some layouts of four points.
+    OpenCV sorts the solutions of IPPE (though it does not rule out one behind the camera), but not those of SQPnP, the
+    first of which is off by a radian for some layouts of four points.
     """
     finite = np.asarray(np.isfinite(rotation).all(axis=(-2, -1)) & np.isfinite(translation).all(axis=-1))
     rotation = np.where(finite[..., None, None], rotation, np.nan)
@@ -80,7 +80,7 @@ def best_first(batch: Correspondences, rotation: Array, translation: Array) -> P
 
 
 def _procrustes_angle(points: Array, images: Array) -> Array:
-    """Angle (T,) in rad that turns points (n, 2) or (T, n, 2) nearest to images (T, n, 2), about their centroids."""
+    """Angle (T,) in rad of the rotation about the centroids that best aligns points (n, 2) or (T, n, 2) with images."""
     points = points - points.mean(axis=-2, keepdims=True)
     images = images - images.mean(axis=1, keepdims=True)
     sine = np.sum(points[..., 0] * images[..., 1] - points[..., 1] * images[..., 0], axis=-1)

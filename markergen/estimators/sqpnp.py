@@ -1,16 +1,16 @@
-"""SQPnP (Terzakis & Lourakis 2020), OpenCV's."""
+"""OpenCV's SQPnP (Terzakis & Lourakis 2020)."""
 
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimates, PoseEstimator
 from markergen.estimators.opencv import solve_each
 
 
 class Sqpnp(PoseEstimator):
-    """SQPnP as OpenCV has it: the global minimum of an algebraic error, for points in a plane or in space."""
+    """OpenCV's SQPnP: the global minimum of an algebraic error, for coplanar or non-coplanar points."""
 
     name = "sqpnp"
 
     def solve(self, batch: Correspondences) -> PoseEstimates:
-        """Poses of the batch, two or more solutions each (nan where it has one), the best first."""
+        """Poses of the batch, two or more solutions each (nan for missing ones), best first."""
         return solve_each(batch, "SQPNP", solutions=2)
 
 

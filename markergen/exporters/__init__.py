@@ -1,4 +1,4 @@
-"""Exporters: the table of output formats by suffix, and what an entry is. A new format is a new file in `formats`."""
+"""Exporters: the table of output formats by suffix, and its entries. A new format is a new file in `formats`."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,18 +17,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """What a user may choose about an export.
+    """User options of an export.
 
     Attributes
     ----------
     sheet : SheetOptions
         Paper, margin, tiles and colors of printable formats.
     dpi : int
-        Of pixel formats.
+        Resolution of pixel formats.
     fabrication : Fabrication
-        How solids are made.
+        Fabrication of solids.
     stem : str
-        Name of the file without folder and suffix, which files beside it are named after; `save` sets it.
+        File name without folder and suffix, from which accompanying files are named; set by `save`.
     """
 
     sheet: SheetOptions = field(default_factory=SheetOptions)
@@ -39,14 +39,14 @@ class ExportOptions:
 
 @dataclass(frozen=True)
 class Output:
-    """Bytes of one file, and sentences for the user about it.
+    """Bytes of a file, and sentences for the user about it.
 
     Attributes
     ----------
     data : bytes
     notes : tuple of str
     beside : mapping
-        Further files that come with it: bytes by name relative to its folder, as in ``meshes/marker.glb``.
+        Accompanying files: bytes by name relative to the file's folder, such as ``meshes/marker.glb``.
     """
 
     data: bytes
@@ -56,26 +56,26 @@ class Output:
 
 @dataclass(frozen=True)
 class Exporter:
-    """A format: how it is written, and what it holds.
+    """Output format: its writer and its properties.
 
     Attributes
     ----------
     write : callable or str
-        Make one file's bytes of markers and `ExportOptions`, an `Output`, always the same ones for the same markers;
-        refuse what the format cannot hold. As text, ``module:function``, which is imported when it is first needed.
+        Turns markers and `ExportOptions` into an `Output`, with the same bytes for the same markers; rejects markers
+        that the format cannot represent. As text, ``module:function``, imported when first needed.
     description : str
-        What it is for, in a few words for a list of formats: "table of the dots, in m".
+        Purpose in a few words for a list of formats: "table of the dots, in m".
     holds : {"points", "flat", "solid"}
-        Points with or without dots and relief; shapes in one plane, without relief; or the marker as a solid, or the
-        drawing of one, which `ExportOptions.fabrication` is for.
+        Points with or without dots and relief; shapes in one plane, without relief; or the marker as a solid, or a
+        drawing of it, to which `ExportOptions.fabrication` applies.
     sheet : bool
-        Whether it is printed on paper: several markers share it, and `ExportOptions.sheet` is for it.
+        True if it is printed on paper: several markers share it, and `ExportOptions.sheet` applies.
     many_pages : bool
-        Whether it holds several sheets.
+        True if it can hold several sheets.
     kernel : bool
-        Whether it needs the CAD kernel.
+        True if it needs the CAD kernel.
     check : callable, str or None
-        Refuse `ExportOptions` before any work is done; as text like `write`.
+        Rejects invalid `ExportOptions` before any work is done; as text like `write`.
     """
 
     write: Callable[[Sequence["Marker"], "ExportOptions"], "Output"] | str
@@ -98,7 +98,7 @@ class Exporter:
 
     @property
     def _rank(self) -> int:
-        """Place in a list of formats: on paper, in a plane, by the kernel, other solids, points."""
+        """Rank in a list of formats: printed on paper, flat, made by the kernel, other solids, points."""
         return 0 if self.sheet else {"flat": 1, "solid": 3 - self.kernel, "points": 4}[self.holds]
 
 
@@ -116,11 +116,11 @@ EXPORTERS: Registry[Exporter] = Registry(
 """Exporters by suffix with its dot, in lower case; a suffix may have two parts (``.opencv.yaml``)."""
 
 RECORD = ".json"
-"""The one format that holds all of a marker."""
+"""Suffix of the only format that stores a marker completely."""
 
 
 def catalog() -> list[tuple[tuple[str, ...], str]]:
-    """Suffixes and what they are for, one row for each description, sheets first; loads nothing that writes them."""
+    """Suffixes and their purpose, one row per description, sheets first; loads no writers."""
     rows: dict[tuple[int, str], list[str]] = {}
     for suffix, exporter in EXPORTERS.items():
         rows.setdefault((exporter._rank, exporter.description), []).append(suffix)
@@ -128,7 +128,7 @@ def catalog() -> list[tuple[tuple[str, ...], str]]:
 
 
 def suffix_of(path: Path) -> str:
-    """Longest ending of a file's name that is a known suffix, in lower case.
+    """Return the longest known suffix of a file name, in lower case.
 
     Raises
     ------
@@ -142,17 +142,17 @@ def suffix_of(path: Path) -> str:
         known_ones = ", ".join(EXPORTERS.names())
         raise InputError("a known output suffix", f"none in {brief(str(path))}", f"known: {known_ones}")
     if known is None:
-        EXPORTERS[path.suffix.lower()]  # says which ones there are
+        EXPORTERS[path.suffix.lower()]  # the error lists the known suffixes
     return str(known)
 
 
 def stem_of(path: Path) -> str:
-    """Name of a file without its suffix: ``marker`` of ``out/marker.fab.pdf``."""
+    """File name without its suffix: ``marker`` for ``out/marker.fab.pdf``."""
     return path.name[: -len(suffix_of(path))]
 
 
 def only(markers: Sequence["Marker"], suffix: str = "this format") -> "Marker":
-    """Return the one marker of a format that holds no more.
+    """Return the only marker, for a format that holds just one.
 
     Raises
     ------
@@ -165,5 +165,5 @@ def only(markers: Sequence["Marker"], suffix: str = "this format") -> "Marker":
 
 
 def without_paper(options: ExportOptions) -> tuple[str, ...]:
-    """A sentence for formats without paper, where what was asked for sheets would be expected of them too."""
+    """Note for formats without paper, if the user requested compensation, which applies only to sheets."""
     return ("Drawn as designed: --compensate is for sheets.",) if options.sheet.compensate else ()

@@ -38,27 +38,27 @@ PLATE = {
     ENGRAVE: "outlines of the dots and the tag, to be engraved dark",
     INFO: "axes, numbers of the dots, countersinks, keep-outs and words, not to be made",
 }
-"""Meaning of each layer, of the marker alone and of a plate for the laser."""
+"""Meaning of each layer for a plate made by laser."""
 
 NUMBER = 0.4
-"""Height of a dot's number in radii: it stands inside the dot."""
+"""Height of a dot's number relative to the dot's radius: it stands inside the dot."""
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class CutDrawing:
-    """What is drawn: paths by layer, and where words go; mm.
+    """Drawing for a cutter: paths by layer, and positions of words; mm.
 
     Attributes
     ----------
     meaning : mapping
-        Of each layer, in words.
+        Meaning of each layer, in words.
     paths : sequence of (layer, path)
     labels : sequence of (words, disk)
-        What is written into which dot.
+        Text for each dot.
     box : array (2, 2)
-        Lower left and upper right corner of it all.
+        Lower left and upper right corner of everything.
     """
 
     meaning: Mapping[str, str]
@@ -68,7 +68,7 @@ class CutDrawing:
 
 
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
-    """Outlines of the marker as DXF (R2010, mm), to cut and engrave; of the whole plate where that is engraved."""
+    """Outlines of the marker as DXF (R2010, mm), to cut and engrave; of the entire plate if the process engraves it."""
     marker = only(markers, ".dxf")
     engraved = PROCESSES[options.fabrication.process].engraved
     meaning = PLATE if engraved else MARKER
@@ -81,8 +81,8 @@ def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
 
 
 def write_dxf(marker: Marker) -> bytes:
-    """Write a marker as DXF: circles and arcs exact, what is no circle a closed polyline; the same bytes every time."""
-    # The scene knows what a dot is; a marker that was measured is made again as it was designed.
+    """Write a marker as DXF, with exact circles and arcs, closed polylines for the rest; the same bytes every time."""
+    # A measured marker is made again as it was designed.
     designed = marker.as_designed
     dots = marker_dots(designed)
     bores = [hole.bore for hole in designed.substrate.holes]
@@ -94,14 +94,14 @@ def write_dxf(marker: Marker) -> bytes:
 
 
 def write_laser_dxf(marker: Marker, fabrication: Fabrication) -> bytes:
-    """Write a plate for a laser as DXF: outline and holes to cut, dots and tag to engrave, in plan where it has relief.
+    """Write a plate for a laser as DXF: outline and holes to cut, dots and tag to engrave; a relief in plan view.
 
-    Arcs are exact. Where cells of the tag meet in a corner they are apart, as in the solid.
+    Arcs are exact. Cells of the tag that meet at a corner are separated, as in the solid.
 
     Raises
     ------
     InputError
-        If the process refuses the marker.
+        If the process rejects the marker.
     """
     designed = marker.as_designed
     made: Made = PROCESSES[fabrication.process](designed, fabrication)
@@ -135,7 +135,7 @@ def _write(marker: Marker, drawing: CutDrawing) -> bytes:
         for layer, path in drawing.paths:
             _draw(space, layer, path)
         _inform(space, marker, drawing)
-        # ezdxf would add these in the order of a set, which is another in every process.
+        # ezdxf would add these in the order of a set, which differs between processes.
         for kind in sorted(document.entitydb.dxf_types_in_use()):
             document.classes.add_class(kind)
         stream = StringIO()
@@ -154,7 +154,7 @@ def _draw(space: Any, layer: str, path: Contour) -> None:
 
 
 def _inform(space: Any, marker: Marker, drawing: CutDrawing) -> None:
-    """Add the axes, each dot's number inside of it, and below the outline which marker this is."""
+    """Add the axes, each dot's number inside it, and the marker's name below the outline."""
     from ezdxf.enums import TextEntityAlignment
 
     def write(words: str, x: float, y: float, height: float, align: Any) -> None:
@@ -186,16 +186,16 @@ def _polygon(ring: Array) -> Contour:
 
 
 def _round(path: Contour) -> tuple[float, float, float] | None:
-    """Center and radius of a path of two half turns."""
+    """Center and radius of a path of two semicircles."""
     if (whole := path.as_circle) is None:
         return None
-    # Sums of whole picometers, and their halves, come back as they were.
+    # Restores sums of whole picometers, and their halves, exactly.
     x, y, radius = (round(value, 11) for value in whole)
     return x, y, radius
 
 
 def _extent(path: Contour) -> list[tuple[float, float]]:
-    """Points that have a path's box."""
+    """Points with the same bounding box as a path."""
     if (disk := _round(path)) is not None:
         x, y, radius = disk
         return [(x - radius, y - radius), (x + radius, y + radius)]
@@ -208,13 +208,13 @@ def _box(points: Array) -> Array:
 
 
 def _mm(meters: Any) -> Any:
-    # Whole picometers, so that 0.0036 m reads 3.6 and not 3.5999999999999996.
+    # Whole picometers, so that 0.0036 m becomes 3.6 and not 3.5999999999999996.
     return np.round(np.asarray(meters) * 1e3, 9)
 
 
 @contextmanager
 def _without_time() -> Iterator[None]:
-    """Let ezdxf write fixed dates and identifiers instead of the present time and random ones."""
+    """Make ezdxf write fixed dates and identifiers instead of the current time and random ones."""
     import ezdxf
 
     options = vars(ezdxf)["options"]

@@ -1,7 +1,7 @@
-"""Fabrication sheet: a dimensioned drawing of the solid, then tables, sections and notes that flow in columns.
+"""Fabrication sheet: a dimensioned drawing of the solid, then tables, sections and notes in flowing columns.
 
-The drawing is vectors of our own; reportlab's platypus flows all else around page breaks. Words are text in embedded
-fonts, so that they can be searched and copied.
+The drawing is our own vector graphics; reportlab's platypus lays out everything else across pages. Words are text in
+embedded fonts, so that they can be searched and copied.
 """
 
 from collections.abc import Sequence
@@ -31,17 +31,17 @@ from markergen.solid.fabrication_content import workpiece
 from markergen.solid.processes import parts_of
 
 COLUMN = 105.0
-"""Least width of a column in mm on A4: that of a table with six columns of numbers."""
+"""Minimum column width in mm on A4: that of a table with six columns of numbers."""
 
 GAP = 7.0
 """Gap between columns, mm on A4."""
 
 SHORT = 12
-"""Rows of a table up to which it is kept in one piece; a longer one leaves at least two rows on either side."""
+"""Maximum rows of a table that is kept in one piece; a longer one is split with at least two rows on either side."""
 
 
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
-    """Drawing to scale with dimensions, coordinates, parts, tolerances and notes; it needs no CAD kernel."""
+    """Drawing to scale with dimensions, coordinates, parts, tolerances and notes; needs no CAD kernel."""
     marker = only(markers, ".fab.pdf").as_designed
     made = parts_of(marker, options.fabrication)
     data, notes = write_fabrication_sheet(workpiece(marker, options.fabrication, made), options.sheet)
@@ -49,7 +49,7 @@ def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
 
 
 def write_fabrication_sheet(work: Workpiece, options: SheetOptions) -> tuple[bytes, tuple[str, ...]]:
-    """Write the drawing on one page, and sections, tables and notes on as many more as they need; also say how many.
+    """Write the drawing on one page, and sections, tables and notes on as many as needed; also return a note on them.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def write_fabrication_sheet(work: Workpiece, options: SheetOptions) -> tuple[byt
         If the paper is unknown, or too small for any scale.
     """
     front = front_page(work, options)
-    # Laid out twice: each page says how many there are.
+    # Laid out twice: each page states the total number of pages.
     _, count = _build(work, front, 0)
     data, count = _build(work, front, count)
     paper, scale = front.frame.paper, scale_words(front.scale)
@@ -65,7 +65,7 @@ def write_fabrication_sheet(work: Workpiece, options: SheetOptions) -> tuple[byt
 
 
 def _build(work: Workpiece, front: FrontPage, pages: int) -> tuple[bytes, int]:
-    """Document as bytes, and how many pages it has; `pages` is what its title blocks say of that, 0 to draw nothing."""
+    """Document as bytes, and its number of pages; `pages` is that number for the title blocks, or 0 to draw nothing."""
     from reportlab.platypus import BaseDocTemplate, Frame, NextPageTemplate, PageBreak, PageTemplate
 
     _embed_fonts()
@@ -99,7 +99,7 @@ def _build(work: Workpiece, front: FrontPage, pages: int) -> tuple[bytes, int]:
 
 
 def _story(work: Workpiece, width: float, height: float, style: Style) -> list[Any]:
-    """All that flows, for columns of that width and height in mm."""
+    """Flowables for columns of the given width and height in mm."""
     tables = [_table(table, width, style) for table in work.tables]
     sections = [_detail(section_view(section, width, height, style), style) for section in work.sections]
     notes = _notes(work.notes, style)
@@ -108,7 +108,7 @@ def _story(work: Workpiece, width: float, height: float, style: Style) -> list[A
 
 
 def _table(table: DrawingTable, width: float, style: Style) -> Any:
-    """A table with its title and headings, which stand above its rows wherever it goes on."""
+    """Table with its title and headings, which are repeated wherever it continues."""
     from reportlab.platypus import KeepTogether, Paragraph, Table
 
     size, pad = style.small, 1.6 * style.scale
@@ -116,7 +116,7 @@ def _table(table: DrawingTable, width: float, style: Style) -> Any:
     widths = [max(text_width(written(cell), size) for cell in column) + 2 * pad for column in columns]
     rows: list[list[Any]] = [[written(cell) for cell in row] for row in table.rows]
     if sum(widths) > width:
-        # The widest column gives way, if it is of words.
+        # The widest column shrinks, among those of words if there are any.
         widest = max(table.left or range(len(widths)), key=lambda i: widths[i])
         widths[widest] = max(width - sum(widths) + widths[widest], 20 * style.scale)
         if widest in table.left:
@@ -154,7 +154,7 @@ def _table(table: DrawingTable, width: float, style: Style) -> Any:
 
 
 def _detail(view: DetailView, style: Style) -> Any:
-    """A view with its title, in one piece."""
+    """View with its title, in one piece."""
     from reportlab.platypus import Flowable, KeepTogether, Paragraph
 
     class Detail(Flowable):  # type: ignore[misc]  # reportlab has no types
@@ -230,7 +230,7 @@ def _draw(canvas: Any, shapes: Sequence[Shape]) -> None:
 
 
 def _paragraph_style(kind: str, style: Style) -> Any:
-    """Style of a ``heading``, of a numbered ``note``, or of a table's ``cell`` whose words go on in further lines."""
+    """Style of a ``heading``, of a numbered ``note``, or of a table's ``cell`` whose words wrap."""
     from reportlab.lib.styles import ParagraphStyle
 
     if kind == "heading":
@@ -271,7 +271,7 @@ def _font(face: str) -> str:
 
 
 def _embed_fonts() -> None:
-    """Make the faces that sheets are lettered in known to reportlab, which embeds of them what is used."""
+    """Register the faces of sheet lettering with reportlab, which embeds the used glyphs."""
     from reportlab.pdfbase import pdfmetrics
     from reportlab.pdfbase.ttfonts import TTFont
 
@@ -287,5 +287,5 @@ def _escaped(words: str) -> str:
 
 
 def _points(*lengths: float) -> tuple[float, ...]:
-    """Lengths in mm as points."""
+    """Convert lengths in mm to points."""
     return tuple(POINTS_PER_MM * length for length in lengths)

@@ -1,9 +1,9 @@
-"""Meshes: the parts of a marker as STL, 3MF and GLB, always the same bytes.
+"""Meshes: the parts of a marker as STL, 3MF and GLB, with the same bytes every time.
 
-GLB (glTF 2.0, binary) is in meters, the others in mm. All meshes are in the marker frame. The root node of a GLB turns
-them into glTF's, whose y is up: x stays, the marker's z (out of its face) becomes up, and its y becomes -z, so that it
-lies on the ground face up. Programs with z up turn it back when they load it (Blender, Drake, RViz), and so have the
-marker frame again.
+GLB (glTF 2.0, binary) is in meters, the others in mm. All meshes are in the marker frame. The root node of a GLB
+rotates them to glTF's frame with y up: x is unchanged, the marker's z (out of its face) becomes up, and its y becomes
+-z, so that it lies on the ground face up. Programs with z up (Blender, Drake, RViz) undo this rotation on loading, and
+thus restore the marker frame.
 """
 
 import json
@@ -47,10 +47,10 @@ RELATIONS = (
     "</Relationships>\n"
 )
 EPOCH = (1980, 1, 1, 0, 0, 0)
-"""The earliest time that a zip file can hold: the same in every file."""
+"""Earliest time that a zip file can store, used in every file."""
 
 TURN = (1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1)
-"""The root node's matrix, column by column: (x, y, z) becomes (x, z, -y)."""
+"""Column-major matrix of the root node: (x, y, z) becomes (x, z, -y)."""
 
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 FLOAT, UNSIGNED_INT = 5126, 5125
@@ -58,7 +58,7 @@ FLOAT, UNSIGNED_INT = 5126, 5125
 
 @dataclass(frozen=True)
 class MeshedPart:
-    """A part's name, its material, and its surface in mm, marker frame."""
+    """Part with its name, its material, and its surface in mm, marker frame."""
 
     name: str
     material: str
@@ -67,7 +67,7 @@ class MeshedPart:
 
 @dataclass(frozen=True)
 class Meshed:
-    """A marker's name, its parts as meshes and as bodies, and sentences for the user."""
+    """Marker's name, its parts as meshes and as bodies, and sentences for the user."""
 
     name: str
     parts: tuple[MeshedPart, ...]
@@ -76,12 +76,12 @@ class Meshed:
 
 
 def meshed(markers: Sequence[Marker], options: ExportOptions, suffix: str) -> Meshed:
-    """Make the one marker of a mesh format.
+    """Mesh the only marker of a mesh format.
 
     Raises
     ------
     InputError
-        If there is not just one marker, or it cannot be made as asked for.
+        If there is not exactly one marker, or it cannot be made as requested.
     OutputError
         If the kernel fails.
     MissingLibraryError
@@ -94,14 +94,14 @@ def meshed(markers: Sequence[Marker], options: ExportOptions, suffix: str) -> Me
     return Meshed(marker_name(marker), _meshes(made, tolerance), made, notes)
 
 
-# Of several formats of one marker all but the first have their meshes at once.
+# Several formats of one marker share its meshes.
 @lru_cache(maxsize=1)
 def _meshes(made: Made, tolerance: float) -> tuple[MeshedPart, ...]:
     return tuple(MeshedPart(each.name, each.material, mesh_of(each, tolerance)) for each in solids_of(made.parts))
 
 
 def export_stl(markers: Sequence[Marker], options: ExportOptions) -> Output:
-    """All parts as one STL in mm; where they are of two materials also ``<stem>-light.stl`` and ``<stem>-dark.stl``."""
+    """All parts as one STL in mm; if there are two materials, also ``<stem>-light.stl`` and ``<stem>-dark.stl``."""
     made = meshed(markers, options, ".stl")
     by_material = {
         material: [part for part in made.parts if part.material == material]
@@ -121,13 +121,13 @@ def export_stl(markers: Sequence[Marker], options: ExportOptions) -> Output:
 
 
 def write_stl(parts: Sequence[MeshedPart], name: str) -> bytes:
-    """Write parts as one binary STL called `name`: a closed surface each, in mm, marker frame."""
+    """Write parts as one binary STL named `name`, each a closed surface, in mm, marker frame."""
     meshes = kept_apart([part.mesh for part in parts])
     corners = np.concatenate([mesh.points[mesh.triangles] for mesh in meshes])
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
     facets = np.zeros(len(corners), FACET)
-    # The kernel leaves some triangles with corners in a line, which close the surface and have no normal.
+    # The kernel leaves some triangles with collinear corners, which close the surface and have no normal.
     facets["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
     facets["corners"] = corners
     # A text STL begins with "solid", so a binary one must not.
@@ -136,13 +136,13 @@ def write_stl(parts: Sequence[MeshedPart], name: str) -> bytes:
 
 
 def export_3mf(markers: Sequence[Marker], options: ExportOptions) -> Output:
-    """All parts as 3MF in mm, with their materials; slicers load them as the parts of one object."""
+    """All parts as 3MF in mm, with their materials; slicers load them as parts of one object."""
     made = meshed(markers, options, ".3mf")
     return Output(write_3mf(made.parts, made.name), made.notes)
 
 
 def write_3mf(parts: Sequence[MeshedPart], name: str) -> bytes:
-    """Write parts as a 3MF package whose one build item is an object called `name` made of them; mm, marker frame."""
+    """Write parts as a 3MF package whose only build item is an object `name` made of them; mm, marker frame."""
     package = BytesIO()
     with zipfile.ZipFile(package, "w") as archive:
         archive.comment = name.encode("ascii")
@@ -159,7 +159,7 @@ def write_3mf(parts: Sequence[MeshedPart], name: str) -> bytes:
 
 def _3mf_model(parts: Sequence[MeshedPart], name: str) -> str:
     materials = "".join(f'<base name="{material}" displaycolor="{_hex(COLORS[material])}"/>' for material in MATERIALS)
-    # The object made of all comes last: a 3MF refers only to what stands before.
+    # The object of all parts comes last: references in 3MF only point backward.
     whole = len(parts) + 2
     return (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
@@ -178,7 +178,7 @@ def _3mf_model(parts: Sequence[MeshedPart], name: str) -> str:
 def _3mf_object(number: int, part: MeshedPart) -> str:
     mesh, material = part.mesh, MATERIALS.index(part.material)
     mark = f' pid="1" p1="{MATERIALS.index(OTHER[part.material])}"'
-    # Nine digits are what a 32-bit float holds.
+    # Nine digits represent a 32-bit float exactly.
     vertices = "".join(f'<vertex x="{x:.9g}" y="{y:.9g}" z="{z:.9g}"/>\n' for x, y, z in mesh.points.tolist())
     triangles = "".join(
         f'<triangle v1="{a}" v2="{b}" v3="{c}"{mark if marked else ""}/>\n'
@@ -201,13 +201,13 @@ def export_glb(markers: Sequence[Marker], options: ExportOptions) -> Output:
 
 
 def write_glb(parts: Sequence[MeshedPart], name: str) -> bytes:
-    """Write parts as the children of one node called `name`, each with its own mesh; m."""
+    """Write parts as the children of a node named `name`, each with its own mesh; m."""
     binary = bytearray()
     views: list[dict[str, Any]] = []
     accessors: list[dict[str, Any]] = []
 
     def add(values: Any, target: int, **accessor: Any) -> int:
-        """Number of a new accessor of an array; all types are four bytes wide, so that all are aligned."""
+        """Index of a new accessor for an array; all types are four bytes wide, so that all are aligned."""
         views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": values.nbytes, "target": target})
         binary.extend(values.tobytes())
         accessors.append({"bufferView": len(views) - 1, **accessor})
@@ -218,7 +218,7 @@ def write_glb(parts: Sequence[MeshedPart], name: str) -> bytes:
         points = (part.mesh.points / 1e3).astype("<f4")
         position = add(
             points, ARRAY_BUFFER, componentType=FLOAT, count=len(points), type="VEC3",
-            # Written as the floats they are: some readers hold the array against them.
+            # Exactly as stored in float32: some readers compare them with the array.
             min=points.min(axis=0).astype(float).tolist(), max=points.max(axis=0).astype(float).tolist(),
         )  # fmt: skip
         primitives = []
@@ -255,7 +255,7 @@ def write_glb(parts: Sequence[MeshedPart], name: str) -> bytes:
 
 
 def _gltf_material(name: str) -> dict[str, Any]:
-    # glTF takes colors before gamma, and a material is metal unless it says otherwise.
+    # glTF colors are linear, and materials are metallic by default.
     color = [*(round(_linear(channel), 6) for channel in COLORS[name]), 1.0]
     return {
         "name": name,
@@ -264,12 +264,12 @@ def _gltf_material(name: str) -> dict[str, Any]:
 
 
 def _linear(channel: float) -> float:
-    """A channel of sRGB in linear light (IEC 61966-2-1)."""
+    """Convert an sRGB channel to linear light (IEC 61966-2-1)."""
     return channel / 12.92 if channel <= 0.04045 else float(((channel + 0.055) / 1.055) ** 2.4)
 
 
 def _glb_container(text: bytes, binary: bytes) -> bytes:
-    """Header, and two chunks whose lengths are multiples of four."""
+    """Header, and two chunks with lengths padded to multiples of four."""
     text += b" " * (-len(text) % 4)
     chunks = b"".join(
         np.array([len(chunk)], "<u4").tobytes() + kind + chunk for kind, chunk in ((b"JSON", text), (b"BIN\0", binary))

@@ -1,4 +1,4 @@
-"""PDF at true size: paths alone, no fonts, layers that viewers can switch, the same bytes from run to run."""
+"""PDF at true size: only paths, no fonts, with layers that viewers can switch; the same bytes every time."""
 
 from collections.abc import Sequence
 from io import BytesIO
@@ -18,14 +18,14 @@ def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
 
 
 def write_pdf(sheets: Sequence[Sheet]) -> bytes:
-    """Write sheets as the pages of a PDF, each of its paper's exact size, with the first one's title as metadata.
+    """Write sheets as the pages of a PDF, each exactly as large as its paper, with metadata from the first.
 
-    Coordinates are written with 1e-6 pt. Layers are painted in order, each as optional content of its name that is
-    on at first. A spot color is a Separation that overprints, so that what lies beneath it stays whole.
+    Coordinates are written with 1e-6 pt. Layers are painted in order, each as optional content of the same name,
+    initially visible. A spot color is a Separation that overprints, so that everything beneath it is preserved.
     """
     sizes = [page_size(sheet.paper) for sheet in sheets]
     buffer = BytesIO()
-    # Optional content came with PDF 1.5.
+    # Optional content requires PDF 1.5.
     canvas = bare_canvas(buffer, pageCompression=1, invariant=1, pdfVersion=(1, 5))
     first = sheets[0]
     for name, value in metadata(first.title, first.description, "print at 100 %").items():
@@ -51,9 +51,9 @@ def _property(layer: str) -> str:
 
 
 def _layers(canvas: Any, names: Sequence[str]) -> dict[str, Any]:
-    """References to an optional content group per layer, made known to the document.
+    """References to an optional content group per layer, registered in the document.
 
-    reportlab knows nothing of these, but writes what it finds in its catalog.
+    reportlab does not support these, but writes the entries of its catalog.
     """
     from reportlab.pdfbase.pdfdoc import PDFArray, PDFDictionary, PDFName, PDFString
 
@@ -70,7 +70,7 @@ def _layers(canvas: Any, names: Sequence[str]) -> dict[str, Any]:
 
 
 def _page_resources(canvas: Any, groups: dict[str, Any], colors: dict[str, str]) -> None:
-    """Name the layers, the spot colors and the overprint states that the page just shown refers to."""
+    """Name the layers, spot colors and overprint states that the current page refers to."""
     from reportlab.pdfbase.pdfdoc import PDFResourceDictionary
 
     page = canvas._doc.Pages.pages[-1]

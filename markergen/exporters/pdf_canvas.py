@@ -1,4 +1,4 @@
-"""Shapes replayed on a page of reportlab's canvas, in mm, as every PDF here has them."""
+"""Shapes drawn on a page of reportlab's canvas, in mm, for all PDF formats."""
 
 from math import cos, pi, sin, tan
 from typing import Any
@@ -12,15 +12,16 @@ from markergen.errors import InputError
 POINTS_PER_MM = 72 / 25.4
 
 ARCS = 16
-"""Bezier arcs per circle. The radial error falls with the sixth power of their angle: 4 arcs are off by 2.7e-4 of the
-radius (5 um on a 36 mm dot), 16 by 7e-8."""
+"""Bezier arcs per circle. The radial error falls with the sixth power of their angle: 2.7e-4 of the radius for 4 arcs
+(5 um on a 36 mm dot), 7e-8 for 16.
+"""
 
 MOST_POINTS = 14400
-"""Longest side of a page that readers must accept, 5.08 m (PDF's appendix on limits)."""
+"""Maximum side of a page that readers must accept, 5.08 m (PDF's appendix on limits)."""
 
 
 def bare_canvas(*arguments: Any, **options: Any) -> Any:
-    """Make a canvas that selects no font: reportlab otherwise lists Helvetica, unembedded, on every page."""
+    """Make a canvas that selects no font: by default reportlab lists Helvetica, unembedded, on every page."""
     from reportlab.pdfgen.canvas import Canvas
 
     class BareCanvas(Canvas):  # type: ignore[misc]  # reportlab has no types
@@ -36,7 +37,7 @@ def page_size(paper: Paper) -> tuple[float, float]:
     Raises
     ------
     InputError
-        If the paper is larger than readers of PDF must accept.
+        If the paper is larger than PDF readers must accept.
     """
     if max(paper.width, paper.height) * POINTS_PER_MM > MOST_POINTS:
         raise InputError("a page of at most 5080 mm, PDF's limit", str(paper), "use a smaller paper or .svg")
@@ -55,7 +56,7 @@ def metadata(title: str, subject: str, *keywords: str) -> dict[str, Any]:
 
 
 def draw_shape(canvas: Any, shape: Shape) -> None:
-    """Paint a shape (mm): a line stroked, all else filled; spot colors overprint."""
+    """Paint a shape (mm): lines are stroked, all others filled; spot colors overprint."""
     path = canvas.beginPath()
     if isinstance(shape, Line):
         canvas.setStrokeColor(pdf_color(shape.color))
@@ -71,14 +72,14 @@ def draw_shape(canvas: Any, shape: Shape) -> None:
     if isinstance(shape, Disk):
         for radius in filter(None, (shape.radius, shape.inner_radius)):
             _trace(path, _circle(shape.x, shape.y, radius))
-        canvas.drawPath(path, stroke=0, fill=1, fillMode=0)  # even-odd: the hole stays unpainted
+        canvas.drawPath(path, stroke=0, fill=1, fillMode=0)  # even-odd: the hole is not painted
     else:
         _trace(path, shape.segments)
-        canvas.drawPath(path, stroke=0, fill=1, fillMode=1)  # nonzero winding, as fonts have it
+        canvas.drawPath(path, stroke=0, fill=1, fillMode=1)  # nonzero winding, as in fonts
 
 
 def _circle(x: float, y: float, radius: float) -> tuple[Segment, ...]:
-    """Cubic arcs through points of the circle, tangent to it there: handles of length 4/3 tan(angle/4) radius."""
+    """Cubic arcs through points of the circle, tangent there, with handles of length 4/3 tan(angle/4) radius."""
     turn = 2 * pi / ARCS
     handle = 4 / 3 * tan(turn / 4)
 
@@ -94,7 +95,7 @@ def _circle(x: float, y: float, radius: float) -> tuple[Segment, ...]:
 
 
 def _trace(path: Any, segments: tuple[Segment, ...]) -> None:
-    """Replay segments (mm) on a reportlab path (pt), quadratic curves as cubic ones: PDF has no others."""
+    """Add segments (mm) to a reportlab path (pt), quadratic curves as cubic ones: PDF has no others."""
     here: Point = (0.0, 0.0)
     for command, in_mm in segments:
         points = [(x * POINTS_PER_MM, y * POINTS_PER_MM) for x, y in in_mm]
@@ -116,7 +117,7 @@ def _trace(path: Any, segments: tuple[Segment, ...]) -> None:
 
 
 def pdf_color(color: str) -> Any:
-    """Color for reportlab: RGB, or a spot color with what it looks like as its tint in CMYK."""
+    """Color for reportlab: RGB, or a spot color with its screen color as CMYK tint."""
     from reportlab.lib.colors import CMYKColorSep, Color, rgb2cmyk
 
     red, green, blue = (channel / 255 for channel in channels(color))

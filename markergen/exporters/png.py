@@ -1,7 +1,7 @@
-"""PNG at true size: shares of pixels as grey levels, drawn and compressed strip by strip.
+"""PNG at true size: pixel coverage as grey levels, drawn and compressed strip by strip.
 
-The writer of the file's chunks is our own: Pillow wants the whole image in memory, up to 2 GB of it, where strips take
-4 MB, and writes other bytes for the same pixels from one version to the next.
+The writer of the file's chunks is our own: Pillow needs the entire image in memory, up to 2 GB, where strips take 4 MB,
+and writes different bytes for the same pixels from version to version.
 """
 
 import struct
@@ -26,16 +26,16 @@ Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 
 STRIP = 1 << 22
-"""Pixels that are drawn at a time: 4 MB a channel."""
+"""Number of pixels drawn at a time: 4 MB per channel."""
 LONG = 48
-"""Pixels from which on a run is filled by itself rather than pixel by pixel."""
+"""Minimum length in pixels of a run that is filled separately rather than pixel by pixel."""
 SAGITTA = 2e-3
-"""Largest distance in pixels of a chord from its curve; a grey level is 4e-3 of a pixel."""
+"""Maximum distance in pixels of a chord from its curve; a grey level is 4e-3 of a pixel."""
 FEWEST_ARCS = 32
 MITER = 4.0
-"""Longest miter in widths, as in SVG; beyond it a corner is beveled."""
+"""Maximum miter length in line widths, as in SVG; beyond it a corner is beveled."""
 MOST_BYTES = 2e9
-"""Of an image before compression."""
+"""Maximum size of an image before compression, bytes."""
 MILLIMETERS_PER_INCH = 25.4
 LEAST_DPI, MOST_DPI = 10, 10_000
 
@@ -50,12 +50,12 @@ def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
 
 
 def check_image(options: ExportOptions) -> None:
-    """Refuse a resolution that there is not, or that makes the paper asked for too large an image.
+    """Reject an invalid resolution, or one that makes the image too large for the requested paper.
 
     Raises
     ------
     InputError
-        As `pixels_per_meter` and `image_size` do, or if there is no such paper.
+        As for `pixels_per_meter` and `image_size`, or if the paper is unknown.
     """
     pixels_per_meter(options.dpi)
     if options.sheet.paper is not None:
@@ -63,12 +63,12 @@ def check_image(options: ExportOptions) -> None:
 
 
 def write_png(sheet: Sheet, dpi: float) -> bytes:
-    """Write a sheet as PNG: 8-bit grey if all of its colors are grey, RGB otherwise.
+    """Write a sheet as PNG: 8-bit grey if all of its colors are grey, otherwise RGB.
 
-    PNG counts whole pixels per meter, so the scale is the nearest of these to `dpi` (600 dpi: 23622 per m), which the
-    file states and the drawing keeps to. The top left corner of the image is that of the page; its right and lower
-    edge are the nearest pixel borders to the page's. The middle of a pixel (column, row) lies at
-    ((column + 0.5) / s, (row + 0.5) / s) from there, s pixels per m.
+    PNG stores an integer number of pixels per meter, so the scale is the one nearest to `dpi` (600 dpi: 23622 per m),
+    both in the file and in the drawing. The top left corner of the image is that of the page; its right and lower edge
+    are the pixel borders nearest to the page's. The center of a pixel (column, row) lies at ((column + 0.5) / s, (row +
+    0.5) / s) from there, with s pixels per m.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def write_png(sheet: Sheet, dpi: float) -> bytes:
 
 
 def pixels_per_meter(dpi: float) -> int:
-    """Whole number of pixels per meter nearest to dpi.
+    """Integer number of pixels per meter nearest to dpi.
 
     Raises
     ------
@@ -127,18 +127,18 @@ def image_size(paper: Paper, dpi: float, depth: int = 1) -> tuple[int, int]:
 
 
 def shape_runs(shape: Shape, per_mm: float, page_height: float, width: int, height: int) -> Runs:
-    """Runs of the pixels (height, width) that a shape covers, the page's top left corner being that of the raster.
+    """Runs of the pixels (height, width) covered by a shape; the raster and the page share their top left corner.
 
     Parameters
     ----------
     shape : Shape
-        In mm, y up.
+        Shape in mm, y up.
     per_mm : float
         Pixels per mm.
     page_height : float
-        mm.
+        Height of the page, mm.
     width, height : int
-        Of the raster in pixels.
+        Size of the raster in pixels.
     """
     edges = _edges(shape, per_mm) * [per_mm, -per_mm, per_mm, -per_mm] + [0.0, per_mm * page_height] * 2
     return covered_runs(edges, width, height)
@@ -164,7 +164,7 @@ def _closed(ring: Array) -> Array:
 
 
 def _circle(radius: float, per_mm: float) -> Array:
-    """Regular polygon (k, 2) of the circle's area."""
+    """Regular polygon (k, 2) with the area of the circle."""
     flat = min(SAGITTA / (radius * per_mm), 1.0)
     count = max(ceil(pi / acos(1 - flat)), FEWEST_ARCS)
     return radius * unit_disk(count)
@@ -182,17 +182,17 @@ def _stroke(line: Line) -> list[Array]:
         before, after = np.roll(normals, 1, axis=0), normals
     else:
         before, after = np.concatenate([normals[:1], normals]), np.concatenate([normals, normals[-1:]])
-    miter = 1 + np.sum(before * after, axis=1)  # twice the squared cosine of half the turn
+    miter = 1 + np.sum(before * after, axis=1)  # twice the squared cosine of half the turning angle
     sharp = miter < 2 / MITER**2
     shift = (before + after) / np.where(sharp, 1.0, miter)[:, None]
-    # A beveled corner takes two points per side; the others are given twice, which adds no area.
+    # A beveled corner has two points per side; the others are repeated, which adds no area.
     shifts = np.stack([np.where(sharp[:, None], before, shift), np.where(sharp[:, None], after, shift)], axis=1)
     left, right = ((points[:, None] + side * line.width / 2 * shifts).reshape(-1, 2) for side in (1, -1))
     return [left, right[::-1]] if closed else [np.concatenate([left, right[::-1]])]
 
 
 def _flattened(outline: FilledPath, per_mm: float) -> Array:
-    """Edges (m, 4) of a path with its curves cut into chords, every part of it closed."""
+    """Edges (m, 4) of a path with its curves split into chords and every subpath closed."""
     straight: list[tuple[float, ...]] = []
     curves: dict[str, list[tuple[tuple[float, float], ...]]] = {"Q": [], "C": []}
     start = here = (0.0, 0.0)
@@ -216,10 +216,10 @@ def _flattened(outline: FilledPath, per_mm: float) -> Array:
 
 
 def _chords(controls: Array, per_mm: float) -> Array:
-    """Chords (m, 4) of Bezier curves (k, 3 or 4, 2), as many for each as the most bent one needs."""
+    """Chords (m, 4) of Bezier curves (k, 3 or 4, 2), for each as many as the most curved one needs."""
     degree = controls.shape[1] - 1
     bend = np.diff(controls, n=2, axis=1)
-    # A chord of a curve whose second derivative is at most M is off by at most M / (8 count^2).
+    # A chord deviates by at most M / (8 count^2) from a curve whose second derivative is at most M.
     most = degree * (degree - 1) * float(np.hypot(bend[..., 0], bend[..., 1]).max())
     count = max(ceil(sqrt(most * per_mm / (8 * SAGITTA))), 1)
     t = np.linspace(0, 1, count + 1)[:, None]
@@ -231,7 +231,7 @@ def _chords(controls: Array, per_mm: float) -> Array:
 
 
 def _compressed(painted: list[tuple[Runs, tuple[int, ...]]], width: int, height: int, depth: int) -> Iterator[bytes]:
-    """Image data in pieces, each line as its difference from the one above: most lines are alike."""
+    """Image data in pieces, each row stored as its difference from the one above: most rows are similar."""
     packer = zlib.compressobj(6)
     above = np.zeros((1, width * depth), dtype=np.uint8)
     rows = max(STRIP // width, 1)
@@ -241,7 +241,7 @@ def _compressed(painted: list[tuple[Runs, tuple[int, ...]]], width: int, height:
             _paint(strip, top, runs, color)
         lines = np.concatenate([above, strip.reshape(len(strip), -1)])
         filtered = np.empty((len(strip), width * depth + 1), dtype=np.uint8)
-        filtered[:, 0] = 2  # PNG's name for this filter, Up
+        filtered[:, 0] = 2  # PNG's filter type Up
         np.subtract(lines[1:], lines[:-1], out=filtered[:, 1:])
         above = lines[-1:]
         if data := packer.compress(filtered.data):
@@ -250,7 +250,7 @@ def _compressed(painted: list[tuple[Runs, tuple[int, ...]]], width: int, height:
 
 
 def _paint(strip: Pixels, top: int, runs: Runs, color: tuple[int, ...]) -> None:
-    """Blend a color into a strip (rows, columns, channels) that begins at row `top`, by the covered shares."""
+    """Blend a color into a strip (rows, columns, channels) that starts at row `top`, weighted by the covered shares."""
     height, width, depth = strip.shape
     first, last = np.searchsorted(runs.row, [top, top + height])
     if first == last:

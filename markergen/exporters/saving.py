@@ -1,4 +1,4 @@
-"""Saving: markers and families of markers into files, each in the format that its suffix names, all files or none."""
+"""Saving of markers and families of markers to files, each in the format of its suffix, all files or none."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -24,7 +24,7 @@ def save(
     options: ExportOptions | None = None,
     inputs: Sequence[Path] = (),
 ) -> list[Written]:
-    """Write a marker or several to each path, in the format that its suffix names: all files or none.
+    """Write one or more markers to each path, in the format of its suffix: all files or none.
 
     Parameters
     ----------
@@ -32,20 +32,20 @@ def save(
     paths : sequence of Path
     options : ExportOptions, optional
     inputs : sequence of Path
-        Files that must not be written over, not even by one that comes with another.
+        Files that must not be overwritten, not even by accompanying files.
 
     Returns
     -------
     list of Written
-        Paths and notes in the order given, and after them the files that come with others.
+        Paths and notes in the given order, followed by accompanying files.
 
     Raises
     ------
     InputError
-        If a suffix is unknown (the message lists the known ones), a path is given twice, or a format refuses the
+        If a suffix is unknown (the message lists the known ones), a path is given twice, or a format rejects the
         markers; nothing is written.
     OutputError
-        If a file cannot be written, or two would have one name; every target is as it was.
+        If a file cannot be written, or two have the same name; every target is unchanged.
     """
     return write(outputs_of(markers, paths, options), inputs)
 
@@ -53,7 +53,7 @@ def save(
 def outputs_of(
     markers: Marker | Sequence[Marker], paths: Sequence[Path], options: ExportOptions | None = None
 ) -> dict[Path, Output]:
-    """Make what `save` writes, by path; raises as `save` does."""
+    """Make the outputs of `save`, by path; raises as `save` does."""
     choices = options or ExportOptions()
     every = tuple(markers) if isinstance(markers, Sequence) else (markers,)
     check_outputs(paths, choices)
@@ -65,7 +65,7 @@ def outputs_of(
 
 
 def write(outputs: Mapping[Path, Output], inputs: Sequence[Path] = ()) -> list[Written]:
-    """Write outputs and the files that come with them, all or none; see `save`."""
+    """Write outputs and their accompanying files, all or none; see `save`."""
     files = {path: output.data for path, output in outputs.items()}
     beside = _beside(outputs)
     check_files(list(outputs), inputs)
@@ -76,12 +76,12 @@ def write(outputs: Mapping[Path, Output], inputs: Sequence[Path] = ()) -> list[W
 
 
 def _beside(outputs: Mapping[Path, Output]) -> dict[Path, bytes]:
-    """Files that come with outputs, by path; those that are asked for themselves are not among them.
+    """Accompanying files of outputs, by path, except those that are outputs themselves.
 
     Raises
     ------
     OutputError
-        If two outputs bring different files of one name, or one brings what is asked for as something else.
+        If two outputs bring different files of the same name, or one conflicts with a requested output.
     """
     asked = {path.resolve(): output.data for path, output in outputs.items()}
     found: dict[Path, tuple[Path, bytes]] = {}
@@ -98,7 +98,7 @@ def _beside(outputs: Mapping[Path, Output]) -> dict[Path, bytes]:
 
 
 def with_record(paths: Sequence[Path]) -> list[Path]:
-    """Add the marker.json that always comes with a design, named after the first path, if it is not among them."""
+    """Add the marker.json that always accompanies a design, named after the first path, if it is missing."""
     first = paths[0]
     if not first.name:
         return list(paths)
@@ -115,15 +115,15 @@ def _ending(path: Path) -> str:
 
 
 def check_outputs(paths: Sequence[Path], options: ExportOptions, spec: "Spec | None" = None) -> None:
-    """Refuse what cannot be written before any work is done; raises as `save` does.
+    """Reject invalid outputs before any work is done; raises as `save` does.
 
-    With a spec, also formats that cannot hold what it asks for, or that need a library that is missing.
+    With a spec, also reject formats that cannot represent its marker or that need a missing library.
     """
     seen: set[Path] = set()
     for path in paths:
         suffix = suffix_of(path)
         if path.resolve() in seen:
-            raise InputError("each output path once", f"{path} twice", "give each another name")
+            raise InputError("each output path once", f"{path} twice", "give each a different name")
         seen.add(path.resolve())
         check_folder(path)
         exporter = EXPORTERS[suffix]
@@ -136,7 +136,7 @@ def check_outputs(paths: Sequence[Path], options: ExportOptions, spec: "Spec | N
         if spec and exporter.kernel:
             from markergen.solid.kernel import import_cadquery
 
-            import_cadquery()  # Not after minutes of search.
+            import_cadquery()  # Fail now, not after minutes of optimization.
         exporter.refuse(options)
         if exporter.sheet:
             _check_sheet(exporter, options, spec)
@@ -147,22 +147,22 @@ def _check_sheet(exporter: Exporter, options: ExportOptions, spec: "Spec | None"
     if sheet.paper is not None:
         find_paper(sheet.paper, sheet.orientation)
     if spec is not None:
-        # What holds one page holds no tiles either.
+        # A format of one page cannot hold tiles.
         check_paper(spec.boundary, sheet if exporter.many_pages else replace(sheet, tile=False))
 
 
 def family_paths(paths: Sequence[Path], ids: Sequence[int]) -> list[Path]:
-    """What `save_family` writes for these paths: for ``stem.json`` a ``stem-<id>.json`` for each id, and so on."""
+    """Paths written by `save_family` for these paths: for ``stem.json`` a ``stem-<id>.json`` for each id, and so on."""
     return [own for path in paths for own in ([path] if _is_sheet(path) else [_own(path, k) for k in ids])]
 
 
 def save_family(
     markers: Sequence[Marker], paths: Sequence[Path], options: ExportOptions, inputs: Sequence[Path] = ()
 ) -> list[Written]:
-    """Write markers that differ by the ids of their tags: sheets with all of them, and all else for each by itself.
+    """Write markers that differ by the ids of their tags: sheets for all together, all other files one by one.
 
-    Without a paper named, all markers share one page of the smallest ISO size that holds them, if one does. Returns
-    paths and notes as `save` does, and raises as it does: all files are written or none.
+    If no paper is named, all markers share one page of the smallest ISO size that holds them, if there is one. Returns
+    paths and notes, and raises, as `save` does: all files are written or none.
     """
     ids = [marker.tag.id for marker in markers if marker.tag]
     if len(ids) < len(markers):

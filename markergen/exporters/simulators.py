@@ -1,9 +1,9 @@
-"""Simulators: the marker as one rigid body that shows its GLB, as URDF and as SDF.
+"""Simulator models: the marker as one rigid body displayed by its GLB, as URDF and as SDF.
 
-Both have a link whose frame is the marker frame, with mass and moments, and a simple shape to bump into. A GLB has y
-up. RViz and Drake turn it into z up when they load it, and older versions of RViz ignore the root node that turns it:
-either way the mesh of a URDF is in the marker frame as it stands. Gazebo takes it as it comes, so that an SDF turns the
-visual back by a quarter about x.
+Both have a link whose frame is the marker frame, with mass and inertia, and a simple collision shape. A GLB has y up.
+RViz and Drake rotate it to z up on loading, and older versions of RViz ignore the root node that rotates it: either way
+the mesh of a URDF is in the marker frame without further rotation. Gazebo applies no rotation, so an SDF rotates the
+visual back by a quarter turn about x.
 """
 
 from collections.abc import Sequence
@@ -24,12 +24,12 @@ from markergen.model.marker import Marker
 Array = NDArray[np.float64]
 
 DENSITY = 1240.0
-"""Of polylactide, the usual filament, in kg/m^3."""
+"""Density of polylactide, the usual filament, in kg/m^3."""
 
 
 @dataclass(frozen=True)
 class Simulated:
-    """A marker as a rigid body; m, kg, marker frame.
+    """Marker as a rigid body; m, kg, marker frame.
 
     Attributes
     ----------
@@ -39,13 +39,13 @@ class Simulated:
     glb : bytes
     mass : float
     center : array (3,)
-        Of mass.
+        Center of mass.
     inertia : array (3, 3)
-        About the center of mass.
+        Inertia about the center of mass.
     low, high : array (3,)
-        Corners of the box around it.
+        Corners of its bounding box.
     round : bool
-        Whether it is a cylinder about the z axis rather than that box.
+        True if its collision shape is a cylinder about the z axis rather than that box.
     notes : tuple of str
     """
 
@@ -62,7 +62,7 @@ class Simulated:
 
     @classmethod
     def of(cls, markers: Sequence[Marker], options: ExportOptions, suffix: str) -> Self:
-        """Make a marker's body; raises as `meshed` does."""
+        """Make the body of a marker; raises as `meshed` does."""
         made, mesh = meshed(markers, options, suffix), f"meshes/{options.stem}.glb"
         points = np.concatenate([part.mesh.points for part in made.parts]) / 1e3
         mass, center, inertia = mass_of(made.parts)
@@ -81,11 +81,11 @@ class Simulated:
 
     @property
     def digest(self) -> str:
-        """Of the GLB, so that it can be told whether it is the one that was meant."""
+        """Digest of the GLB, to check that it is the intended one."""
         return f"sha256 {sha256(self.glb).hexdigest()}"
 
     def collision(self) -> tuple[str, dict[str, str], Array]:
-        """Shape to bump into: ``cylinder`` or ``box``, its measures, and where its middle is."""
+        """Collision shape, ``cylinder`` or ``box``, its dimensions, and its center."""
         size, middle = self.high - self.low, (self.high + self.low) / 2
         if self.round:
             return "cylinder", {"radius": number(size[0] / 2), "length": number(size[2])}, middle
@@ -99,11 +99,10 @@ class Simulated:
 
 
 def mass_of(parts: Sequence[MeshedPart]) -> tuple[float, Array, Array]:
-    """Mass in kg, its center in m, and the inertia about that in kg m^2, of parts of `DENSITY`.
+    """Mass in kg, center of mass in m, and inertia about it in kg m^2, of parts of `DENSITY`.
 
-    A closed surface is a sum of tetrahedra from the origin, inside out where it faces the origin. One with the corners
-    0, a, b, c has a sixth of det(a, b, c) as volume, and det/120 (aa' + bb' + cc' + ss') with s = a + b + c as second
-    moment.
+    A closed surface is a signed sum of tetrahedra from the origin. The tetrahedron with the corners 0, a, b, c has
+    volume det(a, b, c)/6 and second moment det(a, b, c)/120 (aa' + bb' + cc' + ss') with s = a + b + c.
     """
     corners = np.concatenate([part.mesh.points[part.mesh.triangles] for part in parts]) / 1e3
     weight = DENSITY * np.linalg.det(corners)
@@ -116,17 +115,17 @@ def mass_of(parts: Sequence[MeshedPart]) -> tuple[float, Array, Array]:
 
 
 def number(value: float) -> str:
-    """Write a number with nine digits, and no -0."""
+    """Format a number with nine digits, without -0."""
     return f"{round(float(value), 15) + 0.0:.9g}"
 
 
 def numbers(values: Array) -> str:
-    """Write several numbers with spaces between them."""
+    """Format several numbers, separated by spaces."""
     return " ".join(number(value) for value in values)
 
 
 def export_urdf(markers: Sequence[Marker], options: ExportOptions) -> Output:
-    """Write a robot of one link; beside it ``meshes/<stem>.glb``."""
+    """Write a robot of one link, accompanied by ``meshes/<stem>.glb``."""
     body = Simulated.of(markers, options, ".urdf")
     notes = (
         f"RViz finds the mesh once it is in a package, as package://<package>/{body.mesh}; for Gazebo write .sdf.",
@@ -162,7 +161,7 @@ def _robot(body: Simulated) -> str:
 
 
 def export_sdf(markers: Sequence[Marker], options: ExportOptions) -> Output:
-    """Write a model of one link; beside it ``model.config`` and ``meshes/<stem>.glb``."""
+    """Write a model of one link, accompanied by ``model.config`` and ``meshes/<stem>.glb``."""
     body = Simulated.of(markers, options, ".sdf")
     beside = {"model.config": _config(body, options.stem).encode(), body.mesh: body.glb}
     return Output(_model(body).encode(), body.notes, beside)

@@ -1,4 +1,4 @@
-"""Solids as CAD has them: STEP and BREP, and what all formats of solids say and bring along."""
+"""Solids in CAD formats: STEP and BREP, and the notes and accompanying files of all formats of solids."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ from markergen.solid.processes import Made, parts_of
 
 
 def export_step(markers: Sequence[Marker], options: ExportOptions) -> Output:
-    """One assembly of solids as STEP (AP214), in mm; the paper is without effect."""
+    """One assembly of solids as STEP (AP214), in mm; paper options have no effect."""
     marker = only(markers, ".step").as_designed
     made = parts_of(marker, options.fabrication)
     data = write_step(solids_of(made.parts), marker_name(marker))
@@ -20,7 +20,7 @@ def export_step(markers: Sequence[Marker], options: ExportOptions) -> Output:
 
 
 def export_brep(markers: Sequence[Marker], options: ExportOptions) -> Output:
-    """One compound of solids as BREP text, in mm; the paper is without effect."""
+    """One compound of solids as BREP text, in mm; paper options have no effect."""
     marker = only(markers, ".brep").as_designed
     made = parts_of(marker, options.fabrication)
     data = write_brep(solids_of(made.parts))
@@ -30,7 +30,7 @@ def export_brep(markers: Sequence[Marker], options: ExportOptions) -> Output:
 
 
 def solid_notes(marker: Marker, made: Made, options: ExportOptions) -> tuple[str, ...]:
-    """Sentences on what is made, from the marker as it was designed."""
+    """Sentences on the solid, for the marker as designed."""
     plates = sum(part.is_plate for part in made.parts)
     others = len(made.parts) - plates
     what = f"{'a plate' if plates == 1 else f'{plates} plates'} {plate_size(marker)}"
@@ -42,7 +42,7 @@ def solid_notes(marker: Marker, made: Made, options: ExportOptions) -> tuple[str
 
 
 def beside_solid(marker: Marker, options: ExportOptions) -> dict[str, bytes]:
-    """What comes with a solid: of an engraved plate the DXF that the machine works from."""
+    """Files that accompany a solid: for an engraved plate the DXF for the machine."""
     if not PROCESSES[options.fabrication.process].engraved:
         return {}
     return {f"{options.stem}.dxf": EXPORTERS[".dxf"]((marker,), options).data}

@@ -20,9 +20,9 @@ def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
 def write_svg(sheet: Sheet) -> bytes:
     """Write a sheet as SVG 1.1 with one group per layer and an ``id`` per shape (``dot-0``, ...).
 
-    Groups are layers in Inkscape too, by the layer's name; one whose lines have a spot color says it in its label.
-    User units are mm; y points down as SVG has it, so y_svg = page height - y. Circles are exact: ``circle`` elements,
-    and half-circle arcs with the even-odd rule for annuli. Numbers carry 6 decimals (1 nm).
+    Groups are also layers in Inkscape, with the layer's name; the label of a group with a spot color states it. User
+    units are mm; y points down as in SVG, so y_svg = page height - y. Circles are exact: ``circle`` elements, and
+    half-circle arcs with the even-odd rule for annuli. Numbers have 6 decimals (1 nm).
     """
     width, height = _number(sheet.paper.width), _number(sheet.paper.height)
     root = Element(

@@ -1,6 +1,6 @@
 """Lens distortion of normalized image coordinates (X/z, Y/z): forward, inverse, and derivatives; batched.
 
-The models are those of a table (`markergen.maths.lenses`). Those of markergen are a radial scale and, for some,
+Models are entries of a table (`markergen.maths.lenses`). The built-in ones consist of a radial scale and, for some,
 tangential terms, with r^2 = x^2 + y^2 and q = p2 x + p1 y:
 
     x' = s(r) x + 2 q x + p2 r^2,    y' = s(r) y + 2 q y + p1 r^2
@@ -14,11 +14,11 @@ rational       k1 k2 p1 p2 k3 k4 k5 k6    s = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (
 equidistant    k1 k2 k3 k4                s = a (1 + k1 a^2 + k2 a^4 + k3 a^6 + k4 a^8) / r,  a = atan r
 =============  =========================  ==================================================================
 
-Order and meaning of the coefficients are OpenCV's (cv2 and cv2.fisheye), ROS's and Kalibr's.
+The coefficients have the order and meaning of OpenCV (cv2 and cv2.fisheye), ROS and Kalibr.
 
-**Domain.** A fitted polynomial turns over somewhere and would map points far outside the view back into the image. A
-map whose Jacobian is positive definite on a convex set is one-to-one there, so the domain is the disk up to the first r
-at which it is not, and up to `LARGEST_RADIUS` in any case. Outside it everything is nan.
+**Domain.** A fitted polynomial is not monotonic forever and would map points far outside the field of view back into
+the image. A map whose Jacobian is positive definite on a convex set is one-to-one there, so the domain is the disk up
+to the first r at which it is not positive definite, at most `LARGEST_RADIUS`. Results are nan outside the domain.
 """
 
 from functools import lru_cache
@@ -39,21 +39,22 @@ __all__ = [
 ]
 
 NONE = "none"
-"""The model that leaves everything as it is, nan and infinity, too."""
+"""The identity model; it also passes nan and infinity through."""
 
 TOLERANCE = 1e-13
-"""Residual of the inverse relative to 1 + r', in normalized units."""
+"""Tolerance of the inverse's residual, relative to 1 + r', in normalized units."""
 
 _FEW_STEPS, _MOST_STEPS = 6, 100
-"""Newton takes 2 or 3; near the rim of the domain, where the Jacobian is singular, a step only halves the error."""
+"""Newton step limits of the two passes. Most points need 2 or 3 steps; near the edge of the domain, where the Jacobian
+is singular, a step only halves the error."""
 _BLOCK = 8192
-"""Points at a time: the two dozen intermediate arrays stay in the cache."""
+"""Points per block, so that the two dozen intermediate arrays stay in the cache."""
 _NODES = 4096
-"""Of the table that Newton starts from: linear interpolation in it is good to about 1e-7."""
+"""Number of nodes of the table of starting values for Newton's method; linear interpolation is good to about 1e-7."""
 
 
 def distort(model: str, normalized: Array, coefficients: Coefficients) -> Array:
-    """Normalized coordinates (..., 2) after the lens, of those before it; nan outside the domain."""
+    """Distort normalized coordinates (..., 2); nan outside the domain."""
     if model == NONE:
         return normalized
     with np.errstate(over="ignore", invalid="ignore"):
@@ -61,7 +62,7 @@ def distort(model: str, normalized: Array, coefficients: Coefficients) -> Array:
 
 
 def distortion_jacobian(model: str, normalized: Array, coefficients: Coefficients) -> Array:
-    """Derivative (..., 2, 2) of `distort` by the normalized coordinates; nan outside the domain."""
+    """Derivative (..., 2, 2) of `distort` with respect to the normalized coordinates; nan outside the domain."""
     if model == NONE:
         return np.broadcast_to(np.eye(2), (*normalized.shape[:-1], 2, 2))
     with np.errstate(over="ignore", invalid="ignore"):
@@ -72,7 +73,7 @@ def distortion_jacobian(model: str, normalized: Array, coefficients: Coefficient
 def distortion_hessian(model: str, normalized: Array, coefficients: Coefficients) -> Array:
     """Second derivative (..., 2, 2, 2) of `distort`; nan outside the domain.
 
-    [..., i, j, k] is that of x'_i by x_j and x_k.
+    Entry [..., i, j, k] is the derivative of x'_i with respect to x_j and x_k.
     """
     if model == NONE:
         return np.zeros((*normalized.shape[:-1], 2, 2, 2))
@@ -81,7 +82,7 @@ def distortion_hessian(model: str, normalized: Array, coefficients: Coefficients
 
 
 def coefficient_jacobian(model: str, normalized: Array, coefficients: Coefficients) -> Array:
-    """Derivative (..., 2, k) of `distort` by the k coefficients; nan outside the domain."""
+    """Derivative (..., 2, k) of `distort` with respect to the k coefficients; nan outside the domain."""
     if model == NONE:
         return np.zeros((*normalized.shape[:-1], 2, len(coefficients)))
     with np.errstate(over="ignore", invalid="ignore"):
@@ -89,7 +90,7 @@ def coefficient_jacobian(model: str, normalized: Array, coefficients: Coefficien
 
 
 def undistort(model: str, distorted: Array, coefficients: Coefficients) -> Array:
-    """Undo `distort` by damped Newton steps, to `TOLERANCE`; nan where no point of the domain comes to that place."""
+    """Invert `distort` to `TOLERANCE` by damped Newton steps; nan where no point of the domain has that image."""
     if model == NONE:
         return distorted
     flat = np.reshape(distorted, (-1, 2))
@@ -99,7 +100,7 @@ def undistort(model: str, distorted: Array, coefficients: Coefficients) -> Array
         for start in range(0, len(flat), _BLOCK):
             block = slice(start, start + _BLOCK)
             stuck.append(start + _solve(model, flat[block], coefficients, result[block], _FEW_STEPS))
-        # In every block of an image some points are at the rim: all together they cost little.
+        # Every block of an image has some points near the edge of the domain: solved together they cost little.
         rest = np.concatenate([np.zeros(0, dtype=np.intp), *stuck])
         if rest.size:
             late = np.full((len(rest), 2), np.nan)
@@ -110,7 +111,7 @@ def undistort(model: str, distorted: Array, coefficients: Coefficients) -> Array
 
 @lru_cache(maxsize=64)
 def domain_radius(model: str, coefficients: Coefficients) -> float:
-    """Radius r of the disk on which the model is used: where it turns over, or `LARGEST_RADIUS`."""
+    """Radius r of the model's domain, at most `LARGEST_RADIUS`."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         return min(float(LENSES[model].domain_radius(coefficients)), LARGEST_RADIUS)
 
@@ -124,20 +125,20 @@ def _inside(model: str, normalized: Array, coefficients: Coefficients) -> tuple[
 
 @lru_cache(maxsize=64)
 def _table(model: str, coefficients: Coefficients) -> tuple[Array, Array]:
-    """Radius after the lens, increasing, and the angle atan r before it, without the tangential terms."""
-    # Even steps of the angle are fine in the middle and still reach to a right angle.
+    """Tabulate the distorted radius, increasing, and the undistorted angle atan r, without the tangential terms."""
+    # Uniform angles sample the center finely and still reach 90 degrees.
     angle = np.linspace(0, np.arctan(domain_radius(model, coefficients)) * (1 - 1e-12), _NODES)
     with np.errstate(over="ignore", invalid="ignore"):
         return np.maximum.accumulate(LENSES[model].profile(np.tan(angle), coefficients)), angle
 
 
 def _solve(model: str, distorted: Array, coefficients: Coefficients, result: Array, steps: int) -> NDArray[np.intp]:
-    """Write into `result` (m, 2) the points that `distort` takes to `distorted`; return the indices still open."""
+    """Write the points that `distort` maps to `distorted` into `result` (m, 2); return the unconverged indices."""
     lens, limit = LENSES[model], domain_radius(model, coefficients)
     after, angles = _table(model, coefficients)
     u, v = distorted[:, 0], distorted[:, 1]
     radius = np.hypot(u, v)
-    # No point of the domain gets farther out than this.
+    # No point of the domain is mapped farther out than this.
     index = np.flatnonzero(radius <= after[-1] + lens.reach(limit, coefficients))
     u, v, radius = u[index], v[index], radius[index]
     tolerance = (TOLERANCE * (1 + radius)) ** 2
@@ -165,7 +166,7 @@ def _solve(model: str, distorted: Array, coefficients: Coefficients, result: Arr
         nx, ny = (yy * dx - xy * dy) / determinant, (xx * dy - yx * dx) / determinant
         worse = ~(error < least)
         if worse.any():
-            # The Jacobian is positive definite, so a part of the step makes the residual smaller; outside it is nan.
+            # The Jacobian is positive definite, so a fraction of the step reduces the residual, which is nan outside.
             x, y, error = np.where(worse, x0, x), np.where(worse, y0, y), np.where(worse, least, error)
             nx, ny = np.where(worse, sx / 2, nx), np.where(worse, sy / 2, ny)
         x0, y0, sx, sy, least = x, y, nx, ny, error

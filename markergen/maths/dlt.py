@@ -37,15 +37,15 @@ def condition(object_points: Array, image_points: Array, softness: float = 0.0) 
     Parameters
     ----------
     object_points, image_points : array (..., n, 2)
-        Correspondences; leading shapes broadcast. c depends on the coordinates they are written in.
+        Correspondences; leading shapes broadcast. c depends on their coordinate systems.
     softness : float
-        0 is c itself. Above 0 the smallest singular value is replaced by the smooth lower bound
-        (sum over k = 2..8 of s_k^(-2/softness))^(-softness/2), which has a gradient where s7 = s8.
+        0 gives c itself. Above 0 the smallest singular value is replaced by the smooth lower bound
+        (sum over k = 2..8 of s_k^(-2/softness))^(-softness/2), which is differentiable where s7 = s8.
 
     Returns
     -------
     array (...)
-        At least 1; inf where the points leave A with rank below 8 (n < 4, three of four points on a line).
+        At least 1; inf where the rank of A is below 8 (n < 4, three of four points on a line).
     """
     return _spectrum(object_points, image_points, softness)[0]
 
@@ -53,11 +53,11 @@ def condition(object_points: Array, image_points: Array, softness: float = 0.0) 
 def condition_and_gradient(
     object_points: Array, image_points: Array, softness: float = 0.0
 ) -> tuple[Array, Array, Array]:
-    """`condition` together with the gradient of its logarithm with respect to both sets of points.
+    """Return `condition` and the gradient of its logarithm with respect to both sets of points.
 
     d log c = (u1' dA v1)/s1 - (u8' dA v8)/s8 in terms of singular vectors, equal to tr(G d(A'A)) with
-    G = (v1 v1'/s1^2 - v8 v8'/s8^2)/2, which is what is computed. Where s7 = s8 the eigenvectors that LAPACK
-    returns pick one subgradient of the kink; with softness > 0 there is no kink.
+    G = (v1 v1'/s1^2 - v8 v8'/s8^2)/2; the latter is computed. Where s7 = s8 the eigenvectors that LAPACK
+    returns select one subgradient of the kink; with softness > 0 there is no kink.
 
     Returns
     -------
@@ -87,7 +87,7 @@ def condition_and_gradient(
 def normal_matrix(object_points: Array, image_points: Array) -> Array:
     """A'A, shape (..., 9, 9), from moments of the points; only the lower triangle of blocks is filled.
 
-    LAPACK's symmetric eigensolvers read that triangle alone.
+    LAPACK's symmetric eigensolvers read only that triangle.
     """
     p = _homogeneous(object_points)
     q = np.stack([p[..., 0] ** 2, p[..., 0] * p[..., 1], p[..., 0], p[..., 1] ** 2, p[..., 1], p[..., 2]], axis=-1)
@@ -112,8 +112,8 @@ def normalization(points: Array) -> tuple[Array, Array]:
 def estimate_homography(object_points: Array, image_points: Array) -> Array:
     """Normalized DLT estimate of H (..., 3, 3), scaled to H[2, 2] = 1, from n >= 4 points (Hartley 1997).
 
-    The least eigenvector of the 9x9 A'A is taken instead of the least singular vector of A: after normalization
-    A is so well conditioned that squaring costs no more than 1e-12 px, and it is four times as fast.
+    Uses the eigenvector of the smallest eigenvalue of the 9x9 A'A instead of the last right singular vector of A: after
+    normalization A is so well conditioned that squaring costs no more than 1e-12 px, and it is four times as fast.
     """
     object_center, object_scale = normalization(object_points)
     image_center, image_scale = normalization(image_points)
@@ -139,7 +139,7 @@ def _spectrum(object_points: Array, image_points: Array, softness: float) -> tup
     """Value, eigenvectors of A'A, and the weights of eigenvectors 2..9 in the gradient of log c."""
     values, vectors = np.linalg.eigh(normal_matrix(object_points, image_points))
     largest = values[..., 8]
-    # Below this the eigenvalue is rounding noise of the largest one and the layout is degenerate.
+    # An eigenvalue below this is rounding noise of the largest one, and the layout is degenerate.
     usable = np.maximum(values[..., 1:], 9 * np.finfo(float).eps * largest[..., None])
     degenerate = values[..., 1] < usable[..., 0]
     least = usable[..., 0]

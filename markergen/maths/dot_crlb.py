@@ -1,23 +1,23 @@
 """CRLB of a dot's center in an image, from the Fisher information of the grey levels.
 
-A dark ellipse {c + A u, |u| <= 1} on a light ground is seen through a Gaussian point spread of sigma s (lens and pixel
-together), with white noise of sigma grey levels. Moving the center changes the image by the gradient of the blurred
-ellipse, so the information about the center is its square, summed over the pixels:
+A dark ellipse {c + A u, |u| <= 1} on a light background is imaged through a Gaussian point spread function (lens and
+pixel together) of standard deviation s, with white noise of sigma grey levels. Moving the center changes the image by
+the gradient of the blurred ellipse, so the information about the center is its square, summed over the pixels:
 
     I = (contrast/sigma)^2 integral of g g', g = grad(ellipse * PSF)
 
-Ellipse and image are symmetric about the center, g is odd there, and what blur, grey levels, size or shape do is even:
-not knowing them costs nothing. In the frequency domain the integral over the radius is Weber's second exponential
-integral, and what remains is one over the direction k of the frequency, |k| = 1:
+Ellipse and image are symmetric about the center: g is odd, while the derivatives with respect to blur, grey levels,
+size and shape are even, so not knowing these costs nothing. In the frequency domain the integral over the radius is
+Weber's second exponential integral, which leaves an integral over the direction k of the frequency, |k| = 1:
 
     I = (contrast/sigma)^2 det(Q)/(4 s^4) integral k k' f(z) dk,  Q = A A',  z = k'Qk / (2 s^2),  f(z) = exp(-z) I1(z)/z
 
 sqrt(k'Qk) is the ellipse's half-width along k. For edges far apart, z >> 1, this is the line integral over the outline
-(contrast/sigma)^2 / (2 sqrt(pi) s) closed integral n n' dl that is known for straight edges. A dot of 10 px radius, 195
-grey levels of contrast, 2 of noise and 0.7 px of blur: 0.003 px along each axis.
+(contrast/sigma)^2 / (2 sqrt(pi) s) closed integral n n' dl known for straight edges. Example: 0.003 px along each axis
+for a dot of 10 px radius, 195 grey levels of contrast, 2 of noise and 0.7 px of blur.
 
-Of a ring the outer edge is taken alone: a fit that lets the hole have a center of its own, as under perspective it
-must, learns nothing from the inner one.
+Only the outer edge of a ring counts: a fit that gives the hole its own center, as perspective requires, gains no
+information from the inner edge.
 """
 
 from collections.abc import Callable
@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 DIRECTIONS = 8
-"""Directions over half a turn: the integral is then good to 3e-4 for axes of 1:3 (seen at 70 deg) and to 4e-3 for
-1:5."""
+"""Number of directions over half a turn; the integral is then good to 3e-4 for an axis ratio of 1:3 (tilt of 70 deg)
+and to 4e-3 for 1:5."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class Directions:
     Attributes
     ----------
     squares : array (..., 3, N)
-        (kx^2, 2 kx ky, ky^2): with Q as (Qxx, Qxy, Qyy) the product is k'Qk.
+        (kx^2, 2 kx ky, ky^2); the product with (Qxx, Qxy, Qyy) is k'Qk.
     weights : array (..., N)
     """
 
@@ -49,15 +49,15 @@ class Directions:
 
 
 def directions(affine: Array, count: int = DIRECTIONS) -> Directions:
-    """Nodes that suit ellipses of about the shape of affine images A (..., 2, 2) of the unit circle.
+    """Integration nodes for ellipses shaped roughly like the affine images A (..., 2, 2) of the unit circle.
 
-    Even steps of k crowd on a long ellipse's sides and even steps along its outline at its ends. Halfway between, k is
-    proportional to Q^(-1/4) v with v in even steps, and half as many steps do.
+    Uniform steps of k crowd on the sides of a long ellipse, uniform steps along its outline at its ends. Halfway
+    between, with k proportional to Q^(-1/4) v and v in uniform steps, half as many steps suffice.
     """
     shape = _root(_root(affine @ affine.swapaxes(-1, -2)))
     angle = np.pi * (np.arange(count) + 0.5) / count
     cosine, sine = np.cos(angle), np.sin(angle)
-    # The inverse but for its determinant: k is made a unit vector anyway.
+    # The adjugate replaces the inverse, since k is normalized anyway.
     x = shape[..., 1, 1, None] * cosine - shape[..., 0, 1, None] * sine
     y = shape[..., 0, 0, None] * sine - shape[..., 0, 1, None] * cosine
     square = x**2 + y**2
@@ -67,22 +67,23 @@ def directions(affine: Array, count: int = DIRECTIONS) -> Directions:
 
 
 def center_information(affine: Array, edge_px: float, contrast_to_noise: float) -> Array:
-    """Fisher information (..., 2, 2) in px^-2 of the center of dots.
+    """Fisher information (..., 2, 2) in px^-2 of dot centers.
 
     Parameters
     ----------
     affine : array (..., 2, 2), px
         A, the affine image of the unit circle: its singular values are the semi-axes of the dot's image.
     edge_px : float
-        Sigma s of the point spread, px; with the area of the pixel, s^2 = blur^2 + 1/12.
+        Standard deviation s of the point spread function, px; with the area of the pixel, s^2 = blur^2 + 1/12.
     contrast_to_noise : float
-        Grey levels between dot and ground over those of the noise, rounding (1/12 of variance) included.
+        Contrast between dot and background over the noise, both in grey levels; the noise includes rounding (variance
+        1/12).
     """
     return linearize(affine[..., None, :, :], edge_px, contrast_to_noise, directions(affine))[0][..., 0, :, :]
 
 
 def center_covariance(affine: Array, edge_px: float, contrast_to_noise: float) -> Array:
-    """Least covariance (..., 2, 2) in px^2 of the center of dots, see `center_information`; nan or inf seen edge-on."""
+    """CRLB (..., 2, 2) in px^2 of dot centers, see `center_information`; nan or inf for dots seen edge-on."""
     a, b, _, d = np.moveaxis(
         center_information(affine, edge_px, contrast_to_noise).reshape(*affine.shape[:-2], 4), -1, 0
     )
@@ -93,22 +94,22 @@ def center_covariance(affine: Array, edge_px: float, contrast_to_noise: float) -
 def dot_covariance(
     semi: Array, angle: Array, edge_px: float, contrast: float, noise_grey: float, lens: Array | None = None
 ) -> Array:
-    """Least covariance (..., 2, 2) in px^2 of the center of dots, given their image ellipses.
+    """CRLB (..., 2, 2) in px^2 of dot centers, given their image ellipses.
 
     Parameters
     ----------
     semi : array (..., 2), px, longest first
     angle : array (...), rad
-        Of the longest axis from x.
+        Angle of the longest axis from x.
     edge_px, contrast, noise_grey : float
         See `center_information`; contrast and noise in grey levels.
     lens : array (..., 2, 2) or None
-        Derivative of the distorted image, whose pixels and blur count, by the one that the ellipses are in.
+        Derivative of the distorted image, to which noise and blur apply, with respect to the image of the ellipses.
 
     Returns
     -------
     array (..., 2, 2)
-        nan for ellipses that are nan (dots that are not seen).
+        nan where the ellipse is nan (dot not visible).
     """
     cosine, sine = np.cos(angle), np.sin(angle)
     turn = np.stack([cosine, -sine, sine, cosine], axis=-1).reshape(*np.shape(angle), 2, 2)
@@ -121,8 +122,8 @@ def linearize(
 ) -> tuple[Array, Callable[[Array], Array]]:
     """`center_information` (..., m, 2, 2) of m dots that share their nodes (...), and its pullback.
 
-    The pullback takes symmetric cotangents (..., m, 2, 2) to the gradient (..., m, 2, 2) by A of
-    sum(cotangent * information), for these nodes held fixed: it is exact for what the sum over the nodes gives.
+    The pullback maps symmetric cotangents (..., m, 2, 2) to the gradient (..., m, 2, 2) of sum(cotangent * information)
+    with respect to A, with the nodes held fixed: it is the exact derivative of the sum over the nodes.
     """
     a, b, c, d = (affine[..., i, j] for i in (0, 1) for j in (0, 1))
     shape = np.stack([a * a + b * b, a * c + b * d, c * c + d * d], axis=-1)
@@ -140,7 +141,7 @@ def linearize(
         along = np.stack(
             [cotangent[..., 0, 0], 0.5 * (cotangent[..., 0, 1] + cotangent[..., 1, 0]), cotangent[..., 1, 1]], axis=-1
         )
-        # By Q through z, and by det(A)^2 in front.
+        # Derivatives through Q in z, and through the factor det(A)^2.
         by_z = slope * weights * (along @ nodes.squares)
         xx, xy, yy = np.moveaxis(by_z @ transposed * [1.0, 0.5, 1.0] * (scale / edge_px**2)[..., None], -1, 0)
         share = 2 * np.sum(along * packed * [1.0, 2.0, 1.0], axis=-1) / determinant
@@ -152,21 +153,21 @@ def linearize(
 
 
 def displaced(information: Array, displacement: Array) -> tuple[Array, Callable[[Array], tuple[Array, Array]]]:
-    """Information W (..., 2, 2) of dots that are themselves out of place, W = (F^-1 + B B')^-1, and its pullback.
+    """Information W (..., 2, 2) of dots that are themselves displaced, W = (F^-1 + B B')^-1, and its pullback.
 
-    Adjugates, written adj, do it without F^-1: W = (F + det(F) adj(P)) / det(1 + F P), P = B B'.
+    Adjugates, written adj, avoid F^-1: W = (F + det(F) adj(P)) / det(1 + F P), P = B B'.
 
     Parameters
     ----------
     information : array (..., 2, 2), px^-2
-        F, of the images of the dots.
+        F, Fisher information from the images of the dots.
     displacement : array (..., 2, 2), px
-        B, what a displacement by one standard deviation along each axis of the plane is in the image.
+        B, image of a displacement by one standard deviation along each axis of the plane.
 
     Returns
     -------
     array, function
-        The pullback takes symmetric cotangents (..., 2, 2) of W to those of F and of B.
+        The pullback maps symmetric cotangents (..., 2, 2) of W to those of F and of B.
     """
     spread = product(displacement, displacement.swapaxes(-1, -2))
     share = product(information, spread)
@@ -183,7 +184,7 @@ def displaced(information: Array, displacement: Array) -> tuple[Array, Callable[
 
 
 def product(left: Array, right: Array) -> Array:
-    """Product (..., 2, k) of many blocks (..., 2, 2) and (..., 2, k): as sums it takes a third of matmul's time."""
+    """Product (..., 2, k) of many blocks (..., 2, 2) and (..., 2, k), as explicit sums: a third of matmul's time."""
     out = np.empty(np.broadcast_shapes(left.shape[:-2], right.shape[:-2]) + (2, right.shape[-1]))
     for i in (0, 1):
         np.multiply(left[..., i, :1], right[..., 0, :], out=out[..., i, :])
@@ -196,7 +197,7 @@ def _determinant(matrix: Array) -> Array:
 
 
 def _adjugate(matrix: Array) -> Array:
-    """The inverse (..., 2, 2) times the determinant."""
+    """Inverse (..., 2, 2) times the determinant."""
     a, b, c, d = (matrix[..., i, j] for i in (0, 1) for j in (0, 1))
     return np.stack([d, -b, -c, a], axis=-1).reshape(matrix.shape)
 
@@ -204,8 +205,8 @@ def _adjugate(matrix: Array) -> Array:
 def _radial(z: Array) -> tuple[Array, Array]:
     """exp(-z) I1(z)/z and its derivative, to 1.6 % (to 0.6 % for half-widths above 2 s, to 0.05 % above 4 s).
 
-    f = (z^4 + z^3 + z^2 + c z + d)^(-3/8) / sqrt(2 pi). The first three terms are those of the asymptotic series, c and
-    d minimize the largest error over z > 0. The Bessel function itself takes twenty times as long as all else here.
+    f = (z^4 + z^3 + z^2 + c z + d)^(-3/8) / sqrt(2 pi). The first three terms match the asymptotic series; c and d
+    minimize the largest error over z > 0. The Bessel function itself takes twenty times as long as all else here.
     """
     quartic = (((z + 1) * z + 1) * z + 1.9317) * z + 0.5250
     root = np.sqrt(np.sqrt(np.sqrt(quartic)))

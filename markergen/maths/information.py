@@ -1,7 +1,7 @@
-"""Fisher information of pose and homography from noisy image points, and the bounds that follow.
+"""Fisher information of pose and homography from noisy image points, and the resulting bounds.
 
-With isotropic Gaussian noise of sigma px on every image coordinate the information is J'J/sigma^2, J being the
-Jacobian of the image points, and its inverse bounds the covariance of every unbiased estimator (CRLB).
+For isotropic Gaussian noise of sigma px on every image coordinate the information is J'J/sigma^2, with J the Jacobian
+of the image points; its inverse bounds the covariance of every unbiased estimator (CRLB).
 
 A pose has six parameters (w, dt): R <- exp([w]x) R, t <- t + dt, both in the camera frame, rad and m. A homography
 has eight: M <- M (I + D), D33 = 0, where M = [r1 r2 t] acts on (X/r, Y/r, 1), so that no gauge depends on the unit.
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 def apply_pose_step(rotation: Array, translation: Array, step: Array) -> tuple[Array, Array]:
-    """Poses (k, 3, 3), (k, 3) after steps (w, dt) (k, 6): exp([w]x) R and t + dt."""
+    """Apply steps (w, dt) (k, 6) to poses (k, 3, 3), (k, 3): exp([w]x) R and t + dt."""
     return exponential(step[:, :3]) @ rotation, translation + step[:, 3:]
 
 
@@ -34,9 +34,9 @@ def pose_jacobian(points: Array, rotation: Array, translation: Array, focal: Arr
 
 
 def turned_jacobian(turned: Array, translation: Array, focal: Array) -> Array:
-    """`pose_jacobian` (..., P, 2n, 6) of points R X (..., P, n, 3) in m that are turned already."""
+    """`pose_jacobian` (..., P, 2n, 6) from rotated points R X (..., P, n, 3) in m."""
     rows = _image_rows(turned + translation[:, None, :], focal)
-    # A row g of d x / d X_camera meets dX = w x (R X) + dt, so its part for w is (R X) x g.
+    # A row g of d x / d X_camera multiplies dX = w x (R X) + dt, so its part for w is (R X) x g.
     jacobian: Array = np.concatenate([np.cross(turned[..., None, :], rows), rows], axis=-1)
     return jacobian.reshape(*jacobian.shape[:-3], -1, 6)
 
@@ -60,7 +60,7 @@ def covariance(matrix: Array) -> Array:
     try:
         return np.asarray(np.linalg.inv(matrix), dtype=float)
     except np.linalg.LinAlgError:
-        # A pose from which the lens does not see a point has no numbers at all.
+        # Where a point is outside the lens model's domain, all entries are nan.
         singular = np.asarray(~np.isfinite(matrix).all(axis=(-2, -1)))
         singular[~singular] = np.linalg.matrix_rank(matrix[~singular], hermitian=True) < matrix.shape[-1]
         inverse = np.full_like(matrix, np.inf)
@@ -69,13 +69,13 @@ def covariance(matrix: Array) -> Array:
 
 
 def displacement_weight(rim: Array, rotation: Array) -> Array:
-    """W (P, 6, 6), m^2: trace(W C) is the expected squared 3-D displacement of the rim's points (m, 2) or (m, 3)."""
+    """W (P, 6, 6), m^2: trace(W C) is the expected squared 3-D displacement of rim points (m, 2) or (m, 3)."""
     turned = rotate(rim, rotation)
     second = turned.swapaxes(-1, -2) @ turned / rim.shape[-2]
     mean = turned.mean(axis=-2)
     weight = np.zeros((len(rotation), 6, 6))
     weight[:, :3, :3] = np.trace(second, axis1=-2, axis2=-1)[:, None, None] * np.eye(3) - second
-    # d(R b + t) = w x (R b) + dt; the cross term vanishes for a rim that is centered on the origin.
+    # d(R b + t) = w x (R b) + dt; the cross term vanishes for a rim centered on the origin.
     weight[:, :3, 3:] = skew(mean)
     weight[:, 3:, :3] = -skew(mean)
     weight[:, 3:, 3:] = np.eye(3)
@@ -85,8 +85,8 @@ def displacement_weight(rim: Array, rotation: Array) -> Array:
 def pose_jacobian_pullback(cotangent: Array, points: Array, rotation: Array, translation: Array, focal: Array) -> Array:
     """Gradient (..., P, n, 2 or 3) with respect to the points of sum(cotangent * pose_jacobian(points, ...)).
 
-    Closed form of the second derivatives of the projection. With a cotangent row (p, q) the row's share is g.w,
-    w = p x (R X) + q, so its derivative is dg.w + dX.(g x p).
+    Closed form from the second derivatives of the projection. A cotangent row (p, q) contributes g.w,
+    w = p x (R X) + q, whose derivative is dg.w + dX.(g x p).
     """
     turned = rotate(points, rotation)
     camera_points = turned + translation[:, None, :]
@@ -114,20 +114,20 @@ def homography_jacobian_pullback(
 
 
 def rotation_bound(pose_covariance: Array) -> Array:
-    """RMS rotation angle in rad that a pose covariance (..., 6, 6) allows, to first order."""
+    """RMS rotation angle in rad for a pose covariance (..., 6, 6), to first order."""
     return np.sqrt(np.trace(pose_covariance[..., :3, :3], axis1=-2, axis2=-1))
 
 
 def translation_bound(pose_covariance: Array, translation: Array) -> Array:
-    """RMS of |t_hat - t|/|t| (a fraction) that a pose covariance (..., P, 6, 6) allows; translation (P, 3)."""
+    """RMS of |t_hat - t|/|t| (a fraction) for a pose covariance (..., P, 6, 6); translation (P, 3)."""
     return np.sqrt(np.trace(pose_covariance[..., 3:, 3:], axis1=-2, axis2=-1)) / np.linalg.norm(translation, axis=-1)
 
 
 def mirrored_rotation(rotation: Array, translation: Array) -> Array:
     """Rotation (..., 3, 3) of the flipped pose: the marker's normal reflected about the line of sight.
 
-    The rest of the frame follows by the smallest turn that takes the normal to its mirror image. For a normal
-    along the line of sight the two poses coincide.
+    The rest of the frame follows by the smallest rotation from the normal to its mirror image. For a normal along the
+    line of sight the two poses coincide.
     """
     sight = translation / np.linalg.norm(translation, axis=-1, keepdims=True)
     normal = rotation[..., :, 2]
@@ -138,9 +138,9 @@ def mirrored_rotation(rotation: Array, translation: Array) -> Array:
 
 
 def smallest_turn(source: Array, target: Array) -> Array:
-    """Rotation (..., 3, 3) by the smallest angle that takes unit vectors source (..., 3) to target (..., 3).
+    """Rotation (..., 3, 3) by the smallest angle from unit vectors source (..., 3) to target (..., 3).
 
-    Opposite vectors have no unique smallest turn; the result is then not a rotation.
+    Opposite vectors have no unique smallest rotation; the result is then not a rotation.
     """
     axis = np.cross(source, target)
     cosine = np.sum(source * target, axis=-1)[..., None, None]
@@ -155,7 +155,7 @@ def flip_separation(rotation: Array, translation: Array, pose_covariance: Array)
 
 
 def _image_rows(camera_points: Array, focal: Array) -> Array:
-    """Image point by camera point, (..., 2, 3): rows f_x/z (1, 0, -a) and f_y/z (0, 1, -b) with (a, b) = (X/z, Y/z)."""
+    """Image-point Jacobian (..., 2, 3): rows f_x/z (1, 0, -a) and f_y/z (0, 1, -b), with (a, b) = (X/z, Y/z)."""
     scale = focal / camera_points[..., 2:]
     rows = np.zeros((*camera_points.shape[:-1], 2, 3))
     rows[..., 0, 0], rows[..., 1, 1] = scale[..., 0], scale[..., 1]
@@ -164,7 +164,7 @@ def _image_rows(camera_points: Array, focal: Array) -> Array:
 
 
 def _row_gradient(weights: Array, camera_points: Array, focal: Array) -> Array:
-    """Gradient (..., 3) with respect to the camera point of sum over the two image rows of row . weight."""
+    """Gradient (..., 3) with respect to the camera point of the sum of row . weight over the two image rows."""
     depth = camera_points[..., 2:]
     scale = focal / depth**2
     slope = camera_points[..., :2] / depth

@@ -1,15 +1,15 @@
-"""Levenberg-Marquardt for a batch of small least-squares problems, all of which step together.
+"""Levenberg-Marquardt for a batch of small least-squares problems that step together.
 
 A step s of each problem solves
 
     (J'WJ + lambda diag J'WJ) s = J'Wr
 
-with r the residuals, J their derivative (of what is predicted, so that s lessens r), W their weights, and lambda
-Marquardt's damping, which falls after a step that does not raise the cost r'Wr and grows after one that does and is
-taken back. Problems leave the batch when they have converged.
+with r the residuals (measured minus predicted), J the derivative of the predicted values, W the weights, and lambda
+Marquardt's damping, which falls after a step that does not raise the cost r'Wr and grows after a step that does and is
+undone. Problems leave the batch when they have converged.
 
-A kind of problem is a subclass of `LeastSquares`: what it leaves over, with its derivative, how a step is
-applied, and when it has converged.
+A kind of problem is a subclass of `LeastSquares` that defines the residuals and their derivative, how a step is
+applied, and the test of convergence.
 """
 
 from abc import ABC, abstractmethod
@@ -22,25 +22,25 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Arrays = tuple[Array, ...]
-"""Arrays whose first axis counts the problems of a batch."""
+"""Arrays whose first axis is the problem of the batch."""
 
 FACTOR = 10.0
-"""What lambda is divided by after a good step and multiplied by after a bad one."""
+"""Factor by which lambda falls after a good step and grows after a bad one."""
 
 
 @dataclass(frozen=True)
 class Damping:
-    """Marquardt's lambda and when a step counts as good.
+    """Damping schedule, and the criterion for a good step.
 
     Attributes
     ----------
     start, least, most : float
-        lambda to begin with and its bounds; a problem that would need more than `most` is given up as it stands.
+        Initial lambda and its bounds; a problem that would need more than `most` is abandoned where it is.
     slack : float
-        Share by which a good step may raise the cost: at the minimum two costs are equal but for rounding.
+        Relative increase of the cost that a good step may have: at the minimum, costs differ only by rounding.
     ridge : float
-        Share of the largest diagonal entry of J'WJ that is added to every one, so that directions which the residuals
-        leave free stay where they are.
+        Fraction of the largest diagonal entry of J'WJ added to every diagonal entry, so that directions not
+        constrained by the residuals do not move.
     """
 
     start: float = 1e-3
@@ -51,15 +51,15 @@ class Damping:
 
 
 class Attempt(NamedTuple):
-    """A step of k problems and what became of it.
+    """One step of k problems and its outcome.
 
     Attributes
     ----------
     step : array (k, p)
     tried, kept : tuple of array
-        Unknowns after the step, and those after it where it was good, before it elsewhere.
+        Unknowns after the step; the unknowns retained: `tried` where the step was good, the previous ones elsewhere.
     before, after, cost : arrays (k,)
-        Cost before the step, of what was tried, and of what was kept.
+        Cost before the step, cost of `tried`, and cost of `kept`.
     good : array (k,) of bool
     """
 
@@ -73,37 +73,37 @@ class Attempt(NamedTuple):
 
 
 class LeastSquares(ABC):
-    """A batch of k least-squares problems in p unknowns each, which may be any arrays, such as poses."""
+    """A batch of k least-squares problems with p parameters each; the unknowns may be any arrays, such as poses."""
 
     @abstractmethod
     def residuals(self, unknowns: Arrays) -> Arrays:
-        """Cost r'Wr (k,), inf where the unknowns are not allowed; residuals; and whatever else `jacobian` uses.
+        """Cost r'Wr (k,), inf for inadmissible unknowns; residuals; and anything else that `jacobian` needs.
 
-        All have the problems as their first axis.
+        The first axis of each is the problem.
         """
 
     @abstractmethod
     def jacobian(self, unknowns: Arrays, found: Arrays) -> Array:
-        """J (k, m, p), from the unknowns and what `residuals` found there."""
+        """J (k, m, p), from the unknowns and the result of `residuals` there."""
 
     def normal_equations(self, jacobian: Array, residual: Array) -> tuple[Array, Array]:
-        """J'WJ (k, p, p) and J'Wr (k, p); all residuals (k, m) weigh the same unless a problem knows better."""
+        """J'WJ (k, p, p) and J'Wr (k, p) for residuals (k, m), with W = 1 unless overridden."""
         return jacobian.swapaxes(-1, -2) @ jacobian, np.einsum("kij,ki->kj", jacobian, residual)
 
     @abstractmethod
     def moved(self, unknowns: Arrays, step: Array) -> Arrays:
-        """Unknowns after steps (k, p): the retraction."""
+        """Apply steps (k, p) to the unknowns: the retraction."""
 
     @abstractmethod
     def converged(self, attempt: Attempt) -> Mask:
-        """Tell which problems (k,) need no further step."""
+        """Mask (k,) of the problems that need no further step."""
 
     @abstractmethod
     def take(self, chosen: Mask) -> Self:
         """Return the chosen problems (k,)."""
 
     def worth_a_step(self, cost: Array) -> Mask:
-        """Tell which problems (k,) are to be solved at all, by their cost at the start."""
+        """Mask (k,) of the problems to be solved at all, judged by their initial cost."""
         return np.ones(cost.shape, dtype=bool)
 
 
@@ -114,15 +114,15 @@ def levenberg_marquardt(problems: LeastSquares, unknowns: Arrays, damping: Dampi
     ----------
     problems : LeastSquares
     unknowns : tuple of array
-        Where to start.
+        Initial values.
     damping : Damping
     steps : int
-        Most steps that any problem takes.
+        Maximum number of steps.
 
     Returns
     -------
     unknowns : tuple of array
-        The best that each problem met.
+        Best values found for each problem.
     cost : array (k,)
     """
     parts = len(unknowns)
@@ -130,7 +130,7 @@ def levenberg_marquardt(problems: LeastSquares, unknowns: Arrays, damping: Dampi
     ended, index = list(current[: parts + 1]), np.arange(len(current[0]))
     strength, going = np.full(len(index), damping.start), problems.worth_a_step(current[parts])
     for _ in range(steps):
-        # Counted, which is the fastest way to ask for any and all: a few problems are solved within a millisecond.
+        # Counting is the fastest test for both any and all, and small batches take only a millisecond.
         count = np.count_nonzero(going)
         if not count:
             break
@@ -163,7 +163,7 @@ def _damped_step(normal: Array, gradient: Array, strength: Array, ridge: float) 
     count, size, _ = normal.shape
     diagonal = normal.reshape(count, size * size)[:, :: size + 1]  # a view
     if ridge:
-        # The last term is for problems of which nothing at all is known.
+        # The last term keeps a matrix of zeros regular.
         diagonal += diagonal * strength[:, None] + ridge * diagonal.max(axis=-1)[:, None] + 1e-300
     else:
         diagonal *= 1 + strength[:, None]
@@ -171,14 +171,14 @@ def _damped_step(normal: Array, gradient: Array, strength: Array, ridge: float) 
 
 
 def _each(good: Mask, new: Array, old: Array) -> Array:
-    """Take what is new where the step was good, else what is old."""
+    """Return `new` where the step was good, else `old`."""
     while good.ndim < new.ndim:
         good = good[..., None]
     return np.where(good, new, old)
 
 
 def _stored(ended: list[Array], index: NDArray[np.intp], current: Arrays) -> list[Array]:
-    """Bring the problems `index` up to date in the arrays of all."""
+    """Store the current values of the problems `index` in the arrays of the whole batch."""
     if len(index) == len(ended[0]):
         return [each.copy() for each in current[: len(ended)]]
     for whole, part in zip(ended, current, strict=False):

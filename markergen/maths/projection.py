@@ -47,7 +47,7 @@ def from_pixels(pixels: Array, matrix: Array) -> Array:
 def project(points: Array, rotation: Array, translation: Array, matrix: Array) -> Array:
     """Pixel coordinates (..., P, n, 2) of marker points (..., n, 2 or 3) under P poses.
 
-    Points behind the camera come out mirrored, as the formula has it; `to_camera` tells the depth.
+    Points behind the camera are mirrored, as the formula has it; `to_camera` gives the depth.
     """
     return to_pixels(perspective(to_camera(points, rotation, translation)), matrix)
 
@@ -113,13 +113,13 @@ def transform_conic(conic: Array, homography: Array) -> Array:
 def ellipse_of_conic(conic: Array) -> tuple[Array, Array, Array]:
     """Center (..., 2), semi-axes (..., 2) longest first, and angle (...) in rad of the longest axis from x.
 
-    A conic that is no real ellipse (the circle crosses the camera's horizon) gives nan.
+    nan for a conic that is not a real ellipse (the circle crosses the camera's horizon).
     """
     quadratic = conic[..., :2, :2]
     center = np.asarray(-np.linalg.solve(quadratic, conic[..., :2, 2:])[..., 0], dtype=float)
     level = -(conic[..., 2, 2] + np.sum(conic[..., :2, 2] * center, axis=-1))
     values, vectors = np.linalg.eigh(quadratic)
-    # C and -C are the same conic: the sign of the larger eigenvalue decides which is meant.
+    # C and -C are the same conic: the sign of the larger eigenvalue normalizes it.
     sign = np.sign(values[..., 1])
     ratio = level[..., None] * sign[..., None] / (values * sign[..., None])
     semi = np.sqrt(np.where((ratio > 0) & (values.prod(axis=-1) > 0)[..., None], ratio, np.nan))
@@ -130,11 +130,11 @@ def ellipse_of_conic(conic: Array) -> tuple[Array, Array, Array]:
 
 
 def circle_image(center: Array, radius: Array | float, homography: Array) -> tuple[Array, Array, Array]:
-    """Ellipse (see `ellipse_of_conic`) that the homography (..., 3, 3) makes of circles of the marker plane."""
+    """Image ellipse (see `ellipse_of_conic`) of circles of the marker plane under the homography (..., 3, 3)."""
     return ellipse_of_conic(transform_conic(circle_conic(center, radius), homography))
 
 
 def center_offset(center: Array, radius: Array | float, homography: Array) -> Array:
-    """Ellipse center minus image of the circle's center, (..., 2) px: what a plain centroid is wrong by."""
+    """Ellipse center minus image of the circle's center, (..., 2) px: the error of a plain centroid."""
     center = np.asarray(center, dtype=float)
     return circle_image(center, radius, homography)[0] - apply_homography(homography, center[..., None, :])[..., 0, :]

@@ -1,4 +1,4 @@
-"""Rotations in space, and the motions of the plane that bring points onto points: rigid, mirrored, or scaled."""
+"""Rotations in space, and least-squares alignments in the plane: rigid, mirrored, or scaled."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +39,8 @@ def logarithm(rotations: Array) -> Array:
 def angle_between(first: Array, second: Array) -> Array:
     """Angle in rad of first^T second, for rotation matrices (..., 3, 3).
 
-    Uses |first - second|_F = 2 sqrt(2) sin(angle/2), which keeps its digits at small angles where the trace
-    formula loses half of them. Entries that are not finite give nan.
+    Uses |first - second|_F = 2 sqrt(2) sin(angle/2), which stays accurate at small angles, where the trace formula
+    loses half of the digits. Entries that are not finite give nan.
     """
     chord = np.sqrt(np.sum((first - second) ** 2, axis=(-2, -1))) / (2 * np.sqrt(2))
     return 2 * np.arcsin(np.minimum(chord, 1.0))
@@ -53,7 +53,7 @@ def turn_z(angles: Array | float) -> Array:
 
 
 def rigid_motion(source: Array, target: Array, mirror: bool = False) -> tuple[Array, Array]:
-    """Rotation R and shift t for which the squared distances of R source + t from the target are least.
+    """Rotation R and shift t that minimize the squared distances of R source + t from the target.
 
     Parameters
     ----------
@@ -64,12 +64,12 @@ def rigid_motion(source: Array, target: Array, mirror: bool = False) -> tuple[Ar
     Returns
     -------
     arrays (..., 2, 2) and (..., 2)
-        The identity, or the mirror x -> -x, where all points of one side are the same.
+        R is the identity, or the mirror x -> -x, where all source points or all target points coincide.
     """
     flip = np.array([-1.0 if mirror else 1.0, 1.0])
     middle, goal = (points.mean(axis=-2, keepdims=True) for points in (source, target))
     a, b = (source - middle) * flip, target - goal
-    # In the plane the best angle has a closed form: that of the sum of conj(a) b as complex numbers.
+    # In the plane the best angle has a closed form: the argument of the sum of conj(a) b as complex numbers.
     cosine = np.sum(a * b, axis=(-2, -1))
     sine = np.sum(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], axis=-1)
     angle = np.arctan2(sine, cosine)
@@ -86,7 +86,7 @@ def scaled_motion(source: Array, target: Array, mirror: bool = False) -> tuple[A
     Parameters
     ----------
     source, target : arrays (m, 2)
-        Three points or more, not on one line.
+        Three points or more, not all collinear.
 
     Returns
     -------

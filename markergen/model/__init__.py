@@ -1,1 +1,1 @@
-"""What everything passes around: boundary, camera, poses, features, marker, spec; and marker.json."""
+"""Data model: boundary, camera, poses, features, marker, spec; and marker.json."""

@@ -1,4 +1,4 @@
-"""The region that the dots must lie in whole. A new shape is a new subclass; nothing else asks what it is."""
+"""The region that contains all dots. A new shape is a new subclass; no other code depends on the kind of shape."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from markergen.units import format_length
 Array = NDArray[np.float64]
 
 CIRCLE_CORNERS = 720
-"""Corners of the polygon that stands for a circle where it is drawn; it is 1.4 um off at a radius of 0.15 m."""
+"""Corners of the polygon that approximates a circle in drawings; it is 1.4 um off at a radius of 0.15 m."""
 
 
 class Boundary(ABC):
@@ -38,7 +38,7 @@ class Boundary(ABC):
     @property
     @abstractmethod
     def center(self) -> tuple[float, float]:
-        """Center (x, y) of the smallest enclosing circle in m: the origin, but for keep-outs and kept origins."""
+        """Center (x, y) of the smallest enclosing circle in m: the origin, except for keep-outs and kept origins."""
 
     @property
     @abstractmethod
@@ -47,64 +47,64 @@ class Boundary(ABC):
 
     @abstractmethod
     def depth(self, points: Array) -> Array:
-        """Signed distance (...) in m from points (..., 2) to the outline: positive inside, negative outside."""
+        """Return the signed distance (...) in m from points (..., 2) to the outline: positive inside."""
 
     @abstractmethod
     def depth_gradient(self, points: Array) -> Array:
-        """Gradient (..., 2) of `depth`: the unit vector straight into the region; where there is none, zero."""
+        """Return the gradient (..., 2) of `depth`: a unit vector straight into the region; zero where undefined."""
 
     @abstractmethod
     def project(self, points: Array, inset: float) -> Array:
-        """Nearest points (..., 2) at least `inset` m inside the outline; points that are so already stay.
+        """Return the nearest points (..., 2) at least `inset` m inside the outline; deeper points stay in place.
 
-        Where nothing is so deep, the deepest point.
+        Where nothing is that deep, return the deepest point.
         """
 
     @abstractmethod
     def sample(self, count: int, inset: float, rng: "np.random.Generator") -> Array:
-        """Draw (count, 2) points uniformly from the region inset by `inset` m; the deepest where nothing is so deep."""
+        """Draw (count, 2) points uniformly from the region inset by `inset` m; the deepest point if it is empty."""
 
     @abstractmethod
     def rim(self, count: int) -> Array:
-        """Points (count, 2) spread evenly along the outline, its holes left out."""
+        """Return points (count, 2) spread evenly along the outer outline, without its holes."""
 
     @abstractmethod
     def outlines(self) -> tuple[Array, ...]:
-        """Closed polygons (m, 2) in m, outer ones counterclockwise and holes clockwise; a circle's is a fine one."""
+        """Return closed polygons (m, 2) in m, outer ones counterclockwise and holes clockwise; circles are polygons."""
 
     @abstractmethod
     def contours(self, flat: bool = False) -> tuple[Contour, ...]:
-        """The outline exactly as it is: closed contours in m of lines and arcs, with the region to their left.
+        """Return the exact outline: closed contours in m of lines and arcs, with the region to their left.
 
-        If `flat`, what depth and search take it for: the arcs of a `Polygon` are fine polygons; disks stay circles.
+        If `flat`, the outline used by depth and search: the arcs of a `Polygon` are fine polygons; disks stay circles.
         """
 
     @property
     def region(self) -> Region:
-        """The inside of `outlines`."""
+        """Return the inside of `outlines`."""
         return Region.enclosed(self.outlines())
 
     @property
     def is_round(self) -> bool:
-        """Whether full circles are all its outline."""
+        """True if the outline consists of full circles."""
         return all(contour.is_circle for contour in self.contours(flat=True))
 
     @property
     def has_arcs(self) -> bool:
-        """Whether it has arcs that `as_dict` tells as bulges, which programs before there were any cannot read."""
+        """True if it has arcs, which `as_dict` writes as bulges and early programs cannot read."""
         return False
 
     @property
     def has_measures(self) -> bool:
-        """Whether it is a disk, or an upright rectangle about the origin, which are written by their measures.
+        """True for a disk, or an upright rectangle about the origin, which are written by their dimensions.
 
-        Any other outline is taken for one that was drawn, which is that of the plate (see `Substrate.edge_around`).
+        Any other outline is considered drawn, and is the outline of the plate (see `Substrate.edge_around`).
         """
         return False
 
     @abstractmethod
     def as_dict(self) -> dict[str, Any]:
-        """Plain JSON values with the shape's ``kind`` and its measures in m."""
+        """Return plain JSON values with the shape's ``kind`` and its dimensions in m."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ class Circle(Boundary):
         return True
 
     def as_dict(self) -> dict[str, Any]:
-        """See `Boundary.as_dict`; the center is left out where it is the origin."""
+        """See `Boundary.as_dict`; the center is left out if it is the origin."""
         center = {} if self.center == (0.0, 0.0) else {"center": list(self.center)}
         return {"kind": "circle", "radius": self.size, **center}
 
@@ -190,7 +190,7 @@ class Circle(Boundary):
 
 
 class _Drawn(Boundary):
-    """A region whose interior follows from its curves."""
+    """A region whose interior is computed from its curves."""
 
     def project(self, points: Array, inset: float) -> Array:
         """See `Boundary.project`."""
@@ -203,18 +203,18 @@ class _Drawn(Boundary):
 
 @dataclass(frozen=True, repr=False)
 class Polygon(_Drawn):
-    """One or more regions with edges that are straight or arcs, each with or without holes.
+    """One or more regions with straight or arc edges, each with or without holes.
 
-    Depth, projection and search take arcs for fine polygons within the region (see `polygons_of`).
+    Depth, projection and search approximate arcs by fine polygons within the region (see `polygons_of`).
 
     Attributes
     ----------
     rings : tuple of tuple of (x, y)
-        Corners of closed outlines in m, marker frame, without the first corner again at the end. An outline within
-        another is a hole in it, one within the hole a region again; which way they are drawn does not matter, and is
-        made to be counterclockwise for outer ones and clockwise for holes.
+        Corners of closed outlines in m, marker frame, without repeating the first corner. An outline within another is
+        a hole in it, one within the hole a region again; their orientation is irrelevant, and is normalized to
+        counterclockwise for outer ones and clockwise for holes.
     bulges : tuple of tuple of float
-        Bulges of the edges from each corner to the next one, as in `Contour`; empty where all are straight.
+        Bulges of the edges from each corner to the next, as in `Contour`; empty if all are straight.
 
     Raises
     ------
@@ -236,11 +236,11 @@ class Polygon(_Drawn):
         return self._hash
 
     def __repr__(self) -> str:
-        # Corners are many; `as_dict` has them.
+        # There are many corners; `as_dict` has them.
         return f"Polygon({str(self).removeprefix('polygon of ')}, {sum(map(len, self.rings))} corners)"
 
     def __getstate__(self) -> dict[str, Any]:
-        # What follows from the corners is not sent to other processes.
+        # Cached results are not sent to other processes.
         return {"rings": self.rings, "bulges": self.bulges}
 
     @cached_property
@@ -274,7 +274,7 @@ class Polygon(_Drawn):
 
     @cached_property
     def area(self) -> float:
-        """See `Boundary.area`; with its arcs."""
+        """See `Boundary.area`; arcs are included exactly."""
         return sum(map(area, self.contours())) if self.has_arcs else sum(map(signed_area, self._arrays))
 
     def depth(self, points: Array) -> Array:
@@ -282,11 +282,11 @@ class Polygon(_Drawn):
         return self._edges.depth(points.reshape(-1, 2)).reshape(points.shape[:-1])
 
     def depth_gradient(self, points: Array) -> Array:
-        """See `Boundary.depth_gradient`; where several edges are nearest, one of them decides."""
+        """See `Boundary.depth_gradient`; if several edges are nearest, one of them decides."""
         return self._edges.depth_gradient(points.reshape(-1, 2)).reshape(points.shape)
 
     def rim(self, count: int) -> Array:
-        """See `Boundary.rim`; even by length over all outer outlines, from half a step behind the first corner on."""
+        """See `Boundary.rim`; evenly spaced over all outer outlines, starting half a step after the first corner."""
         outer = [np.concatenate([ring, ring[:1]]) for ring in self._arrays if signed_area(ring) > 0]
         lengths = [np.linalg.norm(np.diff(ring, axis=0), axis=-1) for ring in outer]
         ends = np.cumsum(np.concatenate(lengths))
@@ -319,7 +319,7 @@ class Polygon(_Drawn):
         return len(self.rings) == 1 and len(self.rings[0]) == 4 and len(x) == len(y) == 1 and not self.has_arcs
 
     def as_dict(self) -> dict[str, Any]:
-        """See `Boundary.as_dict`; with bulges where there are arcs."""
+        """See `Boundary.as_dict`; with bulges if there are arcs."""
         bulges = {"bulges": [list(row) for row in self.bulges]} if self.bulges else {}
         return {"kind": "polygon", "outlines": [[list(corner) for corner in ring] for ring in self.rings], **bulges}
 
@@ -334,10 +334,10 @@ class Polygon(_Drawn):
 
 @dataclass(frozen=True)
 class Without(_Drawn):
-    """A boundary without its keep-outs: where dots may be. Size, rim and origin are the boundary's.
+    """A boundary without its keep-outs, the region for dots. Size, rim and origin are the boundary's.
 
-    `depth` is the smallest of the distances to the boundary and to each keep-out: exact inside, a lower bound of
-    the distance back outside.
+    `depth` is the smallest of the distances to the boundary and to each keep-out: exact inside, a lower bound of the
+    distance outside.
     """
 
     boundary: Boundary
@@ -345,17 +345,17 @@ class Without(_Drawn):
 
     @property
     def radius(self) -> float:
-        """See `Boundary.radius`; of the boundary."""
+        """See `Boundary.radius`; that of the boundary."""
         return self.boundary.radius
 
     @property
     def center(self) -> tuple[float, float]:
-        """See `Boundary.center`; of the boundary."""
+        """See `Boundary.center`; that of the boundary."""
         return self.boundary.center
 
     @cached_property
     def area(self) -> float:
-        """See `Boundary.area`; circles are taken for fine polygons."""
+        """See `Boundary.area`; circles are approximated by fine polygons."""
         return sum(map(signed_area, self.outlines()))
 
     def depth(self, points: Array) -> Array:
@@ -375,7 +375,7 @@ class Without(_Drawn):
         return gradient
 
     def rim(self, count: int) -> Array:
-        """See `Boundary.rim`; the boundary's."""
+        """See `Boundary.rim`; that of the boundary."""
         return self.boundary.rim(count)
 
     def outlines(self) -> tuple[Array, ...]:
@@ -388,7 +388,7 @@ class Without(_Drawn):
         return (self.boundary.region - taken).oriented().rings
 
     def contours(self, flat: bool = False) -> tuple[Contour, ...]:
-        """See `Boundary.contours`; parts that lie outside of the region are among them."""
+        """See `Boundary.contours`; includes parts outside the region."""
         taken = (contour for keep_out in self.keep_outs for contour in keep_out.contours(flat))
         return (*self.boundary.contours(flat), *map(backward, taken))
 
@@ -406,15 +406,15 @@ class Without(_Drawn):
 
 
 def polygon_from(outlines: Sequence[Array | Contour], origin: str = "center") -> Polygon:
-    """Polygon of outlines in m, with the origin moved to the center of the smallest enclosing circle.
+    """Build a polygon from outlines in m, with the origin moved to the center of the smallest enclosing circle.
 
-    Coordinates are rounded to whole picometers, so that a shift leaves no rounding dust.
+    Coordinates are rounded to whole picometers, to remove the rounding errors of the shift.
 
     Parameters
     ----------
     outlines : sequence of array (m, 2) or Contour
     origin : {"center", "file"}
-        ``file`` leaves the origin where it is.
+        ``file`` keeps the origin.
 
     Raises
     ------
@@ -432,7 +432,7 @@ def polygon_from(outlines: Sequence[Array | Contour], origin: str = "center") ->
 
 
 def area_without(boundary: Boundary, keep_outs: Sequence[Boundary]) -> Boundary:
-    """Region that dots may use: the boundary, or what keep-outs leave of it.
+    """Return the region for dots: the boundary, or what the keep-outs leave of it.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The camera: image size, intrinsics and lens distortion."""
+"""Camera model: image size, intrinsics and lens distortion."""
 
 import os
 import sys
@@ -19,29 +19,29 @@ from markergen.registry import door
 Array = NDArray[np.float64]
 
 LARGEST_SIDE = 20_000
-"""Largest width and height of an image in px: above every camera there is."""
+"""Maximum width and height of an image in px, larger than those of any camera."""
 
 
 LARGEST_COEFFICIENT = 1e12
-"""Largest distortion coefficient: k3 of a long telephoto lens may reach 1e9."""
+"""Maximum distortion coefficient: k3 of a long telephoto lens may reach 1e9."""
 
 
 @dataclass(frozen=True)
 class Distortion:
-    """Distortion of a lens, on normalized coordinates; the formulas and the domain are those of `maths.distortion`.
+    """Lens distortion in normalized coordinates; see `maths.distortion` for the formulas and the domain.
 
     Attributes
     ----------
     model : str
         ``none``, ``radtan`` (Brown-Conrady), ``rational``, ``equidistant`` (the fisheye of OpenCV and Kalibr), or
-        another one of `markergen.maths.lenses.LENSES`.
+        another of `markergen.maths.lenses.LENSES`.
     coefficients : tuple of float
         In OpenCV's order: radtan k1 k2 p1 p2 [k3]; rational k1 k2 p1 p2 k3 k4 k5 k6; equidistant k1 k2 k3 k4.
 
     Raises
     ------
     InputError
-        If the model is unknown, or the coefficients are no numbers, too many, too few, not finite or beyond 1e12.
+        If the model is unknown, or the coefficients are not numbers, too many, too few, not finite or above 1e12.
 
     Examples
     --------
@@ -73,7 +73,7 @@ class Distortion:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the coefficients, in their order."""
+        """Names of the coefficients, in order."""
         return next(names for names in LENSES[self.model].coefficients if len(names) == len(self.coefficients))
 
 
@@ -82,15 +82,15 @@ NO_DISTORTION = Distortion()
 
 @dataclass(frozen=True, repr=False)
 class Camera:
-    """A camera; all in px, pixel centers at integer coordinates, (0, 0) the middle of the top-left pixel.
+    """A camera, in px; pixel centers have integer coordinates, and (0, 0) is the middle of the top-left pixel.
 
-    Without distortion a pinhole camera, whose pixels are called ideal px.
+    Without distortion it is a pinhole camera, whose pixels are called ideal px.
 
     Raises
     ------
     InputError
         If a side is not a whole number of 1 to 20000 px, a focal length is not a positive finite number, the principal
-        point is not finite, or one of them is no number at all.
+        point is not finite, or one of them is not a number.
 
     Examples
     --------
@@ -110,7 +110,7 @@ class Camera:
     distortion: Distortion = NO_DISTORTION
 
     def __post_init__(self) -> None:
-        # What is no number is nan, which fails every comparison. Not converted: an integer may be beyond all floats.
+        # Non-numbers become nan, which fails every comparison. Not converted to float: a huge integer would overflow.
         largest, nan = sys.float_info.max, float("nan")
         names = ("width", "height", "fx", "fy", "cx", "cy")
         numbers = {name: _number(getattr(self, name)) for name in names}
@@ -138,18 +138,18 @@ class Camera:
 
     @classmethod
     def load(cls, source: "str | os.PathLike[str] | IO[str] | IO[bytes] | Mapping[str, Any]") -> "Camera":
-        """Read a calibration of OpenCV, ROS, Kalibr, COLMAP, or a table of plain numbers as `as_dict` gives.
+        """Read a calibration of OpenCV, ROS, Kalibr or COLMAP, or a table of plain numbers as returned by `as_dict`.
 
         Parameters
         ----------
         source : str, path, open file or mapping
-            A path, a file open for text or bytes, or the values of one. ``path#NAME`` takes one of several cameras of a
-            file, such as ``camchain.yaml#cam1``.
+            A path, a file open for text or bytes, or its parsed values. ``path#NAME`` selects one of several cameras in
+            a file, such as ``camchain.yaml#cam1``.
 
         Raises
         ------
         InputError
-            If the source is none of these, cannot be read, is in no known format, or lacks or contradicts something.
+            If the source is none of these, cannot be read, is in no known format, is incomplete or contradicts itself.
 
         Examples
         --------
@@ -164,19 +164,19 @@ class Camera:
 
     @classmethod
     def from_message(cls, message: Any) -> "Camera":
-        """Camera of a ROS message sensor_msgs/CameraInfo: ROS 1, ROS 2, or the message as a dict.
+        """Convert a ROS message sensor_msgs/CameraInfo: ROS 1, ROS 2, or the message as a dict.
 
-        K and D are read, which go with the image as it was taken, not P, which goes with the rectified one.
+        K and D are read, which apply to the image as taken, not P, which applies to the rectified one.
 
         Parameters
         ----------
         message : object or mapping
-            With height, width, distortion_model, D and K or d and k; binning_x, binning_y and roi count if there.
+            With height, width, distortion_model, D and K or d and k; binning_x, binning_y and roi are used if present.
 
         Raises
         ------
         InputError
-            If it lacks or contradicts something, was never calibrated, has a lens model that is not known, or is of a
+            If it is incomplete or contradicts itself, was never calibrated, has an unknown lens model, or describes a
             binned image or a part of one.
 
         Examples
@@ -191,23 +191,23 @@ class Camera:
 
     @classmethod
     def from_cv2(cls, matrix: Any, distortion: Any, size: Sequence[int], fisheye: bool = False) -> "Camera":
-        """Camera of what cv2.calibrateCamera or cv2.fisheye.calibrate returns.
+        """Convert the results of cv2.calibrateCamera or cv2.fisheye.calibrate.
 
         Parameters
         ----------
         matrix : array (3, 3)
         distortion : array (k,), (k, 1), (1, k), or None
-            In OpenCV's order, with 4, 5 or 8 coefficients, or 12 or 14 whose last ones are 0; None is no distortion.
+            In OpenCV's order: 4, 5 or 8 coefficients, or 12 or 14 whose last ones are 0; None is no distortion.
         size : (width, height)
-            As OpenCV has it: of an image ``image.shape[1::-1]``.
+            In OpenCV's order; ``image.shape[1::-1]`` for an image.
         fisheye : bool
-            The coefficients are those of cv2.fisheye, four of them.
+            True if the coefficients are the four of cv2.fisheye.
 
         Raises
         ------
         InputError
-            If a shape is another, the matrix has skew or is another's transpose, the coefficients are of thin prisms or
-            a tilted sensor, or matrix and size are of two images.
+            If a shape is wrong, the matrix has skew or is transposed, the coefficients are of thin prisms or a tilted
+            sensor, or matrix and size belong to different images.
 
         Examples
         --------
@@ -252,7 +252,7 @@ class Camera:
         return ("fx", "fy", "cx", "cy", *self.distortion.names)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the camera as plain JSON values in px; without distortion, the word does not appear."""
+        """Return the camera as plain JSON values in px; the key of the distortion is left out without distortion."""
         values = asdict(self.ideal)
         del values["distortion"]
         if self.distortion != NO_DISTORTION:
@@ -261,26 +261,26 @@ class Camera:
         return values
 
     def to_pixels(self, normalized: Array) -> Array:
-        """Image points (..., 2) in px of normalized coordinates (..., 2) = (X/z, Y/z), through the lens.
+        """Map normalized coordinates (..., 2) = (X/z, Y/z) to image points (..., 2) in px, through the lens.
 
-        nan beyond the radius at which the distortion turns over (see `maths.distortion`): nothing is seen there.
+        nan beyond the radius at which the distortion folds over (see `maths.distortion`): nothing is visible there.
         """
         return to_pixels(self._distorted(normalized), self.matrix)
 
     def from_pixels(self, pixels: Array) -> Array:
-        """Undo `to_pixels`, to 1e-13 of the focal length; nan where no ray comes to that pixel."""
+        """Invert `to_pixels`, to 1e-13 of the focal length; nan where no ray reaches the pixel."""
         normalized = from_pixels(pixels, self.matrix)
         return lens.undistort(self.distortion.model, normalized, self.distortion.coefficients)
 
     def pixel_jacobian(self, normalized: Array) -> Array:
-        """Derivative (..., 2, 2) of `to_pixels`, px; nan where that is nan."""
+        """Return the derivative (..., 2, 2) of `to_pixels`, px; nan where that is nan."""
         if self.distortion == NO_DISTORTION:
             return np.broadcast_to(np.diag(self.focal), (*normalized.shape[:-1], 2, 2))
         jacobian = lens.distortion_jacobian(self.distortion.model, normalized, self.distortion.coefficients)
         return self.focal[:, None] * jacobian
 
     def parameter_jacobian(self, normalized: Array) -> Array:
-        """Derivative (..., 2, k) of `to_pixels` by the k `parameter_names`; nan where that is nan."""
+        """Return the derivative (..., 2, k) of `to_pixels` by the k `parameter_names`; nan where that is nan."""
         model, coefficients = self.distortion.model, self.distortion.coefficients
         distorted = self._distorted(normalized)
         jacobian = np.zeros((*normalized.shape[:-1], 2, 4 + len(coefficients)))
@@ -291,14 +291,14 @@ class Camera:
         return jacobian
 
     def project(self, points: Array, rotation: Array, translation: Array) -> Array:
-        """Image points (..., P, n, 2) in px of marker points (..., n, 2 or 3) under P poses, through the lens.
+        """Project marker points (..., n, 2 or 3) under P poses to image points (..., P, n, 2) in px, through the lens.
 
-        Points behind the camera come out mirrored, as the formula has it; `to_camera` tells the depth.
+        Points behind the camera come out mirrored, as the formula gives them; `to_camera` returns the depth.
         """
         return self.to_pixels(perspective(to_camera(points, rotation, translation)))
 
     def sees(self, pixels: Array) -> NDArray[np.bool_]:
-        """Tell which points (..., 2) lie on the sensor, from the first pixel's outer edge to the last one's; nan no."""
+        """Return which points (..., 2) lie on the sensor, from the first pixel's outer edge to the last one's."""
         size = np.array([self.width, self.height])
         return np.all((pixels >= -0.5) & (pixels <= size - 0.5), axis=-1)
 
@@ -307,16 +307,16 @@ class Camera:
 
     @property
     def cv2_distortion(self) -> Array:
-        """Distortion coefficients as OpenCV takes them beside `matrix`, shape (4,), (5,) or (8,); zeros without any.
+        """Distortion coefficients for OpenCV, to go with `matrix`, shape (4,), (5,) or (8,); zeros without distortion.
 
         Those of the model ``equidistant`` are for `cv2.fisheye`: `cv2.projectPoints`, `cv2.solvePnP` and
-        `cv2.drawFrameAxes` know no such lens, and would take them for others.
+        `cv2.drawFrameAxes` do not support it, and would misinterpret them.
         """
         return np.array(self.distortion.coefficients or (0.0,) * 5, dtype=float)
 
 
 def _number(value: object) -> int | float | None:
-    """Return a number as one of Python's, also that of numpy; None for what is none."""
+    """Return a Python number for a number of Python or NumPy; None for anything else."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     if isinstance(value, np.generic):

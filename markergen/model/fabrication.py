@@ -1,4 +1,4 @@
-"""How a marker is made as a solid: the table of processes, and the choices that a user has."""
+"""Fabrication of a marker as a solid: the table of processes, and the user's choices."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,24 +14,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Process:
-    """A way to make the dots, the tag and the pillars of a marker, and all that others have to know of it.
+    """A way to make the dots, the tag and the pillars of a marker, with everything that other modules need of it.
 
     Attributes
     ----------
     make : callable
-        Make a `markergen.solid.processes.Made` of a marker as it was designed and the `Fabrication` that was asked for,
-        or refuse it in one line (InputError).
+        Function that makes a `markergen.solid.processes.Made` of a designed marker and the requested `Fabrication`, or
+        raises a one-line InputError.
     label : str
-        Name on screen and paper, beside the one in the table: "milled".
+        Name on screen and paper, besides the one in the table: "milled".
     summary : str
-        What it makes, in a few words, for the list of processes in help; without one, that shows the label.
+        Short description for the list of processes in help, which otherwise shows the label.
     choices : tuple of str
-        Which of `CHOICES` it knows.
+        Supported choices, from `CHOICES`.
     balls : bool
-        Whether dots are spheres, whose diameters a drawing marks with an S.
+        True if dots are spheres, whose diameters a drawing marks with an S.
     engraved : bool
-        Whether the machine works from a drawing of flat paths to cut and engrave: a .dxf is then one of the whole plate
-        with what is `Made.marked`, and comes beside solids.
+        True if the machine cuts and engraves from a drawing of flat paths: a .dxf then shows the whole plate with
+        `Made.marked`, and accompanies solids.
     """
 
     make: Callable[["Marker", "Fabrication"], Any]
@@ -47,20 +47,20 @@ class Process:
 
 
 PROCESSES: Registry[Process] = Registry("process", "markergen.solid.processes", "markergen.processes", Process)
-"""Processes by name. Their modules are in a layer above, and imported when one is asked for."""
+"""Processes by name. Their modules are in a higher layer, and are imported when one is looked up."""
 
 DEFAULT_PROCESS = "fdm"
 
 CHOICES = {"fit": "--fit", "through": "--through", "dome": "--dome"}
-"""Choices that only some processes know, and the options that make them."""
+"""Choices that only some processes support, with their options."""
 
 SMALLEST_TOLERANCE, LARGEST_TOLERANCE = 1e-7, 1e-3
-"""Limits for the tolerance of a mesh in m: finer ones have no end of triangles, coarser ones show no dots."""
+"""Limits for the tolerance of a mesh in m: finer ones take endless triangles, coarser ones show no dots."""
 
 
 @dataclass(frozen=True)
 class Fabrication:
-    """Choices about making a solid; None and an empty word leave them to the process.
+    """Choices about making a solid; None and an empty string leave them to the process.
 
     Attributes
     ----------
@@ -73,25 +73,25 @@ class Fabrication:
     fit : {"", "slip", "press"}
         Fit of discs in milled pockets.
     through : bool
-        Whether to make holes in place of pockets with discs.
+        True to make holes in place of pockets with discs.
     tool : float or None
-        Diameter in m of nozzle, mill or beam: the smallest feature that it can make.
+        Diameter in m of the nozzle, end mill or beam: the smallest feature that it can make.
     dome : {"half", "ball"}
         Shape of balls on a plate.
     draft : float
-        Angle in rad by which pillars widen toward the plate.
+        Angle in rad at which pillars widen toward the plate.
     foot : float
         Radius in m of the fillet around a pillar's foot.
     engrave : bool
-        Whether name, spec hash, origin and x-axis are engraved on the back.
+        True to engrave name, spec hash, origin and x axis on the back.
     tolerance : float
-        Largest distance in m of a mesh from the surface it stands for.
+        Maximum distance in m of a mesh from the true surface.
 
     Raises
     ------
     InputError
-        If the process or a choice is unknown, a measure is negative or not finite, or a choice is made that another
-        process is for.
+        If the process or a choice is unknown, a dimension is negative or not finite, or the process does not support a
+        choice.
     """
 
     process: str = DEFAULT_PROCESS
@@ -107,7 +107,7 @@ class Fabrication:
     tolerance: float = 5e-6
 
     def __post_init__(self) -> None:
-        # Formats that hold no solids need no process: the default is there without a look.
+        # Formats without solids need no process: the default is valid without a look-up.
         if self.process != DEFAULT_PROCESS:
             PROCESSES[self.process]
         if self.fit not in ("", "slip", "press"):
@@ -138,7 +138,7 @@ class Fabrication:
 
 
 def check_choice(process: str, choice: str) -> None:
-    """Refuse one of `CHOICES` for a process that does not know it.
+    """Refuse one of `CHOICES` for a process that does not support it.
 
     Raises
     ------

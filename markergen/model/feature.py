@@ -1,4 +1,4 @@
-"""Features: the printed shape that stands for a control point."""
+"""Features: the printed shapes that mark control points."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -11,21 +11,21 @@ Polarity = Literal["dark", "light"]
 
 @dataclass(frozen=True)
 class Feature:
-    """A disk, or a ring when it has an inner diameter; both centered on the control point, in m.
+    """A disk, or a ring if it has an inner diameter; centered on the control point, in m.
 
     A diameter of 0 is a bare point: allowed in studies, refused by every exporter.
 
     Attributes
     ----------
     diameter, inner_diameter : float
-        m.
+        Outer and inner diameter, m.
     polarity : {"dark", "light"}
         Dark on a light ground, or light on a dark one.
 
     Raises
     ------
     InputError
-        If a diameter is negative, not finite, the inner one is not below the outer, or the polarity is another.
+        If a diameter is negative or not finite, the inner one is not below the outer, or the polarity is unknown.
     """
 
     diameter: float
@@ -50,5 +50,5 @@ class Feature:
 
 
 def key_ring(diameter: float) -> Feature:
-    """The key dot of a marker: a ring whose inner diameter is half the outer, so that labels survive a turn."""
+    """Return the key dot of a marker: a ring with an inner diameter of half the outer one, which fixes the labels."""
     return Feature(diameter, diameter / 2)

@@ -1,4 +1,4 @@
-"""What is wrong with a file, as ``path: words (got ...)``: the same wording for every reader."""
+"""Findings about a file, as ``path: words (got ...)``: the same wording for every reader."""
 
 from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
@@ -10,26 +10,26 @@ if TYPE_CHECKING:
     from pydantic import ValidationError
 
 Location = Sequence[int | str]
-"""Steps to a place in a file: keys and indices."""
+"""Path to a place in a file: keys and indices."""
 
 SHOWN = 20
-"""How many findings a message lists; it then says how many more there are."""
+"""Maximum number of findings listed in a message, which then counts the others."""
 
 UNNAMED = "="
-"""Begins those steps of a path that the reader of a file does not see there."""
+"""Prefix of path steps that do not exist in the file itself."""
 
 _WORDS = {"missing": "missing", "extra_forbidden": "unknown key"}
 
 
 def findings_of(error: "ValidationError", known: Callable[[Location], Iterable[str]] = lambda _: ()) -> list[str]:
-    """Findings of a pydantic check, each with its path, such as ``control_points[2].x``.
+    """Return the findings of a pydantic check, each with its path, such as ``control_points[2].x``.
 
-    `known` tells which keys there may be beside an unknown one, for what is nearly one of them.
+    `known` returns the valid keys at the place of an unknown one, to suggest the nearest.
     """
     return [
         f"{path_of(item['loc'])}: {_WORDS.get(item['type'], item['msg'].removeprefix('Value error, '))}"
         + (_nearest(item["loc"], known) if item["type"] == "extra_forbidden" else "")
-        # What a missing key got is the whole table around it.
+        # For a missing key, the input is the whole table around it.
         + ("" if item["type"] == "missing" else f" (got {brief(item['input'])})")
         for item in error.errors()
     ]
@@ -42,13 +42,13 @@ def _nearest(location: Location, known: Callable[[Location], Iterable[str]]) -> 
 
 
 def listed(findings: Sequence[str], shown: int = SHOWN) -> str:
-    """All findings in one line; of more than 20, or another number, the first ones, and how many more there are."""
+    """Join findings in one line; of more than `shown`, only the first ones, and how many more there are."""
     more = len(findings) - shown
     return "; ".join(findings[:shown]) + (f"; and {more} more" if more > 0 else "")
 
 
 def path_of(location: Location) -> str:
-    """Path of a place in a file: ``("control_points", 2, "x")`` is ``control_points[2].x``, the whole is ``file``."""
+    """Return the path of a place: ``("control_points", 2, "x")`` is ``control_points[2].x``, the root is ``file``."""
     seen = (part for part in location if not str(part).startswith(UNNAMED))
     return "".join(_step(part) for part in seen).removeprefix(".") or "file"
 

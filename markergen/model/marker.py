@@ -1,4 +1,4 @@
-"""The marker: control points with their features inside a boundary, and where they came from."""
+"""The marker: control points with their features inside a boundary, and its provenance."""
 
 import re
 from collections.abc import Mapping
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 Rows = tuple[tuple[float, ...], ...]
 
 ROUNDING = 1e-9
-"""How far a rotation may be from orthonormal, and a covariance, as a correlation, from symmetric and from positive."""
+"""Tolerance for a rotation's orthonormality, and for a covariance, as correlations, to be symmetric and positive."""
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,14 @@ class MeasuredSize:
     Attributes
     ----------
     diameter : float
-        Outer one.
+        Outer diameter.
     diameter_sigma : float or None
-        Its standard deviation; None: nobody said how well it was measured.
+        Standard deviation of the diameter; None if unknown.
 
     Raises
     ------
     InputError
-        If the diameter is not a finite number above 0, or the standard deviation not one from 0.
+        If the diameter is not a finite number above 0, or the standard deviation is not a finite number of 0 or more.
     """
 
     diameter: float
@@ -64,22 +64,22 @@ class MeasuredSize:
 
 @dataclass(frozen=True)
 class JointCovariance:
-    """Covariance of several control points together, which were measured by one adjustment, in the marker frame.
+    """Joint covariance of several control points measured in one adjustment, in the marker frame.
 
     Attributes
     ----------
     order : tuple of int
         Ids of the k control points.
     axes : {"xy", "xyz"}
-        Coordinates of each of them, a = 2 or 3.
+        Coordinates of each control point, a = 2 or 3.
     matrix : tuple of tuple of float
         a k rows of a k numbers, m^2, in the order x0 y0 [z0] x1 y1 ...; singular where the measurement fixes no frame.
 
     Raises
     ------
     InputError
-        If an id comes twice, the matrix has another size, or it is not finite, symmetric and positive semidefinite to
-        rounding (`ROUNDING`, as correlations).
+        If an id is repeated, the matrix has the wrong size, or it is not finite, symmetric and positive semidefinite up
+        to rounding (`ROUNDING`, as correlations).
     """
 
     order: tuple[int, ...]
@@ -125,7 +125,7 @@ class JointCovariance:
 
     @cached_property
     def array(self) -> Array:
-        """The matrix (a k, a k) in m^2."""
+        """Matrix (a k, a k) in m^2."""
         return np.array(self.matrix, dtype=float)
 
 
@@ -133,8 +133,8 @@ class JointCovariance:
 class Plate:
     """One of the plates of a marker that is not on one plane, such as a side of a cube.
 
-    The plate frame is what the marker frame is to a marker on one plate: x right, y up, z out of the printed face,
-    which is z = 0.
+    The plate frame corresponds to the marker frame of a flat marker: x right, y up, z out of the printed face, which is
+    z = 0.
 
     Attributes
     ----------
@@ -142,20 +142,20 @@ class Plate:
     rotation : tuple of tuple of float
         R (3, 3) of T_marker_plate: X_marker = R X_plate + t.
     translation : tuple of float
-        t (3,) of it, m.
+        Translation t (3,) of T_marker_plate, m.
     boundary : Boundary
-        Where the plate's dots must lie, in the plate frame.
+        Region that contains the plate's dots, in the plate frame.
     control_points : tuple of int
-        Ids of those that are on it; their coordinates stay in the marker frame.
+        Ids of the control points on it; their coordinates stay in the marker frame.
     keep_outs : tuple of Boundary
-        In the plate frame.
+        Keep-outs in the plate frame.
     tag : Tag or None
-        In the plate frame, at z = 0.
+        Tag in the plate frame, at z = 0.
 
     Raises
     ------
     InputError
-        If the pose is not finite or its rotation none: not orthonormal to 1e-9, or mirrored.
+        If the pose is not finite or its rotation is invalid: not orthonormal to 1e-9, or mirrored.
     """
 
     name: str
@@ -173,7 +173,7 @@ class Plate:
         if [len(row) for row in self.rotation] != [3] * 3 or len(self.translation) != 3:
             raise InputError("a pose of 3x3 and 3 numbers", f"{len(self.rotation)} rows", "give rotation, translation")
         rotation, shift = np.array(self.rotation), np.array(self.translation)
-        # Written so that nan and numbers beyond all squares do not pass.
+        # Written so that nan and numbers whose squares overflow do not pass.
         bounded = bool((np.abs(rotation) <= 1 + ROUNDING).all() and np.isfinite(shift).all())
         if not (
             bounded
@@ -187,7 +187,7 @@ class Plate:
             )
 
     def to_plate(self, points: Array) -> Array:
-        """Points (n, 3) in m, marker frame, in the plate frame."""
+        """Transform points (n, 3) in m from the marker frame to the plate frame."""
         return (points - np.array(self.translation)) @ np.array(self.rotation)
 
 
@@ -198,13 +198,13 @@ class ControlPoint:
     Attributes
     ----------
     covariance : (xx, xy, yy) or None
-        Of a place that was measured on the print, m^2; None: not measured, or nobody said how well.
+        Covariance of a place measured on the print, m^2; None if it was not measured or its precision is unknown.
     designed : (x, y) or None
-        Where a dot was to be whose place was measured, m; None: at x, y over the marker's `print_scale`.
+        Designed place of a dot whose place was measured, m; None: at x, y over the marker's `print_scale`.
     designed_z : float or None
-        How high it was to be, m; None: at z.
+        Designed height, m; None: at z.
     measured : MeasuredSize or None
-        Size of the dot on the print; None: not measured.
+        Size of the dot on the print; None if it was not measured.
     """
 
     id: int
@@ -235,30 +235,30 @@ class Marker:
     Attributes
     ----------
     control_points : tuple of ControlPoint
-        Of a designed one the first is the key ring, unless the layout tells the labels.
+        In a designed marker, the first is the key ring, unless the layout identifies the dots.
     boundary : Boundary
     clearance : float
-        Smallest gap in m between dots, and between a dot's edge and the boundary or a keep-out.
+        Minimum gap in m between dots, and between a dot's edge and the boundary or a keep-out.
     substrate : Substrate
-        The plate that carries the dots when it is made as a solid.
+        Plate that carries the dots when the marker is made as a solid.
     provenance : mapping
         Spec, seed, versions, camera, poses and criteria, as plain JSON values.
     keep_outs : tuple of Boundary
-        Where no dot may be, such as mounting holes.
+        Regions without dots, such as mounting holes.
     tag : Tag or None
-        In the middle, at z = 0; its quiet zone is a keep-out as well.
+        Tag in the middle, at z = 0; its quiet zone is also a keep-out.
     print_scale : (x, y)
-        What the printer made of 1 along x and y. The control points are where they are in the print; boundary,
-        keep-outs, tag and features are those that were designed.
+        Scale factors of the printer along x and y. The control points are those of the print; boundary, keep-outs, tag
+        and features are those of the design.
     joint_covariance : JointCovariance or None
-        Of places that were measured together; then no control point has a covariance of its own.
+        Covariance of places that were measured together; then no control point has a covariance of its own.
     rulers : (x, y) or None
-        Lengths in m that the sheet prints beside its rulers, None for one that it lacks; None: unknown.
+        Lengths in m printed beside the sheet's rulers, None for a missing ruler; None if unknown.
     plates : tuple of Plate
-        Those that the control points are on, each on one; empty: all on one plate, whose frame is the marker frame.
-        With plates, the boundary tells the marker's size alone; keep-outs and tags are those of the plates.
+        Plates that the control points are on, each on one; empty if there is one plate, whose frame is the marker
+        frame. With plates, the boundary only gives the marker's size; keep-outs and tags are those of the plates.
     extensions : mapping
-        Plain JSON values of other programs, by name.
+        Plain JSON values from other programs, by name.
     """
 
     control_points: tuple[ControlPoint, ...]
@@ -281,13 +281,13 @@ class Marker:
         Parameters
         ----------
         source : str, path, open file or mapping
-            A path, a file open for text or bytes, or what `json.load` makes of one.
+            A path, a file open for text or bytes, or its content parsed by `json.load`.
 
         Raises
         ------
         InputError
-            If the source is none of these, cannot be read, or is no consistent marker.json; then the message lists the
-            errors with their paths, at most 20.
+            If the source is none of these, cannot be read, or is not a consistent marker.json; then the message lists
+            the errors with their paths, at most 20.
 
         Examples
         --------
@@ -322,7 +322,7 @@ class Marker:
         return len(self.control_points)
 
     def __hash__(self) -> int:
-        # Equal markers have equal ones; provenance and extensions are dictionaries.
+        # Equal markers have equal hashes; provenance and extensions are dictionaries.
         return hash((self.control_points, self.clearance, self.print_scale))
 
     @cached_property
@@ -332,7 +332,7 @@ class Marker:
 
     @cached_property
     def place_covariance(self) -> Array | None:
-        """Covariances (n, 2, 2) in m^2 of the places that were measured, nan for others; None if none was."""
+        """Covariances (n, 2, 2) in m^2 of measured places, nan for other points; None if there is none."""
         given = [point.covariance for point in self.control_points]
         if not any(given):
             return None
@@ -341,7 +341,7 @@ class Marker:
 
     @cached_property
     def as_designed(self) -> "Marker":
-        """The marker that was designed and is to be drawn, whatever was measured on a print of it."""
+        """The marker as designed, which is the one to draw, whatever was measured on a print of it."""
         measured = self.joint_covariance or any(
             p.designed or p.covariance or p.measured or p.designed_z is not None for p in self.control_points
         )
@@ -350,7 +350,7 @@ class Marker:
 
         def back(point: ControlPoint) -> ControlPoint:
             x, y = point.designed or (point.x / self.print_scale[0], point.y / self.print_scale[1])
-            # Whole picometers: what was multiplied and divided is what it was.
+            # Rounded to whole picometers, which undoes multiplication and division exactly.
             z = point.z if point.designed_z is None else point.designed_z
             return ControlPoint(point.id, round(x, 12), round(y, 12), z, point.feature)
 
@@ -362,14 +362,14 @@ class Marker:
         return door("api.export.export")(self, *paths, **options)
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
-        """Draw the marker to scale, in mm, into an axes of matplotlib or a new figure, and return the axes."""
+        """Draw the marker to scale, in mm, into given or new matplotlib axes, and return the axes."""
         from markergen.model.picture import draw_marker
 
         return draw_marker(self, ax)
 
     @property
     def height(self) -> float:
-        """How far in m the highest control point stands above the plane; 0 if none does."""
+        """Height in m of the highest control point above the plane; 0 if all are on it."""
         return max(0.0, float(self.xyz[:, 2].max()))
 
     @property
@@ -379,29 +379,29 @@ class Marker:
 
     @property
     def blocked(self) -> tuple[Boundary, ...]:
-        """All places where no dot may be: the keep-outs, the tag with its quiet zone, and the plate's holes."""
+        """All regions without dots: the keep-outs, the tag with its quiet zone, and the plate's holes."""
         tag = (self.tag.quiet_zone,) if self.tag else ()
         return (*self.keep_outs, *tag, *self.substrate.rims)
 
     @property
     def spec_hash(self) -> str:
-        """Eight hexadecimal digits that name the spec it was designed from, or ``unknown``."""
+        """Eight hexadecimal digits identifying the spec of the design, or ``unknown``."""
         return str(self.provenance.get("spec_hash", "unknown"))
 
 
 def check_supported(marker: Marker, doing: str, joint: bool = True) -> None:
-    """Refuse a marker with something that marker.json can hold and the program cannot use yet.
+    """Refuse a marker with features that marker.json supports and this program does not yet.
 
-    Whatever reads, draws, makes or measures a marker calls this at its door, so that no light dot is drawn dark, no
-    cube laid flat, and no covariance dropped without a word.
+    Everything that reads, draws, makes or measures a marker calls this first, so that no light dot is drawn dark, no
+    cube is flattened, and no covariance is silently dropped.
 
     Parameters
     ----------
     marker : Marker
     doing : str
-        What is to be done, for the message: ``to detect``.
+        Action, for the message: ``to detect``.
     joint : bool
-        What is done depends on how well the dots were measured.
+        True if the action depends on how precisely the dots were measured.
 
     Raises
     ------
@@ -422,7 +422,7 @@ def check_supported(marker: Marker, doing: str, joint: bool = True) -> None:
 
 
 def build_marker(points: Array, boundary: Boundary, diameter: float, clearance: float, keyed: bool = True) -> Marker:
-    """Marker with a dot at each of the points (n, 2 or 3) in m: the first is a ring if `keyed`, the others are disks.
+    """Build a marker with a dot at each point (n, 2 or 3) in m: if `keyed`, the first is a ring; the others are disks.
 
     A diameter of 0 gives bare points.
     """
@@ -435,5 +435,5 @@ def build_marker(points: Array, boundary: Boundary, diameter: float, clearance: 
 
 
 def marker_name(marker: Marker) -> str:
-    """``markergen-<spec hash>``, safe in file headers, XML and on paper whatever the provenance holds."""
+    """Return ``markergen-<spec hash>``, safe in file headers, XML and on paper whatever the provenance contains."""
     return "markergen-" + re.sub(r"[^0-9A-Za-z_.-]", "", marker.spec_hash)[:16]

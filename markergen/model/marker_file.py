@@ -1,9 +1,9 @@
-"""The form of marker.json, versions 1 and 2: keys, types and what each value must be by itself.
+"""Schema of marker.json, versions 1 and 2: keys, types, and constraints on individual values.
 
-One form serves every version: what came after version 1 is marked with the version it came with (`SINCE_2`), and a file
-is of the lowest version that has all its keys. So a new key is one marked line in a form, here or in the forms of
-boundary and substrate: reader, writer and both schemas follow. A choice that came later is a form of its own with
-``json_schema_extra={SINCE: 2}`` in its `model_config`, and a marked key by which it is told.
+One set of forms serves all versions: keys added after version 1 are marked with their version (`SINCE_2`), and a file
+has the lowest version that includes all its keys. So a new key is one marked line in a form, here or in the forms of
+boundary and substrate: reader, writer and both schemas follow. A choice added later is a form of its own with
+``json_schema_extra={SINCE: 2}`` in its `model_config`, and a marked key that identifies it.
 """
 
 from collections.abc import Iterator
@@ -25,16 +25,16 @@ FORMAT = "markergen-marker"
 VERSIONS = (1, 2)
 
 MOST_CONTROL_POINTS, MOST_PLATES = 1000, 100
-"""A marker has a dozen points; a file beyond these is no marker."""
+"""A marker has a dozen points; a file beyond these limits is not a marker."""
 TOLERANCE = 1e-9
-"""How far in m a dot may stand over the boundary, into another or into its clearance: rounding, far below printers."""
+"""Maximum overlap in m of a dot with the boundary, another dot or its clearance: rounding, far below any printer."""
 
 SMALLEST_SCALE, LARGEST_SCALE = 0.5, 2.0
-"""Of a print; beyond these it is another marker."""
+"""Limits of a print's scale; beyond these it is a different marker."""
 
 SINCE = "x-since"
 SINCE_2: Any = Field(json_schema_extra={SINCE: 2})
-"""Marks a key that came with version 2: ``key: Annotated[..., SINCE_2] = default``."""
+"""Marks a key added in version 2: ``key: Annotated[..., SINCE_2] = default``."""
 
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -47,7 +47,7 @@ class _MarkerPart(BaseModel):
 
 
 class _Frame(_MarkerPart):
-    """Marker frame, spelled out for whoever reads the file without this program."""
+    """Marker frame, spelled out for readers of the file without this program."""
 
     unit: Literal["m"] = "m"
     x: Literal["right"] = "right"
@@ -62,14 +62,14 @@ class _Feature(_MarkerPart):
     kind: Literal["dot", "ring"]
     diameter: NonNegative
     inner_diameter: NonNegative = 0.0
-    polarity: Annotated[Polarity, SINCE_2, Field(description="Of the dot on its ground.")] = "dark"
+    polarity: Annotated[Polarity, SINCE_2, Field(description="Polarity of the dot on its ground.")] = "dark"
 
 
 class _MeasuredSize(_MarkerPart):
     """Size of one dot as measured on the print, m."""
 
     diameter: Positive
-    diameter_sigma: Annotated[NonNegative | None, Field(description="Standard deviation; null: not told.")] = None
+    diameter_sigma: Annotated[NonNegative | None, Field(description="Standard deviation; null: unknown.")] = None
 
 
 class _ControlPoint(_MarkerPart):
@@ -101,7 +101,7 @@ class _ControlPoint(_MarkerPart):
 
 
 class _PrintCorrection(_MarkerPart):
-    """What the printer made of 1 along x and y: the control points are those of the print."""
+    """Scale factors of the printer along x and y; the control points are those of the print."""
 
     scale_x: Annotated[float, Field(ge=SMALLEST_SCALE, le=LARGEST_SCALE)]
     scale_y: Annotated[float, Field(ge=SMALLEST_SCALE, le=LARGEST_SCALE)]
@@ -112,23 +112,23 @@ class _Tag(_MarkerPart):
 
     family: Literal[tuple(FAMILIES)]  # type: ignore[valid-type]  # a table, not a list of words
     id: Annotated[int, Field(ge=0)]
-    side: Annotated[float, Field(gt=0, allow_inf_nan=False, description="Of the black square.")]
+    side: Annotated[float, Field(gt=0, allow_inf_nan=False, description="Side of the black square.")]
     quiet_zone: Annotated[float, Field(gt=0, allow_inf_nan=False, description="Width of the white edge around it.")]
     corner_order: Literal["top left, top right, bottom right, bottom left"]
     corners: Annotated[
         list[Three],
-        Field(min_length=4, max_length=4, description="Of the black square, x y z in the marker frame."),
+        Field(min_length=4, max_length=4, description="Corners of the black square, x y z in the marker frame."),
     ]
 
     def build(self) -> Tag:
         center = np.mean(self.corners, axis=0)
-        # A center in the origin is not moved by rounding.
+        # Rounding must not move a center off the origin.
         x, y = (round(float(value), 12) + 0.0 for value in center[:2])
         return Tag(self.family, self.id, self.side, (x, y))
 
 
 class _JointCovariance(_MarkerPart):
-    """Covariance of control points that were measured together, marker frame; in place of each one's own."""
+    """Joint covariance of control points measured together, marker frame; replaces their individual covariances."""
 
     order: Annotated[list[Id], Field(min_length=1, max_length=MOST_CONTROL_POINTS, description="Their ids.")]
     axes: Literal["xy", "xyz"]
@@ -150,7 +150,7 @@ class _JointCovariance(_MarkerPart):
 
 
 class _Rulers(_MarkerPart):
-    """Lengths that the sheet prints beside its rulers, m; null or missing for one that it has not."""
+    """Lengths printed beside the sheet's rulers, m; null or missing for a missing ruler."""
 
     x: Positive | None = None
     y: Positive | None = None
@@ -171,14 +171,14 @@ class _Plate(_MarkerPart):
     boundary: Annotated[BoundaryFile, Field(description="In the plate frame.")]
     control_points: Annotated[
         list[Id],
-        Field(max_length=MOST_CONTROL_POINTS, description="Ids of those that are on it."),
+        Field(max_length=MOST_CONTROL_POINTS, description="Ids of the control points on it."),
     ]
     keep_outs: Annotated[list[BoundaryFile], Field(description="In the plate frame.")] = []
     tag: Annotated[_Tag | None, Field(description="In the plate frame.")] = None
 
     @model_validator(mode="after")
     def _valid(self) -> "_Plate":
-        # A tag that contradicts itself is told with its own path.
+        # A tag that contradicts itself is reported with its own path.
         return holds_together(self.model_copy(update={"tag": None})) and self
 
     def build(self) -> Plate:
@@ -207,10 +207,10 @@ class MarkerFile(_MarkerPart):
         list[_Plate], SINCE_2, Field(max_length=MOST_PLATES, description="Empty or missing: one plate, z = 0.")
     ] = []
     rulers: Annotated[_Rulers | None, SINCE_2] = None
-    extensions: Annotated[dict[str, Any], SINCE_2, Field(description="Of other programs, by name; kept as it is.")] = {}
+    extensions: Annotated[dict[str, Any], SINCE_2, Field(description="Of other programs, by name; preserved.")] = {}
 
     def build(self) -> Marker:
-        """Make the marker."""
+        """Build the marker."""
         correction, rulers = self.print_correction, self.rulers
         return Marker(
             control_points=tuple(point.build() for point in self.control_points),
@@ -232,7 +232,7 @@ Form = type[BaseModel]
 
 
 def newer_keys(content: Any, forms: tuple[Form, ...] = (MarkerFile,)) -> Iterator[tuple[Location, int]]:
-    """Places of those keys of a file's content that came after version 1, each with the version it came with."""
+    """Yield the places of all keys in a file's content that were added after version 1, each with its version."""
     if not forms:
         return
     if isinstance(content, list):
@@ -248,7 +248,7 @@ def newer_keys(content: Any, forms: tuple[Form, ...] = (MarkerFile,)) -> Iterato
 
 
 def known_keys(location: Location, version: int) -> list[str]:
-    """Keys that there may be at a place of a file of some version, beside the one that `location` ends with."""
+    """Return the valid keys at a place of a file of some version, besides the last one of `location`."""
     forms: tuple[Form, ...] = (MarkerFile,)
     above = forms, ""
     for step in location[:-1]:
@@ -269,7 +269,7 @@ def _since(form: Form, key: str) -> int:
 
 @cache
 def _below(forms: tuple[Form, ...], key: str, choice: str = "") -> tuple[Form, ...]:
-    """Forms of what is under a key: all that it has to choose from, or that one."""
+    """Return the forms below a key: all of its choices, or a given one."""
     fields = [form.model_fields[key] for form in forms if key in form.model_fields]
     found = [each for field in fields for each in _choices(field.annotation)]
     return tuple(form for tag, form in found if choice in ("", tag))
@@ -286,7 +286,7 @@ def _choices(annotation: Any, tag: str = "") -> Iterator[tuple[str, Form]]:
 
 
 def json_schema(version: int) -> dict[str, Any]:
-    """JSON Schema of one version of marker.json.
+    """Return the JSON Schema of one version of marker.json.
 
     Raises
     ------
@@ -305,7 +305,7 @@ def json_schema(version: int) -> dict[str, Any]:
 
 
 def _without_newer(schema: Any, version: int) -> None:
-    """Take out the keys that came after a version, and the forms from among which to choose."""
+    """Remove the keys added after a version, and the newer choices of forms."""
     newer = {f"#/$defs/{name}" for name, form in schema["$defs"].items() if form.get(SINCE, 1) > version}
 
     def clean(part: Any) -> None:
@@ -322,7 +322,7 @@ def _without_newer(schema: Any, version: int) -> None:
 
 
 def _collect(schema: Any, forms: dict[str, Any], used: set[str]) -> None:
-    """Gather the names of all forms that a schema refers to, also by way of others."""
+    """Collect the names of all forms that a schema refers to, directly or indirectly."""
     if isinstance(schema, list):
         for item in schema:
             _collect(item, forms, used)

@@ -1,6 +1,6 @@
-"""What is wrong with a marker.json beyond its form: dots, tags, plates and holes that contradict or hit one another.
+"""Contradictions and collisions of dots, tags, plates and holes in a marker.json whose parts are well formed.
 
-Each check speaks of those parts that are well formed by themselves, whatever is wrong elsewhere in the file.
+Each check uses the parts that are well formed by themselves, whatever is wrong elsewhere in the file.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,14 +32,14 @@ from markergen.model.substrate_checks import crowded, sunk
 Array = NDArray[np.float64]
 Value = TypeVar("Value")
 Borders = dict[str, tuple[Boundary, int]]
-"""What dots must stay clear of, by name: a boundary (1) from inside, a keep-out (-1) from outside."""
+"""Limits for dots, by name: a boundary (1) from inside, a keep-out (-1) from outside."""
 
 
 @dataclass(frozen=True)
 class _Parts:
-    """What of a file is well formed by itself: control points, keep-outs and plates by their paths, None what is not.
+    """Well-formed parts of a file: control points, keep-outs and plates by their paths, None for malformed parts.
 
-    `complete` tells whether no plate is missing.
+    `complete` is false if a plate is missing.
     """
 
     points: Mapping[str, _ControlPoint]
@@ -56,7 +56,7 @@ class _Parts:
 
 @dataclass(frozen=True)
 class _Dots:
-    """Dots of one plate where they were designed: paths in the file, places (n, 2) in the plate, and radii (n,), m."""
+    """Dots of one plate as designed: paths in the file, places (n, 2) in the plate, and radii (n,), m."""
 
     paths: list[str]
     xy: Array
@@ -64,13 +64,13 @@ class _Dots:
 
 
 def contradictions(content: Mapping[str, Any], form: MarkerFile | None) -> list[str]:
-    """Findings about a file's content, each with its path; `form` is what was made of it, None if it is damaged."""
+    """Return findings about a file's content, each with its path; `form` is the parsed file, None if it is damaged."""
     items = content.get("control_points")
     if form is None and (not isinstance(items, list) or len(items) > MOST_CONTROL_POINTS):
         return []
     parts = _usable(content) if form is None else _all(form)
     findings = _features(parts.points) + (_tag_findings(parts.tag, "tag") if parts.tag else []) + _joint(parts)
-    # It is the design that keeps clear of things; a print may be larger, or its dots a little off.
+    # Only the design must keep clear of everything; a print may be larger, or its dots slightly off.
     designed = np.array([_designed(point, parts.correction) for point in parts.points.values()]).reshape(-1, 3)
     if content.get("plates"):
         return findings + _plates(parts, designed)
@@ -153,7 +153,7 @@ def _borders(boundary: BoundaryFile | None, keep_outs: Mapping[str, BoundaryFile
 
 
 def _tag_findings(file: _Tag, path: str) -> list[str]:
-    """Findings about a tag that contradicts itself."""
+    """Return findings about a tag that contradicts itself."""
     try:
         tag = file.build()
     except InputError as error:
@@ -189,7 +189,7 @@ def _features(points: Mapping[str, _ControlPoint]) -> list[str]:
 
 
 def _joint(parts: _Parts) -> list[str]:
-    """Findings about a covariance of dots that there are not, or that have one of their own."""
+    """Return findings about a covariance of missing dots, or of dots that have their own."""
     if parts.joint is None:
         return []
     ids = {point.id for point in parts.points.values()}
@@ -203,7 +203,7 @@ def _joint(parts: _Parts) -> list[str]:
 
 
 def _plates(parts: _Parts, designed: Array) -> list[str]:
-    """Findings about a marker on several plates, each with its own boundary, keep-outs and tag."""
+    """Return findings about a marker on several plates, each with its own boundary, keep-outs and tag."""
     substrate = parts.substrate
     for_one = {
         "keep_outs": parts.keep_outs,
@@ -232,7 +232,7 @@ def _plates(parts: _Parts, designed: Array) -> list[str]:
             placed.add(number)
         here = {paths[number]: parts.points[paths[number]] for number in file.control_points if number in paths}
         if here:
-            frame = file.model_copy(update={"tag": None}).build()  # A tag may contradict itself.
+            frame = file.model_copy(update={"tag": None}).build()  # The tag may contradict itself.
             dots = _dots(here, frame.to_plate(np.array([rows[each] for each in here])))
             borders = _borders(file.boundary, _numbered("keep_outs", file.keep_outs), file.tag)
             borders = {f"{name} of {path}": border for name, border in borders.items()}
@@ -243,7 +243,7 @@ def _plates(parts: _Parts, designed: Array) -> list[str]:
 
 
 def _room(dots: _Dots, borders: Borders, clearance: float) -> list[str]:
-    """Findings about dots that are over or near the boundary or a keep-out."""
+    """Return findings about dots that cross or are near the boundary or a keep-out."""
     paths, findings = dots.paths, []
     for name, (border, side) in borders.items():
         inside = side * border.depth(dots.xy) - dots.radii
@@ -256,7 +256,7 @@ def _room(dots: _Dots, borders: Borders, clearance: float) -> list[str]:
 
 
 def _gaps(dots: _Dots, clearance: float) -> list[str]:
-    """Findings about dots that overlap or are near each other."""
+    """Return findings about dots that overlap or are near each other."""
     paths, findings = dots.paths, []
     gaps = np.linalg.norm(dots.xy[:, None] - dots.xy[None], axis=-1) - dots.radii[:, None] - dots.radii[None]
     for i, j in np.argwhere(np.triu(gaps < clearance - TOLERANCE, 1)):
@@ -268,7 +268,7 @@ def _gaps(dots: _Dots, clearance: float) -> list[str]:
 
 
 def _holes(parts: _Parts, dots: _Dots) -> list[str]:
-    """Findings about holes of the plate that are over or near dots, the tag or each other, or sunk too deep."""
+    """Return findings about holes that hit or are near dots, the tag or each other, or are countersunk too deep."""
     if parts.substrate is None or not parts.substrate.holes:
         return []
     substrate = parts.substrate.build()

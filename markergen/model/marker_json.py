@@ -1,8 +1,8 @@
 """marker.json: written canonically, read back with every error and its path.
 
-The file is the whole marker: frame, boundary, control points with features, and provenance. It says the lowest version
-that has all its keys: what needs nothing of version 2 is written as version 1, for every program that reads that.
-`json_schema` gives the published schemas (docs/marker-v1.schema.json, docs/marker-v2.schema.json).
+The file is the whole marker: frame, boundary, control points with features, and provenance. Its version is the lowest
+one that has all its keys: a marker without keys of version 2 is written as version 1, for programs that read only that.
+`json_schema` returns the published schemas (docs/marker-v1.schema.json, docs/marker-v2.schema.json).
 """
 
 import json
@@ -38,14 +38,14 @@ _CENTER, _DRAWING = "center of the boundary's smallest enclosing circle", "that 
 
 
 def to_json(marker: Marker) -> bytes:
-    """Marker as canonical JSON text: the same marker gives the same bytes, and reading gives equal numbers back.
+    """Return the marker as canonical JSON: the same marker gives the same bytes, and reading returns equal numbers.
 
     Raises
     ------
     InputError
-        If the marker holds a number that is not finite, or its provenance or extensions what JSON has not.
+        If the marker contains a number that is not finite, or its provenance or extensions are not plain JSON.
     """
-    # A hair is forgiven: drawings have their corners rounded.
+    # A small tolerance: the corners of drawings are rounded.
     centered = hypot(*marker.boundary.center) <= TOLERANCE
     joint = marker.joint_covariance
     content = {
@@ -123,9 +123,9 @@ def _tag(tag: Tag | None) -> dict[str, Any] | None:
 
 
 def _with_matrix(text: str, joint: JointCovariance) -> str:
-    """Write the matrix with a row in each line: one number in each would not be read by anybody, and is half blanks."""
+    """Write the matrix with one row per line: one number per line would be unreadable, and half whitespace."""
     rows = ",\n".join(f"      {json.dumps(row)}" for row in joint.matrix)
-    # Nothing so deep that comes before it has a matrix, and text in JSON has no line breaks.
+    # No key at this depth before it is called matrix, and JSON strings contain no line breaks.
     return text.replace('\n    "matrix": null', f'\n    "matrix": [\n{rows}\n    ]', 1)
 
 
@@ -140,7 +140,7 @@ def _dumped(content: Any, indent: int | None = 2) -> str:
 
 
 def _plain(value: object) -> Any:
-    """Numbers and arrays of numpy as Python's."""
+    """Convert NumPy numbers and arrays to Python's."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, Mapping):
@@ -153,7 +153,7 @@ def load_marker(source: object) -> Marker:
     if isinstance(source, str | os.PathLike):
         return read_marker(source)
     if isinstance(source, Mapping):
-        # By way of text: what JSON has not is refused, and nothing is shared with whoever gave it.
+        # By way of text: non-JSON values are refused, and nothing is shared with the caller.
         return from_json(_dumped(source, None), "the dict")
     if callable(getattr(source, "read", None)):
         return _read(source)
@@ -170,8 +170,8 @@ def read_marker(path: str | os.PathLike[str]) -> Marker:
     Raises
     ------
     InputError
-        If the file cannot be read, is not a marker.json, has a version this program does not know, or breaks the
-        schema or the marker's geometry; then the message lists the errors with their paths, at most 20.
+        If the file cannot be read, is not a marker.json, has a version unknown to this program, or violates the schema
+        or the marker's geometry; then the message lists the errors with their paths, at most 20.
     """
     return _read(path)
 
@@ -182,14 +182,14 @@ def _read(source: object) -> Marker:
 
 
 def from_json(text: str, name: str = "marker.json") -> Marker:
-    """Parse the text of a marker.json; `name` is what messages call it. Raises as `read_marker` does."""
+    """Parse the text of a marker.json; `name` is its name in messages. Raises as `read_marker` does."""
     content = _parse(text, name)
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise InputError(
             f'"format": "{FORMAT}" in {name}', "another kind of file", "give a marker.json written by markergen design"
         )
     version = content.get("version")
-    if type(version) is not int or version not in VERSIONS:  # 1.0 and true equal 1, too
+    if type(version) is not int or version not in VERSIONS:  # 1.0 and True equal 1, too
         raise _other_version(content, name)
     form, findings = _checked(content, version)
     findings += [
@@ -244,7 +244,7 @@ def _number(text: str) -> float:
 
 
 def _integer(text: str) -> int:
-    _number(text)  # Python refuses thousands of digits with words of its own
+    _number(text)  # Python's own message for thousands of digits is different
     return int(text)
 
 

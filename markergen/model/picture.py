@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 WIDTH = 360
-"""Width of the notebook's picture in CSS px."""
+"""Width of the notebook picture in CSS px."""
 
 _DARK, _PAPER, _TAKEN = "#111111", "#ffffff", "#d9d9d9"
-"""Colors of the plot: dots, paper, and what is taken by keep-outs."""
+"""Colors of the plot: dots, paper, and keep-outs."""
 
 
 def svg(marker: "Marker") -> str:
-    """SVG of boundary, keep-outs, holes, tag, and dots with their ids, seen along -z of the marker frame."""
+    """Return an SVG of boundary, keep-outs, holes, tag, and dots with their ids, seen along -z of the marker frame."""
     outlines = [*marker.boundary.outlines(), *(_in_marker(plate, ring) for plate, ring in _plates(marker))]
     corners = np.concatenate(outlines) * 1e3
     low, size = corners.min(axis=0), np.ptp(corners, axis=0)
     margin = 0.03 * float(size.max())
-    # SVG's y goes down.
+    # In SVG, y points down.
     box = (low[0] - margin, -(low[1] + size[1]) - margin, size[0] + 2 * margin, size[1] + 2 * margin)
     blocked = [*marker.keep_outs, *marker.substrate.rims]
     parts = [
@@ -47,7 +47,7 @@ def svg(marker: "Marker") -> str:
 
 
 def _plates(marker: "Marker") -> Iterable[tuple[Array, Array]]:
-    """Pose (3, 4) and one outline (m, 2) of each plate in turn, m."""
+    """Yield the pose (3, 4) and one outline (m, 2) of each plate in turn, m."""
     for plate in marker.plates:
         pose = np.column_stack([np.array(plate.rotation), np.array(plate.translation)])
         yield from ((pose, ring) for ring in plate.boundary.outlines())
@@ -81,9 +81,9 @@ def _dot(point: "ControlPoint", margin: float) -> str:
 
 
 def draw_marker(marker: "Marker", ax: "Axes | None" = None) -> "Axes":
-    """Draw boundary, keep-outs, dots with their ids, frame axes, and dimensions; all in mm of the marker plane.
+    """Draw boundary, keep-outs, dots with their ids, frame axes, and dimensions; all in mm in the marker plane.
 
-    Without axes, those of a new figure that no window belongs to.
+    Without given axes, those of a new figure without a window.
     """
     from matplotlib.patches import Circle, PathPatch
 
@@ -119,14 +119,14 @@ def draw_marker(marker: "Marker", ax: "Axes | None" = None) -> "Axes":
 
 
 def shows_origin(marker: "Marker") -> bool:
-    """Tell whether the marker frame's origin lies beside the outline or within; a kept one may be far away."""
+    """Return whether the marker frame's origin lies in or near the outline; a kept origin may be far away."""
     rim = np.concatenate(marker.boundary.outlines())
     margin = 0.1 * marker.boundary.radius
     return bool(np.all(rim.min(axis=0) - margin <= 0) and np.all(rim.max(axis=0) + margin >= 0))
 
 
 def _compound_path(boundary: Boundary) -> "Path":
-    """All outlines as one path in mm; holes run against what they are cut from, so they stay open."""
+    """Return all outlines as one path in mm; holes run in the opposite direction, so they stay open."""
     from matplotlib.path import Path
 
     return Path.make_compound_path(
@@ -135,7 +135,7 @@ def _compound_path(boundary: Boundary) -> "Path":
 
 
 def _write_id(point: "ControlPoint", radius: float, ax: "Axes") -> None:
-    """Write the id where it can be read: in the dot's middle if there is room, else beside it."""
+    """Write the id where it is legible: in the dot's middle if there is room, else beside it."""
     room = 1e3 * (point.feature.inner_diameter or point.feature.diameter)
     x, y, text = 1e3 * point.x, 1e3 * point.y, str(point.id)
     if room > 0.09 * radius * max(len(text), 1):
@@ -154,7 +154,7 @@ def _draw_frame(radius: float, ax: "Axes") -> None:
     for end, name in (((length, 0), "x"), ((0, length), "y")):
         ax.annotate("", end, (0, 0), arrowprops={"arrowstyle": "-|>", "color": INK, "shrinkA": 0, "shrinkB": 0})
         ax.text(1.16 * end[0], 1.16 * end[1], name, ha="center", va="center", style="italic")
-    # The head of an arrow that comes toward the reader.
+    # The head of an arrow that points toward the reader.
     ax.plot(0, 0, marker="o", markersize=8, markerfacecolor=_PAPER, markeredgecolor=INK)
     ax.plot(0, 0, marker="o", markersize=2.5, color=INK)
     ax.text(-0.08 * radius, -0.08 * radius, "z", ha="right", va="top", style="italic")

@@ -1,4 +1,4 @@
-"""Pose distributions: from where the camera looks at the marker, and whether it then sees the marker whole."""
+"""Pose distributions: camera poses relative to the marker, and whether each sees the whole marker."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Codes = NDArray[np.int8]
 
 RIM_POINTS = 64
-"""Points of the outline that stand for it in visibility checks and in the pose objective."""
+"""Number of points that represent the outline in visibility checks and in the pose objective."""
 
 SEEN = 0
 REASONS = {
@@ -31,13 +31,13 @@ REASONS = {
     4: "outside the image",
     5: "from below the highest dot",
 }
-"""Why a pose does not see the marker whole, by code; of several reasons the first."""
+"""Reasons why a pose does not see the whole marker, by code; of several, the first applies."""
 
 _CORNER = 0.1
-"""Turn of the outline in rad from which it counts as a corner: more than from a point of a round rim to the next."""
+"""Minimum turn of the outline in rad at a corner: more than between neighboring points of a round rim."""
 
 _AT_ONCE = 1_000_000
-"""Projected points in one chunk: some 100 MB."""
+"""Number of projected points in one chunk: some 100 MB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,13 +47,13 @@ class PoseDistribution:
     Attributes
     ----------
     name : str
-        The preset or file that they come from.
+        Preset or file that they come from.
     rotation : array (P, 3, 3)
     translation : array (P, 3), m
     dropped : int
-        Poses that were left out because the boundary was not in view.
+        Number of poses left out because the boundary was not in view.
     doubt : str
-        A sentence for the user if the poses look as if they were meant otherwise; mostly empty.
+        Sentence for the user if the poses seem to follow another convention; usually empty.
     """
 
     name: str
@@ -82,11 +82,11 @@ class PoseDistribution:
         return np.linalg.norm(self.translation, axis=-1)
 
     def by_polar_angle(self) -> dict[str, NDArray[np.bool_]]:
-        """Masks (P,) of the poses at each polar angle; more than 12 distinct angles are put in bins of 10 degrees."""
+        """Return masks (P,) of the poses at each polar angle; if more than 12 are distinct, in bins of 10 degrees."""
         return _groups(np.round(self.polar_angle_deg, 2), 10.0)
 
     def by_distance(self) -> dict[str, NDArray[np.bool_]]:
-        """Masks (P,) of the poses at each distance in m; more than 12 distinct ones are put in bins of equal width."""
+        """Return masks (P,) of the poses at each distance in m; if more than 12 are distinct, in equal bins."""
         distance = np.round(self.distance, 4)
         # 1, 2 or 5 times a power of ten, and at most 12 bins.
         width = np.ptp(distance) / 11
@@ -94,15 +94,15 @@ class PoseDistribution:
         return _groups(distance, next(float(step * power) for step in (1, 2, 5, 10) if step * power >= width))
 
     def seen_whole(self, boundary: Boundary, camera: Camera, height: float = 0.0) -> Self:
-        """Keep the poses from which the whole boundary is seen from its front, in front of the camera, on the sensor.
+        """Keep the poses that see the whole boundary from its front, in front of the camera, on the sensor.
 
-        Lens distortion is part of it. With a height in m the boundary is seen whole at that height, too, from above it:
-        so is whatever stands on it.
+        Lens distortion is included. With a height in m, the whole boundary must also be visible at that height, from
+        above it, and with it everything that stands on the marker.
 
         Raises
         ------
         InputError
-            If none is left; the message counts why.
+            If none is left; the message counts the reasons.
         """
         points = raised(silhouette(boundary), height)
         codes = visibility(points, self.rotation, self.translation, camera)
@@ -121,27 +121,27 @@ class PoseDistribution:
         return replace(self.taken(kept, self.dropped + len(self) - kept.size), doubt=doubt)
 
     def taken(self, indices: NDArray[np.intp], dropped: int) -> Self:
-        """Keep the poses with these indices; `dropped` is the count of the result."""
+        """Keep the poses with these indices; `dropped` is the count for the result."""
         rotation, translation = self.rotation[indices], self.translation[indices]
         return replace(self, rotation=rotation, translation=translation, dropped=dropped)
 
     def _doubts(self, points: Array, camera: Camera, share: float) -> str:
-        """What may be wrong with poses of which only that share sees the points (m, 2 or 3) whole; empty if nothing."""
+        """Return a possible mistake in poses of which only `share` see all points (m, 2 or 3), or an empty string."""
         del points, camera, share
         return ""
 
 
 @dataclass(frozen=True)
 class PoseSource:
-    """A pose distribution that is asked for by a text: its name in the table, or ``name:arguments``.
+    """A pose distribution specified by text: its name in the table, or ``name:arguments``.
 
     Attributes
     ----------
     make : callable
-        Make the poses of the whole text, or refuse it (InputError). The name of what it makes is a text as well, which
-        makes the same poses: a marker.json keeps it.
+        Function that makes the poses for the whole text, or raises InputError. The name of its result is also a text
+        that makes the same poses, and is stored in marker.json.
     form : str
-        How the text is written, such as ``cone:tilt=A..B,count=N``; empty where the name is all of it.
+        Form of the text, such as ``cone:tilt=A..B,count=N``; empty if it is only the name.
     """
 
     make: Callable[[str], PoseDistribution]
@@ -151,14 +151,14 @@ class PoseSource:
 POSES: Registry[PoseSource] = Registry(
     "pose distribution", "markergen.model.pose_sources", "markergen.poses", PoseSource
 )
-"""Pose distributions by the name that their text begins with."""
+"""Pose distributions by the name at the beginning of their text."""
 
 
 def paper() -> PoseDistribution:
-    """The 400 poses of Acuna & Willert (2018): 4 distances x 5 polar angles x 20 azimuths, looking at the center.
+    """Return the 400 poses of Acuna & Willert (2018): 4 distances x 5 polar angles x 20 azimuths, aimed at the center.
 
     Camera center d (cos a sin p, sin a sin p, cos p); the rows of R are x, y and z = -center/d with x = z x u and
-    u = (-sin a, cos a, 0). The 80 frontal poses are four distinct views turned about the optical axis.
+    u = (-sin a, cos a, 0). The 80 frontal poses are four distinct views rotated about the optical axis.
     """
     distance, polar, azimuth = (
         grid.ravel()
@@ -175,24 +175,24 @@ def paper() -> PoseDistribution:
     x = np.cross(z, np.stack([-np.sin(azimuth), np.cos(azimuth), zero], axis=-1))
     x /= np.linalg.norm(x, axis=-1, keepdims=True)
     rotation = np.stack([x, np.cross(z, x), z], axis=-2)
-    # R (-center) lies on the optical axis by construction; the product would leave rounding dust off it.
+    # R (-center) lies on the optical axis by construction; the product would add rounding errors.
     return PoseDistribution("paper", rotation, np.stack([zero, zero, distance], axis=-1))
 
 
 def paper_roll() -> PoseDistribution:
-    """The poses of `paper`, each with the camera rolled about its optical axis by a uniform angle, always the same."""
+    """Return the poses of `paper`, each with a random roll about the optical axis, uniform and always the same."""
     plain = paper()
     roll = turn_z(np.random.default_rng(0).uniform(0, 2 * np.pi, len(plain)))
     return PoseDistribution("paper-roll", roll @ plain.rotation, plain.translation)
 
 
 def named_poses(text: str) -> PoseDistribution:
-    """Poses of a text for one of `POSES`.
+    """Make the poses that a text specifies by a name of `POSES`.
 
     Raises
     ------
     InputError
-        If there is none of that name, or its arguments are unfit.
+        If there is no such name, or its arguments are invalid.
     """
     name, colon, _ = text.partition(":")
     name = name.strip()
@@ -205,23 +205,23 @@ def named_poses(text: str) -> PoseDistribution:
 
 
 def is_named(text: str) -> bool:
-    """Tell whether a text is meant for `named_poses`: it begins with a name of `POSES`."""
+    """Return whether a text is for `named_poses`: it begins with a name of `POSES`."""
     return text.partition(":")[0].strip() in POSES
 
 
 def pose_forms() -> list[str]:
-    """How the text of each of `POSES` is written, those that are a mere name first."""
+    """Return the forms of the texts of all `POSES`, those that are only a name first."""
     forms = {name: POSES[name].form for name in POSES}
     return [*(name for name, form in forms.items() if not form), *filter(None, forms.values())]
 
 
 def pose_arguments(text: str, known: Sequence[str], form: str) -> dict[str, str]:
-    """Arguments of a text ``name:key=value,key=value``, by their keys.
+    """Parse the arguments of a text ``name:key=value,key=value``.
 
     Raises
     ------
     InputError
-        If a key is not one of the `known`, or stands there twice; the message has the `form` to write.
+        If a key is not one of the `known`, or is repeated; the message shows the valid `form`.
     """
     name, _, rest = text.partition(":")
     given: dict[str, str] = {}
@@ -236,7 +236,7 @@ def pose_arguments(text: str, known: Sequence[str], form: str) -> dict[str, str]
 
 
 def _groups(values: Array, width: float) -> dict[str, NDArray[np.bool_]]:
-    """Masks of equal values by their text; of bins of that width where more than 12 values are distinct."""
+    """Return masks of equal values by their text; if more than 12 are distinct, of bins of the given width."""
     distinct = np.unique(values)
     if len(distinct) <= 12:
         return {f"{value:g}": values == value for value in distinct}
@@ -245,9 +245,9 @@ def _groups(values: Array, width: float) -> dict[str, NDArray[np.bool_]]:
 
 
 def silhouette(boundary: Boundary) -> Array:
-    """Points (m, 2) of an outline, all in the image if and only if the whole boundary is.
+    """Return points (m, 2) of an outline that are all in the image if and only if the whole boundary is.
 
-    At least 64 around its convex hull, because a lens bends what is straight, and all corners of the hull.
+    At least 64 around its convex hull, because a lens bends straight lines, and all corners of the hull.
     """
     outlines = boundary.outlines()
     around = hull(np.concatenate(outlines))
@@ -261,17 +261,17 @@ def silhouette(boundary: Boundary) -> Array:
 
 
 def raised(points: Array, height: float) -> Array:
-    """Points (m, 2) in the plane and again at a height in m, (2 m, 3); without a height as they are."""
+    """Return points (m, 2) both in the plane and at a height in m, (2 m, 3); without a height, unchanged."""
     if not height:
         return points
     return np.concatenate([np.column_stack([points, np.full(len(points), z)]) for z in (0.0, height)])
 
 
 def visibility(points: Array, rotation: Array, translation: Array, camera: Camera) -> Codes:
-    """Codes (P,) of `REASONS`, or `SEEN` where all points (m, 2 or 3) are in front of the camera and on the sensor.
+    """Return codes (P,) of `REASONS`, or `SEEN` if all points (m, 2 or 3) are in front of the camera and on the sensor.
 
-    From the back is seen what has the camera on the side of the marker's plane to which its normal does not point, and
-    a raised dot shows its face to no camera below it.
+    The marker is seen from the back if its normal points away from the camera's side of its plane; a raised dot does
+    not show its face to a camera below it.
     """
     size = max(1, _AT_ONCE // len(points))
     chunks = [slice(start, start + size) for start in range(0, len(rotation), size)]

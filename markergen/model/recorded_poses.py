@@ -1,4 +1,4 @@
-"""Poses that were read from a file: they go with the design, so that it can be repeated without the file."""
+"""Poses read from a file: they are stored with the design, so that it can be repeated without the file."""
 
 import hashlib
 from dataclasses import dataclass, replace
@@ -16,28 +16,28 @@ Array = NDArray[np.float64]
 
 COLUMNS = "tx ty tz qx qy qz qw"
 MOST_KEPT = 2000
-"""Of more poses than this that see the marker a sample is taken: it stands in the marker.json."""
+"""Maximum number of poses stored in marker.json; of more poses that see the marker, a sample is taken."""
 
 _FLIP = np.diag([1.0, -1.0, -1.0])
 _LOOKED_AT = 5000
-"""Poses that are tried in other conventions."""
+"""Number of poses that are tested with other conventions."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RecordedPoses(PoseDistribution):
-    """Poses of a file; those of files with the same content are equal, whatever the files are called.
+    """Poses of a file; files with the same content give equal poses, whatever their names.
 
     Attributes
     ----------
     numbers : array (P, 7)
         tx, ty, tz in m and the quaternion qx, qy, qz, qw of every pose T_camera_marker; rotation and translation are
-        made of them, to the last bit.
+        computed from them, to the last bit.
     file : str
         Name of the file, without its folder.
     sha256 : str
-        Of the file, hexadecimal.
+        SHA-256 of the file, hexadecimal.
     sampled_from : int
-        Of how many poses that see the marker whole these are a sample; 0 if they are all.
+        Number of poses that see the whole marker, if these are a sample of them; 0 if they are all.
     """
 
     numbers: Array
@@ -47,7 +47,7 @@ class RecordedPoses(PoseDistribution):
 
     @staticmethod
     def of(numbers: Array, file: str, sha256: str, dropped: int = 0, sampled_from: int = 0) -> "RecordedPoses":
-        """Make poses of finite numbers (P, 7); quaternions are normalized."""
+        """Make poses from finite numbers (P, 7); quaternions are normalized."""
         from scipy.spatial.transform import Rotation
 
         return RecordedPoses(
@@ -63,7 +63,7 @@ class RecordedPoses(PoseDistribution):
 
     @staticmethod
     def from_distribution(poses: PoseDistribution, name: str = "poses") -> "RecordedPoses":
-        """Record poses that come from no file; `name` is what they are called."""
+        """Record poses that do not come from a file, under a name."""
         from scipy.spatial.transform import Rotation
 
         numbers = np.hstack([poses.translation, Rotation.from_matrix(poses.rotation).as_quat()])
@@ -76,19 +76,19 @@ class RecordedPoses(PoseDistribution):
         return hash(self.sha256)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain JSON values, one line of numbers for each pose."""
+        """Return plain JSON values, one line of numbers for each pose."""
         return {
             "file": self.file,
             "sha256": self.sha256,
             "dropped": self.dropped,
             "sampled_from": self.sampled_from,
             "columns": COLUMNS,
-            # The shortest text that reads back as the same number.
+            # repr gives the shortest text that reads back as the same number.
             "rows": [" ".join(map(repr, row)) for row in self.numbers.tolist()],
         }
 
     def seen_whole(self, boundary: Boundary, camera: Camera, height: float = 0.0) -> Self:
-        """See `PoseDistribution.seen_whole`; of more than 2000 poses that are left, a random 2000, always the same."""
+        """See `PoseDistribution.seen_whole`; of more than 2000 remaining poses, a fixed random sample of 2000."""
         seen = super().seen_whole(boundary, camera, height)
         if len(seen) <= MOST_KEPT:
             return seen
@@ -116,7 +116,7 @@ def _name(file: str, sampled_from: int) -> str:
 
 
 def _other_conventions(rotation: Array, translation: Array) -> list[tuple[str, Array, Array]]:
-    """Mistakes that are often made, in words, with the poses that would be meant."""
+    """Return common mistakes, in words, with the poses that would be meant."""
     back = rotation.swapaxes(-1, -2)
     inverse = -np.einsum("pij,pj->pi", back, translation)
     return [

@@ -1,4 +1,4 @@
-"""A print that came out at another size: the marker with its control points where they are in the print."""
+"""Rescaling for a print of another size: the marker with its control points at their places in the print."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -16,10 +16,10 @@ from markergen.units import format_length
 Array = NDArray[np.float64]
 
 MOST_OFF = 0.05
-"""Share of a length from which on it is more likely that something else was measured."""
+"""Relative error of a length above which something else was probably measured."""
 
 WIDEST = 0.5
-"""Scales from this to its inverse can be kept in marker.json."""
+"""Range of scales that marker.json supports: from this to its inverse."""
 
 NOMINAL = 0.2
 """Length in m of the rulers on a sheet, where they fit."""
@@ -37,7 +37,7 @@ class MeasuredDot:
 
 @dataclass(frozen=True)
 class Rulers:
-    """Lengths in m that the rulers of a print measure, and what they are on an exact one; None was not measured."""
+    """Measured lengths in m of a print's rulers, None if not measured, and their nominal lengths."""
 
     x: float | None
     y: float | None
@@ -46,7 +46,7 @@ class Rulers:
 
     @property
     def scale(self) -> tuple[float, float]:
-        """What the printer made of 1 along x and y; the one ruler that was measured stands for both."""
+        """Scale factors of the printer along x and y; a single measured ruler gives both."""
         x = None if self.x is None else self.x / self.nominal_x
         y = None if self.y is None else self.y / self.nominal_y
         both = [x if x is not None else y, y if y is not None else x]
@@ -56,17 +56,17 @@ class Rulers:
 
 
 def rescale(marker: Marker, rulers: Rulers, force: bool = False) -> tuple[Marker, tuple[str, ...]]:
-    """Marker of a print whose rulers measure other than they should, with sentences about it.
+    """Rescale a marker for a print whose rulers are off, and return it with sentences about the result.
 
-    Every control point goes to (x sx, y sy), for the scales of `Rulers.scale`. They are always those of the design: a
-    second rescaling takes the place of the first.
+    Every control point moves to (x sx, y sy), for the scales of `Rulers.scale`. They are relative to the design: a
+    second rescaling replaces the first.
 
     Raises
     ------
     InputError
         If a length is not above 0, differs from its nominal by `MOST_OFF` or more without `force`, or by a factor of
         2; if nothing was measured; if dots have been measured one by one; or if the nominal length is not the one that
-        the marker says its ruler has. Also as `check_supported` does.
+        the marker states for its ruler. Also as `check_supported` does.
     """
     check_supported(marker, "to rescale")
     if any(point.designed or point.designed_z is not None for point in marker.control_points):
@@ -104,17 +104,16 @@ def rescale(marker: Marker, rulers: Rulers, force: bool = False) -> tuple[Marker
 
 
 def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False) -> tuple[Marker, tuple[str, ...]]:
-    """Marker with the dots of a print where they were measured, with sentences about it.
+    """Move the dots of a marker to their measured places in the print, and return it with sentences about the result.
 
-    The measured places come in any frame: the rigid motion that brings them nearest to the design, all dots alike,
-    takes them to the marker's, and their covariances are turned with it. What was measured before and is not now
-    keeps its place.
+    The measured places may be in any frame: the rigid motion that best aligns them with the design, with equal weights,
+    transforms them and their covariances to the marker frame. Dots measured before and not now keep their place.
 
     Raises
     ------
     InputError
-        If fewer than two dots were measured, one is unknown or comes twice, all are at one place, they are mirrored,
-        or one lies farther off than `MOST_OFF` of the farthest dot's distance from the middle or a dot's radius without
+        If fewer than two dots were measured, one is unknown or repeated, all are at one place, they are mirrored, or
+        one is off by more than `MOST_OFF` of the farthest dot's distance from the middle, or by a dot's radius, without
         `force`. Also as `check_supported` does.
     """
     check_supported(marker, "to measure dots of")
@@ -128,7 +127,7 @@ def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False
     if len(dots) < 2:
         raise InputError("two measured dots or more", f"{len(dots)}", "one alone does not tell how the frame is turned")
     measured = np.array([[dot.x, dot.y] for dot in dots])
-    # What is known of the print without measuring dots: rulers, if they were read.
+    # Scale known without measuring dots: that of the rulers, if they were read.
     expected = np.array([_expected(here[dot.id], marker) for dot in dots])
     reach = float(np.linalg.norm(expected - expected.mean(axis=0), axis=-1).max())
     if not np.isfinite(measured).all() or not 0 < float(np.linalg.norm(np.ptp(measured, axis=0))) < 1e3:
@@ -137,7 +136,7 @@ def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False
     moved = measured @ rotation.T + shift
     off = np.linalg.norm(moved - expected, axis=-1)
     worst = int(np.argmax(off))
-    # A scale is off by so much where it moves the outermost dot by that share of its distance from the middle.
+    # The tolerance on scale, at the outermost dot: a share of its distance from the middle.
     allowed = min(MOST_OFF * reach, here[dots[worst].id].feature.diameter / 2 or np.inf)
     if off[worst] >= allowed and not force:
         turned, there = rigid_motion(measured, expected, mirror=True)
@@ -191,7 +190,7 @@ def _check_length(name: str, measured: float | None, nominal: float, force: bool
     expected = f"about {format_length(nominal)} along {name}, as long as the ruler on the sheet is"
     if not WIDEST <= scale <= 1 / WIDEST:
         raise InputError(expected, found, f"check the unit, or give --nominal-{name} if the ruler is another")
-    # Rounding in a length such as 190mm is not to decide.
+    # Rounding in a length such as 190mm must not decide.
     if abs(scale - 1) > MOST_OFF - 1e-9 and not force:
         raise InputError(expected, found, f"give --nominal-{name} if the ruler is another, or add --force")
 

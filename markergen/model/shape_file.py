@@ -1,4 +1,4 @@
-"""Boundaries, keep-outs and plates in files, checked with every finding's path; lengths in m."""
+"""Schemas of boundaries, keep-outs and plates in files; lengths in m."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
@@ -17,11 +17,11 @@ Point = Annotated[list[Finite], Field(min_length=2, max_length=2)]
 Width = Annotated[float, Field(ge=0, le=LARGEST)]
 
 STRICT = ConfigDict(extra="forbid", strict=True, defer_build=True)
-"""Unknown keys are refused, nothing is converted, and forms are built when first used, mostly inside larger ones."""
+"""Strict validation: no unknown keys, no conversions; forms are built when first used, usually inside larger ones."""
 
 
 def holds_together(file: Any) -> Any:
-    """Build a part to see whether it makes sense, and say what contradicts itself as pydantic does."""
+    """Build a part to validate it, and report contradictions in pydantic's way."""
     try:
         file.build()
     except InputError as error:
@@ -41,7 +41,7 @@ class CircleFile(_ShapePart):
     center: Point = [0.0, 0.0]
 
     def build(self) -> Boundary:
-        """Make the boundary."""
+        """Build the boundary."""
         return Circle(self.radius, (self.center[0], self.center[1]))
 
 
@@ -56,18 +56,18 @@ class PolygonFile(_ShapePart):
         return holds_together(self)
 
     def build(self) -> Boundary:
-        """Make the boundary."""
+        """Build the boundary."""
         return Polygon(_corners(self.outlines))
 
 
 class ArcsFile(_ShapePart):
-    """A polygon some of whose edges are arcs of circles, a full circle being two.
+    """A polygon with some edges that are circular arcs; a full circle is two of them.
 
-    Bulges are one for each corner of each outline: the tangent of a quarter of the angle by which the edge to the next
-    corner turns, counterclockwise positive, 0 where it is straight.
+    There is one bulge for each corner of each outline: the tangent of a quarter of the angle by which the edge to the
+    next corner turns, counterclockwise positive, 0 for a straight edge.
     """
 
-    # Since version 2 of marker.json, whose forms are made a layer above.
+    # Since version 2 of marker.json, whose forms are defined a layer above.
     model_config = ConfigDict(json_schema_extra={"x-since": 2})
 
     kind: Literal["polygon"]
@@ -82,7 +82,7 @@ class ArcsFile(_ShapePart):
         return holds_together(self)
 
     def build(self) -> Boundary:
-        """Make the boundary."""
+        """Build the boundary."""
         return Polygon(_corners(self.outlines), tuple(map(tuple, self.bulges)))
 
 
@@ -107,7 +107,7 @@ BoundaryFile = Annotated[
 
 
 def built(file: Any) -> tuple[Boundary, ...]:
-    """Boundaries of a list of them."""
+    """Build all boundaries of a list."""
     return tuple(item.build() for item in file)
 
 
@@ -126,7 +126,7 @@ class HoleFile(_ShapePart):
         return holds_together(self)
 
     def build(self) -> Hole:
-        """Make the hole."""
+        """Build the hole."""
         return Hole(self.x, self.y, self.diameter, self.sink, self.use, self.name)
 
 
@@ -136,10 +136,10 @@ class SubstrateFile(_ShapePart):
     thickness: Annotated[float, Field(ge=THINNEST, le=LARGEST)] = Substrate.thickness
     edge: Annotated[
         Width,
-        Field(description="Least width outside of the boundary.", json_schema_extra={"default": EDGE}),
-    ] = Substrate.edge  # type: ignore[assignment]  # left out; a file that has one has a number
-    corner_radius: Annotated[Width, Field(description="Of the outline, seen from above.")] = Substrate.corner_radius
-    chamfer: Annotated[Width, Field(description="Around the upper face.")] = Substrate.chamfer
+        Field(description="Minimum width outside the boundary.", json_schema_extra={"default": EDGE}),
+    ] = Substrate.edge  # type: ignore[assignment]  # None is left out of files: an edge in a file is a number
+    corner_radius: Annotated[Width, Field(description="Radius in plan view.")] = Substrate.corner_radius
+    chamfer: Annotated[Width, Field(description="Width around the upper face.")] = Substrate.chamfer
     outline: Annotated[BoundaryFile | None, Field(description="Instead of the boundary with its edge.")] = None
     holes: Annotated[list[HoleFile], Field(max_length=MOST_HOLES)] = []
 
@@ -148,7 +148,7 @@ class SubstrateFile(_ShapePart):
         return holds_together(self)
 
     def build(self) -> Substrate:
-        """Make the substrate."""
+        """Build the substrate."""
         return Substrate(
             self.thickness,
             self.edge,

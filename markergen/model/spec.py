@@ -1,4 +1,4 @@
-"""The spec: what a user asks a design for, and what image it reckons with."""
+"""The spec: a user's request for a design, with the assumed image."""
 
 import hashlib
 import json
@@ -16,17 +16,17 @@ from markergen.model.substrate_checks import check_plate
 from markergen.model.tag import Tag, place_tag
 
 PIXEL_VARIANCE = 1 / 12
-"""Variance of a uniform unit interval: what the area of a pixel adds to the blur (px^2), rounding to the noise."""
+"""Variance of a uniform unit interval: added to the blur by the area of a pixel (px^2), to the noise by rounding."""
 
 
 @dataclass(frozen=True)
 class ImageNoise:
-    """The image that an image noise model is about.
+    """Image quality assumed by the image noise model.
 
     Attributes
     ----------
     blur_px : float
-        Standard deviation of the lens' Gaussian point spread, px, on top of the pixel's own area.
+        Standard deviation of the lens's Gaussian point spread, px, in addition to the pixel's own area.
     noise_grey : float
         Standard deviation of the noise before rounding, grey levels.
     contrast : float
@@ -54,16 +54,16 @@ class ImageNoise:
 
     @property
     def edge_px(self) -> float:
-        """Sigma of an edge in the image, px: lens and pixel together."""
+        """Standard deviation of an edge in the image, px: lens and pixel together."""
         return hypot(self.blur_px, sqrt(PIXEL_VARIANCE))
 
     @property
     def contrast_to_noise(self) -> float:
-        """Contrast over the noise, rounding included."""
+        """Ratio of the contrast to the noise, rounding included."""
         return self.contrast / hypot(self.noise_grey, sqrt(PIXEL_VARIANCE))
 
     def as_dict(self) -> dict[str, float]:
-        """Plain JSON values."""
+        """Return plain JSON values."""
         return asdict(self)
 
     def __str__(self) -> str:
@@ -73,15 +73,15 @@ class ImageNoise:
 NOISE_MODELS = ("point", "image")
 
 MOST_LOST, MOST_LOSSES = 3, 2000
-"""Dots that a layout may have to survive the loss of, and sets of so many dots."""
+"""Maximum number of dots that a layout may have to survive the loss of, and of sets of lost dots."""
 
 MOST_POINTS = 200
-"""A design takes minutes for this many."""
+"""Maximum number of control points, for which a design takes minutes."""
 
 
 @dataclass(frozen=True)
 class Spec:
-    """Everything that decides a design; equal specs give equal markers, byte for byte.
+    """All inputs that determine a design; equal specs give equal markers, byte for byte.
 
     Attributes
     ----------
@@ -90,39 +90,40 @@ class Spec:
     boundary : Boundary
     camera : Camera
     poses : str or RecordedPoses
-        A preset or a cone as text, which is settled (see `Cone`), or what was read from a file.
+        A preset or a cone as normalized text (see `Cone`), or poses read from a file.
     objective, aggregate, coordinates : str
-        What is minimized; an empty aggregate is the objective's own default. Coordinates matter to ``condition`` alone.
+        Quantity to minimize; an empty aggregate is the objective's own default. Coordinates only matter to
+        ``condition``.
     dot : float, "auto" or None
-        Dot diameter in m; None lets the camera and poses decide, ``auto`` the predicted error of the objective.
+        Dot diameter in m; None: determined by camera and poses; ``auto``: by the predicted error of the objective.
     clearance : float or None
-        m; None is a tenth of the dot's diameter.
+        Minimum gap around dots, m; None is a tenth of the dot's diameter.
     seed : int
     restarts : int
-        Random starts of the descent; 0 is the objective's own default.
+        Number of random starts of the descent; 0 is the objective's own default.
     noise_model : str
-        ``point``: image noise of 1 px on every control point. ``image``: what the image tells about each dot in each
+        ``point``: image noise of 1 px on every control point. ``image``: predicted from the image of each dot in each
         pose. Empty is ``image`` for ``dot="auto"`` and ``point`` otherwise.
     image_noise : ImageNoise
-        The image that ``image`` is about.
+        Image quality for ``image``.
     survive : int
         Minimize the objective after the worst loss of this many dots, 0 to 3.
     keep_outs : tuple of Boundary
-        Where no dot may be, such as mounting holes, in the marker frame.
+        Regions without dots, such as mounting holes, in the marker frame.
     print_sigma : float
-        Standard deviation in m of a printed dot's place along each axis, which ``image`` adds to what the image tells;
-        0 is a perfect print.
+        Standard deviation in m of a printed dot's place along each axis, which ``image`` adds to the image's errors; 0
+        is a perfect print.
     asymmetric : float
-        Smallest safety in px by which every dot must be told apart from its place alone, instead of by a key ring; 0
-        is a key ring.
+        Minimum margin in px by which the layout alone must identify every dot, instead of a key ring; 0 uses a key
+        ring.
     relief : float
-        How high in m control points may stand above the plane, each on a pillar; 0 is a flat marker.
+        Maximum height in m of control points above the plane, each on a pillar; 0 is a flat marker.
     tag : str
-        Of a square tag in the middle, such as ``aruco:DICT_4X4_50:7``; empty is none.
+        Square tag in the middle, such as ``aruco:DICT_4X4_50:7``; empty for none.
     tag_side : float or None
-        Of the tag's black square, m; None is a third of the radius, less where room is short (see `place_tag`).
+        Side of the tag's black square, m; None is a third of the radius, or less if room is short (see `place_tag`).
     substrate : Substrate
-        The plate, when the marker is made as a solid; no dot lies on its holes.
+        Plate, if the marker is made as a solid; no dot lies on its holes.
     """
 
     n: int = 5
@@ -163,7 +164,7 @@ class Spec:
         if self.seed < 0:
             raise InputError("a seed of 0 or more", f"seed={self.seed}", "give a non-negative whole number")
         check_losses(self.n, self.survive)
-        # Says what is wrong where they leave nothing.
+        # Raises if nothing is left.
         area_without(self.boundary, self._taken)
         self._settle_tag()
         area_without(self.boundary, self.blocked)
@@ -209,24 +210,24 @@ class Spec:
 
     @property
     def placed_tag(self) -> Tag | None:
-        """The tag in the middle of the boundary, if there is one."""
+        """Tag in the middle of the boundary, if there is one."""
         if self.tag_side is None:
             return None
         return place_tag(self.tag, self.tag_side, self.boundary, self._taken)
 
     @property
     def _taken(self) -> tuple[Boundary, ...]:
-        """Where the tag may not be either."""
+        """Regions that the tag must avoid as well."""
         return (*self.keep_outs, *self.substrate.rims)
 
     @property
     def blocked(self) -> tuple[Boundary, ...]:
-        """All places where no dot may be: the keep-outs, the tag with its quiet zone, and the plate's holes."""
+        """All regions without dots: the keep-outs, the tag with its quiet zone, and the plate's holes."""
         tag = self.placed_tag
         return (*self.keep_outs, *((tag.quiet_zone,) if tag else ()), *self.substrate.rims)
 
     def _settle_noise_model(self) -> None:
-        # Settled here, so that what means the same is equal and has the same hash.
+        # Normalized here, so that equivalent specs are equal and have the same hash.
         if not self.noise_model:
             object.__setattr__(self, "noise_model", "image" if self.dot == "auto" else "point")
         if self.noise_model not in NOISE_MODELS:
@@ -249,8 +250,8 @@ class Spec:
             )
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the spec as plain JSON values, lengths in m; of the noise, only what is not the default."""
-        # Copied deeply, which the poses of a file are too many for.
+        """Return the spec as plain JSON values, lengths in m; of the noise, only non-default values."""
+        # `asdict` would copy deeply, which is slow for the poses of a file.
         values = asdict(replace(self, poses="paper"))
         values["poses"] = self.poses if isinstance(self.poses, str) else self.poses.as_dict()
         values["boundary"] = self.boundary.as_dict()
@@ -279,14 +280,14 @@ class Spec:
     def hash(self) -> str:
         """Eight hexadecimal digits of the SHA-256 of the canonical JSON of the spec."""
         values = replace(self, poses="paper").as_dict()
-        # What a file is called is no part of what was asked for.
+        # The name of a file is not part of the request.
         values["poses"] = self.poses if isinstance(self.poses, str) else self.poses.sha256
         text = json.dumps(values, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:8]
 
 
 def check_losses(n: int, lost: int) -> None:
-    """Refuse to lose `lost` of n dots where that cannot be told: too few are left, or there are too many sets."""
+    """Refuse to lose `lost` of n dots if too few are left, or if there are too many sets of lost dots."""
     if not 0 <= lost <= MOST_LOST:
         raise InputError(f"0 to {MOST_LOST} lost dots", f"survive={lost}", "give --survive 1, 2 or 3")
     if lost and n - lost < 4:

@@ -1,9 +1,9 @@
-"""The substrate, the plate that carries the dots of a solid marker, and its holes as users write them.
+"""The substrate, the plate that carries the dots of a solid marker, and the text form of its holes.
 
 ``4xM3@0.12``      four clearance holes for M3 screws on a pitch circle of 0.12 m, astride the x axis
-``4xM3c@120mm/0``  the same, countersunk, the first one on the x axis
-``M3:40mm,-20mm;-40mm,-20mm``   two, where it says
-``4x3.4mm@0.12``   holes of a diameter
+``4xM3c@120mm/0``  the same, countersunk, with the first hole on the x axis
+``M3:40mm,-20mm;-40mm,-20mm``   two, at these places
+``4x3.4mm@0.12``   holes of a given diameter
 """
 
 import re
@@ -16,10 +16,10 @@ from markergen.model.boundary import Boundary, Circle
 from markergen.units import format_length, parse_length
 
 THINNEST, LARGEST = 1e-5, 1.0
-"""Limits in m of a plate's thickness and its other measures; beyond these a unit is missing."""
+"""Limits in m of a plate's thickness and its other dimensions; values beyond these probably lack a unit."""
 
 EDGE = 0.002
-"""Width in m of the plate around a disk or a rectangle, unless another is given."""
+"""Default width in m of the plate around a disk or a rectangle."""
 
 MOST_HOLES = 200
 
@@ -33,8 +33,8 @@ HEADS = {
     "M2": 4.4, "M2.5": 5.5, "M3": 6.72, "M4": 8.96, "M5": 11.2, "M6": 13.44, "M8": 17.92, "M10": 22.4, "M12": 26.88,
     "M14": 30.8, "M16": 33.6,
 }  # fmt: skip
-"""Largest theoretical diameter in mm of the head of each countersunk screw, so that none stands out: ISO 10642, and
-for M2 and M2.5 ISO 14581."""
+"""Largest theoretical diameter in mm of the head of each countersunk screw, so that none protrudes: ISO 10642, and for
+M2 and M2.5 ISO 14581."""
 
 MOUNT = "write 4xM3@120mm, countersunk 4xM3c@120mm, or M3:40mm,-20mm;-40mm,-20mm"
 DOWEL = "write 2x4mm@130mm, or 4mm:65mm,0mm;-65mm,0mm"
@@ -51,20 +51,20 @@ class Hole:
     Attributes
     ----------
     x, y : float
-        Place of its axis in the marker frame, m.
+        Position of the axis in the marker frame, m.
     diameter : float
-        m.
+        Diameter of the hole through the plate, m.
     sink : float
-        Diameter in m of a countersink of 90 degrees at the printed face; 0 is none.
+        Diameter in m of a countersink of 90 degrees at the printed face; 0 for none.
     use : {"mount", "dowel"}
-        A screw goes through the one, a pin that tells where the frame is fits the other.
+        Mounting hole for a screw, or dowel hole for a pin that locates the frame.
     name : str
-        Screw or pin that goes through, such as ``M3``.
+        Screw or pin, such as ``M3``.
 
     Raises
     ------
     InputError
-        If the place is not finite, the diameter is not above 0, or the countersink is not wider than the hole.
+        If the position is not finite, the diameter is not above 0, or the countersink is not wider than the hole.
     """
 
     x: float
@@ -92,7 +92,7 @@ class Hole:
 
     @property
     def radius(self) -> float:
-        """Radius in m of what is missing from the printed face."""
+        """Radius in m of the opening in the printed face."""
         return max(self.diameter, self.sink) / 2
 
     @property
@@ -118,23 +118,23 @@ class Substrate:
     Attributes
     ----------
     thickness : float
-        m.
+        Thickness of the plate, m.
     edge : float or None
-        Least width in m of the plate outside of a boundary that is a disk or a rectangle, None for `EDGE`; without
-        effect on others, and where an outline is given (see `edge_around`).
+        Minimum width in m of the plate outside a boundary that is a disk or a rectangle, None for `EDGE`; no effect on
+        other boundaries, or if an outline is given (see `edge_around`).
     corner_radius : float
         Radius of the outline's corners seen from above, m.
     chamfer : float
         Width of the 45 degree chamfer around the upper face, m.
     outline : Boundary or None
-        The plate's own outline; None is the boundary, with an edge around a disk or a rectangle.
+        Outline of the plate; None is the boundary, with an edge around a disk or a rectangle.
     holes : tuple of Hole
 
     Raises
     ------
     InputError
-        If a measure is negative, not finite, or beyond reason, the chamfer leaves nothing of the plate's side, or there
-        are more than `MOST_HOLES` holes.
+        If a dimension is negative, not finite, or out of range, the chamfer leaves nothing of the plate's side, or
+        there are more than `MOST_HOLES` holes.
     """
 
     thickness: float = 0.003
@@ -173,17 +173,17 @@ class Substrate:
         return tuple(hole.rim for hole in self.holes)
 
     def edge_around(self, boundary: Boundary) -> float:
-        """Width in m of the plate outside of a boundary.
+        """Return the width in m of the plate outside a boundary.
 
-        A disk and a rectangle are where the dots lie, and the plate is larger. An outline that was drawn is the plate,
-        holes and all: nothing is added to it. Nor is anything where the plate has an outline of its own.
+        A disk or a rectangle is the region of the dots, and the plate is larger. A drawn outline is the plate itself,
+        with its holes: nothing is added. Nor is anything added if the plate has an outline of its own.
         """
         if self.outline is not None or not boundary.has_measures:
             return 0.0
         return EDGE if self.edge is None else self.edge
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain JSON values, lengths in m: the thickness, and of all else what is not the default."""
+        """Return plain JSON values, lengths in m: the thickness, and all other non-default values."""
         default = Substrate()
         values: dict[str, Any] = {
             field.name: getattr(self, field.name)
@@ -198,17 +198,17 @@ class Substrate:
 
 
 def parse_mount(text: str) -> tuple[Hole, ...]:
-    """Read mounting holes: ``COUNTxSCREW@DIAMETER``, ``COUNTxSCREW@DIAMETER/ANGLE`` or ``SCREW:X,Y;X,Y``.
+    """Parse mounting holes: ``COUNTxSCREW@DIAMETER``, ``COUNTxSCREW@DIAMETER/ANGLE`` or ``SCREW:X,Y;X,Y``.
 
     The diameter is that of the pitch circle, around the origin of the marker frame. Its holes lie astride the x axis,
-    the first one at 180 degrees over their number, unless the first one's angle is given, in degrees counterclockwise
-    from the x axis. A screw is one of `SCREWS`, with ``c`` or ``countersunk`` after it if it is one of `HEADS`, or the
-    diameter of the hole as a length.
+    the first one at 180 degrees divided by their number, unless the angle of the first one is given, in degrees
+    counterclockwise from the x axis. A screw is one of `SCREWS`, followed by ``c`` or ``countersunk`` if it is one of
+    `HEADS`, or the diameter of the hole as a length.
 
     Raises
     ------
     InputError
-        If it is none of these, or a measure is unfit.
+        If it is none of these, or a dimension is invalid.
 
     Examples
     --------
@@ -219,9 +219,9 @@ def parse_mount(text: str) -> tuple[Hole, ...]:
 
 
 def parse_dowel(text: str) -> tuple[Hole, ...]:
-    """Read dowel holes, written as mounting holes are, but with a pin's diameter, and the first one on the x axis.
+    """Parse dowel holes, in the form of mounting holes, but with a pin's diameter, and the first one on the x axis.
 
-    Two of them, ``2x4mm@130mm``, say where the origin is and how the x axis runs. Raises as `parse_mount` does.
+    Two of them, ``2x4mm@130mm``, locate the origin and the x axis. Raises as `parse_mount` does.
     """
     return _parse(text, "dowel", DOWEL)
 
@@ -268,7 +268,7 @@ def _listed(places: str, what: str) -> list[tuple[float, float]]:
 
 
 def _sizes(kind: str, use: Use, forms: str) -> tuple[float, float, str]:
-    """Diameter and countersink in m, and the name of what goes through."""
+    """Return diameter and countersink in m, and the name of the screw or pin."""
     sunk = _COUNTERSUNK.fullmatch(kind)
     plain = sunk[1] if sunk else kind
     if use == "dowel":

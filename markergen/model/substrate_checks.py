@@ -15,16 +15,16 @@ from markergen.model.substrate import Hole, Substrate
 from markergen.units import format_length
 
 WALL = 1e-3
-"""Least material in m around a hole: two lines of a printer's nozzle, and no drill breaks through it."""
+"""Minimum material in m around a hole: two lines of a printer's nozzle, and enough for a drill not to break through."""
 
 TOLERANCE, FLATTENING = 1e-9, 1e-5
-"""Rounding in m, and what is lost where circles and rounded corners are taken for polygons."""
+"""Rounding in m, and error in m of circles and rounded corners approximated by polygons."""
 
 SMALLEST = 5e-4
-"""Diameter in m of the smallest hole that is worth naming as one that would fit."""
+"""Minimum diameter in m of a smaller hole that a message suggests."""
 
 SHOWN = 4
-"""Holes that a message names: a pitch circle has hardly another number of them that are wrong in the same way."""
+"""Maximum number of holes in a message: the holes of a pitch circle usually have the same fault."""
 
 Disk = tuple[float, float, float]
 """Center x, y and radius of a dot, m."""
@@ -32,7 +32,7 @@ Disk = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Misfit:
-    """One fault of a hole, and what would fit, in words; `hole` is its place in the list."""
+    """One fault of a hole, and what would fit, in words; `hole` is its index in the list."""
 
     hole: int
     found: str
@@ -43,22 +43,22 @@ class Misfit:
 
 
 def check_holes(marker: Marker, face: Region | None = None) -> None:
-    """Refuse a plate whose holes are not wholly in it, or hit a dot, the tag, or each other, or that lacks a dot.
+    """Refuse a plate whose holes are not wholly in it, or hit a dot, the tag, or each other, or that misses a dot.
 
     Parameters
     ----------
     marker : Marker
     face : Region, optional
-        The plate's upper face in m, if it is another than `plate_face` tells.
+        The plate's upper face in m, if not that of `plate_face`.
 
     Raises
     ------
     InputError
-        Naming each such hole, what it hits and by how much, and what would fit; or each such dot.
+        Naming each such hole with the obstacle, the overlap and a remedy; or each such dot.
     """
     plate, designed = marker.substrate, marker.as_designed
     if face is None and not plate.holes and replace(plate, thickness=Substrate.thickness) == Substrate():
-        return  # A plate that is as large as the boundary or larger, and nothing else.
+        return  # The plate is as large as the boundary or larger, with nothing else.
     dots = {f"dot {p.id}": (p.x, p.y, p.feature.diameter / 2) for p in designed.control_points}
     tag = marker.tag.quiet_zone if marker.tag else None
     face = plate_face(plate, marker.boundary, list(dots.values())) if face is None else face
@@ -79,23 +79,23 @@ def check_holes(marker: Marker, face: Region | None = None) -> None:
 def check_plate(
     substrate: Substrate, boundary: Boundary, blocked: Sequence[Boundary] = (), dot: float | None = None
 ) -> None:
-    """Refuse a plate that is not under all places where dots may be, or whose holes are wrong whatever the dots.
+    """Refuse a plate that does not cover the region of the dots, or whose holes are wrong wherever the dots are.
 
     Parameters
     ----------
     blocked : sequence of Boundary
-        Where no dot may be.
+        Regions without dots.
     dot : float or None
-        Diameter in m, as far as it is known: around a disk the plate holds the dots' quiet zones.
+        Diameter in m, if known: around a disk, the plate includes the dots' quiet zones.
 
     Raises
     ------
     InputError
-        Also for holes, as `check_holes` does, and as `check_edge` does.
+        As here, and as in `check_holes` and `check_edge`.
     """
     check_edge(substrate, boundary)
     if substrate.outline is not None:
-        # The chamfer is taken from the face, but not from what dots need.
+        # The chamfer is cut from the face, but not from the region of the dots.
         room = area_without(boundary, blocked).region
         over = room - plate_face(substrate, boundary).offset(FLATTENING)
         if over.area > 1e-9 * boundary.area:
@@ -105,7 +105,7 @@ def check_plate(
                 "use a larger --outline, or leave it out",
             )
     if substrate.holes:
-        # A dot on the rim is the farthest that one can be.
+        # A dot on the rim is as far out as possible.
         reach = boundary.radius / 4 if dot is None else dot / 2
         rim = (boundary.radius - reach, 0.0, reach)
         _refuse(substrate.holes, [
@@ -116,7 +116,7 @@ def check_plate(
 
 
 def check_edge(substrate: Substrate, boundary: Boundary) -> None:
-    """Refuse an edge around an outline that was drawn: it is the plate's, and its holes would become smaller.
+    """Refuse an edge around a drawn outline, which is the plate's: offsetting it would shrink its holes.
 
     Raises
     ------
@@ -143,7 +143,7 @@ def _refuse(holes: Sequence[Hole], misfits: Sequence[Misfit]) -> None:
 def crowded(
     holes: Sequence[Hole], dots: Mapping[str, Disk], clearance: float = 0.0, tag: Boundary | None = None
 ) -> list[Misfit]:
-    """Misfits of holes with each other, the tag's quiet zone, and dots by name, which stay clear as of a keep-out."""
+    """Return misfits of holes with each other, the tag's quiet zone, and dots by name, which need their clearance."""
     misfits = []
     for k, hole in enumerate(holes):
         gaps = [(name, hypot(hole.x - x, hole.y - y) - radius, clearance) for name, (x, y, radius) in dots.items()]
@@ -161,7 +161,7 @@ def crowded(
 
 
 def cut_open(holes: Sequence[Hole], face: Region) -> list[Misfit]:
-    """Misfits of holes with the edge of the plate's upper face, in m."""
+    """Return misfits of holes with the edge of the plate's upper face, in m."""
     misfits = []
     for k, hole in enumerate(holes):
         left = float(face.depth([hole.x, hole.y])) - hole.radius
@@ -172,7 +172,7 @@ def cut_open(holes: Sequence[Hole], face: Region) -> list[Misfit]:
 
 
 def sunk(substrate: Substrate) -> list[Misfit]:
-    """Misfits of countersinks that are as deep as the plate is thick, or deeper."""
+    """Return misfits of countersinks that are as deep as the plate is thick, or deeper."""
     misfits = []
     for k, hole in enumerate(substrate.holes):
         depth = hole.radius - hole.diameter / 2
@@ -183,15 +183,15 @@ def sunk(substrate: Substrate) -> list[Misfit]:
 
 
 def plate_face(substrate: Substrate, boundary: Boundary, dots: Sequence[Disk] = ()) -> Region:
-    """Upper face of the plate without its holes, in m.
+    """Return the upper face of the plate without its holes, in m.
 
-    It is what is outlined, or the boundary, with the edge around a disk and a rectangle, around a disk also every dot's
-    quiet zone, half a dot wide; with its corners rounded, and less the chamfer.
+    It is the given outline, or the boundary, with the edge around a disk or a rectangle, and around a disk also every
+    dot's quiet zone, half a dot wide; with its corners rounded, and less the chamfer.
 
     Raises
     ------
     InputError
-        If these leave nothing.
+        If nothing is left.
     """
     if substrate.outline is not None:
         shape = substrate.outline.region
@@ -202,7 +202,7 @@ def plate_face(substrate: Substrate, boundary: Boundary, dots: Sequence[Disk] = 
         if edge := substrate.edge_around(boundary):
             shape = shape.offset(edge, "miter")
     if substrate.corner_radius:
-        # What a disk of that radius reaches from inside.
+        # The opening by a disk of that radius: what it reaches from inside.
         shape = shape.offset(-substrate.corner_radius).offset(substrate.corner_radius, segments=64)
     face = shape.offset(-substrate.chamfer, "miter") if substrate.chamfer else shape
     if not face:
@@ -215,7 +215,7 @@ def plate_face(substrate: Substrate, boundary: Boundary, dots: Sequence[Disk] = 
 
 
 def disk_radius(substrate: Substrate, boundary: Boundary, dots: Sequence[Disk]) -> float:
-    """Radius in m of the plate of a disk: the boundary and its edge, or what the dots' quiet zones need."""
+    """Return the radius in m of a disk's plate: the boundary and its edge, or what the dots' quiet zones need."""
     x, y = boundary.center
     reach = max((hypot(u - x, v - y) + 2 * radius for u, v, radius in dots), default=0.0)
     return max(boundary.radius + substrate.edge_around(boundary), reach)
@@ -223,7 +223,7 @@ def disk_radius(substrate: Substrate, boundary: Boundary, dots: Sequence[Disk]) 
 
 def _fits(hole: Hole, lacking: float) -> str:
     across = floor((hole.radius - lacking) * 2e4 + 1e-6) / 1e4
-    # Rounded up, so that it is enough.
+    # Rounded up, so that it suffices.
     moved = f"move it by {ceil(lacking * 1e5 - 1e-6) / 100:g} mm"
     return f"{moved}, or use at most {_mm(across)} there" if across >= SMALLEST else moved
 

@@ -1,4 +1,4 @@
-"""Square tags and ChArUco boards: the bit patterns of ArUco and AprilTag as cells of ink in the marker frame."""
+"""Square tags and ChArUco boards: bit patterns of ArUco and AprilTag as black cells in the marker frame."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ FAMILIES: dict[str, str] = {
     **{f"aruco:DICT_{name}": f"DICT_{name}" for name in [*_ARUCO, "ARUCO_ORIGINAL", "ARUCO_MIP_36H12"]},
     **{f"apriltag:{name}": f"DICT_APRILTAG_{name.upper()}" for name in ("16h5", "25h9", "36h10", "36h11")},
 }
-"""What users call a family of tags, and what OpenCV calls its dictionary."""
+"""Names of tag families, and OpenCV's names of their dictionaries."""
 
 _BITS_AND_COUNT: dict[str, tuple[int, int]] = {
     **{f"aruco:DICT_{name}": (int(name[0]), int(name.rpartition("_")[2])) for name in _ARUCO},
@@ -32,14 +32,14 @@ _BITS_AND_COUNT: dict[str, tuple[int, int]] = {
     "apriltag:36h10": (6, 2320),
     "apriltag:36h11": (6, 587),
 }
-"""Bits along a side of each family's tags, and how many there are: known without loading OpenCV."""
+"""Bits along a side of each family's tags, and number of tags, without loading OpenCV."""
 
 UNITS = np.array([[-0.5, 0.5], [0.5, 0.5], [0.5, -0.5], [-0.5, -0.5]])
-"""Corners of a square of side 1: top left, top right, bottom right, bottom left, as OpenCV orders a tag's corners."""
+"""Corners of a square of side 1 in OpenCV's order for tags: top left, top right, bottom right, bottom left."""
 
 _STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))
 _STARTS = ((0, 0), (1, 0), (1, 1), (0, 1))
-"""The four borders of a cell, clockwise from the top: steps along them (column, row), and where each begins."""
+"""Borders of a cell, clockwise from the top: steps along them (column, row), and starting points."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +52,9 @@ class Tag:
         A key of `FAMILIES`, such as ``aruco:DICT_4X4_50`` or ``apriltag:36h11``.
     id : int
     side : float
-        Of the black square, m; the white quiet zone, one cell wide, lies outside of it.
+        Side of the black square, m; the white quiet zone, one cell wide, lies outside it.
     center : (x, y)
-        Of the square, m; the origin unless the marker's middle is elsewhere.
+        Center of the square, m; the origin unless the marker's middle is elsewhere.
 
     Raises
     ------
@@ -81,7 +81,7 @@ class Tag:
 
     @property
     def cells(self) -> int:
-        """Cells along one side of the black square: the bits and a border of one cell on both sides."""
+        """Number of cells along one side of the black square: the bits and a border of one cell on both sides."""
         return family_bits(self.family) + 2
 
     @property
@@ -96,7 +96,7 @@ class Tag:
 
     @property
     def ink(self) -> Mask:
-        """Which cells (cells, cells) are black; row 0 is the top one, column 0 the left one."""
+        """Mask (cells, cells) of the black cells; row 0 is the top one, column 0 the left one."""
         return tag_ink(self.family, self.id)
 
     @property
@@ -106,24 +106,24 @@ class Tag:
 
     @property
     def quiet_zone(self) -> Polygon:
-        """The square with its quiet zone: where no dot may be."""
+        """Square with its quiet zone, a region without dots."""
         return Polygon((tuple(map(tuple, (self.outer_side * UNITS + self.center).tolist())),))
 
     @property
     def outlines(self) -> tuple[Array, ...]:
-        """Outlines (m, 2) of all ink, m, to be filled even-odd; neighboring black cells are one."""
+        """Outlines (m, 2) of all black areas, m, to be filled even-odd; neighboring black cells are merged."""
         scale = self.side / self.cells
         outlines = cell_outlines(self.ink)
         return tuple(to_plane(outline, self.cells, self.cells, scale) + self.center for outline in outlines)
 
 
 def parse_tag(text: str, side: float) -> Tag:
-    """Read ``FAMILY[:ID]``, such as ``aruco:DICT_4X4_50:7`` or ``apriltag:36h11``; the id is 0 unless given.
+    """Parse ``FAMILY[:ID]``, such as ``aruco:DICT_4X4_50:7`` or ``apriltag:36h11``; the id is 0 by default.
 
     Raises
     ------
     InputError
-        If the family or the id is not one there is.
+        If the family or the id does not exist.
     """
     return Tag(*_split_tag(text), side)
 
@@ -138,18 +138,18 @@ def _split_tag(text: str) -> tuple[str, int]:
 
 
 def parse_ids(text: str, family: str) -> tuple[int, ...]:
-    """Read ids of a family, such as ``0-9`` or ``0,3,7-12``, in the order given.
+    """Parse ids of a family, such as ``0-9`` or ``0,3,7-12``, in the order given.
 
     Raises
     ------
     InputError
-        If it is no such list, the family has no such id, or one comes twice.
+        If it is not such a list, the family has no such id, or an id is repeated.
     """
     most = family_size(family)
     ids: list[int] = []
     for part in text.split(","):
         first, dash, last = (piece.strip() for piece in part.partition("-"))
-        # More digits than any id has would only take time.
+        # Parsing more digits than any id has would only take time.
         if not all(piece.isdecimal() and len(piece) < 10 for piece in ([first, last] if dash else [first])):
             raise InputError("ids such as 0-9 or 0,3,7", repr(text[:40]), "write numbers, and ranges with a hyphen")
         low, high = int(first), int(last if dash else first)
@@ -165,22 +165,22 @@ def parse_ids(text: str, family: str) -> tuple[int, ...]:
 
 
 SHARE, ROOM_SHARE = 1 / 3, 1 / 2
-"""Side of a tag whose size is not given: this share of the marker's radius, which hardly costs any accuracy since good
-dots are near the rim, and at most this share of the largest that fits."""
+"""Default side of a tag: this share of the marker's radius, which hardly costs any accuracy since good dots are near
+the rim, and at most this share of the largest side that fits."""
 
 FORGIVEN = 1e-9
-"""Rounding: m that a tag's corner may be over the boundary, and share of the tag's area that may be."""
+"""Tolerance for rounding: distance in m of a tag's corner over the boundary, and share of the tag's area outside."""
 
 
 def place_tag(text: str, side: float | None, boundary: Boundary, keep_outs: Sequence[Boundary] = ()) -> Tag:
-    """Tag in the middle of a boundary: at the center of its smallest enclosing circle.
+    """Place a tag in the middle of a boundary: at the center of its smallest enclosing circle.
 
     Parameters
     ----------
     text : str
         See `parse_tag`.
     side : float or None
-        Of the black square, m; None chooses (see `SHARE`).
+        Side of the black square, m; None for the default (see `SHARE`).
 
     Raises
     ------
@@ -193,7 +193,7 @@ def place_tag(text: str, side: float | None, boundary: Boundary, keep_outs: Sequ
     if side is None:
         largest = _largest_side(tag, boundary, keep_outs)
         chosen = min(SHARE * boundary.radius, ROOM_SHARE * largest)
-        # Three digits: a size that can be measured.
+        # Three digits, so that the size can be measured.
         tag = replace(tag, side=float(f"{chosen:.3g}")) if chosen else tag
     if _fits(tag, boundary, keep_outs):
         return tag
@@ -214,12 +214,12 @@ def _fits(tag: Tag, boundary: Boundary, keep_outs: Sequence[Boundary]) -> bool:
         return False
     square = Region.polygon(corners)
     over = (square - boundary.region).area + sum((square & each.region).area for each in keep_outs)
-    # Circles are taken for polygons, beyond which a corner on the rim reaches by a hair.
+    # Circles are approximated by polygons, so a corner on the rim may lie slightly outside.
     return bool(over <= FORGIVEN * square.area)
 
 
 def _largest_side(tag: Tag, boundary: Boundary, keep_outs: Sequence[Boundary]) -> float:
-    """Largest side in m of such a tag in that place that fits, short of it by a thousandth; 0 if none does."""
+    """Return the largest side in m of such a tag that fits there, short of it by a thousandth; 0 if none fits."""
     low, high = 0.0, 2 * boundary.radius
     while high - low > 1e-3 * max(low, 1e-3 * boundary.radius):
         middle = (low + high) / 2
@@ -228,7 +228,7 @@ def _largest_side(tag: Tag, boundary: Boundary, keep_outs: Sequence[Boundary]) -
 
 
 def family_size(family: str) -> int:
-    """Number of tags in a family.
+    """Return the number of tags in a family.
 
     Raises
     ------
@@ -239,13 +239,13 @@ def family_size(family: str) -> int:
 
 
 def family_bits(family: str) -> int:
-    """Bits along one side of the tags of a family."""
+    """Return the number of bits along one side of a family's tags."""
     return _known(family)[0]
 
 
 @cache
 def tag_ink(family: str, number: int) -> Mask:
-    """Black cells (b + 2, b + 2) of one tag with its border; row 0 is the top one."""
+    """Return the mask (b + 2, b + 2) of black cells of one tag with its border; row 0 is the top one."""
     import cv2
 
     cells = family_bits(family) + 2
@@ -253,10 +253,10 @@ def tag_ink(family: str, number: int) -> Mask:
 
 
 def cell_outlines(ink: Mask) -> list[Array]:
-    """Closed outlines (m, 2) of the black cells (h, w), as (column, row) of cell corners, to be filled even-odd.
+    """Trace the outlines (m, 2) of black cells (h, w), as (column, row) of cell corners, to be filled even-odd.
 
-    Every border between a black cell and a white one is walked once with the ink to its right, so cells that share
-    a side leave no seam. An outline may touch itself or another where black cells meet in a corner, but never crosses.
+    Every border between a black cell and a white one is traversed once with black to its right, so cells that share a
+    side leave no seam. An outline may touch itself or another where black cells meet at a corner, but never crosses.
     """
     padded = np.pad(ink, 1)
     edges = set()
@@ -273,7 +273,7 @@ def cell_outlines(ink: Mask) -> list[Array]:
             loop.append(edge)
             x, y, direction = edge
             x, y = x + _STEPS[direction][0], y + _STEPS[direction][1]
-            # Where two black cells meet in a corner, stay with the one at hand: the turn to the right comes first.
+            # Where two black cells meet at a corner, stay with the current one: the right turn comes first.
             turns = ((x, y, (direction + turn) % 4) for turn in (1, 0, 3))
             edge = next(turn for turn in turns if turn in edges)
         walk = np.array(loop)
@@ -282,12 +282,12 @@ def cell_outlines(ink: Mask) -> list[Array]:
 
 
 def to_plane(corners: Array, columns: int, rows: int, scale: float) -> Array:
-    """Marker plane coordinates (m, 2) in m, y up, of cell corners (column, row) of a grid around the origin."""
+    """Convert cell corners (column, row) of a grid around the origin to the marker plane: (m, 2) in m, y up."""
     return scale * (corners - [columns / 2, rows / 2]) * [1, -1]
 
 
 def _known(family: str) -> tuple[int, int]:
-    """Bits along a side and number of tags of a family that there is."""
+    """Return bits along a side and number of tags of a family; raises InputError if it is unknown."""
     if family not in FAMILIES:
         raise InputError("a known family of tags", repr(family), among(family, FAMILIES, cutoff=0.5))
     return _BITS_AND_COUNT[family]
@@ -302,25 +302,25 @@ def _dictionary(family: str):  # type: ignore[no-untyped-def]  # cv2 has no type
 
 @dataclass(frozen=True)
 class Board:
-    """A ChArUco board, upright in the middle of the marker frame, its top left square black.
+    """A ChArUco board, upright in the middle of the marker frame, with a black top left square.
 
-    A tag and its quiet zone, one cell wide, fill a white square. So the board needs no margin, and every edge of it
-    lies on one grid of cells.
+    A tag and its quiet zone, one cell wide, fill a white square. So the board needs no margin, and all of its edges lie
+    on one grid of cells.
 
     Attributes
     ----------
     family : str
-        Of the tags, a key of `FAMILIES`; ids count from 0, row by row.
+        Family of the tags, a key of `FAMILIES`; ids count from 0, row by row.
     columns, rows : int
-        Squares.
+        Number of squares.
     square : float
         Side of a square, m.
 
     Raises
     ------
     InputError
-        If there are fewer than 3 by 3 squares (the inner corners are what is measured), the family is unknown or has
-        too few tags, or the side is not a positive finite number.
+        If there are fewer than 3 by 3 squares (only inner corners are measured), the family is unknown or has too few
+        tags, or the side is not a positive finite number.
     """
 
     family: str
@@ -345,12 +345,12 @@ class Board:
 
     @property
     def tags(self) -> int:
-        """Number of tags: white squares."""
+        """Number of tags, which is the number of white squares."""
         return self.columns * self.rows // 2
 
     @property
     def square_cells(self) -> int:
-        """Cells along the side of a square: the tag's bits, its black border, and its quiet zone."""
+        """Number of cells along the side of a square: the tag's bits, its black border, and its quiet zone."""
         return family_bits(self.family) + 4
 
     @property
@@ -360,13 +360,13 @@ class Board:
 
     @property
     def corners(self) -> Array:
-        """Inner chessboard corners ((columns - 1)(rows - 1), 2) in m, row by row from the top left, as OpenCV ids."""
+        """Inner chessboard corners ((columns - 1)(rows - 1), 2) in m, row by row from the top left, as in OpenCV."""
         x, y = np.meshgrid(np.arange(1.0, self.columns), np.arange(1.0, self.rows))
         return to_plane(np.stack([x.ravel(), y.ravel()], axis=-1), self.columns, self.rows, self.square)
 
     @property
     def ink(self) -> Mask:
-        """Which cells (rows s, columns s) are black, s = `square_cells`; row 0 is the top one."""
+        """Mask (rows s, columns s) of the black cells, s = `square_cells`; row 0 is the top one."""
         s = self.square_cells
         ink = np.zeros((self.rows * s, self.columns * s), dtype=bool)
         tag = 0
@@ -382,7 +382,7 @@ class Board:
 
     @property
     def outlines(self) -> tuple[Array, ...]:
-        """Outlines (m, 2) of all ink, m, to be filled even-odd; neighboring black cells are one."""
+        """Outlines (m, 2) of all black areas, m, to be filled even-odd; neighboring black cells are merged."""
         ink = self.ink
         rows, columns = ink.shape
         scale = self.square / self.square_cells

@@ -1,4 +1,4 @@
-"""A table of objectives: what a design minimizes over the layout, each with its gradient.
+"""Table of objectives: the functions of the layout that a design minimizes, each with its gradient.
 
 An entry is a class registered in `OBJECTIVES` by a module of this package; it is built from a `Setting`.
 """

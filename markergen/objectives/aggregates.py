@@ -1,4 +1,4 @@
-"""Aggregates: one number from the values of an objective over the poses, and its derivative.
+"""Aggregates: reductions of an objective's values over the poses to one number, with derivative.
 
 Each takes values (..., P), all positive, and a softness; it returns the aggregate (...) and its derivative (..., P).
 """
@@ -19,22 +19,22 @@ AGGREGATES: Registry[Aggregate] = Registry("aggregate", __name__)
 """Aggregates by name."""
 
 NONSMOOTH = ("max", "cvar")
-"""Those whose derivative jumps where poses change places; with a softness above 0 it does not."""
+"""Aggregates whose derivative is discontinuous where poses swap ranks, unless the softness is above 0."""
 
 DEFAULT_LEVEL = 0.9
-"""Level of ``cvar`` where none is given."""
+"""Default level of ``cvar``."""
 
 _HALVINGS = 60
-"""Of the interval in which the softened quantile is looked for: to the last digit."""
+"""Number of bisections for the softened quantile, enough for full precision."""
 
 
 def aggregate_of(text: str) -> Aggregate:
-    """Aggregate by its name; ``cvar:0.95`` carries its level.
+    """Look up an aggregate by name; ``cvar:0.95`` includes its level.
 
     Raises
     ------
     InputError
-        If there is none of that name, or the level is not a number from 0 to below 1.
+        If the name is unknown, or the level is not a number from 0 to below 1.
     """
     name, colon, argument = text.partition(":")
     aggregate = AGGREGATES[name]
@@ -70,7 +70,7 @@ def mean(values: Array, softness: float = 0.0) -> tuple[Array, Array]:
 
 @AGGREGATES.register("logmean")
 def logmean(values: Array, softness: float = 0.0) -> tuple[Array, Array]:
-    """Geometric mean, exp(mean(log v)): no single bad pose decides."""
+    """Geometric mean, exp(mean(log v)), which no single bad pose dominates."""
     del softness
     total = np.exp(np.mean(np.log(values), axis=-1))
     return total, total[..., None] / (values.shape[-1] * values)
@@ -78,7 +78,7 @@ def logmean(values: Array, softness: float = 0.0) -> tuple[Array, Array]:
 
 @AGGREGATES.register("max")
 def maximum(values: Array, softness: float = 0.0) -> tuple[Array, Array]:
-    """Worst pose; with softness s > 0 the norm (sum v^(1/s))^s, smooth and above it by at most P^s."""
+    """Maximum; with softness s > 0 the norm (sum v^(1/s))^s, smooth and larger by a factor of at most P^s."""
     worst = np.max(values, axis=-1)
     if not softness:
         derivative = np.zeros_like(values)
@@ -98,27 +98,27 @@ def cvar(values: Array, softness: float = 0.0) -> tuple[Array, Array]:
 
 
 def mean_of_worst(values: Array, softness: float, level: float) -> tuple[Array, Array]:
-    """Mean of the worst k = (1 - level) P poses, the last one of them counted in part; of the worst one if k < 1.
+    """Mean of the worst k = (1 - level) P poses, the last of them counted fractionally; the worst pose if k < 1.
 
-    It is the least over t of t + sum (v - t)+ / k (Rockafellar & Uryasev 2000). With softness s > 0, (v - t)+ is
-    (v^(1/s) + t^(1/s))^s - t, which is smooth and above it by at most a factor of 2^s in v or t. At level 0 it is the
-    mean.
+    It is the minimum over t of t + sum (v - t)+ / k (Rockafellar & Uryasev 2000). With softness s > 0, (v - t)+ becomes
+    (v^(1/s) + t^(1/s))^s - t: the smooth maximum of v and t, which is too large by a factor of at most 2^s, minus t. At
+    level 0 it is the mean.
     """
     count = values.shape[-1]
     worst = max((1 - level) * count, 1.0)
     if not softness or worst >= count:
         ranks = np.argsort(np.argsort(-values, axis=-1, kind="stable"), axis=-1, kind="stable")
         derivative = np.clip(worst - ranks, 0.0, 1.0) / worst
-        # What does not count must not make nan of an infinite value.
+        # Infinite values times zero weights would be nan.
         return np.sum(np.where(derivative > 0, values, 0.0) * derivative, axis=-1), derivative
     top = values.max(axis=-1, keepdims=True)
     finite = np.isfinite(top)
     scaled = np.where(finite, values / np.where(finite, top, 1.0), 1.0)
-    # There all the shares together are less than one pose short of their number.
+    # At the upper end the sum of all shares is less than one pose below their number.
     low, high = np.zeros_like(top), np.full_like(top, 2 * count**softness)
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
-        # The derivative by t grows with t; at the least value it is 0.
+        # The derivative with respect to t grows with t and is 0 at the minimum.
         rising = np.sum(_soft_share(middle, scaled, softness), axis=-1, keepdims=True) > count - worst
         low, high = np.where(rising, low, middle), np.where(rising, middle, high)
     larger, smaller = np.maximum(scaled, high), np.minimum(scaled, high)
@@ -128,6 +128,6 @@ def mean_of_worst(values: Array, softness: float, level: float) -> tuple[Array, 
 
 
 def _soft_share(one: Array, other: Array, softness: float) -> Array:
-    """Derivative by `one` of (one^(1/s) + other^(1/s))^s: 1 where it is much the larger, 0 where much the smaller."""
+    """Derivative of (one^(1/s) + other^(1/s))^s with respect to `one`: 1 where one >> other, 0 where one << other."""
     with np.errstate(over="ignore"):
         return (1 + (other / one) ** (1 / softness)) ** (softness - 1)

@@ -1,4 +1,4 @@
-"""Objectives without a closed form: their gradient by autograd, from a few pieces that know theirs."""
+"""Objectives without a closed-form gradient: differentiated by autograd, from primitives with closed-form ones."""
 
 from abc import abstractmethod
 
@@ -18,9 +18,9 @@ Array = NDArray[np.float64]
 class AutogradObjective(Objective):
     """An objective written as one function, `values`, with ``autograd.numpy`` in place of numpy.
 
-    What it is a function of mostly is `covariance`, `information` or `pixels`, which are differentiable and batched,
-    and know lens, relief and the noise of the setting. An objective made of `pixels` alone does not depend on the
-    noise: such a one sets ``knows_noise = False``.
+    It is usually a function of `covariance`, `information` or `pixels`, which are differentiable and batched, and
+    account for lens, relief and the noise of the setting. An objective that uses only `pixels` does not depend on the
+    noise and sets ``knows_noise = False``.
 
     Examples
     --------
@@ -38,7 +38,7 @@ class AutogradObjective(Objective):
 
     @abstractmethod
     def values(self, points: Array) -> Array:
-        """Values (B, P), above 0, of layouts (B, n, 2 or 3) in m at the P poses; nan or inf where there is none."""
+        """Values (B, P), above 0, of layouts (B, n, 2 or 3) in m at the P poses; nan or inf where undefined."""
 
     def information(self, points: Array) -> Array:
         """Fisher information M (B, P, 6, 6) of the pose (w, dt), w in rad and dt in m, for the noise of the setting."""
@@ -46,12 +46,12 @@ class AutogradObjective(Objective):
         return found
 
     def covariance(self, points: Array) -> Array:
-        """CRLB (B, P, 6, 6) of the pose, the inverse of `information`; inf where a layout determines nothing."""
+        """CRLB (B, P, 6, 6) of the pose, the inverse of `information`; inf for degenerate layouts."""
         found: Array = _inverse(self.information(points))
         return found
 
     def pixels(self, points: Array) -> Array:
-        """Image points (B, P, n, 2) in px as the camera takes them; nan where the lens sees nothing."""
+        """Distorted image points (B, P, n, 2) in px; nan outside the domain of the lens model."""
         found: Array = _pixels(points, self.setting)
         return found
 
@@ -63,7 +63,7 @@ class AutogradObjective(Objective):
             except np.linalg.LinAlgError:
                 if len(points) > 1:
                     return self._one_by_one(points, softness)
-                # It determines nothing.
+                # A degenerate layout.
                 return np.full((1, len(self.setting.poses)), np.inf), lambda _: np.zeros_like(points)
 
         def back(weights: Array) -> Array:
@@ -77,7 +77,7 @@ class AutogradObjective(Objective):
         return np.where(np.isnan(found), np.inf, found), back
 
     def _one_by_one(self, points: Array, softness: float) -> tuple[Array, Pullback]:
-        """Linearize each layout by itself, so that one which determines nothing does not end the others."""
+        """Linearize each layout separately, so that a degenerate one does not affect the others."""
         values, pullbacks = zip(*(self.linearize(layout[None], softness) for layout in points), strict=True)
 
         def back(weights: Array) -> Array:

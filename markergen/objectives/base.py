@@ -1,4 +1,4 @@
-"""What an objective is: values per pose with a pullback, aggregated over the poses."""
+"""Interface of objectives: values per pose with a pullback, aggregated over the poses."""
 
 import os
 from abc import ABC, abstractmethod
@@ -24,30 +24,30 @@ Array = NDArray[np.float64]
 Pullback = Callable[[Array], Array]
 T = TypeVar("T")
 Losses = NDArray[np.intp]
-"""S sets (S, k) of dots, by their indices, each of which may be lost."""
+"""Indices (S, k) of S sets of dots, each of which may be lost."""
 
 POINTS_AT_ONCE = 2_000
-"""Projected points in one chunk of a batch: intermediate arrays then stay within the processor's cache."""
+"""Projected points in one chunk of a batch, so that intermediate arrays fit the processor's cache."""
 
 
 @cache
 def _threads() -> ThreadPoolExecutor:
-    # numpy leaves the interpreter's lock while it computes, so that chunks really run side by side.
+    # numpy releases the GIL while it computes, so chunks run in parallel.
     return ThreadPoolExecutor(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count())
 
 
 @dataclass(frozen=True)
 class Setting:
-    """Where a layout is judged.
+    """Boundary, camera, poses and noise for which a layout is evaluated.
 
     Attributes
     ----------
     boundary : Boundary
     camera : Camera
     poses : PoseDistribution
-        Those that see the boundary whole.
+        Poses that see the whole boundary.
     noise : DotNoise or None
-        What the image tells about the dots; None is noise of 1 px on every coordinate of the distorted image.
+        Noise model of the dots; None is noise of 1 px on every coordinate of the distorted image.
     """
 
     boundary: Boundary
@@ -57,30 +57,30 @@ class Setting:
 
     @property
     def noise_words(self) -> str:
-        """What bounds in this setting are for."""
+        """Noise that bounds in this setting refer to, in words."""
         return str(self.noise) if self.noise else "image noise of 1 px"
 
 
 @dataclass(frozen=True)
 class Criterion:
-    """How an objective appears in the tables that every design and study prints.
+    """Column of an objective in the tables that designs and studies print.
 
     Attributes
     ----------
     key : str
-        Of its values in files: name and unit, such as ``pose_m``.
+        Key of the values in files: name and unit, such as ``pose_m``.
     title : str
-        Of its column, with the unit after the factor: ``pose mm``.
+        Title of the column, with the unit after applying the factor: ``pose mm``.
     factor : float
-        From the objective's unit to that of the column.
+        Conversion factor from the objective's unit to the column's.
     place : int
-        Smaller ones stand farther to the left.
+        Sort key of the column; smaller ones are farther to the left.
     bound : callable or None
-        Values (B, P) from the covariance (B, P, 6, 6) of the pose (w, dt) for the noise of the setting, and the poses.
-        Criteria that have it share one covariance, and come out as the bounds do that estimators are held against:
-        their RMS over the poses is printed.
+        Function from the covariance (B, P, 6, 6) of the pose (w, dt) for the noise of the setting, and the poses, to
+        values (B, P). Criteria with a bound share one covariance and are computed like the bounds that estimators are
+        compared with: their RMS over the poses is printed.
     proportional : bool
-        Whether it is proportional to the noise.
+        True if the criterion is proportional to the noise.
     """
 
     key: str
@@ -92,12 +92,12 @@ class Criterion:
 
     @property
     def column(self) -> str:
-        """Name of its column in a table of plain text: ``pose_mm``."""
+        """Name of the column in a plain-text table, such as ``pose_mm``."""
         return self.title.replace(" ", "_") if self.factor != 1 else self.key
 
 
 class Objective(ABC):
-    """A criterion of layouts, smaller is better.
+    """A criterion for layouts; smaller is better.
 
     Layouts are (B, n, 2) in the marker's plane or, where the objective is not `planar_only`, (B, n, 3) in space; the
     gradient has the shape of the layouts.
@@ -108,22 +108,22 @@ class Objective(ABC):
     aggregate : str
         Name of an aggregate, such as ``rms`` or ``cvar:0.9``; empty takes the objective's own default.
     coordinates : str
-        The coordinates that the criterion is written in, for those that depend on it.
+        Coordinate system of the criterion, for objectives that depend on it.
 
     Attributes
     ----------
     unit : str
-        Of the values; empty for a bare number.
+        Unit of the values; empty for a dimensionless number.
     nonsmooth : bool
-        Whether the optimum may sit where the gradient jumps, so that a softened version leads there.
+        True if the gradient may be discontinuous at the optimum, which is then approached by softened versions.
     aggregated : callable
         The aggregate: takes values (..., P) and a softness, returns (...) and its derivative.
     planar_only : bool
-        Whether it knows only points in one plane, as a homography does.
+        True if it is defined only for coplanar points, as a homography is.
     knows_noise : bool
-        Whether it depends on `Setting.noise`.
+        True if it depends on `Setting.noise`.
     criterion : Criterion or None
-        Its column in the tables; None where it has none.
+        Column in the tables, if any.
     """
 
     unit: str = ""
@@ -146,7 +146,7 @@ class Objective(ABC):
 
     @property
     def nonsmooth(self) -> bool:
-        """See the class."""
+        """See `Objective`."""
         return self.nonsmooth_values or self.aggregate.partition(":")[0] in NONSMOOTH
 
     @abstractmethod
@@ -160,7 +160,7 @@ class Objective(ABC):
 
         def pullback(weights: Array) -> Array:
             gradient = np.zeros_like(points)
-            # Computed again where a loss counts at all, which few do: kept, they would fill the memory.
+            # Recompute the few losses with nonzero weight: storing all of them would take too much memory.
             for loss, rest in enumerate(kept):
                 rows = np.flatnonzero(weights[:, loss].any(axis=-1))
                 if rows.size:
@@ -171,7 +171,7 @@ class Objective(ABC):
         return values, pullback
 
     def per_pose(self, points: Array) -> Array:
-        """Values (B, P) of layouts (B, n, .) in m; inf where a layout determines nothing."""
+        """Values (B, P) of layouts (B, n, .) in m; inf for degenerate layouts."""
         return np.concatenate(self._in_chunks(lambda chunk: self.linearize(chunk)[0], points))
 
     def __call__(self, points: Array) -> Array:
@@ -182,7 +182,7 @@ class Objective(ABC):
     def value_and_gradient(self, points: Array, softness: float = 0.0) -> tuple[Array, Array]:
         """Aggregated values (B,) and their gradients (B, n, .), per m, for layouts (B, n, .) in m.
 
-        A layout without a finite value gets a gradient of zero.
+        The gradient of a layout without a finite value is zero.
         """
 
         def both(chunk: Array) -> tuple[Array, Array]:
@@ -199,7 +199,7 @@ class Objective(ABC):
             return value, pullback(derivative)
 
     def _in_chunks(self, function: Callable[[Array], T], points: Array) -> list[T]:
-        """Results on chunks of the batch, computed side by side; how many cores there are changes no chunk."""
+        """Apply the function to chunks of the batch in parallel; chunks do not depend on the number of cores."""
         if self.planar_only and points.shape[-1] > 2:
             raise InputError(
                 "control points in the marker's plane for this objective",
@@ -214,9 +214,9 @@ class Objective(ABC):
 class TraceObjective(Objective):
     """sqrt(trace(W C)), C = M^-1 the first-order covariance, M the Fisher information.
 
-    M = J'J for image noise of 1 px; with `Setting.noise` M = sum of J_i' F_i J_i over the dots, F_i the information of
-    a dot's center (`markergen.maths.dot_crlb`), which depends on where the dot is. J and the noise are those of the
-    distorted image, through the lens (`markergen.objectives.observation`). The gradient is closed:
+    M = J'J for image noise of 1 px; with `Setting.noise` M = sum of J_i' F_i J_i over the dots, F_i being the
+    information of a dot's center (`markergen.maths.dot_crlb`), which depends on the dot's position. J and the noise are
+    those of the distorted image (`markergen.objectives.observation`). The gradient has the closed form
     d trace(W M^-1) = -<S, dM> with S = M^-1 W M^-1, that is -2 <J S, dJ> for J'J.
     """
 
@@ -237,31 +237,31 @@ class TraceObjective(Objective):
 
     @abstractmethod
     def _plane(self) -> Array:
-        """T (P, k, 2) with J T = d(image point)/d(X, Y): a point moved in the plane, as a change of the parameters."""
+        """T (P, k, 2) with J T = d(image point)/d(X, Y): a point's motion in the plane as a change of parameters."""
 
     @abstractmethod
     def _jacobian_pullback(self, cotangent: Array, points: Array) -> Array:
         """Gradient (B, P, n, .) with respect to the points of sum(cotangent * J)."""
 
     def covariance(self, points: Array) -> Array:
-        """C (B, P, k, k) for layouts (B, n, .) in m; inf where a layout determines nothing."""
+        """C (B, P, k, k) for layouts (B, n, .) in m; inf for degenerate layouts."""
         found = covariance(self._information(self._distorted(points)[0])[0])
         return np.where(np.isnan(found), np.inf, found)
 
     def information(self, points: Array) -> tuple[Array, Pullback]:
-        """M (B, P, k, k) of layouts (B, n, .) in m, and its pullback: a cotangent (B, P, k, k) to the points."""
+        """M (B, P, k, k) of layouts (B, n, .) in m, and its pullback from a cotangent (B, P, k, k) to the points."""
         jacobian, to_points = self._distorted(points)
         matrix, through_weights = self._information(jacobian)
 
         def pullback(cotangent: Array) -> Array:
-            # What is passed on is the gradient of half of <S, dM>, for a symmetric S.
+            # The inner pullbacks return the gradient of half of <S, dM>, for a symmetric S.
             sensitivity = cotangent + cotangent.swapaxes(-1, -2)
             return to_points(through_weights(jacobian @ sensitivity)).sum(axis=1)
 
         return matrix, pullback
 
     def linearize(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
-        """See `Objective.linearize`; smooth everywhere, so softness changes nothing."""
+        """See `Objective.linearize`; smooth everywhere, so softness has no effect."""
         del softness
         jacobian, to_points = self._distorted(points)
         matrix, through_weights = self._information(jacobian)
@@ -275,7 +275,7 @@ class TraceObjective(Objective):
         return values, pullback
 
     def linearize_without(self, points: Array, losses: Losses, softness: float = 0.0) -> tuple[Array, Pullback]:
-        """See `Objective.linearize_without`; what the lost dots tell is taken off the information of all."""
+        """See `Objective.linearize_without`; the lost dots' information is subtracted from the total."""
         del softness
         jacobian, to_points = self._distorted(points)
         weighed, through_weights = self._weighed(jacobian)
@@ -302,7 +302,7 @@ class TraceObjective(Objective):
         return values, pullback
 
     def _values(self, inverse: Array) -> tuple[Array, Array]:
-        """sqrt(trace(W C)), inf where that is nothing, and W C, of covariances C (..., P, k, k)."""
+        """sqrt(trace(W C)), inf where undefined, and W C, for covariances C (..., P, k, k)."""
         with np.errstate(invalid="ignore"):
             weighted = self.weight @ inverse
             trace = np.trace(weighted, axis1=-2, axis2=-1)
@@ -323,24 +323,24 @@ class TraceObjective(Objective):
         return taken, pullback
 
     def _information(self, jacobian: Array) -> tuple[Array, Pullback]:
-        """M (B, P, k, k), and what J S, for half of <S, dM>, is as a cotangent of J."""
+        """M (B, P, k, k), and the pullback of half of <S, dM>, given J S, to a cotangent of J."""
         if self._dots is None:
             return information(jacobian), lambda turned: turned
         weighed, pullback = self._weighed(jacobian)
         return jacobian.swapaxes(-1, -2) @ weighed, pullback
 
     def _weighed(self, jacobian: Array) -> tuple[Array, Pullback]:
-        """F J, and the pullback of `_information`; S may be another one for each dot."""
+        """F J, and the pullback of `_information`; S may differ between dots."""
         return self._dots(jacobian) if self._dots else (jacobian, lambda turned: turned)
 
 
 OBJECTIVES: Registry[type[Objective]] = Registry(
     "objective", "markergen.objectives", "markergen.objectives", type[Objective]
 )
-"""Objectives by name; an entry is a subclass of `Objective`."""
+"""Objectives by name; each entry is a subclass of `Objective`."""
 
 
 def either(names: Iterable[str]) -> str:
-    """``a, b or c``."""
+    """Join names as ``a, b or c``."""
     *others, last = names
     return f"{', '.join(others)} or {last}" if others else last

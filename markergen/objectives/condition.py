@@ -1,4 +1,4 @@
-"""The condition number of the DLT matrix, the objective of Acuna & Willert (2018)."""
+"""Condition number of the DLT matrix, the objective of Acuna & Willert (2018)."""
 
 from collections.abc import Callable
 
@@ -18,8 +18,8 @@ Array = NDArray[np.float64]
 condition_number: Callable[..., Array] = primitive(dlt.condition)
 """Condition number s1/s8 (`markergen.maths.dlt.condition`), differentiable by autograd.
 
-autograd through a full SVD divides by differences of singular values and gives inf or nan where two coincide, which is
-where optima sit; this primitive brings the closed form instead.
+autograd through a full SVD divides by differences of singular values and gives inf or nan where two of them coincide,
+as they do at optima; this primitive uses the closed form instead.
 """
 
 
@@ -42,12 +42,13 @@ defvjp(condition_number, _vjp(1), _vjp(2), argnums=(0, 1))
 class ConditionObjective(Objective):
     """Condition number c(A) = s1/s8 of the DLT matrix per pose (Eq. 11).
 
-    It depends on the coordinates that A is written in. ``unit`` (default): object (X - center)/r and image
-    (x - x_center) z_center / r with x = K^-1 px, so that a frontal boundary is the unit disk on both sides and no unit
-    of length matters. ``metric``: m and K^-1 px, as in the paper. ``pixel``: m and px. ``hartley``: each set of points
-    normalized by itself; c then forgets the size and the markers shrink to nothing, so it is for study only.
+    It depends on the coordinates used in A. ``unit`` (default): object (X - center)/r and image
+    (x - x_center) z_center / r with x = K^-1 px, so that a frontal boundary is the unit disk on both sides and the
+    unit of length does not matter. ``metric``: m and K^-1 px, as in the paper. ``pixel``: m and px. ``hartley``: each
+    set of points normalized separately; c is then independent of size and the markers shrink to nothing, so it is for
+    studies only.
 
-    A homography knows no lens distortion, so the DLT is written with undistorted points; px are undistorted px.
+    A homography does not model lens distortion, so the DLT uses undistorted points; px are undistorted px.
     """
 
     unit = ""
@@ -64,7 +65,7 @@ class ConditionObjective(Objective):
         poses, camera, count = setting.poses, setting.camera, len(setting.poses)
         self._normalizes = coordinates == "hartley"
         self._object_scale = 1.0
-        # The image is written as (x - shift) * stretch, one shift and stretch for each pose.
+        # Image coordinates are (x - shift) * stretch, with one shift and stretch for each pose.
         self._shift, self._stretch = np.zeros((count, 1, 2)), np.ones((count, 1, 2))
         if coordinates == "unit":
             depth = poses.translation[:, None, 2:]

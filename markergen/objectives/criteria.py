@@ -1,4 +1,4 @@
-"""All criteria of a layout side by side, and those of the layouts it is compared with."""
+"""All criteria of a layout, and of the layouts it is compared with."""
 
 from collections.abc import Mapping
 
@@ -12,23 +12,23 @@ Array = NDArray[np.float64]
 Criteria = Mapping[str, float]
 
 RANDOM_LAYOUTS = 25
-"""Random layouts whose median stands for "no design at all"; an odd number, so that the median is one of them."""
+"""Number of random layouts whose median represents "no design"; odd, so that the median is one of them."""
 
 
 def columns() -> dict[str, Criterion]:
-    """Criteria of the table of objectives by their names, in the order in which they are printed."""
+    """Criteria of all objectives by name, in printing order."""
     found = {name: OBJECTIVES[name].criterion for name in OBJECTIVES}
     known = {name: criterion for name, criterion in found.items() if criterion}
     return dict(sorted(known.items(), key=lambda item: (item[1].place, item[1].key)))
 
 
 def criteria(points: Array, setting: Setting) -> list[dict[str, float]]:
-    """Every criterion of each layout (B, n, 2 or 3), for the noise of the setting and each with its default aggregate.
+    """Every criterion of each layout (B, n, 2 or 3), for the noise of the setting, with its default aggregate.
 
     Keys are those of the objectives that are criteria: ``pose_m``, ``homography_px``, ``condition`` (unit coordinates),
     those of other packages, and the RMS over the poses of the bounds ``rotation_deg`` and ``translation_pct``. Bounds
-    are for `Setting.noise_words` and scale with the noise; ``condition`` does not depend on it. Layouts with relief
-    have no homography: its two keys are left out.
+    refer to `Setting.noise_words` and scale with the noise; ``condition`` does not depend on it. Layouts with relief
+    have no homography, so its two keys are omitted.
     """
     points = without_height(points)
     known = criteria_for(points)
@@ -41,22 +41,22 @@ def criteria(points: Array, setting: Setting) -> list[dict[str, float]]:
 
 
 def without_height(points: Array) -> Array:
-    """Points (..., 2) of points (..., 3) that all lie in the marker's plane; others as they are."""
+    """Drop the heights of points (..., 3) that all lie in the marker's plane; return others unchanged."""
     return points[..., :2] if points.shape[-1] == 3 and not points[..., 2].any() else points
 
 
 def criteria_for(points: Array) -> dict[str, Criterion]:
-    """Those of `columns` that layouts (..., 2 or 3) have: a relief has no homography."""
+    """Subset of `columns` defined for layouts (..., 2 or 3): a relief has no homography."""
     planar = points.shape[-1] == 2
     return {name: each for name, each in columns().items() if planar or not OBJECTIVES[name].planar_only}
 
 
 def regular_polygon(n: int, radius: float) -> Array:
-    """Regular n-gon (n, 2) on the circle of that radius, one corner straight up, counterclockwise."""
+    """Regular n-gon (n, 2) on a circle of the given radius, counterclockwise from the top corner."""
     angles = np.pi / 2 + 2 * np.pi * np.arange(n) / n
     return radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
 
 
 def median_criteria(layouts: list[dict[str, float]]) -> dict[str, float]:
-    """Median of each criterion by itself over several layouts."""
+    """Median of each criterion over several layouts, separately."""
     return {key: float(np.median([layout[key] for layout in layouts])) for key in layouts[0]}

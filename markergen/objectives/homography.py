@@ -1,4 +1,4 @@
-"""The homography objective: the expected error of the homography on and around the marker."""
+"""Homography objective: expected error of the homography on and around the marker."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ Array = NDArray[np.float64]
 
 
 def validation_grid(radius: float) -> Array:
-    """The M = 49 validation points (49, 2) in m: an even 7 x 7 grid over a square of half-width 1.5 radius.
+    """Return the M = 49 validation points (49, 2) in m: a uniform 7 x 7 grid over a square of half-width 1.5 radius.
 
     Wider than the marker, as in Acuna & Willert (2018), to measure the homography beyond its control points.
     """
@@ -22,9 +22,9 @@ def validation_grid(radius: float) -> Array:
 class HomographyObjective(TraceObjective):
     """Root of the expected HE in px, HE the mean squared error over the validation grid, for the noise of the setting.
 
-    trace(W C) with C the CRLB of the eight parameters of the homography and W the mean over the grid of J_g'J_g. The
-    noise is that of the distorted image; the homography maps to undistorted px, those of a camera without distortion,
-    and so its error is in these: a grid wider than the marker may lie where the lens sees nothing.
+    HE = trace(W C) with C the CRLB of the eight parameters of the homography and W the mean over the grid of J_g'J_g.
+    The noise is that of the distorted image, but the homography maps to undistorted px, and so its error is in
+    undistorted px: a grid wider than the marker may extend beyond the domain of the lens model.
     """
 
     unit = "px"
@@ -42,7 +42,7 @@ class HomographyObjective(TraceObjective):
         return homography_jacobian(points, poses.rotation, poses.translation, camera.focal, radius)
 
     def _plane(self) -> Array:
-        # M (I + D) takes the plane point r (x, y) to that of (x + D13, y + D23) to first order, for every x and y.
+        # M (I + D) maps the plane point r (x, y) to the image of r (x + D13, y + D23) to first order, for all x and y.
         shift = np.zeros((8, 2))
         shift[2, 0] = shift[5, 1] = 1 / self.setting.boundary.radius
         return np.broadcast_to(shift, (len(self.setting.poses), 8, 2))

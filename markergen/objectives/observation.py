@@ -1,12 +1,12 @@
-"""How a dot is observed: from the Jacobian of undistorted image points to that of the distorted image, weighted.
+"""Observation model of dots: converts Jacobians from undistorted to distorted image points, and weights them.
 
-A Jacobian has two rows to an image point; what acts on them are 2x2 blocks.
+A Jacobian has two rows per image point, on which 2x2 blocks act.
 
-**Lens.** With x the normalized coordinates of a point and x' = d(x) what the lens makes of them, the two rows of an
-image point are multiplied by D(x) = diag(f) d'(x) diag(1/f).
+**Lens.** With x the normalized coordinates of a point and x' = d(x) the distorted ones, the two rows of an image point
+are multiplied by D(x) = diag(f) d'(x) diag(1/f).
 
-**Image noise.** Every dot weighs, in every pose, as much as its image tells about where it is. A dot that is printed
-out of place counts as well: its covariance is that of the image plus that of the print.
+**Image noise.** Every dot is weighted, in every pose, by the information that its image gives about its center. Print
+errors count as well: a dot's covariance is the sum of those of image and print.
 """
 
 from collections.abc import Callable
@@ -29,27 +29,27 @@ LensPullback = Callable[[Array], tuple[Array, Array]]
 
 
 def in_pairs(rows: Array) -> Array:
-    """Rows (..., 2n, k) as (..., n, 2, k)."""
+    """Reshape rows (..., 2n, k) to (..., n, 2, k)."""
     return rows.reshape(*rows.shape[:-2], -1, 2, rows.shape[-1])
 
 
 def times_rows(blocks: Array, rows: Array) -> Array:
-    """Rows (..., 2n, k) multiplied by blocks (..., n, 2, 2)."""
+    """Multiply rows (..., 2n, k) by blocks (..., n, 2, 2) from the left."""
     return product(blocks, rows.reshape(*blocks.shape[:-1], rows.shape[-1])).reshape(rows.shape)
 
 
 def row_products(left: Array, right: Array) -> Array:
-    """Blocks (..., n, 2, 2) on the diagonal of left right', for rows (..., 2n, k)."""
+    """Diagonal blocks (..., n, 2, 2) of left right', for rows (..., 2n, k)."""
     return np.einsum("...ik,...jk->...ij", in_pairs(left), in_pairs(right))
 
 
 def lens_blocks(camera: Camera, normalized: Array) -> Array:
-    """D (..., 2, 2) at normalized coordinates (..., 2); nan where the lens does not see."""
+    """D (..., 2, 2) at normalized coordinates (..., 2); nan outside the domain of the lens model."""
     return camera.pixel_jacobian(normalized) / camera.focal
 
 
 def through_lens(jacobian: Array, points: Array, camera: Camera, poses: PoseDistribution) -> Array:
-    """Rows (..., P, 2n, k), distorted px, of those in undistorted px, for points (..., n, 2 or 3) in m."""
+    """Convert rows (..., P, 2n, k) from undistorted to distorted px, for points (..., n, 2 or 3) in m."""
     if camera.distortion == NO_DISTORTION:
         return jacobian
     normalized = perspective(to_camera(points, poses.rotation, poses.translation))
@@ -61,8 +61,8 @@ def linearize_lens(
 ) -> tuple[Array, LensPullback]:
     """`through_lens`, and its pullback.
 
-    The pullback takes a cotangent of the distorted rows to that of the undistorted ones, and to the gradient
-    (..., P, n, 2 or 3) with respect to the points of what D alone changes: <C, dD J> for the cotangent C.
+    The pullback maps a cotangent C of the distorted rows to that of the undistorted ones, and to the gradient
+    (..., P, n, 2 or 3) with respect to the points through D alone, <C, dD J>.
     """
     seen = to_camera(points, poses.rotation, poses.translation)
     normalized = perspective(seen)
@@ -82,14 +82,14 @@ def linearize_lens(
 
 @dataclass(frozen=True)
 class DotNoise:
-    """Dots of one diameter in m, the image that shows them, and how well they are printed.
+    """Noise of dots of one diameter in m, from image and print.
 
     Attributes
     ----------
     diameter : float
     image : ImageNoise
     print_sigma : float
-        Standard deviation in m of a dot's place along each axis of the marker plane.
+        Standard deviation in m of a dot's position along each axis of the marker plane.
     """
 
     diameter: float
@@ -106,9 +106,8 @@ class DotWeights:
 
     With a print error, the inverse of image plus print covariance, (F^-1 + sigma^2 A A' / radius^2)^-1.
 
-    The image of a dot is, to first order, the affine image A = radius d(image)/d(X, Y) of the unit circle. Image and
-    plane point move each other through J, J T = d(image)/d(X, Y) with a fixed T for every pose, so no other derivative
-    than J is needed.
+    The image of a dot is, to first order, the affine image A = radius d(image)/d(X, Y) of the unit circle. J contains
+    that derivative as well, J T = d(image)/d(X, Y) with a fixed T for every pose, so no other derivative is needed.
 
     Parameters
     ----------
@@ -116,18 +115,18 @@ class DotWeights:
     plane : array (P, k, 2)
         T.
     center : array (P, 2, k)
-        J of the marker's origin; its dot's shape chooses the nodes of an integral, nothing else.
+        J of the marker's origin; the image shape of a dot there only determines the nodes of an integral.
     """
 
     def __init__(self, noise: DotNoise, plane: Array, center: Array) -> None:
         self._noise = noise
         self._affine = plane * (noise.diameter / 2)
-        # Of the print error, in radii: what A turns into pixels.
+        # Print error in dot radii, which A converts to pixels.
         self._out_of_place = noise.print_sigma / (noise.diameter / 2)
         self._nodes = directions(center @ self._affine)
 
     def __call__(self, jacobian: Array) -> tuple[Array, Pullback]:
-        """W J, and how half of <S, d(J' W J)> is pulled back to J: from J S, S symmetric, to a cotangent of J."""
+        """W J, and the pullback of half of <S, d(J' W J)>, S symmetric: from J S to a cotangent of J."""
         affine = jacobian @ self._affine
         blocks = affine.reshape(*affine.shape[:-2], -1, 2, 2)
         weight, weight_pullback = self._weights(blocks)

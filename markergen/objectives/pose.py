@@ -1,4 +1,4 @@
-"""Objectives of the pose's covariance; the default: how far the estimate's error displaces the marker's rim."""
+"""Objectives based on the pose covariance, including the default: displacement of the marker's rim."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 class PoseCovarianceObjective(TraceObjective):
-    """Root of trace(W C), C the CRLB of the pose (w, dt), see `markergen.maths.information`; knows points in space."""
+    """Root of trace(W C), C the CRLB of the pose (w, dt), see `markergen.maths.information`; allows relief."""
 
     default_restarts = 8
 
@@ -20,7 +20,7 @@ class PoseCovarianceObjective(TraceObjective):
         return pose_jacobian(points, poses.rotation, poses.translation, self.setting.camera.focal)
 
     def _plane(self) -> Array:
-        # A point that moves in the plane moves in the camera frame as by a translation of the marker.
+        # In the camera frame, moving a point in the plane is equivalent to translating the marker.
         in_plane = self.setting.poses.rotation[:, :, :2]
         return np.concatenate([np.zeros_like(in_plane), in_plane], axis=1)
 
@@ -33,8 +33,8 @@ class PoseCovarianceObjective(TraceObjective):
 class PoseObjective(PoseCovarianceObjective):
     """Expected RMS displacement in m of the boundary's rim in the camera frame, for the noise of the setting.
 
-    W is the mean over rim points b of J_b'J_b, J_b = d(R b + t). One unit, so no weight between rotation and
-    translation has to be chosen.
+    W is the mean over rim points b of J_b'J_b, J_b = d(R b + t). As a length, it needs no relative weight of rotation
+    and translation.
     """
 
     unit = "m"

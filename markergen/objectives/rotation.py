@@ -1,4 +1,4 @@
-"""The rotation objective: the error of the estimated orientation alone."""
+"""Rotation objective: error of the estimated orientation alone."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,11 @@ def _bound(covariance: Array, poses: PoseDistribution) -> Array:
 
 @OBJECTIVES.register("rotation")
 class RotationObjective(PoseCovarianceObjective):
-    """RMS rotation angle in degrees that the noise of the setting allows (`markergen.maths.information`)."""
+    """RMS rotation error in degrees for the noise of the setting (`markergen.maths.information`)."""
 
     unit = "deg"
     criterion = Criterion("rotation_deg", "rotation deg", place=2, bound=_bound)
-    # Dots in pairs and triples are local optima, which half of the starts end in.
+    # Half of the starts end in local optima, with dots in pairs and triples.
     default_restarts = 32
 
     def _weight(self) -> Array:

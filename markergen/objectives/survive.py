@@ -1,4 +1,4 @@
-"""Layouts that bear the loss of dots: hidden, soiled, or out of the image."""
+"""Robustness of layouts against lost dots: hidden, soiled, or out of the image."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -14,19 +14,19 @@ from markergen.objectives.criteria import Criteria, criteria_for, without_height
 Array = NDArray[np.float64]
 
 SMALLEST_SHARE = 1e-12
-"""Derivatives below this share of all are nothing: most losses are far from the worst."""
+"""Fraction of the total below which derivatives are neglected: most losses are far from the worst."""
 
 
 class SurvivalObjective(Objective):
-    """The objective after the worst loss of `lost` dots: the largest, over all sets of so many, of what is left.
+    """The objective after the worst loss of `lost` dots: its maximum over all sets of that size.
 
-    Its unit, aggregate and coordinates are the objective's; the values of the poses are those after the worst loss.
+    Unit, aggregate and coordinates are the objective's; the values per pose are those after the worst loss.
 
     Parameters
     ----------
     objective : Objective
     lost : int
-        1 to 3; 4 dots or more must be left, and there must be no more than 2000 sets.
+        1 to 3; 4 dots or more must remain, and there must be no more than 2000 sets.
     """
 
     def __init__(self, objective: Objective, lost: int) -> None:
@@ -38,11 +38,11 @@ class SurvivalObjective(Objective):
 
     @property
     def nonsmooth(self) -> bool:
-        """Whatever the objective: at the best layout several losses are equally bad."""
+        """True for any objective: at the best layout several losses are equally bad."""
         return True
 
     def linearize(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
-        """See `Objective.linearize`: values (B, P) after the loss that is the worst over all poses."""
+        """See `Objective.linearize`: values (B, P) after the loss with the worst aggregate over the poses."""
         values, pullback = self.objective.linearize_without(points, self._losses(points), softness)
         with np.errstate(invalid="ignore"):
             worst = np.argmax(self.aggregated(values, softness)[0], axis=-1)
@@ -63,7 +63,7 @@ class SurvivalObjective(Objective):
             totals, by_value = self.aggregated(values, softness)
             value, by_total = AGGREGATES["max"](totals, softness)
             by_total[by_total < SMALLEST_SHARE] = 0.0
-            # A loss that leaves nothing has an infinite value, and no derivative.
+            # A loss that leaves a degenerate layout has an infinite value, and no derivative.
             weights = np.where(by_total[..., None] > 0, by_value * by_total[..., None], 0.0)
             return value, pullback(weights)
 
@@ -72,12 +72,12 @@ class SurvivalObjective(Objective):
 
 
 def losses(n: int, lost: int) -> Losses:
-    """All sets of `lost` out of n dots, (S, lost), by their indices in ascending order.
+    """All sets of `lost` out of n dots, (S, lost), as indices in ascending order.
 
     Raises
     ------
     InputError
-        If fewer than four dots would be left, or there are too many sets.
+        If fewer than four dots would remain, or there are too many sets.
     """
     check_losses(n, lost)
     return np.array(list(combinations(range(n), lost)), dtype=np.intp)
@@ -91,9 +91,9 @@ class HiddenDots:
     ----------
     hidden : int
     worst, mean : mapping
-        Of each criterion by itself, over all sets of so many dots.
+        Worst and mean value of each criterion separately, over all sets of `hidden` dots.
     worst_dots : tuple of int
-        The dots whose loss is the worst for the pose.
+        Dots whose loss is worst for the pose.
     """
 
     hidden: int
@@ -122,7 +122,7 @@ def hidden_dot_errors(points: Array, setting: Setting, lost: int) -> list[Hidden
 
 
 def _first_worst(values: Array) -> int:
-    """Index of the first value that is the largest but for rounding: symmetric layouts have many."""
+    """Index of the first value that is the largest up to rounding: symmetric layouts have many."""
     return int(np.argmax(values >= values.max() * (1 - 1e-9)))
 
 

@@ -1,4 +1,4 @@
-"""The translation objective: the error of the estimated place alone."""
+"""Translation objective: error of the estimated position alone."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ def _bound(covariance: Array, poses: PoseDistribution) -> Array:
 
 @OBJECTIVES.register("translation")
 class TranslationObjective(PoseCovarianceObjective):
-    """RMS translation error in percent of the distance |t| that the noise of the setting allows."""
+    """RMS translation error in percent of the distance |t|, for the noise of the setting."""
 
     unit = "%"
     criterion = Criterion("translation_pct", "translation %", place=3, bound=_bound)

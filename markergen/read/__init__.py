@@ -1,1 +1,1 @@
-"""Readers of what users bring: specs now; outlines, cameras and poses follow."""
+"""Readers of user input: specs, outlines, cameras, poses, images and measured dots."""

@@ -1,4 +1,4 @@
-"""Pictures from files: grey levels as the sensor has them, or one line that says why not."""
+"""Read images as grey levels in sensor coordinates, or explain in one line why that is impossible."""
 
 import glob
 import io
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
 Grey = NDArray[np.uint8] | NDArray[np.uint16]
 
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".pbm", ".pgm", ".png", ".pnm", ".ppm", ".tif", ".tiff", ".webp")
-"""By these a folder's files are taken for images."""
+"""Suffixes of the files in a folder that count as images."""
 
 LARGEST_PIXELS = 100_000_000
-"""Pixels of the largest image that is read: above most sensors, and still fit for memory in 16 bits and color."""
+"""Maximum number of pixels of an image file: above most sensors, and fit for memory in 16 bits and color."""
 
 LARGEST_FRAME = 400_000_000
-"""Pixels of the largest image in memory that is searched: five seconds, and 2 GB for 16 bits."""
+"""Maximum number of pixels of an image in memory that is searched: five seconds, and 2 GB at 16 bits."""
 
 LEAST_SIDE = 16
-"""Least width and height in px: four dots that can be measured do not fit into less."""
+"""Minimum width and height in px: a smaller image cannot contain four measurable dots."""
 
 _FORMATS = ("BMP", "JPEG", "PNG", "PPM", "TIFF", "WEBP")
 _KNOWN = "PNG, JPEG, TIFF, BMP, WebP or PGM"
@@ -48,7 +48,7 @@ _UNDO: dict[int, Callable[[NDArray[Any]], NDArray[Any]]] = {
     7: lambda image: image[::-1, ::-1].swapaxes(0, 1),
     8: lambda image: np.rot90(image, -1),
 }
-"""By orientation, what takes back how decoders turn the images of TIFF files; those of others they do not turn."""
+"""Inverse, by EXIF orientation, of the rotation that decoders apply to TIFF images (and to no others)."""
 
 ORIENTATION_NOTE = "the EXIF orientation is ignored: the camera's calibration is for the sensor as it is"
 TRANSPARENCY_NOTE = "transparent pixels are taken as white"
@@ -56,14 +56,14 @@ TRANSPARENCY_NOTE = "transparent pixels are taken as white"
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """A picture.
+    """An image.
 
     Attributes
     ----------
     grey : array (h, w) of uint8 or uint16
-        Colors are turned into luminance.
+        Grey levels; colors are converted to luminance.
     notes : tuple of str
-        What was done to it, or left undone, that its owner may not expect.
+        Remarks on conversions that the user may not expect.
     """
 
     grey: Grey
@@ -72,7 +72,7 @@ class Image:
 
 @dataclass(frozen=True)
 class _Header:
-    """What a file says of its image."""
+    """Properties of an image as its file states them."""
 
     width: int
     height: int
@@ -81,16 +81,16 @@ class _Header:
 
 
 def read_image(path: Path) -> Image:
-    """Read an image of 8 or 16 bits, grey or color; its rows and columns are the sensor's, whatever EXIF says.
+    """Read an 8- or 16-bit image, grey or color, with the sensor's rows and columns whatever its EXIF orientation.
 
-    A second decoder, Pillow, reads the header first and then goes through the file to its end, since OpenCV fills up
-    what a truncated file lacks and says nothing.
+    A second decoder, Pillow, first reads the header and then the file to its end, since OpenCV silently fills in the
+    missing parts of a truncated file.
 
     Raises
     ------
     InputError
-        If it is missing, not readable, no image of a known format, damaged, of another depth, of less than 16 px to a
-        side or more than 100 million pixels.
+        If it is missing, unreadable, damaged, not in a known format, of another depth, under 16 px on a side, or above
+        100 million pixels.
     """
     data = _content(path)
     try:
@@ -100,9 +100,9 @@ def read_image(path: Path) -> Image:
     except InputError:
         raise
     except MemoryError:
-        raise InputError(f"memory enough for {path}", "too little", "scale the image down") from None
-    except Exception as error:  # Decoders raise whatever comes up in a broken file.
-        raise InputError(f"a whole {_KNOWN} image in {path}", _brief(error), "export the image again") from None
+        raise InputError(f"enough memory for {path}", "too little", "scale the image down") from None
+    except Exception as error:  # Decoders raise all kinds of exceptions for broken files.
+        raise InputError(f"a complete {_KNOWN} image in {path}", _brief(error), "export the image again") from None
     if pixels.dtype not in (np.uint8, np.uint16):
         raise InputError(
             f"8 or 16 bits per channel in {path}", f"{pixels.dtype}", "convert the image to 8 or 16 bit grey"
@@ -117,16 +117,16 @@ def read_image(path: Path) -> Image:
         pixels = _UNDO.get(header.orientation, _UNDO[1])(pixels)
     transparent = _transparent(pixels)
     if transparent and header.format == "TIFF":
-        # Decoders do not agree whether its colors are already multiplied by their opacity.
+        # Decoders disagree on whether its colors are premultiplied by opacity.
         raise InputError(f"an opaque image in {path}", "a transparent TIFF", "remove the transparency, or use PNG")
     notes = [ORIENTATION_NOTE] * (header.orientation != 1) + [TRANSPARENCY_NOTE] * transparent
     return Image(grey_levels(pixels), tuple(notes))
 
 
 def grey_levels(pixels: NDArray[Any]) -> Grey:
-    """Luminance (h, w) of grey (h, w), (h, w, 1 or 2) or BGR (h, w, 3 or 4), the last of 2 or 4 being opacity.
+    """Luminance (h, w) of grey (h, w), (h, w, 1 or 2) or BGR (h, w, 3 or 4); channel 2 or 4, if any, is opacity.
 
-    0.299 R + 0.587 G + 0.114 B; what is transparent lies on white. Rows are contiguous in memory.
+    Computed as 0.299 R + 0.587 G + 0.114 B, with transparent pixels over white. Rows are contiguous in memory.
     """
     import cv2
 
@@ -143,14 +143,14 @@ def grey_levels(pixels: NDArray[Any]) -> Grey:
 
 
 def grey_frame(frame: object) -> Grey:
-    """Grey levels (h, w) of an image in memory, as `read_image` has those of a file; raises as `check_frame` does."""
+    """Grey levels (h, w) of an image in memory, as `read_image` returns for files; raises like `check_frame`."""
     pixels = check_frame(frame)
     kind = pixels.dtype.newbyteorder("=")
     return grey_levels(np.asarray(pixels, dtype=kind))
 
 
 def check_frame(frame: object) -> NDArray[Any]:
-    """Return an image in memory as it is, if it is one.
+    """Return an image in memory unchanged after checking it.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def check_frame(frame: object) -> NDArray[Any]:
     Raises
     ------
     InputError
-        If it is something else, or has no pixels, or more than 400 million.
+        If it is not such an array, has no pixels, or has more than 400 million.
     """
     if not isinstance(frame, np.ndarray):
         raise InputError("an image as a numpy array", _named(frame), _made_array(frame))
@@ -195,14 +195,14 @@ def _made_array(value: object) -> str:
         return "read the file first, with cv2.imread"
     if isinstance(value, tuple):
         return "cv2.VideoCapture.read returns (ok, frame): give the frame"
-    return "give what cv2.imread or cv2.VideoCapture.read gives; of another library's image, make a BGR array first"
+    return "give what cv2.imread or cv2.VideoCapture.read gives; convert another library's image to a BGR array first"
 
 
 def _made_integer(kind: np.dtype[Any]) -> str:
     if kind == np.bool_:
         return "give 255 * frame.astype(np.uint8)"
     if kind.kind == "f":
-        return "give (255 * frame).astype(np.uint8) if white is 1, or frame.astype(np.uint8) if it is 255"
+        return "give (255 * frame).astype(np.uint8) if white is 1, or frame.astype(np.uint8) if white is 255"
     return "give frame.astype(np.uint8) if white is 255, or frame.astype(np.uint16) if it is 65535"
 
 
@@ -217,18 +217,18 @@ def _reshaped(shape: tuple[int, ...]) -> str:
 
 
 def find_images(patterns: Sequence[str | Path]) -> list[Path]:
-    """Paths of the images that files, folders and globs stand for, in this order and each once.
+    """Expand files, folders and globs to image paths, in this order and without repetition.
 
-    A folder stands for all image files that lie in it, a glob for all image files that match, both sorted by name;
-    hidden ones are left out. The name of a file is taken as it is: whether there is one, reading it will tell.
+    A folder or a glob stands for its image files, sorted by name, without hidden ones. A file's path is returned even
+    if it does not exist; reading it will report that.
 
     Raises
     ------
     InputError
-        If a folder or a glob has no image, or a folder cannot be read, or nothing was asked for.
+        If a folder or a glob has no image, a folder cannot be read, or nothing is given.
     """
     if not patterns:
-        raise InputError("one image or more", "none", "name image files or a folder")
+        raise InputError("one or more images", "none", "name image files or a folder")
     found: dict[str, Path] = {}
     for pattern in map(str, patterns):
         for path in _matches(pattern):
@@ -253,23 +253,23 @@ def _matches(pattern: str) -> list[Path]:
     except (OSError, ValueError) as error:
         raise InputError(f"a readable folder at {pattern}", reason_of(error), "check the path") from None
     if not images:
-        raise InputError(f"images at {pattern}", "none", f"name {_KNOWN} files, or a folder that has some")
+        raise InputError(f"images at {pattern}", "none", f"name {_KNOWN} files, or a folder with some")
     return images
 
 
 def _content(path: Path) -> bytes:
     if "\0" in str(path):
-        raise InputError(f"a readable image at {path}", "an impossible name", "check the path")
+        raise InputError(f"a readable image at {path}", "an invalid name", "check the path")
     if exists(path) and path.is_dir():
         raise InputError(
-            f"a readable image at {path}", "a folder", "name its files, or give it where folders are taken"
+            f"a readable image at {path}", "a folder", "name its files, or give it where folders are accepted"
         )
     return read(path, "image").data
 
 
 @contextmanager
 def opened(data: bytes, formats: tuple[str, ...]) -> "Iterator[PillowImage]":
-    """Open an image by Pillow, which reads its header; however large it is, that is for the caller to judge."""
+    """Open an image with Pillow, which reads the header; the caller limits its size."""
     from PIL import Image as Pillow
 
     # Pillow's own limit would raise before the size is known.
@@ -282,7 +282,7 @@ def opened(data: bytes, formats: tuple[str, ...]) -> "Iterator[PillowImage]":
 
 
 def _examine(path: Path, data: bytes) -> _Header:
-    """Header of an image that has been read to its end; raises if it is damaged or of an unfit size."""
+    """Read an image to its end and return its header; raises if it is damaged or of an unsuitable size."""
     from PIL import UnidentifiedImageError
 
     try:
@@ -299,11 +299,11 @@ def _examine(path: Path, data: bytes) -> _Header:
                     f"at least {LEAST_SIDE}x{LEAST_SIDE} px in {path}", f"{width}x{height} px", "give a larger image"
                 )
             if image.format == "PNG":
-                # Its EXIF may stand behind the pixels: looking for it reads them, and an error would be lost there.
+                # EXIF may follow the pixels: finding it reads them, and would swallow an error.
                 image.load()
             try:
                 orientation = image.getexif().get(_ORIENTATION, 1)
-            except Exception:  # EXIF is broken in many an image that is otherwise fine.
+            except Exception:  # Many images that are otherwise fine have broken EXIF.
                 orientation = 1
             header = _Header(width, height, str(image.format), orientation if orientation in _UNDO else 1)
             image.load()
@@ -317,7 +317,7 @@ def _examine(path: Path, data: bytes) -> _Header:
 
 
 def _check_chunks(data: bytes) -> None:
-    """Raise if a chunk of a PNG claims to go on after the file's end: OpenCV would ask for that much memory."""
+    """Raise if a chunk of a PNG extends past the end of the file: OpenCV would allocate its stated size."""
     at, kind = 8, b""
     while kind != b"IEND":
         length, kind = int.from_bytes(data[at : at + 4]), data[at + 4 : at + 8]
@@ -341,12 +341,12 @@ def _transparent(pixels: NDArray[Any]) -> bool:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep warnings back, also those that the decoders' libraries write to standard error past Python."""
+    """Suppress warnings, including those that the decoders' libraries write directly to standard error."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             kept = os.dup(2)
-        except OSError:  # There is no standard error to write to.
+        except OSError:  # Standard error is closed.
             yield
             return
         try:
@@ -359,6 +359,6 @@ def _quiet() -> Iterator[None]:
 
 
 def _brief(error: Exception) -> str:
-    """One line of at most 80 characters."""
+    """Shorten an error to one line of at most 80 characters."""
     text = " ".join(str(error).split()) or type(error).__name__
     return text if len(text) <= 80 else text[:77] + "..."

@@ -1,4 +1,4 @@
-"""Centers of dots as measured on a print: a table with the columns id, x, y and what is known of their errors."""
+"""Read dot centers measured on a print: a table with the columns id, x, y and optional uncertainties."""
 
 import re
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from markergen.model.rescale import MeasuredDot
 from markergen.units import METERS
 
 MOST_ROWS = 10_000
-"""A marker has a dozen dots."""
+"""Maximum number of rows; a marker typically has a dozen dots."""
 
 WANTED = "id, x, y and, if known, sigma or sx, sy, rho"
 UNITS = {unit: float(size) for unit, size in METERS.items() if unit}
@@ -29,9 +29,9 @@ _FORMS = (
 def read_measured(path: Path) -> tuple[MeasuredDot, ...]:
     """Read measured dots from a table with a line of column names, separated by commas, semicolons, tabs or blanks.
 
-    A unit may stand behind each name, as in ``x_mm``, ``sigma [um]`` or ``y (in)``; without one it is meters. `sigma`
-    is the standard deviation along each axis; `sx`, `sy` and their correlation `rho` say it in full. Lines that begin
-    with # are comments.
+    A unit may follow each name, as in ``x_mm``, ``sigma [um]`` or ``y (in)``; the default is meters. `sigma` is the
+    standard deviation along each axis; `sx`, `sy` and their correlation `rho` give the full covariance. Lines that
+    begin with # are comments.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def _rows(content: Content) -> list[tuple[int, list[str]]]:
 
 
 def _columns(words: Sequence[str], place: str) -> dict[str, tuple[int, float]]:
-    """Index and size in m of the unit of each column by name; without unit 1, and 1 for id and rho."""
+    """Index and unit size in m of each column by name; 1 without a unit, and for id and rho."""
     columns: dict[str, tuple[int, float]] = {}
     for index, word in enumerate(words):
         match = _COLUMN.fullmatch(word)
@@ -73,7 +73,7 @@ def _columns(words: Sequence[str], place: str) -> dict[str, tuple[int, float]]:
             raise InputError(f"no unit for {name} at {place}", brief(word), "leave the unit out")
         columns[name] = (index, UNITS[match[2].lower()] if match[2] else 1.0)
     if set(columns) not in _FORMS:
-        raise InputError(f"the columns {WANTED} at {place}", ", ".join(columns), "add those that are missing")
+        raise InputError(f"the columns {WANTED} at {place}", ", ".join(columns), "add the missing ones")
     return columns
 
 
@@ -83,7 +83,7 @@ def _dot(words: Sequence[str], columns: dict[str, tuple[int, float]], place: str
     values = {}
     for name, (index, unit) in columns.items():
         try:
-            # float takes 1_0 for 10, and digits of all scripts.
+            # float would read 1_0 as 10, and accept digits of all scripts.
             value = float(words[index]) * unit if words[index].isascii() and "_" not in words[index] else np.nan
         except ValueError:
             value = np.nan

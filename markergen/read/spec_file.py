@@ -1,4 +1,4 @@
-"""Design specs: TOML files, templates, the spec that a marker.json carries, and the published JSON Schema of them."""
+"""Design specs: TOML files, templates, the spec stored in a marker.json, and the JSON Schema published for them."""
 
 import re
 from collections.abc import Mapping
@@ -43,7 +43,7 @@ def _length(value: object) -> float:
     try:
         return parse_length(value if isinstance(value, (str, int, float)) else str(value))
     except InputError as error:
-        # pydantic collects ValueErrors with their paths; our own error would end the list at the first.
+        # pydantic collects ValueErrors with their paths; an InputError would stop at the first.
         raise ValueError(error.args[2]) from None
 
 
@@ -57,7 +57,7 @@ def _length_or_auto(value: object) -> float | str:
 
 
 def _shape(value: object, origin: str = "file") -> object:
-    """A boundary's table with its lengths in m; what is none is left for the check of the table to say."""
+    """Boundary table with its lengths in m; unfit values are left for the table's own validation."""
     if isinstance(value, str):
         if not re.match(r"\s*(circle|rect):", value):
             raise ValueError("write rect:0.2x0.1, circle:0.15, or a table with kind and outlines")
@@ -71,7 +71,7 @@ def _shape(value: object, origin: str = "file") -> object:
 
 
 def _lengths(value: object, levels: int = 3) -> object:
-    # Outlines, corners, coordinates; deeper ones are for the check of the table.
+    # Levels of outlines, corners and coordinates; deeper nesting is left for the table's validation.
     if isinstance(value, list) and levels:
         return [_lengths(item, levels - 1) for item in value]
     try:
@@ -81,11 +81,11 @@ def _lengths(value: object, levels: int = 3) -> object:
 
 
 HOLES = {"mount": parse_mount, "dowel": parse_dowel}
-"""Keys of holes that are written as on the command line."""
+"""Keys of holes written as on the command line."""
 
 
 def _plate(value: object) -> object:
-    """A substrate's table with its lengths in m and all its holes one by one; what is unfit is left for its check."""
+    """Substrate table with its lengths in m and its holes listed one by one; unfit values are left for validation."""
     if not isinstance(value, Mapping):
         return value
     table = {key: _lengths(item) for key, item in value.items() if key not in HOLES}
@@ -122,7 +122,7 @@ Whole = Annotated[int, Field(lt=2**63)]  # TOML's integers have 64 bits
 Side = Annotated[int, Field(ge=1, le=LARGEST_SIDE)]
 
 ABSENT: Any = None
-"""Stands in for a key that is not given; the defaults are those of `Spec` alone."""
+"""Placeholder for a key that is not given; defaults are defined by `Spec` alone."""
 
 
 class _Table(BaseModel):
@@ -155,7 +155,7 @@ class CameraTable(_Table):
 
 
 class ImageNoiseTable(_Table):
-    """The image that the noise model ``image`` is about."""
+    """The image that the noise model ``image`` describes."""
 
     blur_px: Finite = ABSENT
     noise_grey: Finite = ABSENT
@@ -163,7 +163,7 @@ class ImageNoiseTable(_Table):
 
 
 class _Poses(_Table):
-    """Poses of a file, as a marker.json carries them."""
+    """Poses of a file, as stored in a marker.json."""
 
     file: Annotated[str, Field(min_length=1, max_length=255)]
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
@@ -200,11 +200,11 @@ def _only_one(boundary: Any, info: ValidationInfo) -> Any:
 
 
 STORED = {"keep_out": "keep_outs", "tag_size": "tag_side"}
-"""What a spec calls options of other names."""
+"""Names in a spec of options that are called differently."""
 
 PLATE = declared(PlateKeywords)
 DRAWING = ("boundary_unit", "layer", "origin")
-"""Options about how a drawing is read: nothing of them is left in a spec."""
+"""Options for reading a drawing, which a spec does not keep."""
 
 KINDS: dict[str, Any] = {
     "int": Whole,
@@ -218,7 +218,7 @@ KINDS: dict[str, Any] = {
     "camera": CameraTable,
     "poses": Annotated[Any, BeforeValidator(_poses)],
 }
-"""Form of each kind of option, once the files that it names have been read."""
+"""Type of each kind of option, once the files that it names have been read."""
 
 _DECLARED: dict[str, Any] = {
     STORED.get(name, name): (KINDS[option.kind], ABSENT)
@@ -240,28 +240,28 @@ _KEPT = {field.name for field in fields(Spec)}
 
 
 def spec_of(marker: Marker) -> Spec | None:
-    """Spec that a marker was designed with; None if its file does not say.
+    """Return the spec that a marker was designed with; None if its file has none.
 
     Raises
     ------
     InputError
-        If what the file says is no spec.
+        If the stored value is not a valid spec.
     """
     stored = marker.provenance.get("spec")
     return None if stored is None else spec_from_mapping(stored, "provenance.spec", stored=True)
 
 
 def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) -> Spec:
-    """Make a spec of a mapping of plain values; lengths may be text with a unit, what is not given is as in `Spec`.
+    """Make a spec from a mapping of plain values; lengths may be text with a unit, and `Spec` defines the defaults.
 
-    The keys are the options of a design, those of the plate also in a table ``substrate``. What belongs to no spec,
-    such as the paper, is checked and left out. `name` is what messages call the source. What a marker.json has
-    `stored` names no other files: they are not read.
+    The keys are the options of a design; those of the plate may also be in a table ``substrate``. Options that a spec
+    does not keep, such as the paper, are checked and dropped. `name` is the name of the source in messages. If
+    `stored`, as in a marker.json, the values name no other files, and none is read.
 
     Raises
     ------
     InputError
-        If it is not a mapping, keys are unknown or values unfit; all of them are listed, each with its path.
+        If it is not a mapping, has unknown keys or invalid values; all of them are listed, each with its path.
     """
     if not isinstance(values, Mapping):
         raise InputError(f"a table of values in {name}", brief(values), "write for example n = 5 or radius = 0.15")
@@ -287,14 +287,14 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
         given["keep_outs"] = built(table.keep_outs)
     if "substrate" in given:
         given["substrate"] = table.substrate.build()
-        # Markers that were made before outlines from drawings were the plate's may have an edge around one.
+        # In older markers an outline from a drawing was not yet the plate's, and may have an edge.
         if stored and given["substrate"].edge and not given.get("boundary", Spec.boundary).has_measures:
             given["substrate"] = replace(given["substrate"], edge=None)
     return Spec(**given)
 
 
 def _in_spec_terms(values: dict[Any, Any]) -> dict[Any, Any]:
-    """Options by the names that a spec has for them, those of the plate in its table."""
+    """Rename options to the keys of a spec, and move those of the plate into its table."""
     plate = {key: values.pop(key) for key in PLATE if key in values}
     before = values.get("substrate", {})
     if plate and isinstance(before, Mapping):
@@ -303,8 +303,8 @@ def _in_spec_terms(values: dict[Any, Any]) -> dict[Any, Any]:
 
 
 def _with_files_read(values: dict[Any, Any]) -> dict[Any, Any]:
-    """Values with what drawings and calibrations hold in place of their paths, and objects as plain values."""
-    if all(isinstance(values.get(key), str | None) for key in DRAWING):  # The form says what is wrong with others.
+    """Replace paths of drawings and calibrations by their contents, and objects by plain values."""
+    if all(isinstance(values.get(key), str | None) for key in DRAWING):  # Validation reports other types.
         values = {key: value for key, value in (values | _rooms(values)).items() if key not in DRAWING}
     camera = values.get("camera")
     if isinstance(camera, Camera):
@@ -315,12 +315,12 @@ def _with_files_read(values: dict[Any, Any]) -> dict[Any, Any]:
 
 
 def _is_calibration(camera: object) -> bool:
-    """Whether it is what a calibration file holds, and not the table of a spec, whose form says more of its errors."""
+    """True for the contents of a calibration file; a spec's own table is validated with better messages."""
     return isinstance(camera, Mapping) and "fx" not in camera and not camera.keys() <= CameraTable.model_fields.keys()
 
 
 def _rooms(values: Mapping[Any, Any]) -> dict[str, Any]:
-    """Boundary, keep-outs and outline of the plate as tables, where a drawing or an object gives them."""
+    """Boundary, keep-outs and plate outline as tables, where they are given as drawings or objects."""
     plate = values.get("substrate", {})
     outline = plate.get("outline") if isinstance(plate, Mapping) else None
     keep_outs = values.get("keep_outs", [])
@@ -330,7 +330,7 @@ def _rooms(values: Mapping[Any, Any]) -> dict[str, Any]:
         raise InputError("--layer and --origin with a drawing", "no --boundary", "give --boundary, or leave them out")
     room = _drawn(boundary)
     if room is None and isinstance(boundary, str) and layer is not None:
-        parse_boundary(boundary, layer=layer)  # says that it has none
+        parse_boundary(boundary, layer=layer)  # Raises: a shape has no layers.
     drawn = [text for each in (outline, *keep_outs) if (text := _drawn(each)) is not None]
     area, shapes = read_room(room, drawn, unit, layer, origin or "center")
     found = iter(shapes)
@@ -347,7 +347,7 @@ def _rooms(values: Mapping[Any, Any]) -> dict[str, Any]:
 
 
 def _drawn(shape: Any) -> str | None:
-    """Path of a drawing, with its layer; None for what is written as a shape, and for tables and objects."""
+    """Path of a drawing, with its layer; None for shapes given as text, tables and objects."""
     text = str(shape) if isinstance(shape, PathLike) else shape
     return text if isinstance(text, str) and text.strip() and is_drawing(text.rpartition("#")[0] or text) else None
 
@@ -379,11 +379,11 @@ _JSON_TYPES: dict[str, dict[str, Any]] = {
     "camera": {"anyOf": [_TEXT, {"$ref": "#/$defs/Camera"}]},
     "poses": _TEXT,
 }
-"""What stands in a file for each kind of option; lengths are meters, or text with a unit."""
+"""JSON Schema of the values in a file, by kind of option; lengths are meters, or text with a unit."""
 
 
 def spec_schema() -> dict[str, Any]:
-    """JSON Schema of a spec file, which editors of TOML check and complete by."""
+    """Return the JSON Schema of a spec file, for TOML editors to check and complete."""
     options = {name: option for name, option in declared(DesignKeywords).items() if name not in OUTSIDE_FILES}
     keys = {key: _described(option) for option in options.values() for key in (option.name, *option.aliases)}
     plate = {name: _described(option) for name, option in declared(PlateKeywords).items()}
@@ -424,7 +424,7 @@ def _described(option: Option) -> dict[str, Any]:
 
 
 def _lengths_as_text(schema: Any) -> Any:
-    """Return a schema in which every number may also be text with a unit, as spec files may have it."""
+    """Return a schema in which every number may also be text with a unit, as in spec files."""
     if isinstance(schema, list):
         return [_lengths_as_text(item) for item in schema]
     if not isinstance(schema, dict):

@@ -1,4 +1,4 @@
-"""Ready-made specs: those that are shipped, and TOML files of a user's own."""
+"""Ready-made specs: shipped templates, and the user's own TOML files."""
 
 import tomllib
 from pathlib import Path
@@ -10,7 +10,7 @@ from markergen.guard import read, text_of
 
 
 def read_template(name: str) -> dict[str, Any]:
-    """Values of a template: the name of one that is shipped (see `templates`), or the path of a TOML file.
+    """Read the values of a template: the name of a shipped one (see `templates`), or the path of a TOML file.
 
     Raises
     ------
@@ -26,7 +26,7 @@ def read_template(name: str) -> dict[str, Any]:
 
 
 def template_text(name: str) -> str:
-    """Text of a template, as `read_template` finds it, comments and all."""
+    """Return the text of a template, found like `read_template`, including comments."""
     known = templates()
     path = Path(name)
     if path.suffix != ".toml" and name not in known:
@@ -35,5 +35,5 @@ def template_text(name: str) -> str:
 
 
 def templates() -> dict[str, Path]:
-    """Shipped templates by name, whether markergen runs from a wheel or from a checkout."""
+    """Return the shipped templates by name, from a wheel or a checkout."""
     return {path.stem: path for path in sorted(shipped_folder("templates").glob("*.toml"))}

@@ -1,4 +1,4 @@
-"""Solids: the marker as a plate with what a process puts into it, on it, or takes from it.
+"""Solids of a marker: its plate and what a process inlays, adds, or removes.
 
 The only package that imports cadquery, and only inside functions.
 """

@@ -1,7 +1,7 @@
-"""Bodies as plain data, in mm in the marker frame: what a part is made of, before a CAD kernel sees it.
+"""Bodies as plain data, in mm in the marker frame: the contents of parts, independent of any CAD kernel.
 
-Outlines and profiles are contours of exact lines and arcs. Volumes, boxes and heights are closed forms, against which
-the kernel's results are checked, and from which the fabrication sheet takes its figures.
+Outlines and profiles are contours of exact lines and arcs. Volumes, boxes and heights are closed-form; the kernel's
+results are checked against them, and the fabrication sheet shows them.
 """
 
 from collections.abc import Sequence
@@ -12,24 +12,24 @@ from markergen.geometry import contour
 from markergen.geometry.contour import Contour, area, inset
 
 Box = tuple[float, float, float, float]
-"""Left, lower, right and upper end."""
+"""Left, bottom, right and top."""
 
 OTHER = {"light": "dark", "dark": "light"}
-"""Material that the floor of a mark looks like, by the material around it."""
+"""Apparent material of the floor of a mark, by the surrounding material."""
 
 COLORS = {"light": (1.0, 1.0, 1.0), "dark": (0.05, 0.05, 0.05)}
 """Red, green and blue of a material, 0 to 1, sRGB."""
 
 SAME = 1e-6
-"""mm: lengths that differ by less are equal."""
+"""Lengths in mm that differ by less are equal."""
 
 OFF = 2e-3
-"""mm that a polygon may be off the arcs it stands for: a tenth of what is visible on paper."""
+"""Maximum deviation in mm of a polygon from its arcs: a tenth of what is visible on paper."""
 
 
 @dataclass(frozen=True)
 class Prism:
-    """An upright prism between two heights, with through holes.
+    """A vertical prism between two heights, with through holes.
 
     Attributes
     ----------
@@ -39,7 +39,8 @@ class Prism:
         Clockwise.
     bottom, top : float
     chamfer : float
-        Leg of a 45 degree chamfer around the upper outer edge. Arcs of the outline are then tangent to their neighbors.
+        Leg of a 45 degree chamfer around the upper outer edge, for which arcs of the outline must be tangent to their
+        neighbors.
     """
 
     outer: Contour
@@ -50,7 +51,7 @@ class Prism:
 
     @property
     def box(self) -> Box:
-        """Bounding box seen from above, exact for arcs."""
+        """Bounding box in plan view, exact for arcs."""
         return contour.box(self.outer)
 
     @property
@@ -62,7 +63,7 @@ class Prism:
     def volume(self) -> float:
         """Volume in mm^3: area times height, less the chamfer.
 
-        The area at a height within the chamfer is a polynomial of the second degree, for which Simpson's rule is exact.
+        Along the chamfer the area is a quadratic function of the height, for which Simpson's rule is exact.
         """
         full = area(self.outer)
         whole = (full + sum(map(area, self.holes))) * (self.top - self.bottom)
@@ -74,14 +75,14 @@ class Prism:
 
 @dataclass(frozen=True)
 class Revolved:
-    """A body of revolution about the upright axis through (x, y).
+    """A body of revolution about the vertical axis through (x, y).
 
     Attributes
     ----------
     x, y : float
     profile : Contour
         In (radius, z), radius >= 0, counterclockwise with the radius to the right and z up. Sides may lie on the axis;
-        a profile that stays off the axis makes a ring.
+        a profile away from the axis makes a ring.
     """
 
     x: float
@@ -96,7 +97,7 @@ class Revolved:
 
     @property
     def box(self) -> Box:
-        """Bounding box seen from above."""
+        """Bounding box in plan view."""
         _, r = self.radii
         return self.x - r, self.y - r, self.x + r, self.y + r
 
@@ -122,14 +123,14 @@ class Part:
     Attributes
     ----------
     name : str
-        ``plate``, or ``plate-1`` and so on where there are several; ``dot-<id>``, ``dot-<id>-core``, ``tag-<k>``.
+        ``plate``, or ``plate-1`` and so on for several; ``dot-<id>``, ``dot-<id>-core``, ``tag-<k>``.
     material : {"light", "dark"}
     add : tuple of Body
-        Joined. They do not overlap.
+        Bodies that are joined; they do not overlap.
     cut : tuple of Body
-        Removed. Each lies inside of what is added, or ends at its surface, apart from the others.
+        Bodies that are removed. Each lies inside the added ones or ends at their surface; they are disjoint.
     marked : tuple of Body
-        Removed as well, leaving floors of the other color: engraved marks.
+        Bodies that are also removed, leaving floors of the other color: engraved marks.
     """
 
     name: str
@@ -140,12 +141,12 @@ class Part:
 
     @property
     def is_plate(self) -> bool:
-        """Whether it is a plate rather than something that lies or stands in one."""
+        """True for a plate, False for a part that lies or stands in one."""
         return self.name.startswith("plate")
 
     @property
     def is_disk(self) -> bool:
-        """Whether its outline is a single circle."""
+        """True if the outline is a single circle."""
         body = self.add[0]
         return isinstance(body, Revolved) or body.outer.is_circle
 
@@ -162,12 +163,12 @@ class Part:
 
 
 def mm(meters: float) -> float:
-    """Length in mm, rounded to a picometer, so that 0.0036 m reads 3.6 mm and not 3.5999999999999996."""
+    """Convert to mm, rounded to a picometer, so that 0.0036 m is 3.6 mm and not 3.5999999999999996."""
     return round(meters * 1e3, 9) + 0.0
 
 
 def cylinder(x: float, y: float, radius: float, bottom: float, top: float, inner: float = 0.0) -> Revolved:
-    """Upright cylinder; a tube if it has an inner radius."""
+    """Vertical cylinder; a tube if it has an inner radius."""
     return Revolved(x, y, Contour(((inner, bottom), (radius, bottom), (radius, top), (inner, top))))
 
 
@@ -178,13 +179,13 @@ def span_of(parts: Sequence[Part]) -> tuple[float, float]:
 
 
 def size_of(bodies: Sequence[Body]) -> tuple[float, float]:
-    """Width and height of bodies seen from above, exact for arcs."""
+    """Width and height of bodies in plan view, exact for arcs."""
     lefts, bottoms, rights, tops = zip(*(body.box for body in bodies), strict=True)
     return max(rights) - min(lefts), max(tops) - min(bottoms)
 
 
 def _moment(profile: Contour) -> float:
-    """Integral of the radius over the inside of a profile, by Green's theorem: the integral of r^2/2 dz along it."""
+    """First moment of a profile's area about the axis, by Green's theorem: the integral of r^2/2 dz along it."""
     total = 0.0
     for (r, z), (u, w), bulge in profile.sides:
         total += (w - z) * (r * r + r * u + u * u) / 6
@@ -193,8 +194,8 @@ def _moment(profile: Contour) -> float:
             chord = ((u - r) ** 2 + (w - z) ** 2) ** 0.5
             radius = chord / (2 * abs(sin(angle / 2)))
             segment = radius**2 * (angle - sin(angle)) / 2
-            # For a turn to the left the segment's centroid lies to the right of the chord, 4 R sin^3(a/2) / (3 (a - sin
-            # a)) from the arc's center; its moment is its area times the centroid's distance from the axis.
+            # For a left turn, the centroid of the circular segment lies to the right of the chord, 4 R sin^3(a/2) /
+            # (3 (a - sin a)) from the arc's center; its moment is its area times its centroid's distance from the axis.
             half = angle / 2
             normal = ((w - z) / chord, -(u - r) / chord)
             offset = 4 * radius * abs(sin(half)) ** 3 / (3 * abs(angle - sin(angle)))

@@ -1,6 +1,6 @@
-"""Solids as CAD files: STEP (AP214), named and colored, and BREP, Open CASCADE's own text; the same bytes every time.
+"""Write solids as STEP (AP214), named and colored, and as Open CASCADE's BREP, reproducibly.
 
-Both are written by cadquery and Open CASCADE. What is ours takes out of STEP what changes from run to run.
+cadquery and Open CASCADE write both; `normalize` removes from STEP what varies from run to run.
 """
 
 import re
@@ -21,19 +21,19 @@ STYLE_ROOT = "MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION"
 
 
 def write_step(solids: Sequence[NamedSolid], name: str) -> bytes:
-    """Write solids as one assembly called `name`; units mm, every part a solid of its own with its name and color.
+    """Write solids as one assembly named `name`; units mm, every part a separate solid with its name and color.
 
-    Open CASCADE puts the time into the header, counts assembly links over the life of the process, and writes colors
-    in the order of memory addresses; `normalize` takes all three out.
+    Open CASCADE puts the time into the header, numbers assembly links over the life of the process, and writes colors
+    in the order of memory addresses; `normalize` removes all three.
 
     Raises
     ------
     OutputError
-        If Open CASCADE cannot write it.
+        If Open CASCADE fails to write it.
     """
     cadquery = import_cadquery()
-    # Of cadquery's two ways to write STEP, the one that does not wrap every part in a compound: on compounds many
-    # programs lose the color.
+    # Of cadquery's two STEP writers, this one does not wrap every part in a compound, for which many programs lose
+    # the color.
     from cadquery.occ_impl.exporters.assembly import exportStepMeta
 
     def color(material: str) -> object:
@@ -47,14 +47,14 @@ def write_step(solids: Sequence[NamedSolid], name: str) -> bytes:
         assembly.add(part)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "marker.step"
-        # Without curves in the parameters of surfaces, which readers find for themselves, a file is half as large.
+        # Parametric curves on surfaces double the file size, and readers recompute them.
         if not exportStepMeta(assembly, str(path), write_pcurves=False):
             raise OutputError(f"expected Open CASCADE to write {path}, found a failure; check that the disk has room")
         return normalize(path.read_text(encoding="ascii"), name).encode("ascii")
 
 
 def write_brep(solids: Sequence[NamedSolid]) -> bytes:
-    """Write solids as one compound in mm, in the order given, without triangles; BREP has neither names nor colors."""
+    """Write solids as one compound in mm, in the given order, without triangles; BREP has no names or colors."""
     cadquery = import_cadquery()
     from OCP.BRepTools import BRepTools
     from OCP.Message import Message_ProgressRange
@@ -62,7 +62,7 @@ def write_brep(solids: Sequence[NamedSolid]) -> bytes:
 
     compound = cadquery.Compound.makeCompound([solid.shape for solid in solids]).wrapped
     stream = BytesIO()
-    # The first version of the format, which FreeCAD, Gmsh and CadQuery all read.
+    # Version 1 of the format, which FreeCAD, Gmsh and CadQuery can all read.
     BRepTools.Write_s(
         compound, stream, False, False, TopTools_FormatVersion.TopTools_FormatVersion_VERSION_1, Message_ProgressRange()
     )
@@ -70,10 +70,10 @@ def write_brep(solids: Sequence[NamedSolid]) -> bytes:
 
 
 def normalize(text: str, name: str) -> str:
-    """STEP text with a fixed header, assembly links numbered from 1, and colors in the order of what they color.
+    """STEP text with a fixed header, assembly links numbered from 1, and colors in the order of the colored shapes.
 
-    The order of colors is restored by renumbering: entities before the first style keep their number, and the styles
-    follow, each root with what it refers to, sorted by the number of the solid.
+    Colors are reordered by renumbering: entities before the first style keep their number, and the styles follow,
+    each root with its references, sorted by the number of the solid.
     """
     head, data = text.split("DATA;\n", 1)
     header = re.sub(
@@ -115,7 +115,7 @@ def _references(body: str) -> list[int]:
 
 
 def _colored(entities: dict[int, str], root: int) -> int:
-    """Number of the shape that a style root colors: the last reference of its styled item."""
+    """Number of the shape colored by a style root: the last reference of its styled item."""
     return min(
         _references(entities[item])[-1] for item in _references(entities[root]) if "STYLED_ITEM" in entities[item]
     )

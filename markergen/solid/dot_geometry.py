@@ -1,4 +1,4 @@
-"""Geometry of what is dark on a marker, in mm: dots with their heights, and the tag's ink with rounded corners."""
+"""Geometry of the dark parts of a marker, in mm: dots with their heights, and the tag's ink with rounded corners."""
 
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -15,15 +15,15 @@ from markergen.solid.bodies import mm
 from markergen.units import format_length
 
 QUARTER = tan(pi / 8)
-"""Bulge of an arc that turns by a right angle."""
+"""Bulge of an arc of 90 degrees."""
 
 NECK = 1 / (2 * (sqrt(2) - 1))
-"""Corner radius per mm of wall between two corners that meet: each arc passes its corner at sqrt(2) - 1 radii."""
+"""Corner radius per mm of wall between two adjoining corners: each arc passes its corner at sqrt(2) - 1 radii."""
 
 
 @dataclass(frozen=True)
 class SolidDot:
-    """A dot to make, in mm in the marker frame, at its height z; a ring if it has an inner radius."""
+    """A dot to be made, in mm in the marker frame, at height z; a ring if it has an inner radius."""
 
     id: int
     x: float
@@ -39,17 +39,17 @@ class SolidDot:
 
     @property
     def raised(self) -> bool:
-        """Whether it stands on a pillar."""
+        """True if it stands on a pillar."""
         return self.z > 0
 
 
 def dots_of(marker: Marker) -> tuple[SolidDot, ...]:
-    """Dots of a marker; heights that are nothing but rounding become 0.
+    """Dots of a marker; heights within rounding become 0.
 
     Raises
     ------
     InputError
-        If a control point has no dot (diameter 0), or lies below the plane.
+        If a control point has no dot (diameter 0) or lies below the plane.
     """
     for point in marker.control_points:
         if point.feature.diameter == 0:
@@ -86,9 +86,9 @@ class Corner:
     x, y : float
         mm.
     left : bool
-        Whether the outline turns left here, so that the corner is convex.
+        True if the outline turns left here, so that the corner is convex.
     shared : bool
-        Whether it meets the corner of other ink.
+        True if it touches a corner of other ink.
     """
 
     x: float
@@ -99,22 +99,22 @@ class Corner:
 
 @dataclass(frozen=True)
 class TagInk:
-    """Black cells of a tag that are connected by their sides: an outer ring and those of its holes, ink on the left."""
+    """Black cells of a tag connected by their sides: an outer ring and its holes, with the ink on the left."""
 
     outer: tuple[Corner, ...]
     holes: tuple[tuple[Corner, ...], ...] = ()
 
     def contours(self, corner: float, neck: float, grow: float = 0.0) -> tuple[Contour, tuple[Contour, ...]]:
-        """Outer contour and holes with rounded corners.
+        """Return the outer contour and holes with rounded corners.
 
         Parameters
         ----------
         corner : float
             Radius of every corner, mm; 0 leaves them sharp.
         neck : float
-            Width of the wall that stays where corners of ink meet, mm; they get a larger radius for it.
+            Width of the wall that remains where corners of ink meet, mm; they get a larger radius for it.
         grow : float
-            Offset of the outline outward about the same arc centers, for the wall of a pocket with that gap, mm.
+            Outward offset of the outline about the same arc centers, mm, for the wall of a pocket with that gap.
         """
         outer, *holes = (_rounded(ring, corner, neck, grow) for ring in (self.outer, *self.holes))
         return outer, tuple(holes)
@@ -125,7 +125,7 @@ class TagInk:
 
 
 def tag_ink(tag: Tag | None) -> tuple[TagInk, ...]:
-    """Ink of a tag in pieces, the lower left one first; cells that only meet at a corner are apart."""
+    """Pieces of a tag's ink, the lower left one first; cells that touch only at a corner are separate."""
     if tag is None:
         return ()
     rings = cell_outlines(tag.ink)
@@ -170,13 +170,13 @@ def _beside(ring: np.ndarray, labels: Mask) -> int:
     (x, y), (u, v) = ring[0], ring[1]
     length = hypot(u - x, v - y)
     dx, dy = (u - x) / length, (v - y) / length
-    # Half a cell on along the side, and half a cell to the right of it.
+    # Half a cell along the side, and half a cell to its right.
     column, row = x + dx / 2 - dy / 2, y + dy / 2 + dx / 2
     return int(labels[int(np.floor(row)), int(np.floor(column))])
 
 
 def _rounded(ring: tuple[Corner, ...], corner: float, neck: float, grow: float) -> Contour:
-    """Round a ring of right-angled corners that is offset outward by `grow`."""
+    """Offset a ring of right-angled corners outward by `grow` and round it."""
     points: list[Point] = []
     bulges: list[float] = []
 
@@ -189,7 +189,7 @@ def _rounded(ring: tuple[Corner, ...], corner: float, neck: float, grow: float) 
 
     moved = [_outward(ring[i - 1], each, ring[(i + 1) % len(ring)], grow) for i, each in enumerate(ring)]
     for i, each in enumerate(moved):
-        # With both sides grown, the wall between them still has to be as wide as the neck.
+        # The wall must be as wide as the neck even with both sides offset.
         radius = max(corner, NECK * (neck + 2 * grow)) if each.shared else corner
         if radius:
             radius = max(0.0, radius + grow if each.left else radius - grow)

@@ -1,7 +1,7 @@
-"""Engraving on the back of a plate, to be read from behind: name, spec hash, tag, origin, x-axis and ids.
+"""Engraving on the back of a plate, read from behind: name, spec hash, tag, origin, x-axis and ids.
 
-Letters are outlines of the font that sheets are printed in, with exact arcs for its curves, rather than a CAD kernel's
-text: the fabrication sheet shows them without a kernel, and they are the same on every machine.
+Letters are outlines of the sheet font with exact arcs for its curves, not the text of a CAD kernel: the fabrication
+sheet shows them without a kernel, and they are the same on every machine.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,39 +20,39 @@ from markergen.solid.plate import grouped
 from markergen.solid.projection import plan
 
 DEPTH = 0.3
-"""mm: one or two layers of a printer, one pass of an engraver."""
+"""Depth in mm: one or two layers of a printer, one pass of an engraver."""
 
 WALL = 0.5
-"""Least material in mm between what is engraved and pockets over it."""
+"""Minimum material in mm between the engraving and pockets above it."""
 
 MARGIN = 1.0
-"""Least distance in mm from edges, holes and other engraving."""
+"""Minimum distance in mm from edges, holes and other engraving."""
 
 HEIGHTS = (6.0, 5.0, 4.0, 3.0, 2.5)
-"""Heights of capital letters in mm, tried one after the other; strokes are a fifth of that wide."""
+"""Heights of capital letters in mm, tried in order; strokes are a fifth as wide."""
 
 LARGEST_ID, SMALLEST_ID = 4.0, 2.5
-"""Largest and smallest height in mm of the digits behind dots."""
+"""Maximum and minimum height in mm of the digits behind dots."""
 
 STEPS = 32
-"""Number of places tried for the title across the plate, and as many up."""
+"""Number of positions tried for the title along each axis."""
 
 LINE = 1.6
-"""Line spacing, in heights of a capital."""
+"""Line spacing in cap heights."""
 
 SMALLEST_SIDE = 1e-4
-"""Shortest side of a letter in mm; arcs that are flatter become lines."""
+"""Minimum side of a letter in mm; flatter arcs become lines."""
 
 SHAPE = 0.006
-"""Largest deviation of letters from their font, in heights of a capital: invisible, and it halves the faces."""
+"""Maximum deviation of letters from their font in cap heights: invisible, and it halves the number of faces."""
 
 MOST_BULGE = 0.8
-"""Largest bulge of one arc in a letter: nearly a half turn."""
+"""Maximum bulge of one arc in a letter: nearly a half turn."""
 
 
 @dataclass(frozen=True)
 class Engraving:
-    """Bodies to cut from the back, and sentences about what was left out."""
+    """Bodies to cut from the back, and sentences about anything omitted."""
 
     cut: tuple[Prism, ...] = ()
     notes: tuple[str, ...] = ()
@@ -60,24 +60,24 @@ class Engraving:
 
 @dataclass(frozen=True)
 class _Block:
-    """Something to engrave: contours seen from above, outer ones counterclockwise, and the box that they need."""
+    """A block to engrave: contours in plan view, outer ones counterclockwise, and the box that it occupies."""
 
     contours: tuple[Contour, ...]
     box: tuple[float, float, float, float]
 
 
 def engraving(marker: Marker, plate: Region, bottom: float, cut: Sequence[Body]) -> Engraving:
-    """Engrave the back of a plate where it has room.
+    """Engrave the back of a plate where there is room.
 
     Parameters
     ----------
     marker : Marker
     plate : Region
-        Its outlines in mm.
+        Outline in mm.
     bottom : float
         Height of the back, mm.
     cut : sequence of Body
-        Everything else that is cut from it.
+        All other bodies that are cut from the plate.
     """
     thickness, least = mm(marker.substrate.thickness), DEPTH + FLOOR
     if thickness < least:
@@ -90,7 +90,7 @@ def engraving(marker: Marker, plate: Region, bottom: float, cut: Sequence[Body])
     lacking = []
     if not room.take(_axes(min(1.0, max(right - left, high - low) / 60))):
         lacking.append("origin and x-axis")
-    # Ids have their places; the title goes where they leave room, or before them where they leave none.
+    # Ids have fixed places; the title goes where they leave room, or else takes its room first.
     with_ids = room.copy()
     unnamed, titled = _ids(marker, with_ids), _title(marker, with_ids)
     if titled:
@@ -109,18 +109,18 @@ def engraving(marker: Marker, plate: Region, bottom: float, cut: Sequence[Body])
 
 
 class _Room:
-    """Free room on the back, and the blocks that have taken some."""
+    """Free room on the back, and the blocks that occupy some of it."""
 
     def __init__(self, free: Region, taken: Sequence[_Block] = ()) -> None:
         self._free = free
         self.taken = [*taken]
 
     def copy(self) -> "_Room":
-        """Return the same room, from which later blocks are taken independently."""
+        """Return a copy, in which later blocks take room independently."""
         return _Room(self._free, self.taken)
 
     def take(self, block: _Block) -> bool:
-        """Give a block its room, if that is free."""
+        """Place a block if its room is free; return whether it was."""
         box = Region.rectangle(*block.box)
         if not self._free.surrounds(box):
             return False
@@ -129,12 +129,12 @@ class _Room:
         return True
 
     def take_somewhere(self, lines: Sequence[str], height: float) -> bool:
-        """Give lines of text the free room that is nearest to the middle."""
+        """Place lines of text in the free room nearest to the middle; return whether there was any."""
         if not self._free:
             return False
         left, low, right, high = self._free.box
         x, y = (left + right) / 2, (low + high) / 2
-        # From behind, the first ones are on the upper left.
+        # Ordered from the upper left as seen from behind.
         dx, dy = np.meshgrid(*((np.arange(STEPS + 1) / STEPS - 0.5) * size for size in (left - right, low - high)))
         fits = self._free.surrounds_boxes(
             np.array(_lines(lines, x, y, height).box) + np.stack([dx, dy, dx, dy], axis=-1)
@@ -146,18 +146,18 @@ class _Room:
 
 
 def _title(marker: Marker, room: _Room) -> bool:
-    """Give the title room in the largest letters that have some, and tell whether there is."""
+    """Place the title in the largest letters that fit; return whether any do."""
     return any(room.take_somewhere(lines, height) for height in HEIGHTS for lines in _titles(marker))
 
 
 def _ids(marker: Marker, room: _Room) -> list[str]:
-    """Give each id its room; those that have none."""
+    """Place each id that fits; return the others."""
     points = marker.control_points
     return [str(point.id) for point in points if not any(room.take(block) for block in _behind(point, points))]
 
 
 def _titles(marker: Marker) -> Iterator[tuple[str, ...]]:
-    """Ways to break the title into lines."""
+    """Yield ways to break the title into lines."""
     name, spec = marker_name(marker).split("-", 1)
     tag = (str(marker.tag),) if marker.tag else ()
     yield (f"{name} {spec}", *tag)
@@ -165,13 +165,13 @@ def _titles(marker: Marker) -> Iterator[tuple[str, ...]]:
 
 
 def _behind(point: ControlPoint, points: Sequence[ControlPoint]) -> Iterator[_Block]:
-    """Ways to write a control point's id: behind its dot, else next to it where no other dot is nearer."""
+    """Yield positions for a control point's id: behind its dot, else beside it where no other dot is closer."""
     x, y, size = point.x * 1e3, point.y * 1e3, point.feature.diameter * 1e3
     height = min(LARGEST_ID, 0.4 * size)
     if height >= SMALLEST_ID:
         yield _lines((str(point.id),), x, y, height)
     height = max(height, SMALLEST_ID)
-    # A box reaches 0.8 heights from its middle.
+    # A box extends 0.8 heights from its middle.
     away = size / 2 + 0.85 * height + MARGIN
     others = [(p.x * 1e3, p.y * 1e3) for p in points if p is not point]
     for dx, dy in ((0, -away), (0, away), (-away, 0), (away, 0)):
@@ -180,7 +180,7 @@ def _behind(point: ControlPoint, points: Sequence[ControlPoint]) -> Iterator[_Bl
 
 
 def _axes(unit: float) -> _Block:
-    """A cross at the origin, its x-axis an arrow, with an x."""
+    """A cross at the origin whose x-axis is an arrow, labeled x."""
     half, arm, end = 0.4 * unit, 4.0 * unit, 14.0 * unit
     strokes = [
         Region.rectangle(-arm, -half, end - 2 * unit, half),
@@ -194,7 +194,7 @@ def _axes(unit: float) -> _Block:
 
 
 def _lines(lines: Sequence[str], x: float, y: float, height: float) -> _Block:
-    """Lines of text around (x, y), mirrored so that they read from behind."""
+    """Lines of text around (x, y), mirrored to be read from behind."""
     wide = max(text_width(line, height, "bold") for line in lines)
     tall = height * (1 + LINE * (len(lines) - 1))
     contours: list[Contour] = []
@@ -202,16 +202,16 @@ def _lines(lines: Sequence[str], x: float, y: float, height: float) -> _Block:
         base = tall / 2 - height - number * LINE * height
         for letter in _outlines(line, height):
             points = tuple((round(x - u, 6), round(y + base + v, 6)) for u, v in letter.points)
-            # What turned left turns right in the mirror.
+            # Mirroring reverses the direction of turns.
             contours.append(Contour(points, tuple(-bulge for bulge in letter.bulges)))
-    # Some letters reach below their line.
+    # Some letters have descenders.
     return _Block(
         tuple(contours), (x - wide / 2, y - tall / 2 - 0.3 * height, x + wide / 2, y + tall / 2 + 0.1 * height)
     )
 
 
 def _outlines(line: str, height: float) -> Iterator[Contour]:
-    """Outlines of a line of text around x = 0, with as few arcs as `SHAPE` allows for their curves."""
+    """Outlines of a line of text around x = 0, with as few arcs as `SHAPE` allows."""
     begin = start = (0.0, 0.0)
     sides: list[tuple[Point, ...]] = []
     for command, points in text(line, 0.0, 0.0, height, "center", "bold").segments:
@@ -219,7 +219,7 @@ def _outlines(line: str, height: float) -> Iterator[Contour]:
         if command == "M":
             begin, sides = end, []
         elif hypot(end[0] - start[0], end[1] - start[1]) > SMALLEST_SIDE:
-            # A quadratic curve is half-way between its chord and its control point there.
+            # At its middle a quadratic curve is halfway between its chord and its control point.
             middle = [((start[0] + 2 * u + end[0]) / 4, (start[1] + 2 * v + end[1]) / 4) for u, v in control]
             sides.append((start, *middle, end))
         start = end
@@ -228,7 +228,7 @@ def _outlines(line: str, height: float) -> Iterator[Contour]:
 
 
 def _with_arcs(sides: Sequence[tuple[Point, ...]], off: float) -> Contour:
-    """Contour of lines, and of arcs that each stand for as many of the curves through three points as they can."""
+    """Contour of lines and arcs, each arc replacing as many consecutive three-point curves as possible."""
     points: list[Point] = []
     bulges: list[float] = []
     first = 0
@@ -247,7 +247,7 @@ def _with_arcs(sides: Sequence[tuple[Point, ...]], off: float) -> Contour:
 
 
 def _bulge(arc: Sequence[Point]) -> float:
-    """Bulge of the arc through three points: by the angle under which its middle one sees the others."""
+    """Bulge of the arc through three points, from the angle at the middle one."""
     (x, y), (u, v), (p, q) = arc
     cross = (x - u) * (q - v) - (y - v) * (p - u)
     dot = (x - u) * (p - u) + (y - v) * (q - v)
@@ -256,7 +256,7 @@ def _bulge(arc: Sequence[Point]) -> float:
 
 
 def _off(run: Sequence[Point], bulge: float) -> float:
-    """Largest distance of points from the circle of an arc from the first to the last one."""
+    """Maximum distance of points from the circle of an arc between the first and the last one."""
     x, y = center_of((run[0], run[-1], bulge))
     distances = [hypot(u - x, v - y) for u, v in run]
     return max(abs(distance - distances[0]) for distance in distances)

@@ -1,7 +1,7 @@
 """Content of the fabrication drawing: the views, sections, tables, callouts and notes that describe a marker.
 
-`workpiece` describes the parts that a process makes as the plain data of `markergen.drawing.fabrication_drawing`, which
-the drawing lays out. Tables are rows of words, ready to be set.
+`workpiece` describes the parts made by a process as plain data of `markergen.drawing.fabrication_drawing`, which lays
+them out. Tables are rows of text, ready to be set.
 """
 
 from collections.abc import Iterable, Sequence
@@ -32,13 +32,13 @@ from markergen.solid.projection import BACK, cut_along, elevation, seen
 DIAMETER = "\xd8"
 
 DRAWN = "in the outline"
-"""Use of a hole that came with the outline from a drawing."""
+"""Use of a hole that is part of an outline from a drawing."""
 
 LONGEST_NAME = 24
-"""Most characters of the name of a screw or a pin."""
+"""Maximum number of characters of the name of a screw or a pin."""
 
 MOST_KINDS = 6
-"""Most kinds of dots, or of holes, that get their own callouts and sections; more are left to the tables."""
+"""Maximum number of kinds of dots or holes with their own callouts and sections; more are listed in tables only."""
 
 FRAME = (
     "All coordinates are in the marker frame: origin and axes as drawn, z out of the face toward the viewer, z = 0 in "
@@ -55,7 +55,7 @@ AFTERWARDS = (
 
 
 def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece:
-    """Describe a marker as it was designed, and what `parts_of` made of it, for its fabrication drawing."""
+    """Describe a marker as designed, and its parts from `parts_of`, for its fabrication drawing."""
     dots, parts = dots_of(marker), made.parts
     plates = [part for part in parts if part.is_plate]
     low, high = span_of(plates)
@@ -93,10 +93,10 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
 
 
 def _back(parts: Sequence[Part]) -> tuple[ViewFace, ...]:
-    """View of the back, if it shows more than the outline and the holes that the front shows."""
+    """View of the back, if it shows more than the outline and the holes visible from the front."""
     plates = [part for part in parts if part.is_plate]
     blank = seen([replace(part, cut=(), marked=()) for part in plates], BACK)
-    # Letters are filled, so that they are read; what goes through stays empty. A plate still hides what is behind it.
+    # Letters are filled to be legible; through holes stay empty. A plate still hides what is behind it.
     faces = [
         replace(face, material="dark", fine=True) if face.material and face not in blank else face
         for face in seen(plates, BACK)
@@ -115,7 +115,7 @@ def _materials(parts: Sequence[Part]) -> str:
 
 
 def _printed(marker: Marker, dots: Sequence[SolidDot], parts: Sequence[Part]) -> tuple[ViewFace, ...]:
-    """Dots and tag that are printed on a sheet, because they are neither parts nor engraved nor holes."""
+    """Dots and tag printed on a sheet, which are neither parts nor engraved nor holes."""
     low, _ = span_of(parts)
     if any(not part.is_plate or part.marked for part in parts):
         return ()
@@ -152,7 +152,7 @@ def _dot_callouts(dots: Sequence[SolidDot], fabrication: Fabrication) -> list[Ca
 
 
 def _kinds(holes: Sequence[Hole]) -> list[list[Hole]]:
-    """Group holes that are alike and equally far from the origin."""
+    """Group holes of the same kind that are equally far from the origin."""
 
     def kind(hole: Hole) -> tuple[str, str, float, float, float]:
         return hole.use, hole.name, hole.diameter, hole.sink, round(hypot(hole.x, hole.y), 9)
@@ -181,7 +181,7 @@ def _hole_callouts(holes: Sequence[Hole]) -> list[Callout]:
 
 
 def _drawn_callouts(marker: Marker) -> list[Callout]:
-    """Name an outline's own round holes by diameter and pitch circle, and its other arcs by radius."""
+    """Callouts of an outline's own round holes (diameter, pitch circle) and of its other arcs (radius)."""
     holes: dict[tuple[float, float], list[tuple[float, float, float]]] = {}
     for x, y, r in drawn_holes(marker):
         holes.setdefault((round(r, 6), round(hypot(x, y), 6)), []).append((x, y, r))
@@ -189,7 +189,7 @@ def _drawn_callouts(marker: Marker) -> list[Callout]:
     for contour in drawn_contours(marker):
         sides = contour.sides
         for k, side in enumerate(sides) if not contour.is_circle else ():
-            # Two arcs of one circle in a row, as for more than half a turn, count once.
+            # Consecutive arcs of one circle, as for more than half a turn, count once.
             if side[2] and not (sides[k - 1][2] and dist(center_of(side), center_of(sides[k - 1])) < SAME):
                 (x, y), (u, v), bulge = side
                 middle = (x + u) / 2 + bulge / 2 * (v - y), (y + v) / 2 - bulge / 2 * (u - x), 0.0
@@ -242,7 +242,7 @@ def _alike(dots: Iterable[SolidDot]) -> list[tuple[tuple[float, float], list[Sol
 
 
 def _dot_sections(dots: Sequence[SolidDot], parts: Sequence[Part], face: float) -> list[SectionView]:
-    """One section for each kind of dot, and one through the highest of its raised dots."""
+    """One section per kind of dot, and one through the highest raised dot."""
     bodies = [body for part in parts for body in (*part.add, *part.cut, *part.marked)]
     found = []
     for (_, inner), some in _alike(dots)[:MOST_KINDS]:
@@ -283,7 +283,7 @@ def _dot_section(dot: SolidDot, title: str, parts: Sequence[Part], face: float) 
 
 
 def _hole_sections(marker: Marker, parts: Sequence[Part]) -> list[SectionView]:
-    """One section for each kind of hole."""
+    """One section per kind of hole."""
     found: dict[tuple[float, float], SectionView] = {}
     low, _ = span_of([part for part in parts if part.is_plate])
     for hole in marker.substrate.holes:
@@ -308,7 +308,7 @@ def _hole_sections(marker: Marker, parts: Sequence[Part]) -> list[SectionView]:
 
 
 def _edge_section(marker: Marker, made: Made) -> list[SectionView]:
-    """Section of an edge with a chamfer, or with a recess for a sheet next to it."""
+    """Section of an edge that has a chamfer, or a sheet's recess next to it."""
     chamfer = mm(marker.substrate.chamfer)
     plates = [part for part in made.parts if part.is_plate]
     width, _ = size_of([body for part in plates for body in part.add])
@@ -325,7 +325,7 @@ def _edge_section(marker: Marker, made: Made) -> list[SectionView]:
     ring = flattened(outermost.contours[0], OFF)
     right = max(x for x, _ in ring)
     level = [y for x, y in ring if x > right - 1e-3]
-    # In the middle of the outermost edge, or at the outermost point of an arc.
+    # At the middle of the outermost edge, or the outermost point of an arc.
     y = (min(level) + max(level)) / 2
     left = min([right - max(6 * chamfer, 4.0), *(body.box[2] - 4.0 for body in recesses)])
     box = (left, low, right, made.face)
@@ -336,7 +336,7 @@ def _edge_section(marker: Marker, made: Made) -> list[SectionView]:
 
 
 def _centered(bodies: Iterable[Body], x: float, y: float) -> list[Revolved]:
-    """Bodies that are round about the upright axis through (x, y), to a micron."""
+    """Bodies of revolution about the vertical axis through (x, y), within a micron."""
     return [b for b in bodies if isinstance(b, Revolved) and abs(b.x - x) < 1e-3 and abs(b.y - y) < 1e-3]
 
 
@@ -347,7 +347,7 @@ def _upright(heights: Iterable[tuple[float, float]]) -> tuple[Dimension, ...]:
 
 
 def tables_of(marker: Marker, made: Made) -> tuple[DrawingTable, ...]:
-    """Tables of control points, of holes if there are any, of the tag's corners, of parts, and of tolerances."""
+    """Tables of control points, any holes, the tag's corners, parts, and tolerances."""
     points = DrawingTable(
         "Control points: centers of the dots, mm",
         ("id", "x", "y", "z", "diameter", "inner"),
@@ -391,7 +391,7 @@ def tables_of(marker: Marker, made: Made) -> tuple[DrawingTable, ...]:
 
 
 def drawn_contours(marker: Marker) -> list[Contour]:
-    """Contours in mm of a plate's outline with arcs, as they come from a drawing; else none."""
+    """Contours in mm of a plate outline from a drawing if it has arcs; else none."""
     outline = marker.substrate.outline or marker.boundary
     return [placed(contour, 1e3, digits=9) for contour in outline.contours()] if outline.has_arcs else []
 
@@ -414,7 +414,7 @@ def _part_list(parts: Sequence[Part]) -> DrawingTable:
 
 
 def _size(part: Part) -> str:
-    """Diameters and height of a round part, else width, height and thickness."""
+    """Diameters and height of a round part; width, height and thickness of others."""
     low, high = part.span
     if len(part.add) == 1 and isinstance(part.add[0], Revolved):
         least, most = part.add[0].radii
@@ -427,7 +427,7 @@ def _size(part: Part) -> str:
 
 
 def _names(names: Sequence[str]) -> str:
-    """Short form of long lists of part names: ``dot-1, dot-3 to dot-5``."""
+    """Abbreviate long lists of part names: ``dot-1, dot-3 to dot-5``."""
     stems: dict[tuple[str, str], list[int]] = {}
     words = []
     for name in names:
@@ -443,7 +443,7 @@ def _names(names: Sequence[str]) -> str:
 
 
 def ranges(numbers: Iterable[int]) -> str:
-    """Short form of whole numbers: ``1 to 4, 7``."""
+    """Abbreviate a list of integers: ``1 to 4, 7``."""
     runs: list[list[int]] = []
     for number in sorted(numbers):
         if runs and number == runs[-1][-1] + 1:
@@ -465,5 +465,5 @@ def use_words(hole: Hole) -> str:
 
 
 def _fixed(meters: float) -> str:
-    # Adding 0 makes -0 a plain 0.
+    # Adding 0 turns -0 into 0.
     return f"{round(meters * 1e3, 4) + 0.0:.4f}"

@@ -1,6 +1,6 @@
-"""ISO 286: how a disc and the hole it goes into are toleranced, F8/h7 to slip and P7/h6 to press.
+"""ISO 286 tolerances of a disc and its hole: F8/h7 for a slip fit and P7/h6 for a press fit.
 
-The fits are shaft-based: the disc has the nominal diameter of its dot, and the hole's deviations make the fit.
+The fits are shaft-based: the disc has the nominal diameter of its dot, and the hole's deviations determine the fit.
 """
 
 from dataclasses import dataclass
@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from markergen.errors import InputError
 
 STEPS = (3, 6, 10, 18, 30, 50, 80, 120, 180, 250, 315, 400, 500)
-"""Upper ends in mm of the ranges of nominal sizes, each included in its range (ISO 286-1, table 1)."""
+"""Upper limits in mm of the ranges of nominal sizes, inclusive (ISO 286-1, table 1)."""
 
 H6 = (6, 8, 9, 11, 13, 16, 19, 22, 25, 29, 32, 36, 40)
 H7 = (10, 12, 15, 18, 21, 25, 30, 35, 40, 46, 52, 57, 63)
-"""Tolerances of a shaft h6 and h7 in um, downward from the nominal size, for each range."""
+"""Tolerances of a shaft h6 and h7 in um, below the nominal size, for each range."""
 
 F8 = tuple(zip((6, 10, 13, 16, 20, 25, 30, 36, 43, 50, 56, 62, 68),
                (20, 28, 35, 43, 53, 64, 76, 90, 106, 122, 137, 151, 165), strict=True))  # fmt: skip
@@ -30,9 +30,9 @@ class DiscFit:
     disc, pocket : str
         Tolerance class with its deviations, such as ``h7 (0 / -0.025 mm)``.
     gap : float
-        Least clearance all around, mm; 0 where there is interference.
+        Minimum clearance on each side, mm; 0 for an interference fit.
     play : float
-        Largest distance of the disc's center from the pocket's, mm.
+        Maximum distance between the centers of disc and pocket, mm.
     """
 
     disc: str
@@ -47,7 +47,7 @@ def disc_fit(kind: str, diameter: float) -> DiscFit:
     Raises
     ------
     InputError
-        If it is larger than 500 mm, beyond these tables.
+        If the diameter exceeds 500 mm, the end of these tables.
     """
     if diameter > STEPS[-1]:
         raise InputError(

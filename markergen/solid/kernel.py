@@ -1,7 +1,7 @@
-"""Parts as solids of Open CASCADE: bodies swept up or around, then joined and cut by its Booleans.
+"""Build parts as Open CASCADE solids: bodies extruded or revolved, then combined by Booleans.
 
-cadquery does what it offers. Made here with OCP are faces in planes that are known instead of fitted, arcs about exact
-centers, chamfers that survive nearly tangent sides, and Booleans that remember the floors of what is engraved.
+cadquery is used where it suffices. Made with OCP directly are faces in given rather than fitted planes, arcs about
+exact centers, chamfers that tolerate nearly tangent sides, and Booleans that track the floors of engraving.
 """
 
 from collections.abc import Sequence
@@ -16,18 +16,18 @@ from markergen.geometry.contour import Contour, Side, backward, center_of, inset
 from markergen.solid.bodies import COLORS, Body, Part, Prism
 
 NEAR = 1e-6
-"""mm: edges that are closer are sewn into one."""
+"""Distance in mm below which edges are sewn together."""
 
 LEVEL = 1 - 1e-9
-"""Least upright component of the normal of a face that counts as level."""
+"""Minimum vertical component of the normal of a level face."""
 
 TOLERANCE = 1e-5
-"""Largest difference between the kernel's volume of a part and the closed form, as a share."""
+"""Maximum relative difference between the kernel's volume of a part and the closed form."""
 
 
 @dataclass(frozen=True)
 class NamedSolid:
-    """One part as the CAD kernel holds it.
+    """One part as a solid of the CAD kernel.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class NamedSolid:
     shape : cadquery.Solid
         In mm, marker frame: the face of the plate is z = 0, the plate is below.
     marked : tuple of cadquery.Face
-        Faces of `shape` that have the other material's color.
+        Faces of `shape` with the other material's color.
     """
 
     name: str
@@ -50,7 +50,7 @@ class NamedSolid:
 
 
 def import_cadquery() -> ModuleType:
-    """Import cadquery, or say in one line what is missing and how to install it (MissingLibraryError)."""
+    """Import cadquery; raises MissingLibraryError with what is missing and how to install it."""
     try:
         import cadquery
     except ImportError as error:
@@ -59,29 +59,29 @@ def import_cadquery() -> ModuleType:
 
 
 def missing_kernel(need: str, found: str) -> MissingLibraryError:
-    """Error that says what cadquery is needed for, what was found, and what to install."""
+    """Return the error with what needs cadquery, what was found, and what to install."""
     return MissingLibraryError(
         f"{need} the library cadquery with the system's libGL and libX11, found: {found}; "
         "install them with: pip install 'markergen[solids]' && apt-get install libgl1 libx11-6"
     )
 
 
-# Several files of one marker are written one after the other, and the kernel is what takes the time.
+# Cached, since several files of one marker are often written in a row, and building solids takes most of the time.
 @lru_cache(maxsize=1)
 def solids_of(parts: tuple[Part, ...]) -> tuple[NamedSolid, ...]:
-    """Make all parts; raises as `build` does."""
+    """Build all parts; raises like `build`."""
     return tuple(map(build, parts))
 
 
 def build(part: Part) -> NamedSolid:
-    """Make one part.
+    """Build one part.
 
     Raises
     ------
     OutputError
-        If the kernel makes no valid solid of it, or one whose volume is not the part's.
+        If the kernel makes an invalid solid, or one whose volume is not the part's.
     MissingLibraryError
-        If cadquery or a system library that it needs is missing.
+        If cadquery or one of its system libraries is missing.
     """
     import_cadquery()
     try:
@@ -120,9 +120,9 @@ def _solid(body: Body) -> Any:
 
 
 def _joined(added: Sequence[Any], cut: Sequence[Any], marked: Sequence[Any]) -> tuple[Any, tuple[Any, ...]]:
-    """One cadquery.Solid of all that is added less all the others, and its level faces at floors of what is marked.
+    """One cadquery.Solid of all added bodies less the others, and its level faces that are floors of marked bodies.
 
-    One operation with many arguments each: Open CASCADE then takes hundreds of pockets in a second.
+    Each operation takes all its arguments at once: Open CASCADE then cuts hundreds of pockets in a second.
     """
     from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut, BRepAlgoAPI_Fuse
 
@@ -139,19 +139,19 @@ def _joined(added: Sequence[Any], cut: Sequence[Any], marked: Sequence[Any]) -> 
     solids = import_cadquery().Shape.cast(shape).Solids()
     if len(solids) != 1:
         raise ValueError(f"{len(solids)} pieces" if solids else "nothing")
-    # As the solid has them, which is the other way around.
+    # The solid's own orientation of the faces is the reverse.
     (solid,) = solids
     faces = solid.Faces() if floors else []
     return solid, tuple(face for face in faces if any(face.wrapped.IsSame(floor) for floor in floors))
 
 
 def _faces(shape: Any) -> list[Any]:
-    """TopoDS_Faces of a TopoDS_Shape, oriented as it has them."""
+    """TopoDS_Faces of a TopoDS_Shape, with their orientation in it."""
     return [face.wrapped for face in import_cadquery().Shape.cast(shape).Faces()]
 
 
 def _side(face: Any) -> int:
-    """1 if a face is level and its outside is above it, -1 if below; 0 if it is not level."""
+    """1 if a face is level with its outside above, -1 if below; 0 if it is not level."""
     from OCP.BRepAdaptor import BRepAdaptor_Surface
     from OCP.GeomAbs import GeomAbs_Plane
     from OCP.TopAbs import TopAbs_REVERSED
@@ -179,7 +179,7 @@ def _operated(operation: Any, arguments: Sequence[Any], tools: Sequence[Any]) ->
 
 
 def _chamfered(body: Prism) -> Any:
-    """Prism with a chamfer, sewn from its faces: the kernel's own chamfers go wrong where sides turn by little."""
+    """Prism with a chamfer, sewn from its faces: the kernel's own chamfers fail where sides turn only slightly."""
     from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeSolid, BRepBuilderAPI_Sewing
     from OCP.BRepLib import BRepLib
@@ -209,7 +209,7 @@ def _chamfered(body: Prism) -> Any:
 
 
 def _slant(one: Side, other: Side, low: float, high: float, angle: float) -> Any:
-    """Face of a chamfer between a side and the same side moved inward: a plane, or for an arc of an angle a cone."""
+    """Face of a chamfer between a side and its inward offset: a plane, or a cone for an arc."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakePolygon
     from OCP.BRepPrimAPI import BRepPrimAPI_MakeRevol
     from OCP.gp import gp_Ax1, gp_Ax3, gp_Dir, gp_Pln, gp_Pnt
@@ -219,7 +219,7 @@ def _slant(one: Side, other: Side, low: float, high: float, angle: float) -> Any
     if not bulge:
         corners = [gp_Pnt(x, y, low), gp_Pnt(u, v, low), gp_Pnt(r, s, high), gp_Pnt(p, q, high)]
         along, wide = gp_Dir(u - x, v - y, 0), high - low
-        # The inward normal of the side, and as much upward.
+        # The inward normal of the side plus an equal upward component.
         normal = gp_Dir(along.Y() * wide, -along.X() * wide, wide)
         ring = BRepBuilderAPI_MakePolygon(*corners, True).Wire()
         return _face(gp_Pln(gp_Ax3(corners[0], normal, along)), [ring])
@@ -229,7 +229,7 @@ def _slant(one: Side, other: Side, low: float, high: float, angle: float) -> Any
 
 
 def _face(plane: Any, wires: Sequence[Any]) -> Any:
-    """Face in a given plane, since the one that Open CASCADE fits to the wire is off by rounding."""
+    """Face in a given plane, since the plane that Open CASCADE fits to the wire is off by rounding."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
 
     maker = BRepBuilderAPI_MakeFace(plane, wires[0], True)
@@ -239,20 +239,20 @@ def _face(plane: Any, wires: Sequence[Any]) -> Any:
 
 
 def _wire(contour: Contour, height: float | None, axis: tuple[float, float] = (0.0, 0.0)) -> Any:
-    """Wire at a height, or with a height of None upright in the half plane of positive x from the axis."""
+    """Wire at a height or, if it is None, vertical in the half plane of positive x from the axis."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakeVertex, BRepBuilderAPI_MakeWire
     from OCP.gp import gp_Ax2, gp_Circ, gp_Dir, gp_Pnt
 
     def point(x: float, y: float) -> Any:
         return gp_Pnt(axis[0] + x, axis[1], y) if height is None else gp_Pnt(x, y, height)
 
-    # Arcs that turn left in the contour turn left in space about these.
+    # About this direction, arcs that turn left in the contour turn left in space.
     left = gp_Dir(0, -1, 0) if height is None else gp_Dir(0, 0, 1)
     right, along = left.Reversed(), gp_Dir(1, 0, 0)
     wire = BRepBuilderAPI_MakeWire()
     vertices = [BRepBuilderAPI_MakeVertex(point(*corner)).Vertex() for corner in contour.points]
     if (whole := contour.as_circle) is not None:
-        # Two half turns are a circle with one edge: half the faces, and what readers look for as a circle.
+        # A single circular edge instead of two half turns halves the faces and is recognized as a circle by readers.
         x, y, radius = whole
         circle = gp_Circ(gp_Ax2(point(x, y), left if contour.bulges[0] > 0 else right, along), radius)
         return BRepBuilderAPI_MakeWire(BRepBuilderAPI_MakeEdge(circle).Edge()).Wire()

@@ -1,7 +1,7 @@
-"""Manufacturability: what a tool can make of a marker, and by how much the marker would have to change; mm.
+"""Manufacturability: what a tool can make of a marker, and how much the marker would have to change; mm.
 
-Depths and gaps that a plate has room for, smallest features of dots, tags and holes, and walls between whatever is cut
-or stands on a plate. What cannot be made is refused with the nearest value that can.
+Checks depths and gaps against the plate, minimum features of dots, tags and holes, and walls between everything that is
+cut or stands on a plate. What cannot be made is refused with the nearest feasible value.
 """
 
 from collections.abc import Sequence
@@ -18,26 +18,26 @@ from markergen.solid.dot_geometry import NECK, SolidDot, cell_of
 from markergen.solid.plate import Footprint, SolidPlate, gaps
 
 FLOOR = 0.2
-"""Least thickness in mm of what is left under a pocket: one layer of a printer."""
+"""Minimum thickness in mm left under a pocket: one layer of a printer."""
 
 ROUNDING, FLATTENING = 1e-6, 5e-3
-"""mm by which a limit may be missed, and where polygons stand for the plate's arcs."""
+"""Allowed violation of a limit in mm: in general, and where polygons approximate the plate's arcs."""
 
 
 @dataclass(frozen=True)
 class Tool:
-    """The tool that limits how fine features can be.
+    """The tool that limits the fineness of features.
 
     Attributes
     ----------
     word : str
         ``nozzle``, ``mill``, ``beam``, ``knife``.
     size : float
-        Diameter in mm, which is the width of the narrowest feature.
+        Diameter in mm, which is the minimum width of a feature.
     wall : float
-        Least width in mm of the material between two cuts.
+        Minimum width in mm of the material between two cuts.
     own_wall : bool
-        Whether a finer tool makes narrower walls.
+        True if a finer tool allows narrower walls.
     """
 
     word: str
@@ -50,24 +50,24 @@ class Tool:
 
 
 def tool_of(fabrication: Fabrication, word: str, size: float, wall: float | None = None) -> Tool:
-    """Tool of the size asked for, or else of the usual one; a wall of None is as wide as the tool."""
+    """Make a tool of the requested or else the usual size; a wall of None is as wide as the tool."""
     given = size if fabrication.tool is None else fabrication.tool * 1e3
     return Tool(word, given, given if wall is None else wall, wall is None)
 
 
 def depth_of(marker: Marker, fabrication: Fabrication, usual: float, what: str) -> float:
-    """Depth in mm that was asked for; else the usual one, or half the thickness of the plate where that is less.
+    """Requested depth in mm; by default the usual one, or half the thickness of the plate if that is less.
 
     Raises
     ------
     InputError
-        If less than `FLOOR` of the plate would be left.
+        If less than `FLOOR` of the plate would remain.
     """
     thickness = mm(marker.substrate.thickness)
     depth = min(usual, thickness / 2) if fabrication.depth is None else mm(fabrication.depth)
     if thickness - depth < FLOOR - ROUNDING:
         most, least = down(thickness - FLOOR), up(depth + FLOOR)
-        # In a thicker plate what is usual is deeper, up to its half.
+        # In a thicker plate the default is deeper, up to half the thickness.
         enough = up(FLOOR + min(usual, FLOOR)) if fabrication.depth is None else least
         remedy = f"use --thickness {enough}" + (f", or --depth {most} or less" if thickness > FLOOR + 0.01 else "")
         raise InputError(
@@ -77,12 +77,12 @@ def depth_of(marker: Marker, fabrication: Fabrication, usual: float, what: str) 
 
 
 def gap_of(fabrication: Fabrication, usual: float, dots: Sequence[SolidDot]) -> float:
-    """Gap in mm around inlays: as asked for, or the usual one.
+    """Requested or else usual gap in mm around inlays.
 
     Raises
     ------
     InputError
-        If it is negative, or more than a fifth of a ring's inner radius: the core would no longer show the center.
+        If it is negative, or above a fifth of a ring's inner radius: the core would no longer mark the center.
     """
     gap = usual if fabrication.gap is None else mm(fabrication.gap)
     least = min((dot.inner or dot.radius for dot in dots), default=np.inf)
@@ -123,7 +123,7 @@ def check_dots(dots: Sequence[SolidDot], tool: Tool, gap: float = 0.0) -> None:
 
 
 def check_bores(holes: Sequence[Hole], tool: Tool) -> None:
-    """Refuse mounting and dowel holes that are narrower than the tool, unless another tool drills them.
+    """Refuse mounting and dowel holes narrower than the tool, unless another tool drills them.
 
     Raises
     ------
@@ -140,12 +140,12 @@ def check_bores(holes: Sequence[Hole], tool: Tool) -> None:
 
 
 def check_tag(marker: Marker, tool: Tool, corner: float, gap: float = 0.0) -> None:
-    """Refuse a tag whose cells are narrower than the tool, or than the two rounded corners on one side of a cell.
+    """Refuse a tag with cells narrower than the tool, or than the two rounded corners on one side of a cell.
 
     Parameters
     ----------
     corner : float
-        Radius of the tag's corners, mm; those that meet others are rounded more (see `TagInk.contours`).
+        Radius of the tag's corners, mm; adjoining corners are rounded more (see `TagInk.contours`).
 
     Raises
     ------
@@ -156,7 +156,7 @@ def check_tag(marker: Marker, tool: Tool, corner: float, gap: float = 0.0) -> No
     cell = cell_of(marker.tag)
     walls = max(NECK * 2, 1.0) * (tool.wall + 2 * gap)
     least = max(tool.size, 2 * corner, walls)
-    # A wall that is not the tool's own does not become narrower with it.
+    # A wall whose minimum does not depend on the tool does not become narrower with it.
     scales = least > walls or (tool.own_wall and not gap)
     if cell < least - ROUNDING:
         side = up(least * marker.tag.cells)
@@ -169,7 +169,7 @@ def check_tag(marker: Marker, tool: Tool, corner: float, gap: float = 0.0) -> No
 
 
 def check_apart(marker: Marker, plate: SolidPlate, footprints: Sequence[Footprint], tool: Tool) -> None:
-    """Refuse footprints with less than a wall between them, or between one and a hole or the plate's edge.
+    """Refuse footprints less than a wall apart, or less than a wall from a hole or the plate's edge.
 
     Raises
     ------
@@ -203,16 +203,16 @@ def check_apart(marker: Marker, plate: SolidPlate, footprints: Sequence[Footprin
 
 
 def found_room(gap: float) -> str:
-    """Gap between two things, in words."""
+    """Gap between two features, in words."""
     return f"{gap:.4g} mm" if gap > ROUNDING else "none: they touch" if gap > -ROUNDING else f"{-gap:.4g} mm in common"
 
 
 def up(mm: float) -> str:
-    """Length as an option takes it, rounded up to hundredths of a mm."""
+    """Length as an option value, rounded up to hundredths of a mm."""
     return f"{np.ceil(mm * 100 - 1e-6) / 100:.6g}mm"
 
 
 def down(mm: float) -> str:
-    """Length as an option takes it, rounded down to hundredths of a mm, or to thousandths where it is small."""
+    """Length as an option value, rounded down to hundredths of a mm, or to thousandths if small."""
     digits = 100 if mm >= 0.1 else 1000
     return f"{max(np.floor(mm * digits + 1e-6), 1.0) / digits:.6g}mm"

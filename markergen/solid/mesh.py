@@ -1,7 +1,7 @@
-"""Meshes of solids: closed, within a tolerance of the surface, and the same from run to run.
+"""Closed meshes of solids within a tolerance of the surface, reproducible from run to run.
 
-Open CASCADE makes the triangles, but not by cadquery's `tessellate`, which has one tolerance for balls, bores and
-letters alike, and keeps the order of the faces. Here points lie on a grid that all parts have in common.
+Open CASCADE makes the triangles, but not through cadquery's `tessellate`, which has one tolerance for balls, bores and
+letters alike and keeps the order of the faces. Here the points of all parts lie on a common grid.
 """
 
 from collections.abc import Sequence
@@ -19,18 +19,18 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 ANGLE = 2 * pi / 96
-"""Largest angle in rad of a chord as the kernel counts it; a circle gets up to twice as many chords.
+"""Maximum angle in rad of a chord as the kernel counts it; a circle gets up to twice as many chords.
 
-Cylinders therefore lack at most 0.02 % of their volume, and balls 0.08 %, however small they are.
+Cylinders therefore lose at most 0.02 % of their volume and balls 0.08 %, however small they are.
 """
 
 CLOSER = 2.2
-"""Factor by which the kernel is given a smaller tolerance: on balls it exceeds what it is given up to 2.1 times."""
+"""Factor by which the kernel's tolerance is reduced, since on balls it exceeds its tolerance up to 2.1 times."""
 
 FINEST = -14
 """Exponent of 2, in mm, of the finest grid for points, 0.06 um; all markers of up to half a meter share it.
 
-Parts that touch then have their points in common there.
+On this grid parts that touch have their points in common.
 """
 
 
@@ -41,11 +41,11 @@ class Mesh:
     Attributes
     ----------
     points : array (n, 3)
-        In mm, marker frame, each one once, exactly representable as 32-bit floats.
+        In mm, marker frame, without duplicates, exactly representable as 32-bit floats.
     triangles : array (m, 3)
-        Indices of points, counterclockwise seen from outside.
+        Indices of points, counterclockwise as seen from outside.
     marked : array (m,) of bool
-        Whether a triangle is of a face with the other material's color.
+        True for triangles of a face with the other material's color.
     """
 
     points: Array
@@ -65,17 +65,17 @@ def mesh_of(solid: NamedSolid, tolerance: float) -> Mesh:
     Raises
     ------
     OutputError
-        If Open CASCADE makes no closed mesh of it.
+        If Open CASCADE does not make a closed mesh of it.
     """
     corners, marked = _triangulate(solid, tolerance)
     grid = _grid(corners)
     ticks, index = np.unique(np.round(corners.reshape(-1, 3) / grid).astype(np.int64), axis=0, return_inverse=True)
     triangles = index.reshape(-1, 3)
-    # The lowest index first, then sorted: nothing depends on the order in which the kernel walks over the faces.
+    # The lowest index first, then sorted, so that the kernel's order of faces does not matter.
     first = np.argmin(triangles, axis=1)[:, None]
     triangles = np.take_along_axis(triangles, (first + np.arange(3)) % 3, axis=1)
     order = np.lexsort(triangles.T[::-1])
-    # On the grid, an edge of the shortest kind may have become a point.
+    # On the grid a very short edge may have collapsed to a point.
     order = order[_proper(triangles[order])]
     mesh = Mesh(np.asarray(ticks * grid, float), triangles[order], marked[order])
     if not is_closed(mesh.triangles):
@@ -87,7 +87,7 @@ def mesh_of(solid: NamedSolid, tolerance: float) -> Mesh:
 
 
 def is_closed(triangles: Indices) -> bool:
-    """Tell whether every edge lies between two triangles of the same sense of rotation."""
+    """Tell whether every edge is shared by two triangles of the same orientation."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     count = int(triangles.max(initial=0)) + 1
     forward = edges[:, 0] * count + edges[:, 1]
@@ -96,10 +96,10 @@ def is_closed(triangles: Indices) -> bool:
 
 
 def kept_apart(meshes: Sequence[Mesh]) -> list[Mesh]:
-    """Meshes without common points: points that an earlier mesh has move 0.1 um into their own part.
+    """Separate meshes with common points: such points of a later mesh move 0.1 um into their own part.
 
-    An inlay fills its pocket without a gap. Programs that merge equal points would find edges between four triangles
-    there, and report a leak.
+    An inlay fills its pocket without a gap. Programs that merge equal points would find edges with four triangles
+    there and report a leak.
     """
     seen: set[bytes] = set()
     apart = []
@@ -112,7 +112,7 @@ def kept_apart(meshes: Sequence[Mesh]) -> list[Mesh]:
 
 
 def _inward_step(mesh: Mesh) -> Array:
-    """Two steps of the grid along each point's outward normal: level where it can be, since heights are measured."""
+    """Step of two grid units against each point's outward normal: level if possible, since heights are measured."""
     a, b, c = np.moveaxis(mesh.points[mesh.triangles], 1, 0)
     normals = np.zeros_like(mesh.points)
     for corner in mesh.triangles.T:
@@ -125,7 +125,7 @@ def _inward_step(mesh: Mesh) -> Array:
 
 
 def _grid(points: Array) -> float:
-    """Step of the grid: twice that of 32-bit floats out there, so that points stay apart when written in mm or in m."""
+    """Grid spacing: twice that of 32-bit floats at the largest coordinate, so that points stay distinct in mm or m."""
     return 2.0 ** max(FINEST, ceil(log2(np.abs(points).max())) - 22)
 
 
@@ -141,9 +141,9 @@ def _triangulate(solid: NamedSolid, tolerance: float) -> tuple[Array, NDArray[np
     from OCP.BRepTools import BRepTools
 
     shape = solid.shape.wrapped
-    # An earlier mesh would be reused for this one, and written along with the shape.
+    # An earlier mesh would be reused for this one and written with the shape.
     BRepTools.Clean_s(shape)
-    # The kernel keeps the parts of a first mesh that are close enough, and with them the points on edges.
+    # The kernel keeps those parts of a first mesh that are accurate enough, including points on edges.
     BRepMesh_IncrementalMesh(_parts_of_turns(solid), _parameters(tolerance, pi / 4))
     BRepMesh_IncrementalMesh(shape, _parameters(tolerance, ANGLE))
     corners, marked = [], []
@@ -166,9 +166,9 @@ def _parameters(tolerance: float, angle: float) -> Any:
 
 
 def _parts_of_turns(solid: NamedSolid) -> Any:
-    """Upright round faces of less than half a turn: letters and rounded corners, whose volume matters little.
+    """Vertical round faces of less than half a turn: letters and rounded corners, whose volume matters little.
 
-    An engraved back has hundreds of them, and as fine as dots they would make most of the mesh.
+    An engraved back has hundreds of them, which would make up most of the mesh if they were as fine as dots.
     """
     from OCP.BRep import BRep_Builder
     from OCP.BRepAdaptor import BRepAdaptor_Surface

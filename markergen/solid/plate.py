@@ -1,7 +1,7 @@
-"""The plate: its outlines and holes, the room on its upper face, and the parts that are made of it; mm, marker frame.
+"""The plate: its outlines and holes, the room on its upper face, and the parts made of it; mm, marker frame.
 
-Its outline is the boundary's, with an edge around a disk or a rectangle, or one of its own; corners may be rounded.
-Arcs stay arcs in the parts. Distances on the face are taken from polygons no farther than `OFF` from them.
+Its outline is the boundary's, with an edge around a disk or a rectangle, or a separate one; corners may be rounded.
+Arcs are exact in the parts; distances on the face are measured from polygons within `OFF` of them.
 """
 
 from collections.abc import Sequence
@@ -25,18 +25,18 @@ from markergen.units import format_length
 
 Array = NDArray[np.float64]
 Outline = tuple[Contour, ...]
-"""Outer contour, counterclockwise, and those of its holes, clockwise."""
+"""Outer contour, counterclockwise, and its holes, clockwise."""
 
 TANGENT = 5e-7
-"""mm by which cones and planes of a chamfer may miss each other at an arc's end that is not quite tangent."""
+"""Maximum gap in mm between cones and planes of a chamfer at the end of an arc that is not quite tangent."""
 
 SMOOTH = 0.35
-"""Angle in rad: an outline that turns by less in a corner stands for a curve, and has no corner to round."""
+"""Maximum angle in rad between sides that approximate a curve, so that there is no corner to round."""
 
 
 @dataclass(frozen=True)
 class Footprint:
-    """Where something stands on a plate or is cut into it: a point or a polygon, and a margin around it; mm.
+    """Area on a plate taken by a feature or cut: a point or a polygon, and a margin around it; mm.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Footprint:
 
 @dataclass(frozen=True)
 class SolidPlate:
-    """All plates of a marker: one for each separate piece of the outline.
+    """All plates of a marker: one per separate piece of the outline.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class SolidPlate:
     thickness, chamfer : float
         mm.
     holes : tuple of Hole
-        Mounting and dowel holes, in m, as the marker has them.
+        Mounting and dowel holes, in m, as in the marker.
     """
 
     outlines: tuple[Outline, ...]
@@ -72,17 +72,17 @@ class SolidPlate:
 
     @cached_property
     def pieces(self) -> tuple[Region, ...]:
-        """Each plate seen from above, without mounting holes."""
+        """Each plate in plan view, without mounting holes."""
         return tuple(Region.of_contour(outer, holes, OFF) for outer, *holes in self.outlines)
 
     @cached_property
     def outline(self) -> Region:
-        """All plates seen from above, without mounting holes."""
+        """All plates in plan view, without mounting holes."""
         return Region.union(self.pieces)
 
     @cached_property
     def face(self) -> Region:
-        """Upper face within the chamfer, without mounting holes."""
+        """Upper face inside the chamfer, without mounting holes."""
         if not self.chamfer:
             return self.outline
         return Region.union(
@@ -106,24 +106,24 @@ class SolidPlate:
         return f"{width:.6g} x {height:.6g} mm"
 
     def room(self, footprints: Sequence[Footprint]) -> Array:
-        """Distances (m,) from footprints to the edge of the face; negative where they hang over it."""
+        """Return the distances (m,) from footprints to the edge of the face; negative where they extend past it."""
         if not footprints:
             return np.zeros(0)
         return self.face.clearance([each.points for each in footprints]) - [each.radius for each in footprints]
 
     def bores(self, face: float = 0.0) -> list[Revolved]:
-        """Mounting and dowel holes as bodies to cut, from a face at that height down through the plate."""
+        """Return mounting and dowel holes as bodies to cut, from a face at that height down through the plate."""
         bottom = self.bottom(face)
         return [_bore(hole, bottom, face) for hole in self.holes]
 
     def bottom(self, face: float = 0.0) -> float:
-        """Height of the back of a plate whose face is at a height."""
+        """Return the height of the back of a plate whose face is at a height."""
         return mm((face - self.thickness) / 1e3)
 
     def parts(
         self, face: float = 0.0, cut: Sequence[Body] = (), marked: Sequence[Body] = (), add: Sequence[Body] = ()
     ) -> list[Part]:
-        """Make the plates, each with its own bores and whatever is cut from it, marked on it or joined to it.
+        """Make the plates, each with its own bores and the bodies that are cut from, marked on or joined to it.
 
         Parameters
         ----------
@@ -142,11 +142,11 @@ class SolidPlate:
         ]
 
     def _shared_out(self, bodies: Sequence[Body]) -> list[tuple[Body, ...]]:
-        """Bodies by the plate that each belongs to."""
+        """Assign bodies to the plates that they belong to."""
         if len(self.pieces) == 1 or not bodies:
             return [tuple(bodies)] * len(self.pieces)
         points = [(body.x, body.y) if isinstance(body, Revolved) else body.outer.points[0] for body in bodies]
-        # The nearest plate rather than the one around it: a recess may be as large as its plate.
+        # By distance rather than containment: a recess may be as large as its plate.
         nearest = np.argmin([piece.distance(points) for piece in self.pieces], axis=0)
         return [
             tuple(body for body, own in zip(bodies, nearest, strict=True) if own == k) for k in range(len(self.pieces))
@@ -156,9 +156,9 @@ class SolidPlate:
 def plate_of(marker: Marker) -> SolidPlate:
     """Plate of a marker, with rounded corners.
 
-    Under a disk it is a disk that holds the boundary with its edge and every dot's quiet zone, a white ring half a dot
-    diameter wide. Around a rectangle the edge has mitered corners. Any other boundary is itself the plate's outline, as
-    is an outline of its own.
+    For a disk it is a disk that contains the boundary with its edge and every dot's quiet zone, a white ring half a dot
+    diameter wide. Around a rectangle the edge has mitered corners. Any other boundary is the plate's outline itself,
+    unless the substrate has its own.
 
     Raises
     ------
@@ -173,7 +173,7 @@ def plate_of(marker: Marker) -> SolidPlate:
 
 
 def plate_size(marker: Marker) -> str:
-    """Size of the plate in words: as its outline was given, or as `SolidPlate.size` tells."""
+    """Size of the plate in words: as its outline was given, or as in `SolidPlate.size`."""
     outline = marker.substrate.outline
     return plate_of(marker).size if outline is None else size_words(outline)
 
@@ -189,7 +189,7 @@ def gaps(footprints: Sequence[Footprint], others: Sequence[Footprint]) -> Array:
 
 
 def grouped(contours: Sequence[Contour]) -> list[Outline]:
-    """Each outer contour, and after it the holes in it; an island in a hole is a piece with holes of its own."""
+    """Group each outer contour with its holes; an island in a hole is a piece with holes of its own."""
     shapes = [Region.of_contour(contour, (), OFF) for contour in contours]
     pieces: dict[int, list[Contour]] = {k: [contour] for k, contour in enumerate(contours) if area(contour) > 0}
     for contour, shape in zip(contours, shapes, strict=True):
@@ -200,10 +200,10 @@ def grouped(contours: Sequence[Contour]) -> list[Outline]:
     return [tuple(piece) for piece in pieces.values()]
 
 
-# Every step of making and describing a marker asks for its plate.
+# Cached, since every step of making and describing a marker needs its plate.
 @lru_cache(maxsize=8)
 def _plate(substrate: Substrate, boundary: Boundary, disk: float) -> SolidPlate:
-    """Plate of a substrate; a disk of that radius around the boundary's center unless it is 0."""
+    """Make the plate of a substrate, a disk of that radius around the boundary's center unless it is 0."""
     chamfer = mm(substrate.chamfer)
     if disk:
         x, y = boundary.center
@@ -223,13 +223,13 @@ def _bore(hole: Hole, bottom: float, top: float) -> Revolved:
     x, y, radius, sink = mm(hole.x), mm(hole.y), mm(hole.diameter) / 2, mm(hole.sink) / 2
     if sink <= radius:
         return cylinder(x, y, radius, bottom, top)
-    # A screw head of 90 degrees: the countersink is as deep as it is wider than the hole.
+    # With a countersink of 90 degrees the depth equals the difference of the radii.
     low = top - (sink - radius)
     return Revolved(x, y, Contour(((0.0, bottom), (radius, bottom), (radius, low), (sink, top), (0.0, top))))
 
 
 def _separate(contours: Sequence[Contour]) -> list[Outline]:
-    """Separate pieces that contours enclose."""
+    """Separate pieces enclosed by contours."""
     if any(contour.has_arcs for contour in contours):
         return grouped(contours)
     pieces = Region.enclosed([contour.points for contour in contours]).oriented().pieces
@@ -239,7 +239,7 @@ def _separate(contours: Sequence[Contour]) -> list[Outline]:
 
 
 def _rounded(contour: Contour, radius: float) -> Contour:
-    """Round the corners of a contour, also those that point inward, which a mill leaves round."""
+    """Round the corners of a contour, including concave ones, which a mill leaves round."""
     if not radius:
         return contour
     found = filleted(contour, radius, SMOOTH)
@@ -254,20 +254,20 @@ def _rounded(contour: Contour, radius: float) -> Contour:
 
 
 def _check_chamfer(outer: Contour, chamfer: float) -> None:
-    """Refuse a chamfer that uses up a side of the outline."""
+    """Refuse a chamfer that consumes a side of the outline."""
     if not chamfer:
         return
     sides = outer.sides
     sharp = [abs(turn) for k, turn in enumerate(turns_of(outer)) if sides[k - 1][2] or sides[k][2]]
     if max(sharp, default=0.0) * chamfer > TANGENT:
         raise InputError(
-            "arcs that go on smoothly at both ends, for a chamfer",
+            "arcs tangent to their neighbors at both ends, for a chamfer",
             f"an outline that turns by {np.degrees(max(sharp)):.3g} degrees where an arc ends",
             "use a --corner-radius, or leave out --chamfer",
         )
     steps, moved = (_steps(contour) for contour in (outer, inset(outer, chamfer)))
     before = np.hypot(*steps.T)
-    # How much shorter each side becomes; one that turns around has a negative length.
+    # Shortening of each side; a reversed side has negative length.
     lost = before - np.sum(steps * moved, axis=-1) / before
     room = float(np.min(chamfer * before[lost > 0] / lost[lost > 0], initial=np.inf))
     if chamfer >= room:

@@ -1,7 +1,7 @@
 """Orthographic views and sections of parts, for the fabrication sheet.
 
-Open CASCADE has projections of its own, which are not used: the sheet is made without a CAD kernel, of exact contours
-and in a fixed order. Where only polygons can be added and cut, they are no farther than `OFF` from the arcs.
+Open CASCADE's own projections are not used: the sheet needs no CAD kernel, and consists of exact contours in a fixed
+order. Polygons, where Booleans require them, are within `OFF` of the arcs.
 """
 
 from collections.abc import Iterable, Sequence
@@ -18,19 +18,19 @@ from markergen.solid.bodies import OFF, OTHER, SAME, Body, Box, Part, Prism, Rev
 Array = NDArray[np.float64]
 
 CHAMFERED = 12
-"""Number of steps of a section across a chamfer, straight in between; one cut at a right angle is straight anyway."""
+"""Number of steps of a section across a chamfer; straight chamfers are exact anyway."""
 
 DUST = 1e-4
-"""mm^2: smaller pieces are where bodies merely touch."""
+"""Area in mm^2 below which a piece only marks where bodies touch."""
 
 BACK, FRONT = -1, 1
-"""Sides to look from: along +z, and along -z."""
+"""Viewing sides: the back is seen from -z, the front from +z."""
 
 
 def seen(parts: Sequence[Part], side: int = FRONT) -> tuple[ViewFace, ...]:
-    """Parts as they are seen from +z (`FRONT`), or from -z (`BACK`), from where x runs to the left.
+    """Project parts as seen from +z (`FRONT`), or from -z (`BACK`), where x runs to the left.
 
-    Faces are in painting order: later ones are nearer, or lie in earlier ones. Hidden edges are left out.
+    Faces are in painting order: later ones are nearer or lie within earlier ones. Hidden edges are omitted.
     """
     found: list[tuple[float, int, ViewFace]] = []
     for part in parts:
@@ -49,7 +49,7 @@ def seen(parts: Sequence[Part], side: int = FRONT) -> tuple[ViewFace, ...]:
 
 
 def elevation(parts: Sequence[Part]) -> tuple[ViewFace, ...]:
-    """Parts seen from -y with x to the right and z up, in painting order; whatever lies in plates is hidden."""
+    """Project parts as seen from -y, x to the right and z up, in painting order; what lies inside plates is hidden."""
     plates = [part for part in parts if part.is_plate]
     foot = min(part.span[0] for part in plates)
     slabs: list[tuple[float, ViewFace]] = []
@@ -67,7 +67,7 @@ def elevation(parts: Sequence[Part]) -> tuple[ViewFace, ...]:
     covered = Region.union(hiding)
     for part in parts:
         for body in () if part.is_plate else part.add:
-            # A dot that is flush with its pillar is hidden by it, too.
+            # A pillar also hides the dot that is flush with it.
             pillar = own.get((body.x, body.y)) if isinstance(body, Revolved) else None
             rest = _silhouette(body) - (covered if pillar is None else covered | pillar)
             near += [(_distance(body), ViewFace(_contours(piece), part.material)) for piece in _pieces(rest)]
@@ -75,7 +75,7 @@ def elevation(parts: Sequence[Part]) -> tuple[ViewFace, ...]:
 
 
 def cut_along(parts: Sequence[Part], y: float, box: Box) -> tuple[ViewFace, ...]:
-    """Parts cut by the plane of that y, in (x, z), as far as they lie in the box."""
+    """Section of parts by the plane at y, in (x, z), clipped to the box."""
     window = Region.rectangle(*box)
 
     def cut(bodies: Sequence[Body]) -> Region:
@@ -94,19 +94,19 @@ def cut_along(parts: Sequence[Part], y: float, box: Box) -> tuple[ViewFace, ...]
 
 
 def plan(body: Body) -> Region:
-    """Outline of a body seen from above, filled."""
+    """Filled outline of a body in plan view."""
     outer = body.outer if isinstance(body, Prism) else circle(body.radii[1], body.x, body.y)
     return Region.of_contour(outer, (), OFF)
 
 
 def _end(body: Body, side: int) -> float:
-    """How near a body comes to a viewer on that side: its top, or minus its bottom."""
+    """Extent of a body toward a viewer on that side: its top, or minus its bottom."""
     low, high = body.span
     return high if side == FRONT else -low
 
 
 def _distance(body: Body) -> float:
-    """Distance of a body from a viewer at -y, from wherever that is counted."""
+    """Relative distance of a body from a viewer at -y."""
     return body.y if isinstance(body, Revolved) else body.box[1]
 
 
@@ -117,7 +117,7 @@ def _top_view(body: Body, material: str, side: int, hollow: bool = False) -> Vie
     profile = flattened(body.profile, OFF)
     narrowest = min(r for r, _ in profile)
     near = _end(body, side) * side
-    # What is seen of a hollow is its rim, and whatever is narrower farther down.
+    # Of a hollow, its rim and anything narrower below it is visible.
     widest = max(r for r, z in profile if not hollow or abs(z - near) < SAME)
     corners = {round(r, 6) for r, z in body.profile.points if _in_sight(profile, r, z, side, hollow)}
     inner = sorted(r for r in corners if narrowest + SAME < r < widest - SAME)
@@ -128,7 +128,7 @@ def _top_view(body: Body, material: str, side: int, hollow: bool = False) -> Vie
 
 
 def _in_sight(profile: Sequence[Point], r: float, z: float, side: int, hollow: bool) -> bool:
-    """Tell whether nothing of a body is above a corner of its profile, or of a hollow, below it."""
+    """Tell whether nothing of a body lies above a corner of its profile; for a hollow, below it."""
     sign = -side if hollow else side
     return all(sign * (other - z) < SAME for radius, other in profile if abs(radius - r) < SAME)
 
@@ -144,7 +144,7 @@ def _mirrored(face: ViewFace) -> ViewFace:
 
 
 def _silhouette(body: Body) -> Region:
-    """Outline of a body seen from -y, filled."""
+    """Filled outline of a body as seen from -y."""
     low, high = body.span
     if isinstance(body, Prism):
         left, _, right, _ = body.box
@@ -153,13 +153,13 @@ def _silhouette(body: Body) -> Region:
             [(left, low), (right, low), (right, high - c), (right - c, high), (left + c, high), (left, high - c)]
         )
     inner, _ = body.radii
-    # What a ring encloses is hidden by its front.
+    # A ring's front hides its inside.
     core = [Region.rectangle(body.x - inner, low, body.x + inner, high)] if inner > SAME else []
     return Region.union([*_both_sides(_profile(body), body.x), *core])
 
 
 def _slice(body: Body, y: float) -> Region:
-    """A body cut by the plane of that y."""
+    """Section of a body by the plane at y."""
     if isinstance(body, Revolved):
         return _revolved_slice(body, y)
     chords = _chords(body.outer, body.holes, y)
@@ -179,7 +179,7 @@ def _slice(body: Body, y: float) -> Region:
 
 
 def _chords(outer: Contour, holes: Sequence[Contour], y: float) -> list[tuple[float, float]]:
-    """Where the line of that y runs inside of an outline: from x to x."""
+    """Intervals of x in which the horizontal line at y is inside an outline."""
     region = Region.polygon(flattened(outer, OFF), [flattened(hole, OFF) for hole in holes], mend=True)
     left, _, right, _ = region.box
     runs = [sorted((run[0, 0], run[-1, 0])) for run in region.runs([(left - 1, y), (right + 1, y)])]
@@ -187,7 +187,7 @@ def _chords(outer: Contour, holes: Sequence[Contour], y: float) -> list[tuple[fl
 
 
 def _revolved_slice(body: Revolved, y: float) -> Region:
-    """A body of revolution cut at a distance d from its axis, where radius r of the profile is at sqrt(r^2 - d^2)."""
+    """Section of a body of revolution at distance d from its axis: radius r of the profile is at sqrt(r^2 - d^2)."""
     away = abs(y - body.y)
     profile = _profile(body)
     if away > SAME:
@@ -208,12 +208,12 @@ def _profile(body: Revolved) -> Region:
 
 
 def _both_sides(profile: Region, x: float) -> list[Region]:
-    """A profile on both sides of an axis at x."""
+    """Profile on both sides of an axis at x."""
     return [profile.mapped(lambda points: points + [x, 0]), profile.mapped(lambda points: points * [-1, 1] + [x, 0])]
 
 
 def _joined(regions: Iterable[Region]) -> Region:
-    # On a grid, so that no slit stays between neighbors.
+    # Snapped to a grid to close slits between neighbors.
     return Region.union(regions, grid=SAME)
 
 

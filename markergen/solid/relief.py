@@ -1,4 +1,4 @@
-"""Pillars under raised dots: round, with a draft and a fillet around the foot; they crowd nothing and hide no dot."""
+"""Pillars under raised dots: round, drafted, with a fillet at the foot, clear of features and lines of sight."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,19 +21,19 @@ from markergen.solid.plate import Footprint, SolidPlate, gaps
 Array = NDArray[np.float64]
 
 LEAST_FOOT = 0.05
-"""Radius in mm of the smallest fillet that is made."""
+"""Minimum radius in mm of a fillet."""
 
 CONES = 4
-"""Number of cones that stand for a pillar where lines of sight are checked: one for its wall, three for its fillet."""
+"""Number of cones that represent a pillar in line-of-sight checks: one for its wall, three for its fillet."""
 
 FORGIVEN = 1e-6
-"""mm by which a pillar may reach into a line of sight: rounding."""
+"""Maximum intrusion in mm of a pillar into a line of sight, to allow for rounding."""
 
 PILLAR, EDGE = "the pillar of ", "the plate's edge"
 """Names of pillars and the edge in messages."""
 
 AT_ONCE = 200_000
-"""Lines of sight in one batch."""
+"""Number of lines of sight per batch."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +43,11 @@ class Pillar:
     Attributes
     ----------
     dot : SolidDot
-        On the center of its top.
+        The dot, centered on its top.
     radius : float
         Radius of its top.
     draft : float
-        Angle in rad by which it widens toward the plate.
+        Angle in rad by which its wall slopes outward toward the plate.
     foot : float
         Radius of the fillet around its foot.
     """
@@ -59,22 +59,22 @@ class Pillar:
 
     @property
     def base(self) -> float:
-        """Radius at the plate without the fillet."""
+        """Radius at the plate, without the fillet."""
         return self.radius + self.dot.z * tan(self.draft)
 
     @property
     def reach(self) -> float:
-        """Radius at the plate with the fillet, which is tangent to plate and wall at `tangent` from their corner."""
+        """Radius at the plate, with the fillet, which is tangent to plate and wall at `tangent` from their corner."""
         return self.base + self.tangent
 
     @property
     def tangent(self) -> float:
-        """Distance from the corner of plate and wall to where the fillet begins: foot / tan((90 deg + draft)/2)."""
+        """Distance from the corner of plate and wall to the fillet's start: foot / tan((90 deg + draft)/2)."""
         return self.foot / tan((pi / 2 + self.draft) / 2)
 
     @property
     def body(self) -> Revolved:
-        """From the plate's face at z = 0 to the dot's height."""
+        """Body from the plate's face at z = 0 to the dot's height."""
         x, y, z = self.dot.x, self.dot.y, self.dot.z
         if not self.foot:
             profile = Contour(((0.0, 0.0), (self.base, 0.0), (self.radius, z), (0.0, z)))
@@ -85,15 +85,15 @@ class Pillar:
         return Revolved(x, y, Contour(points, (0.0, bulge, 0.0, 0.0, 0.0)))
 
     def cones(self) -> tuple[Array, Array, Array]:
-        """Heights, radii and tangents (CONES,) of the tops and the sides of upright cones that cover the pillar.
+        """Heights, radii and tangents (CONES,) of the tops and the sides of vertical cones that cover the pillar.
 
-        One is the wall; chords of the fillet, which curves inward, are the sides of the others.
+        One is the wall; the sides of the others are chords of the concave fillet.
         """
         wall = (self.dot.z, self.radius, tan(self.draft))
         if not self.foot:
             heights, radii, slopes = np.array([wall] * CONES).T
             return heights, radii, slopes
-        # From the plate to the wall around the fillet's center at (reach, foot).
+        # From the plate to the wall, around the fillet's center at (reach, foot).
         angles = np.linspace(0.0, pi / 2 - self.draft, CONES)
         radii = self.reach - self.foot * np.sin(angles)
         heights = self.foot * (1 - np.cos(angles))
@@ -111,24 +111,24 @@ def pillars_of(
     rim: float,
     poses: PoseDistribution | None,
 ) -> tuple[tuple[Pillar, ...], tuple[str, ...]]:
-    """Pillars under the raised dots, and sentences for the user about them.
+    """Make pillars under the raised dots, and sentences for the user about them.
 
-    A foot is smaller than was asked for where a neighbor, a hole, the plate's edge, the pillar's height or a line of
+    A fillet is smaller than requested where a neighbor, a hole, the plate's edge, the pillar's height or a line of
     sight leaves no room for it.
 
     Parameters
     ----------
     others : sequence of Footprint
-        What is cut into the plate's face apart from holes.
+        Features cut into the plate's face, other than holes.
     rim : float
-        Least width in mm of the pillar's top around its dot.
+        Minimum width in mm of the pillar's top around its dot.
     poses : PoseDistribution or None
-        Poses from which no pillar may hide a dot; None if they are unknown.
+        Poses from which no pillar may hide a dot; None if unknown.
 
     Raises
     ------
     InputError
-        If pillars touch each other or something else, or hide dots; the message says what would fit.
+        If pillars touch each other or another feature, or hide dots; the message says what would fit.
     """
     raised = [dot for dot in dots if dot.raised]
     if not raised:
@@ -168,7 +168,7 @@ def _check_room(
     plate: SolidPlate,
     others: Sequence[Footprint],
 ) -> None:
-    """Refuse pillars without a wall's width between them and whatever is beside them."""
+    """Refuse pillars less than a wall's width from each other or from other features."""
     free = _room(drafted, tool, plate, others)
     worst = int(np.argmin([room for room, _ in free]))
     room, neighbor = free[worst]
@@ -177,7 +177,7 @@ def _check_room(
     straight, _ = _room(bare, tool, plate, others)[worst]
     pillar = drafted[worst]
     if straight >= -FORGIVEN:
-        # Both pillars widen by their height times the tangent.
+        # Both pillars widen by their height times the tangent of the draft.
         heights = pillar.dot.z + next((p.dot.z for p in bare if PILLAR + p.dot.name == neighbor), 0.0)
         both = 2 if heights > pillar.dot.z else 1
         most = np.degrees(np.arctan(max(0.0, both * straight) / heights))
@@ -187,11 +187,11 @@ def _check_room(
     elif neighbor in {hole.name for hole in plate.hole_footprints}:
         remedy = f"move the hole by {up(-room)}"
     else:
-        # A pillar is wider than its dot by a share of the clearance, so half of it is left between two.
+        # A pillar's margin around its dot is a share of the clearance, so that half of it remains between two.
         remedy = f"design it with --clearance {up(marker.clearance * 1e3 - 4 * room)} or more"
     raise InputError(
         f"at least {tool.wall:.6g} mm between the pillar of {pillar.dot.name} and {neighbor}",
-        # Two pillars share what is missing.
+        # Two pillars share the missing room.
         found_room(tool.wall + (2 if neighbor.startswith(PILLAR) else 1) * room),
         remedy,
     )
@@ -200,7 +200,7 @@ def _check_room(
 def _room(
     pillars: Sequence[Pillar], tool: Tool, plate: SolidPlate, others: Sequence[Footprint]
 ) -> list[tuple[float, str]]:
-    """How far in mm each pillar could widen with a wall left beside it, and toward what; pillars share what is left."""
+    """Room in mm for each pillar to widen, less a wall, and the feature that limits it; pillars share their gap."""
     feet = [Footprint(PILLAR + p.dot.name, ((p.dot.x, p.dot.y),), p.base) for p in pillars]
     beside = [*plate.hole_footprints, *others]
     found = []
@@ -220,7 +220,7 @@ def _feet(
 ) -> list[float]:
     feet = []
     for pillar, (room, _) in zip(pillars, _room(pillars, tool, plate, others), strict=True):
-        # The fillet ends below the pillar's top.
+        # The fillet must end below the pillar's top.
         tangent = min(room, 0.8 * pillar.dot.z / cos(pillar.draft))
         most = tangent * tan((pi / 2 + pillar.draft) / 2)
         feet.append(asked if asked <= most else _floor(most))
@@ -243,7 +243,7 @@ def _check_sight(
     if poses is None or not (found := hiding(dots, drafted, poses)):
         return
     pillar, dot, count = found
-    remedy = "design it again with --relief, or choose poses that look more from above"
+    remedy = "design it again with --relief, or choose poses with less tilt"
     if not hiding(dots, bare, poses):
         low, high = 0.0, drafted[0].draft
         for _ in range(8):
@@ -263,10 +263,10 @@ def _check_sight(
 
 
 def hiding(dots: Sequence[SolidDot], pillars: Sequence[Pillar], poses: PoseDistribution) -> tuple[str, str, int] | None:
-    """Pillar and dot that it hides most often, and in how many poses; None if none is hidden.
+    """Return the pillar and dot with most poses in which the one hides the other, and their number; None if none does.
 
-    A cone whose radius falls by k per height hides what an upright cylinder does that is smaller by k times the height
-    of the eye over its top, of a dot that is larger by k times the height of the eye over it.
+    Seen from the eye, a cone whose radius falls by k per height hides the same of a dot as a vertical cylinder smaller
+    by k times the eye's height above the cone's top does of a dot larger by k times the eye's height above the dot.
     """
     if not pillars or not len(poses):
         return None
@@ -276,7 +276,7 @@ def hiding(dots: Sequence[SolidDot], pillars: Sequence[Pillar], poses: PoseDistr
     heights, walls, slopes = (np.array(values) for values in zip(*(p.cones() for p in pillars), strict=True))
     middles = np.array([[pillar.dot.x, pillar.dot.y] for pillar in pillars])
     own = np.array([[dot.id == pillar.dot.id for pillar in pillars] for dot in dots])
-    # Only what is higher than a dot hides anything of it, and only what is near its way to the lowest of the eyes.
+    # Only a pillar higher than a dot can hide it, and only one near the line from the dot to the lowest eye.
     above = heights[None] - places[:, None, None, 2]
     climb = max(float(eyes[:, 2].min()) - places[:, 2].max(), FORGIVEN)
     reach = above / climb * (np.hypot(*eyes.T[:2]).max() + np.hypot(*places.T[:2]).max())
@@ -299,7 +299,7 @@ def hiding(dots: Sequence[SolidDot], pillars: Sequence[Pillar], poses: PoseDistr
 
 
 def designed_poses(marker: Marker) -> PoseDistribution | None:
-    """Poses that a marker was designed for and that see it whole; None if its file does not say."""
+    """Poses that a marker was designed for and that see all of it; None if its file has none."""
     from markergen.read.poses import poses_from
     from markergen.read.spec_file import spec_of
 
@@ -308,9 +308,9 @@ def designed_poses(marker: Marker) -> PoseDistribution | None:
 
 
 def balls_hide(dots: Sequence[SolidDot], poses: PoseDistribution) -> int:
-    """Number of poses in which a ball of some dot's size on it hides a part of another.
+    """Number of poses in which a ball of the size of some dot, centered on it, hides a part of another.
 
-    Two balls overlap in a picture if the angle between their middles is below the sum of their own half angles.
+    Two balls overlap in the image if the angle between their centers is below the sum of their angular radii.
     """
     places = np.array([[dot.x, dot.y, dot.z] for dot in dots])
     radii = np.array([dot.radius for dot in dots])

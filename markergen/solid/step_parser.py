@@ -1,8 +1,8 @@
-"""Parser of STEP and BREP files, a script that `markergen.guard` runs in a child process; see `verification.step`.
+"""Parser of STEP and BREP files; `markergen.guard` runs this script in a child process for `verification.step`.
 
-Open CASCADE, the kernel of cadquery, reads the files; what is asked of its document is our own.
-`cadquery.Assembly.importStep` refuses what other programs write: a file with one part and no assembly, and an assembly
-that has two parts of one name. Importing it takes a second longer than the few modules of the kernel that are used.
+Open CASCADE, the kernel of cadquery, reads the files; their document is traversed here. `cadquery.Assembly.importStep`
+refuses files of other programs: a single part without an assembly, or an assembly with two parts of the same name.
+Importing cadquery also takes a second longer than the few kernel modules used here.
 """
 
 import importlib
@@ -12,13 +12,13 @@ from typing import Any
 from markergen.guard import as_file
 
 LEVEL = 1e-9
-"""1 - |nz| of a face that counts as level: 0.003 degrees."""
+"""Maximum of 1 - |nz| for a level face: 0.003 degrees."""
 
 SAME = 1e-6
-"""mm by which the arcs of one circle may differ."""
+"""Maximum difference in mm between arcs of one circle."""
 
 STEPS = 16
-"""Points on a bent edge; a whole closed one has four times as many."""
+"""Number of points on a curved edge; a closed one has four times as many."""
 
 MOST_FACES = 200_000
 
@@ -26,22 +26,22 @@ Json = dict[str, Any]
 
 
 def prepare() -> None:
-    """Import the reader; raises ImportError if the kernel or a system library that it needs is missing."""
+    """Import the reader; raises ImportError if the kernel or one of its system libraries is missing."""
     importlib.import_module("OCP.STEPCAFControl")
 
 
 def step(data: bytes) -> Json:
-    """Parts of a STEP file, moved to where its assemblies have them, in mm."""
+    """Read the parts of a STEP file in mm, placed as its assemblies have them."""
     return {"parts": [_described(*part) for part in as_file(data, ".step", _step)]}
 
 
 def brep(data: bytes) -> Json:
-    """Parts of a BREP file of Open CASCADE."""
+    """Read the parts of an Open CASCADE BREP file."""
     return {"parts": [_described(*part) for part in as_file(data, ".brep", _brep)]}
 
 
 def _step(path: str) -> list[tuple[str, Any, Any, Any]]:
-    """Name, color, shape and colors of faces of each solid."""
+    """Name, color, shape and face colors of each solid."""
     from OCP.IFSelect import IFSelect_ReturnStatus
     from OCP.Interface import Interface_Static
     from OCP.STEPCAFControl import STEPCAFControl_Reader
@@ -66,7 +66,7 @@ def _step(path: str) -> list[tuple[str, Any, Any, Any]]:
 
 
 def _labeled(label: Any, place: Any, name: str, color: Any, depth: int) -> list[tuple[str, Any, Any, Any]]:
-    """Solids under a label of the document, which an assembly puts in a place."""
+    """Solids under a label of the document, at the location that an assembly gives them."""
     from OCP.TDF import TDF_Label, TDF_LabelSequence
     from OCP.TopLoc import TopLoc_Location
     from OCP.XCAFDoc import XCAFDoc_ShapeTool
@@ -86,7 +86,7 @@ def _labeled(label: Any, place: Any, name: str, color: Any, depth: int) -> list[
     shape = XCAFDoc_ShapeTool.GetShape_s(label)
     painted = TDF_LabelSequence()
     XCAFDoc_ShapeTool.GetSubShapes_s(label, painted)
-    # By the shape where it was painted: the same face in another place is the same one.
+    # Keyed by shape without location: a face is the same in every place.
     faces = [(XCAFDoc_ShapeTool.GetShape_s(each), _color(each)) for each in _sequence(painted)]
     found = []
     for solid in _solids(shape):
@@ -131,7 +131,7 @@ def _color(label: Any) -> list[float] | None:
 
 
 def _solids(shape: Any) -> list[Any]:
-    """Solids of a shape; without any the shape itself, which is then open."""
+    """Solids of a shape; if it has none, the shape itself, which is then open."""
     from OCP.TopAbs import TopAbs_SOLID
 
     return _within(shape, TopAbs_SOLID) or [shape]
@@ -186,7 +186,7 @@ def _described(name: str, color: Any, shape: Any, painted: list[tuple[Any, Any]]
 
 
 def _level(face: Any) -> Json | None:
-    """Height and loops of a level face that looks up; None of others."""
+    """Height and loops of a level face that faces up; None for other faces."""
     from OCP.BRepAdaptor import BRepAdaptor_Surface
     from OCP.GeomAbs import GeomAbs_Plane
     from OCP.TopAbs import TopAbs_REVERSED, TopAbs_WIRE
@@ -203,7 +203,7 @@ def _level(face: Any) -> Json | None:
 
 
 def _loop(wire: Any, face: Any) -> Json:
-    """Points along a wire, and the circle if all of it is on one."""
+    """Points along a wire, and the circle if the entire wire lies on one."""
     from OCP.BRepAdaptor import BRepAdaptor_Curve
     from OCP.BRepTools import BRepTools_WireExplorer
     from OCP.GeomAbs import GeomAbs_Circle, GeomAbs_Line
@@ -235,7 +235,7 @@ def _loop(wire: Any, face: Any) -> Json:
 
 
 def _ball(face: Any) -> Json | None:
-    """Center, radius, and radii of hole and rim as seen from above, of a spherical face that bulges up."""
+    """Center, radius, and plan-view radii of hole and rim, of a spherical face that bulges up."""
     from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
     from OCP.BRepTools import BRepTools
     from OCP.GeomAbs import GeomAbs_Circle, GeomAbs_Sphere
@@ -246,7 +246,7 @@ def _ball(face: Any) -> Json | None:
     if surface.GetType() != GeomAbs_Sphere:
         return None
     sphere = surface.Sphere()
-    # A dent's material is outside.
+    # Material outside of the sphere makes it a dent.
     if (face.Orientation() == TopAbs_REVERSED) == sphere.Direct():
         return None
     center, radius = sphere.Location(), sphere.Radius()
@@ -261,10 +261,10 @@ def _ball(face: Any) -> Json | None:
         curve = BRepAdaptor_Curve(TopoDS.Edge_s(edge))
         if curve.GetType() == GeomAbs_Circle and abs(curve.Circle().Axis().Direction().Z()) > 1 - LEVEL:
             height = curve.Circle().Location().Z() - center.Z()
-            # What its bounds tell to a few digits, its edges tell exactly.
+            # Bounds have only a few digits; edges are exact.
             top = height if abs(height - top) < 1e-6 * radius else top
             bottom = height if abs(height - bottom) < 1e-6 * radius else bottom
-    # A ball may be of two faces that meet at its equator.
+    # A ball may consist of two faces that meet at its equator.
     if top <= 1e-6 * radius:
         return None
 

@@ -1,1 +1,1 @@
-"""Studies: many independent cells of work, computed on one machine or many, kept as they finish, and put together."""
+"""Studies: many independent cells of work, computed on one machine or many, stored as they finish, and combined."""

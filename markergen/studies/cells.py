@@ -1,4 +1,4 @@
-"""Cells: the independent parts of a study, each named and seeded by what it is about."""
+"""Cells: the independent parts of a study, named and seeded by their settings."""
 
 import hashlib
 import json
@@ -18,27 +18,26 @@ Result: TypeAlias = dict[str, NDArray[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """One part of a study; cells of the same kind and settings are equal, whoever makes them.
+    """Part of a study; cells of equal kind and settings are equal.
 
     Attributes
     ----------
     kind : str
-        What is done.
+        Kind of work.
     settings : mapping
-        Plain JSON values that decide, together with the kind, everything about the result; any seed of the study is
-        among them.
+        Plain JSON values that, together with the kind, fully determine the result, including any seed of the study.
 
     Raises
     ------
     TypeError, ValueError
-        If a setting is no JSON value, or not finite.
+        If a setting is not a JSON value, or not finite.
     """
 
     kind: str
     settings: Mapping[str, Any]
 
     def __post_init__(self) -> None:
-        # A copy as JSON has it: a tuple is a list, before a cell went to a worker and after.
+        # A copy through JSON, so that tuples are lists both before and after transfer to a worker.
         object.__setattr__(self, "settings", json.loads(canonical(self.settings)))
 
     @cached_property
@@ -48,17 +47,17 @@ class Cell:
 
     @cached_property
     def name(self) -> str:
-        """16 hexadecimal digits that stand for the key."""
+        """16 hexadecimal digits derived from the key."""
         return self._digest.hex()[:16]
 
     @cached_property
     def seed(self) -> int:
-        """Seed of 128 bits for everything random about this cell: no other cell has it, and no order changes it."""
+        """128-bit seed for all random numbers of this cell, unique to it and independent of the order of cells."""
         return int.from_bytes(self._digest[16:], "big")
 
     @property
     def rng(self) -> np.random.Generator:
-        """A new generator of random numbers from the seed."""
+        """New random generator with this seed."""
         return np.random.default_rng(self.seed)
 
     @cached_property
@@ -73,16 +72,16 @@ class Cell:
 
 
 Work: TypeAlias = Callable[[Cell], Result]
-"""Computes the arrays of a cell, from nothing but the cell; a function of a module, so that other processes find it."""
+"""Computes the arrays of a cell from the cell alone; a module-level function, so that other processes can import it."""
 
 
 def canonical(value: Any) -> str:
-    """JSON of plain values, the same text for equal values.
+    """JSON of plain values, with equal text for equal values.
 
     Raises
     ------
     TypeError, ValueError
-        If a value is no JSON value, or not finite.
+        If a value is not a JSON value, or not finite.
     """
     if isinstance(value, Mapping):
         value = dict(value)
@@ -90,6 +89,6 @@ def canonical(value: Any) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Versions of what cells are computed with: others may give other bits."""
+    """Versions of the software that computes cells, because other versions may produce other bits."""
     libraries = {"numpy": "numpy", "scipy": "scipy", "opencv": "opencv-contrib-python-headless"}
     return {"markergen": __version__, **{name: version(package) for name, package in libraries.items()}}

@@ -1,6 +1,6 @@
-"""Where the paper's study is found in a checkout: among the examples, whether markergen is installed or not.
+"""Makes the paper's study importable in a checkout, from the examples, whether markergen is installed or not.
 
-The wheel has it as the package ``markergen_paper`` beside markergen, and nothing to do here.
+The wheel includes it as the package ``markergen_paper`` next to markergen, and needs nothing from this module.
 """
 
 import sys
@@ -13,7 +13,7 @@ GROUP = "markergen.studies"
 FOLDER = Path(__file__).parents[2] / "examples" / "paper_study"
 
 if FOLDER.is_dir():
-    # Before any other place, and for worker processes as well: the study belongs to the markergen it comes with.
+    # Takes precedence over other places, also in worker processes: the study belongs to this markergen.
     sys.path.insert(0, str(FOLDER))
     if "paper" not in entry_points(group=GROUP).names:
         STUDIES.register("paper")(EntryPoint("paper", "markergen_paper:PAPER", GROUP).load())

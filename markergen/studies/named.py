@@ -1,4 +1,4 @@
-"""Studies known by name: packages that use markergen, and enter this table as plug-ins do."""
+"""Named studies: packages that use markergen, and enter this table like plug-ins."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
@@ -10,18 +10,18 @@ from markergen.registry import Registry
 
 @dataclass(frozen=True)
 class NamedStudy:
-    """A study that is asked for by its name.
+    """Study that users request by name.
 
     Attributes
     ----------
     options : type
-        Dataclass of the choices that it leaves to users; those named as keywords of `markergen.study` are taken from
-        there. Refuses what cannot be.
+        Dataclass of its user options; those that are keywords of `markergen.study` are taken from there. Rejects
+        invalid values.
     run : callable
-        ``run(folder, options, engine=..., resume=..., progress=...)`` computes it into a folder and returns the paths
-        of what it wrote.
+        ``run(folder, options, engine=..., resume=..., progress=...)`` runs it in a folder and returns the paths of the
+        files that it wrote.
     seconds : callable
-        ``seconds(options, workers)``: about how long that takes.
+        ``seconds(options, workers)``: estimate of its run time.
     """
 
     options: type

@@ -1,4 +1,4 @@
-"""Running a study: finished cells live in its folder, one file for each; what is missing is computed."""
+"""Running a study: finished cells are stored in its folder, one file each; missing ones are computed."""
 
 import hashlib
 import io
@@ -19,20 +19,20 @@ from markergen.studies.cells import Cell, Result, Work, canonical, versions
 from markergen.studies.engines import Engine
 
 IDENTITY, CELLS = "study.json", "cells"
-"""File that says which study it is, and folder of the cells' files."""
+"""File that identifies the study, and folder of the cells' files."""
 
 DIGEST = 64
-"""Hexadecimal digits of SHA-256 at the end of a cell's file, where a ZIP archive has its comment."""
+"""Number of hexadecimal digits of SHA-256 at the end of a cell's file, in the comment of the ZIP archive."""
 
 LARGEST_IDENTITY = 10_000_000
-"""Bytes."""
+"""Maximum size of the identity file, bytes."""
 
 CellProgress = Callable[[int, int, float], None]
-"""Takes the cells that are done, all of them, and the seconds that are left, nan while nobody can tell."""
+"""Takes the number of finished cells, the number of all cells, and the seconds left, nan while unknown."""
 
 
 class Store:
-    """The finished cells of one study; made by `open_store`."""
+    """Finished cells of one study; made by `open_store`."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -42,7 +42,7 @@ class Store:
         return self.folder / CELLS / f"{cell.name}.npz"
 
     def holds(self, cell: Cell) -> bool:
-        """Tell whether a cell is finished and its file as it was written."""
+        """True if a cell is finished and its file is intact."""
         try:
             return _is_whole(self.path(cell).read_bytes(), cell)
         except OSError:
@@ -54,7 +54,7 @@ class Store:
         Raises
         ------
         MarkergenError
-            If there is no such file, or it is not as it was written.
+            If there is no such file, or it is damaged.
         """
         path = self.path(cell)
         try:
@@ -62,7 +62,9 @@ class Store:
         except OSError as error:
             raise MarkergenError(f"expected a finished cell in {path}, found: {error.strerror}; use --resume") from None
         if not _is_whole(data, cell):
-            raise MarkergenError(f"expected {path} as it was written, found it changed; use --resume to make it anew")
+            raise MarkergenError(
+                f"expected {path} as it was written, found it changed; use --resume to compute it again"
+            )
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             names = [name for name in archive.namelist() if name.endswith(".npy")]
             return {
@@ -70,7 +72,7 @@ class Store:
             }
 
     def write(self, cell: Cell, result: Result) -> None:
-        """Keep the arrays of a finished cell, all of its file or nothing.
+        """Store the arrays of a finished cell, either the complete file or nothing.
 
         Raises
         ------
@@ -88,7 +90,7 @@ class Store:
 
 
 class Results(Mapping[Cell, Result]):
-    """Arrays of finished cells in the order of a study; they are read when they are asked for."""
+    """Arrays of finished cells in the order of a study, read on demand."""
 
     def __init__(self, store: Store, cells: Sequence[Cell]) -> None:
         self._store, self._cells = store, dict.fromkeys(cells)
@@ -107,31 +109,31 @@ class Results(Mapping[Cell, Result]):
 
 @contextmanager
 def open_store(folder: Path, identity: Mapping[str, Any], resume: bool) -> Iterator[Store]:
-    """Make or find the folder of a study, for nobody else at the same time.
+    """Create or open the folder of a study, with exclusive access.
 
     Parameters
     ----------
     folder : Path
     identity : mapping
-        Plain JSON values: what the study is. The versions of what computes it are added.
+        Plain JSON values that identify the study. The versions of the software are added.
     resume : bool
-        Whether the folder may hold finished cells of this very study.
+        True if the folder may contain finished cells of this same study.
 
     Raises
     ------
     InputError
-        If the folder holds something else, another study, or this one without `resume`; nothing in it is touched.
+        If the folder contains anything else, another study, or this one without `resume`; nothing in it is changed.
     OutputError
-        If the folder cannot be made or written to.
+        If the folder cannot be created or written to.
     """
     text = canonical({**identity, **versions()})
     _check_identity(folder, text, resume)
     make_folder(folder / CELLS)
     with _alone(folder):
-        # Another run may have begun, and even ended, since.
+        # Another run may have started, and even finished, in the meantime.
         _check_identity(folder, text, resume)
         for leftover in (folder / CELLS).glob(".*"):
-            # What a process that was killed had not finished writing.
+            # Left by a process that was killed while writing.
             leftover.unlink(missing_ok=True)
         path = folder / IDENTITY
         if not path.exists():
@@ -149,25 +151,25 @@ def run_cells(
     progress: CellProgress | None = None,
     cost: Callable[[Cell], float] | None = None,
 ) -> Results:
-    """Compute every cell that is not finished yet, and keep each in a file of the folder as soon as it is.
+    """Compute all unfinished cells, and store each in a file of the folder as soon as it is finished.
 
-    Whatever ends this early, the finished cells remain and are never computed again. The results depend neither on the
-    engine nor on the order in which cells finish.
+    However the run ends, finished cells are kept and never computed again. The results depend neither on the engine nor
+    on the order in which cells finish.
 
     Parameters
     ----------
     work : callable
-        Computes the arrays of a cell; a function of a module.
+        Computes the arrays of a cell; a module-level function.
     cells : sequence of Cell
     folder : Path
-        Of the study; new, empty, or with `resume` that of the same study.
+        Folder of the study; new, empty, or with `resume` that of the same study.
     identity : mapping
-        Plain JSON values: which study it is.
+        Plain JSON values that identify the study.
     engine : Engine
     resume : bool
     progress : callable or None
     cost : callable or None
-        What a cell costs beside another, for the time left; None takes all as equal.
+        Relative cost of a cell, to estimate the time left; equal for all if None.
 
     Returns
     -------
@@ -179,7 +181,7 @@ def run_cells(
     InputError
         If the folder is not for this study (see `open_store`).
     OutputError
-        If a cell cannot be written: what is finished remains.
+        If a cell cannot be written; finished cells are kept.
     """
     with open_store(folder, identity, resume) as store:
         return compute(work, cells, store, engine, progress, cost)
@@ -195,14 +197,14 @@ def compute(
     before: int = 0,
     later: tuple[int, float] = (0, 0.0),
 ) -> Results:
-    """Compute what is missing in an open store, as `run_cells` does; for studies of several stages.
+    """Compute the missing cells of an open store, as `run_cells` does; for studies of several stages.
 
     Parameters
     ----------
     before : int
-        Cells of the stages before.
+        Number of cells of previous stages.
     later : (int, float)
-        Number of the cells of the stages to come, and what they cost together.
+        Number of cells of later stages, and their total cost.
     """
     every = list(dict.fromkeys(cells))
     missing = [cell for cell in every if not store.holds(cell)]
@@ -244,7 +246,7 @@ def cell_bytes(cell: Cell, result: Result) -> bytes:
 
 
 def _add(archive: zipfile.ZipFile, name: str, data: bytes) -> None:
-    # Without a date of its own a member has that of the epoch of ZIP, and the same bytes every time.
+    # The default date of a member is the ZIP epoch, which gives the same bytes every time.
     info = zipfile.ZipInfo(name)
     info.compress_type = zipfile.ZIP_DEFLATED
     archive.writestr(info, data)
@@ -265,7 +267,7 @@ def _check_identity(folder: Path, text: str, resume: bool) -> None:
         return
     except OSError as error:
         raise OutputError(f"expected a folder at {folder}, found: {error.strerror}; choose another path") from None
-    # A run that was ended at its very start has made a folder for its cells, and nothing else.
+    # A run stopped at its start leaves only an empty folder for its cells.
     if IDENTITY not in entries:
         if entries <= {CELLS} and not any((folder / CELLS).glob("*.npz")):
             return
@@ -279,13 +281,13 @@ def _check_identity(folder: Path, text: str, resume: bool) -> None:
         there = None
     here = json.loads(text)
     if not isinstance(there, dict):
-        raise InputError(f"a readable {IDENTITY}", f"{folder / IDENTITY} spoiled", "choose another folder with -o")
+        raise InputError(f"a readable {IDENTITY}", f"{folder / IDENTITY} damaged", "choose another folder with -o")
     if there != here:
         raise InputError(
             "a new or empty folder, or one of this study", _difference(folder, there, here), "choose another with -o"
         )
     if not resume:
-        raise InputError("a new or empty folder", f"this study, begun in {folder}", "continue it with --resume")
+        raise InputError("a new or empty folder", f"this study, started in {folder}", "continue it with --resume")
 
 
 def _difference(folder: Path, there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
@@ -301,10 +303,10 @@ def _short(value: Any) -> str:
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Hold the folder's lock, which the system takes back from a process that ends, however it does."""
+    """Hold the folder's lock, which the system releases however the process ends."""
     try:
         import fcntl
-    except ImportError:  # Windows: two runs of one study write the same files, each at once.
+    except ImportError:  # Windows: no lock, but two runs of one study write the same files, each atomically.
         yield
         return
     handle = os.open(folder, os.O_RDONLY)
@@ -313,7 +315,7 @@ def _alone(folder: Path) -> Iterator[None]:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise InputError(
-                "one run of a study at a time", f"another at work in {folder}", "wait for it, or choose another folder"
+                "one run of a study at a time", f"another in {folder}", "wait for it, or choose another folder"
             ) from None
         except OSError:
             # Some network file systems have no locks.

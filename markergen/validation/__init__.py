@@ -1,1 +1,1 @@
-"""The accuracy of a marker: noisy trials against bounds, synthetic views, comparisons, and checks of results."""
+"""Accuracy of a marker: noisy trials against bounds, synthetic views, comparisons, and checks of results."""

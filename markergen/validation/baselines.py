@@ -1,7 +1,7 @@
-"""Contestants that a marker is compared with: other markers, usual layouts, tags and boards, all of one size.
+"""Contestants to compare a marker with: other markers, common layouts, tags and boards, all of one size.
 
-`line_up` makes contestants of what a user types. Each contestant is rendered, found by its own detector, and turned
-into a pose.
+`line_up` makes contestants from user input. Each contestant is rendered, detected by its own detector, and its pose
+estimated.
 """
 
 from abc import ABC, abstractmethod
@@ -46,22 +46,22 @@ TAGS = ("aruco", "apriltag", "charuco")
 FORMS = "MARKER.json, ngon:N, square, random:N, aruco:DICT[:ID], apriltag:FAMILY[:ID], charuco:CxR[:DICT]"
 PEERS = ("aruco:DICT_4X4_50", "apriltag:36h11", "charuco:5x5")
 DEFAULTS = (*LAYOUTS, *PEERS)
-"""Opponents of a single contestant."""
+"""Default opponents of a single contestant."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """The points and the pose that a contestant's detector found in one image.
+    """Points and pose that a contestant's detector found in one image.
 
     Attributes
     ----------
     ids : array (m,) of int
-        Rows of the contestant's `points` that were found; empty when not found.
+        Rows of the contestant's `points` that were found; empty if it was not found.
     pixels : array (m, 2), px
     rotation, translation : arrays (3, 3) and (3,), m, or None
         The pose T_camera_marker.
     reason : str
-        Why nothing was found; empty otherwise.
+        Reason why nothing was found; empty otherwise.
     """
 
     ids: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
@@ -72,12 +72,12 @@ class Sighting:
 
 
 class Contestant(ABC):
-    """A marker of any kind: how it is rendered, found, and turned into a pose.
+    """A marker of any kind: how to render and detect it and to estimate its pose.
 
     Attributes
     ----------
     name : str
-        As the user calls it.
+        Name given by the user.
     """
 
     name: str
@@ -85,34 +85,34 @@ class Contestant(ABC):
     @property
     @abstractmethod
     def points(self) -> Array:
-        """Points (n, 3) in m that the pose is estimated from, in the marker frame."""
+        """Points (n, 3) in m that determine the pose, in the marker frame."""
 
     @property
     def settings(self) -> Sequence[FiducialSettings]:
-        """Settings of the detector to choose from by their results; none for our own."""
+        """Candidate detector settings, of which the best is chosen; empty for our own detector."""
         return ()
 
     @property
     @abstractmethod
     def size(self) -> str:
-        """Its size, in words."""
+        """Size, in words."""
 
     def describe(self, setting: FiducialSettings | None) -> str:
-        """Say in words how it is looked for."""
+        """Describe how it is detected."""
         del setting
         return "our detector"
 
     @abstractmethod
     def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
-        """Displacements (k, 2) in m of what is displaced by itself in one print: dots, or corners of squares."""
+        """Independent displacements (k, 2) in m in one print, of the dots or of the corners of squares."""
 
     @abstractmethod
     def render(self, camera: Camera, pose: Pose, optics: Optics, rng: np.random.Generator, moved: Array) -> Image:
-        """Image of a print, seen from a pose, with the errors `moved` from `print_error`; substrate all around."""
+        """Render a print with errors `moved` from `print_error`, seen from a pose; substrate all around."""
 
     @abstractmethod
     def sight(self, image: Image, camera: Camera, setting: FiducialSettings | None, print_sigma: float) -> Sighting:
-        """Find it and estimate its pose."""
+        """Detect it and estimate its pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ class DotMarker(Contestant):
         return f"{len(self.marker)} dots of {1e3 * self.marker.dot_diameter:g} mm"
 
     def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
-        """See `Contestant.print_error`: every dot by itself, those that were measured by their covariance."""
+        """See `Contestant.print_error`: each dot independently, measured ones by their covariance."""
         return displacement(self.marker, ErrorSources(print_sigma=sigma), rng, axes=2)
 
     def render(self, camera: Camera, pose: Pose, optics: Optics, rng: np.random.Generator, moved: Array) -> Image:
@@ -153,7 +153,7 @@ class DotMarker(Contestant):
 
 @dataclass(frozen=True, eq=False)
 class Peer(Contestant):
-    """A tag or board of others, found by cv2.aruco, in a white disk that holds it with its quiet zone."""
+    """A fiducial tag or board detected by cv2.aruco, in a white disk that contains it with its quiet zone."""
 
     name: str
     fiducial: Fiducial
@@ -161,7 +161,7 @@ class Peer(Contestant):
 
     @property
     def points(self) -> Array:
-        """See `Contestant.points`: the corners of the tag, or the inner ones of the board."""
+        """See `Contestant.points`: the corners of the tag, or the inner corners of the board."""
         return np.pad(self.fiducial.corners, ((0, 0), (0, 1)))
 
     @property
@@ -181,12 +181,12 @@ class Peer(Contestant):
         return f"cv2.aruco, {(setting or self.settings[0]).describe(self.fiducial)}"
 
     def print_error(self, sigma: float, rng: np.random.Generator) -> Array:
-        """See `Contestant.print_error`: every corner of a square by itself, row by row from the top left."""
+        """See `Contestant.print_error`: each square corner independently, row by row from the top left."""
         columns, rows, _ = self._squares
         return sigma * rng.standard_normal(((columns + 1) * (rows + 1), 2))
 
     def render(self, camera: Camera, pose: Pose, optics: Optics, rng: np.random.Generator, moved: Array) -> Image:
-        """See `Contestant.render`. What lies within a square follows its four corners bilinearly."""
+        """See `Contestant.render`. The inside of a square follows its four corners bilinearly."""
         outlines = self.fiducial.outlines
         if moved.any():
             outlines = tuple(outline + self._displacement(outline, moved) for outline in outlines)
@@ -195,9 +195,9 @@ class Peer(Contestant):
         return render_patches([plate, ink], camera, *pose, optics, rng)
 
     def sight(self, image: Image, camera: Camera, setting: FiducialSettings | None, print_sigma: float) -> Sighting:
-        """See `Contestant.sight`. The pose is that of Levenberg-Marquardt over all corners found, as ours is."""
+        """See `Contestant.sight`. The pose is from Levenberg-Marquardt over all corners found, like ours."""
         del print_sigma
-        # cv2.aruco works on 8 bits.
+        # cv2.aruco requires 8 bits.
         grey = image if image.dtype == np.uint8 else image >> 8
         found = detect_fiducial(grey.astype(np.uint8, copy=False), self.fiducial, setting or self.settings[0], camera)
         if not found.found:
@@ -210,7 +210,7 @@ class Peer(Contestant):
 
     @property
     def _squares(self) -> tuple[int, int, float]:
-        """Columns and rows of squares, and the side of one in m."""
+        """Columns and rows of squares, and the side of a square in m."""
         if isinstance(self.fiducial, Tag):
             return 1, 1, self.fiducial.side
         return self.fiducial.columns, self.fiducial.rows, self.fiducial.square
@@ -232,28 +232,28 @@ def line_up(
     seed: int = 0,
     given: Mapping[str, Marker] | None = None,
 ) -> tuple[list[Contestant], Setting]:
-    """Contestants by their texts, and the camera and poses that the first marker file was designed for.
+    """Make contestants from their texts, with the camera and poses that the first marker file was designed for.
 
-    Layouts get dots of the first marker's size, or, where those do not fit or there is no marker file, what `design`
-    would choose, or, where a ring of those does not fit, the like share of the largest that do. Tags and boards are as
-    large as the same circle allows, a tag with one white cell around it; a board needs no more white than its squares
-    have.
+    Layouts get dots of the first marker's size. If those do not fit, or there is no marker file, they get the size that
+    `design` would choose; if a ring of those does not fit, the corresponding share of the largest that do. Tags and
+    boards are as large as the same circle allows, a tag with one white cell around it; a board needs no white beyond
+    its squares.
 
     Parameters
     ----------
     texts : sequence of str
-        Contestants in the forms of `FORMS`; a single one is joined by `DEFAULTS`.
+        Contestants in the forms of `FORMS`; a single one is compared with `DEFAULTS`.
     poses : str, PoseDistribution or None
-        Poses to use instead, as `poses_from` takes them.
+        Poses to use instead, in any form that `poses_from` accepts.
     seed : int
         Seed for the random layouts.
     given : mapping or None
-        Markers that are in no file, by the texts that stand for them.
+        Markers that are not in files, by the texts that stand for them.
 
     Raises
     ------
     InputError
-        If a text has none of the forms, a file is no marker, the markers differ in size, or a tag does not exist.
+        If a text has none of the forms, a file is not a marker, the markers differ in size, or a tag does not exist.
     """
     if seed < 0:
         raise InputError("a seed of 0 or more", f"seed={seed}", "give a non-negative whole number")
@@ -276,7 +276,7 @@ def line_up(
                 f"{text} with {format_length(marker.boundary.radius)}",
                 "design it again with the same --radius",
             )
-    # Whatever its outline, each is judged where its whole circle is seen, so that all are seen from the same poses.
+    # All are judged where the whole circle is visible, whatever their outlines, so that all have the same poses.
     disk = Circle(radius)
     height = max((marker.height for marker in markers.values()), default=0.0)
     setting = Setting(judged.boundary, judged.camera, judged.poses.seen_whole(disk, judged.camera, height))
@@ -331,7 +331,7 @@ def _layout(text: str, first: Marker | None, setting: Setting, seed: int) -> Dot
 
 
 def _on_a_ring(n: int, radius: float) -> tuple[float, float]:
-    """Diameter and clearance in m of n dots on the inset rim, `ROOM` of the largest at which they keep apart.
+    """Diameter and clearance in m of n dots on the inset rim, `ROOM` of the largest that keep their distance.
 
     Neighbors at 2 (r - d/2 - c) sin(pi/n) are d + c apart, with c the default share of d.
     """

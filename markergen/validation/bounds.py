@@ -32,14 +32,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PoseBounds:
-    """Bounds that no unbiased estimator can beat, to first order, for each of P poses.
+    """First-order bounds for unbiased estimators at each of P poses.
 
     Attributes
     ----------
     information : array (P, 6, 6)
         Fisher information of the pose for noise of 1 px.
     rotation_deg, translation_pct : arrays (P,)
-        RMS of RE and TE that the noise allows; inf where the layout leaves the pose undetermined.
+        RMS of RE and TE at the bound; inf if the layout leaves the pose undetermined.
     separation : array (P,)
         Angle between pose and mirrored pose in units of the rotation bound.
     """
@@ -53,12 +53,12 @@ class PoseBounds:
 def pose_bounds(points: Array, camera: Camera, poses: PoseDistribution, noise_px: float) -> PoseBounds:
     """Bounds of the pose for control points (n, 3) in m and Gaussian noise of `noise_px` on every image coordinate.
 
-    The noise is that of the image as taken, through the lens.
+    The noise applies to distorted pixels.
     """
     ideal = pose_jacobian(points, poses.rotation, poses.translation, camera.focal)
     matrix = information(through_lens(ideal, points, camera, poses))
     unit = covariance(matrix)
-    # Without noise there is no bound to measure by: every two poses are as far apart as can be.
+    # Without noise the bound is 0, and any two poses are infinitely many bounds apart.
     separation = flip_separation(poses.rotation, poses.translation, unit) / noise_px if noise_px else np.inf
     return PoseBounds(
         information=matrix,
@@ -71,10 +71,10 @@ def pose_bounds(points: Array, camera: Camera, poses: PoseDistribution, noise_px
 def image_covariance(
     marker: Marker, camera: Camera, poses: PoseDistribution, optics: Optics, bare_px: float = 0.0
 ) -> Array:
-    """Covariances (P, n, 2, 2) in px^2 of the dots' centers that the noise of the image allows, pose by pose.
+    """Least covariances (P, n, 2, 2) in px^2 of the dots' centers for the image noise at each pose.
 
-    Contrast and noise are those at each dot's place in the image; motion counts as a blur alike in all directions.
-    Bare points have no image: theirs is `bare_px` on every coordinate.
+    Contrast and noise are those at each dot's position in the image; motion counts as an isotropic blur. Bare points
+    have no image and get `bare_px` on every coordinate.
     """
     if not marker.dot_diameter:
         return np.broadcast_to(bare_px**2 * np.eye(2), (len(poses), len(marker), 2, 2))
@@ -87,14 +87,14 @@ def image_covariance(
     normalized = perspective(to_camera(marker.xyz, poses.rotation, poses.translation))
     factor = light_at(optics, camera.to_pixels(normalized), camera.width, camera.height)
     dark, light = (np.minimum(factor * level, FULL_SCALE) for level in (optics.dark, optics.light))
-    # Information goes with the square of contrast over noise, which is another at every dot.
+    # Information is proportional to the square of contrast over noise, which varies from dot to dot.
     quality = (light - dark) / optics.grey_noise((dark + light) / 2)
     ideal = dot_covariance(semi, angle, optics.edge_blur, 1.0, 1.0, lens_blocks(camera, normalized))
     return ideal / np.maximum(quality, 1e-9)[..., None, None] ** 2
 
 
 def budget_of(series: SyntheticViews, bare_px: float = 0.0) -> PoseBudget:
-    """Error budget (P, 6, 6) of every pose of a series, with its optics, print and calibration."""
+    """Error budget (P, 6, 6) for every pose of a series, with its optics, print and calibration."""
     poses = series.poses
     image = image_covariance(series.marker, series.camera, poses, series.optics, bare_px)
     errors = series.errors.of(series.marker)

@@ -1,4 +1,4 @@
-"""A comparison of markers, tags and boards: the same poses, optics and noise, each one's best settings."""
+"""Compare markers, tags and boards: same poses, optics and noise, with the best settings for each."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -36,22 +36,22 @@ Mask = NDArray[np.bool_]
 Choice = FiducialSettings | None
 
 TUNING_VIEWS = 60
-"""Views from which each peer's settings are chosen; none of them is among those that count."""
+"""Number of views for choosing each peer's settings, separate from those that are evaluated."""
 NEARLY_ALL = 0.95
-"""A setting that finds fewer than this share of what the best one finds is not chosen, however accurate."""
+"""Minimum share of the best setting's detections for a setting to be eligible, however accurate it is."""
 RESAMPLES = 2000
-"""Resamples of the bootstrap: the ends of its 95 % interval are then known to a fiftieth of the interval."""
+"""Bootstrap resamples, enough to determine the ends of the 95 % interval to a fiftieth of its length."""
 AT_ONCE = 10
-"""Views in one chunk of work."""
+"""Number of views per chunk of work."""
 WORTH_A_WORKER = 60
-"""Images below which starting another process takes longer than it saves."""
+"""Number of images below which starting another process does not pay."""
 
 _TUNING, _VIEWS = 1, 0
 
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Views of several contestants from the same poses with the same noise.
+    """Views of several contestants, from the same poses with the same noise.
 
     Attributes
     ----------
@@ -59,13 +59,13 @@ class Series:
     camera : Camera
     poses : PoseDistribution
     count : int
-        One pose is drawn from each of `count` equal stretches of the distribution.
+        Number of views; one pose is drawn from each of `count` equal stretches of the distribution.
     seed : int
     optics : Optics
     print_sigma : float, m
-        Standard deviation of every dot's or square corner's place in print along each axis, drawn anew for each view.
+        Standard deviation along each axis of the printed position of every dot or square corner, drawn anew per view.
     stage : int
-        Makes other views of the same seed.
+        Part of the seed that gives different views for tuning and evaluation.
 
     Raises
     ------
@@ -84,7 +84,7 @@ class Series:
 
     def __post_init__(self) -> None:
         if self.count < 1:
-            raise InputError("one view or more", f"views={self.count}", "ask for a positive number of views")
+            raise InputError("one or more views", f"views={self.count}", "ask for a positive number of views")
         if self.seed < 0:
             raise InputError("a seed of 0 or more", f"seed={self.seed}", "give a non-negative whole number")
         if not (isfinite(self.print_sigma) and self.print_sigma >= 0):
@@ -99,10 +99,10 @@ class Series:
         return ((np.arange(self.count) + jitter) * len(self.poses) / self.count).astype(np.intp)
 
     def observe(self, who: int, choices: Sequence[Choice], view: int) -> list["Observation"]:
-        """Render one view of one contestant, and look for it with each of the settings."""
+        """Render one view of one contestant and detect it with each of the settings."""
         contestant, pose = self.contestants[who], self.pose[view]
         rotation, translation = self.poses.rotation[pose], self.poses.translation[pose]
-        # The noise of a pixel is the same for all contestants; print errors come from a stream of their own.
+        # All contestants share the same pixel noise; print errors have a separate random stream.
         noise, print_rng = np.random.default_rng([self.stage, self.seed, self.count, view]).spawn(2)
         moved = contestant.print_error(self.print_sigma, print_rng)
         image = contestant.render(self.camera, (rotation, translation), self.optics, noise, moved)
@@ -133,7 +133,7 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """Errors of one detector in one view: nan and nothing where it found nothing, or something wrong."""
+    """Errors of one detector in one view; nan and empty if nothing, or something wrong, was found."""
 
     rotation_deg: float = np.nan
     translation_pct: float = np.nan
@@ -145,12 +145,12 @@ class Observation:
 
     @property
     def detected(self) -> bool:
-        """Found, and right."""
+        """True if the contestant was found correctly."""
         return not self.reason
 
     @property
     def counts(self) -> bool:
-        """Detected, with a pose that has not failed."""
+        """True if it was detected and its pose has not failed."""
         return self.detected and not self.failed
 
 
@@ -165,38 +165,38 @@ def compare(
     progress: Progress | None = None,
     given: Mapping[str, Marker] | None = None,
 ) -> dict[str, Any]:
-    """Hold markers, tags and boards against each other in synthetic views.
+    """Compare markers, tags and boards in synthetic views.
 
-    Each is as large as the same circle allows, white all around. Of every tag and board the settings of cv2.aruco
-    are chosen that give the least RMS rotation error over `TUNING_VIEWS` other views. All poses come from the same
-    Levenberg-Marquardt over the points that a detector found; only our detector knows, and uses, how far each of
-    its points is to be trusted.
+    Each is as large as the same circle allows, surrounded by white. For every tag and board, the settings of cv2.aruco
+    with the least RMS rotation error over `TUNING_VIEWS` separate views are chosen. All poses come from the same
+    Levenberg-Marquardt solver over the points that a detector found; only our detector provides a covariance for each
+    of its points, which is used as a weight.
 
     Parameters
     ----------
     texts : sequence of str
         See `line_up`.
     views : int
-        Views that count, the same poses for all.
+        Number of views that are evaluated, with the same poses for all.
     print_sigma : float, m
         Error of the print, see `Series`.
     workers : int or None
-        Processes; None takes as many as there are processors and as the work is worth, 1 computes in this process.
+        Number of processes; None takes as many as the processors and the amount of work justify, 1 uses this process.
     progress : callable or None
-        Called with the stage, what is done of it, and its total.
+        Called with the stage, the amount done, and the total.
     given : mapping or None
-        Markers that are in no file, see `line_up`.
+        Markers that are not in files, see `line_up`.
 
     Returns
     -------
     dict
-        Plain JSON values. ``contestants`` has for each its ``name``, ``size``, the ``setting`` that it was found with
-        and those of its ``tuning``; how many views were ``detected`` (``rate``), ``wrong`` or ``failed`` (see
-        `pose_failed`; those are left out of the statistics) and how many poses were ``flips``; statistics of
-        ``rotation_deg``, ``translation_pct`` and ``point_px`` over the views it found; the same over the ``common``
-        views, those that every contestant which found any found, and ``by_polar_angle`` and ``by_distance``; the
-        ``ratio`` of its RMS to that of the first, over the views that both found, with the 95 % interval of the
-        bootstrap; and its ``failures``. The rest says what was compared under which conditions.
+        Plain JSON values. Each entry of ``contestants`` has its ``name``, ``size``, the ``setting`` used to detect it
+        and the candidates of its ``tuning``; how many views were ``detected`` (``rate``), ``wrong`` or ``failed`` (see
+        `pose_failed`; these are left out of the statistics) and how many poses were ``flips``; statistics of
+        ``rotation_deg``, ``translation_pct`` and ``point_px`` over its detected views; the same over the ``common``
+        views (those that every contestant found, ignoring contestants never found), and ``by_polar_angle`` and
+        ``by_distance``; the ``ratio`` of its RMS to that of the first, over the views that both found, with the
+        bootstrap's 95 % interval; and its ``failures``. The remaining keys describe the conditions.
 
     Raises
     ------
@@ -206,7 +206,7 @@ def compare(
     workers_for(workers, 1)
     contestants, setting = line_up(texts, poses, seed, given)
     if len(contestants) < 2:
-        raise InputError("two contestants or more", f"only {contestants[0].name}", "name another to compare it with")
+        raise InputError("two or more contestants", f"only {contestants[0].name}", "name another to compare it with")
 
     def series(count: int, stage: int) -> Series:
         return Series(tuple(contestants), setting.camera, setting.poses, count, seed, optics, print_sigma, stage)
@@ -237,7 +237,7 @@ def _observe(
     stage: str,
     progress: Progress | None,
 ) -> dict[int, list[list[Observation]]]:
-    """Observations of each contestant, view by view and setting by setting."""
+    """Observations of each contestant, by view and setting."""
     tasks = [(who, settings, part) for part in ranges(series.count, AT_ONCE) for who, settings in choices.items()]
     told = (lambda done, total: progress(stage, done, total)) if progress else None
     workers = workers_for(workers, 1 + series.count * len(choices) // WORTH_A_WORKER)
@@ -254,7 +254,7 @@ def _observe_chunk(series: Series, task: tuple[int, tuple[Choice, ...], range]) 
 
 
 def _best(tuned: Sequence[Sequence[Observation]]) -> int:
-    """Setting with the least RMS rotation error over the views that all settings in question found."""
+    """Index of the setting with the least RMS rotation error over the views found by all eligible settings."""
     counts = np.array([[each.counts for each in view] for view in tuned])
     rates = counts.mean(axis=0)
     eligible = np.flatnonzero(rates >= NEARLY_ALL * rates.max())
@@ -346,7 +346,7 @@ def _summary(row: Sequence[Observation], chosen: Mask) -> dict[str, Any]:
 
 
 def _flips(series: Series, contestant: Contestant, row: Sequence[Observation]) -> int:
-    """Poses nearer to the mirrored one, where the contestant's own point errors let the two be told apart."""
+    """Number of poses nearer to the mirrored one, among those where the contestant's point errors separate the two."""
     errors = np.concatenate([np.zeros(0), *(each.point_px for each in row if each.counts)])
     if not len(errors):
         return 0
@@ -356,9 +356,9 @@ def _flips(series: Series, contestant: Contestant, row: Sequence[Observation]) -
 
 
 def _ratio(key: str, row: Sequence[Observation], first: Sequence[Observation], seed: int) -> dict[str, Any] | None:
-    """RMS over that of the first contestant, over the views in which both count, with a 95 % interval.
+    """RMS relative to the first contestant's, over the views in which both count, with a 95 % interval.
 
-    The interval is that of the bootstrap over views: pairs of errors are drawn again, with replacement.
+    The interval is a bootstrap over views: pairs of errors are resampled with replacement.
     """
     pairs = [(getattr(a, key), getattr(b, key)) for a, b in zip(row, first, strict=True) if a.counts and b.counts]
     if not pairs:

@@ -1,4 +1,4 @@
-"""The result of a comparison, with its tables and its plot: to print, draw, save and process."""
+"""The result of a comparison, with its tables and plot: to print, draw, save and process."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -23,9 +23,9 @@ _COLORS = ("#0b5394", "#b45f06", "#38761d", "#741b47", "#674ea7", "#134f5c", "#7
 _LINES = ("-", "--", "-.", ":")
 _MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
 _STEPS = (1, 2, 5)
-"""Numbers in each decade that logarithmic axes are labeled with."""
+"""Mantissas of the tick labels on logarithmic axes."""
 _SHOWN = 8
-"""Contestants in one line."""
+"""Maximum number of contestants in a repr."""
 
 
 class Comparison(SavableResult):
@@ -34,9 +34,9 @@ class Comparison(SavableResult):
     Parameters
     ----------
     results : mapping
-        Values that `markergen.validation.compare.compare` returns.
+        Return value of `markergen.validation.compare.compare`.
     written : sequence of Written
-        Files that were asked for together with the results.
+        Files that were written together with the results.
 
     Examples
     --------
@@ -53,16 +53,16 @@ class Comparison(SavableResult):
 
     @property
     def results(self) -> Mapping[str, Any]:
-        """Everything as plain JSON values, see `markergen.validation.compare.compare`; read-only."""
+        """All results as plain JSON values, see `markergen.validation.compare.compare`; read-only."""
         return MappingProxyType(self._results)
 
     @property
     def contestants(self) -> Mapping[str, Mapping[str, Any]]:
-        """Results of each contestant by its name, such as ``contestants["square"]["rotation_deg"]["rms"]``."""
+        """Results of each contestant by name, such as ``contestants["square"]["rotation_deg"]["rms"]``."""
         return MappingProxyType({entry["name"]: entry for entry in self._results["contestants"]})
 
     def save(self, *paths: StrPath, json: StrPath | None = None, plot: StrPath | None = None) -> list[Written]:
-        """Write files by suffix: .json the results, .svg or .png the errors drawn; see `SavableResult`.
+        """Write files by suffix: .json for the results, .svg or .png for the plot of the errors; see `SavableResult`.
 
         Parameters
         ----------
@@ -72,7 +72,7 @@ class Comparison(SavableResult):
         return self.write(self.targets(paths, json=json, plot=plot).checked())
 
     def to_json(self) -> bytes:
-        """Results as JSON text."""
+        """Return the results as JSON text."""
         return json_bytes(self._results)
 
     def content(self, kind: str, path: Path) -> bytes:
@@ -80,7 +80,7 @@ class Comparison(SavableResult):
         return self.to_json() if kind == "json" else figure_bytes(partial(comparison_figure, self._results), path)
 
     def to_frame(self) -> "DataFrame":
-        """Return a pandas data frame with a row for each contestant.
+        """Return a pandas data frame with one row per contestant.
 
         Its columns are ``name``, ``size``, ``setting``, the share of views in which it was found (``rate``), ``wrong``,
         ``failed``, ``flips``, mean, std, rms, median, p95 and max of ``rotation_deg``, ``translation_pct`` and
@@ -100,12 +100,12 @@ class Comparison(SavableResult):
         Parameters
         ----------
         ax : matplotlib axes or None
-            Where to draw; None makes a figure of its own, which is ``ax.figure``.
+            Axes to draw on; None makes a new figure, available as ``ax.figure``.
         """
         return draw_errors(self._results, axes_of(ax))
 
     def parts(self) -> list[str | Table]:
-        """Sentences and tables in the order in which the command prints them."""
+        """Return sentences and tables in the order in which the command prints them."""
         results = self._results
         return [
             heading(results), *comparison_tables(results), *sentences(results)
@@ -128,7 +128,7 @@ def _row(entry: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def comparison_tables(results: Mapping[str, Any]) -> list[Table]:
-    """Results of `compare` as tables: what is found and how accurately, and the rotation error by tilt and distance."""
+    """Results of `compare` as tables: detection rate and accuracy, and the rotation error by tilt and distance."""
     return [
         _overview(results),
         _common(results),
@@ -138,7 +138,7 @@ def comparison_tables(results: Mapping[str, Any]) -> list[Table]:
 
 
 def heading(results: Mapping[str, Any]) -> str:
-    """Say what was compared, from where, through what."""
+    """Describe the views, poses, camera and optics."""
     camera, poses, optics = results["camera"], results["poses"], results["optics"]
     return (
         f"{results['views']['count']} views of each from {poses['count']} poses ({poses['name']}), "
@@ -150,7 +150,7 @@ def heading(results: Mapping[str, Any]) -> str:
 
 
 def sentences(results: Mapping[str, Any]) -> list[str]:
-    """Say how large each contestant is, how it was looked for, and what was assumed of the print."""
+    """State each contestant's size and detector setting, and the assumed print error."""
     lines = [f"{name}: {entry['size']}; {entry['setting']}" for name, entry in _named(results)]
     if results["print_sigma_mm"]:
         lines.append(
@@ -215,14 +215,14 @@ def _cell(group: Mapping[str, Any]) -> str:
 
 
 def _named(results: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
-    """Contestants with names that fit a column: of files without their folders, unless two would be the same."""
+    """Contestants with names that fit a column: files without their folders, unless two would be the same."""
     names = [entry["name"] for entry in results["contestants"]]
     short = [Path(name).name if name.endswith(".json") else name for name in names]
     return list(zip(short if len(set(short)) == len(short) else names, results["contestants"], strict=True))
 
 
 def comparison_figure(results: Mapping[str, Any]) -> "Figure":
-    """Rotation errors of all contestants, and their RMS by tilt, over the views that all found; deg, logarithmic."""
+    """Plot rotation errors of all contestants and their RMS by tilt, over the views that all found; deg, log scale."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 1.9 + 0.42 * len(results["contestants"])), layout="constrained")
@@ -235,7 +235,7 @@ def comparison_figure(results: Mapping[str, Any]) -> "Figure":
 
 
 def draw_errors(results: Mapping[str, Any], ax: "Axes") -> "Axes":
-    """Draw median, RMS and 95th percentile of each contestant's rotation error in a row of its own."""
+    """Draw median, RMS and 95th percentile of each contestant's rotation error, in one row each."""
     entries = _with_short_names(results)
     looks: dict[str, dict[str, Any]] = {
         "median": {"marker": "o", "markerfacecolor": "white"},

@@ -1,4 +1,4 @@
-"""Checks such as ``estimators.lm.rotation_deg.rms > 0.5`` on the JSON form of results."""
+"""Checks such as ``estimators.lm.rotation_deg.rms > 0.5`` on results in their JSON form."""
 
 import math
 import operator
@@ -15,7 +15,7 @@ _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 
 def parse(expression: str) -> tuple[str, str, str]:
-    """Split an expression into path, comparison and the text of the number; raises InputError if it is malformed."""
+    """Split an expression into path, comparison and text of the number; raises InputError if it is malformed."""
     match = _EXPRESSION.fullmatch(expression)
     if match is None or not _NUMBER.fullmatch(match[3]):
         raise InputError(
@@ -27,26 +27,26 @@ def parse(expression: str) -> tuple[str, str, str]:
 
 
 def check(expression: str, results: Mapping[str, Any]) -> tuple[bool, str]:
-    """Evaluate what must not be: a path into the results, one of > >= < <=, and a number.
+    """Evaluate a condition that must not hold: a path into the results, one of > >= < <=, and a number.
 
     Parameters
     ----------
     expression : str
-        The parts of the path are joined by dots; a key that has dots itself is written as it is.
+        The parts of the path are joined by dots; a key that contains dots is written as it is.
     results : mapping
         Plain JSON values.
 
     Returns
     -------
     passed : bool
-        False if the comparison holds, or if there is no value because nothing was found that it could be of.
+        False if the comparison holds, or if there is no value because nothing was detected.
     message : str
-        What was found, one line.
+        Value found and comparison, one line.
 
     Raises
     ------
     InputError
-        If the expression is malformed, or the path leads to no number; the message lists what there is.
+        If the expression is malformed or its path does not lead to a number; the message lists the available keys.
 
     Examples
     --------
@@ -83,10 +83,10 @@ def _number(path: str, results: Mapping[str, Any]) -> float | None:
 
 
 def _follow(value: Any, path: str) -> tuple[Any, str, str]:
-    """Go as far as the path leads; return the value there, the path to it, and what is left of the path.
+    """Follow a path as far as possible; return the value there, the path to it, and the rest of the path.
 
-    A key may contain dots, so every key that the path begins with is tried, and the way that leads farthest taken;
-    where two lead to the end, the one that ends at a value.
+    Since keys may contain dots, every key that starts the path is tried, and the longest match taken; of two complete
+    matches, the one that ends at a value.
     """
     ways = [(value, "", path)]
     for key, child in _children(value).items():

@@ -1,4 +1,4 @@
-"""Errors of estimates, the names for how an estimate can go wrong, and statistics that carry their count."""
+"""Errors of estimates, criteria for failures and flips, and statistics with their counts."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,12 @@ Mask = NDArray[np.bool_]
 Statistics = dict[str, float | int | None]
 
 FLIP_SEPARATION = 6.0
-"""A flip is not called where pose and mirrored pose lie closer than this, in units of the rotation bound."""
+"""Minimum separation of pose and mirrored pose, in units of the rotation bound, for calling an estimate a flip."""
 EFFICIENCY_LIMIT_DEG = 2.5
-"""Above this rotation bound the first-order bound itself does not hold, and an efficiency would mean nothing."""
+"""Rotation bound above which the first-order bound does not hold, and an efficiency would be meaningless."""
 POSE_PARAMETERS = 6
 STATISTICS = ("mean", "std", "rms", "median", "p95", "max")
-"""Keys of `statistics` beside the count, in the order of columns."""
+"""Keys of `statistics` other than the count, in column order."""
 
 
 def rotation_error_deg(estimate: Array, rotation: Array) -> Array:
@@ -38,7 +38,7 @@ def homography_error_px2(estimate: Array, grid: Array, pixels: Array) -> Array:
     estimate : array (T, 3, 3)
     grid : array (m, 2), m, marker frame
     pixels : array (m, 2)
-        Where the grid is seen without noise.
+        Noise-free image of the grid.
     """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         return np.asarray(np.mean(np.sum((pixels - apply_homography(estimate, grid)) ** 2, axis=-1), axis=-1))
@@ -47,7 +47,7 @@ def homography_error_px2(estimate: Array, grid: Array, pixels: Array) -> Array:
 def pose_failed(points: Array, rotation: Array, translation: Array, te_pct: Array) -> Mask:
     """Failure (T,) of estimates (T, 3, 3), (T, 3): not finite, a point (n, 3) behind the camera, or TE over 100 %."""
     in_front = np.all(to_camera(points, rotation, translation)[..., 2] > 0, axis=-1)
-    # A comparison with nan is false, so what is not finite has failed as well.
+    # A comparison with nan is false, so that non-finite estimates fail as well.
     return np.asarray(~(in_front & (te_pct <= 100) & np.isfinite(rotation).all(axis=(-2, -1))))
 
 
@@ -75,7 +75,7 @@ def pose_nees(
 
 
 def statistics(values: Array) -> Statistics:
-    """Count, mean, std, rms, median, 95th percentile and maximum of values of any shape; None where there are none."""
+    """Count, mean, std, rms, median, 95th percentile and maximum of values of any shape; None if there are none."""
     if not values.size:
         return {"count": 0, **dict.fromkeys(STATISTICS)}
     median, p95 = np.quantile(values, [0.5, 0.95])
@@ -91,36 +91,36 @@ def statistics(values: Array) -> Statistics:
 
 
 def rms(values: Array) -> float:
-    """Root mean square of values of any shape; inf if one of them is."""
+    """Root mean square of values of any shape; inf if any of them is."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
 def efficiency(rotation_deg: Array, kept: Mask, bound_deg: Array) -> float | None:
-    """Mean square of the rotation bound over that of the measured RE: 1 is as good as can be.
+    """Mean square of the rotation bound over that of the measured RE; 1 is optimal.
 
     Parameters
     ----------
     rotation_deg, kept : arrays (P, T)
-        RE, and which trials count: neither failed nor flipped.
+        RE, and a mask of the trials that neither failed nor flipped.
     bound_deg : array (P,)
-        Rotation bound of each pose.
+        Rotation bound for each pose.
 
     Returns
     -------
     float or None
-        None where the RMS bound is above 2.5 degrees (the first-order bound does not hold there), where it or the
-        errors are 0, or where no trial is left.
+        None if the RMS bound is above 2.5 degrees (where the first-order bound does not hold), if it or the errors are
+        0, or if no trial is left.
     """
     if not kept.any() or not np.sqrt(np.mean(bound_deg**2)) <= EFFICIENCY_LIMIT_DEG:
         return None
     measured = np.mean(rotation_deg[kept] ** 2)
-    # Each pose's bound counts as often as its trials do.
+    # Each pose's bound is weighted by its number of trials.
     bound = np.average(bound_deg**2, weights=kept.sum(axis=1))
     return float(bound / measured) if bound > 0 and measured > 0 else None
 
 
 def mean_nees_interval(count: int, confidence: float = 0.99) -> tuple[float, float]:
-    """Interval that holds the mean NEES of `count` trials with this probability if the covariance is right.
+    """Interval that contains the mean NEES of `count` trials with this probability if the covariance is right.
 
     The sum of the trials' NEES is chi-square with 6 * count degrees of freedom.
     """

@@ -1,4 +1,4 @@
-"""Prints that are not exact, as the error budget takes them to be."""
+"""Simulated print errors, consistent with the error budget."""
 
 from dataclasses import replace
 
@@ -12,9 +12,9 @@ Array = NDArray[np.float64]
 
 
 def displacement(marker: Marker, errors: ErrorSources, rng: np.random.Generator, axes: int = 3) -> Array:
-    """Errors (n, axes) in m of the dots' places: Gaussian in the plane, and of 3 axes in height if any dot is raised.
+    """Sample errors (n, axes) in m of the dots: Gaussian in the plane, with 3 axes also in height if any dot is raised.
 
-    Dots that were measured err by what their covariance says, the others by ``errors.print_sigma`` along each axis.
+    Errors of measured dots follow their covariance, those of others ``errors.print_sigma`` along each axis.
     """
     offset = rng.standard_normal((len(marker), axes))
     if not marker.xyz[:, 2].any():
@@ -28,7 +28,7 @@ def displacement(marker: Marker, errors: ErrorSources, rng: np.random.Generator,
 
 
 def misprinted(marker: Marker, errors: ErrorSources, rng: np.random.Generator) -> Marker:
-    """Return the marker as it is printed; itself where nothing errs."""
+    """Return the marker as printed, or itself if there are no errors."""
     if not errors.of(marker).largest_place_sigma:
         return marker
     return displaced(marker, displacement(marker, errors, rng))

@@ -1,4 +1,4 @@
-"""Results of a validation as tables and sentences: trials, layouts beside the marker, labels, budget, views."""
+"""Results of a validation as tables and sentences: trials, other layouts, labels, budget, views."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -19,16 +19,16 @@ TITLES = {
     "dlt": "DLT",
 }
 MOST_DOTS = 40
-"""Dots in a table of labels; of more, it has the least safe."""
+"""Maximum number of dots in a table of labels, which then shows the least safe ones."""
 BOUND = "bound (CRLB)"
 SOURCES = ("image", "print", "camera", "total")
-"""Sources that an error budget adds up, and their sum."""
+"""Sources of an error budget, and their total."""
 
 _VIEW_HEADER = ["", "views", "found", "wrong", "dots px", "bound", "RE deg", "TE %", "H px", "NEES", "in 95 %"]
 
 
 def rotation_table(results: Mapping[str, Any]) -> Table:
-    """Rotation errors of each estimator over all poses, with its efficiency, and the bound below."""
+    """Rotation errors of each estimator over all poses with its efficiency, and the bound below."""
     rows = []
     for name, row in results["estimators"].items():
         numbers = [number(row["rotation_deg"][key]) for key in STATISTICS]
@@ -85,7 +85,7 @@ def homography_table(results: Mapping[str, Any]) -> Table:
 
 
 def comparison_table(results: Mapping[str, Any]) -> Table:
-    """The marker's bounds and criteria beside those of the layouts of the same region, and LM's errors where run."""
+    """Bounds and criteria of the marker and of other layouts for the same region, and LM's errors where available."""
     header = ["", "RE bound", "TE bound", "LM: RE", "LM: TE", "c(A)"]
     layouts = {
         "this marker": {key: results[key] for key in ("criteria", "bound", "estimators")},
@@ -107,7 +107,7 @@ def comparison_table(results: Mapping[str, Any]) -> Table:
 
 
 def labels_table(results: Mapping[str, Any]) -> Table:
-    """Safety of each dot's label, or of the least safe: the pose where it is least, and what the dot is taken for."""
+    """Label margin of each dot, or of the least safe: its worst pose, and the dot that it is confused with."""
     labels = results["labels"]
     dots = labels["dots"]
     title = "How safely each dot is told apart"
@@ -161,7 +161,7 @@ def budget_table(results: Mapping[str, Any]) -> Table:
 
 
 def group_table(views: Mapping[str, Any]) -> Table:
-    """The views in all, at each polar angle, and at each distance."""
+    """Results of all views, and by polar angle and distance."""
     rows = [_view_row("all", views)]
     rows += [_view_row(f"{angle}°", group) for angle, group in views["by_polar_angle"].items()]
     rows += [_view_row(f"{distance} m", group) for distance, group in views["by_distance"].items()]
@@ -172,7 +172,7 @@ def group_table(views: Mapping[str, Any]) -> Table:
 
 
 def estimator_table(views: Mapping[str, Any]) -> Table:
-    """Pose errors of each estimator on the dots that were found."""
+    """Pose errors of each estimator for the detected dots."""
     rows = [
         [
             TITLES.get(name, name),
@@ -186,13 +186,13 @@ def estimator_table(views: Mapping[str, Any]) -> Table:
 
 
 def stress_table(views: Mapping[str, Any]) -> Table:
-    """The same views under worse conditions."""
+    """Results of the same views under worse conditions."""
     rows = [_view_row("as above", views), *(_view_row(name, group) for name, group in views["stress"].items())]
     return Table("The same views under worse conditions", _VIEW_HEADER, rows, "")
 
 
 def heading(results: Mapping[str, Any]) -> str:
-    """Say what was measured, from where, with what."""
+    """Describe the poses, trials, noise and camera."""
     camera, poses = results["camera"], results["poses"]
     dropped = f", {poses['dropped']} more do not see the whole marker" if poses["dropped"] else ""
     lens = f", {camera['distortion']['model']} lens" if "distortion" in camera else ""
@@ -205,7 +205,7 @@ def heading(results: Mapping[str, Any]) -> str:
 
 
 def trial_sentences(results: Mapping[str, Any]) -> list[str]:
-    """Say what needs no table: who steps aside, how safe the labels are, and whether the covariance is calibrated."""
+    """Comment on skipped estimators, label margins, and the calibration of the covariance."""
     found = []
     if "condition" not in (results.get("criteria") or {"condition": None}):
         found.append("DLT and IPPE assume a plane and step aside, for this marker has relief; LM begins from SQPnP.")
@@ -227,7 +227,7 @@ def trial_sentences(results: Mapping[str, Any]) -> list[str]:
 
 
 def view_sentences(results: Mapping[str, Any]) -> list[str]:
-    """Say what the views come to, what failed, and what to improve first."""
+    """Summarize the views, the failures, and what to improve first."""
     found = []
     views = results["views"]
     if views:

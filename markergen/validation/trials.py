@@ -1,4 +1,4 @@
-"""Noisy trials of a marker at every pose: estimates from image points with noise, their errors, and the bounds."""
+"""Noisy trials of a marker at every pose: estimates from noisy image points, their errors, and the bounds."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -37,28 +37,28 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 BLOCK = 4096
-"""Trials that are solved at once: bounds the memory whatever the number of runs."""
+"""Number of trials solved at once, which bounds the memory for any number of runs."""
 NEES_OF = "lm"
-"""The maximum-likelihood estimator, the one whose covariance the bound is."""
+"""Name of the maximum-likelihood estimator, to whose covariance the bound applies."""
 LEAST_DEPTH = 0.1
-"""Validation points nearer to the camera's plane than this share of the marker's distance are left out of HE."""
+"""Minimum depth of validation points, as a share of the marker's distance; nearer ones are left out of HE."""
 
 MOST_RUNS = 1_000_000
 POSES_AT_ONCE = 4
-"""Poses in one chunk of work: about a second of computing at 1000 runs."""
+"""Number of poses per chunk of work: about a second of computing at 1000 runs."""
 MOST_NOISE_PX = 1000.0
-"""Beyond any image; no estimate means anything long before."""
+"""Maximum noise, larger than any image; estimates are meaningless long before."""
 WORTH_A_WORKER = 10_000
-"""Trials (poses times runs) below which starting another process takes longer than it saves."""
+"""Number of trials (poses times runs) below which starting another process does not pay."""
 
 
 @dataclass(frozen=True, eq=False)
 class PoseErrors:
-    """Errors of one pose estimator, arrays (T,) for a pose or (P, T) for all: RE, TE, and what went wrong.
+    """Errors of one pose estimator, arrays (T,) for one pose or (P, T) for all: RE, TE, failures and flips.
 
-    `nearest_deg` is the RE of the solution that is nearest to the truth, whichever the estimator prefers: what a second
-    look, such as another image, could make of it. NEES is nan where it is not defined: a failure or a flip, no noise,
-    or another estimator than LM.
+    `nearest_deg` is the RE of the solution nearest to the truth, whichever the estimator prefers: the error if another
+    image resolved the ambiguity. NEES is nan where it is not defined: for failures and flips, without noise, and for
+    estimators other than LM.
     """
 
     rotation_deg: Array
@@ -71,9 +71,9 @@ class PoseErrors:
 
 @dataclass(frozen=True, eq=False)
 class HomographyErrors:
-    """Errors of one homography estimator, arrays (T,) for a pose or (P, T) for all: HE in ideal px^2, and failures.
+    """Errors of one homography estimator, arrays (T,) for one pose or (P, T) for all: HE in ideal px^2, and failures.
 
-    A homography knows no lens: it maps to the image of a camera without distortion.
+    A homography maps to undistorted pixels.
     """
 
     he_px2: Array
@@ -85,13 +85,13 @@ Errors = PoseErrors | HomographyErrors
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """Everything that decides the trials; each pose has its own random numbers, whoever computes it and when.
+    """Parameters of the trials; each pose has its own random stream, in any process at any time.
 
     Attributes
     ----------
     points : array (n, 3), m
     radius : float
-        Radius of the marker in m; the validation grid goes by it.
+        Radius of the marker in m, which scales the validation grid.
     camera : Camera
     poses : PoseDistribution
     bounds : PoseBounds
@@ -121,11 +121,11 @@ class TrialResults:
     ----------
     marker : Marker
     experiment : Experiment
-        Camera, poses that see the marker whole, bounds, noise, runs, and seed.
+        Camera, poses that see the entire marker, bounds, noise, runs, and seed.
     errors : mapping
-        By estimator; arrays (P, runs). Empty if there were no runs.
+        Arrays (P, runs) by estimator; empty if there were no runs.
     condition : array (P,) or None
-        Condition number c(A) of every pose, in unit coordinates.
+        Condition number c(A) for every pose, in unit coordinates.
     """
 
     marker: Marker
@@ -141,12 +141,12 @@ class TrialResults:
         budget: Any = None,
         labels: Any = None,
     ) -> dict[str, Any]:
-        """Return the results as plain JSON values, None in place of a number that does not exist.
+        """Return the results as plain JSON values, with None for undefined numbers.
 
         Parameters
         ----------
         criteria, comparisons, views, budget, labels
-            JSON values that others compute, put in their places.
+            JSON values computed elsewhere, to be included.
         """
         experiment = self.experiment
         poses = experiment.poses
@@ -226,7 +226,7 @@ def run_experiment(
     progress: Callable[[int, int], None] | None = None,
     condition: Array | None = None,
 ) -> TrialResults:
-    """Run noisy trials of a marker at every pose that sees it whole, with each estimator, and bound them.
+    """Run noisy trials of a marker with each estimator at every pose that sees all of it, and compute their bounds.
 
     Parameters
     ----------
@@ -240,18 +240,18 @@ def run_experiment(
     seed : int
         Equal seeds give equal results, whatever the number of workers.
     estimators : sequence of str or None
-        Names from `ESTIMATORS`; None takes all that can do with the marker (a relief rules the planar ones out).
+        Names from `ESTIMATORS`; None takes all that support the marker (a relief excludes the planar ones).
     workers : int or None
-        Processes; None takes as many as there are processors and as the work is worth, 1 computes in this process.
+        Number of processes; None takes as many as the processors and the amount of work justify, 1 uses this process.
     progress : callable or None
-        Called with the number of poses done and the number of all.
+        Called with the number of poses done and the total.
     condition : array (P,) or None
-        Condition numbers to report, one for every pose that sees the marker whole.
+        Condition numbers to report, one for every pose that sees the entire marker.
 
     Raises
     ------
     InputError
-        If a number is out of range, an estimator unknown or not fit for a relief, or no pose sees the marker whole.
+        If a number is out of range, an estimator is unknown or unfit for a relief, or no pose sees the entire marker.
     """
     _check(noise_px, runs, seed)
     poses = poses.seen_whole(marker.boundary, camera, marker.height)
@@ -278,14 +278,14 @@ def run_experiment(
 
 
 def run_trials(experiment: Experiment, indices: Iterable[int]) -> list[dict[str, Errors]]:
-    """Errors of every estimator, arrays (runs,), for each of the poses with these indices."""
+    """Errors of every estimator, arrays (runs,), for each pose with one of these indices."""
     return [_run_pose(experiment, index) for index in indices]
 
 
 def noisy_images(experiment: Experiment, index: int) -> Iterable[Array]:
-    """Blocks (T, n, 2) of the image points of a pose with noise, `runs` in total; the same for the same seed.
+    """Yield blocks (T, n, 2) of noisy image points of a pose, `runs` in total; the same for the same seed.
 
-    Their px are those of the image as taken, through the lens.
+    They are distorted pixels.
     """
     rng = np.random.default_rng(np.random.SeedSequence(experiment.seed, spawn_key=(index,)))
     rotation, translation = experiment.poses.rotation[[index]], experiment.poses.translation[[index]]
@@ -296,7 +296,7 @@ def noisy_images(experiment: Experiment, index: int) -> Iterable[Array]:
 
 
 def join(parts: list[dict[str, Errors]], stack: bool) -> dict[str, Errors]:
-    """Join errors by estimator: stacked along a new first axis, or one after the other."""
+    """Join errors by estimator: stacked along a new first axis, or concatenated."""
     together = np.stack if stack else np.concatenate
     return {
         name: type(first)(**{key: together([vars(part[name])[key] for part in parts]) for key in vars(first)})
@@ -345,7 +345,7 @@ def _fitting(points: Array, names: Sequence[str] | None) -> tuple[str, ...]:
     for name in names:
         if relief and ESTIMATORS[name].planar_only:
             raise InputError(
-                "an estimator that can do with a relief", repr(name), "leave it out: it is for points in one plane"
+                "an estimator that supports relief", repr(name), "leave it out: it requires coplanar points"
             )
     return tuple(ESTIMATORS[name].name for name in dict.fromkeys(names))
 
@@ -377,7 +377,7 @@ def _homography(errors: HomographyErrors, poses: Mask) -> dict[str, Any]:
 
 
 def _nees(errors: PoseErrors, poses: Mask) -> dict[str, Any]:
-    """Mean NEES, and the 99 % interval around 6 that it falls into if the bound's covariance is right."""
+    """Mean NEES, and its 99 % interval around 6 if the bound's covariance is right."""
     values = errors.nees[poses]
     values = values[np.isfinite(values)]
     if not values.size:

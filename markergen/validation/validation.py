@@ -1,6 +1,6 @@
-"""Validate a marker: trials, bounds, criteria, layouts beside it, synthetic views; and the result of all that.
+"""Validate a marker by trials, bounds, criteria, other layouts and synthetic views.
 
-`validate` computes plain JSON values, `Validation` prints, plots, saves, checks and processes them.
+`validate` computes plain JSON values; `Validation` prints, plots, saves, checks and processes them.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -48,14 +48,14 @@ _ANGLE = "polar_angle_deg"
 
 
 def setting_of(marker: Marker, poses: str | PoseDistribution | None = None, camera: Camera | None = None) -> Setting:
-    """Return the camera and poses that a marker was designed for, or others: poses as `poses_from` takes them.
+    """Return the camera and poses that a marker was designed for, or others: poses in any form for `poses_from`.
 
-    A marker whose file does not say what it was designed for is judged in the paper's setting.
+    A marker whose file does not state its setting is judged in the paper's.
 
     Raises
     ------
     InputError
-        If the poses are unknown, or none sees the marker whole.
+        If the poses are unknown, or none sees the entire marker.
     """
     spec = spec_of(marker) or Spec()
     distribution = poses_from(spec.poses if poses is None else poses)
@@ -84,25 +84,25 @@ def validate(
     runs : int
         Noisy trials for each pose; 0 gives the bounds alone.
     series : SyntheticViews or None
-        Synthetic images to render and detect; their optics and error sources are those of the error budget. None is no
-        images, the default optics, and a print good to 0.1 mm.
+        Synthetic images to render and detect; the error budget uses their optics and error sources. None means no
+        images, the default optics, and a print error of 0.1 mm.
     trials_for_all : bool
-        Run the trials for the layouts beside the marker as well; otherwise they have criteria and bounds.
+        Run the trials for the other layouts as well; otherwise only their criteria and bounds are computed.
     stressed : bool
         Repeat the views under worse conditions.
     progress : callable or None
-        Called with the stage, what is done of it, and its total.
+        Called with the stage, the amount done, and the total.
 
     Returns
     -------
     dict
-        In the form that docs/validate.md describes.
+        In the form described in docs/validate.md.
 
     Raises
     ------
     InputError
-        If the control points determine no homography, those of a relief no pose, or a number is out of range; also as
-        `check_supported` does.
+        If the control points determine no homography (no pose for a relief), a number is out of range, or
+        `check_supported` refuses the marker.
     """
     check_supported(marker, "to validate")
 
@@ -124,7 +124,7 @@ def validate(
     if not np.isfinite(OBJECTIVES[judge](setting)(points[None])[0]):
         raise InputError(
             f"control points that determine a {what}",
-            "too many of them on one line or in one place",
+            "too many of them collinear or coincident",
             "design the marker again, with four points in general position",
         )
     own = trials(marker, "trials")
@@ -153,17 +153,17 @@ def median_layout(layouts: Array, setting: Setting) -> Array:
 class Validation(SavableResult):
     """The result of `markergen.validate`.
 
-    ``print(validation)`` shows what the command prints. It can be pickled, and keeps no images: those that a report or
-    a folder of pictures needs are rendered again, the same ones.
+    ``print(validation)`` shows what the command prints. It can be pickled, and keeps no images: those for a report or a
+    folder of pictures are rendered again, identically.
 
     Parameters
     ----------
     results : mapping
-        Values that `validate` returns, in the form that docs/validate.md describes.
+        Return value of `validate`, in the form described in docs/validate.md.
     series : SyntheticViews
         Marker, camera, poses, optics and error sources of the results.
     written : sequence of Written
-        Files that were asked for together with the results.
+        Files that were written together with the results.
 
     Examples
     --------
@@ -190,7 +190,7 @@ class Validation(SavableResult):
 
     @property
     def results(self) -> Mapping[str, Any]:
-        """Everything as plain JSON values, see docs/validate.md; read-only."""
+        """All results as plain JSON values, see docs/validate.md; read-only."""
         return MappingProxyType(self._results)
 
     @property
@@ -200,7 +200,7 @@ class Validation(SavableResult):
 
     @property
     def setting(self) -> Setting:
-        """Camera, and the poses that see the marker whole."""
+        """Camera, and the poses that see the entire marker."""
         return Setting(self.marker.boundary, self.series.camera, self.series.poses)
 
     @property
@@ -210,7 +210,7 @@ class Validation(SavableResult):
 
     @property
     def estimators(self) -> Mapping[str, Any]:
-        """Errors in the trials by estimator, such as ``estimators["lm"]["rotation_deg"]["rms"]``; none if 0 runs."""
+        """Errors in the trials by estimator, such as ``estimators["lm"]["rotation_deg"]["rms"]``; empty for 0 runs."""
         return MappingProxyType(self._results["estimators"])
 
     @property
@@ -221,7 +221,7 @@ class Validation(SavableResult):
 
     @property
     def nees(self) -> Mapping[str, Any] | None:
-        """Normalized estimation error squared of LM: 6 in the mean if the covariances are right; None if 0 runs."""
+        """Normalized estimation error squared of LM, 6 on average if the covariances are right; None for 0 runs."""
         nees = self._results["nees"]
         return None if nees is None else MappingProxyType(nees)
 
@@ -243,7 +243,7 @@ class Validation(SavableResult):
         Raises
         ------
         InputError
-            If the expression is malformed, or its path leads to no number; the message lists what there is.
+            If the expression is malformed, or its path does not lead to a number; the message lists the available keys.
         """
         if not isinstance(expression, str):
             raise InputError("an expression", brief(expression), "write 'estimators.lm.rotation_deg.rms > 0.5'")
@@ -257,17 +257,17 @@ class Validation(SavableResult):
         pictures: StrPath | None = None,
         progress: Progress | None = None,
     ) -> list[Written]:
-        """Write files by suffix: .html the report, .json the results, .svg or .png the plot; see `SavableResult`.
+        """Write files by suffix: .html for the report, .json the results, .svg or .png the plot; see `SavableResult`.
 
         Parameters
         ----------
         json, report : path or None
             Files for the results, under any suffix, and for the report.
         pictures : path or None
-            Folder for failed, worst and typical views as .png; those of an earlier run are replaced. Raises InputError
-            if there are no views.
+            Folder for failed, worst and typical views as .png, replacing those of an earlier run. Raises InputError if
+            there are no views.
         progress : callable or None
-            Called with the stage, what is done of it, and its total.
+            Called with the stage, the amount done, and the total.
         """
         check_progress(progress)
         targets = self.targets(paths, pictures, json=json, report=report)
@@ -275,7 +275,7 @@ class Validation(SavableResult):
         return self.write(targets.checked(), progress)
 
     def write(self, targets: Targets, progress: Progress | None = None) -> list[Written]:
-        """Write what was sorted and checked before, and the pictures of views that it needs."""
+        """Write files that were sorted and checked before, and the pictures of views that they need."""
         told = progress or (lambda *_: None)
         shown: list[Picture] = []
         if self.views and (targets.pictures is not None or "report" in [kind for kind, _ in targets.files]):
@@ -298,20 +298,20 @@ class Validation(SavableResult):
         return [Written(path) for path in contents]
 
     def save_pictures(self, folder: StrPath) -> list[Written]:
-        """Write views that failed, the worst and typical ones, see `save`."""
+        """Write failed, worst and typical views, see `save`."""
         return self.save(pictures=folder)
 
     def to_json(self) -> bytes:
-        """Results as JSON text."""
+        """Return the results as JSON text."""
         return json_bytes(self._results)
 
     def to_frame(self) -> "DataFrame":
-        """Return a pandas data frame with a row for each estimator and polar angle, and one over all poses.
+        """Return a pandas data frame with one row per estimator and polar angle, and one over all poses.
 
         Its columns are ``source`` (``trials`` or ``views``), ``estimator``, ``polar_angle_deg`` (a text: an angle, a
         bin such as ``30..40``, or ``all``), mean, std, rms, median, p95 and max of ``rotation_deg`` and
         ``translation_pct`` (as in ``rotation_deg_rms``), each with its ``bound``, ``efficiency``, ``flip_rate`` and
-        ``failure_rate``. What does not exist is missing.
+        ``failure_rate``. Undefined values are missing.
 
         Raises
         ------
@@ -338,7 +338,7 @@ class Validation(SavableResult):
         Parameters
         ----------
         ax : matplotlib axes or None
-            Where to draw; None makes a figure of its own, which is ``ax.figure``.
+            Axes to draw on; None makes a new figure, available as ``ax.figure``.
         """
         ax = axes_of(ax)
         measured = {name: _rotation(row["by_polar_angle"]) for name, row in self.estimators.items()}
@@ -353,7 +353,7 @@ class Validation(SavableResult):
         return ax
 
     def parts(self) -> list[str | Table]:
-        """Sentences and tables in the order in which the command prints them."""
+        """Return sentences and tables in the order in which the command prints them."""
         results = self._results
         shown: list[str | Table] = [tables.heading(results)]
         if results["estimators"]:
@@ -398,7 +398,7 @@ class Validation(SavableResult):
 
 
 def check_pictures(targets: Targets, views: int) -> None:
-    """Refuse a folder for pictures where there are no views to take any of; raises InputError."""
+    """Refuse a folder for pictures if there are no views; raises InputError."""
     if targets.pictures is not None and not views:
         raise InputError("views to take", "--views 0", "leave out --pictures, or ask for views")
 
@@ -420,5 +420,5 @@ def _columns(row: Mapping[str, Any], bound: Mapping[str, Any]) -> dict[str, Any]
 
 
 def _beside(row: Criteria, noise_px: float) -> dict[str, Any]:
-    # Criteria are for 1 px, and bounds are proportional to the noise.
+    # Criteria are for 1 px; bounds are proportional to the noise.
     return {"criteria": dict(row), "bound": {key: noise_px * row[key] for key in ("rotation_deg", "translation_pct")}}

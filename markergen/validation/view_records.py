@@ -1,4 +1,4 @@
-"""Records of synthetic views and their statistics: detection rate, errors, calibration of the covariance, stress."""
+"""Records of synthetic views and their statistics: detection rate, errors, covariance consistency, stress tests."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -30,12 +30,12 @@ from markergen.validation.views import SyntheticViews, View, take_view
 Array = NDArray[np.float64]
 
 DETECTOR = "detect"
-"""The pose that the detection itself reports, from weighted image points, with its covariance."""
+"""Name of the pose that the detection itself reports, from weighted image points, with its covariance."""
 
 AT_ONCE = 10
-"""Views in one chunk of work."""
+"""Number of views per chunk of work."""
 WORTH_A_WORKER = 60
-"""Views below which starting another process takes longer than it saves."""
+"""Number of views below which starting another process does not pay."""
 NOMINAL_COVERAGE = 0.95
 
 CONDITIONS: dict[str, Callable[[SyntheticViews], SyntheticViews]] = {
@@ -47,7 +47,7 @@ CONDITIONS: dict[str, Callable[[SyntheticViews], SyntheticViews]] = {
     "one dot hidden": lambda series: replace(series, hidden=1),
     "clutter": lambda series: replace(series, background="clutter"),
 }
-"""Worse conditions by name, and what each makes of a series."""
+"""Worse conditions by name, as functions that modify a series."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,19 +60,19 @@ class Record:
     detected, wrong : bool
     failure : str
     found : array (m,) of int
-        Indices of the control points that were found; of a view that counts as not detected, none.
+        Indices of the control points that were found; empty for a view that counts as not detected.
     error : array (m, 2), px
     uncorrected_px : array (m,)
     bound_px2 : array (m,)
-        Variance of each dot's center, x and y together, that the image's noise allows.
+        Bound on the variance of each dot's center, x and y together, for the image's noise.
     poses : mapping
-        (RE in degrees, TE in percent) by estimator; of estimators that failed, none.
+        (RE in degrees, TE in percent) by estimator, without those that failed.
     pose_error : array (6,)
         Error of the detector's pose in the camera frame: log(R_hat R'), rad, and t_hat - t, m; nan if there is none.
     nees : float
-        Its square by the covariance that the detector claims.
+        NEES: the pose error squared, weighted by the inverse of the detector's covariance.
     homography_px : float
-        Root of HE, px; nan where there is no homography.
+        Root of HE, px; nan if there is no homography.
     """
 
     index: int
@@ -91,7 +91,7 @@ class Record:
 
 
 def record(series: SyntheticViews, view: View) -> Record:
-    """Hold a view against the truth."""
+    """Compare a view with the truth."""
     empty = np.zeros(0)
     if not view.detected:
         return Record(
@@ -114,7 +114,7 @@ def record(series: SyntheticViews, view: View) -> Record:
 def take_records(
     series: SyntheticViews, workers: int | None = None, progress: Callable[[int, int], None] | None = None
 ) -> list[Record]:
-    """Take all views of a series, spread over processes; the same records for any number of them."""
+    """Take all views of a series, distributed over processes; the records do not depend on the number of processes."""
     workers = workers_for(workers, 1 + series.count // WORTH_A_WORKER)
     parts = map_counted(partial(_chunk, series), ranges(series.count, AT_ONCE), workers, progress)
     return [each for part in parts for each in part]
@@ -125,7 +125,7 @@ def _chunk(series: SyntheticViews, indices: Iterable[int]) -> list[Record]:
 
 
 def summarize(series: SyntheticViews, records: list[Record]) -> dict[str, Any]:
-    """Plain values of the series in the form that docs/validate.md describes; nan where a number does not exist."""
+    """Plain values of the series in the form described in docs/validate.md; nan for undefined numbers."""
     poses = series.poses
     names = [DETECTOR, *_estimators(series.marker)]
     pose = np.array([each.pose for each in records])
@@ -148,7 +148,7 @@ def summarize(series: SyntheticViews, records: list[Record]) -> dict[str, Any]:
 def stress(
     series: SyntheticViews, workers: int | None = None, progress: Callable[[int, int], None] | None = None
 ) -> dict[str, Any]:
-    """Return the summary of the views under each condition, in the form of `summarize` without its single views."""
+    """Return the summary of the views under each condition, in the form of `summarize` without single views."""
     results = {}
     total = len(CONDITIONS) * series.count
     for number, (name, worsen) in enumerate(CONDITIONS.items()):
@@ -164,7 +164,7 @@ def _shifted(progress: Callable[[int, int], None], start: int, total: int) -> Ca
 
 
 def _estimators(marker: Marker) -> dict[str, PoseEstimator]:
-    """Pose estimators that can do with the marker, by name."""
+    """Pose estimators that support the marker, by name."""
     relief = bool(marker.xyz[:, 2].any())
     return {
         name: estimator
@@ -208,7 +208,7 @@ def _summary(records: list[Record], names: Sequence[str]) -> dict[str, Any]:
 
 
 def _nees(values: Array) -> dict[str, Any]:
-    """Mean NEES and how often the truth lies in the 95 % region, each with what 99 % of such series give."""
+    """Mean NEES and coverage of the 95 % region, each with its 99 % interval."""
     from scipy.special import gammaincinv
 
     if not len(values):

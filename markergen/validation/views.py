@@ -1,4 +1,4 @@
-"""Synthetic views of a marker, detected as a photo would be and held against the truth, and pictures of some."""
+"""Synthetic views of a marker, detected like photos and compared with the truth, and pictures of some of them."""
 
 import re
 from collections.abc import Container, Iterator, Mapping
@@ -24,17 +24,17 @@ from markergen.validation.print_error import misprinted
 Array = NDArray[np.float64]
 
 WRONG_PX = 5.0
-"""A detection with any dot farther than this from its true place carries a wrong label."""
+"""Maximum distance in px of a dot from its true position; beyond it, the detection has a wrong label."""
 
 MOST_VIEWS = 1_000_000
 
 FAILURES, WORST, TYPICAL = 6, 3, 3
-"""Pictures of each kind at the most."""
+"""Maximum number of pictures of each kind."""
 
 
 @dataclass(frozen=True, eq=False)
 class SyntheticViews:
-    """A series of synthetic views by all that decides it; equal ones give the same images, whoever takes them and when.
+    """Parameters of a series of synthetic views; equal ones give the same images in any process at any time.
 
     Attributes
     ----------
@@ -42,24 +42,24 @@ class SyntheticViews:
     camera : Camera
     poses : PoseDistribution
     count : int
-        Views; one pose is drawn from each of `count` equal stretches of the distribution, so poses come again, with
-        other noise, where it has fewer. 0 takes none.
+        Number of views; one pose is drawn from each of `count` equal stretches of the distribution, so that poses
+        repeat, with other noise, if it has fewer. May be 0.
     seed : int
     optics : Optics
     background : str
-        ``plain``: substrate as far as the eye can see; or a name from render's table of backgrounds.
+        ``plain``: unbounded substrate; or a name from render's table of backgrounds.
     hidden : int
-        Dots that something lies on, chosen anew in every view.
+        Number of covered dots, chosen anew for every view.
     errors : ErrorSources
-        `print_sigma` displaces every dot of every view's print, and a dot that was measured by what its covariance
-        says instead; all are what the detection's covariance allows for.
+        `print_sigma` displaces every dot of every view's print, except measured dots, which are displaced by their
+        covariance instead; the detection's covariance accounts for all of it.
     refine : str
         ``none`` or ``photometric``.
 
     Raises
     ------
     InputError
-        If a number is out of range, a name unknown, or a dot has no size.
+        If a number is out of range, a name is unknown, or a dot has no size.
     """
 
     marker: Marker
@@ -87,14 +87,14 @@ class SyntheticViews:
         check_refinement(self.refine)
 
     def pose_of(self, k: int) -> int:
-        """Index into the pose distribution of view k."""
+        """Return the index into the pose distribution for view k."""
         jitter = np.random.default_rng([self.seed, self.count, k, 3]).random()
         return int((k + jitter) * len(self.poses) / self.count)
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One synthetic image, what was found in it, and what is true.
+    """One synthetic image, the detection in it, and the truth.
 
     Attributes
     ----------
@@ -103,9 +103,9 @@ class View:
     image : array (height, width)
     detection : Detection
     truth : array (n, 2), px
-        Images of the dots' centers where they were printed, the print's error included.
+        Images of the dots' centers as printed, including the print error.
     hidden : array (h,) of int
-        Indices of the control points that something lies on.
+        Indices of the covered control points.
     """
 
     index: int
@@ -118,38 +118,38 @@ class View:
 
     @property
     def found(self) -> NDArray[np.intp]:
-        """Indices (m,) of the control points that were found, in the order of the detection."""
+        """Indices (m,) of the detected control points, in the order of the detection."""
         order = np.argsort(self.ids)
         return order[np.searchsorted(self.ids, self.detection.ids, sorter=order)]
 
     @property
     def error(self) -> Array:
-        """Errors (m, 2) in px of the control points that were found; empty when none was."""
+        """Errors (m, 2) in px of the detected control points; empty if there are none."""
         return self.detection.pixels - self.truth[self.found]
 
     @property
     def uncorrected_px(self) -> Array:
-        """Distances (m,) in px from the truth of the ellipses' centers, before the correction for perspective."""
+        """Distances (m,) in px of the ellipse centers from the truth, before the correction for perspective."""
         return np.linalg.norm(self.detection.ellipse_centers - self.truth[self.found], axis=-1)
 
     @property
     def error_px(self) -> Array:
-        """Distances (m,) in px of the control points that were found from the true ones."""
+        """Distances (m,) in px of the detected control points from the truth."""
         return np.linalg.norm(self.error, axis=-1)
 
     @property
     def wrong(self) -> bool:
-        """Found, but with a wrong label."""
+        """True if it was detected with a wrong label."""
         return bool(np.any(self.error_px > WRONG_PX))
 
     @property
     def detected(self) -> bool:
-        """Found, and right."""
+        """True if it was detected correctly."""
         return self.detection.found and not self.wrong
 
     @property
     def failure(self) -> str:
-        """Reason why it counts as not detected; empty if it does not."""
+        """Reason why it counts as not detected; empty if it was detected."""
         if self.wrong:
             return f"wrong label: a dot is {self.error_px.max():.1f} px off"
         return self.detection.reason
@@ -160,7 +160,7 @@ def take_view(series: SyntheticViews, k: int) -> View:
     marker, camera = series.marker, series.camera
     pose = series.pose_of(k)
     rotation, translation = series.poses.rotation[pose], series.poses.translation[pose]
-    # Each source has its own random numbers, so that a view without print error differs by that alone.
+    # Each source has its own random stream, so that switching off the print error changes nothing else.
     noise, misprint, surroundings = (np.random.default_rng([series.seed, series.count, k, part]) for part in range(3))
     printed = misprinted(marker, series.errors, misprint)
     hidden = np.sort(surroundings.choice(len(marker), series.hidden, replace=False))
@@ -179,12 +179,12 @@ def take_view(series: SyntheticViews, k: int) -> View:
 
 @dataclass(frozen=True)
 class Picture:
-    """One picture with what to say about it.
+    """A picture with its title and caption.
 
     Attributes
     ----------
     name : str
-        Fit for a file's name.
+        Usable as a file name.
     title, caption : str
     png : bytes
     """
@@ -196,7 +196,7 @@ class Picture:
 
 
 def pictures(series: SyntheticViews, views: Mapping[str, Any]) -> Iterator[Picture]:
-    """Take views worth looking at again, and draw into each what was found: failures, the worst, and typical ones.
+    """Render views worth a closer look, with the detection drawn in: failures, the worst, and typical ones.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def pictures(series: SyntheticViews, views: Mapping[str, Any]) -> Iterator[Pictu
         Summary of the same series by `view_records.summarize`.
     """
     failures = views["failures"]
-    # Evenly among all that failed, since neighbors look alike.
+    # Evenly spaced among all failures, since neighbors look alike.
     for each in _spread(failures, FAILURES):
         yield _picture(series, each, "failure", each["reason"])
     ranked = sorted(views["samples"], key=lambda each: -(each["rotation_deg"] or 0.0))
@@ -215,7 +215,7 @@ def pictures(series: SyntheticViews, views: Mapping[str, Any]) -> Iterator[Pictu
 
 
 def remove_earlier(folder: Path, new: Container[str] = ()) -> None:
-    """Remove pictures that an earlier run left in a folder, known by their names; other files and the new ones stay."""
+    """Remove an earlier run's pictures, recognized by name, from a folder; other files and the new ones stay."""
     for path in folder.iterdir():
         if path.name not in new and re.fullmatch(r"(failure|worst|typical)-\d{4,}\.png", path.name):
             path.unlink()

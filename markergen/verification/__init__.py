@@ -1,4 +1,4 @@
-"""Proof that a file has the right size: it is read back by other means than those that wrote it, dot by dot."""
+"""Verify output files: read them back independently of the code that wrote them, and check every dot."""
 
 from markergen.verification.check import Check, verify
 

@@ -1,4 +1,4 @@
-"""One file held against marker.json."""
+"""Check one file against marker.json."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -34,43 +34,43 @@ Array = NDArray[np.float64]
 MOST_COPIES = 500
 
 UNTAGGED = ("scaled", "mirrored", "another marker")
-"""With these findings nothing is said about the tag, which is as wrong."""
+"""Findings that imply a wrong tag, so that nothing is said about it."""
 
 STRANGE = ("another marker", "no dots")
-"""Findings about a file whose dots are not the marker's."""
+"""Kinds of findings about a file whose dots are not the marker's."""
 
 Wanted = tuple[Marker, tuple[float, float], str]
-"""A marker as it may be drawn, lengths drawn over lengths meant along x and y, and a note."""
+"""A marker as it may be drawn, the ratio of drawn to true lengths along x and y, and a note."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """What a file holds, and whether it is the marker.
+    """Result of verifying one file.
 
     Attributes
     ----------
     path : str
     kind : str
-        Of the file, such as ``PDF``.
+        File format, such as ``PDF``.
     dots : int
-        Dots of the marker's sizes that were found.
+        Number of dots found with sizes of the marker's dots.
     copies : int
-        Times that the marker is in the file.
+        Number of times that the marker is in the file.
     largest : float
-        Distance in m of the dot that is farthest from where marker.json has it, by the best motion without scale; nan
-        where the dots are not the marker's.
+        Largest distance in m between a dot and its position in marker.json, after the best rigid motion (no scale); nan
+        if the dots are not the marker's.
     worst : int or None
         Id of that dot.
     scale : (x, y)
-        By which the dots are apart along the marker's axes.
+        Ratio of the distances between dots in the file to those in marker.json, along the marker's axes.
     pages : tuple of (width, height) or None
-        Paper in mm.
+        Paper sizes in mm.
     tolerance : float
-        m.
+        Tolerance in m that was applied.
     findings : tuple of Finding
         What is wrong; empty if the file passes.
     notes : tuple of str
-        What its reader may want to know.
+        Remarks for the user that are not errors.
     error : str
         Why the file could not be used; empty otherwise.
     """
@@ -90,11 +90,11 @@ class Check:
 
     @property
     def passed(self) -> bool:
-        """The file could be used, and nothing is wrong with it."""
+        """True if the file could be used and has no findings."""
         return not self.error and not self.findings
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain JSON values; what does not exist is null."""
+        """Return plain JSON values; missing values are null."""
         return {
             "file": self.path,
             "format": self.kind or None,
@@ -114,27 +114,27 @@ class Check:
 
 
 def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
-    """Read a file back and hold every dot in it against a marker.
+    """Read a file back and compare every dot in it with a marker.
 
-    The dots are brought onto the marker's by the best rotation and shift, and by nothing else: a scale or a mirror is
-    told as what it is. The file's own origin and labels are not asked.
+    The dots are aligned with the marker's by the best rotation and translation only: scaling and mirroring are reported
+    as findings. The file's own origin and labels are ignored.
 
     Parameters
     ----------
     tolerance : float or None
-        Distance in m that is still right; None takes what the format can do: 1 um, or for pixels a quarter of one.
+        Allowed distance in m; None takes the format's own: 1 um, 5 um for meshes, or 10 um at 600 dpi for pixels.
 
     Raises
     ------
     InputError
-        If the file cannot be read, its format is unknown, the tolerance is not above 0, or as `check_supported` does.
+        If the file cannot be read, its format is unknown, the tolerance is out of range, or `check_supported` refuses.
     MissingLibraryError
-        If the file is a STEP or BREP and the CAD kernel is missing.
+        If the file is STEP or BREP and the CAD kernel is missing.
     """
     check_supported(marker, "to verify a file against", joint=False)
     check_tolerance(tolerance)
     reader = reader_of(path)
-    # What overflows in a file's numbers is not finite, and left out.
+    # Numbers in a file that overflow become infinite and are left out.
     with np.errstate(all="ignore"):
         reading = reader(read(path, "artifact").data, str(path), marker)
     allowed = reading.tolerance if tolerance is None else tolerance
@@ -149,13 +149,13 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
 
 
 def check_tolerance(tolerance: float | None) -> None:
-    """Refuse a tolerance in m that is not above 0 and below 1; None is the format's own."""
+    """Refuse a tolerance in m that is not above 0 and below 1; None stands for the format's own."""
     if tolerance is not None and not 0 < tolerance < 1:
-        raise InputError("a tolerance above 0", f"{tolerance} m", "give a length such as 0.01mm")
+        raise InputError("a tolerance above 0 and below 1 m", f"{tolerance} m", "give a length such as 0.01mm")
 
 
 def verify_all(marker: Marker, paths: Sequence[Path], tolerance: float | None = None) -> list[Check]:
-    """`verify` every file; what is wrong with one that cannot be used is in its `error`."""
+    """`verify` every file; for one that cannot be used, `error` says why."""
     checks = []
     for path in paths:
         try:
@@ -175,7 +175,7 @@ def _is_strange(check: Check) -> bool:
 
 
 def _for_a_sheet(marker: Marker, reading: Reading, surface: Surface, tolerance: float) -> Check | None:
-    """The check of a plate for a printed sheet, if it is one."""
+    """Check a plate for a printed sheet; None if it is not one."""
     if not holds_sheet(surface, marker.boundary):
         return None
     flaws = [Finding("solid", flaw) for flaw in reading.flaws]
@@ -186,13 +186,13 @@ def _for_a_sheet(marker: Marker, reading: Reading, surface: Surface, tolerance: 
 
 
 def _in_another_unit(marker: Marker, reading: Reading, tolerance: float) -> Check | None:
-    """The check of a solid that was written in one unit and is read in another, if that explains it."""
+    """Check a solid written in one unit and read in another; None if that does not explain it."""
     for unit, factor in UNITS.items():
         for times, said in ((factor, f"{unit} taken for mm"), (1 / factor, f"mm taken for {unit}")):
             check = _best(marker, in_unit(reading, times), tolerance)
             if not _is_strange(check):
                 finding = Finding("scaled", f"scaled by {1 / times:.6g} along x, y and z: {said}")
-                # What small numbers make of edges and cells is not said: all of that is wrong.
+                # Findings about edges and cells at the wrong scale mean nothing.
                 rest = tuple(each for each in check.findings if each.kind not in ("solid", "tag", "hole", "color"))
                 scale = (check.scale[0] / times, check.scale[1] / times)
                 return replace(check, largest=np.nan, worst=None, scale=scale, findings=(finding, *rest))
@@ -200,7 +200,7 @@ def _in_another_unit(marker: Marker, reading: Reading, tolerance: float) -> Chec
 
 
 def _wanted(marker: Marker, reading: Reading) -> list[Wanted]:
-    """What the file may rightly hold: the design, its print, or a sheet that makes up for the printer."""
+    """Return what the file may hold: the design, or a print of it with the printer's scale compensated."""
     if not reading.drawn:
         return [(marker, (1.0, 1.0), "")]
     design = marker.as_designed
@@ -232,7 +232,7 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     notes = [note] if note else []
     for page in reading.pages:
         found = _dots(page, expected)
-        # A page may have none: one that tells how to put others together.
+        # A page may have no dots, such as assembly instructions.
         if not len(found) and len(reading.pages) > 1:
             continue
         count += len(found)
@@ -264,7 +264,7 @@ def _dots(page: Page, expected: DotSet) -> DotSet:
 
 
 def _made(verdict: Verdict, marker: Marker, surface: Surface, found: DotSet | None, tolerance: float) -> Verdict:
-    """Verdict of a solid with what is wrong with the colors of its dots, if it has any, and the holes of its plate."""
+    """Add to a solid's verdict the findings about the colors of its dots, if any, and the holes of its plate."""
     if verdict.motion is None or any(each.kind in UNTAGGED for each in verdict.findings):
         return verdict
     colors = color_findings(surface, found.take(verdict.used), verdict.names) if found is not None else []
@@ -275,7 +275,7 @@ def _made(verdict: Verdict, marker: Marker, surface: Surface, found: DotSet | No
 def _copies(
     expected: DotSet, ids: list[int], found: DotSet, tolerance: float, reading: Reading, page: Page
 ) -> list[Verdict]:
-    """Verdicts on all copies of the marker, at least one."""
+    """Verdicts on all copies of the marker; at least one."""
     verdicts: list[Verdict] = []
     left = np.arange(len(found))
     while len(verdicts) < MOST_COPIES:
@@ -296,10 +296,10 @@ def _copies(
 def _tagged(
     verdicts: list[Verdict], tag: Tag, factor: tuple[float, float], page: Page, tolerance: float
 ) -> list[Verdict]:
-    """Verdicts of one page with what is wrong with the tag."""
+    """Add findings about the tag to the verdicts of one page."""
     judged = []
     for verdict in verdicts:
-        # Where the dots are not the marker's there is no place to look for its tag.
+        # Without the marker's dots the tag's position is not known.
         if verdict.motion is None or any(each.kind in UNTAGGED for each in verdict.findings):
             judged.append(verdict)
             continue
@@ -314,7 +314,7 @@ def _tagged(
 
 
 def _own_tags(verdicts: list[Verdict]) -> list[Verdict]:
-    """Verdicts that let copies have tags of their own if one has the right one: a family of markers on one sheet."""
+    """Accept other tags on the copies if one has the right tag: a family of markers on one sheet."""
     wrong = [any(each.kind == "tag" for each in verdict.findings) for verdict in verdicts]
     if all(wrong):
         return verdicts

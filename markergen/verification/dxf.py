@@ -1,4 +1,4 @@
-"""DXF: circles from the plain pairs of group code and value, without any DXF library."""
+"""Read circles of a DXF from its pairs of group code and value, without a DXF library."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -15,22 +15,22 @@ Array = NDArray[np.float64]
 Group = tuple[int, str]
 
 MM = {1: 25.4, 2: 304.8, 4: 1.0, 5: 10.0, 6: 1000.0, 9: 0.0254, 13: 1e-3, 14: 100.0}
-"""Size in mm of the units that $INSUNITS can name."""
+"""Units that $INSUNITS can name, in mm."""
 
 MOST_GROUPS = 3_000_000
 
 
 @READERS.register(".dxf")
 def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (every reader is called alike)
-    """Circles of a DXF in its model space: entities CIRCLE, full ELLIPSE, round LWPOLYLINE, and edges of HATCH."""
+    """Read circles in the model space: CIRCLE, full ELLIPSE and round LWPOLYLINE entities, and edges of HATCH."""
     groups = _groups(data, name)
     unit = _unit(groups, name)
     circles: list[tuple[float, float, float]] = []
     corners: list[Array] = []
     for kind, entity in _entities(groups):
         if kind == "INSERT":
-            raise InputError(f"entities in place in {name}", "a block that is inserted", "explode the blocks")
-        # The plane of an entity whose extrusion points down is seen from behind.
+            raise InputError(f"entities in place in {name}", "an inserted block", "explode the blocks")
+        # An extrusion that points down mirrors the entity's plane.
         flip = -1.0 if _values(entity, 230)[:1] == [-1.0] else 1.0
         for x, y, r in _circles(kind, entity, corners, flip * unit, unit):
             circles.append((flip * unit * x, unit * y, unit * r))
@@ -42,7 +42,7 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (e
 
 def _groups(data: bytes, name: str) -> list[Group]:
     if data.startswith(b"AutoCAD Binary DXF"):
-        raise InputError(f"a DXF of text in {name}", "a binary one", "save it as ASCII DXF")
+        raise InputError(f"an ASCII DXF in {name}", "a binary one", "save it as ASCII DXF")
     lines = data.decode("utf-8", "replace").splitlines()
     if len(lines) > 2 * MOST_GROUPS:
         raise InputError(f"at most {MOST_GROUPS} groups in {name}", "more", "verify a smaller file")
@@ -68,7 +68,7 @@ def _unit(groups: list[Group], name: str) -> float:
 
 
 def _entities(groups: list[Group]) -> Iterator[tuple[str, list[Group]]]:
-    """Kind and groups of each entity of the section ENTITIES."""
+    """Kind and groups of each entity in the ENTITIES section."""
     inside, entity = False, list[Group]()
     starts = [index for index, (code, _) in enumerate(groups) if code == 0]
     for start, end in zip(starts, [*starts[1:], len(groups)], strict=True):
@@ -95,7 +95,7 @@ def _values(entity: list[Group], code: int) -> list[float]:
 def _circles(
     kind: str, entity: list[Group], corners: list[Array], unit_x: float, unit_y: float
 ) -> list[tuple[float, float, float]]:
-    """Circles of one entity in its own unit and plane; corners of others are collected in mm."""
+    """Circles of one entity in its own unit and plane; the corners of other shapes are collected in mm."""
 
     def first(*codes: int) -> list[float]:
         return [values[0] if (values := _values(entity, code)) else np.nan for code in codes]
@@ -117,7 +117,7 @@ def _circles(
 
 
 def _polyline(entity: list[Group]) -> Array:
-    """Points of a polyline; arcs are followed in steps."""
+    """Points of a polyline, with arcs sampled."""
     vertices: list[list[float]] = []
     for code, text in entity:
         try:
@@ -132,7 +132,7 @@ def _polyline(entity: list[Group]) -> Array:
     for (x, y, bulge), (u, v, _) in zip(vertices, [*vertices[1:], *vertices[:1]], strict=True):
         points.append((x, y))
         if bulge and np.isfinite([x, y, u, v, bulge]).all():
-            # The angle is 4 atan(bulge); the center lies beside the middle of the chord.
+            # The arc's angle is 4 atan(bulge); its center lies on the perpendicular bisector of the chord.
             k = (1 - bulge**2) / (4 * bulge)
             cx, cy = (x + u) / 2 - k * (v - y), (y + v) / 2 + k * (u - x)
             sweep = 4 * float(np.arctan(bulge))

@@ -1,4 +1,4 @@
-"""What is wrong with the dots of a file, each thing by its name."""
+"""Classify the errors of the dots in a file."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,20 +15,20 @@ Mask = NDArray[np.bool_]
 Off = Callable[[Array, Array, Mask, bool], Array]
 
 MOST_SUBSETS = 300
-"""Pairs or triples of dots that are asked what the others agree with."""
+"""Maximum number of pairs or triples of dots tried as a basis for consensus."""
 
 MOST_LISTED = 8
 
 STRANGER = 0.25
-"""Share of a dot's diameter: dots that no scale explains and that are farther off belong to another marker."""
+"""Share of a dot's diameter: dots farther off than that, where no scale explains it, belong to another marker."""
 
 DIAMETER = {False: 2.0, True: 4.0}
-"""Tolerance of a diameter in tolerances of a center, by whether the file is made of pixels."""
+"""Ratio of the tolerance of a diameter to that of a center, by whether the file is made of pixels."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong.
+    """One error in a file.
 
     Attributes
     ----------
@@ -44,23 +44,23 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """What became of the dots of one copy of a marker.
+    """Result for the dots of one copy of a marker.
 
     Attributes
     ----------
     largest : float
-        Distance in m of the dot that is farthest from where marker.json has it; nan if no labels were found.
+        Largest distance in m between a dot and its position in marker.json; nan if the dots could not be matched.
     worst : int or None
         Its index.
     scale : (x, y)
-        By which the dots are apart along the marker's axes; nan if that cannot be told.
+        Ratio of distances between dots in the file to those in marker.json, along the marker's axes; nan if unknown.
     findings : tuple of Finding
     motion : (rotation (2, 2), shift (2,)) or None
-        From the marker's frame to the page, mm.
+        Motion from the marker's frame to the page, mm.
     used : array of int
-        Found dots that are part of it.
+        Indices of the found dots that belong to this copy.
     names : tuple of int
-        Ids of these.
+        Ids of these dots.
     """
 
     largest: float
@@ -79,20 +79,20 @@ def judge(
     expected: DotSet, ids: list[int], found: DotSet, tolerance: float, *,
     ordered: bool = True, upright: Callable[[], bool | None] | None = None, pixels: bool = False,
 ) -> Verdict:  # fmt: skip
-    """Hold found dots against those expected, by the best motion of the plane without any scale.
+    """Compare found dots with expected ones, aligned by the best rigid motion of the plane (no scale).
 
     Parameters
     ----------
     expected, found : DotSet
         mm.
     ids : list of int
-        What to call the expected ones.
+        Ids of the expected dots.
     tolerance : float
         m.
     ordered, upright
         See `best_match`.
     pixels : bool
-        Whether diameters are those of pixels.
+        True if the dots were measured in pixels, which widens the tolerance of diameters.
     """
     tol = 1e3 * tolerance
     labels = best_match(expected, found, ordered and found.ordered, upright)
@@ -147,7 +147,7 @@ def judge(
 def extras(
     found: DotSet, used: NDArray[np.intp], motion: tuple[Array, Array] | None, holes: Array | None = None
 ) -> list[Finding]:
-    """Dots that belong to no copy of the marker, by their place in its frame; in `holes` (k, 2), mm, there are none."""
+    """Dots that belong to no copy, by position in the marker frame; dots at `holes` (k, 2), mm, are skipped."""
     left = np.setdiff1d(np.arange(len(found)), used)
     if not len(left) or motion is None:
         return []
@@ -164,7 +164,7 @@ def extras(
 
 
 def _explain(source: Array, target: Array, mirror: bool, tol: float) -> tuple[Mask, tuple[float, float], bool]:
-    """Dots that agree with one motion, the scales that go with them, and whether it takes these to agree."""
+    """Find the dots that agree with one motion, their scales, and whether the agreement requires scaling."""
 
     def scales(chosen: Mask) -> tuple[float, float]:
         if chosen.sum() < 3:
@@ -182,7 +182,7 @@ def _explain(source: Array, target: Array, mirror: bool, tol: float) -> tuple[Ma
         return scaled, scales(scaled), True
     if rigid.sum() >= 3 and 2 * rigid.sum() > len(source):
         return rigid, scales(rigid), False
-    # Nothing agrees: scaled if that is most of it, and none of the dots is trusted.
+    # No consensus: call it scaled if that explains most of the error, and otherwise trust no dot.
     none = np.zeros(len(source), dtype=bool)
     if len(source) >= 4:
         off, without = (float(np.max(each(source, target, everything, mirror))) for each in (_scaled_off, _rigid_off))
@@ -213,7 +213,7 @@ def _consensus(source: Array, target: Array, mirror: bool, tol: float, size: int
     for subset in _subsets(len(source), size):
         chosen = np.zeros(len(source), dtype=bool)
         chosen[list(subset)] = True
-        # A few dots put the others less exactly than all that agree do.
+        # A small subset predicts the other dots less accurately than the full consensus.
         near = off(source, target, chosen, mirror) <= 3 * tol
         if near.sum() <= max(best.sum(), size):
             continue
@@ -247,7 +247,7 @@ def _scaled(by: Array, source: Array, tol: float) -> str:
 
 
 def _resized(own: DotSet, expected: DotSet, factor: float) -> bool:
-    """Whether the dots keep their size where their distances do not."""
+    """True if the dots keep their size while the distances between them are scaled."""
     known = np.isfinite(own.radii) & (expected.radii > 0)
     if not known.any():
         return False
@@ -277,7 +277,7 @@ def _absent(ids: list[int], labels: Match) -> list[Finding]:
 def _features(
     names: list[int], own: DotSet, expected: DotSet, factor: float, tol: float, share: float
 ) -> list[Finding]:
-    """Findings about diameters, kinds, heights, and circles of one dot that are apart."""
+    """Findings about diameters, kinds, heights, and off-center circles of a dot."""
     findings = []
     known = np.isfinite(own.radii)
     for k in np.flatnonzero(known & (own.rings != expected.rings))[:MOST_LISTED]:
@@ -306,7 +306,7 @@ def _features(
     for k in np.flatnonzero(known & (own.spread > tol))[:MOST_LISTED]:
         findings.append(Finding("twice", f"the circles of dot {names[k]} are {short_length(own.spread[k])} apart"))
     if own.heights is not None and expected.heights is not None:
-        # The origin of heights is the marker's plane in every format that has them.
+        # In every format with heights they are measured from the marker's plane.
         rise = own.heights / factor - expected.heights
         wrong = np.flatnonzero(np.abs(rise) > tol)
         together = len(wrong) == len(names) > 1 and np.ptp(rise) <= 2 * tol

@@ -1,4 +1,4 @@
-"""Dots of a marker and of a file, and which is which: no label is read, the layout and the key ring tell."""
+"""Match dots of a file to dots of a marker by the layout and the key ring; labels are ignored."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,36 +14,36 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 ALIKE = 1.3
-"""Circles whose radius is within this factor of a dot's may be dots."""
+"""Maximum ratio between the radii of a circle and of a dot that it may be."""
 
 CONCENTRIC = 0.2
-"""Share of the smaller radius by which the centers of circles of one dot may differ."""
+"""Maximum distance between the centers of circles of one dot, as a share of the smaller radius."""
 
 STRETCH = 0.1
-"""Share by which distances in a file may be off; what is more is another marker."""
+"""Maximum relative error of distances in a file; beyond it, it shows another marker."""
 
 MOST_GUESSES, CHECKED, KEPT = 20_000, 12, 60
-"""Guessed motions, dots that each is checked at first, and guesses that are checked at all dots."""
+"""Number of candidate motions, of dots that each is tried on at first, and of candidates then tried on all dots."""
 
 BASE_PAIRS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class DotSet:
-    """Dots of a marker or a page, lengths in mm.
+    """Dots of a marker or a page, with lengths in mm.
 
     Attributes
     ----------
     centers : array (m, 2)
     radii : array (m,)
-        nan where a format does not tell.
+        nan in formats without radii.
     inner : array (m,)
-        Inner radius of a ring, 0 of a disk.
+        Inner radius of a ring; 0 for a disk.
     spread : array (m,)
-        How far the circles of one dot are apart, or its inner circle off its middle.
+        Largest distance between the centers of the circles of one dot.
     heights : array (m,) or None
     ordered : bool
-        Whether they stand in the order in which their file was written.
+        True if the dots are in the order in which they were written to the file.
     """
 
     centers: Array
@@ -58,11 +58,11 @@ class DotSet:
 
     @property
     def rings(self) -> NDArray[np.bool_]:
-        """Which of them are rings."""
+        """Mask of the rings."""
         return np.asarray(self.inner > 0)
 
     def take(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> "DotSet":
-        """Some of them."""
+        """Select dots by mask or index."""
         heights = None if self.heights is None else self.heights[chosen]
         return DotSet(
             self.centers[chosen], self.radii[chosen], self.inner[chosen], self.spread[chosen], heights, self.ordered
@@ -70,7 +70,7 @@ class DotSet:
 
 
 def expected_dots(marker: Marker) -> DotSet:
-    """Dots that the marker's control points have."""
+    """Dots of the marker's control points."""
     features = [point.feature for point in marker.control_points]
     return DotSet(
         1e3 * marker.xyz[:, :2],
@@ -82,12 +82,12 @@ def expected_dots(marker: Marker) -> DotSet:
 
 
 def grown(dots: DotSet, room: float) -> DotSet:
-    """Disks that are larger by `room` in radius."""
+    """Dots as disks with radii larger by `room`."""
     return DotSet(dots.centers, dots.radii + room, np.zeros(len(dots)), dots.spread, dots.heights, dots.ordered)
 
 
 def dots_of(page: Page, expected: DotSet) -> DotSet:
-    """Circles of a page that may be dots: concentric ones are one, and some are about as large as an expected dot."""
+    """Circles of a page that may be dots: of about the size of an expected dot, concentric circles merged."""
     circles = page.circles
     if not np.isfinite(circles[:, 2]).all() or not len(circles):
         none = np.zeros(len(circles))
@@ -102,7 +102,7 @@ def dots_of(page: Page, expected: DotSet) -> DotSet:
         mine = distance <= CONCENTRIC * np.minimum(circles[:, 2], circles[index, 2])
         same = mine & near
         free &= ~same
-        # Of several the one that fits best is the dot, such as a ring's outer circle beside a white one around it.
+        # Of several circles the best fit is the dot, as for a ring's outer circle inside a white one.
         sizes = circles[same]
         fit = np.abs(np.log(sizes[:, 2:] / radii)).min(axis=-1)
         center = sizes[np.argmin(fit)]
@@ -117,19 +117,19 @@ def dots_of(page: Page, expected: DotSet) -> DotSet:
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """Labels of dots, by a motion of the plane.
+    """Assignment of found dots to a marker's dots by a motion of the plane.
 
     Attributes
     ----------
     found : array (n,) of int
-        Index of the found dot for each of the marker's, -1 for none.
+        Index of the found dot for each of the marker's dots, or -1.
     mirror : bool
     strange : int
-        Rings in the place of disks, and the other way around.
+        Number of rings in place of disks and of disks in place of rings.
     rms : float
-        Distance in mm of the dots from where the best rigid motion, mirrored or not, puts them.
+        Root-mean-square distance in mm after the best rigid motion, mirrored or not.
     angle : float
-        By which the motion turns, rad.
+        Rotation angle of the motion, rad.
     """
 
     found: Indices
@@ -140,22 +140,22 @@ class Match:
 
     @property
     def count(self) -> int:
-        """DotSet with a label, less those of the wrong kind."""
+        """Number of matched dots, less those of the wrong kind."""
         return int(np.sum(self.found >= 0)) - self.strange
 
     @property
     def ordered(self) -> bool:
-        """Whether the file has the dots in the order of the marker."""
+        """True if the file lists the dots in the marker's order."""
         return bool(np.all(np.diff(self.found[self.found >= 0]) > 0))
 
 
 def best_match(
     expected: DotSet, found: DotSet, ordered: bool, upright: Callable[[], bool | None] | None
 ) -> Match | None:
-    """Labels of the dots, mirrored only if no others fit.
+    """Match the dots, mirrored only if no other match fits.
 
-    Where a layout looks the same after a turn or in a mirror, the order of the dots in the file decides, if it has one,
-    or how the page around them reads, and then the least turn.
+    If a layout maps onto itself by a rotation or a reflection, the reading direction of the page or else the order of
+    the dots in the file decides, and then the smallest rotation.
     """
     plain, mirrored = (_matches(expected, found, mirror) for mirror in (False, True))
     if not plain or not mirrored:
@@ -178,10 +178,10 @@ def _turn(each: Match) -> tuple[float, float]:
 
 
 def _matches(expected: DotSet, found: DotSet, mirror: bool) -> list[Match]:
-    """Labels by motions that are mirrored or that are not: of those with the most dots, all that fit about as well.
+    """Matches by motions that are all mirrored or all not: those with the most dots that fit about equally well.
 
-    A pair of the marker's dots is laid on every pair of found ones that are as far apart, up to `STRETCH`; the motion
-    that this gives takes the dots nearest to where it puts the others.
+    A pair of the marker's dots is laid on every pair of found dots at the same distance, up to `STRETCH`. The resulting
+    motion maps the other dots, and each takes the found dot nearest to it.
     """
     if len(found) < 2:
         return []
@@ -197,19 +197,19 @@ def _matches(expected: DotSet, found: DotSet, mirror: bool) -> list[Match]:
     most = max((each.count for each in matches), default=0)
     matches = [each for each in matches if each.count == most]
     least = min((each.rms for each in matches), default=0.0)
-    # Labels that fit alike are turns of a regular layout into itself.
+    # Matches that fit equally well are symmetries of a regular layout.
     return [each for each in matches if each.rms <= 1.5 * least + 1e-3]
 
 
 def _reach(expected: DotSet) -> float:
-    """How far in mm a dot may be from its place and be its own and no other's."""
+    """Maximum distance in mm at which a found dot can belong to only one expected dot."""
     apart = np.linalg.norm(expected.centers[:, None] - expected.centers, axis=-1)
     np.fill_diagonal(apart, np.inf)
     return float(min(0.4 * apart.min(), 0.03 * float(np.ptp(expected.centers, axis=0).max())))
 
 
 def _base_pairs(expected: DotSet) -> list[tuple[int, int]]:
-    """Pairs of far dots, those with one ring first, no dot in more than a few: some have no missing dot."""
+    """Pairs of distant dots, those with one ring first; few share a dot, so that some pair has no missing dot."""
     n = len(expected)
     first, second = np.triu_indices(n, 1)
     length = np.linalg.norm(expected.centers[first] - expected.centers[second], axis=-1)
@@ -230,7 +230,7 @@ def _base_pairs(expected: DotSet) -> list[tuple[int, int]]:
 def _guesses(
     expected: DotSet, found: DotSet, pair: tuple[int, int], mirror: bool, reach: float
 ) -> list[tuple[complex, complex]]:
-    """Motions w = turn z + shift, of conjugate z if mirrored, that fit most of a few dots."""
+    """Motions w = turn z + shift (of conjugate z if mirrored) that best fit a few spread-out dots."""
     source = expected.centers @ np.array([1, -1j if mirror else 1j])
     target = found.centers @ np.array([1, 1j])
     across = source[pair[1]] - source[pair[0]]
@@ -256,7 +256,7 @@ def _guesses(
 
 
 def _spread(points: Array) -> Indices:
-    """Some points far from each other."""
+    """Select a few points far from each other."""
     chosen = [0]
     gap = np.linalg.norm(points - points[0], axis=-1)
     while len(chosen) < min(CHECKED, len(points)):
@@ -276,7 +276,7 @@ def _labels(expected: DotSet, found: DotSet, mirror: bool, turn: complex, shift:
     source = expected.centers @ np.array([1, -1j if mirror else 1j])
     distance, index = _nearest(found.centers, turn * source + shift)
     index = np.where(distance < reach, index, -1)
-    # A found dot that is nearest to several places goes to the nearest of them.
+    # A found dot nearest to several positions goes to the closest of them.
     for dot in np.unique(index[index >= 0]):
         claims = np.flatnonzero(index == dot)
         index[claims[claims != claims[np.argmin(distance[claims])]]] = -1

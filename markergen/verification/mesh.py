@@ -1,4 +1,4 @@
-"""Meshes: read in a child process, and made into what a solid shows from above: shells, level faces, circles, balls."""
+"""Read meshes in a child process and reduce them to a plan view: shells, level faces, circles, balls."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,24 +22,24 @@ Indices = NDArray[np.int64]
 PARSERS = Path(__file__).with_name("mesh_parsers.py")
 
 TOLERANCE = 5e-6
-"""How exact a mesh is to be, m."""
+"""Default tolerance of a mesh, m."""
 
 LEVEL = 1e-4
-"""Difference of heights in mm within a level triangle: single precision of a plate of a meter, turned or not."""
+"""Maximum difference of height within a level triangle, mm: single precision on a 1 m plate, rotated or not."""
 
 ANGLE = 1e-3
-"""Triangles around an edge in directions nearer than this, rad, touch."""
+"""Angle in rad below which two triangles around an edge count as touching."""
 
 STEEPEST, FLATTEST = 0.02, 0.9995
-"""z of the normals of triangles that may be of a ball; others are of walls and level faces."""
+"""Range of z of the normals of triangles that may belong to a ball; others are walls and level faces."""
 
 BALL = 1e-3
-"""Share of its radius by which corners may be off a ball."""
+"""Maximum deviation of corners from a ball, as a share of its radius."""
 
 
 @dataclass(frozen=True, eq=False)
 class Triangles:
-    """Triangles of one object of a file, in mm, z out of the printed face.
+    """Triangles of one object of a file, in mm, with z pointing out of the printed face.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Triangles:
     name : str
     color : (red, green, blue) or None
     paints : array (m,) of int
-        Index of each triangle's own color in `palette`, -1 for the object's.
+        Index of each triangle's own color in `palette`, or -1 for the object's color.
     palette : sequence of colors
     """
 
@@ -61,34 +61,34 @@ class Triangles:
 
 @READERS.register(".stl")
 def read_stl(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (every reader is called alike)
-    """Triangles of an STL in mm."""
+    """Read the triangles of an STL in mm."""
     return _read("STL", data, name)
 
 
 @READERS.register(".3mf")
 def read_3mf(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001
-    """Objects that the build of a 3MF has, in mm, each with the colors of its base materials."""
+    """Read the objects in the build of a 3MF, in mm, with the colors of their base materials."""
     return _read("3MF", data, name)
 
 
 @READERS.register(".glb")
 def read_glb(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001
-    """Meshes of the scene of a GLB in mm, marker frame."""
+    """Read the meshes in the scene of a GLB, in mm, marker frame."""
     return _read("GLB", data, name)
 
 
 @READERS.register(".sdf", ".urdf")
 def read_model(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001
-    """Refuse a simulator's model: what it shows is in the GLB beside it."""
+    """Refuse a simulator model; its geometry is in the GLB beside it."""
     raise InputError(
-        f"a file with the marker's shape in {name}", "a model of a simulator, which shows a mesh",
+        f"a file with the marker's shape in {name}", "a simulator model, which refers to a mesh",
         "verify the .glb in the folder meshes beside it",
     )  # fmt: skip
 
 
 def _read(kind: str, data: bytes, name: str) -> Reading:
     start_child(PARSERS, "mesh")
-    # Needed later, and loaded while the child starts.
+    # Imported early, to load while the child starts.
     import scipy.sparse.csgraph
     import scipy.spatial  # noqa: F401
 
@@ -104,18 +104,20 @@ def _read(kind: str, data: bytes, name: str) -> Reading:
 
 
 def surface_of(objects: Sequence[Triangles], name: str) -> Surface:
-    """Surface of the objects of a file, each shell as a part of its own.
+    """Surface of the objects of a file, with each shell as a separate part.
 
     Raises
     ------
     InputError
-        If there are no triangles, too many, or corners that are no places.
+        If there are no triangles, too many, or corners that are not finite or lie beyond 10 km.
     """
     count = sum(len(each.corners) for each in objects)
     if not count:
         raise InputError(f"triangles in {name}", "none", "export it again")
     if count > MOST_TRIANGLES:
-        raise InputError(f"at most {MOST_TRIANGLES} triangles in {name}", str(count), "export it with more tolerance")
+        raise InputError(
+            f"at most {MOST_TRIANGLES} triangles in {name}", str(count), "export it with a larger tolerance"
+        )
     if not all((np.abs(each.corners) < 1e7).all() for each in objects):
         raise InputError(f"corners within 10 km in {name}", "numbers beyond that or not finite", "export it again")
     return Surface(tuple(part for each in objects for part in _parts(each)))
@@ -125,7 +127,7 @@ def _parts(each: Triangles) -> list[SolidPart]:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    # 0.0 and -0.0 are one place.
+    # Adding 0.0 makes -0.0 and 0.0 the same coordinate.
     places, index = np.unique(each.corners.reshape(-1, 3) + 0.0, axis=0, return_inverse=True)
     triangles = index.reshape(-1, 3)
     a, b, c = triangles.T
@@ -167,9 +169,9 @@ def _parts(each: Triangles) -> list[SolidPart]:
 
 
 def _neighbors(places: Array, triangles: Indices) -> Indices:
-    """The triangle (m, 3) across each edge (first to second corner, second to third, third to first); -1 for none.
+    """Index (m, 3) of the triangle across each edge (corners 1 to 2, 2 to 3, 3 to 1); -1 for none.
 
-    Where solids touch, four triangles meet at an edge: those are neighbors between which there is material.
+    Where solids touch, four triangles meet at an edge: those with material between them are neighbors.
     """
     m = len(triangles)
     start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
@@ -195,10 +197,10 @@ def _neighbors(places: Array, triangles: Indices) -> Indices:
 def _wedges(
     places: Array, triangles: Indices, sides: Indices, low: int, high: int, start: Indices, owner: Indices
 ) -> list[tuple[int, int]]:
-    """Pairs of sides of one edge with material between their triangles.
+    """Pair the sides at one edge whose triangles have material between them.
 
-    Seen along the edge, material lies counterclockwise of a triangle that runs against it, up to the next one that
-    runs with it. Where two touch, what ends comes before what begins.
+    Seen along the edge, material starts at a triangle that traverses it backward and extends counterclockwise to the
+    next that traverses it forward. In a tie the end comes before the start.
     """
     along = places[high] - places[low]
     along = along / np.linalg.norm(along)
@@ -208,7 +210,7 @@ def _wedges(
     u = away[0] / np.linalg.norm(away[0])
     angle = np.arctan2(away @ np.cross(along, u), away @ u)
     order = np.argsort(angle)
-    # Directions that are nearly the same are one; the first is that of 0 and of a full turn.
+    # Directions closer than ANGLE coincide, also across the branch cut of the angle.
     step = np.cumsum(np.r_[0, np.diff(angle[order]) > ANGLE])
     if 2 * np.pi - angle[order[-1]] + angle[order[0]] < ANGLE:
         step[step == step[-1]] = 0
@@ -225,13 +227,13 @@ def _wedges(
 
 
 def _from(begins: NDArray[np.bool_]) -> int:
-    """First place after one where material ends and before one where it begins."""
+    """Index of the first start of material that follows an end."""
     starts = np.flatnonzero(begins & ~np.roll(begins, 1))
     return int(starts[0]) if len(starts) else 0
 
 
 def _level(places: Array, triangles: Indices) -> NDArray[np.bool_]:
-    """Which triangles are level and look up."""
+    """Tell which triangles are level and face up."""
     p, q, r = np.moveaxis(places[triangles], 1, 0)
     z = places[triangles, 2]
     u, v = (q - p)[:, :2], (r - p)[:, :2]
@@ -242,7 +244,7 @@ def _faces(
     places: Array, triangles: Indices, neighbors: Indices, level: NDArray[np.bool_], paints: Indices, group: Indices,
     palette: Sequence[Color],
 ) -> tuple[LevelFace, ...]:  # fmt: skip
-    """Level faces of one shell: neighboring level triangles of one color."""
+    """Level faces of one shell: connected level triangles of one color."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -274,7 +276,7 @@ def _faces(
 
 
 def _rings(starts: Indices, ends: Indices) -> list[Indices]:
-    """Closed runs of edges, as indices of places."""
+    """Closed loops of edges, as indices of points."""
     following: dict[int, list[int]] = {}
     for a, b in zip(starts.tolist(), ends.tolist(), strict=True):
         following.setdefault(a, []).append(b)
@@ -299,17 +301,17 @@ def _rings(starts: Indices, ends: Indices) -> list[Indices]:
 def _balls(
     places: Array, triangles: Indices, neighbors: Indices, group: Indices, paints: Indices, palette: Sequence[Color]
 ) -> tuple[Ball, ...]:
-    """The ball whose surface is what of a shell is neither level nor upright; none if that is no ball."""
+    """Fit a ball to the surface of a shell that is neither level nor vertical; empty if it is not a ball."""
     p, q, r = np.moveaxis(places[triangles[group]], 1, 0)
     normal = np.cross(q - p, r - p)
     up = normal[:, 2] / np.maximum(np.linalg.norm(normal, axis=-1), np.finfo(float).tiny)
-    # The upper half of a ball bulges up: its neck or what it stands on does not.
+    # Only the upper half of a ball faces up; its neck and base do not.
     chosen = group[(up > STEEPEST) & (up < FLATTEST)]
     if len(chosen) < 12:
         return ()
     corners = np.unique(triangles[chosen])
     points = places[corners]
-    # Any two circles around one axis lie on a ball.
+    # A sphere passes through any two coaxial circles.
     if len(np.unique(np.round(points[:, 2], 3))) < 4:
         return ()
     middle = points.mean(axis=0)
@@ -336,10 +338,10 @@ def _balls(
 def _top_edge(
     places: Array, triangles: Indices, neighbors: Indices, chosen: Indices, center: Array, radius: float
 ) -> float:
-    """Radius of the upper edge of a piece of a ball, 0 where it is whole up to the pole."""
+    """Radius of the upper edge of a piece of a ball; 0 if the pole is included."""
     inside = np.zeros(len(triangles), dtype=bool)
     inside[chosen] = True
-    # Near the pole triangles are nearly level, and yet of the ball.
+    # Triangles near the pole are nearly level but still belong to the ball.
     on = np.abs(np.linalg.norm(places - center, axis=-1) - radius) < BALL * radius
     p, q, r = np.moveaxis(places[triangles], 1, 0)
     upright = np.abs(np.cross(q - p, r - p)[:, 2]) < STEEPEST * np.linalg.norm(np.cross(q - p, r - p), axis=-1)

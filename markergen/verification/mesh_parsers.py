@@ -1,8 +1,8 @@
-"""Parsers of mesh files, a script that `markergen.guard` runs in a child process; see `mesh`.
+"""Parsers of mesh files; `markergen.guard` runs this script in a child process for `mesh`.
 
-trimesh parses STL and GLB. It takes what lies for what is meant, and so what it reads is held against the file: of an
-STL as text the words, of a GLB the lengths, the indices, and what it requires. 3MF is parsed here: trimesh leaves out
-the colors of base materials, which tell a dot from the plate, and needs lxml besides.
+trimesh parses STL and GLB. Because it accepts malformed files, its input is checked first: the keywords of a text STL;
+the lengths, indices and required extensions of a GLB. 3MF is parsed here: trimesh drops the colors of base materials,
+which distinguish a dot from the plate, and would need lxml.
 """
 
 import importlib.util
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 Color = tuple[float, float, float]
 Attributes = dict[str, str]
 Found = tuple[dict[str, Any], dict[str, NDArray[Any]]]
-"""Names and colors of the objects of a file, and their arrays by the name ``corners`` or ``paints`` and number."""
+"""Names and colors of a file's objects, and arrays keyed ``corners`` or ``paints`` plus the object's number."""
 
 MOST_TRIANGLES = 4_000_000
 
@@ -49,21 +49,21 @@ INDICES = {
     "children",
     "nodes",
 }
-"""Keys of a glTF whose numbers are not negative; Python would count from the end."""
+"""Keys of a glTF whose numbers must not be negative; Python would count from the end."""
 
 MOST_NODES, DEEPEST_NODE = 20_000, 50
 
 FRAME = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-"""From glTF's axes, y up and z to the viewer, to those of simulators and of the marker, z up."""
+"""Rotation from glTF's axes (y up, z toward the viewer) to those of simulators and of the marker (z up)."""
 
 CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
 ROOT = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
 
 UNITS = {"micron": 1e-3, "millimeter": 1.0, "centimeter": 10.0, "inch": 25.4, "foot": 304.8, "meter": 1000.0}
-"""mm of the units that a model may be in."""
+"""Units of a model, in mm."""
 
 LARGEST = 500_000_000
-"""Bytes of the model once it is unpacked."""
+"""Maximum size of the unpacked model, in bytes."""
 
 MOST_OBJECTS, DEEPEST = 20_000, 10
 
@@ -89,7 +89,7 @@ def _reply(meshes: list[MeshObject]) -> Found:
 
 
 def read_stl(data: bytes) -> Found:
-    """Triangles of an STL, binary or text; the normals that it tells are not asked."""
+    """Read the triangles of a binary or text STL; its normals are ignored."""
     # An STL has no unit, color or parts.
     count = int.from_bytes(data[80:84], "little")
     is_binary = len(data) >= 84 and len(data) == 84 + 50 * count
@@ -99,7 +99,7 @@ def read_stl(data: bytes) -> Found:
         return _reply([])
     load_stl = _load_stl()
     with warnings.catch_warnings():
-        # numpy tells by a warning that it did not read on.
+        # numpy only warns where it stops reading.
         warnings.simplefilter("error")
         try:
             found = load_stl(BytesIO(data))
@@ -114,23 +114,23 @@ def read_stl(data: bytes) -> Found:
 
 
 def _check_text(data: bytes) -> None:
-    """Refuse what is not made of the words of a text STL: trimesh passes over what it does not know."""
+    """Refuse anything but the keywords of a text STL, since trimesh skips unknown lines."""
     if data.lstrip()[:5].lower() != b"solid":
         count = int.from_bytes(data[80:84], "little")
-        found = f"{len(data)} bytes that say they are {84 + 50 * count}"
+        found = f"{len(data)} bytes where the header implies {84 + 50 * count}"
         raise InputError("a complete STL", found, "export it again")
     firsts = [line.split(None, 1)[0].lower() for line in data.splitlines() if line.strip()]
     if not set(firsts) <= STL_WORDS:
-        raise InputError("an STL", "lines that are not of one", "export it again")
+        raise InputError("an STL", "lines of another kind", "export it again")
     facets = firsts.count(b"endfacet")
     if facets > MOST_TRIANGLES:
-        raise InputError(f"at most {MOST_TRIANGLES} triangles", str(facets), "export it with more tolerance")
+        raise InputError(f"at most {MOST_TRIANGLES} triangles", str(facets), "export it with a larger tolerance")
     if firsts[-1] != b"endsolid" or firsts.count(b"vertex") != 3 * facets:
         raise InputError("a complete STL", "triangles without three corners, or no end", "export it again")
 
 
 def _load_stl() -> Callable[[BytesIO], dict[str, Any]]:
-    """Import one reader of trimesh without what the package needs for work on meshes: 0.6 s of scipy and networkx."""
+    """Import trimesh's STL reader without the package's imports of scipy and networkx, which take 0.6 s."""
     found = importlib.util.find_spec("trimesh")
     assert found is not None
     package = types.ModuleType("trimesh")
@@ -139,7 +139,7 @@ def _load_stl() -> Callable[[BytesIO], dict[str, Any]]:
     try:
         from trimesh.exchange.stl import load_stl
     finally:
-        # Whoever needs all of it imports it anew.
+        # A later import loads the whole package.
         for each in [each for each in sys.modules if each.partition(".")[0] == "trimesh"]:
             del sys.modules[each]
     return load_stl
@@ -149,7 +149,7 @@ def _load_stl() -> Callable[[BytesIO], dict[str, Any]]:
 
 
 def read_glb(data: bytes) -> Found:
-    """Meshes of a GLB's scene in mm, marker frame, each of all its primitives: they are its materials."""
+    """Read the meshes of a GLB's scene, in mm, marker frame; the primitives of a mesh differ in material."""
     _check_glb(data)
     try:
         from trimesh.exchange.gltf import load_glb
@@ -159,7 +159,7 @@ def read_glb(data: bytes) -> Found:
         graph = SceneGraph(base_frame=found["base_frame"])
         for edge in found["graph"]:
             graph.update(**edge)
-        # Primitives of one mesh hang below a node of their own.
+        # The primitives of one mesh hang below a node of their own.
         groups: dict[str, list[tuple[str, dict[str, Any]]]] = {}
         for edge in found["graph"]:
             if "geometry" in edge and "faces" in (geometry := found["geometry"][edge["geometry"]]):
@@ -171,7 +171,7 @@ def read_glb(data: bytes) -> Found:
     except ImportError:
         raise
     except Exception:  # It raises whatever comes up in a broken file.
-        raise InputError("a complete GLB", "parts that do not fit each other", "export it again") from None
+        raise InputError("a complete GLB", "inconsistent parts", "export it again") from None
 
 
 def _glb_mesh(name: str, primitives: list[tuple[str, dict[str, Any]]], graph: Any) -> MeshObject:
@@ -190,7 +190,7 @@ def _glb_mesh(name: str, primitives: list[tuple[str, dict[str, Any]]], graph: An
         shown = None if material is None else (1.0, 1.0, 1.0) if factor is None else tuple(np.ravel(factor)[:3] / 255.0)
         palette.append(shown)
     every, paint = np.concatenate(corners), np.concatenate(paints)
-    # The part has the color of most of it.
+    # Most triangles determine the color of the part.
     main = int(np.argmax(np.bincount(paint, minlength=1)))
     colors = [color for color in palette if color is not None]
     if len(colors) < len(palette):
@@ -199,7 +199,7 @@ def _glb_mesh(name: str, primitives: list[tuple[str, dict[str, Any]]], graph: An
 
 
 def _check_glb(data: bytes) -> None:
-    """Refuse what trimesh would take: lengths and indices that lie, extensions, other files, circles of nodes."""
+    """Refuse what trimesh would accept: wrong lengths and indices, extensions, external files, cycles of nodes."""
     if data[:4] != b"glTF" or int.from_bytes(data[4:8], "little") != 2:
         raise InputError("a GLB of glTF 2.0", brief(repr(data[:8])), "export it again")
     if int.from_bytes(data[8:12], "little") != len(data):
@@ -207,19 +207,19 @@ def _check_glb(data: bytes) -> None:
     try:
         document = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
         if required := document.get("extensionsRequired"):
-            raise InputError("a GLB without extensions", brief(str(required)), "export it plainly")
+            raise InputError("a GLB without extensions", brief(str(required)), "export it without them")
         if any("uri" in each for each in document.get("buffers", [])):
-            raise InputError("one file", "a buffer beside it", "export it as one GLB")
+            raise InputError("one file", "a buffer in another file", "export it as one GLB")
         _check_indices(document, "")
         if any("bufferView" not in each or "sparse" in each for each in document.get("accessors", [])):
             raise ValueError("sparse")
         todo = [(node, 0) for node in document["scenes"][document.get("scene", 0)]["nodes"]]
         for node, depth in todo:
             if depth > DEEPEST_NODE or len(todo) > MOST_NODES:
-                raise InputError(f"at most {MOST_NODES} nodes", "more, or a circle of them", "check it")
+                raise InputError(f"at most {MOST_NODES} nodes", "more, or a cycle", "check it")
             todo += [(child, depth + 1) for child in document["nodes"][node].get("children", [])]
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, RecursionError):
-        raise InputError("a complete GLB", "parts that do not fit each other", "export it again") from None
+        raise InputError("a complete GLB", "inconsistent parts", "export it again") from None
 
 
 def _check_indices(value: Any, key: str) -> None:
@@ -238,7 +238,7 @@ def _check_indices(value: Any, key: str) -> None:
 
 @dataclass
 class _Object:
-    """One object as it is read: a mesh, or components (object, transform)."""
+    """An object being read: a mesh, or components (object, transform)."""
 
     name: str
     paint: tuple[str, int] | None
@@ -249,14 +249,14 @@ class _Object:
 
 
 def read_3mf(data: bytes) -> Found:
-    """Objects of a 3MF that its build has, in mm, each with the colors of its base materials."""
+    """Read the objects in the build of a 3MF, in mm, with the colors of their base materials."""
     model = _Model()
     model.read(_unpacked(data))
     return _reply(model.built())
 
 
 def _unpacked(data: bytes) -> bytes:
-    """The package's model, which its relationships name."""
+    """Unpack the model that the package's relationships name."""
     try:
         with zipfile.ZipFile(BytesIO(data)) as package:
             names = {info.filename.lower(): info for info in package.infolist()}
@@ -270,9 +270,9 @@ def _unpacked(data: bytes) -> bytes:
             if info.file_size > LARGEST:
                 raise InputError(f"a model of at most {LARGEST >> 20} MB", "a larger one", "export it again")
             return package.read(info)
-    # What zipfile raises at broken packages: BadZipFile, and of zlib, of encryption, of methods, of structures.
+    # zipfile raises these for broken packages, and the errors of zlib and struct below.
     except (zipfile.BadZipFile, OSError, EOFError, RuntimeError, NotImplementedError, ValueError, KeyError) as error:
-        raise InputError("a 3MF", f"a package that is none: {brief(str(error))}", "export it again") from None
+        raise InputError("a 3MF", f"a broken package: {brief(str(error))}", "export it again") from None
     except Exception as error:
         if type(error).__name__ == "error":  # struct.error and zlib.error
             raise InputError("a complete 3MF", "a broken package", "export it again") from None
@@ -291,7 +291,7 @@ def _root(data: bytes) -> str | None:
 
 
 def _parse(data: bytes, start: Callable[[str, Attributes], None], end: Callable[[str], None]) -> None:
-    """Follow XML without entities or document types; names are ``namespace name``."""
+    """Parse XML, refusing document types and thus entities; names are ``namespace name``."""
     parser = expat.ParserCreate(namespace_separator=" ")
 
     def refuse(*_: object) -> NoReturn:
@@ -305,11 +305,11 @@ def _parse(data: bytes, start: Callable[[str, Attributes], None], end: Callable[
     except expat.ExpatError as error:
         raise InputError("complete XML", brief(str(error)), "export it again") from None
     except (ValueError, KeyError, OverflowError):
-        raise InputError("numbers where a 3MF has them", "none, or others", "export it again") from None
+        raise InputError("the numbers of a 3MF", "missing or invalid ones", "export it again") from None
 
 
 class _Model:
-    """The model of a 3MF, collected while its XML is read."""
+    """Model of a 3MF, collected while its XML is parsed."""
 
     def __init__(self) -> None:
         self.unit = 1.0
@@ -320,7 +320,7 @@ class _Model:
         self._object: _Object | None = None
 
     def read(self, data: bytes) -> None:
-        """Collect objects, materials and what is built."""
+        """Collect objects, materials and build items."""
         _parse(data, self._start, self._end)
 
     def _start(self, tag: str, given: Attributes) -> None:
@@ -335,7 +335,7 @@ class _Model:
             group = given.get("pid", current.paint[0] if current.paint else "")
             current.paints.append((group, int(given["p1"])) if "p1" in given else None)
             if len(current.triangles) > MOST_TRIANGLES:
-                raise InputError(f"at most {MOST_TRIANGLES} triangles", "more", "export it coarser")
+                raise InputError(f"at most {MOST_TRIANGLES} triangles", "more", "export it with a larger tolerance")
         elif word == "model":
             unit = given.get("unit", "millimeter")
             if unit not in UNITS:
@@ -360,7 +360,7 @@ class _Model:
             self._object = None
 
     def built(self) -> list[MeshObject]:
-        """Triangles in mm of everything that is built."""
+        """Triangles in mm of all build items."""
         found: list[MeshObject] = []
         for key, transform in self.items:
             self._add(found, key, transform, 0)
@@ -369,9 +369,9 @@ class _Model:
     def _add(self, found: list[MeshObject], key: str, transform: Array, depth: int) -> None:
         each = self.objects.get(key)
         if each is None or depth > DEEPEST or len(found) > MOST_OBJECTS:
-            raise InputError("objects that there are", f"object {brief(key)}", "export it again")
+            raise InputError("objects that exist", f"object {brief(key)}", "export it again")
         for part, move in each.components:
-            # Rows times matrices: what is said first is done first.
+            # Points are rows, so the leftmost transform applies first.
             self._add(found, part, move @ transform, depth + 1)
         if not each.triangles:
             return
@@ -394,7 +394,7 @@ class _Model:
 
 
 def _transform(text: str | None) -> Array:
-    """Matrix (4, 4) that rows are multiplied with, of its twelve numbers."""
+    """Matrix (4, 4), for row vectors, from its twelve numbers."""
     matrix = np.eye(4)
     if text is not None:
         matrix[:, :3] = np.array([float(word) for word in text.split()]).reshape(4, 3)
@@ -402,7 +402,7 @@ def _transform(text: str | None) -> Array:
 
 
 def _color(text: str) -> Color:
-    """Red, green, blue of ``#RRGGBB`` or ``#RRGGBBAA``."""
+    """Red, green and blue of ``#RRGGBB`` or ``#RRGGBBAA``."""
     if not (text.startswith("#") and len(text) in (7, 9)):
         raise ValueError(text)
     red, green, blue = (int(text[k : k + 2], 16) / 255 for k in (1, 3, 5))

@@ -1,8 +1,8 @@
-"""PDF: circles among the filled paths of every page, by PDFium, with all transforms of the page's content.
+"""Read circles among the filled paths of every page of a PDF, by PDFium, with all transforms of the content.
 
-The pages of a marker that is larger than the paper are put together by their registration marks: crosses on seams,
-which both neighbors print whole. Seams are the sides where a page is trimmed. Tiles come row by row from the top left;
-the first of a row has no seam on its left.
+The pages of a marker larger than the paper are assembled by their registration marks: crosses on the seams, printed
+whole on both neighbors. Seams are the sides where a page is trimmed. Tiles come row by row from the top left; the first
+of a row has no seam on its left.
 """
 
 import ctypes
@@ -26,39 +26,39 @@ MM_PER_POINT = 25.4 / 72
 MOST_PAGES, MOST_SEGMENTS, MOST_LINES, DEEPEST = 500, 3_000_000, 20_000, 20
 
 TILE_TOLERANCE = 1e-3
-"""How well in mm the registration marks of neighboring tiles are to fit each other."""
+"""Maximum distance in mm between the registration marks of neighboring tiles."""
 
 LEAST_ARC, LONGEST_ARM = 12, 20.0
-"""Points of an outline that may be part of a circle, and length in mm of a registration mark."""
+"""Minimum number of points of an outline with a piece of a circle; maximum length in mm of a registration mark."""
 
 ON_SEAM = 2.0
-"""How far in mm a cross may be off the seam it belongs to: what a scale of 1 % takes it away on large paper."""
+"""Maximum distance in mm of a cross from its seam: the shift due to a scale error of 1 % on large paper."""
 
 WHOLE = 0.93
-"""Share of a circle's turn that the pieces on all pages must make up."""
+"""Minimum share of a circle's circumference that the pieces on all pages must cover."""
 
 SAME = 2.0
-"""Up to how many mm apart the pieces of one circle may seem to be before they are fitted together."""
+"""Maximum distance in mm between the centers of pieces of one circle, before they are fitted together."""
 
 PIECES, LEAST = 64, 6
-"""Stretches of a turn that are counted, and points of a piece."""
+"""Number of sectors by which that share is counted, and minimum number of points of a piece."""
 
 _USER_UNIT = re.compile(rb"/UserUnit\s+([-+.\d]+)")
 
 
 @dataclass(frozen=True, eq=False)
 class TilePage:
-    """A page with what is needed to put it together with others.
+    """A page with the data needed to assemble it with others.
 
     Attributes
     ----------
     page : Page
     crosses : array (k, 2)
-        Where two lines of one length cross in their middles, mm.
+        Points in mm where two lines of equal length bisect each other.
     trim : (left, bottom, right, top) or None for each
-        Seams, mm; None where the page is not cut.
+        Seams, mm; None for a side that is not trimmed.
     arcs : tuple of arrays (m, 2)
-        Points of outlines that are in part those of circles, mm.
+        Points in mm of outlines that contain arcs of circles.
     """
 
     page: Page
@@ -67,7 +67,7 @@ class TilePage:
     arcs: tuple[Array, ...] = ()
 
     def marks(self, side: int) -> Array:
-        """Crosses on one seam, in order along it; none where there is no seam."""
+        """Crosses on one seam, sorted along it; empty if there is no seam."""
         place = self.trim[side]
         if place is None:
             return np.zeros((0, 2))
@@ -78,19 +78,19 @@ class TilePage:
 
 @dataclass
 class Assembly:
-    """Tiles on one large page, and what the marks say against it."""
+    """Tiles assembled into one large page, and the errors that their marks reveal."""
 
     page: Page
     gaps: list[str] = field(default_factory=list)
 
 
 Grid = dict[tuple[int, int], tuple[int, TilePage]]
-"""Number of a page, from 0, and the page, by row and column."""
+"""Page index, from 0, and page, by row and column."""
 
 
 @READERS.register(".fab.pdf")
 def read_fabrication_sheet(data: bytes, name: str, marker: Marker) -> Reading:
-    """Refuse a drawing to scale, of which no dot can be measured."""
+    """Refuse a drawing to scale, in which no dot can be measured."""
     del data, marker
     raise InputError(
         "a file with the marker at true size",
@@ -101,7 +101,7 @@ def read_fabrication_sheet(data: bytes, name: str, marker: Marker) -> Reading:
 
 @READERS.register(".pdf")
 def read(data: bytes, name: str, marker: Marker) -> Reading:
-    """Circles and corners on all pages of a PDF; tiles are put together by their registration marks."""
+    """Read circles and corners on all pages of a PDF; tiles are assembled by their registration marks."""
     import pypdfium2
 
     if any(unit != b"1" for unit in _USER_UNIT.findall(data)):
@@ -160,7 +160,7 @@ def _sheet(document: Any, index: int, name: str, budget: list[int]) -> TilePage:
 
 
 def _crosses(lines: list[Array]) -> Array:
-    """Middles (k, 2) of pairs of lines of one length that cross there at right angles."""
+    """Middles (k, 2) of pairs of lines of equal length that bisect each other at right angles."""
     if not 1 < len(lines) <= MOST_LINES:
         return np.zeros((0, 2))
     ends = np.array(lines)
@@ -177,7 +177,7 @@ def _crosses(lines: list[Array]) -> Array:
 
 
 def _outlines(page: Any, name: str, budget: list[int]) -> Iterator[tuple[Array, bool]]:
-    """Outlines (m, 2) in mm of all paths and whether they are filled, those inside of form objects too."""
+    """Outlines (m, 2) in mm of all paths, also in form objects, and whether they are filled."""
     import pypdfium2.raw as pdfium
 
     def objects(holder: Any, count: int, get: Any, matrix: Array, depth: int) -> Iterator[tuple[Array, bool]]:
@@ -236,7 +236,7 @@ def _paths(item: Any, matrix: Array, name: str, budget: list[int]) -> Iterator[t
 
 
 def _curve(points: Array) -> list[tuple[float, float]]:
-    """Points along a cubic curve (4, 2), its end among them."""
+    """Points along a cubic curve (4, 2), including its end."""
     t = np.array([0.25, 0.5, 0.75, 1.0])[:, None]
     a, b, c, d = points
     along = (1 - t) ** 3 * a + 3 * t * (1 - t) ** 2 * b + 3 * t**2 * (1 - t) * c + t**3 * d
@@ -249,19 +249,19 @@ def _mapped(run: list[tuple[float, float]], matrix: Array) -> Array:
 
 
 def is_tiled(sheets: Sequence[TilePage]) -> bool:
-    """Tell whether pages are to be put together: they have seams."""
+    """Tell whether pages are tiles to be assembled: they have seams."""
     return any(place is not None for sheet in sheets for place in sheet.trim)
 
 
 def assemble(sheets: Sequence[TilePage], radii: Array, tolerance: float) -> Assembly:
-    """All tiles on one page: each is shifted so that its marks lie on those of its neighbors.
+    """Assemble all tiles into one page, each shifted so that its marks lie on those of its neighbors.
 
     Parameters
     ----------
     radii : array
-        Of the circles whose pieces are looked for on several pages, mm.
+        Radii of the circles whose pieces are sought on several pages, mm.
     tolerance : float
-        mm; neighbors whose marks do not fit each other so well are told.
+        Distance in mm between marks of neighbors beyond which they are reported.
     """
     grid: Grid = {}
     row, column = -1, 0
@@ -272,7 +272,7 @@ def assemble(sheets: Sequence[TilePage], radii: Array, tolerance: float) -> Asse
     shifts: dict[tuple[int, int], Array] = {next(iter(grid)): np.zeros(2)}
     gaps: list[str] = []
     while len(shifts) < len(grid):
-        # The tile that most marks tie to those that lie already.
+        # Next comes the tile with the most marks in common with those already placed.
         ties = {key: _ties(grid, key, shifts) for key in grid if key not in shifts}
         key = max(ties, key=lambda key: len(ties[key]))
         if not len(ties[key]):
@@ -294,13 +294,13 @@ def assemble(sheets: Sequence[TilePage], radii: Array, tolerance: float) -> Asse
 
 
 def _neighbors(key: tuple[int, int]) -> tuple[tuple[int, int], ...]:
-    """Places on the left, below, on the right, above."""
+    """Grid positions on the left, below, on the right, above."""
     row, column = key
     return (row, column - 1), (row + 1, column), (row, column + 1), (row - 1, column)
 
 
 def _ties(grid: Grid, key: tuple[int, int], shifts: Mapping[tuple[int, int], Array]) -> Array:
-    """Shifts (k, 2) of a tile that its marks and those of the neighbors that lie already ask for."""
+    """Shifts (k, 2) of a tile implied by its marks and those of neighbors that are already placed."""
     found = [np.zeros((0, 2))]
     for side, there in enumerate(_neighbors(key)):
         if there in shifts:
@@ -311,7 +311,7 @@ def _ties(grid: Grid, key: tuple[int, int], shifts: Mapping[tuple[int, int], Arr
 
 
 def _joined(outlines: Sequence[Array], radii: Array) -> Array:
-    """Circles (m, 3) that pieces of outlines make up together."""
+    """Circles (m, 3) formed by pieces of outlines."""
     pieces = [found for outline in outlines for radius in radii for found in _piece(outline, radius)]
     circles, left = [], list(range(len(pieces)))
     while left:
@@ -323,7 +323,7 @@ def _joined(outlines: Sequence[Array], radii: Array) -> Array:
         angle = np.arctan2(points[:, 1] - y, points[:, 0] - x)
         turns = np.unique(((angle / (2 * np.pi) + 1) * PIECES).astype(int) % PIECES)
         if len(turns) >= WHOLE * PIECES:
-            # Where pieces do not fit each other the circle is none: as far off as its worst point.
+            # If the pieces do not fit, a second circle reports the distance of the worst point.
             off = np.abs(np.linalg.norm(points - [x, y], axis=1) - r)
             circles.append((x, y, r))
             if off.max() > 1e-3:
@@ -332,7 +332,7 @@ def _joined(outlines: Sequence[Array], radii: Array) -> Array:
 
 
 def _piece(outline: Array, radius: float) -> list[tuple[Array, float, Array]]:
-    """Center, radius and points of the largest part of an outline that lies on a circle of about a radius."""
+    """Center, radius and points of the longest part of an outline that lies on a circle of about this radius."""
     size = float(np.ptp(outline, axis=0).max())
     if not 0.1 * radius < size < 2.2 * radius:
         return []
@@ -344,7 +344,7 @@ def _piece(outline: Array, radius: float) -> list[tuple[Array, float, Array]]:
     sides = np.prod([np.linalg.norm(end - first, axis=1) for first, end in ((a, b), (b, c), (c, a))], axis=0)
     for first in start[np.abs(sides / np.maximum(4 * area, 1e-12) / radius - 1) < 0.05]:
         x, y, r = _circle(outline[[first, (first + span) % m, (first + 2 * span) % m]])
-        # Three points of a short piece put the circle roughly.
+        # Three points of a short piece give only a rough circle.
         for near in (2e-3, 2e-4):
             own = outline[np.abs(np.linalg.norm(outline - [x, y], axis=1) - r) < near * radius]
             if len(own) < LEAST:
@@ -357,7 +357,7 @@ def _piece(outline: Array, radius: float) -> list[tuple[Array, float, Array]]:
 
 
 def _circle(points: Array) -> tuple[float, float, float]:
-    """Center and radius of the circle through points (m, 2), least squares of x^2 + y^2 + d x + e y + f = 0."""
+    """Center and radius of a circle through points (m, 2): least squares of x^2 + y^2 + d x + e y + f = 0."""
     middle = points.mean(axis=0)
     offset = points - middle
     rows = np.column_stack([offset, np.ones(len(points))])

@@ -1,7 +1,7 @@
-"""PNG: dots as blobs of ink, each measured by its grey-weighted moments; the resolution is the one the file states.
+"""Measure dots in a PNG as blobs of ink by their grey-weighted moments, at the resolution that the file states.
 
-Whether a page reads the right way round its letters and digits tell, held against those of the font and their mirror
-images: a layout that is its own mirror image, such as a regular polygon with its key ring, does not.
+The letters and digits of a page, compared with those of the font and their mirror images, tell whether it is mirrored:
+a layout that is its own mirror image, such as a regular polygon with its key ring, does not.
 """
 
 from collections.abc import Iterator
@@ -24,53 +24,53 @@ SIGNATURE = b"\x89PNG\r\n\x1a\n"
 MOST_PIXELS = 1_000_000_000
 
 COARSE = 14
-"""Pixels across the smallest dot in the reduced image that dots are sought in."""
+"""Pixels across the smallest dot in the reduced image that is searched for dots."""
 
 GAP = 1.5
-"""Pixels of that image between the nearest two dots, at least, so that they do not run into one."""
+"""Minimum gap between dots in pixels of that image, so that they do not merge."""
 
 SOFT = 2
-"""Pixels beyond a blob's middle grey that its rim may reach; what lies farther out is another's."""
+"""Width of a blob's soft rim in pixels; ink farther out belongs to another blob."""
 
 TOLERANCE_PX = 10e-3 * 600 / 25.4
 """Default tolerance in pixels: 10 um at 600 dpi."""
 
 CORE, RIM = 0.93, 1.3
-"""Shares of a dot's radius: what is within is ink or a ring's hole, what is beyond does not belong to it."""
+"""Shares of a dot's radius: inside the first is ink or a ring's hole, outside the second is not part of the dot."""
 
 MOST_BLOBS = 2000
 
 
 CHARACTERS = "1245679aefghkprtyFGJKLPRQ"
-"""Those of one piece whose mirror image is none of them, roughly."""
+"""Connected characters whose mirror image resembles none of them."""
 
 LEAST_PX, MOST_PX = 12, 120
-"""Height of a character in pixels of the image that it is looked at in."""
+"""Range of heights of a character in pixels of the image that is searched for text."""
 
 LEAST_VOTES, MAJORITY = 4, 3.0
-"""Characters that must be recognized, and how many times as often one way as the other."""
+"""Minimum number of recognized characters, and minimum ratio of those one way to those the other way."""
 
 NEAR, CLEAR = 0.05, 2.0
-"""How far a shape may be from a character's, and how many times as far from all of the mirrored ones."""
+"""Maximum distance of a shape from a character, and minimum ratio of its distance from all mirrored ones to that."""
 
 FINE = 0.08
-"""Pixel of that image in mm, about; characters are 1.5 mm high or more."""
+"""Approximate pixel size of that image in mm; characters are 1.5 mm high or more."""
 
 BAND = 8_000_000
-"""Pixels that are looked at at once."""
+"""Number of pixels processed at once."""
 
 MOST_SHAPES = 20_000
 
 MIRROR = np.array([1, 1, 1, 1, -1, 1, -1])
-"""What a mirror makes of the signs of the invariants."""
+"""Signs by which a mirror multiplies the invariants."""
 
 DRAWN_PX = 60
-"""Height of the capitals that these are compared with, px."""
+"""Height of the reference capitals, px."""
 
 
 @READERS.register(".png")
 def read(data: bytes, name: str, marker: Marker) -> Reading:
-    """Round blobs of a PNG, dark or light, as circles in mm."""
+    """Read the round blobs of a PNG, dark or light, as circles in mm."""
     width, height, scale = _header(data, name)
     grey = _decode(data, (height, width), name)
     sizes = np.array([1e3 * size for p in marker.control_points for size in
@@ -93,7 +93,7 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:
 
 
 def _sample(grey: Grey, scale: Array, points: Array) -> Array:
-    """Grey levels between pixels, at points in mm, y up from the image's top edge; white outside."""
+    """Interpolated grey levels at points in mm, y up from the image's top edge; white outside."""
     import cv2
 
     places = (points * [1, -1] * scale - 0.5).astype(np.float32)
@@ -102,7 +102,7 @@ def _sample(grey: Grey, scale: Array, points: Array) -> Array:
     low, high = np.maximum(low, 0), np.minimum(high, grey.shape[::-1])
     if (high <= low).any():
         return np.full(len(points), 255.0)
-    # remap takes images of up to 32767 pixels a side, and as many points a row.
+    # cv2.remap takes images of up to 32767 pixels a side, and as many points per row.
     window = grey[low[1] : high[1], low[0] : high[0]].astype(np.float32)
     x, y = (places - low).astype(np.float32).T
     if max(window.shape) > 32000:
@@ -111,26 +111,26 @@ def _sample(grey: Grey, scale: Array, points: Array) -> Array:
 
 
 def _header(data: bytes, name: str) -> tuple[int, int, Array]:
-    """Width and height in px, and pixels per mm (x, y), of an image of which every chunk is whole."""
+    """Width and height in px, and pixels per mm (x, y), of an image whose chunks are all intact."""
     if not data.startswith(SIGNATURE):
         raise InputError(f"a PNG in {name}", "another kind of file", "check the path")
     try:
         with opened(data, ("PNG",)) as image:
             (width, height), inches = image.size, image.info.get("dpi")
             image.verify()
-    # Decoders raise whatever comes up in a broken file.
+    # Decoders raise all kinds of exceptions for broken files.
     except Exception as error:
         raise InputError(f"a complete PNG in {name}", brief(str(error)), "export it again") from None
     if not 0 < width * height <= MOST_PIXELS:
         raise InputError(
             f"1 to {MOST_PIXELS // 10**6} million pixels in {name}", f"{width} x {height}", "use a lower dpi"
         )
-    # Deflate packs by 1032 at most: a header that promises more lies, and would take memory for it.
+    # Deflate compresses by a factor of 1032 at most: a larger image is a lie, and would exhaust the memory.
     if width * height / 8 > 1032 * len(data) + 1000:
         raise InputError(f"{width} x {height} pixels in {name}", "data for fewer", "export it again")
     if inches is None:
         raise InputError(f"a resolution in {name}", "none: no pHYs in meters", "export it again, with its dpi")
-    # Pillow tells dots per inch, the file whole pixels per meter.
+    # Pillow gives dots per inch, but the file has integer pixels per meter.
     x, y = (round(dots / 0.0254) for dots in inches)
     if not 100 <= min(x, y) <= max(x, y) <= 10_000_000:
         raise InputError(f"a resolution of 100 to 10 million pixels a meter in {name}", f"{x} x {y}", "export it again")
@@ -154,7 +154,7 @@ def _decode(data: bytes, shape: tuple[int, int], name: str) -> Grey:
 
 
 def _least_gap(marker: Marker) -> float:
-    """Between the nearest two dots, mm."""
+    """Smallest gap between two dots, mm."""
     xy, radii = marker.xyz[:, :2], np.array([p.feature.diameter / 2 for p in marker.control_points])
     first, second = np.triu_indices(len(marker), 1)
     gaps = np.linalg.norm(xy[first] - xy[second], axis=-1) - radii[first] - radii[second]
@@ -162,7 +162,7 @@ def _least_gap(marker: Marker) -> float:
 
 
 def _blobs(grey: Grey, scale: Array, sizes: Array, gap: float) -> Iterator[tuple[tuple[int, int, int, int], bool]]:
-    """Boxes (left, top, right, bottom) in pixels around blobs that may be dots or holes of rings, and whether dark."""
+    """Bounding boxes (left, top, right, bottom), px, of blobs that may be dots or holes of rings, and whether dark."""
     import cv2
 
     step = int(np.clip(min(sizes.min() / COARSE, gap / GAP) * scale.min(), 1, 32))
@@ -190,12 +190,12 @@ def _blobs(grey: Grey, scale: Array, sizes: Array, gap: float) -> Iterator[tuple
 
 
 def _measure(grey: Grey, box: tuple[int, int, int, int], dark: bool, scale: Array) -> tuple[float, float, float] | None:
-    """Center and radius in mm, y up from the image's top edge, of a blob that is round; None if it is not."""
+    """Center and radius in mm, y up from the image's top edge, of a round blob; None if it is not round."""
     left, top, right, bottom = box
     center = np.array([(left + right - 1) / 2, (top + bottom - 1) / 2])
     half = np.array([right - left, bottom - top]) / 2
     moments = None
-    # The box is as coarse as the image it was found in; what is found at first makes it fine.
+    # The box has the resolution of the reduced image; the first pass refines it.
     for core in (0.75, CORE):
         moments = _moments(grey, center, half, dark, core)
         if moments is None:
@@ -205,7 +205,7 @@ def _measure(grey: Grey, box: tuple[int, int, int, int], dark: bool, scale: Arra
     area, center, spread = moments if moments is not None else (0.0, center, np.eye(2))
     ellipse = 4 * np.pi * float(np.sqrt(max(np.linalg.det(spread), 1e-12)))
     stretched = np.sqrt(np.linalg.eigvalsh(spread / np.outer(scale, scale)))
-    # An area of few pixels is uncertain by its rim; a square's is 0.045 off.
+    # The rim makes a small area uncertain; a square is 0.045 off.
     if abs(area / ellipse - 1) > ROUND + 0.3 / half.min() or stretched[0] < FLATTEST * stretched[1]:
         return None
     x, y = (center + 0.5) / scale
@@ -213,7 +213,7 @@ def _measure(grey: Grey, box: tuple[int, int, int, int], dark: bool, scale: Arra
 
 
 def _moments(grey: Grey, center: Array, half: Array, dark: bool, core: float) -> tuple[float, Array, Array] | None:
-    """Area, centroid and second moments of a blob in pixels, a ring's hole filled up, without its neighbors."""
+    """Area, centroid and second moments of a blob in pixels, with a ring's hole filled and neighbors excluded."""
     import cv2
 
     reach = 1.1 * RIM * half + 2
@@ -227,7 +227,7 @@ def _moments(grey: Grey, center: Array, half: Array, dark: bool, core: float) ->
     around, inside = (distance > (1 + RIM) / 2) & (distance < 1.05 * RIM), distance < core
     if not around.any() or not inside.any():
         return None
-    # Neighbors may fill most of the way around.
+    # Neighbors may fill most of the surroundings.
     ground = float(np.percentile(window[around], 90 if dark else 10))
     ink = float(np.percentile(window[inside], 5 if dark else 95))
     if (ground - ink if dark else ink - ground) < 16:
@@ -247,9 +247,9 @@ def _moments(grey: Grey, center: Array, half: Array, dark: bool, core: float) ->
 
 
 def reads_upright(grey: NDArray[np.uint8], scale: Array) -> bool | None:
-    """Tell whether the characters on a page, at `scale` (x, y) pixels per mm, are mirrored; None if none is told.
+    """Tell whether the characters on a page, at `scale` (x, y) pixels per mm, are unmirrored; None if unknown.
 
-    The page may be turned any way.
+    The page may have any orientation.
     """
     import cv2
 
@@ -262,7 +262,7 @@ def reads_upright(grey: NDArray[np.uint8], scale: Array) -> bool | None:
     rows = max(BAND // width, 4 * MOST_PX)
     for dark in (True, False):
         votes = np.zeros(2)
-        # What one band cuts the next one has whole.
+        # Bands overlap, so that a character cut by one is whole in the next.
         for top in range(0, height, rows - MOST_PX):
             votes += _votes((small[top : top + rows] < level) == dark, scale)
         plain, mirrored = votes
@@ -272,7 +272,7 @@ def reads_upright(grey: NDArray[np.uint8], scale: Array) -> bool | None:
 
 
 def _votes(ink: NDArray[np.bool_], scale: Array) -> Array:
-    """How many characters are plain, and how many mirrored."""
+    """Number of characters that are plain and that are mirrored."""
     import cv2
 
     votes = np.zeros(2)
@@ -287,7 +287,7 @@ def _votes(ink: NDArray[np.bool_], scale: Array) -> Array:
 
 
 def _vote(shape: Array) -> Array:
-    """(1, 0) for a character, (0, 1) for a mirrored one, (0, 0) for what is neither or both."""
+    """(1, 0) for a character, (0, 1) for a mirrored one, (0, 0) for neither or both."""
     known = _font()
     plain, mirrored = (float(np.linalg.norm(known - each, axis=-1).min()) for each in (shape, shape * MIRROR))
     if min(plain, mirrored) > NEAR or max(plain, mirrored) < CLEAR * min(plain, mirrored):
@@ -296,9 +296,9 @@ def _vote(shape: Array) -> Array:
 
 
 def _invariants(x: Array, y: Array, weight: Array) -> Array:
-    """Seven numbers of a shape that no turn, shift or scale changes; a mirror changes the sign of the 5th and 7th.
+    """Seven invariants of a shape under rotation, translation and scale; a mirror negates the 5th and 7th.
 
-    From its complex moments of second and third order (Flusser).
+    They are computed from complex moments of second and third order (Flusser).
     """
     mass = weight.sum()
     z = (x - (weight @ x) / mass) + 1j * (y - (weight @ y) / mass)
@@ -315,7 +315,7 @@ def _invariants(x: Array, y: Array, weight: Array) -> Array:
 
 @cache
 def _font() -> Array:
-    """Invariants (g, 7) of the characters of the fonts that sheets are written in."""
+    """Invariants (g, 7) of the characters of the fonts used on sheets."""
     import cv2
 
     from markergen.drawing.text import FACES, text
@@ -327,13 +327,13 @@ def _font() -> Array:
             picture = np.zeros((3 * DRAWN_PX, 3 * DRAWN_PX), dtype=np.uint8)
             cv2.fillPoly(picture, [np.rint(16 * contour).astype(np.int32) for contour in contours], 1, shift=4)
             y, x = np.nonzero(picture)
-            # The picture has y up already: its rows are the outline's y.
+            # The outline has y up, and so do the picture's rows.
             rows.append(_invariants(x.astype(float), y.astype(float), np.ones(len(x))))
     return np.array(rows)
 
 
 def _contours(outline: FilledPath) -> list[Array]:
-    """Closed polygons of an outline of lines and quadratic curves."""
+    """Closed polygons that approximate an outline of lines and quadratic curves."""
     contours: list[list[Array]] = []
     for command, points in outline.segments:
         if command == "M":

@@ -1,4 +1,4 @@
-"""Lists of points: marker.json, tables and configurations of detectors, read as plain text, JSON or YAML."""
+"""Read lists of points: marker.json, tables and detector configurations, from plain text, JSON or YAML."""
 
 import json
 import re
@@ -14,15 +14,15 @@ from markergen.model.tag import FAMILIES
 from markergen.verification.reading import READERS, Page, Reading, circles_of
 
 Told = tuple[object, object, object]
-"""Family, id and corners of a tag as a file tells them."""
+"""Family, id and corners of a tag as the file states them."""
 
 TAG_TOLERANCE = 1e-6
-"""How far a listed corner of a tag may be off, m."""
+"""Maximum error of a tag corner in a list, m."""
 
 
 @READERS.register(".csv")
 def read_csv(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (every reader is called alike)
-    """Places of a table with the columns x_m, y_m, z_m."""
+    """Read points from a table with the columns x_m, y_m, z_m."""
     lines = [line for line in _text(data, name).splitlines() if line.strip() and not line.startswith("#")]
     header = [word.strip() for word in lines[0].split(",")] if lines else []
     try:
@@ -37,7 +37,7 @@ def read_csv(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001
 
 @READERS.register(".json")
 def read_json(data: bytes, name: str, marker: Marker) -> Reading:
-    """Control points of a marker.json."""
+    """Read the control points of a marker.json."""
     try:
         content = json.loads(_text(data, name))
         rows = [[point[key] for key in "xyz"] for point in content["control_points"]]
@@ -45,13 +45,13 @@ def read_json(data: bytes, name: str, marker: Marker) -> Reading:
         told = tag and (tag["family"], tag["id"], [corner[:2] for corner in tag["corners"]])
     except (ValueError, RecursionError, KeyError, TypeError):
         raise InputError(f"a marker.json in {name}", "something else", "export it again") from None
-    # Its tag is the one that was designed, whatever was measured on a print.
+    # The file's tag is the designed one, regardless of any measurement of a print.
     return _reading("JSON", rows, name, _tag_gaps(marker.as_designed, marker.tag.family if marker.tag else None, told))
 
 
 @READERS.register(".opencv.yaml")
 def read_opencv(data: bytes, name: str, marker: Marker) -> Reading:
-    """Object points and tag of an OpenCV FileStorage."""
+    """Read the object points and the tag of an OpenCV FileStorage."""
     text = _text(data, name)
     values = _matrix(text, "object_points")
     if not values or len(values) % 3:
@@ -69,7 +69,7 @@ def read_opencv(data: bytes, name: str, marker: Marker) -> Reading:
 
 @READERS.register(".kalibr.yaml")
 def read_kalibr(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001
-    """Points of a target in the style of Kalibr."""
+    """Read the points of a target in the style of Kalibr."""
     try:
         rows = [[point[key] for key in "xyz"] for point in _yaml(data, name)["points"]]
     except (KeyError, TypeError):
@@ -79,7 +79,7 @@ def read_kalibr(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG
 
 @READERS.register(".ros2.yaml")
 def read_ros2(data: bytes, name: str, marker: Marker) -> Reading:
-    """Landmarks and tag of ROS 2 parameters."""
+    """Read the landmarks and the tag of ROS 2 parameters."""
     try:
         nodes = [node["ros__parameters"] for node in _yaml(data, name).values()]
         (landmarks,) = [node for node in nodes if "ids" in node]
@@ -92,13 +92,13 @@ def read_ros2(data: bytes, name: str, marker: Marker) -> Reading:
 
 
 def _matrix(text: str, key: str) -> list[str]:
-    """Numbers of a matrix of FileStorage, row by row; none without it."""
+    """Numbers of a FileStorage matrix, row by row; empty if it is missing."""
     match = re.search(rf"^{key}:[^\[]*\[([^\]]*)\]", text, re.MULTILINE)
     return match[1].split(",") if match else []
 
 
 def _tag_gaps(marker: Marker, family: str | None, told: Told | None) -> tuple[str, ...]:
-    """What is wrong with a tag as a file tells it, whose word for the marker's family is given."""
+    """Errors of a tag as a file states it; `family` is the format's name for the marker's family."""
     tag = marker.tag
     if tag is None or not told:
         return () if (tag is None) == (not told) else (f"the tag {tag} is missing" if tag else "an extra tag",)
@@ -107,8 +107,8 @@ def _tag_gaps(marker: Marker, family: str | None, told: Told | None) -> tuple[st
     try:
         corners = np.array(told[2], dtype=float)
     except (ValueError, TypeError, OverflowError):
-        return ("the corners of the tag are no numbers",)
-    # Not within, rather than beyond, so that nan is wrong, too.
+        return ("the corners of the tag are not numbers",)
+    # Negated, so that nan fails too.
     if (
         corners.shape != (4, 2)
         or not (np.abs(corners - tag.corners[:, :2] * marker.print_scale) <= TAG_TOLERANCE).all()
@@ -137,7 +137,7 @@ def _reading(kind: str, rows: Sequence[Sequence[Any]], name: str, tag_gaps: tupl
     except (ValueError, TypeError, OverflowError):
         raise InputError(f"numbers in {name}", "something else", "export it again") from None
     if not len(places) or not (np.abs(places) < 1e7).all():
-        raise InputError(f"places in m in {name}", "none, or numbers that are not finite", "export it again")
+        raise InputError(f"coordinates in m in {name}", "none, or numbers that are not finite", "export it again")
     bare = np.column_stack([places[:, :2], np.full(len(places), np.nan)])
     circles = circles_of([tuple(row) for row in bare.tolist()], name)
     return Reading(kind, (Page(circles, heights=places[:, 2]),), drawn=False, tag_gaps=tag_gaps)

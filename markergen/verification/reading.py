@@ -1,4 +1,4 @@
-"""What readers make of a file, whatever its format: pages with circles on them, in mm, y up."""
+"""The contents of a file in any format: pages of circles, in mm, y up."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,13 +15,13 @@ from markergen.verification.surface import Surface
 Array = NDArray[np.float64]
 
 MOST_CIRCLES = 20_000
-"""In one file; the largest marker has a thousand dots."""
+"""Maximum number of circles in one file; the largest marker has a thousand dots."""
 
 ROUND = 0.02
-"""Share of the radius up to which an outline may leave its ellipse and still be round."""
+"""Maximum deviation of a round outline from its ellipse, as a share of the radius."""
 
 FLATTEST = 0.8
-"""Least ratio of the half axes of what counts as a circle that was stretched."""
+"""Minimum ratio of the semi-axes of an ellipse that counts as a stretched circle."""
 
 
 def _empty(*shape: int) -> Array:
@@ -30,25 +30,25 @@ def _empty(*shape: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """One page, or the whole of a file that has none.
+    """One page, or the entire file if it has no pages.
 
     Attributes
     ----------
     circles : array (m, 3)
-        Center and radius of every circle that is seen whole, mm, y up, in the order of the file. The radius is nan in
-        formats that hold points alone.
+        Center and radius of every complete circle, mm, y up, in the order of the file. The radius is nan in formats
+        that hold points alone.
     size : (width, height) or None
-        Of the paper, mm.
+        Paper size, mm.
     corners : array (k, 2)
         Corners of the other outlines, mm, for tags.
     heights : array (m,) or None
-        z of each circle, mm, where the format tells.
+        z of each circle, mm, in formats that have it.
     upright : callable or None
-        Tells whether what is on it besides the dots reads the right way round, None if that cannot be told.
+        Returns whether the page apart from the dots is unmirrored, None if that is unknown.
     sample : callable or None
-        Grey levels at points (k, 2) in mm, of a page of pixels.
+        Maps points (k, 2) in mm to grey levels, on a page of pixels.
     surface : Surface or None
-        What a solid shows from above; the circles are those of its dots and not listed here.
+        Plan view of a solid; the circles of its dots are not listed in `circles`.
     """
 
     circles: Array
@@ -62,31 +62,31 @@ class Page:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """All pages of a file.
+    """Contents of a file.
 
     Attributes
     ----------
     kind : str
-        What the format is called.
+        Name of the format.
     pages : tuple of Page
     tolerance : float
-        How exact such a file is to be, m.
+        Default tolerance of the format, m.
     drawn : bool
-        Whether it shows what is to be printed, or else lists the places that the dots have in the print.
+        True if the file shows what is to be printed, False if it lists the positions of the dots in the print.
     ordered : bool
-        Whether dots stand in the file in the marker's order unless an editor changed it.
+        True if the dots follow the marker's order unless an editor changed it.
     pixels : bool
-        Whether it is made of pixels, so that diameters are less exact than centers.
+        True if it is made of pixels, so that diameters are less accurate than centers.
     tagged : bool
-        Whether it shows tags.
+        True if the file shows tags.
     papers : tuple of (width, height)
-        Of the pages that were put together to one, mm.
+        Sizes of the pages that were assembled into one, mm.
     gaps : tuple of str
-        What is wrong with how they fit each other.
+        Errors in the fit between these pages.
     tag_gaps : tuple of str
-        What is wrong with the tag that a list of points tells.
+        Errors of the tag in a list of points.
     flaws : tuple of str
-        What is wrong with solids themselves.
+        Defects of the solids themselves.
     """
 
     kind: str
@@ -103,14 +103,14 @@ class Reading:
 
 
 Reader = Callable[[bytes, str, Marker], Reading]
-"""Makes a reading of a file's bytes; the name is for messages, the marker tells how large its dots are."""
+"""Function that reads a file's bytes; the name is for messages, and the marker gives the sizes of the dots."""
 
 READERS: Registry[Reader] = Registry("suffix to verify", "markergen.verification")
-"""Readers by suffix with its dot."""
+"""Readers by suffix, dot included."""
 
 
 def reader_of(path: Path) -> Reader:
-    """Reader for a path by the longest suffix that is known; raises InputError with the known ones if none is."""
+    """Find the reader for a path by its longest known suffix; raises InputError with the known ones if none fits."""
     parts = path.name.lower().split(".")[1:]
     for start in range(len(parts)):
         suffix = "." + ".".join(parts[start:])
@@ -120,10 +120,10 @@ def reader_of(path: Path) -> Reader:
 
 
 def round_shape(points: Array) -> tuple[float, float, float] | None:
-    """Center and radius of a closed outline (m, 2) that is a circle or a circle stretched a little, else None.
+    """Center and radius of a closed outline (m, 2) that is a circle, stretched a little at most; else None.
 
-    A conic through the points by least squares: its center is that of the ellipse however the points are spread, and
-    the radius is the root of the product of its half axes.
+    Fits a conic by least squares: its center is that of the ellipse however the points are distributed, and the radius
+    is the geometric mean of its semi-axes.
     """
     if len(points) < 8 or not np.isfinite(points).all():
         return None
@@ -144,14 +144,14 @@ def round_shape(points: Array) -> tuple[float, float, float] | None:
     radius = float((scale**2 / np.linalg.det(shape)) ** 0.25)
     offset = np.stack([x, y], axis=-1) - center
     off = np.sqrt(np.maximum(np.einsum("mi,ij,mj->m", offset, shape, offset) / scale, 0.0)) - 1
-    # A square's corners lie on a circle, too.
+    # The corners of a square lie on a circle too.
     if np.abs(off).max() > ROUND or abs(area / (np.pi * radius**2) - 1) > 4 * ROUND:
         return None
     return float(middle[0] + size * center[0]), float(middle[1] + size * center[1]), size * radius
 
 
 def circles_of(found: list[tuple[float, float, float]], name: str) -> Array:
-    """Circles as an array (m, 3); raises InputError for more than `MOST_CIRCLES`, or numbers beyond reason."""
+    """Circles as an array (m, 3), without those out of range; raises InputError for more than `MOST_CIRCLES`."""
     if len(found) > MOST_CIRCLES:
         raise InputError(f"at most {MOST_CIRCLES} circles in {name}", str(len(found)), "verify one marker at a time")
     circles = np.array(found, dtype=float).reshape(-1, 3)

@@ -1,6 +1,6 @@
-"""Dots, colors and holes of a solid, from what it shows from above; no process is asked for.
+"""Find dots, colors and holes of a solid in its plan view, whatever process made it.
 
-Plates that the printed sheet, or every printed dot, is glued into have recesses, and no dots of their own.
+Plates into which the printed sheet or every printed dot is glued have recesses, and no dots of their own.
 """
 
 from dataclasses import replace
@@ -19,33 +19,33 @@ from markergen.verification.surface import Ball, Color, SolidPart, Surface
 Array = NDArray[np.float64]
 
 FLUSH = 1e-3
-"""Difference of heights in mm between edges of one face of a dot."""
+"""Maximum difference of height between edges of one dot face, in mm."""
 
 CONTRAST = 0.2
-"""Least difference of lightness between a dot and the plate, of 1 between black and white."""
+"""Minimum difference of lightness between a dot and the plate, where black is 0 and white is 1."""
 
 LUMA = np.array([0.2126, 0.7152, 0.0722])
 
 HOLE = 2.0
-"""How far in mm a hole may be from its place and still be that hole."""
+"""Maximum distance of a hole from its nominal position, in mm, beyond which it is another hole."""
 
 ROOM = 1.0
-"""Most room in mm that a recess may have around what is glued into it."""
+"""Maximum clearance in mm between a recess and the part glued into it."""
 
 SLACK = 0.02
-"""How far in mm the polygons may be off the circles that they stand for here."""
+"""Maximum deviation in mm of a polygon from the circle that it approximates here."""
 
 SHEET = "a plate with a recess for the printed sheet and no dots of its own: verify the sheet"
 
 UNITS = {"m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3}
-"""Units that files may have been written in which are then read as mm."""
+"""Units, in mm, that a file may have been written in although it is read as mm."""
 
 
 def dots_of_surface(surface: Surface, expected: DotSet) -> DotSet:
-    """Dots of a solid, each at the height of its face, or of the middle of its ball.
+    """Find the dots of a solid, each at the height of its face or of the center of its ball.
 
-    A dot is a part of its own, of about its size, whose highest level face is round; or a ball; or, of pockets and
-    engraving, a round edge of a level face: of several around one axis the highest.
+    A dot is a separate part of about its size whose highest level face is round; or a ball; or, for pockets and
+    engraving, a round edge of a level face, the highest of several around one axis.
     """
     edges = _edges(surface)
     balls = [(k, ball) for k, part in enumerate(surface.parts) for ball in part.balls]
@@ -65,14 +65,14 @@ def dots_of_surface(surface: Surface, expected: DotSet) -> DotSet:
         rows.append(row)
         first.append(part)
     table = np.array(rows, dtype=float).reshape(-1, 6)
-    # Parts stand in the order of the marker; the edges of one part do not.
+    # Parts follow the marker's order; the edges of one part do not.
     ordered = len(set(first)) == len(first)
     table = table[np.argsort(first, kind="stable")] if ordered else table
     return DotSet(table[:, :2], table[:, 2], table[:, 3], table[:, 4], table[:, 5], ordered)
 
 
 def _edges(surface: Surface) -> Array:
-    """Round edges (k, 7) of level faces: x, y, radius, z, part, face, and 1 for the outer one of its face."""
+    """Round edges (k, 7) of level faces: x, y, radius, z, part, face, and 1 for the outer edge of a face."""
     found = [
         (*about, face.z, part, number, float(place == 0))
         for part, each in enumerate(surface.parts)
@@ -84,7 +84,7 @@ def _edges(surface: Surface) -> Array:
 
 
 def _of_balls(pieces: list[tuple[int, Ball]], radii: Array) -> tuple[tuple[float, ...], int]:
-    """Row (x, y, radius, inner radius, spread, z) of a dot that is a ball, and its part."""
+    """Row (x, y, radius, inner radius, spread, z) of a ball-shaped dot, and its part."""
     part, best = min(pieces, key=lambda piece: np.abs(np.log(piece[1].radius / radii)).min())
     inner = max(ball.hole for _, ball in pieces)
     spread = max(float(np.hypot(ball.x - best.x, ball.y - best.y)) for _, ball in pieces)
@@ -92,7 +92,7 @@ def _of_balls(pieces: list[tuple[int, Ball]], radii: Array) -> tuple[tuple[float
 
 
 def _of_edges(surface: Surface, around: Array, radii: Array) -> tuple[tuple[float, ...], int]:
-    """Row of a dot with edges around one axis, and its part."""
+    """Row of a dot made of edges around one axis, and its part."""
     misfit = np.abs(np.log(around[:, 2:3] / radii)).min(axis=-1)
     near = misfit < np.log(ALIKE)
     parts = surface.parts
@@ -105,7 +105,7 @@ def _of_edges(surface: Surface, around: Array, radii: Array) -> tuple[tuple[floa
     best = around[candidates[np.argmin(misfit[candidates])]]
     within = level & (around[:, 2] < best[2] / ALIKE)
     if own.any():
-        # What is in the middle of a ring has an edge of its own, which the ring's gap keeps off.
+        # A core inside a ring has an edge of its own, separated by the ring's gap.
         within &= (around[:, 4] == best[4]) & (around[:, 5] == best[5])
     inner = around[within]
     alike = around[near & level & (np.abs(around[:, 2] / best[2] - 1) < 0.05)]
@@ -115,25 +115,25 @@ def _of_edges(surface: Surface, around: Array, radii: Array) -> tuple[tuple[floa
 
 
 def _is_dot(part: SolidPart, x: float, y: float, radius: float) -> bool:
-    """Whether a part is no larger, seen from above, than a dot with this edge may be."""
+    """True if a part, in plan view, is no larger than a dot with this edge may be."""
     reach = ALIKE * radius
     return x - part.low[0] < reach > part.high[0] - x and y - part.low[1] < reach > part.high[1] - y
 
 
 def plate_of(surface: Surface) -> int:
-    """Index of the part that is largest as seen from above."""
+    """Index of the part that is largest in plan view."""
     return int(np.argmax([(p.high[0] - p.low[0]) * (p.high[1] - p.low[1]) for p in surface.parts]))
 
 
 def differ(color: Color | None, plate: Color | None) -> bool | None:
-    """Whether two colors tell a dot from the plate; None if one is not known."""
+    """True if two colors distinguish a dot from the plate; None if either is unknown."""
     if color is None or plate is None:
         return None
     return bool(abs(LUMA @ (np.array(color) - plate)) >= CONTRAST)
 
 
 def is_ink(surface: Surface, places: Array) -> NDArray[np.bool_]:
-    """Tell which places (m, 2) are of the other color than the plate: by its color, or as another part, or deeper."""
+    """Tell which points (m, 2) are inked: not of the plate's color or, without colors, on another part or recessed."""
     plate = plate_of(surface)
     part, z, colors = surface.look(places)
     own = surface.parts[plate].color
@@ -144,7 +144,7 @@ def is_ink(surface: Surface, places: Array) -> NDArray[np.bool_]:
 
 
 def straight_edges(surface: Surface, plate: bool) -> tuple[Array, Array]:
-    """Beginnings and ends (k, 2) of the straight edges of level faces, of the plate or of all other parts."""
+    """Start and end points (k, 2) of the straight edges of level faces, of the plate or of all other parts."""
     main = plate_of(surface)
     parts = [part for index, part in enumerate(surface.parts) if (index == main) == plate]
     edges = [edge for part in parts for face in part.faces for edge in face.edges if not edge.is_circle]
@@ -152,7 +152,7 @@ def straight_edges(surface: Surface, plate: bool) -> tuple[Array, Array]:
     for edge in edges:
         points = np.array(edge.points)
         before, after = (points - np.roll(points, k, axis=0) for k in (1, -1))
-        # What lies on a straight line is no corner.
+        # Collinear points are not corners.
         cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
         length = np.linalg.norm(before, axis=-1) * np.linalg.norm(after, axis=-1)
         corners = points[np.abs(cross) > 1e-6 * length]
@@ -162,7 +162,7 @@ def straight_edges(surface: Surface, plate: bool) -> tuple[Array, Array]:
 
 
 def color_findings(surface: Surface, dots: DotSet, names: tuple[int, ...]) -> list[Finding]:
-    """Dots of the plate's color, and rings whose middle is not; nothing of what a file does not color."""
+    """Dots of the plate's color, and rings whose middle is not; nothing if the file has no colors."""
     plate = surface.parts[plate_of(surface)].color
     if plate is None or not len(dots):
         return []
@@ -182,7 +182,7 @@ def color_findings(surface: Surface, dots: DotSet, names: tuple[int, ...]) -> li
     return [
         *(Finding("color", f"dot {name} has the color of the plate") for name in dark[:MOST_LISTED]),
         *(
-            Finding("color", f"the middle of dot {name} has not the color of the plate")
+            Finding("color", f"the middle of dot {name} does not have the color of the plate")
             for name in middle[:MOST_LISTED]
         ),
     ]
@@ -191,7 +191,7 @@ def color_findings(surface: Surface, dots: DotSet, names: tuple[int, ...]) -> li
 def hole_findings(
     surface: Surface, holes: tuple[Hole, ...], motion: tuple[Array, Array], tolerance: float
 ) -> list[Finding]:
-    """Holes of the plate that are missing, out of place or of another size; tolerance in mm."""
+    """Holes of the plate that are missing, misplaced or of the wrong size; tolerance in mm."""
     rotation, shift = motion
     edges = _edges(surface)
     findings = []
@@ -214,25 +214,25 @@ def hole_findings(
 
 
 def flaws_of(surface: Surface) -> tuple[str, ...]:
-    """What is wrong with the solids themselves."""
+    """Defects of the solids themselves."""
     flaws = []
     for number, part in enumerate(surface.parts, 1):
         name = f"the part {part.name}" if part.name else f"part {number}"
         if not part.closed:
             flaws.append(f"{name} has open edges: it encloses no volume")
         elif not part.valid:
-            flaws.append(f"{name} is no valid solid: it is inside out, or crosses itself")
+            flaws.append(f"{name} is not a valid solid: it is inside out or intersects itself")
     return tuple(flaws[:MOST_LISTED])
 
 
 def reading_of(kind: str, surface: Surface, tolerance: float = 1e-6) -> Reading:
-    """Reading of a solid in mm, whose centers are to be right within `tolerance` m."""
+    """Reading of a solid in mm, with a default tolerance in m for its centers."""
     page = Page(np.zeros((0, 3)), surface=surface)
     return Reading(kind, (page,), tolerance, tagged=True, flaws=flaws_of(surface))
 
 
 def in_unit(reading: Reading, factor: float) -> Reading:
-    """The reading with everything a factor as large."""
+    """Scale everything in a reading by a factor."""
     pages = tuple(
         replace(page, surface=page.surface.scaled(factor)) if page.surface else page for page in reading.pages
     )
@@ -240,9 +240,9 @@ def in_unit(reading: Reading, factor: float) -> Reading:
 
 
 def holds_sheet(surface: Surface, boundary: Boundary) -> bool:
-    """Tell whether a plate without dots has a recess where the boundary is, of its outline and a little larger.
+    """Tell whether a plate without dots has a recess that matches the boundary with a little clearance.
 
-    Where the plate is in its file is where it is looked for: nothing else tells.
+    The recess must lie at the boundary's nominal position, since there is nothing to align the plate by.
     """
     if len({part.color for part in surface.parts}) > 1:
         return False
@@ -252,7 +252,7 @@ def holds_sheet(surface: Surface, boundary: Boundary) -> bool:
         wanted = Region.disk(x, y, 1e3 * boundary.size)
     else:
         wanted = Region.enclosed([1e3 * ring for ring in boundary.outlines()])
-    # Land around screws stays in it: holes of the floor do not count.
+    # Islands around screws are part of the recess, so holes in its floor are ignored.
     floors = [face.outline for part in surface.parts for face in part.faces if face.z < top - FLUSH]
     recess = Region.union([floor for floor in floors if floor.meets(wanted)])
     solid = wanted.filled()
@@ -260,10 +260,10 @@ def holds_sheet(surface: Surface, boundary: Boundary) -> bool:
 
 
 def room_of(surface: Surface, found: DotSet, expected: DotSet) -> float:
-    """Room in mm around the dots where what looks like them are recesses for printed ones; 0 where they are dots.
+    """Clearance in mm around printed dots, if the apparent dots are recesses for them; 0 if they are dots.
 
-    Such recesses are all deeper than the plate and of its color, larger than dots by one and the same, and none is a
-    ring.
+    Such recesses lie below the plate's surface, have its color, are larger than dots by the same amount, and are never
+    rings.
     """
     if not len(found) or not (np.isfinite(found.radii)).all() or found.rings.any():
         return 0.0
@@ -272,7 +272,7 @@ def room_of(surface: Surface, found: DotSet, expected: DotSet) -> float:
     if (part != plate).any() or (z > (found.heights if found.heights is not None else 0.0) - FLUSH).any():
         return 0.0
     told = [differ(color, surface.parts[plate].color) for color in colors]
-    # Without colors, pockets without rings for a marker that has one are recesses, too.
+    # Without colors, pockets without any ring are recesses if the marker has a ring.
     if True in told or (None in told and not expected.rings.any()):
         return 0.0
     sizes = np.unique(expected.radii)

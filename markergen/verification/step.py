@@ -1,6 +1,6 @@
-"""STEP and BREP: what their parts look like from above, by Open CASCADE in a process of its own.
+"""Read the plan view of the parts of STEP and BREP files, with Open CASCADE in a child process.
 
-Open CASCADE ends its whole process on some broken files, and never ends with others.
+Open CASCADE crashes on some broken files and never finishes on others.
 """
 
 import re
@@ -22,23 +22,23 @@ from markergen.verification.surface import Ball, Color, LevelFace, SolidPart, Su
 PARSER = Path(markergen.solid.__file__).with_name("step_parser.py")
 
 HUGE = re.compile(rb"'[^']*'|(\d\.?\d*[eE]\+?0*[1-9]\d|\d{12}\.)")
-"""Words, and numbers beyond 1e10 between them, with which Open CASCADE never ends."""
+"""Quoted strings, to skip, and numbers beyond 1e10 outside of them, on which Open CASCADE never finishes."""
 
 
 @READERS.register(".step", ".stp")
 def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (every reader is called alike)
-    """Parts of a STEP file, with their names and colors, moved to where assemblies have them."""
+    """Read the parts of a STEP file with names and colors, placed as its assemblies have them."""
     return reading_of("STEP", Surface(read_step(data, name)))
 
 
 @READERS.register(".brep")
 def read_native(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001
-    """Parts of a BREP file."""
+    """Read the parts of a BREP file."""
     return reading_of("BREP", Surface(read_brep(data, name)))
 
 
 def read_step(data: bytes, name: str = "the STEP file") -> tuple[SolidPart, ...]:
-    """Parts of a STEP file, moved to where its assemblies have them, in mm.
+    """Read the parts of a STEP file in mm, placed as its assemblies have them.
 
     Raises
     ------
@@ -47,16 +47,16 @@ def read_step(data: bytes, name: str = "the STEP file") -> tuple[SolidPart, ...]
     MissingLibraryError
         If the CAD kernel or a system library that it needs is missing.
     """
-    # The end may be followed by blanks; what is cut off would be read as far as it goes.
+    # Blanks may follow the end; Open CASCADE would read a truncated file as far as it goes.
     if not data.lstrip().startswith(b"ISO-10303-21") or b"END-ISO-10303-21" not in data[-1000:]:
-        raise InputError(f"a complete STEP file in {name}", "no beginning or end of one", "export it again")
+        raise InputError(f"a complete STEP file in {name}", "no header or no end", "export it again")
     if any(match[1] for match in HUGE.finditer(data)):
         raise InputError(f"lengths below 10 000 km in {name}", "numbers beyond 1e10", "export it again")
     return _parts("STEP", data, name)
 
 
 def read_brep(data: bytes, name: str = "the BREP file") -> tuple[SolidPart, ...]:
-    """Parts of a BREP file of Open CASCADE, in mm; they have neither names nor colors. Raises as `read_step` does."""
+    """Read the parts of an Open CASCADE BREP file, in mm, without names or colors. Raises as `read_step` does."""
     if b"CASCADE Topology" not in data[:1000]:
         raise InputError(f"a BREP file of Open CASCADE in {name}", "something else", "export it again")
     return _parts("BREP", data, name)

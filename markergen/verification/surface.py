@@ -1,4 +1,4 @@
-"""What a solid shows from above, as plain data in mm in the frame of its file: level faces, balls, and their colors."""
+"""The plan view of a solid as plain data, in mm in the frame of its file: level faces, balls, and their colors."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,11 +13,11 @@ Array = NDArray[np.float64]
 Color = tuple[float, float, float]
 
 FINE = 1e-3
-"""mm from a circle of the chords that it is made of where places are looked up."""
+"""Maximum distance in mm between a circle and its chords when points are looked up."""
 
 
 def edge_of(points: Array, round_one: tuple[float, float, float] | None = None) -> Contour:
-    """Return a closed edge of a face: the circle (x, y, radius) that it is, or its points (k, 2)."""
+    """Make a closed edge of a face: a circle from (x, y, radius) if given, else the polygon of points (k, 2)."""
     if round_one is not None:
         x, y, radius = round_one
         return circle(radius, x, y)
@@ -30,25 +30,25 @@ def _scaled(edge: Contour, factor: float) -> Contour:
 
 @dataclass(frozen=True, eq=False)
 class LevelFace:
-    """A level face that is seen from above; its edges, the outer one first."""
+    """A level face seen from above, and its edges, the outer one first."""
 
     z: float
     edges: tuple[Contour, ...]
     color: Color | None = None
 
     def scaled(self, factor: float) -> "LevelFace":
-        """A factor as large."""
+        """Scale by a factor."""
         return LevelFace(factor * self.z, tuple(_scaled(edge, factor) for edge in self.edges), self.color)
 
     @cached_property
     def region(self) -> Region:
-        """What it covers."""
+        """Region that the face covers."""
         outer, *holes = (flattened(edge, FINE) for edge in self.edges)
         return Region.polygon(outer, holes, mend=True)
 
     @cached_property
     def outline(self) -> Region:
-        """What its outer edge goes around."""
+        """Region inside its outer edge."""
         return Region.polygon(flattened(self.edges[0], FINE), mend=True)
 
 
@@ -60,9 +60,9 @@ class Ball:
     ----------
     x, y, z, radius : float
     hole : float
-        Radius of the circle around its upright axis within which it is cut away from the top; 0 of a whole cap.
+        Radius of the circle around its vertical axis inside which the top is cut away; 0 for a whole cap.
     rim : float
-        Radius up to which it reaches as seen from above.
+        Radius of the rim in plan view.
     """
 
     x: float
@@ -74,7 +74,7 @@ class Ball:
     color: Color | None = None
 
     def scaled(self, factor: float) -> "Ball":
-        """A factor as large."""
+        """Scale by a factor."""
         x, y, z, radius, hole, rim = (factor * v for v in (self.x, self.y, self.z, self.radius, self.hole, self.rim))
         return Ball(x, y, z, radius, hole, rim, self.color)
 
@@ -92,11 +92,11 @@ class SolidPart:
     volume : float
         mm^3.
     valid, closed : bool
-        Whether it is a sound solid, and has no open edge.
+        True if it is a valid solid, and if it has no open edges.
     low, high : (x, y, z)
-        Corners of a box that holds it.
+        Corners of its bounding box.
     faces : tuple of LevelFace
-        Level ones that look up.
+        Level faces that face up.
     balls : tuple of Ball
     """
 
@@ -111,7 +111,7 @@ class SolidPart:
     balls: tuple[Ball, ...] = ()
 
     def scaled(self, factor: float) -> "SolidPart":
-        """A factor as large."""
+        """Scale by a factor."""
         low, high = ((factor * x, factor * y, factor * z) for x, y, z in (self.low, self.high))
         faces = tuple(face.scaled(factor) for face in self.faces)
         balls = tuple(ball.scaled(factor) for ball in self.balls)
@@ -126,21 +126,21 @@ class SolidPart:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """All parts of a file."""
+    """Plan view of all parts of a file."""
 
     parts: tuple[SolidPart, ...] = field(default=())
 
     def scaled(self, factor: float) -> "Surface":
-        """A factor as large."""
+        """Scale by a factor."""
         return Surface(tuple(part.scaled(factor) for part in self.parts))
 
     def look(self, places: Array) -> tuple[NDArray[np.intp], Array, list[Color | None]]:
-        """What a vertical look from above meets at places (m, 2).
+        """Look down vertically at points (m, 2).
 
         Returns
         -------
         part (m,), z (m,), color
-            Index of the part, -1 where there is none; height, -inf there; color, None where the file has none.
+            Index of the part, -1 for none; height, -inf for none; color, None if the file has none.
         """
         part = np.full(len(places), -1, dtype=np.intp)
         z = np.full(len(places), -np.inf)

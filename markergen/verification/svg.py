@@ -1,4 +1,4 @@
-"""SVG: circles through all transforms and units, by the reader of outlines, which shares nothing with the writer."""
+"""Read circles of an SVG with all transforms and units, by the outline reader, which shares no code with the writer."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from markergen.verification.reading import READERS, Page, Reading, circles_of, r
 Array = NDArray[np.float64]
 
 PATIENCE = 30
-"""Times as much path data as an outline may have: sheets carry their text as outlines."""
+"""Factor by which path data may exceed that of an outline: sheets contain text converted to outlines."""
 
 _ALONG = np.linspace(0, 1, 5)[:-1, None, None]
 """Where the points on a Bezier curve are; a sheet has thousands of curves."""
@@ -22,7 +22,7 @@ _ALONG = np.linspace(0, 1, 5)[:-1, None, None]
 
 @READERS.register(".svg")
 def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (every reader is called alike)
-    """Circles and corners of an SVG."""
+    """Read the circles and corners of an SVG."""
     check_size(Content(name, data), "SVG")
     file = OutlineFile(name, data, PATIENCE)
     with np.errstate(all="ignore"):
@@ -47,7 +47,7 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (e
 
 
 def _points(curve: Curve) -> Array:
-    """Points on a curve: of those that are bent, as many that the curve's shape is known."""
+    """Sample a curve, densely enough to preserve its shape if it is bent."""
     if isinstance(curve, Arc):
         t = np.linspace(curve.start, curve.start + curve.sweep, 33)[:-1, None]
         return np.asarray(curve.center + curve.u * np.cos(t) + curve.v * np.sin(t))
@@ -68,7 +68,7 @@ def _size(width: str | None, height: str | None) -> tuple[float, float] | None:
     from svgelements import Length
 
     try:
-        # At 25.4 px an inch a px is a mm.
+        # At 25.4 px per inch, 1 px is 1 mm.
         found = tuple(float(Length(text or "").value(ppi=25.4)) for text in (width, height))
     except (ValueError, TypeError, AttributeError):
         return None

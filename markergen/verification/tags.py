@@ -1,4 +1,4 @@
-"""The tag of a marker in a file: the corners of its outlines, or its cells among pixels."""
+"""Check the tag of a marker in a file, by the corners of its outlines or by its cells in pixels or solids."""
 
 from collections.abc import Callable
 
@@ -19,21 +19,21 @@ NAMES = ("top left", "top right", "bottom right", "bottom left")
 ABSENT = "is not in its place"
 
 SPOT = 0.15
-"""Share of a cell by which the places off its middle are apart from that where a solid is looked at."""
+"""Distance from the middle of a cell of the other sampled points of a solid, as a share of the cell (x and y)."""
 
 NEAR = 0.25
-"""Share of a cell within which a corner is one of the tag's."""
+"""Maximum distance at which a corner counts as one of the tag's, as a share of a cell."""
 
 
 def tag_findings(tag: Tag, page: Page, to_page: Map, tolerance: float) -> list[Finding]:
-    """What is wrong with a tag.
+    """List the errors of a tag.
 
     Parameters
     ----------
     to_page : callable
-        From the marker frame in m, points (k, 2), to the page in mm.
+        Map from points (k, 2) in the marker frame in m to the page in mm.
     tolerance : float
-        mm.
+        Tolerance in mm.
     """
     if page.sample is not None:
         return _in_pixels(tag, page.sample, to_page, tolerance)
@@ -51,7 +51,7 @@ def _in_outlines(tag: Tag, found: Array, to_page: Map, tolerance: float) -> list
         return [_not_there(tag)]
     tree = cKDTree(found)
     strange = tree.query(wanted)[0] > NEAR * cell
-    # What is inside of its black square and no corner of its own belongs to another one.
+    # A corner inside the black square that is not one of the tag's belongs to another tag.
     corners = to_page(tag.corners)
     sides = [corners[1] - corners[0], corners[3] - corners[0]]
     place = np.stack([(found - corners[0]) @ side / (side @ side) for side in sides], axis=-1)
@@ -78,7 +78,7 @@ def _in_pixels(tag: Tag, sample: Map, to_page: Map, tolerance: float) -> list[Fi
 
 
 def _in_solid(tag: Tag, surface: Surface, to_page: Map, tolerance: float) -> list[Finding]:
-    """By the cells, which are parts or engraved, and the four straight edges: corners may be rounded by a tool."""
+    """Check the cells, which are parts or engraved, and the four straight edges, since tools may round corners."""
     cells = tag.cells
     grid = (np.arange(-1, cells + 1) + 0.5) / cells - 0.5
     x, y = np.meshgrid(grid, -grid)
@@ -89,7 +89,7 @@ def _in_solid(tag: Tag, surface: Surface, to_page: Map, tolerance: float) -> lis
         return [_not_there(tag)]
     corners = to_page(tag.corners)
     cell = float(np.linalg.norm(corners[1] - corners[0])) / cells
-    # Inlays have the tag's size, and their pockets more; what is engraved has no inlays.
+    # Inlays have the nominal size and their pockets are larger; engraved tags have no inlays.
     for edges in (straight_edges(surface, plate=False), straight_edges(surface, plate=True)):
         sides = [_side(corners[k], corners[(k + 1) % 4], *edges, NEAR * cell) for k in range(4)]
         lines = [side for side in sides if side is not None]
@@ -99,7 +99,7 @@ def _in_solid(tag: Tag, surface: Surface, to_page: Map, tolerance: float) -> lis
 
 
 def _side(start: Array, end: Array, starts: Array, ends: Array, near: float) -> tuple[Array, Array] | None:
-    """Point and direction of the straight edge that is nearest to a side, and half as long at least."""
+    """Point and direction of the straight edge nearest to a side, at least half as long."""
     length = float(np.linalg.norm(end - start))
     along = (end - start) / length
     outward = np.array([along[1], -along[0]])
@@ -115,7 +115,7 @@ def _side(start: Array, end: Array, starts: Array, ends: Array, near: float) -> 
 
 
 def _crossings(lines: list[tuple[Array, Array]]) -> Array:
-    """Where each line meets the one before it."""
+    """Intersection of each line with the previous one."""
     found = []
     for k in range(len(lines)):
         (a, u), (b, v) = lines[k - 1], lines[k]
@@ -125,7 +125,7 @@ def _crossings(lines: list[tuple[Array, Array]]) -> Array:
 
 
 def _edges(corners: Array, sample: Map, cells: int) -> Array:
-    """Corners (4, 2) where the lines meet along which the ink of the border ends."""
+    """Corners (4, 2) where the fitted edges of the border's ink intersect."""
     lines = []
     for k in range(4):
         start, end = corners[k], corners[(k + 1) % 4]

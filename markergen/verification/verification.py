@@ -1,4 +1,4 @@
-"""The result of a verification: to print, save and iterate over."""
+"""Result of a verification, to print, save and iterate over."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, overload
@@ -21,20 +21,20 @@ _CAPTION = (
 _HEADER = ("file", "dots", "largest error", "along x", "along y", "page", "")
 
 _SHOWN = 8
-"""Files in one line."""
+"""Maximum number of files that a repr lists."""
 
 
 class Verification(SavableResult, Sequence[Check]):
-    """The result of `markergen.verify`: a sequence with a `Check` of each file, in their order.
+    """Result of `markergen.verify`: a sequence with one `Check` per file, in order.
 
-    ``print(verification)`` shows what the command prints. `passed` says whether all files are right; the truth value of
-    the sequence does not.
+    ``print(verification)`` shows what the command prints. `passed` is true if all files are right; like any sequence,
+    a verification is true unless it is empty.
 
     Parameters
     ----------
     checks : sequence of Check
     written : sequence of Written
-        Files that were asked for together with the results.
+        Files that were written together with the results.
 
     Examples
     --------
@@ -51,12 +51,12 @@ class Verification(SavableResult, Sequence[Check]):
 
     @property
     def passed(self) -> bool:
-        """Every file could be used, and nothing is wrong with any."""
+        """True if every file could be used and has no findings."""
         return all(check.passed for check in self._checks)
 
     @property
     def usable(self) -> bool:
-        """Every file could be read; why one could not is in the `error` of its check."""
+        """True if every file could be read; otherwise the `error` of its check says why."""
         return not any(check.error for check in self._checks)
 
     def __len__(self) -> int:
@@ -73,18 +73,18 @@ class Verification(SavableResult, Sequence[Check]):
         return self._checks[index]
 
     def save(self, *paths: StrPath, json: StrPath | None = None) -> list[Written]:
-        """Write the results as .json, or with `json` under any name; all files or none, see `SavableResult`."""
+        """Write the results as .json, or with `json` under any name: all files or none, see `SavableResult`."""
         return self.write(self.targets(paths, json=json).checked())
 
     def to_json(self) -> bytes:
-        """Results as JSON text: one array for all files."""
+        """Return the results as JSON text: one array for all files."""
         return json_bytes([check.as_dict() for check in self._checks])
 
     def to_frame(self) -> "DataFrame":
-        """Return a pandas data frame with a row for each file.
+        """Return a pandas data frame with one row per file.
 
-        Its columns are those of the JSON: ``file``, ``format``, ``passed``, ``error``, ``largest_m``, ``worst_dot``,
-        ``tolerance_m``, ``scale_x``, ``scale_y``, ``dots``, ``copies``, ``findings`` and ``notes``, both as text.
+        Its columns are named as in the JSON: ``file``, ``format``, ``passed``, ``error``, ``largest_m``, ``worst_dot``,
+        ``tolerance_m``, ``scale_x``, ``scale_y``, ``dots``, ``copies``, and, as text, ``findings`` and ``notes``.
 
         Raises
         ------
@@ -101,12 +101,12 @@ class Verification(SavableResult, Sequence[Check]):
         return data_frame(rows)
 
     def parts(self) -> list[str | Table]:
-        """Table and sentences about the files that could be used, and why the others could not."""
+        """Return a table and sentences about the usable files, and the errors of the others."""
         errors = [f"error: {check.error}" for check in self._checks if check.error]
         return [*self.findings(), *errors]
 
     def findings(self) -> list[str | Table]:
-        """Table and sentences about the files that could be used."""
+        """Return a table and sentences about the usable files."""
         checks = [check for check in self._checks if not check.error]
         return [_table(checks), *(line for check in checks for line in _lines(check))] if checks else []
 
@@ -121,12 +121,12 @@ def _verdict(check: Check) -> str:
 
 
 def _table(checks: Iterable[Check]) -> Table:
-    """Checks as a table, one row each."""
+    """Table of checks, one row each."""
     return Table("", _HEADER, [_row(check) for check in checks], _CAPTION)
 
 
 def _lines(check: Check) -> list[str]:
-    """What there is to say about a file besides its row, one sentence a line."""
+    """Findings and notes of a file, one sentence per line."""
     return [f"{check.path}: {said}" for said in (*(each.sentence for each in check.findings), *check.notes)]
 
 

@@ -76,7 +76,7 @@ def test_files_and_their_bytes(found, pentagon, tmp_path):
         ([..., "hexagon"], {}, "known: MARKER.json"),
         ([...], {"view": 3}, "did you mean 'views'?"),
         ([...], {"views": "3"}, "views='3' (a whole number)"),
-        ([...], {"views": 0}, "one view or more"),
+        ([...], {"views": 0}, "one or more views"),
         ([...], {"print_sigma": "5 parsec"}, "a length"),
         ([...], {"plot": "c.json"}, ".svg or .png"),
         ([...], {"save": "c.pdf"}, ".json, .svg, .png"),

@@ -67,7 +67,7 @@ def test_choices_of_a_process(pentagon, tmp_path, monkeypatch):
         (("m.step",), {"dome": "half"}, "--dome with --process dome"),
         (("m.json",), {"mount": ["4xM3@250mm/90"]}, "hole"),
         (("m.json",), {"outline": 4}, "outline=4 (an outline"),
-        (("m.json",), {"boundary_unit": "mm"}, "a drawing that --boundary-unit is for"),
+        (("m.json",), {"boundary_unit": "mm"}, "a drawing for --boundary-unit"),
     ],
 )
 def test_bad_wishes(pentagon, paths, options, words, tmp_path, monkeypatch):

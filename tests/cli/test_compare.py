@@ -35,7 +35,7 @@ def test_tables_json_and_picture(here, capsys):
         (["marker.json", "nowhere.json"], "nowhere.json"),
         (["marker.json", "--plot", "c.gif"], ".svg or .png"),
         (["marker.json", "--plot", "no/c.svg"], "No such file or directory"),
-        (["marker.json", "--views", "0"], "one view or more"),
+        (["marker.json", "--views", "0"], "one or more views"),
         (["marker.json", "--print-sigma", "5 parsecs"], "a length"),
         ([], "compare --help"),
     ],

@@ -116,7 +116,7 @@ def test_the_way_of_the_search(here):
         ("--boundary rect:0.2", "rect:200mmx100mm"),
         ("--layer A", "no --boundary"),
         ("--boundary-unit mm", "write the unit with the number"),
-        ("--boundary rect:1x1 --layer A", "outline's file alone"),
+        ("--boundary rect:1x1 --layer A", "an outline file only"),
         ("--keep-out circle:1m", "nothing left"),
         ("--keep-out circle:1", "nothing left"),
         ("--relief 20mm -o m.pdf", "leave out --relief"),

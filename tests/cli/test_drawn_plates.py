@@ -187,7 +187,7 @@ def test_no_edge_is_added_to_a_drawing(made, capsys):
     ):
         assert main(line) == 2
         (complaint,) = capsys.readouterr().err.splitlines()
-        assert "an edge around a disk or a rectangle alone" in complaint
+        assert "an edge around a disk or a rectangle only" in complaint
         assert "leave out --edge, or draw the plate and give it as --outline" in complaint
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 

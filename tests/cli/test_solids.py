@@ -108,7 +108,7 @@ def test_choices_reach_the_exporter(here, monkeypatch):
         ("--chamfer 3mm", "below the thickness of 3 mm"),
         ("--outline circle:50mm", "over its edge"),
         ("--outline none.svg", "none.svg"),
-        ("--boundary-unit mm", "a drawing that --boundary-unit is for"),
+        ("--boundary-unit mm", "a drawing for --boundary-unit"),
         ("--mount 4xM7@40mm", "known: M1.6, M2,"),
         ("--mount 4xM3@100mm", "over dot"),
         ("--mount 4xM3@1m", "over the edge of the plate"),

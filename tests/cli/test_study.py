@@ -38,7 +38,7 @@ def test_a_sweep_is_written_refused_and_continued(here, capsys):
     status, _, err = run("study sweep.toml -o out", capsys)
     assert status == 2
     assert err.splitlines() == [
-        "markergen: error: expected a new or empty folder, found this study, begun in out; continue it with --resume"
+        "markergen: error: expected a new or empty folder, found this study, started in out; continue it with --resume"
     ]
     assert run("study sweep.toml -o out --resume --workers 1", capsys)[0] == 0
     assert {path: path.read_bytes() for path in (here / "out").rglob("*") if path.is_file()} == before

@@ -134,7 +134,7 @@ def test_what_cannot_begin_is_refused(detector, photo, tmp_path):
         detect_files(photo, marker, refine="magic")
     with pytest.raises(InputError, match="--camera"):
         detect_files(photo, marker, camera_covariance=tmp_path / "c.txt")
-    with pytest.raises(InputError, match="one image or more"):
+    with pytest.raises(InputError, match="one or more images"):
         detect_files([], marker)
     with pytest.raises(OutputError, match="one of the inputs"):
         detect_files(photo, marker, json=str(marker))

@@ -275,7 +275,7 @@ def test_a_camera_comes_from_a_file(pentagon, frame, tmp_path):
         (["pentagon"], {"camera_covariance": np.eye(4)}, "a camera that the covariance belongs to"),
         (["pentagon", CAMERA], {"camera_covariance": np.eye(3)}, "4 standard deviations or 4x4 numbers"),
         (["pentagon", CAMERA], {"camera_covariance": [1, 2, 3, "x"]}, "a covariance of the camera's parameters"),
-        (["pentagon", CAMERA], {"camera_covariance": -np.eye(4)}, "variances from 0"),
+        (["pentagon", CAMERA], {"camera_covariance": -np.eye(4)}, "variances of 0 or more"),
         (["pentagon", CAMERA], {"refine": "magic"}, "none or photometric"),
         (["pentagon", CAMERA], {"copies": 0}, "copies=0"),
         ([np.array(3)], {}, "found ndarray array(3)"),

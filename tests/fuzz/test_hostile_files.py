@@ -203,11 +203,11 @@ def test_hidden_and_paper_space_are_named(refused):
         document.layers.add("F").freeze()
         document.modelspace().add_circle((0, 0), 9, dxfattribs={"layer": "F"})
 
-    assert "only what is hidden" in refused(dxf(hidden))
-    assert "only what is in paper space" in refused(
+    assert "only hidden shapes" in refused(dxf(hidden))
+    assert "only shapes in paper space" in refused(
         dxf(lambda document: document.layout("Layout1").add_circle((0, 0), 9))
     )
-    assert "only what is hidden" in refused(svg(f'<g style="display:none">{PLATE}</g>'))
+    assert "only hidden shapes" in refused(svg(f'<g style="display:none">{PLATE}</g>'))
 
 
 def test_splines_through_very_many_points(refused):
@@ -234,7 +234,7 @@ def test_damaged_dxf_is_told_in_words_of_the_file(refused):
 
 def test_degrees_are_no_unit(refused):
     ring = '{"type": "Polygon", "coordinates": [[[11.5, 48.1], [11.6, 48.1], [11.6, 48.2], [11.5, 48.1]]]}'
-    assert "longitude and latitude are no lengths" in refused(ring)
+    assert "longitude and latitude are not lengths" in refused(ring)
 
 
 def test_sizes_in_words_that_are_meant_in_mm():
@@ -253,8 +253,8 @@ def test_sizes_in_words_that_are_meant_in_mm():
         # A fisheye without coefficients is no pinhole camera.
         ("[0.1, -0.02, 0.001, 0.0002]", "[]", "4 coefficients of the distortion model 'equidistant' at d in"),
         ("x_offset: 0", "x_offset: 10", "the full image, 0, at roi.x_offset in"),
-        ("500.0", "1e-300", "focal lengths in px that go with an image of 640x480 px at k in"),
-        ("500.0", "1e300", "focal lengths in px that go with an image of 640x480 px at k in"),
+        ("500.0", "1e-300", "focal lengths in px plausible for an image of 640x480 px at k in"),
+        ("500.0", "1e300", "focal lengths in px plausible for an image of 640x480 px at k in"),
         # What is misspelled must not become a camera without distortion.
         ("distortion_model: equidistant\nd:", "distortion_coeffizients:", "found only 'distortion_coeffizients'"),
     ],
@@ -267,7 +267,7 @@ def test_other_cameras_that_would_be_misunderstood(refused):
     row = "1 PINHOLE 640 480 500 500 320 240\n"
     assert "every camera once in" in refused(row + row.replace("500", "400"), read_camera)
     # No damage: just another kind of file.
-    assert "no format that is known" in refused(svg(PLATE + PLATE), read_camera)
+    assert "an unknown format" in refused(svg(PLATE + PLATE), read_camera)
 
 
 def test_a_covariance_is_not_waited_for(tmp_path):

@@ -310,11 +310,11 @@ BAD = [
     (OPENCV_YAML, "data: [ 6.5746697810243404e+02, 0.,", "data: [ -6e2, 0.,", "focal lengths at camera_matrix in"),
     (OPENCV_YAML, "data: [ 6.5746697810243404e+02, 0.,", "data: [ 6e2, 0.5,", "[fx 0 cx; 0 fy cy; 0 0 1] at camera_m"),
     (OPENCV_YAML, "data: [ 6.5746697810243404e+02, 0.,", "data: [ .Nan, 0.,", "finite number at camera_matrix.data in"),
-    (OPENCV_YAML, "data: [ 6.5746697810243404e+02, 0.,", "data: [ 0.,", "rows times cols at camera_matrix.data in"),
+    (OPENCV_YAML, "data: [ 6.5746697810243404e+02, 0.,", "data: [ 0.,", "rows times cols numbers at camera_matrix.d"),
     (OPENCV_YAML, "0., 0., 1. ]", "0., 0., 1. ", "complete YAML or JSON in"),
     (OPENCV_YAML, "image_height: 480", "image_width: 480", "line 6: the key 'image_width' twice"),
     (OPENCV_YAML, "rows: 5\n   cols: 1", "rows: 1\n   cols: 1", "distortion_coefficients.data in"),
-    (OPENCV_YAML, "-5.7843596847939704e-01", "1, 2", "as many numbers as rows times cols at distortion_coefficients."),
+    (OPENCV_YAML, "-5.7843596847939704e-01", "1, 2", "rows times cols numbers at distortion_coefficients."),
     (OPENCV_YAML, "flags: 8", "flags: *a", "line 11: an alias of nothing"),
     (OPENCV_XML, "5.0e-04", "5.0e-04 1", "distortion_coefficients.data in"),
     (OPENCV_XML, "</opencv_storage>", "", "complete XML in"),
@@ -372,8 +372,8 @@ def test_terms_that_are_not_modeled_are_refused(write):
         (b" \n", "an empty file"),
         (b"\x89PNG\r\n\x1a\n\0\0", "bytes that are not UTF-8 text"),
         (b"a: \0", "bytes that are not UTF-8 text"),
-        (b"just words", "no format that is known"),
-        (b"- 1\n- 2\n", "no format that is known"),
+        (b"just words", "an unknown format"),
+        (b"- 1\n- 2\n", "an unknown format"),
         (b" " * 1_000_000 + b"a", "at most 1 MB"),
         (b"[" * 500_000, "endless nesting"),
         (b"- " * 400_000, "endless nesting"),
@@ -400,7 +400,7 @@ def test_aliases_are_not_expanded(write):
     with pytest.raises(InputError, match="at K in"):
         read_camera(write(f"a: &a0 [1, 1]\n{levels}K: *a40\n"))
     merges = "".join(f"b{i}: &a{i + 1} {{<<: [{', '.join([f'*a{i}'] * 9)}]}}\n" for i in range(40))
-    with pytest.raises(InputError, match="no format"):
+    with pytest.raises(InputError, match="an unknown format"):
         read_camera(write(f"a: &a0 {{x: 1}}\n{merges}"))
     # An alias for what stands elsewhere is fine: YAML writers use them for equal lists.
     path = write(damaged(KALIBR_YAML, "[752, 480]", "&size [752, 480]").replace("[512, 512]", "*size"))
@@ -451,7 +451,7 @@ def test_one_of_several_cameras_is_loaded_by_name(write):
         (BENT, "found Camera Camera(width="),
         ("no/such.yaml", "No such file"),
         ("a\0b", "null"),
-        ({}, "a camera in the dict, found no format"),
+        ({}, "a camera in the dict, found an unknown format"),
         ({**NUMBERS, "fx": None}, "a finite number at fx in the dict, found 'null'"),
         ({**NUMBERS, "fx": float("nan")}, "a finite number at fx in the dict"),
         ({**NUMBERS, "fx": object()}, "text, numbers, lists and dicts in the dict"),
@@ -553,7 +553,7 @@ def test_arrays_of_opencv():
         ((MATRIX, [0.1] * 14, (640, 480)), "no thin prism and no tilted sensor"),
         (
             (MATRIX, None, (480, 640, 3)),
-            "a size (width, height) in px, found (480, 640, 3); of an image",
+            "a size (width, height) in px, found (480, 640, 3); for an image",
         ),
         ((MATRIX, None, None), "an array of finite numbers as size"),
         ((MATRIX, None, (640.5, 480)), "a size (width, height) in px"),

@@ -263,7 +263,7 @@ def test_places_without_an_image(tmp_path):
     for path, words in (
         (tmp_path / "missing.png", "No such file"),
         (tmp_path, "folder"),
-        (tmp_path / "a\0b.png", "impossible name"),
+        (tmp_path / "a\0b.png", "invalid name"),
         (Path(os.devnull), "regular file"),
     ):
         with pytest.raises(InputError) as caught:

@@ -171,11 +171,11 @@ def test_tables_as_programs_write_them(write):
     [
         ("", "an empty file"),
         (" \n\t\n", "an empty file"),
-        ("# nothing\n", "poses in poses.txt, found no format that is known; known formats: colmap: lines of IMAGE_ID"),
+        ("# nothing\n", "poses in poses.txt, found an unknown format; known formats: colmap: lines of IMAGE_ID"),
         (b"\x89PNG\r\n\x1a\n\0\0", "bytes that are not text"),
         (b"\xff\xfet\0x\0", "bytes that are not text"),
         (b"tx,ty,tz,qx,qy,qz,qw\n\xff,0,1,1,0,0,0\n", "text at line 2 of poses.txt, found bytes that are not UTF-8"),
-        ("<svg/>", "no format that is known"),
+        ("<svg/>", "an unknown format"),
         (QUATERNION, "at least one pose in poses.txt, found none"),
         ("tx,ty,tz,qx,qy,qz\n", "the columns tx ty tz qx qy qz qw at line 1 of poses.txt, found no qw"),
         ("tx,ty,qx,qy,qz,qw\n", "found no tz"),
@@ -190,7 +190,7 @@ def test_tables_as_programs_write_them(write):
         (f"{QUATERNION}\n{GOOD},\n", "7 values at line 2 of poses.txt, found 8"),
         (f"{QUATERNION}\n# c\n\n0,0,one,1,0,0,0\n", "numbers at line 4 of poses.txt, found 'one'"),
         (f"{QUATERNION}\n0,0,,1,0,0,0\n", "numbers at line 2 of poses.txt, found ''"),
-        (f"{QUATERNION}\n0,0,1_0,1,0,0,0\n", "take out the _"),
+        (f"{QUATERNION}\n0,0,1_0,1,0,0,0\n", "remove the _"),
         ("tx;ty;tz;rx;ry;rz\n0;0;1,5;3;0;0\n", "numbers at line 2 of poses.txt, found '1,5'"),
         (f"{QUATERNION}\n{GOOD}\n0,0,nan,1,0,0,0\n", "finite numbers at line 3 of poses.txt, found 0 0 nan"),
         (f"{QUATERNION}\n0,0,1,1,0,0,inf\n", "finite numbers at line 2 of poses.txt, found 1 0 0 inf"),
@@ -261,7 +261,7 @@ def test_files_that_are_too_large_or_not_there(write, tmp_path, monkeypatch):
     with pytest.raises(InputError, match="more than 10 lines"):
         read_poses(write("#\n" * 11))
     monkeypatch.setattr("markergen.read.poses.json.LARGEST_JSON", 10)
-    with pytest.raises(InputError, match="write so many poses as CSV"):
+    with pytest.raises(InputError, match="write this many poses as CSV"):
         read_poses(write("[" * 11))
     with pytest.raises(InputError, match="No such file or directory; check the path"):
         read_poses(tmp_path / "none.csv")

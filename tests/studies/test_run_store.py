@@ -139,7 +139,7 @@ def test_two_runs_of_one_study_do_not_share_a_folder(tmp_path):
     pytest.importorskip("fcntl")
     with (
         open_store(tmp_path, IDENTITY, resume=False),
-        pytest.raises(InputError, match="another at work"),
+        pytest.raises(InputError, match="found another in"),
         open_store(tmp_path, IDENTITY, resume=True),
     ):
         pass

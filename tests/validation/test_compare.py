@@ -215,7 +215,7 @@ def test_pictures(results, tmp_path):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"views": 0}, "one view or more"),
+        ({"views": 0}, "one or more views"),
         ({"seed": -1}, "seed of 0 or more"),
         ({"workers": 0}, "1 to 256 workers"),
         ({"print_sigma": -1e-3}, "print error of 0 or more"),
@@ -228,5 +228,5 @@ def test_impossible_requests_are_refused(options, said, path):
 
 
 def test_one_is_no_comparison():
-    with pytest.raises(InputError, match="two contestants"):
+    with pytest.raises(InputError, match="two or more contestants"):
         compare(["ngon:5", "ngon"])

@@ -73,13 +73,13 @@ def refused(marker, folder, suffix, content):
 
 def test_stl_that_lie(marker, data, tmp_path):
     good = data[".stl"]
-    assert "bytes that say" in refused(marker, tmp_path, ".stl", good[:-1])
-    assert "bytes that say" in refused(marker, tmp_path, ".stl", good[:80] + b"\xff" * 4 + good[84:])
+    assert "bytes where the header implies" in refused(marker, tmp_path, ".stl", good[:-1])
+    assert "bytes where the header implies" in refused(marker, tmp_path, ".stl", good[:80] + b"\xff" * 4 + good[84:])
     assert "found none" in refused(marker, tmp_path, ".stl", bytes(84))
     corners = np.zeros((1, 3, 3))
     corners[0, 0, 0] = np.nan
     assert "not finite" in refused(marker, tmp_path, ".stl", stl(corners))
-    assert "not of one" in refused(marker, tmp_path, ".stl", b"solid x\nvortex 1 2 3\nendsolid x\n")
+    assert "lines of another kind" in refused(marker, tmp_path, ".stl", b"solid x\nvortex 1 2 3\nendsolid x\n")
     assert "no end" in refused(marker, tmp_path, ".stl", b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 1 2 3\n")
     three = b"vertex 1 2 3\nvertex 4 5 x\nvertex 7 8 9\n"
     assert "numbers" in refused(marker, tmp_path, ".stl", b"solid\nouter loop\n" + three + b"endfacet\nendsolid\n")
@@ -108,7 +108,7 @@ def test_3mf_that_lie(marker, data, tmp_path):
     whole = text.split('<item objectid="')[1].split('"')[0]
     # An object of itself.
     circle = f'<component objectid="{whole}"/><component objectid='
-    assert "objects that there are" in said(text.replace("<component objectid=", circle, 1))
+    assert "objects that exist" in said(text.replace("<component objectid=", circle, 1))
 
 
 def test_glb_that_lie(marker, data, tmp_path):
@@ -121,16 +121,16 @@ def test_glb_that_lie(marker, data, tmp_path):
 
     assert "a GLB of glTF 2.0" in refused(marker, tmp_path, ".glb", b"glTX" + good[4:])
     assert "a complete GLB" in refused(marker, tmp_path, ".glb", good[:-8])
-    assert "a circle of them" in said(lambda g: g["nodes"][0].update(children=[0]))
+    assert "a cycle" in said(lambda g: g["nodes"][0].update(children=[0]))
     assert "extensions" in said(lambda g: g.update(extensionsRequired=["KHR_draco_mesh_compression"]))
-    assert "do not fit" in said(lambda g: g["accessors"][0].update(count=10**9))
-    assert "do not fit" in said(lambda g: g["accessors"][0].update(bufferView=-1))
-    assert "do not fit" in said(lambda g: g["bufferViews"][0].update(byteOffset=-4))
-    assert "do not fit" in said(lambda g: g["meshes"][0]["primitives"][0].pop("attributes"))
-    assert "do not fit" in said(lambda g: g.pop("scenes"))
-    assert "beside it" in said(lambda g: g["buffers"][0].update(uri="a.bin"))
+    assert "inconsistent parts" in said(lambda g: g["accessors"][0].update(count=10**9))
+    assert "inconsistent parts" in said(lambda g: g["accessors"][0].update(bufferView=-1))
+    assert "inconsistent parts" in said(lambda g: g["bufferViews"][0].update(byteOffset=-4))
+    assert "inconsistent parts" in said(lambda g: g["meshes"][0]["primitives"][0].pop("attributes"))
+    assert "inconsistent parts" in said(lambda g: g.pop("scenes"))
+    assert "in another file" in said(lambda g: g["buffers"][0].update(uri="a.bin"))
     assert "found none" in said(lambda g: [each["primitives"][0].update(mode=1) for each in g["meshes"]])
-    assert "do not fit" in said(lambda g: [n.update(matrix=["x"] * 16) for n in g["nodes"]])
+    assert "inconsistent parts" in said(lambda g: [n.update(matrix=["x"] * 16) for n in g["nodes"]])
 
 
 @pytest.mark.parametrize("suffix", [".sdf", ".urdf"])
@@ -140,8 +140,8 @@ def test_models_of_simulators_name_what_to_verify(marker, tmp_path, suffix):
 
 def test_steps_that_lie_and_what_comes_after_them(marker, data, tmp_path):
     good = data[".step"]
-    assert "no beginning or end" in refused(marker, tmp_path, ".step", good[: len(good) // 2])
-    assert "no beginning or end" in refused(marker, tmp_path, ".step", b"\x89PNG" + good)
+    assert "no header or no end" in refused(marker, tmp_path, ".step", good[: len(good) // 2])
+    assert "no header or no end" in refused(marker, tmp_path, ".step", b"\x89PNG" + good)
     assert "10 000 km" in refused(marker, tmp_path, ".step", good.replace(b"42.8", b"1e39"))
     nothing = good.partition(b"DATA;\n")[0] + b"DATA;\nENDSEC;\nEND-ISO-10303-21;\n"
     assert "STEP" in refused(marker, tmp_path, ".step", nothing)

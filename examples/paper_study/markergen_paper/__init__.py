@@ -1,6 +1,6 @@
-"""The study of Acuna & Willert (2018), reproduced: its experiments, its claims, and what lies beyond them.
+"""The study of Acuna & Willert (2018), reproduced: its experiments, its claims, and extensions.
 
-It uses markergen as anybody may, and is in its table of studies as ``paper``.
+It uses markergen like any other package, and is registered in the table of studies as ``paper``.
 """
 
 from markergen.studies.named import NamedStudy

@@ -1,4 +1,4 @@
-"""The paper's claims, what was measured of each, and the verdicts."""
+"""The paper's claims, the measurements that test them, and the verdicts."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -43,30 +43,30 @@ from markergen_paper.statistics import (
 Array = NDArray[np.float64]
 
 MARGIN = 0.05
-"""Relative difference up to which two methods count as equally accurate."""
+"""Maximum relative difference of two methods that count as equally accurate."""
 
 ANYWHERE = 0.1
-"""Relative loss up to which a layout that was optimized for another pose counts as good as the pose's own."""
+"""Maximum relative loss of a layout optimized for another pose that counts as good as the pose's own."""
 
 MODERATE = 0.5
-"""Rank correlation from which on c(A) tells good layouts from bad ones."""
+"""Minimum rank correlation at which c(A) distinguishes good layouts from bad ones."""
 
 
 @dataclass(frozen=True)
 class ClaimTest:
-    """One test of a claim.
+    """Test of a claim.
 
     Attributes
     ----------
     coordinates : str
-        That A is written in.
+        Coordinates in which A is written.
     noise_px : float or None
-        None where no noise is drawn.
+        None if no noise is drawn.
     measure : str
-        What was compared, in a few words.
+        Compared quantity, in a few words.
     judged : Judged
     note : str
-        What else there is to say.
+        Remark.
     """
 
     coordinates: str
@@ -78,12 +78,12 @@ class ClaimTest:
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim of the paper, and the test of it.
+    """Claim of the paper, and its test.
 
     Attributes
     ----------
     name, words, test : str
-        Short name, the claim in words, and by what it is judged.
+        Short name, the claim in words, and the criterion.
     find : callable
         Takes the study and yields findings.
     """
@@ -95,7 +95,7 @@ class Claim:
 
 
 def verdict(findings: list[ClaimTest]) -> str:
-    """``holds`` or ``does not hold`` if all say so, ``open`` if none says anything, and otherwise how many say what."""
+    """``holds`` or ``does not hold`` if all tests agree, ``open`` if none is conclusive, otherwise their numbers."""
     held = sum(finding.judged.holds for finding in findings)
     refuted = sum(finding.judged.refuted for finding in findings)
     if len(findings) in (held, refuted):
@@ -107,7 +107,7 @@ def verdict(findings: list[ClaimTest]) -> str:
 
 
 def _everywhere(study: PaperResults) -> Iterator[tuple[str, float, Callable[[int], PoseLayouts]]]:
-    """Coordinates, noise, and by n the table of each setting that claims are judged in."""
+    """Coordinates, noise, and the table by n of each setting in which claims are judged."""
     for name, noise_px in study.settings:
         yield name, noise_px, partial(study.table, name, noise_px)
 
@@ -118,14 +118,14 @@ def _errors() -> list[tuple[str, str]]:
 
 
 def _gain(table: PoseLayouts, name: str, key: str) -> Array:
-    """Logarithm (P,) of how much less the error is after the descent than at the same starts before it."""
+    """Logarithm (P,) of the factor by which the descents reduce the error, from the same starts."""
     count = table[f"{name}.{key}"].shape[1]
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.log(table.level(f"ill.{key}", count) / table.level(f"{name}.{key}"))
 
 
 def _factor(judged: Judged) -> Judged:
-    """Logarithms as factors."""
+    """Convert logarithms to factors."""
     value, low, high = np.exp([judged.value, judged.low, judged.high])
     return replace(judged, value=float(value), low=float(low), high=float(high))
 
@@ -159,7 +159,7 @@ def _early(study: PaperResults) -> Iterator[ClaimTest]:
     for (name, n), result in study.early.items():
         for measure in ("c", "homography_px", "rotation_deg"):
             words = f"share of the gain in {measure} after a fifth of the steps, n = {n}"
-            # Descents under the same pose are no independent values: one for each pose.
+            # Descents under the same pose are not independent, so there is one value per pose.
             yield ClaimTest(name, None, words, above(row_means(result[measure]), 0.5))
 
 
@@ -210,7 +210,7 @@ def _anywhere(study: PaperResults) -> Iterator[ClaimTest]:
             objective = objective_for(name, poses)
             bound = rotation_bound(PoseObjective(objective.setting).covariance(layouts))
             for measure, values in (("c", objective.linearize(layouts)[0]), ("rotation bound", bound)):
-                # Row: the pose it was optimized for; column: the pose that it is judged under.
+                # Row: the pose it was optimized for; column: the pose under which it is judged.
                 with np.errstate(invalid="ignore"):
                     loss = np.mean(np.log(values / np.diag(values)), axis=1)
                 words = f"{measure} under all poses, of the layout of one pose over the pose's own, n = {n}"
@@ -224,7 +224,7 @@ def _bounded(study: PaperResults) -> Iterator[ClaimTest]:
                 ratios = np.concatenate([table(n)[f"{kind}.{side}.{name}"].ravel() for n in NUMBERS])
                 ratios = ratios[np.isfinite(ratios)]
                 words = f"share of errors beyond the {side} bound, {'random' if kind == 'ill' else 'optimized'} layouts"
-                # A millionth is left to single precision.
+                # Tolerance of 1e-6 for single precision.
                 judged = never(int(np.sum(ratios > 1 + 1e-6)), len(ratios))
                 yield ClaimTest(name, noise_px, words, judged, f"median ratio {np.median(ratios):.2g}")
 
@@ -345,4 +345,4 @@ CLAIMS = (
         _apart,
     ),
 )
-"""All of them."""
+"""All claims."""

@@ -1,4 +1,4 @@
-"""The experiments, one for each kind of cell: what each computes, and the arrays that it keeps."""
+"""Experiments, one for each kind of cell: their computation and resulting arrays."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -33,7 +33,7 @@ CONDITIONED, DESCENT, EARLY, JOINT = "conditioned", "descent", "early", "joint"
 """Kinds of cells."""
 
 BOUNDED = 10
-"""Layouts of each pose on which the bounds of the relative error are tried, once each."""
+"""Number of layouts per pose on which the bounds of the relative error are tested, once each."""
 
 FRONTAL, POINTS = 0, 4
 """Pose of the paper's example, at 0.6 m, and its number of points."""
@@ -42,16 +42,16 @@ FIRST_STEPS = 0.2
 """Share of a descent's steps that are its first ones."""
 
 GAINED = ("c", "homography_px", "rotation_deg")
-"""What a descent gains: c(A), and the errors that 1 px of noise causes to first order."""
+"""Quantities reduced by a descent: c(A), and the errors caused by 1 px of noise to first order."""
 
 STARTED_FROM, NEAR_BEST = 20, 0.02
-"""Random starts, and how near to the best of their ends one has to end to be shown."""
+"""Number of random starts, and the maximum relative excess over the best final value for a descent to be shown."""
 
 RESTARTS, RELIEF_STARTS, RANDOM = 8, 4, 25
-"""Random starts of a search over all poses, in the plane and in space, and random layouts that stand beside it."""
+"""Number of random starts of a search over all poses, in the plane and in space, and of random layouts beside it."""
 
 RELIEFS = {"relief-20": 0.02, "relief-50": 0.05}
-"""Heights in m that control points may have."""
+"""Heights in m available to control points."""
 
 
 def work(cell: Cell) -> Result:
@@ -62,16 +62,16 @@ def work(cell: Cell) -> Result:
 def conditioned(cell: Cell) -> Result:
     """Random and optimized layouts of n points under each pose of a cell.
 
-    Settings: ``n``, ``poses`` (indices), ``starts``, ``runs``, ``noise_px``, ``optimized`` (by the name of an
-    objective, how many of the starts it descends from), ``seed``.
+    Settings: ``n``, ``poses`` (indices), ``starts``, ``runs``, ``noise_px``, ``optimized`` (number of starts to descend
+    from, by name of an objective), ``seed``.
 
     Returns
     -------
-    dict of arrays (P, B), by set and what it tells
+    dict of arrays (P, B), by set and quantity
         Sets are ``ill`` (the random starts), the names of ``optimized``, and ``ngon``, the regular polygon on the rim.
-        ``ill.c.unit`` is c(A) in unit coordinates, ``ill.lm.rotation_deg.mean`` and so on are those of
-        `layout_trials`, ``metric.layouts`` (P, B, n, 2) the layouts in m, ``ill.upper.metric`` and ``.lower`` the
-        ratios of `bound_ratios`.
+        ``ill.c.unit`` is c(A) in unit coordinates, ``ill.lm.rotation_deg.mean`` and so on are those of `layout_trials`,
+        ``metric.layouts`` (P, B, n, 2) the layouts in m, ``ill.upper.metric`` and ``.lower`` the ratios of
+        `bound_ratios`.
     """
     settings = cell.settings
     poses = poses_of(settings["poses"])
@@ -87,7 +87,7 @@ def _one_pose(settings: Mapping[str, Any], pose: PoseDistribution, rng: np.rando
     layouts = {"ill": REGION.sample(starts, n, rng)}
     for name, count in settings["optimized"].items():
         layouts[name] = descend(objective_for(name, pose), REGION, layouts["ill"][:count]).points
-    # The paper's square has its corners at 45 degrees; the polygon is tried as often as a fifth of the random layouts.
+    # The paper's square has its corners at 45 degrees; the polygon gets a fifth as many trials as the random layouts.
     ngon = regular_polygon(n, BOUNDARY.radius) @ _turn(np.pi / 4 if n == 4 else 0.0)
     layouts["ngon"] = np.broadcast_to(ngon, (max(2, starts // 5), n, 2))
     result: Kept = {}
@@ -115,7 +115,7 @@ def _bounds(name: str, layouts: Array, pose: PoseDistribution, noise_px: float, 
 
 
 def _rng(cell: Cell, pose: int) -> np.random.Generator:
-    """Random numbers of a pose, of its own whichever other poses the cell has."""
+    """Random generator of a pose, independent of the other poses of its cell."""
     return np.random.default_rng(np.random.SeedSequence(cell.seed, spawn_key=(pose,)))
 
 
@@ -124,22 +124,22 @@ def _turn(angle: float) -> Array:
 
 
 def descent(cell: Cell) -> Result:
-    """The fronto-parallel descent of four points, with noisy runs at each of its steps.
+    """Fronto-parallel descent of four points, with noisy runs at each of its steps.
 
     Settings: ``camera`` (a name in `CAMERAS`), ``noise_px``, ``runs``, ``seed``.
 
     Returns
     -------
     dict of arrays, S steps
-        ``layouts`` (S, 4, 2) in m, ``c.metric`` and so on (S,), ``lm.rotation_deg.mean`` and so on (S,), and with
-        ``square.`` before them the same of the square on the rim, (1,).
+        ``layouts`` (S, 4, 2) in m, ``c.metric`` and so on (S,), ``lm.rotation_deg.mean`` and so on (S,), and the same
+        for the square on the rim, (1,), with the prefix ``square.``.
     """
     settings = cell.settings
     pose, camera, rng = poses_of([FRONTAL]), CAMERAS[settings["camera"]], cell.rng
     recorder = Recorder()
     starts = REGION.sample(STARTED_FROM, POINTS, rng)
     found = descend(objective_for("metric", pose, camera), REGION, starts, record=recorder)
-    # A start that ends in the best optimum, as the paper's does, and is neither near it nor degenerate.
+    # A start that ends in the best optimum, like the paper's, and is neither near it nor degenerate.
     good = np.flatnonzero(found.values <= found.values.min() * (1 + NEAR_BEST))
     begun = conditions("metric", starts[good], pose, camera)
     chosen = good[np.argsort(begun, kind="stable")[len(good) // 2]]
@@ -154,15 +154,15 @@ def descent(cell: Cell) -> Result:
 
 
 def early(cell: Cell) -> Result:
-    """How much of what a descent gains it has gained in its first steps.
+    """Share of a descent's gain that its first steps achieve.
 
     Settings: ``coordinates``, ``n``, ``poses`` (indices), ``starts``, ``seed``.
 
     Returns
     -------
     dict of arrays (P, B)
-        ``c``, ``homography_px`` and ``rotation_deg``: share of the fall of the logarithm that the first fifth of the
-        steps brought, nan where the start determined nothing or nothing was gained; ``steps``: how many there were.
+        ``c``, ``homography_px`` and ``rotation_deg``: share of the decrease of the logarithm achieved in the first
+        fifth of the steps, nan if the start was degenerate or nothing was gained; ``steps``: number of steps.
     """
     settings, rng = cell.settings, cell.rng
     poses = poses_of(settings["poses"])
@@ -202,7 +202,7 @@ def joint(cell: Cell) -> Result:
     -------
     dict of arrays
         ``layouts`` (B, n, 2 or 3) in m, ``lm.rotation_deg.mean`` and so on (P, B), and the criteria of
-        `objectives.criteria` under their names, (B,), for noise of 1 px.
+        `objectives.criteria` by name, (B,), for noise of 1 px.
     """
     settings, rng = cell.settings, cell.rng
     poses = poses_of(settings["poses"])
@@ -236,11 +236,11 @@ def layouts_of(name: str, n: int, indices: list[int], rng: np.random.Generator) 
         return REGION.sample(RANDOM, n, rng)
     poses = poses_of(indices)
     if name == "hartley":
-        # autograd takes ten times as long as the closed forms, and the optimum is degenerate for any poses.
+        # autograd takes ten times as long as closed forms, and the optimum is degenerate for any set of poses.
         poses = fewer(poses)
     if name not in RELIEFS:
         return search(objective_for(name, poses), REGION, n, rng, RESTARTS).points[None]
-    # Bare points stand on pillars of no width, which hide nothing.
+    # Bare points stand on pillars of zero width, which hide nothing.
     room = ReliefRoom(REGION, RELIEFS[name], eyes_of(poses))
     flat = regular_polygon(n, BOUNDARY.radius)
     rough = objective_for("pose", fewer(poses))

@@ -1,4 +1,4 @@
-"""The paper's figures, drawn from what was measured."""
+"""The paper's figures, drawn from the results."""
 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
@@ -67,7 +67,7 @@ def descent_condition(result: Mapping[str, NDArray[Any]]) -> Draw:
 
 
 def descent_pose(result: Mapping[str, NDArray[Any]]) -> Draw:
-    """Figures 5 and 6 of the paper: RE and TE of each method over the steps, with their deviation."""
+    """Figures 5 and 6 of the paper: RE and TE of each method over the steps, with their standard deviation."""
 
     def draw(figure: "Figure") -> None:
         axes = figure.subplots(2, 3, sharex=True, sharey="row")
@@ -119,7 +119,7 @@ def conditioned_pose(study: PaperResults) -> Draw:
 
 
 def by_angle(study: PaperResults, n: int = 4) -> Draw:
-    """What figure 8 hides: the same by polar angle, for one number of points."""
+    """Breakdown of figure 8 by polar angle, for one number of points."""
 
     def draw(figure: "Figure") -> None:
         axes = figure.subplots(1, 2)
@@ -140,14 +140,14 @@ def by_angle(study: PaperResults, n: int = 4) -> Draw:
 
 
 def final_layouts(study: PaperResults, n: int) -> Draw:
-    """Figures 9 and 10 of the paper: where the points of final layouts lie, and typical ones."""
+    """Figures 9 and 10 of the paper: distribution of the points of final layouts, and typical layouts."""
 
     def draw(figure: "Figure") -> None:
         counts, edges = histogram(study, n)
         shown = typical_of(study, n)
         axes = figure.subplots(1, 2 + len(shown), sharey=True)
         for ax, part, title in zip(axes, counts, ("all", "all, turned"), strict=False):
-            # Rows of an image are y.
+            # Rows of an image correspond to y.
             ax.pcolormesh(1e3 * edges, 1e3 * edges, np.sqrt(part.T), cmap="Greys", rasterized=True)
             ax.set_title(title)
         for ax, (layout, share) in zip(axes[2:], shown, strict=True):
@@ -163,7 +163,7 @@ def final_layouts(study: PaperResults, n: int) -> Draw:
 
 
 def objectives(study: PaperResults, noise_px: float) -> Draw:
-    """Beyond the paper: what layouts that were optimized for other objectives, pose by pose, are worth."""
+    """Beyond the paper: quality of layouts optimized for other objectives, pose by pose."""
     names = {"ill": "random", "ngon": "regular n-gon", **{c: f"c(A), {c}" for c in COORDINATES}}
     names |= {"homography": "homography", "pose": "pose"}
 
@@ -186,7 +186,7 @@ def objectives(study: PaperResults, noise_px: float) -> Draw:
 
 
 def one_for_all(study: PaperResults) -> Draw:
-    """Beyond the paper: one layout for all poses, flat and with relief, bounds and what LM gets."""
+    """Beyond the paper: one layout for all poses, flat and with relief, with bounds and errors of LM."""
     names = {
         "random": "random (median)", "metric": "c(A), metric", "unit": "c(A), unit", "pixel": "c(A), pixel",
         "homography": "homography", "ngon": "regular n-gon", "pose": "pose", "relief-20": "pose, relief 20 mm",
@@ -215,7 +215,7 @@ def one_for_all(study: PaperResults) -> Draw:
 
 
 def figures_of(study: PaperResults) -> dict[str, tuple[Draw, tuple[float, float], str]]:
-    """All figures by the names of their files: how to draw each, its size in inches, and its caption."""
+    """All figures by file name: how to draw each, its size in inches, and its caption."""
     found: dict[str, tuple[Draw, tuple[float, float], str]] = {}
     for camera, result in study.descents.items():
         words = "the paper's camera" if camera == "paper" else "the camera of the paper's experiment, 1288 x 964"
@@ -271,7 +271,7 @@ def _steps(ax: "Axes", mean: Array, std: Array | None, square: float, look: Mapp
     steps = np.arange(len(mean))
     ax.plot(steps, mean, color=look["color"], label="mean")
     if std is not None:
-        # On a logarithmic axis a band needs a lower end above zero.
+        # On a logarithmic axis a band needs a positive lower limit.
         low = np.maximum(mean - std, 0.05 * mean)
         ax.fill_between(steps, low, mean + std, color=look["color"], alpha=0.2, linewidth=0, label="deviation")
     ax.axhline(square, **SQUARE_LINE)
@@ -279,7 +279,7 @@ def _steps(ax: "Axes", mean: Array, std: Array | None, square: float, look: Mapp
 
 
 def _against(ax: "Axes", study: PaperResults, key: str) -> None:
-    """Random against optimized layouts over n, and the square."""
+    """Random versus optimized layouts over n, and the square."""
     metric = COORDINATES[0]
     for name, look, label, shift in (("ill", ILL, "random", -0.08), (metric, WELL, "optimized", 0.08)):
         tables = {n: table for n, table in study.full.items() if f"{name}.{key}" in table.arrays}

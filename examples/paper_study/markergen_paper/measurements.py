@@ -1,4 +1,4 @@
-"""What is measured of layouts under one pose: errors of noisy trials, c(A), and the paper's bounds.
+"""Measurements of layouts under one pose: errors of noisy trials, c(A), and the paper's bounds.
 
 All layouts of a pose are measured in one batch.
 """
@@ -37,10 +37,10 @@ ESTIMATORS_FLAT = ("dlt", "epnp", "ippe", "lm")
 ESTIMATORS_RELIEF = ("epnp", "sqpnp", "lm")
 
 MEASURES = {"he_px2": ("dlt",), "rotation_deg": ("epnp", "ippe", "lm"), "translation_pct": ("epnp", "ippe", "lm")}
-"""The measures of the paper, and the estimators that each is measured of."""
+"""The paper's measures, and the estimators evaluated by each."""
 
 BLOCK = 4000
-"""Trials that are solved at once: bounds the memory, and stays within the processor's cache."""
+"""Number of trials solved at once: limits the memory, and fits in the processor's cache."""
 
 
 def layout_trials(
@@ -52,13 +52,13 @@ def layout_trials(
     rng: np.random.Generator,
     estimators: Sequence[str] = ESTIMATORS_FLAT,
 ) -> Kept:
-    """Mean and standard deviation of every error over the noisy runs of each layout, failures left out and counted.
+    """Mean and standard deviation of every error over the noisy runs of each layout; failures are only counted.
 
     Parameters
     ----------
     layouts : array (B, n, 2 or 3), m
     pose : PoseDistribution
-        Of one pose.
+        A single pose.
     noise_px : float
         Standard deviation of the noise on every image coordinate.
     runs : int
@@ -68,7 +68,7 @@ def layout_trials(
     -------
     dict of arrays (B,)
         ``dlt.he_px2.mean``, ``lm.rotation_deg.std``, ``lm.failed`` (share of the runs), ``lm.flipped`` and so on; nan
-        where no run is left.
+        if no run succeeded.
     """
     exact = camera.project(layouts, pose.rotation, pose.translation)[:, 0]
     covariance = PoseObjective(Setting(BOUNDARY, camera, pose)).covariance(layouts)
@@ -93,7 +93,7 @@ def layout_trials(
 
 
 def stack(parts: Sequence[Kept], name: str) -> Kept:
-    """Arrays (P, B) of `layout_trials` of P poses, under a name that comes before their own."""
+    """Stack results of `layout_trials` for P poses to arrays (P, B), with a prefix to their names."""
     return {f"{name}.{key}": np.stack([part[key] for part in parts]) for key in parts[0]}
 
 
@@ -104,10 +104,10 @@ def written(coordinates: str, points: Array, pixels: Array, pose: PoseDistributi
     ----------
     points : array (B, n, 2), m
     pixels : array (k, B, n, 2), px
-        The first ones are exact: ``hartley`` normalizes all by these, because two matrices can be compared only if
-        they are written alike.
+        The first set is exact: ``hartley`` normalizes all sets by it, because two matrices are comparable only in the
+        same coordinates.
     pose : PoseDistribution
-        Of one pose.
+        A single pose.
 
     Returns
     -------
@@ -128,7 +128,7 @@ def written(coordinates: str, points: Array, pixels: Array, pose: PoseDistributi
 
 
 def conditions(coordinates: str, points: Array, pose: PoseDistribution, camera: mg.Camera) -> Array:
-    """c(A), shape (B,), of layouts (B, n, 2) under one pose; inf where it is not determined."""
+    """c(A), shape (B,), of layouts (B, n, 2) under one pose; inf if it is undefined."""
     pixels = camera.project(points, pose.rotation, pose.translation)[:, 0]
     objects, images = written(coordinates, points, pixels[None], pose, camera)
     return condition(objects, images)
@@ -140,8 +140,8 @@ def bound_ratios(
     """Relative error of the DLT's h (B,) over the paper's upper bound, and the paper's lower bound over that error.
 
     xi = |h - h_hat| / |h_hat|, at most c(A) |A - A~| / |A| and at least |A~ (h - h_hat)| / (|A~| |h_hat|), with
-    spectral norms and h, h_hat the unit vectors of least singular value of A, A~, of the same sign. Above 1 a bound is
-    broken.
+    spectral norms and h, h_hat the singular vectors of A, A~ for the smallest singular value, with the same sign. A
+    ratio above 1 violates a bound.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def bound_ratios(
     h_hat *= np.where(np.sum(h * h_hat, axis=-1) < 0, -1.0, 1.0)[:, None]
     error = np.linalg.norm(h - h_hat, axis=-1)
     singular = np.linalg.svd(matrix, compute_uv=False)
-    # |A - A~| c / |A| = |A - A~| / s8: with n = 4 the eighth is the last one.
+    # |A - A~| c / |A| = |A - A~| / s8; with n = 4 the eighth singular value is the last one.
     upper = np.linalg.norm(matrix - disturbed, 2, axis=(-2, -1)) / singular[..., 7]
     moved = np.linalg.norm(np.einsum("bij,bj->bi", disturbed, h - h_hat), axis=-1)
     lower = moved / np.linalg.norm(disturbed, 2, axis=(-2, -1))
@@ -162,13 +162,13 @@ def bound_ratios(
 
 
 def _summary(batch: Correspondences, name: str, pose: PoseDistribution, can_flip: Mask, runs: int) -> dict[str, Array]:
-    """What is kept of an estimator's trials: arrays (B,) from those (B * runs,) of the batch."""
+    """Statistics of an estimator's trials: arrays (B,) from those (B * runs,) of the batch."""
     values: dict[str, Array] = {}
     if isinstance(estimator := ESTIMATORS[name], PoseEstimator):
         rotation, translation = batch.once(estimator).best
         te_pct = translation_error_pct(translation, pose.translation[0])
         depth = (turned(batch.xyz, rotation) + translation[:, None])[..., 2]
-        # A comparison with nan is false, so what is not finite has failed as well.
+        # Comparisons with nan are false, so non-finite estimates also count as failed.
         kept = np.all(depth > 0, axis=-1) & (te_pct <= 100)
         flips = kept & can_flip & flipped(rotation, pose.rotation[0], pose.translation[0])
         values["flipped"] = flips.reshape(-1, runs).mean(axis=1)
@@ -187,7 +187,7 @@ def _summary(batch: Correspondences, name: str, pose: PoseDistribution, can_flip
 
 
 def _validation(pose: PoseDistribution, camera: mg.Camera) -> tuple[Array, Array]:
-    """Validation points (m, 2) in m that the camera can see, and where it sees them, px."""
+    """Validation points (m, 2) in m visible to the camera, and their images, px."""
     grid = validation_grid(BOUNDARY.radius)
     depth = to_camera(grid, pose.rotation, pose.translation)[0, :, 2]
     grid = grid[depth > LEAST_DEPTH * pose.translation[0, 2]]
@@ -195,7 +195,7 @@ def _validation(pose: PoseDistribution, camera: mg.Camera) -> tuple[Array, Array
 
 
 def _moments(values: Array, kept: Mask) -> Iterator[tuple[str, Array]]:
-    """Mean and standard deviation of the kept values of each row (B, runs); nan where there are none."""
+    """Mean and standard deviation of the kept values of each row (B, runs); nan if there are none."""
     count = kept.sum(axis=1)
     values = np.where(kept, values, 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):

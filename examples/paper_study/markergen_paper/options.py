@@ -1,4 +1,4 @@
-"""How much of the study is computed, and in what setting."""
+"""Extent of the study, and its setting."""
 
 from dataclasses import dataclass
 
@@ -19,43 +19,44 @@ REGION = FeasibleRegion(BOUNDARY)
 """The paper's disk; control points are bare, and may lie on its rim."""
 
 REAL_CAMERA = mg.Camera(1288, 964, 1070.82, 1071.20, 647.98, 488.27)
-"""The camera of the paper's experiment with a screen."""
+"""Camera of the paper's experiment with a screen."""
 
 CAMERAS = {"paper": PAPER_CAMERA, "real": REAL_CAMERA}
 
 COORDINATES = ("metric", "unit", "pixel", "hartley")
-"""What c(A) is written in: first the paper's own, Eq. 4."""
+"""Coordinates in which c(A) is written, first the paper's own, Eq. 4."""
 
 OBJECTIVE_OF = {name: ("condition", name) for name in COORDINATES} | {
     "pose": ("pose", "unit"),
     "homography": ("homography", "unit"),
 }
-"""Objective and coordinates by the names that optimized layouts have in this study."""
+"""Objective and coordinates by the names of optimized layouts in this study."""
 
 NUMBERS = (4, 5, 6, 7, 8)
-"""Control points of the layouts that are optimized."""
+"""Numbers of control points of the optimized layouts."""
 
 RANDOM_ONLY = 9
-"""Control points up to which random layouts are compared with four optimized ones."""
+"""Maximum number of control points of random layouts compared with four optimized ones."""
 
 NOISE_PX, QUIET_PX = 4.0, 1.0
-"""The only noise that the paper states, and a fourth of it, at which estimates from afar do not break down."""
+"""The only noise stated in the paper, and a quarter of it, at which estimates from afar do not break down."""
 
 STARTS, RUNS, STEP_RUNS, AZIMUTHS, GROUPS = 100, 20, 1000, 20, 20
-"""Random starts for each pose and n; noisy runs of a layout; those of a step of the descent; azimuths of each of the
-twenty pairs of distance and polar angle."""
+"""Random starts per pose and n; noisy runs per layout; runs per step of the descent; azimuths for each pair of distance
+and polar angle; number of these pairs.
+"""
 
 MOST_RUNS = 100_000
 
 
 @dataclass(frozen=True)
 class PaperOptions:
-    """How much is computed.
+    """Extent of the study.
 
     Attributes
     ----------
     runs : int
-        Noisy runs of each layout; 1000 is the paper's own number.
+        Noisy runs of each layout; 1000 in the paper.
     scale : float
         Share of the 400 poses x 100 starts, 1 for all of them.
     seed : int
@@ -82,7 +83,7 @@ class PaperOptions:
 
     @property
     def azimuths(self) -> int:
-        """Azimuths of each distance and polar angle: the scale's root, so that poses and starts go down together."""
+        """Azimuths of each distance and polar angle: the root of the scale, so that poses and starts shrink alike."""
         return max(1, round(AZIMUTHS * self.scale**0.5))
 
     @property
@@ -98,13 +99,13 @@ class PaperOptions:
 
     @property
     def fewer_poses(self) -> list[int]:
-        """Indices of three in twenty of the poses, for what stands beside the paper's own setting."""
+        """Indices of three in twenty of the poses, for comparisons outside the paper's own setting."""
         kept = max(1, 3 * self.azimuths // AZIMUTHS)
         return np.reshape(self.poses, (GROUPS, -1))[:, :: self.azimuths // kept][:, :kept].ravel().tolist()
 
     @property
     def fewer(self) -> int:
-        """Starts for what stands beside the paper's own setting: other coordinates, objectives, and noise."""
+        """Number of starts outside the paper's own setting, for other coordinates, objectives, and noise."""
         return max(4, self.starts // 10)
 
     @property
@@ -118,11 +119,11 @@ class PaperOptions:
 
 
 def poses_of(indices: list[int]) -> PoseDistribution:
-    """Some of the paper's poses; all of them see the whole disk."""
+    """Subset of the paper's poses; all of them see the entire disk."""
     return paper().taken(np.array(indices), 0)
 
 
 def objective_for(name: str, poses: PoseDistribution, camera: mg.Camera = PAPER_CAMERA) -> Objective:
-    """An objective by its name in `OBJECTIVE_OF`, for some poses."""
+    """Objective by its name in `OBJECTIVE_OF`, for the given poses."""
     kind, coordinates = OBJECTIVE_OF[name]
     return OBJECTIVES[kind](Setting(BOUNDARY, camera, poses), "", coordinates)

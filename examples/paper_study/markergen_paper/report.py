@@ -1,4 +1,4 @@
-"""What the study writes to read: tables of plain rows, the claims as text, and a page."""
+"""Written results of the study: tables of plain rows, the claims as text, and a page."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
@@ -61,7 +61,7 @@ div { overflow-x: auto; }
 
 
 def rows_csv(rows: Sequence[Row]) -> bytes:
-    """Return rows as CSV, empty where there is no number; infinity, the c(A) of a degenerate layout, is one."""
+    """Return rows as CSV, empty for missing numbers; infinity, as c(A) of a degenerate layout, is a number."""
     return csv_bytes([{key: _infinite(value) for key, value in row.items()} for row in rows])
 
 
@@ -70,7 +70,7 @@ def _infinite(value: Any) -> Any:
 
 
 def tables_of(study: PaperResults) -> dict[str, list[Row]]:
-    """All tables by the names of their files, without suffix."""
+    """All tables by their file names without suffix."""
     tables: dict[str, list[Row]] = {
         **{f"descent-{camera}": list(_descent(result)) for camera, result in study.descents.items()},
         "early": list(_early(study)),
@@ -98,12 +98,12 @@ def tables_of(study: PaperResults) -> dict[str, list[Row]]:
 
 
 def sets_of(table: PoseLayouts) -> list[str]:
-    """Names of the sets of layouts of a table: ``ill``, ``ngon``, and what was optimized."""
+    """Names of the sets of layouts of a table: ``ill``, ``ngon``, and the optimized ones."""
     return [key.removesuffix(".dlt.failed") for key in table.arrays if key.endswith(".dlt.failed")]
 
 
 def _descent(result: Mapping[str, NDArray[Any]]) -> Iterator[Row]:
-    """Steps of a descent, and the square at the end."""
+    """Steps of a descent, followed by the square."""
     numbers = {key: value for key, value in result.items() if not key.startswith("square.") and key != "layouts"}
     for step, layout in enumerate(result["layouts"]):
         places = {f"{axis}{i}_m": layout[i, j] for i in range(len(layout)) for j, axis in enumerate("xy")}
@@ -179,7 +179,7 @@ def _spread(measure: str, values: Array, count: int) -> dict[str, Any]:
 
 
 def _pooled_std(mean: Array, std: Array, kept: Array) -> float:
-    """Standard deviation of all trials together, of means, deviations and shares kept of each layout's."""
+    """Standard deviation of all trials together, from each layout's mean, deviation and share kept."""
     usable = np.isfinite(mean) & np.isfinite(std)
     if not usable.any():
         return np.nan
@@ -200,7 +200,7 @@ def _joint(study: PaperResults) -> Iterator[Row]:
 
 
 def rms_of(result: Mapping[str, NDArray[Any]], key: str) -> float:
-    """RMS over poses and trials, of the median layout, of what was measured; nan if it was not."""
+    """RMS over poses and trials of a measure for the median layout; nan if it was not measured."""
     if f"{key}.mean" not in result:
         return np.nan
     mean, std = (np.asarray(result[f"{key}.{each}"], dtype=float) for each in ("mean", "std"))
@@ -243,7 +243,7 @@ def claim_rows(findings: Findings) -> list[Row]:
 
 
 def claims_page(findings: Findings, study: PaperResults) -> str:
-    """The table of the claims as Markdown."""
+    """Table of the claims as Markdown."""
     lines = ["# The paper's claims, measured", "", _summary(study), ""]
     for claim, group in findings:
         lines += [f"## {claim.words}", "", claim.test, "", "| A written in | noise | verdict | measured |"]
@@ -257,7 +257,7 @@ def claims_page(findings: Findings, study: PaperResults) -> str:
 def index_page(
     findings: Findings, figures: Mapping[str, tuple[Draw, Any, str]], tables: Iterable[str], study: PaperResults
 ) -> bytes:
-    """The page, the same bytes for the same results."""
+    """The page, with the same bytes for the same results."""
     values = {
         "summary": _summary(study),
         "claims": [{"words": claim.words, "test": claim.test, "rows": _verdicts(group)} for claim, group in findings],
@@ -268,7 +268,7 @@ def index_page(
 
 
 def _verdicts(group: Sequence[ClaimTest]) -> list[dict[str, str]]:
-    """A row for each coordinates and noise: the verdict, and the middle and the ends of what was measured."""
+    """A row for each coordinates and noise: the verdict, and the median and the extremes of the measured values."""
     rows = []
     for key in dict.fromkeys((finding.coordinates, finding.noise_px) for finding in group):
         part = [finding for finding in group if (finding.coordinates, finding.noise_px) == key]

@@ -1,4 +1,4 @@
-"""Results of the cells, put together, and what final layouts look like: near to a square, turned alike, typical."""
+"""Combined results of the cells, and shapes of final layouts: similarity to a square, alignment, typical layouts."""
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -16,31 +16,31 @@ Array = NDArray[np.float64]
 
 
 BINS = 60
-"""Cells of a histogram of final layouts along each axis."""
+"""Number of bins of a histogram of final layouts along each axis."""
 
 TYPICAL_GROUPS = {4: 1, 5: 2}
-"""Numbers of points whose final layouts are shown, and how many typical ones, as in the paper."""
+"""Numbers of points whose final layouts are shown, and their numbers of typical layouts, as in the paper."""
 
 SQUARE_LIKE = 0.15
-"""A layout whose corners are off from the nearest square by this share of its size, RMS, still looks like one."""
+"""Maximum RMS deviation of the corners from the nearest square, relative to its size, of a square-like layout."""
 
 TYPICAL = 500
-"""Layouts of a group among which the most typical one is looked for."""
+"""Number of layouts of a group among which the most typical one is searched."""
 
 _INNER = 0.6
-"""Points within this share of the farthest one's distance from the center are inner ones."""
+"""Share of the farthest point's distance from the center up to which a point is an inner one."""
 
 
 @dataclass(frozen=True, eq=False)
 class PoseLayouts:
-    """Layouts of n points under P poses: what `conditioned` tells, of all its cells.
+    """Layouts of n points under P poses: the results of `conditioned` from all its cells.
 
     Attributes
     ----------
     poses : array (P,)
         Indices into the paper's 400.
     arrays : mapping
-        By name, arrays (P, B, ...).
+        Arrays (P, B, ...) by name.
     """
 
     poses: NDArray[np.intp]
@@ -55,9 +55,9 @@ class PoseLayouts:
         return PoseLayouts(self.poses[rows], {key: array[rows] for key, array in self.arrays.items()})
 
     def level(self, key: str, count: int | None = None) -> Array:
-        """Geometric mean (P,) over the first `count` layouts of a positive value (P, B); nan where it has none.
+        """Geometric mean (P,) over the first `count` layouts of a positive value (P, B); nan if there are no values.
 
-        Random layouts near a line make a plain mean that of the worst few.
+        An arithmetic mean would be dominated by the few random layouts that are nearly collinear.
         """
         values = np.asarray(self.arrays[key][:, :count], dtype=float)
         usable = np.isfinite(values) & (values > 0)
@@ -73,7 +73,7 @@ class PoseLayouts:
 
 @dataclass(frozen=True, eq=False)
 class PaperResults:
-    """Everything that was computed.
+    """All results of the study.
 
     Attributes
     ----------
@@ -81,13 +81,13 @@ class PaperResults:
     full : mapping
         By n, the comparison in the paper's own coordinates and noise.
     beside : mapping
-        By noise in px and n, the smaller one in all coordinates and for other objectives.
+        By noise in px and n, the smaller comparison in all coordinates and for other objectives.
     descents : mapping
-        By camera, what `descent` tells.
+        By camera, the results of `descent`.
     early : mapping
-        By coordinates and n, what `early` tells.
+        By coordinates and n, the results of `early`.
     joint : mapping
-        By layout and n, what `joint` tells.
+        By layout and n, the results of `joint`.
     """
 
     options: PaperOptions
@@ -98,17 +98,17 @@ class PaperResults:
     joint: Mapping[tuple[str, int], Result]
 
     def table(self, name: str, noise_px: float, n: int) -> PoseLayouts:
-        """Where layouts that were optimized under that name are: the largest there is."""
+        """Largest table with layouts optimized under that name."""
         return self.full[n] if (name, noise_px) == (COORDINATES[0], NOISE_PX) else self.beside[noise_px, n]
 
     @property
     def settings(self) -> list[tuple[str, float]]:
-        """Coordinates and noise that claims are judged in, the paper's own first."""
+        """Coordinates and noise in which claims are judged, the paper's own first."""
         return [(name, noise_px) for noise_px in (NOISE_PX, QUIET_PX) for name in COORDINATES]
 
 
 def gather(options: PaperOptions, results: Mapping[Cell, Result]) -> PaperResults:
-    """Put the results of all cells together, in the order of the cells."""
+    """Combine the results of all cells, in the order of the cells."""
     blocks: dict[tuple[bool, float, int], list[tuple[list[int], Result]]] = defaultdict(list)
     others: dict[str, dict[Any, Result]] = defaultdict(dict)
     for cell, result in results.items():
@@ -145,7 +145,7 @@ def finals(study: PaperResults, n: int) -> Array:
 
 
 def histogram(study: PaperResults, n: int) -> tuple[list[NDArray[np.intp]], Array]:
-    """Counts (BINS, BINS) of final points by x and y, as they are and aligned, and the edges (BINS + 1,) in m."""
+    """Counts (BINS, BINS) of final points by x and y, unaligned and aligned, and the edges (BINS + 1,) in m."""
     layouts = finals(study, n)
     edges = np.linspace(-0.16, 0.16, BINS + 1)
     counts = []
@@ -156,18 +156,18 @@ def histogram(study: PaperResults, n: int) -> tuple[list[NDArray[np.intp]], Arra
 
 
 def typical_of(study: PaperResults, n: int) -> list[tuple[Array, float]]:
-    """Typical final layouts (n, 2) in m, aligned, and the shares of all that are of their kind."""
+    """Typical final layouts (n, 2) in m, aligned, and the shares of their groups."""
     return typical(aligned(finals(study, n)), TYPICAL_GROUPS[n])
 
 
 def square_misfit(layouts: Array) -> Array:
-    """Distance (...) of four points (..., 4, 2) from the nearest square of any place, size, and turn, in parts of size.
+    """Distance (...) of four points (..., 4, 2) from the nearest square of any pose and size, relative to size.
 
-    RMS distance of the points over that from their centroid: 0 for a square, 1 for what has nothing of one.
+    RMS distance of the points divided by that from their centroid: 0 for a square, 1 for no similarity.
     """
     centered = layouts - layouts.mean(axis=-2, keepdims=True)
     z = centered[..., 0] + 1j * centered[..., 1]
-    # Around the centroid the corners of a square come one after the other.
+    # Sorted by angle about the centroid, the corners of a square are in order.
     z = np.take_along_axis(z, np.argsort(np.angle(z), axis=-1), axis=-1)
     square = np.array([1, 1j, -1, -1j])
     size = np.sum(np.abs(z) ** 2, axis=-1)
@@ -177,12 +177,12 @@ def square_misfit(layouts: Array) -> Array:
 
 
 def best_square_misfit(layouts: Array) -> Array:
-    """Least `square_misfit` (...) of any four of five points (..., 5, 2)."""
+    """Minimum `square_misfit` (...) of any four of five points (..., 5, 2)."""
     return np.min([square_misfit(np.delete(layouts, i, axis=-2)) for i in range(layouts.shape[-2])], axis=0)
 
 
 def aligned(layouts: Array) -> Array:
-    """Layouts (k, n, 2) turned so that their corners, as far as they repeat n-fold, lie where those of an n-gon do."""
+    """Layouts (k, n, 2) rotated so that the n-fold harmonic of their points is in phase with a regular n-gon's."""
     z = layouts[..., 0] + 1j * layouts[..., 1]
     n = layouts.shape[-2]
     size = np.abs(z).max(axis=-1, keepdims=True)
@@ -194,9 +194,9 @@ def aligned(layouts: Array) -> Array:
 
 
 def typical(layouts: Array, groups: int) -> list[tuple[Array, float]]:
-    """Most typical layouts (n, 2) of the largest groups by how many points are inner ones, and the groups' shares.
+    """Most typical layouts (n, 2) of the largest groups by number of inner points, and the groups' shares.
 
-    Of a group that one is typical whose sorted distances are nearest to the medians over the group.
+    The typical layout of a group is the one whose sorted distances are nearest to the medians over the group.
     """
     radius = np.linalg.norm(layouts, axis=-1)
     inner = np.sum(radius < _INNER * radius.max(axis=-1, keepdims=True), axis=-1)
@@ -212,7 +212,7 @@ def typical(layouts: Array, groups: int) -> list[tuple[Array, float]]:
 
 
 def least_gap(layouts: Array) -> Array:
-    """Smallest distance (...) between two points of layouts (..., n, 2)."""
+    """Minimum distance (...) between two points of layouts (..., n, 2)."""
     return _pairs(layouts).min(axis=-1)
 
 

@@ -1,7 +1,7 @@
-"""The tests by which claims are judged; each of one value for each pose.
+"""Statistical tests of the claims; each takes one value per pose.
 
-The poses are given. Random are the layouts and their noise, which are drawn for each pose anew: the values of a test
-are independent of one another, while runs and layouts of the same pose, which are not, have become one value.
+The poses are given. Random are the layouts and their noise, which are drawn anew for each pose: the values of a test
+are independent of one another, while runs and layouts of the same pose, which are not, are combined into one value.
 """
 
 from dataclasses import dataclass, replace
@@ -15,24 +15,25 @@ from markergen.validation.metrics import share_interval
 Array = NDArray[np.float64]
 
 LEVEL = 1e-5
-"""A test has found something below this probability of finding it by chance. There are some 1,300 tests of two sides
-each: that any of them finds what is not there has a probability below 3 %, however they depend on one another."""
+"""Significance level of a test. With about 1,300 two-sided tests, the probability of any false positive is below 3 %,
+however they depend on one another.
+"""
 
 CONFIDENCE = 0.99
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A value, and the tests that it is so and that it is not.
+    """Value, and the p-values of the tests for and against a claim about it.
 
     Attributes
     ----------
     value, low, high : float
-        The value and its interval at 99 %.
+        Value and its 99 % interval.
     p, p_against : float
-        Of the test for what is claimed, and of that for the opposite; both are large where too little was measured.
+        p-values of the test for the claim, and of that for the opposite; both are large if there are too few values.
     count : int
-        How many values it is the middle of.
+        Number of underlying values.
     """
 
     value: float
@@ -44,28 +45,28 @@ class Judged:
 
     @property
     def holds(self) -> bool:
-        """Whether what is claimed was found."""
+        """True if the claim was confirmed."""
         return self.p < LEVEL
 
     @property
     def refuted(self) -> bool:
-        """Whether the opposite was found."""
+        """True if the opposite was confirmed."""
         return self.p_against < LEVEL
 
 
 NOTHING = Judged(np.nan, np.nan, np.nan, 1.0, 1.0, 0)
-"""What is known from no values."""
+"""Result for no values."""
 
 
 def above(values: Array, threshold: float = 0.0) -> Judged:
-    """Median of values (k,) and Wilcoxon's signed-rank test that they lie above a threshold; nan is left out."""
+    """Median of values (k,) and Wilcoxon signed-rank test that they lie above a threshold; nan is ignored."""
     kept = values[np.isfinite(values)] - threshold
     value, low, high = _median(kept) + threshold
     return Judged(value, low, high, *_signed_rank(kept), len(kept))
 
 
 def below(values: Array, threshold: float = 0.0) -> Judged:
-    """`above` the other way round."""
+    """Median of values (k,) and Wilcoxon signed-rank test that they lie below a threshold; nan is ignored."""
     found = above(values, threshold)
     return replace(found, p=found.p_against, p_against=found.p)
 
@@ -77,7 +78,7 @@ def within(values: Array, margin: float) -> Judged:
 
 
 def majority(successes: int, count: int) -> Judged:
-    """Share of successes, and the binomial test that it is more than a half."""
+    """Share of successes, and the binomial test that it exceeds one half."""
     from scipy.stats import binomtest
 
     if not count:
@@ -88,7 +89,7 @@ def majority(successes: int, count: int) -> Judged:
 
 
 def never(successes: int, count: int) -> Judged:
-    """Share of successes, of which there must be none: no test, so that p is 0 or 1."""
+    """Share of successes, of which there must be none: not a statistical test, so p is 0 or 1."""
     if not count:
         return NOTHING
     low, high = share_interval(successes, count, CONFIDENCE)
@@ -96,7 +97,7 @@ def never(successes: int, count: int) -> Judged:
 
 
 def falling(rows: Array) -> Judged:
-    """Page's test that values fall along rows (k, m); the value is the median of first less last."""
+    """Page's trend test that values fall along rows (k, m); the value is the median of first minus last."""
     from scipy.stats import page_trend_test
 
     kept = rows[np.isfinite(rows).all(axis=1)]
@@ -108,7 +109,7 @@ def falling(rows: Array) -> Judged:
 
 
 def rank_correlation(first: Array, second: Array) -> Array:
-    """Spearman's correlation (P,) of rows (P, B), over the pairs that are finite; nan for fewer than four."""
+    """Spearman's correlation (P,) of rows (P, B), over their finite pairs; nan for fewer than four."""
     from scipy.stats import rankdata
 
     result = np.full(len(first), np.nan)
@@ -120,25 +121,25 @@ def rank_correlation(first: Array, second: Array) -> Array:
 
 
 def row_means(rows: Array) -> Array:
-    """Means (P,) of the finite values of rows (P, B); nan where there are none."""
+    """Means (P,) of the finite values of rows (P, B); nan if there are none."""
     finite = np.isfinite(rows)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.where(finite, rows, 0.0).sum(axis=1) / finite.sum(axis=1))
 
 
 def _signed_rank(values: Array) -> tuple[float, float]:
-    """p-values of Wilcoxon's test that values lie above 0, and that they lie below."""
+    """p-values of the Wilcoxon test that values lie above 0, and that they lie below."""
     from scipy.stats import wilcoxon
 
     if len(values) < 2 or not values.any():
         return 1.0, 1.0
-    # Zeros count half for either side: with them left out, a claim of no difference at all would look certain.
+    # Zeros count half for either side: if ignored, a claim without any difference would look certain.
     p, against = (wilcoxon(values, alternative=side, zero_method="zsplit").pvalue for side in ("greater", "less"))
     return float(p), float(against)
 
 
 def _median(values: Array) -> Array:
-    """Median, and its interval from order statistics, which knows no distribution."""
+    """Median and its distribution-free interval from order statistics."""
     if not len(values):
         return np.full(3, np.nan)
     ordered, rank = np.sort(values), _rank(len(values))
@@ -147,7 +148,7 @@ def _median(values: Array) -> Array:
 
 @cache
 def _rank(count: int) -> int:
-    """Rank from either end of the order statistics between which the median lies with `CONFIDENCE`."""
+    """Rank from either end of the order statistics that enclose the median with `CONFIDENCE`."""
     from scipy.stats import binom
 
     return max(int(binom.ppf((1 - CONFIDENCE) / 2, count, 0.5)), 1)

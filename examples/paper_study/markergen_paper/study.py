@@ -1,4 +1,4 @@
-"""The whole study: its cells and what each costs, then tables, figures, claims, and a page."""
+"""The entire study: its cells and their costs, then tables, figures, claims, and a page."""
 
 from collections.abc import Iterator, Sequence
 from math import isnan
@@ -29,18 +29,19 @@ from markergen_paper.report import claim_rows, claims_page, index_page, rows_csv
 from markergen_paper.results import PaperResults, gather
 
 TRIAL_S, DESCENTS_S, DESCENT_S, STEPS = 1.6e-4, 0.08, 1e-3, 70
-"""Seconds of one core for a trial with all estimators, and for descents under one pose together and each; steps of the
-descent that is shown."""
+"""Seconds on one core for a trial with all estimators, for the descents under one pose together, and for each of them;
+number of steps of the displayed descent.
+"""
 
 SEARCH_S, AUTOGRAD_S = 0.025, 13.0
-"""The same for a pose of a search over many, and for one that autograd has to do, whatever the poses."""
+"""Seconds on one core for one pose of a search over many, and for a search that needs autograd, for any poses."""
 
 CELL_S = 25.0
-"""A cell takes about so long: short enough to lose little, long enough that starting it costs nothing."""
+"""Target duration of a cell in s: short enough to lose little, long enough to make its overhead negligible."""
 
 EARLY_NUMBERS, EARLY_STARTS = (4, 6, 8), 10
 JOINT_NUMBERS, JOINT_RUNS, JOINT_RANDOM_RUNS = (4, 5, 6, 8), 50, 10
-"""Numbers of points of layouts for all poses, and noisy runs of a layout under each pose."""
+"""Numbers of points of layouts for all poses, and numbers of noisy runs per pose of a layout, and of a random one."""
 
 
 def run_paper(
@@ -50,28 +51,28 @@ def run_paper(
     resume: bool = False,
     progress: CellProgress | None = None,
 ) -> list[Path]:
-    """Compute the study in a folder, and write its tables (CSV), figures (SVG), claims, and a page to look at.
+    """Compute the study in a folder, and write its tables (CSV), figures (SVG), claims, and a page.
 
-    The files depend on the options alone: not on the engine, its workers, or what was interrupted.
+    The files depend only on the options, not on the engine, its workers, or interruptions.
 
     Parameters
     ----------
     folder : Path
         New, empty, or with `resume` that of the same study.
     progress : callable or None
-        Called first with an estimate of the time that all of it takes.
+        Called first with an estimate of the total time.
 
     Returns
     -------
     list of Path
-        What was written, the page first.
+        Written files, the page first.
 
     Raises
     ------
     InputError
         If the folder is not for this study.
     OutputError
-        If a file cannot be written: what is finished remains.
+        If a file cannot be written; finished cells are kept.
     """
     cells = cells_of(options)
     told = _with_estimate(progress, estimated_seconds(options, engine.options.workers)) if progress else None
@@ -84,18 +85,18 @@ def run_paper(
 
 
 def estimated_seconds(options: PaperOptions, workers: int | None = None) -> float:
-    """About how long the study takes on a usual processor of this day, s; linear in poses x starts x n x runs.
+    """Estimated duration of the study on a typical current processor, s; linear in poses x starts x n x runs.
 
     Parameters
     ----------
     workers : int or None
-        Processes; None is one for each processor.
+        Number of processes; one per processor for None.
     """
     return sum(map(seconds_of, cells_of(options))) / (workers or processor_count())
 
 
 def _with_estimate(progress: CellProgress, seconds: float) -> CellProgress:
-    """Progress that gives an estimate of the time left until one was measured."""
+    """Progress that reports an estimate of the time left until it can be measured."""
 
     def tell(done: int, total: int, left: float) -> None:
         progress(done, total, seconds if isnan(left) else left)
@@ -154,7 +155,7 @@ def _random_only(options: PaperOptions) -> list[Cell]:
 
 
 def _in_blocks(options: PaperOptions, poses: Sequence[int], settings: dict[str, Any]) -> list[Cell]:
-    """Cells of neighboring poses, that of a whole distance and polar angle at most."""
+    """Cells of neighboring poses, at most those of one distance and polar angle."""
     each = seconds_of(_cell(CONDITIONED, options, poses=[0], **settings))
     size = min(max(1, int(CELL_S / each)), -(-len(poses) // GROUPS))
     return [
@@ -164,7 +165,7 @@ def _in_blocks(options: PaperOptions, poses: Sequence[int], settings: dict[str, 
 
 
 def seconds_of(cell: Cell) -> float:
-    """About how long one core takes for a cell, s."""
+    """Estimated time of a cell on one core, s."""
     settings = cell.settings
     if cell.kind == CONDITIONED:
         optimized = settings["optimized"]

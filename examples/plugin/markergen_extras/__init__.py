@@ -1,1 +1,1 @@
-"""One example of everything that another package can add to markergen."""
+"""One example of each kind of extension of markergen."""

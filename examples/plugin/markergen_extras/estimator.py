@@ -1,4 +1,4 @@
-"""``refined``: the pose of the homography, refined by OpenCV's virtual visual servoing."""
+"""``refined``: the pose from the homography, refined by OpenCV's virtual visual servoing."""
 
 import cv2
 import numpy as np
@@ -15,7 +15,7 @@ class Refined(PoseEstimator):
     planar_only = True
 
     def solve(self, batch: Correspondences) -> PoseEstimates:
-        """Poses of the batch, one solution each; nan where there is no homography."""
+        """Estimate the poses of the batch, one solution each; nan if there is no homography."""
         rotation, translation = decompose_homography(batch.once(DLT), batch.camera.matrix)
         for i in np.flatnonzero(np.isfinite(translation).all(axis=-1)):
             start = cv2.Rodrigues(rotation[i])[0], translation[i][:, None]

@@ -7,7 +7,7 @@ from markergen.model.marker import Marker
 
 
 def write(markers: Sequence[Marker], options: ExportOptions) -> Output:
-    """One line ``x y z`` for each control point, in m, marker frame."""
+    """Write one line ``x y z`` per control point, in m, marker frame."""
     del options
     points = only(markers, ".xyz").control_points
     lines = [f"{point.x!r} {point.y!r} {point.z!r}" for point in points]

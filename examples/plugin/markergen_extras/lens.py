@@ -1,4 +1,4 @@
-"""``fov``: the field-of-view model of Devernay & Faugeras (2001), as Kalibr and ROS have it."""
+"""``fov``: the field-of-view model of Devernay & Faugeras (2001), as in Kalibr and ROS."""
 
 import numpy as np
 

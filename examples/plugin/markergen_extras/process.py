@@ -6,11 +6,11 @@ from markergen.solid.manufacturability import depth_of, tool_of
 from markergen.solid.processes import Cutting, Made, marks, prepare
 
 DEPTH, FINEST = 0.05, 0.05
-"""Depth of the etching, and the finest line of the mask, mm."""
+"""Depth of the etching, and minimum line width of the mask, mm."""
 
 
 def etch(marker: Marker, fabrication: Fabrication) -> Made:
-    """Shallow dark faces without inlays, drawn in the DXF of the mask that comes beside the solid."""
+    """Shallow dark faces without inlays, drawn in the DXF of the mask that accompanies the solid."""
     tool = tool_of(fabrication, "line", FINEST)
     cutting = Cutting(tool, depth_of(marker, fabrication, DEPTH, "an etching"))
     ground = prepare(marker, fabrication, cutting, lambda dot: dot.radius)

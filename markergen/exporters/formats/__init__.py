@@ -1,1 +1,1 @@
-"""The table of output formats: what each holds. What writes them is imported when a file is written."""
+"""Table of output formats and their properties. The writers are imported when a file is written."""

@@ -1,6 +1,6 @@
-"""Points: the marker itself, a table of its dots, and configurations for what detects it.
+"""Points: the marker itself, a table of its dots, and configurations for detection software.
 
-Each format is its row and the function under it. All are small texts in m, in the marker frame, and need neither sheet
+Each format is its row and the function below it. All are short texts in m, in the marker frame, and need neither sheet
 nor solid.
 """
 
@@ -22,11 +22,12 @@ FRAME = (
 )
 
 APRILTAG = "apriltag:"
-"""What the names of AprilTag families begin with."""
+"""Prefix of the names of AprilTag families."""
 
 NOT_KALIBR = "Kalibr knows three targets: checkerboard, circlegrid and aprilgrid, all of them grids; this is none."
-"""An aprilgrid has 3 x 3 tags or more, whose black border is two cells wide; a circlegrid 3 x 3 like dots or more,
-which the key ring is not."""
+"""Reason why Kalibr cannot use it. An aprilgrid has at least 3 x 3 tags, whose black border is two cells wide; a
+circlegrid at least 3 x 3 equal dots, unlike the key ring.
+"""
 
 BOARD = (
     "Tag: cv2.aruco.Board([tag_corners], cv2.aruco.getPredefinedDictionary(tag_dictionary), tag_ids), with each node",
@@ -37,8 +38,8 @@ COLUMNS = ("id", "x_m", "y_m", "z_m", "diameter_m", "inner_diameter_m", "feature
 MEASURED = ("var_x_m2", "cov_xy_m2", "var_y_m2")
 
 
-def write_record(markers: Sequence[Marker], options: ExportOptions) -> Output:  # noqa: ARG001  (every exporter is called alike)
-    """Canonical marker.json, the only format that holds everything, bare points included; no option has an effect."""
+def write_record(markers: Sequence[Marker], options: ExportOptions) -> Output:  # noqa: ARG001  (same signature for every exporter)
+    """Canonical marker.json, the only complete format, including bare points; no option has an effect."""
     return Output(to_json(only(markers, ".json")))
 
 
@@ -48,16 +49,16 @@ EXPORTERS.register(".json")(Exporter(write_record, "the marker itself"))
 def _row(suffix: str, description: str, text_of: Callable[[Marker], str], *notes: str) -> None:
     """Register a format that is a text of one marker."""
 
-    def write(markers: Sequence[Marker], options: ExportOptions) -> Output:  # noqa: ARG001  (every exporter is called alike)
+    def write(markers: Sequence[Marker], options: ExportOptions) -> Output:  # noqa: ARG001  (same signature for every exporter)
         return Output(text_of(only(markers, suffix)).encode(), notes)
 
     EXPORTERS.register(suffix)(Exporter(write, description))
 
 
 def write_table(marker: Marker) -> str:
-    """Write comment lines (``#``), the columns' names, and a row for each control point; numbers read back the same.
+    """Write comment lines (``#``), the column names, and a row for each control point; numbers are read back exactly.
 
-    Covariances of measured places have columns of their own if there are any.
+    Covariances of measured positions have their own columns if there are any.
     """
     measured = any(point.covariance for point in marker.control_points)
     tag: tuple[str, ...] = ()
@@ -76,11 +77,11 @@ def write_table(marker: Marker) -> str:
 
 
 def write_opencv(marker: Marker) -> str:
-    """Write what ``cv2.FileStorage`` reads: matrices ``object_points`` (n, 3), ``ids`` and ``diameters`` (n, 1).
+    """Write matrices for ``cv2.FileStorage``: ``object_points`` (n, 3), ``ids`` and ``diameters`` (n, 1).
 
-    With a tag also ``tag_corners`` (4, 3) in 32-bit floats and ``tag_ids`` (1, 1), as ``cv2.aruco.Board`` wants them,
-    and ``tag_dictionary``, OpenCV's number of the dictionary. As text, since what FileStorage writes, but not what it
-    reads, depends on OpenCV's version.
+    With a tag also ``tag_corners`` (4, 3) in 32-bit floats and ``tag_ids`` (1, 1), as ``cv2.aruco.Board`` expects them,
+    and ``tag_dictionary``, OpenCV's number of the dictionary. Written as text, because the output of FileStorage,
+    unlike the input that it accepts, depends on OpenCV's version.
     """
     remarks = [
         "Pose: cv2.solvePnP(object_points, image_points, K, distortion) gives X_camera = R X_marker + t;",
@@ -110,7 +111,7 @@ def write_opencv(marker: Marker) -> str:
 def write_ros2(marker: Marker) -> str:
     """Write parameters of two nodes: ``<frame>_transform`` for tf2_ros' static broadcaster, ``<frame>_landmarks``.
 
-    ROS 2 parameters hold lists of numbers but no lists of lists, so the landmarks are one list per coordinate.
+    ROS 2 parameters support lists of numbers but not nested lists, so the landmarks are one list per coordinate.
     """
     frame = frame_name(marker)
     x, y, z = (list(values) for values in zip(*points(marker), strict=True))
@@ -139,10 +140,10 @@ def write_ros2(marker: Marker) -> str:
 
 
 def write_kalibr(marker: Marker) -> str:
-    """Write ``target_type: custom`` and a list of points with id, place and diameter in m.
+    """Write ``target_type: custom`` and a list of points with id, position and diameter in m.
 
-    Kalibr refuses any other type than those of its grids, and no layout that markergen designs is one, so the type is
-    a new one rather than a lie.
+    Kalibr rejects all types other than its grids, and no layout designed by markergen is one of these, so the file uses
+    a new type instead of claiming a wrong one.
     """
     body: dict[str, Any] = {
         "target_type": "custom",
@@ -166,7 +167,7 @@ def write_bundle(marker: Marker) -> str:
     Raises
     ------
     InputError
-        If the marker has no tag, or one that is no AprilTag.
+        If the marker has no tag, or one that is not an AprilTag.
     """
     tag = marker.tag
     if tag is None or not tag.family.startswith(APRILTAG):
@@ -195,19 +196,19 @@ _row(".apriltag.yaml", "apriltag_ros: bundle of an AprilTag", write_bundle)
 
 
 def heading(marker: Marker, title: str, *remarks: str) -> str:
-    """Comment lines that say which marker this is, its frame and unit, and what else there is to know."""
+    """Comment lines that identify the marker, its frame and unit, followed by remarks."""
     name = f"Marker {marker_name(marker)}: {len(marker)} dots, written by markergen {markergen.__version__}."
     corrected = () if marker.as_designed is marker else ("Places are those measured on the print.",)
     return "".join(f"# {line}\n" for line in (title, name, *FRAME, *corrected, *remarks))
 
 
 def frame_name(marker: Marker) -> str:
-    """``markergen_<spec hash>`` of letters, digits and ``_``: a name for frames and nodes."""
+    """Name for frames and nodes, ``markergen_<spec hash>``, of letters, digits and ``_``."""
     return "".join(letter if letter.isalnum() else "_" for letter in marker_name(marker))
 
 
 def points(marker: Marker) -> list[list[float]]:
-    """Places (n, 3) of the control points in m, in the order of `ids`: as in marker.json, to the last bit."""
+    """Positions (n, 3) of the control points in m, in the order of `ids`, identical to marker.json to the last bit."""
     return [[point.x, point.y, point.z] for point in marker.control_points]
 
 
@@ -222,19 +223,19 @@ def diameters(marker: Marker) -> list[float]:
 
 
 def tag_corners(marker: Marker) -> list[list[float]]:
-    """Corners (4, 3) of the tag's black square in the print, m: top left, top right, bottom right, bottom left."""
+    """Corners (4, 3) of the tag's black square on the print, m: top left, top right, bottom right, bottom left."""
     if marker.tag is None:
         return []
     return [[*map(picometers, corner), 0.0] for corner in marker.tag.corners * marker.print_scale]
 
 
 def picometers(meters: float) -> float:
-    """Length in m rounded to 1e-12, so that 0.02 does not read 0.020000000000000004; never -0."""
+    """Length in m rounded to 1e-12, so that 0.02 is not written as 0.020000000000000004; never -0."""
     return round(float(meters), 12) + 0.0
 
 
 def yaml_text(value: Mapping[str, Any]) -> str:
-    """YAML of plain values, in the order given, the innermost lists and mappings on one line."""
+    """YAML of plain values in the given order, with the innermost lists and mappings on one line."""
     import yaml
 
     return str(yaml.safe_dump(dict(value), sort_keys=False, default_flow_style=None, width=110))

@@ -1,7 +1,7 @@
-"""Lens models: a table of maps of normalized image coordinates, which `markergen.maths.distortion` works with.
+"""Lens models: a table of maps of normalized image coordinates, used by `markergen.maths.distortion`.
 
-A model is a formula; domain, derivatives and inverse follow from it, by differences and Newton's method. The models of
-this package give their derivatives in closed form as well, for speed and for the last digits.
+A model is a formula; its domain, derivatives and inverse follow by finite differences and Newton's method. The models
+of this package also provide closed-form derivatives, for speed and accuracy.
 """
 
 from abc import ABC, abstractmethod
@@ -33,9 +33,9 @@ LARGEST_RADIUS = 1e6
 """Largest r of any domain: 0.2 arc seconds short of a right angle to the optical axis."""
 
 _STEP, _LONG_STEP = 6e-6, 1e-4
-"""Steps of central differences for first and second derivatives: good to some 1e-10 and 1e-8."""
+"""Step sizes of central differences for first and second derivatives, good to about 1e-10 and 1e-8."""
 _ANGLES, _DIRECTIONS = 1024, 16
-"""Places at which a domain without a closed form is looked at."""
+"""Numbers of radii and directions sampled to find a domain without a closed form."""
 
 
 class LensModel(ABC):
@@ -44,12 +44,12 @@ class LensModel(ABC):
     Attributes
     ----------
     coefficients : tuple of tuple of str
-        Names of the coefficients, for each number of them that the model takes.
+        Names of the coefficients, one tuple for each number of coefficients that the model accepts.
     aliases : tuple of str
         Further names of the model in calibration files, in lower case.
     opencv : bool
-        Whether the coefficients are those that OpenCV's own functions take (``distCoeffs``), of which none at all mean
-        a pinhole camera.
+        True if the coefficients are valid ``distCoeffs`` for OpenCV's functions, where an empty array means a pinhole
+        camera.
     """
 
     coefficients: ClassVar[tuple[tuple[str, ...], ...]]
@@ -58,27 +58,27 @@ class LensModel(ABC):
 
     @abstractmethod
     def map(self, x: Array, y: Array, coefficients: Coefficients) -> tuple[Array, Array]:
-        """Coordinates x', y' after the lens, of any shape, by the formula alone; nan stays nan."""
+        """Distorted coordinates x', y', of any shape, by the formula alone; nan stays nan."""
 
     def domain_radius(self, coefficients: Coefficients) -> float:
         """Radius of the disk on which the map is one-to-one, `LARGEST_RADIUS` at most.
 
-        Unless a model knows better, the first of a thousand radii at which the symmetric part of the Jacobian is not
-        positive definite, whatever the direction: on a convex set a map with such a Jacobian is one-to-one.
+        By default, the first of a thousand radii at which the symmetric part of the Jacobian is not positive definite
+        in some direction: on a convex set, a map with a positive definite Jacobian is one-to-one.
         """
         radius = np.tan(np.linspace(0, np.arctan(LARGEST_RADIUS), _ANGLES))
         around = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
         x, y = radius[:, None] * np.cos(around), radius[:, None] * np.sin(around)
         xx, xy, yx, yy = self.gradient(x, y, coefficients)
         definite = (xx > 0) & (xx * yy > ((xy + yx) / 2) ** 2)
-        # Far out, differences drown in rounding: there the map itself has to grow.
+        # Far out, differences are lost in rounding: there the map itself has to grow.
         far = radius > 1e3
         grows = np.diff(np.hypot(*self.map(x, y, coefficients)), axis=0, append=np.inf) > 0
         bad = ~np.where(far[:, None], grows, definite).all(axis=-1)
         return float(radius[max(int(np.argmax(bad)) - 1, 0)]) if bad.any() else LARGEST_RADIUS
 
     def gradient(self, x: Array, y: Array, coefficients: Coefficients) -> Jacobian:
-        """Derivatives of x', y' by x, y."""
+        """Derivatives of x', y' with respect to x, y."""
         step = _STEP * (1 + np.hypot(x, y))
         columns = [
             _difference(lambda dx, dy: self.map(x + dx, y + dy, coefficients), step, along)
@@ -87,7 +87,7 @@ class LensModel(ABC):
         return columns[0][0], columns[1][0], columns[0][1], columns[1][1]
 
     def hessian(self, x: Array, y: Array, coefficients: Coefficients) -> Array:
-        """Second derivatives (..., 2, 2, 2): [..., i, j, k] is that of x'_i by x_j and x_k."""
+        """Second derivatives (..., 2, 2, 2): [..., i, j, k] is d^2 x'_i / (dx_j dx_k)."""
         step = _LONG_STEP * (1 + np.hypot(x, y))
         by = [
             np.stack(_difference(lambda dx, dy: self.gradient(x + dx, y + dy, coefficients), step, along), axis=-1)
@@ -97,7 +97,7 @@ class LensModel(ABC):
         return (result + result.swapaxes(-1, -2)) / 2
 
     def by_coefficients(self, x: Array, y: Array, coefficients: Coefficients) -> Array:
-        """Derivatives (..., 2, k) of x', y' by the coefficients."""
+        """Derivatives (..., 2, k) of x', y' with respect to the coefficients."""
         result = np.zeros((*np.shape(x), 2, len(coefficients)))
         for i, value in enumerate(coefficients):
             step = _STEP * max(1.0, abs(value))
@@ -108,25 +108,25 @@ class LensModel(ABC):
                 result[..., row, i] = (ahead[row] - behind[row]) / (2 * step)
         return result
 
-    # What follows serves Newton's method in `markergen.maths.distortion`.
+    # The remaining methods serve Newton's method in `markergen.maths.distortion`.
 
     def profile(self, radius: Array, coefficients: Coefficients) -> Array:
-        """Roughly the radii after the lens of points at these radii before it: there Newton's method starts."""
+        """Approximate distorted radii of points at these radii: the starting values for Newton's method."""
         around = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
         mapped = self.map(radius[:, None] * np.cos(around), radius[:, None] * np.sin(around), coefficients)
         return np.hypot(*mapped).mean(axis=-1)
 
     def reach(self, radius: float, coefficients: Coefficients) -> float:
-        """How much farther out than `profile` says a point of the domain, of that radius, may come to lie."""
+        """Bound on the amount by which a distorted radius may exceed `profile` in a domain of that radius."""
         del radius, coefficients
         return np.inf
 
     def place(self, x: Array, y: Array, square: Array, coefficients: Coefficients) -> tuple[Array, Array, list[Array]]:
-        """Return x' and y' with what `gradient_from` wants to know of them; `square` is r^2, nan outside the domain."""
+        """Return x', y' and the intermediate results for `gradient_from`; `square` is r^2, nan outside the domain."""
         return *self.map(x + 0 * square, y, coefficients), []
 
     def gradient_from(self, x: Array, y: Array, known: Sequence[Array], coefficients: Coefficients) -> Jacobian:
-        """`gradient` at a point of the domain, from what `place` found there."""
+        """`gradient` at points of the domain, from the intermediate results of `place`."""
         del known
         return self.gradient(x, y, coefficients)
 
@@ -136,7 +136,7 @@ class RadialModel(LensModel):
 
     x' = s x + 2 q x + p2 r^2,    y' = s y + 2 q y + p1 r^2
 
-    A model needs to give `scale` alone. Its Jacobian is symmetric, and so are all second derivatives.
+    A model only needs to define `scale`. The Jacobian is symmetric, and so are all second derivatives.
     """
 
     @abstractmethod
@@ -144,15 +144,15 @@ class RadialModel(LensModel):
         """Radial scale s at r^2, with its limit at 0; nan stays nan."""
 
     def scale_and_slope(self, square: Array, coefficients: Coefficients) -> tuple[Array, Array]:
-        """Radial scale s and its derivative by r^2."""
+        """Radial scale s and its derivative with respect to r^2."""
         return self.scale(square, coefficients), _forward(lambda at: self.scale(at, coefficients), square, _STEP)
 
     def bend(self, square: Array, coefficients: Coefficients) -> Array:
-        """Second derivative of s by r^2."""
+        """Second derivative of s with respect to r^2."""
         return _forward(lambda at: self.scale_and_slope(at, coefficients)[1], square, _LONG_STEP)
 
     def scale_by_coefficients(self, square: Array, coefficients: Coefficients) -> Sequence[Array]:
-        """Derivatives of s by each coefficient; 0 for p1 and p2."""
+        """Derivatives of s with respect to each coefficient; 0 for p1 and p2."""
         found = []
         for i, value in enumerate(coefficients):
             step = _STEP * max(1.0, abs(value))
@@ -163,7 +163,7 @@ class RadialModel(LensModel):
         return found
 
     def tangential(self, coefficients: Coefficients) -> tuple[float, float]:
-        """p1 and p2; where a model has them, they are its coefficients 2 and 3."""
+        """p1 and p2, which are coefficients 2 and 3 of the models that have them."""
         del coefficients
         return 0.0, 0.0
 
@@ -198,7 +198,7 @@ class RadialModel(LensModel):
         return result
 
     def profile(self, radius: Array, coefficients: Coefficients) -> Array:
-        """See `LensModel.profile`: without the tangential terms, the answer lies on the line through the center."""
+        """See `LensModel.profile`: without tangential terms, distortion acts along the line through the center."""
         return self.scale(radius**2, coefficients) * radius
 
     def reach(self, radius: float, coefficients: Coefficients) -> float:
@@ -224,11 +224,11 @@ class RadialModel(LensModel):
 
 
 LENSES: Registry[LensModel] = Registry("distortion model", __name__, "markergen.camera_models", LensModel)
-"""Lens models by name; an entry is an instance of one."""
+"""Lens models by name; each entry is an instance."""
 
 
 def horner(x: Array, ascending: Coefficients) -> Array:
-    """Horner's rule; nan stays nan, for a constant, too."""
+    """Evaluate a polynomial by Horner's rule; nan stays nan, even for a constant."""
     if len(ascending) == 1:
         return x * 0 + ascending[0]
     value = x * ascending[-1]
@@ -246,8 +246,8 @@ def derivative(ascending: Coefficients) -> Coefficients:
 
 def first_root(ascending: ArrayLike) -> float:
     """Smallest positive root of 1 + c1 r + c2 r^2 + ..., inf if there is none."""
-    # The roots of the reversed polynomial are 1/r: it is monic, so that tiny leading coefficients do no harm, and the
-    # root wanted is the largest. A double root, where rounding may make two complex ones, counts.
+    # The roots of the reversed polynomial are 1/r. It is monic, so that tiny leading coefficients do no harm, and the
+    # desired root is its largest. Double roots, which rounding may split into two complex ones, count.
     inverse = np.roots(ascending)
     real = inverse.real[(np.abs(inverse.imag) <= 1e-6 * np.abs(inverse)) & (inverse.real > 0)]
     return float(1 / real.max()) if real.size and real.max() > 1e-300 else np.inf
@@ -270,6 +270,6 @@ def _difference(
 
 
 def _forward(function: Callable[[Array], Array], square: Array, step: float) -> Array:
-    """Derivative by r^2 from three points on one side, since there is nothing below 0."""
+    """Derivative with respect to r^2 by a three-point forward difference, since r^2 cannot be negative."""
     h = step * (1 + square)
     return (4 * function(square + h) - 3 * function(square) - function(square + 2 * h)) / (2 * h)

@@ -1,4 +1,4 @@
-"""``radtan`` and ``rational``: the lenses of OpenCV's calibration, polynomials in r^2 or the quotient of two."""
+"""``radtan`` and ``rational``: OpenCV's calibration models, a polynomial in r^2 or a quotient of two."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -21,8 +21,8 @@ from markergen.maths.lenses import (
 class RadialTangential(RadialModel):
     """Brown-Conrady: s = 1 + k1 r^2 + k2 r^4 + k3 r^6, and the tangential terms p1, p2.
 
-    **Domain.** The radial and tangential eigenvalues of the Jacobian are (s r)' and s, and the tangential terms lower
-    them by 6 |p| r at most, so the domain ends at the first r at which min((s r)', s) = 6 |p| r.
+    **Domain.** The radial and tangential eigenvalues of the Jacobian are (s r)' and s. The tangential terms lower them
+    by at most 6 |p| r, so the domain ends at the first r at which min((s r)', s) = 6 |p| r.
     """
 
     coefficients: ClassVar[tuple[tuple[str, ...], ...]] = (("k1", "k2", "p1", "p2"), ("k1", "k2", "p1", "p2", "k3"))
@@ -72,7 +72,7 @@ class RadialTangential(RadialModel):
     def domain_radius(self, coefficients: Coefficients) -> float:
         """See `LensModel.domain_radius`; exact, from the roots of polynomials."""
         above, below, _, _ = _ratio(coefficients)
-        # In powers of r, so that the tangential term, which is odd in r, fits in.
+        # Polynomials in r, because the tangential term is odd in r.
         numerator, denominator = np.polynomial.Polynomial(_even(above)), np.polynomial.Polynomial(_even(below))
         r = np.polynomial.Polynomial([0, 1])
         steepness = numerator * denominator + r * (numerator.deriv() * denominator - numerator * denominator.deriv())
@@ -93,7 +93,7 @@ LENSES.register("rational")(Rational())
 
 
 def _even(coefficients: Coefficients) -> Array:
-    """Coefficients of a polynomial in r^2 as one in r."""
+    """Convert the coefficients of a polynomial in r^2 to those of a polynomial in r."""
     result = np.zeros(2 * len(coefficients) - 1)
     result[::2] = coefficients
     return result

@@ -1,4 +1,4 @@
-"""``equidistant``: the fisheye lenses of OpenCV and Kalibr."""
+"""``equidistant``: the fisheye model of OpenCV and Kalibr."""
 
 from collections.abc import Sequence
 
@@ -26,7 +26,7 @@ class Equidistant(RadialModel):
         """See `RadialModel.scale`."""
         radius = np.sqrt(square)
         angle = np.arctan(radius)
-        # At the center, atan r / r = 1 - r^2/3: the quotient below is 0/0 there.
+        # Near the center, atan r / r = 1 - r^2/3; the quotient is 0/0 there.
         center = square < 1e-12
         unit = np.where(center, 1 - square / 3, angle / np.where(center, 1, radius))
         return unit * horner(angle * angle, (1.0, *coefficients))
@@ -50,7 +50,7 @@ class Equidistant(RadialModel):
         angle = np.arctan(np.sqrt(square))
         angle2 = angle * angle
         center = square < 1e-12
-        # With S = (s r)' = s + 2 r^2 s', s'' = (S' - 3 s') / (2 r^2); at the center from the series of both.
+        # With S = (s r)' = s + 2 r^2 s', s'' = (S' - 3 s') / (2 r^2); at the center, from the series of both.
         grown = (1.0, 3 * c[0], 5 * c[1], 7 * c[2], 9 * c[3])
         unit = np.where(center, 1.0, angle / np.sqrt(np.where(center, 1.0, square)))
         change = (horner(angle2, derivative(grown)) * unit - horner(angle2, grown)) / (1 + square) ** 2

@@ -4,7 +4,7 @@ from markergen.maths.lenses import LARGEST_RADIUS, LENSES, Array, Coefficients, 
 
 
 class NoDistortion(LensModel):
-    """s = 1: images are as a pinhole makes them."""
+    """s = 1: no distortion."""
 
     coefficients = ((),)
     opencv = True

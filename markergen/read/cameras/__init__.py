@@ -1,4 +1,4 @@
-"""Cameras from calibration files: a table of formats, told apart by what is in the file, not by its name."""
+"""Read cameras from calibration files, in formats that are recognized by content, not by name."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -17,16 +17,16 @@ __all__ = ["CAMERA_FORMATS", "CameraFormat", "load_camera", "read_camera"]
 
 @dataclass(frozen=True)
 class CameraFormat:
-    """One kind of calibration file.
+    """A calibration file format.
 
     Attributes
     ----------
     signs : str
-        What a file of this kind holds, for the message that no format fits.
+        Typical contents of such a file, for the message that no format fits.
     fits : callable
-        Tell whether a document is of this kind; exactly one format says so of a usable file.
+        Tells whether a document has this format; true for exactly one format if a file is usable.
     read : callable
-        Make the camera of a document; the second argument names one of several cameras, or is None.
+        Makes a camera from a document; the second argument names one of several cameras, or is None.
     """
 
     signs: str
@@ -56,14 +56,14 @@ def load_camera(source: object) -> Camera:
 def read_camera(path: str | os.PathLike[str]) -> Camera:
     """Read the camera of a calibration file: OpenCV, ROS, Kalibr, COLMAP or a table of plain numbers.
 
-    ``path#NAME`` takes one of several cameras of a file, such as ``camchain.yaml#cam1`` or ``cameras.txt#2``. The
-    principal point is put into the convention of `Camera`, pixel centers at integers, where the format has another.
+    ``path#NAME`` selects one of several cameras in a file, such as ``camchain.yaml#cam1`` or ``cameras.txt#2``. The
+    principal point is converted to the convention of `Camera`: pixel centers at integers.
 
     Raises
     ------
     InputError
-        If the file cannot be read, is in no known format, or lacks or contradicts something; the message names file
-        and key.
+        If the file cannot be read, has no known format, or is incomplete or inconsistent; the message names file and
+        key.
     """
     path, choice = _split(Path(path))
     return _camera_of(Document(*read(path, "camera")), choice)
@@ -74,7 +74,7 @@ def _camera_of(document: Document, choice: str | None) -> Camera:
         if CAMERA_FORMATS[name].fits(document):
             return CAMERA_FORMATS[name].read(document, choice)
     known = "; ".join(f"{name}: {CAMERA_FORMATS[name].signs}" for name in CAMERA_FORMATS)
-    raise InputError(f"a camera in {document.name}", "no format that is known", f"known formats: {known}")
+    raise InputError(f"a camera in {document.name}", "an unknown format", f"known formats: {known}")
 
 
 def _split(path: Path) -> tuple[Path, str | None]:

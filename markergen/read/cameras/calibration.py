@@ -1,6 +1,6 @@
-"""From the numbers of a calibration to a camera: lens models by the names of all formats, matrix, and image size.
+"""Make a camera from calibration values: lens models by all formats' names, camera matrix, and image size.
 
-Whatever the format, file and camera have to agree: a matrix of another image, skew, or a misspelled distortion is
+In every format the values have to be consistent: a matrix for another image size, skew, or a misspelled distortion is
 refused with its place in the file.
 """
 
@@ -21,21 +21,21 @@ COEFFICIENTS = ("distortion_coefficients", "D", "dist_coeffs", "distortion_coeff
 MODEL = ("distortion_model",)
 WIDTH, HEIGHT = ("image_width", "width"), ("image_height", "height")
 SIZE = ("image_size", "resolution", "img_size")
-"""Keys of OpenCV, of ROS, and of what is written by hand."""
+"""Keys used by OpenCV, by ROS, and in hand-written files."""
 
 SHORTEST, LONGEST = 1e-3, 1e6
-"""Focal lengths in image sides: a field of view of nearly 180 degrees, and one of a fifth of an arc second."""
+"""Range of focal lengths in image sides: fields of view from nearly 180 degrees to a fifth of an arc second."""
 
 
 def camera_of(table: Fields, model: str) -> Camera:
-    """Camera of a table with matrix, coefficients and image size; `model` names the distortion model."""
+    """Make a camera from a table with matrix, coefficients and image size; `model` names the distortion model."""
     key = table.key(*MATRIX)
     coefficients_key = table.find(*COEFFICIENTS)
     model_key = table.find(*MODEL) or coefficients_key or ""
     matrix = _entries(table, key, (3, 3))
     coefficients = [] if coefficients_key is None else _entries(table, coefficients_key, None)
     if coefficients_key is None:
-        # What is misspelled must not become a camera without distortion.
+        # A misspelled key must not yield a camera without distortion.
         near = [key for key in table.values if re.search("dist|coef", key, re.IGNORECASE) and key != model_key]
         if near or model not in ("", "none"):
             found = f"only {brief(near[0])}" if near else "none"
@@ -47,7 +47,7 @@ def camera_of(table: Fields, model: str) -> Camera:
 
 
 def camera_of_arrays(matrix: Any, distortion: Any, size: Any, fisheye: bool = False) -> Camera:
-    """Camera of OpenCV's arrays; see `Camera.from_cv2`."""
+    """Make a camera from OpenCV's arrays; see `Camera.from_cv2`."""
     entries = _array(matrix, "matrix")
     if entries.shape != (3, 3):
         raise InputError("a 3x3 camera matrix", f"an array of shape {entries.shape}", "give cv2's camera matrix")
@@ -57,7 +57,7 @@ def camera_of_arrays(matrix: Any, distortion: Any, size: Any, fisheye: bool = Fa
         raise InputError("distortion coefficients in one row or column", found, "give cv2's distortion coefficients")
     sides = _array(size, "size")
     if sides.shape != (2,) or not (sides == np.round(sides)).all():
-        raise InputError("a size (width, height) in px", brief(size), "of an image it is image.shape[1::-1]")
+        raise InputError("a size (width, height) in px", brief(size), "for an image, image.shape[1::-1]")
     lens = make_distortion("fisheye" if fisheye else "", coefficients.ravel().tolist(), "fisheye", "distortion")
     width, height = (int(side) for side in sides)
     return make_camera(width, height, pinhole_of(entries.ravel().tolist(), "matrix"), lens, "matrix", "size")
@@ -84,14 +84,14 @@ def _size(table: Fields) -> tuple[str, int, int]:
 
 
 def _entries(table: Fields, key: str, shape: tuple[int, int] | None) -> list[float]:
-    """Entries row by row of a matrix with rows, cols and data, or of a plain list; a vector if no shape is given."""
+    """Entries, row by row, of a plain list or a mapping with rows, cols and data; a vector if `shape` is None."""
     if not isinstance(table.values[key], dict):
         return table.numbers(key)
     matrix = table.fields(key)
     rows, columns, data = matrix.whole("rows"), matrix.whole("cols"), matrix.numbers("data")
     if rows * columns != len(data):
         raise InputError(
-            f"as many numbers as rows times cols at {matrix.place('data')}",
+            f"rows times cols numbers at {matrix.place('data')}",
             f"{rows} x {columns} and {len(data)} numbers",
             "correct the file",
         )
@@ -106,7 +106,7 @@ def _entries(table: Fields, key: str, shape: tuple[int, int] | None) -> list[flo
 
 @contextmanager
 def located(place: str) -> Iterator[None]:
-    """Add the place in the file to what is wrong with a value."""
+    """Add the place in the file to an error about a value."""
     try:
         yield
     except InputError as error:
@@ -115,15 +115,15 @@ def located(place: str) -> Iterator[None]:
 
 
 def make_distortion(name: str, coefficients: Sequence[float], model_place: str, place: str) -> Distortion:
-    """Distortion of a model by any of its names; without a name OpenCV's, which their number decides.
+    """Make the distortion of a model given by any of its names, or, without a name, of OpenCV's by coefficient count.
 
-    `model_place` and `place` tell where the name and the coefficients stand.
+    `model_place` and `place` locate the name and the coefficients in the file.
     """
     model = _opencv(coefficients) if name == "" else _named(name.lower(), model_place)
-    # A pinhole camera is no fisheye without distortion: that images angles.
+    # Without coefficients a fisheye is still not a pinhole camera: its image is linear in the angle.
     if not coefficients and LENSES[model].opencv:
         return Distortion()
-    # OpenCV pads with zeros: 12 coefficients have thin prisms, 14 a tilted sensor, too.
+    # OpenCV pads with zeros: 12 coefficients include thin prisms, 14 also a tilted sensor.
     most = max(map(len, LENSES[model].coefficients))
     cut = coefficients if any(coefficients[most:]) else coefficients[:most]
     with located(place):
@@ -137,10 +137,10 @@ def make_distortion(name: str, coefficients: Sequence[float], model_place: str, 
 
 
 def _named(name: str, place: str) -> str:
-    """Model of `Distortion` by a name that ROS, Kalibr or OpenCV's users give it."""
+    """Name in `Distortion` of a model, from its name in ROS, Kalibr or OpenCV code."""
     if name in LENSES:
         with located(place):
-            LENSES[name]  # A plug-in that does not work says so.
+            LENSES[name]  # Raises if the model is a broken plug-in.
         return name
     aliases = {alias: model for model in LENSES for alias in LENSES[model].aliases}
     if name not in aliases:
@@ -161,13 +161,13 @@ def make_camera(
     place: str,
     size_place: str,
 ) -> Camera:
-    """Camera of an image size and (fx, fy, cx, cy); `place` and `size_place` tell where these stand.
+    """Make a camera from an image size and (fx, fy, cx, cy); `place` and `size_place` locate them in the file.
 
     Raises
     ------
     InputError
-        As `Camera` does, if the focal lengths are no such of a lens, or if the principal point is not in the image:
-        then size and matrix are of two cameras, of two resolutions of one, or width and height are exchanged.
+        As `Camera` does, if the focal lengths are implausible, or if the principal point is outside the image: then
+        size and matrix belong to different cameras or resolutions, or width and height are swapped.
     """
     fx, fy, cx, cy = matrix
     with located(size_place):
@@ -176,7 +176,7 @@ def make_camera(
         camera = Camera(width, height, fx, fy, cx, cy, distortion)
         if not (SHORTEST * width <= fx <= LONGEST * width and SHORTEST * height <= fy <= LONGEST * height):
             raise InputError(
-                f"focal lengths in px that go with an image of {width}x{height} px", f"fx={fx}, fy={fy}",
+                f"focal lengths in px plausible for an image of {width}x{height} px", f"fx={fx}, fy={fy}",
                 "check the camera matrix; are these mm?",
             )  # fmt: skip
         if not (-0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5):
@@ -189,17 +189,17 @@ def make_camera(
 
 
 def pinhole_of(matrix: Sequence[float], place: str) -> tuple[float, float, float, float]:
-    """(fx, fy, cx, cy) of the nine entries of a camera matrix, row by row.
+    """Return (fx, fy, cx, cy) from the nine entries of a camera matrix, row by row.
 
     Raises
     ------
     InputError
-        If it is not of the form [fx 0 cx; 0 fy cy; 0 0 1]: skew is not modeled, and Matlab's is the transpose.
+        If it is not of the form [fx 0 cx; 0 fy cy; 0 0 1]: skew is not modeled, and Matlab's matrix is the transpose.
     """
     if len(matrix) != 9:
         raise InputError(f"a 3x3 camera matrix at {place}", f"{len(matrix)} numbers", "correct the file")
     fx, skew, cx, a, fy, cy, b, c, one = matrix
-    # Rounding may leave traces, far below what a pixel could tell.
+    # Rounding may leave traces of skew far below a pixel.
     if not (abs(skew) <= 1e-9 * abs(fx) and a == b == c == 0 and one == 1) and any(matrix):
         raise InputError(
             f"a camera matrix [fx 0 cx; 0 fy cy; 0 0 1] at {place}",
@@ -212,4 +212,4 @@ def pinhole_of(matrix: Sequence[float], place: str) -> tuple[float, float, float
 def no_choice(file: str, choice: str | None) -> None:
     """Refuse the name of a camera in a file that holds one."""
     if choice is not None:
-        raise InputError(f"no camera's name after {file}", brief(choice), "leave it out: the file holds one camera")
+        raise InputError(f"no camera name after {file}", brief(choice), "leave it out: the file holds one camera")

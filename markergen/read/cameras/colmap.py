@@ -1,6 +1,6 @@
-"""COLMAP's cameras.txt: one camera a line, CAMERA_ID MODEL WIDTH HEIGHT PARAMS.
+"""Read COLMAP's cameras.txt: one camera per line, CAMERA_ID MODEL WIDTH HEIGHT PARAMS.
 
-COLMAP counts pixels from the corner of the image, so that the middle of the first is at (0.5, 0.5).
+COLMAP measures pixels from the corner of the image, so that the center of the first is at (0.5, 0.5).
 """
 
 import re
@@ -13,7 +13,7 @@ from markergen.read.cameras.calibration import located, make_camera
 from markergen.read.cameras.document import Document, Fields
 
 CORNER = 0.5
-"""Position of a pixel's middle in px, counted from its corner."""
+"""Coordinate in px of a pixel's center, measured from its corner."""
 
 MODELS: dict[str, tuple[int, str, tuple[int, ...]]] = {
     "SIMPLE_PINHOLE": (1, "none", ()),
@@ -28,7 +28,7 @@ MODELS: dict[str, tuple[int, str, tuple[int, ...]]] = {
     "RADIAL_FISHEYE": (1, "equidistant", (0, 1)),
     "OPENCV_FISHEYE": (2, "equidistant", (0, 1, 2, 3)),
 }
-"""Number of focal lengths, distortion model, and places of the parameters among its coefficients; the others are 0."""
+"""Number of focal lengths, distortion model, and indices of its coefficients that are parameters; the rest are 0."""
 
 _LENGTHS = {"none": 0, "radtan": 4, "rational": 8, "equidistant": 4}
 _CAMERA = re.compile(r"\d+\s+[A-Z][A-Z0-9_]*\s")
@@ -43,7 +43,7 @@ def _read(document: Document, choice: str | None) -> Camera:
     rows = dict(zip(numbers, document.lines, strict=True))
     if len(rows) < len(numbers):
         twice = next(number for i, number in enumerate(numbers) if number in numbers[:i])
-        raise InputError(f"every camera once in {document.name}", f"{brief(twice)} twice", "take one out")
+        raise InputError(f"every camera once in {document.name}", f"{brief(twice)} twice", "remove one")
     if choice is None and len(rows) > 1:
         some = ", ".join(brief(key) for key in list(rows)[:10])
         raise InputError(

@@ -1,4 +1,4 @@
-"""How well a camera is calibrated: standard deviations or a covariance of its parameters."""
+"""Uncertainty of a camera calibration: standard deviations or a covariance of its parameters."""
 
 import warnings
 from pathlib import Path
@@ -14,21 +14,20 @@ from markergen.read.cameras.document import Document, Fields
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-6
-"""How far a covariance may be from symmetric and from positive, as a correlation: files round to six digits."""
+"""Allowed asymmetry and negative eigenvalue of a covariance, as a correlation: files round to six digits."""
 
 
 def read_camera_covariance(source: Path | str | Array, camera: Camera) -> Array:
-    """Covariance (k, k) of `camera.parameter_names`: fx, fy, cx, cy in px, then the distortion coefficients.
+    """Read the covariance (k, k) of `camera.parameter_names`: fx, fy, cx, cy in px, then the distortion coefficients.
 
-    A file is text, numbers separated by blanks or commas and comments after #, or a .npy. It holds one row of k
-    standard deviations, or k rows of a covariance; k may be 4, then the distortion counts as known exactly. An array
-    holds the same.
+    A file is text (numbers separated by blanks or commas, comments after #) or .npy. It holds one row of k standard
+    deviations or k rows of a covariance; if k is 4, the distortion is taken as exact. An array holds the same.
 
     Raises
     ------
     InputError
-        If the file cannot be read, has another number of parameters, or is no covariance: not finite, not symmetric,
-        or with a negative variance in some direction.
+        If the file cannot be read, has another number of parameters, or is not a covariance: not finite, not symmetric,
+        or with a negative eigenvalue.
     """
     if isinstance(source, Path | str):
         name, data = read(source, "covariance")
@@ -37,7 +36,7 @@ def read_camera_covariance(source: Path | str | Array, camera: Camera) -> Array:
         name, values = "camera_covariance", _array(source)
     names = camera.parameter_names
     counts = sorted({4, len(names)})
-    # A column of standard deviations is as clear as a row.
+    # A column of standard deviations is as unambiguous as a row.
     count = max(values.shape)
     if count not in counts or values.shape not in ((1, count), (count, 1), (count, count)):
         sizes = " or ".join(f"{k} standard deviations or {k}x{k} numbers" for k in counts)
@@ -55,7 +54,7 @@ def read_camera_covariance(source: Path | str | Array, camera: Camera) -> Array:
 
 def _of_sigmas(sigmas: Array, name: str) -> Array:
     if (sigmas < 0).any() or sigmas.max() > 1e100:
-        raise InputError(f"standard deviations from 0 in {name}", brief(sigmas.tolist()), "correct it")
+        raise InputError(f"standard deviations of 0 or more in {name}", brief(sigmas.tolist()), "correct it")
     return np.diag(sigmas**2)
 
 
@@ -63,18 +62,18 @@ def _checked(covariance: Array, name: str, names: tuple[str, ...]) -> Array:
     variances = np.diag(covariance)
     worst = int(np.argmin(variances))
     if variances[worst] < 0:
-        raise InputError(f"variances from 0 in {name}", f"{variances[worst]} for {names[worst]}", "correct it")
-    # As correlations: the parameters have units as different as px and 1.
+        raise InputError(f"variances of 0 or more in {name}", f"{variances[worst]} for {names[worst]}", "correct it")
+    # Check correlations, since the parameters have units as different as px and 1.
     scale = np.sqrt(variances)
     inverse = np.divide(1, scale, out=np.zeros_like(scale), where=scale > 0)
     correlation = covariance * inverse[:, None] * inverse
     uncertain = scale > 0
     if covariance[~uncertain].any() or covariance[:, ~uncertain].any() or np.abs(correlation).max() > 1 + TOLERANCE:
         raise InputError(
-            f"a covariance in {name}", "one beyond its two variances", "correct it; are these correlations?"
+            f"a covariance in {name}", "one that exceeds its variances", "correct it; are these correlations?"
         )
     if np.abs(correlation - correlation.T).max() > TOLERANCE:
-        raise InputError(f"a symmetric covariance in {name}", "another", "correct it")
+        raise InputError(f"a symmetric covariance in {name}", "an asymmetric one", "correct it")
     if np.linalg.eigvalsh((correlation + correlation.T) / 2).min() < -TOLERANCE:
         raise InputError(f"a positive semidefinite covariance in {name}", "a negative eigenvalue", "correct it")
     return (covariance + covariance.T) / 2
@@ -88,8 +87,8 @@ def _text(document: Document) -> Array:
             rows.append(Fields(document.name, {f"line {index + 1}": words}).numbers(f"line {index + 1}"))
     if not rows or len({len(row) for row in rows}) > 1:
         raise InputError(
-            f"rows of equally many numbers in {document.name}",
-            f"rows of {brief(sorted({len(row) for row in rows}))}",
+            f"rows of equal length in {document.name}",
+            f"rows of {brief(sorted({len(row) for row in rows}))} numbers",
             "correct the file",
         )
     return np.array(rows)
@@ -105,7 +104,7 @@ def _array(values: object) -> Array:
         found = " ".join(brief(values).split())
     if found:
         raise InputError(
-            "a covariance of the camera's parameters: an array, or a file's path",
+            "a covariance of the camera's parameters: an array, or the path of a file",
             found,
             "give the (k, k) matrix or k standard deviations of fx, fy, cx, cy and the distortion coefficients",
         )
@@ -116,10 +115,10 @@ def _npy(path: Path) -> Array:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            # Mapped: the header may claim a size that the file does not have.
+            # Memory-mapped, since the header may claim a size that the file does not have.
             values = np.load(path, mmap_mode="r", allow_pickle=False, max_header_size=1000)
     except Exception as error:
-        # The header is Python, and its parsers have errors and warnings of a dozen kinds for damaged text.
+        # The header is Python code, whose parsers raise a dozen kinds of errors and warnings on damaged text.
         raise InputError(f"a .npy of numbers at {path}", brief(str(error)), "write it with numpy.save") from None
     if values.dtype.kind not in "fiu" or values.ndim not in (1, 2) or values.size > 10_000:
         raise InputError(

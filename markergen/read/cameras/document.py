@@ -1,7 +1,7 @@
-"""Text of a calibration file as plain values, whatever its syntax: YAML, JSON, XML or TOML.
+"""Parse a calibration file in YAML, JSON, XML or TOML into plain values.
 
-Files come from anywhere, so nothing here can be made to run for long, to grow, or to build more than text, lists and
-mappings. Numbers stay text until somebody asks for them: the formats do not agree on how they are written.
+Files are untrusted: none can make the parser run for long, exhaust memory, or build anything but text, lists and
+mappings. Numbers remain text until they are requested, since formats write them differently.
 """
 
 import json
@@ -17,7 +17,7 @@ from markergen.errors import InputError, brief
 from markergen.guard import KINDS, Content, text_of
 
 DEEPEST = 20
-"""Most levels of lists and mappings; calibration files have four."""
+"""Maximum nesting of lists and mappings; calibration files need four levels."""
 
 _LONGEST_KEY = 40
 _TOML = re.compile(r"\[+[\w.\"-]+\]|[\w.\"-]+\s*=")
@@ -25,7 +25,7 @@ _OPENCV_HEADER = re.compile(r"\A\s*%YAML:1\.\d[^\n]*")  # Not YAML: OpenCV befor
 
 
 def document_of(values: Mapping[str, Any], name: str) -> "Document":
-    """Document of values as they stand in a file, or of attributes of a message; numpy's and tuples are well, too."""
+    """Make a document from values as in a file or from a message's attributes; arrays and tuples are accepted too."""
     try:
         data = json.dumps(values, default=_listed).encode()
     except RecursionError:
@@ -38,7 +38,7 @@ def document_of(values: Mapping[str, Any], name: str) -> "Document":
 
 
 def _listed(value: object) -> Any:
-    """Arrays as lists, and other mappings as dicts; json asks about whatever it does not know."""
+    """Convert arrays to lists and mappings to dicts, for json."""
     if isinstance(value, Mapping):
         return dict(value)
     if callable(getattr(value, "tolist", None)):  # Of numpy, and of array.array, which is what ROS 2 has for D.
@@ -48,25 +48,25 @@ def _listed(value: object) -> Any:
 
 @dataclass(frozen=True)
 class Document:
-    """A file by name and bytes; raises InputError where it is asked for text or values that it does not hold."""
+    """A file's name and bytes; raises InputError if a requested text or value is not in it."""
 
     name: str
     data: bytes
 
     @cached_property
     def text(self) -> str:
-        """The whole text."""
+        """Entire text."""
         return text_of(Content(self.name, self.data))
 
     @cached_property
     def lines(self) -> list[str]:
-        """Lines that are neither empty nor a comment."""
+        """Lines that are neither blank nor comments."""
         stripped = (line.strip() for line in self.text.splitlines())
         return [line for line in stripped if line and not line.startswith("#")]
 
     @cached_property
     def fields(self) -> "Fields":
-        """Values by key; empty if the file is not made of keys and values."""
+        """Values by key; empty if the file has no keys and values."""
         if self.text.lstrip().startswith("<"):
             values = _xml(self.text, self.name)
         elif self.lines and _TOML.match(self.lines[0]):
@@ -78,9 +78,9 @@ class Document:
 
 @dataclass(frozen=True)
 class Fields:
-    """A mapping at a place of a file; whoever asks for a value gets it, or an InputError that names file and key.
+    """A mapping at a place in a file; a missing or unfit value raises InputError with file and key.
 
-    A key is found under any of the names given, in any case, with or without underscores and hyphens.
+    A key is found by any of the names given, ignoring case, underscores and hyphens.
     """
 
     file: str
@@ -88,16 +88,16 @@ class Fields:
     path: str = ""
 
     def place(self, key: str = "") -> str:
-        """Key and file, for messages."""
+        """Return key and file, for messages."""
         where = ".".join(part for part in (self.path, key) if part)
         return f"{where} in {self.file}" if where else self.file
 
     def find(self, *names: str) -> str | None:
-        """Return the key, as it is written in the file, that has the first of these names that is there."""
+        """Return the key, as written in the file, for the first of these names that is present."""
         return next((self._keys[_plain(name)] for name in names if _plain(name) in self._keys), None)
 
     def key(self, *names: str) -> str:
-        """Return the key as `find` does; it has to be there."""
+        """Return the key like `find`, but require it."""
         key = self.find(*names)
         if key is None:
             raise InputError(f"the key {' or '.join(names)} in {self.place()}", "none", "add it, or check the path")
@@ -116,7 +116,7 @@ class Fields:
         return int(value)
 
     def numbers(self, *names: str) -> list[float]:
-        """Return a list of finite numbers, of a list, a list of rows, or text with blanks between them."""
+        """Return finite numbers from a list, a list of rows, or text separated by blanks."""
         key = self.key(*names)
         items = self.values[key]
         if isinstance(items, str):
@@ -158,7 +158,7 @@ class Fields:
             number = float(value) if isinstance(value, (str, int, float)) and not isinstance(value, bool) else None
         except (ValueError, OverflowError):
             number = None
-        # YAML writes .nan and .inf, which Python does not read.
+        # YAML writes .nan and .inf, which `float` does not parse.
         if number is None or not isfinite(number):
             raise InputError(f"a finite number at {self.place(key)}", brief(value), "correct the file")
         return number
@@ -173,10 +173,10 @@ def _damaged(syntax: str, name: str, found: str) -> InputError:
 
 
 def _yaml(text: str, name: str) -> Any:
-    """First document of YAML, or JSON, whose syntax is part of YAML's; scalars are text, tags are ignored."""
+    """Parse the first document of YAML (JSON is a subset); scalars are text, tags are ignored."""
     import yaml
 
-    # Built from the events: no recursion, no constructors, and aliases and merges that are not expanded.
+    # Built from events: no recursion, no constructors, and no expansion of aliases and merges.
     loader = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
     stack: list[tuple[Any, list[str]]] = [([], [])]
     anchors: dict[str, Any] = {}
@@ -218,7 +218,7 @@ def _yaml(text: str, name: str) -> Any:
 
 
 def _put(value: Any, container: Any, key: list[str]) -> str:
-    """Add a value to a list or, key first, to a mapping; return what is wrong with it."""
+    """Add a value to a list, or, key first, to a mapping; return a description of the error, if any."""
     if isinstance(container, list):
         container.append(value)
     elif key:
@@ -233,12 +233,12 @@ def _put(value: Any, container: Any, key: list[str]) -> str:
 
 
 def _xml(text: str, name: str) -> dict[str, Any]:
-    """Text of the elements under the root, or of their children; OpenCV's files have no more levels that matter."""
+    """Text of the elements below the root, or of their children; deeper levels of OpenCV's files do not matter."""
     from xml.etree import ElementTree
 
-    # Entities are declared in a document type; no calibration has any, and nested ones grow without end.
+    # Entities need a document type, which no calibration has; nested entities grow exponentially.
     if re.search("<!(?!--)", text):
-        raise InputError(f"plain XML in {name}", "a document type or CDATA", "take it out")
+        raise InputError(f"plain XML in {name}", "a document type or CDATA", "remove it")
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
@@ -254,7 +254,7 @@ def _xml(text: str, name: str) -> dict[str, Any]:
 
 
 def _toml(text: str, name: str) -> dict[str, Any]:
-    # Python's parser takes a minute and 9 GB for 100 kB of one dotted key.
+    # tomllib takes a minute and 9 GB for 100 kB of one dotted key.
     if len(text) > KINDS["spec"].largest:
         raise InputError(f"at most {KINDS['spec'].size} of TOML in {name}", "a larger file", "check the path")
     try:

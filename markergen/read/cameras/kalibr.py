@@ -1,4 +1,4 @@
-"""Kalibr's camchain: one table for each camera, cam0, cam1, ..."""
+"""Read Kalibr's camchain: one table per camera, cam0, cam1, ..."""
 
 import re
 

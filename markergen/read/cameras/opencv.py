@@ -1,4 +1,4 @@
-"""OpenCV's FileStorage in YAML, XML or JSON, as its calibration sample and many programs write it."""
+"""Read OpenCV's FileStorage in YAML, XML or JSON, as written by its calibration sample and many programs."""
 
 from markergen.model.camera import Camera
 from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
@@ -16,7 +16,7 @@ def _read(document: Document, choice: str | None) -> Camera:
     no_choice(document.name, choice)
     table = document.fields
     key = table.find(*FISHEYE)
-    # A flag of FileStorage is a number, that of a hand-written file a word.
+    # A flag is a number in FileStorage and a word in hand-written files.
     fisheye = key is not None and str(table.values[key]).strip().lower() not in ("0", "false", "no", "")
     return camera_of(table, "fisheye" if fisheye else "")
 

@@ -1,4 +1,4 @@
-"""The camera table of a design spec, alone or as [camera], in TOML, JSON or YAML."""
+"""Read the camera table of a design spec, alone or as [camera], in TOML, JSON or YAML."""
 
 from markergen.model.camera import Camera, Distortion
 from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
@@ -18,7 +18,7 @@ def _fits(document: Document) -> bool:
 def _read(document: Document, choice: str | None) -> Camera:
     no_choice(document.name, choice)
     table = _fields(document)
-    # A misspelled distortion must not become a camera without one.
+    # A misspelled distortion must not yield a camera without any.
     table.only("width", "height", "fx", "fy", "cx", "cy", "distortion")
     distortion = Distortion()
     if "distortion" in table.values:

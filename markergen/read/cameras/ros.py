@@ -1,6 +1,6 @@
-"""ROS camera_info, as camera_calibration saves it or as the message is printed.
+"""Read ROS camera_info, as saved by camera_calibration or as a printed message.
 
-K goes with the image as it was taken; P, which belongs to the rectified one, is not read.
+K applies to the raw image; P applies to the rectified image and is ignored.
 """
 
 from collections.abc import Mapping
@@ -14,11 +14,11 @@ from markergen.read.cameras.document import Document, Fields, document_of
 
 FIELDS = ("height", "width", "distortion_model", "D", "d", "K", "k", "binning_x", "binning_y", "roi")
 PART = ("x_offset", "y_offset", "height", "width")
-"""What counts of a message, in ROS 1 and 2, and of its region of interest."""
+"""Relevant fields of a message, in ROS 1 and 2, and of its region of interest."""
 
 
 def _message(document: Document) -> Fields:
-    """Return the message, which some tools wrap into a key of its own."""
+    """Return the message, which some tools nest in a key of its own."""
     wrapper = document.fields.find("camera_info")
     if wrapper is not None and isinstance(document.fields.values[wrapper], dict):
         return document.fields.fields(wrapper)
@@ -36,7 +36,7 @@ def _read(document: Document, choice: str | None) -> Camera:
 
 
 def camera_of_message(message: Any) -> Camera:
-    """Camera of a CameraInfo, an object or a dict; see `Camera.from_message`."""
+    """Make a camera from a CameraInfo, an object or a dict; see `Camera.from_message`."""
     if isinstance(message, Mapping):
         values = {key: value for key, value in message.items() if key in FIELDS}
     else:
@@ -67,7 +67,7 @@ def _camera(table: Fields) -> Camera:
 
 
 def _refuse_part(table: Fields, roi: Fields) -> None:
-    """K counts from the corner of the full image; that of a part of it would be shifted."""
+    """Refuse a region of interest: K is relative to the corner of the full image and would be shifted."""
     for corner in ("x_offset", "y_offset"):
         if roi.find(corner) is not None and roi.whole(corner) != 0:
             raise InputError(

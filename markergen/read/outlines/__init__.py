@@ -1,1 +1,1 @@
-"""Outlines from drawings: a table of formats, told apart by what is in the file, not by its name."""
+"""Read outlines from drawings, in formats that are recognized by content, not by name."""

@@ -1,4 +1,4 @@
-"""Boundaries and keep-outs as users write them: a radius, a shape with its measures, or a file."""
+"""Parse boundaries and keep-outs as users write them: a radius, a shape with dimensions, or a file."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -30,22 +30,22 @@ def parse_boundary(
     layer: str | None = None,
     origin: str = "center",
 ) -> Boundary:
-    """Make the boundary of text: a radius ``0.15``, ``circle:R``, ``rect:WxH``, or the path of an outline's file.
+    """Make a boundary from text: a radius ``0.15``, ``circle:R``, ``rect:WxH``, or the path of an outline file.
 
     Parameters
     ----------
     text : str or path
-        Lengths carry a unit or are in m. For ``origin="file"`` a shape may have a place, ``circle:3mm@40mm,-20mm``:
-        that is how a keep-out is put where it belongs.
+        Lengths have a unit or are in m. For ``origin="file"`` a shape may have a position, ``circle:3mm@40mm,-20mm``,
+        which places a keep-out.
     unit, layer : str, optional
         For files, as in `read_outline`.
     origin : {"center", "file"}
-        Move the origin to the center of the smallest enclosing circle, or leave it where the file has it.
+        Move the origin to the center of the smallest enclosing circle, or keep that of the file.
 
     Raises
     ------
     InputError
-        If it is none of these, a measure is not above 0, or the file has no usable outline.
+        If it is none of these, a dimension is not above 0, or the file has no usable outline.
     """
     if origin not in ("center", "file"):
         raise InputError("an origin of center or file", brief(origin), "use --origin center or --origin file")
@@ -53,7 +53,7 @@ def parse_boundary(
     is_file = is_drawing(text)
     if not is_file and (unit is not None or layer is not None):
         raise InputError(
-            "a --boundary-unit or --layer with an outline's file alone", brief(text), "write the unit with the number"
+            "--boundary-unit and --layer with an outline file only", brief(text), "write the unit with the number"
         )
     if is_file:
         return polygon_from(read_contours(text, unit, layer), origin)
@@ -70,7 +70,7 @@ def parse_boundary(
 
 
 def is_drawing(text: str | Path) -> bool:
-    """Tell whether a boundary is given as a file rather than as a radius or a shape; raises InputError if as none."""
+    """Tell whether a boundary is given as a file rather than a radius or a shape; raises InputError if it is empty."""
     words = str(text)
     if not words.strip():
         raise InputError("a boundary", "none", _FORMS)
@@ -87,15 +87,15 @@ def read_room(
 ) -> tuple[Boundary | None, tuple[Boundary, ...]]:
     """Read a boundary and its keep-outs, both in m in the marker frame.
 
-    Keep-outs from a drawing move with a boundary from a drawing: both are in the frame that it was drawn in. What is
-    written as a shape, ``circle:3mm@40mm,-20mm``, is in the marker frame already.
+    Keep-outs from a drawing share the frame of a boundary from a drawing and move with it. A shape such as
+    ``circle:3mm@40mm,-20mm`` is already in the marker frame.
 
     Parameters
     ----------
     boundary : str or None
-        See `parse_boundary`; None is none.
+        See `parse_boundary`; None for no boundary.
     keep_outs : sequence of str
-        Shapes or drawings; ``plate.dxf#HOLES`` takes what is on one layer.
+        Shapes or drawings; ``plate.dxf#HOLES`` selects a layer.
     unit, layer, origin : str
         See `parse_boundary`; the unit also applies to keep-outs.
 
@@ -106,7 +106,7 @@ def read_room(
     """
     drawings = [text for text in (boundary, *keep_outs) if text is not None and is_drawing(_split(text)[0])]
     if unit is not None and not drawings:
-        raise InputError("a drawing that --boundary-unit is for", "none", "write the unit with the number: 150mm")
+        raise InputError("a drawing for --boundary-unit", "none", "write the unit with the number: 150mm")
     if boundary is None:
         return None, tuple(_keep_out(text, unit, (0.0, 0.0)) for text in keep_outs)
     drawn = is_drawing(boundary)
@@ -118,20 +118,20 @@ def read_room(
 
 
 def drawn_plate(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Table of the substrate for a boundary from a drawing: the drawing is the plate, and has no edge.
+    """Return the substrate table for a boundary from a drawing: the drawing is the plate's outline, without an edge.
 
-    That is written down, since a rectangle that was drawn is like one that was written with its measures.
+    It is stored explicitly, since a drawn rectangle equals one that was given by its dimensions.
 
     Raises
     ------
     InputError
-        If there is an edge, and no outline for the plate.
+        If there is an edge but no outline for the plate.
     """
     if values.get("outline") is not None:
         return dict(values)
     if values.get("edge"):
         raise InputError(
-            "an edge around a disk or a rectangle alone",
+            "an edge around a disk or a rectangle only",
             "--edge with a drawing, whose outline is the plate's",
             "leave out --edge, or draw the plate and give it as --outline",
         )
@@ -139,7 +139,7 @@ def drawn_plate(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _check_size(size: float, text: str | Path, origin: str) -> None:
-    """Refuse what is most likely given without its unit; holes to keep out of may be as small as they like."""
+    """Refuse a size that most likely lacks its unit; keep-outs may be arbitrarily small."""
     if size > LARGEST or (0 < size < SMALLEST and origin == "center"):
         raise InputError(
             f"a boundary of {format_length(SMALLEST)} to {format_length(LARGEST)}",
@@ -162,10 +162,10 @@ def _place(text: str | None, origin: str) -> tuple[float, float]:
     if text is None:
         return 0.0, 0.0
     if origin == "center":
-        raise InputError("no place of a boundary in its own frame", brief(f"@{text}"), "leave it out")
+        raise InputError("no position of a boundary in its own frame", brief(f"@{text}"), "leave it out")
     parts = text.split(",")
     if len(parts) != 2:
-        raise InputError("a place x,y", brief(f"@{text}"), "write for example circle:3mm@40mm,-20mm")
+        raise InputError("a position x,y", brief(f"@{text}"), "write for example circle:3mm@40mm,-20mm")
     return parse_length(parts[0], "x"), parse_length(parts[1], "y")
 
 

@@ -1,4 +1,4 @@
-"""Curves of drawings, and polylines that keep within a tolerance of them."""
+"""Curves of drawings, and their approximation by polylines within a tolerance."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -12,17 +12,17 @@ from markergen.errors import InputError
 Array = NDArray[np.float64]
 
 MOST_POINTS = 100_000
-"""Most points of one polyline."""
+"""Maximum number of points of one polyline."""
 
 ROUND = 1e-6
-"""Share of its radius by which an arc may be off a circle, for the digits that files leave out."""
+"""Maximum deviation of an arc from a circle, as a share of its radius: files truncate digits."""
 
 SHORTEST = 1e-3
-"""Angle in rad of the shortest arc that is worth keeping as one."""
+"""Minimum angle in rad of an arc that is kept as one."""
 
 
 class Curve(ABC):
-    """A piece of curve in the plane or in space (d = 2 or 3)."""
+    """A curve in the plane or in space (d = 2 or 3)."""
 
     @abstractmethod
     def mapped(self, matrix: Array) -> "Curve":
@@ -30,21 +30,21 @@ class Curve(ABC):
 
     @abstractmethod
     def sketch(self) -> Array:
-        """Some points (m, d) on the curve or around it, enough to tell how large it is and where."""
+        """Return a few points (m, d) on or around the curve that show its size and place."""
 
     @abstractmethod
     def flatten(self, tolerance: float) -> Array:
-        """Points (m, d) on the curve, from its start to its end; no chord between two is farther off than tolerance."""
+        """Return points (m, d) on the curve from start to end whose chords deviate by at most the tolerance."""
 
     def trace(self, tolerance: float) -> tuple[Array, Array]:
-        """Points (m, d) as of `flatten`, and bulges (m - 1,) of what is between them: 0 but for arcs of circles."""
+        """Return points (m, d) like `flatten`, and bulges (m - 1,) of the segments: 0 except for circular arcs."""
         points = self.flatten(tolerance)
         return points, np.zeros(len(points) - 1)
 
 
 @dataclass(frozen=True)
 class Polyline(Curve):
-    """Straight lines between points (m, d)."""
+    """Line segments between points (m, d)."""
 
     points: Array
 
@@ -64,7 +64,7 @@ class Polyline(Curve):
 
 @dataclass(frozen=True)
 class Bezier(Curve):
-    """A Bezier curve of any degree from its control points (degree + 1, d)."""
+    """A Bezier curve of any degree, given by control points (degree + 1, d)."""
 
     points: Array
 
@@ -77,21 +77,21 @@ class Bezier(Curve):
         return self.points
 
     def flatten(self, tolerance: float) -> Array:
-        """See `Curve.flatten`; a chord over a step h is off by at most h^2 / 8 times the largest second derivative."""
+        """See `Curve.flatten`; a chord over a step h deviates by at most h^2 / 8 times the maximum of f''."""
         degree = len(self.points) - 1
         bend = float(np.linalg.norm(np.diff(self.points, 2, axis=0), axis=1).max(initial=0.0)) * degree * (degree - 1)
         t = np.linspace(0.0, 1.0, _steps(sqrt(bend / (8 * tolerance))) + 1)[:, None, None]
         points = np.broadcast_to(self.points, (len(t), *self.points.shape))
-        for _ in range(degree):  # de Casteljau's
+        for _ in range(degree):  # de Casteljau's algorithm
             points = (1 - t) * points[:, :-1] + t * points[:, 1:]
         return points[:, 0]
 
 
 @dataclass(frozen=True)
 class Arc(Curve):
-    """Piece of an ellipse: center + u cos(t) + v sin(t), t from `start` over `sweep` (rad); u and v (d,) are any pair.
+    """Elliptical arc: center + u cos(t) + v sin(t), t from `start` over `sweep` (rad), with any vectors u and v (d,).
 
-    Any conjugate half diameters make an ellipse, so that every affine map of an arc is one, sheared or not.
+    Any two conjugate semi-diameters define an ellipse, so that every affine map of an arc is an arc, even sheared.
     """
 
     center: Array
@@ -110,19 +110,19 @@ class Arc(Curve):
         return self._at(33)
 
     def flatten(self, tolerance: float) -> Array:
-        """See `Curve.flatten`; a chord over an angle h of a circle is off by r (1 - cos(h / 2)) = 2 r sin(h / 4)^2.
+        """See `Curve.flatten`; a chord over an angle h of a circle deviates by r (1 - cos(h / 2)) = 2 r sin(h / 4)^2.
 
-        An ellipse is a circle of its larger half axis with one direction compressed, which brings nothing farther off.
+        An ellipse is a circle of its semi-major axis compressed along one direction, which increases no deviation.
         """
         radius = float(np.linalg.norm(np.stack([self.u, self.v]), ord=2))
         if radius <= tolerance:
             return self._at(5)
         steps = _steps(abs(self.sweep) / (4 * asin(sqrt(tolerance / (2 * radius)))))
-        # By fours, so that a circle keeps its extent and its symmetry.
+        # A multiple of four preserves a circle's extent and symmetry.
         return self._at(4 * ceil(steps / 4) + 1)
 
     def trace(self, tolerance: float) -> tuple[Array, Array]:
-        """See `Curve.trace`; an arc of a circle in the plane is one of at most half a turn, or two."""
+        """See `Curve.trace`; a circular arc in the plane is one arc of at most half a turn, or two."""
         long, short = np.linalg.svd(np.stack([self.u, self.v]), compute_uv=False)[:2]
         round_ = long - short <= min(ROUND * long, tolerance / 10) and long > tolerance
         if len(self.center) != 2 or not round_ or not SHORTEST <= abs(self.sweep) <= 2 * pi * (1 + ROUND):
@@ -139,9 +139,9 @@ class Arc(Curve):
 
 @dataclass(frozen=True)
 class Spline(Curve):
-    """A B-spline, rational where weights differ: control points (n, d), weights (n,) above 0, knots (n + degree + 1,).
+    """A B-spline, rational if weights differ: control points (n, d), weights (n,) above 0, knots (n + degree + 1,).
 
-    It runs over the knots from ``knots[degree]`` to ``knots[n]``.
+    Its domain is from ``knots[degree]`` to ``knots[n]``.
     """
 
     points: Array
@@ -160,7 +160,7 @@ class Spline(Curve):
     def flatten(self, tolerance: float) -> Array:
         """See `Curve.flatten`: steps are halved until three points between their ends are near the chord.
 
-        The first steps are finer than a polynomial of this degree can wiggle, one span between knots at a time.
+        Initial steps divide each knot span more finely than a polynomial of this degree can oscillate.
         """
         spans = np.unique(self.knots[self.degree : len(self.points) + 1])
         count = 2 * self.degree
@@ -172,7 +172,7 @@ class Spline(Curve):
             ends = np.diff(t)
             between = [self._at(t[:-1] + share * ends) for share in (0.25, 0.5, 0.75)]
             off = np.max([_distance(point, points[:-1], points[1:]) for point in between], axis=0)
-            # Half the tolerance: between the points that were looked at the curve may be farther off.
+            # Half the tolerance, since the curve may deviate more between the sampled points.
             coarse = off > tolerance / 2
             if not coarse.any():
                 break
@@ -193,9 +193,9 @@ class Spline(Curve):
 
 
 def bulge(start: Array, end: Array, amount: float) -> Curve:
-    """Arc between points (2,) whose bulge is tan(angle / 4), positive if it turns counterclockwise.
+    """Arc between points (2,) with bulge tan(angle / 4), positive if counterclockwise.
 
-    The middle of the chord is off the arc by ``amount`` half chords, which is a line for less than 1e-7.
+    The arc's sagitta is ``amount`` half chords; below 1e-7 it is a line.
     """
     chord = end - start
     if abs(amount) < 1e-7 or not chord.any():
@@ -213,8 +213,8 @@ def _map(matrix: Array, points: Array) -> Array:
 def _steps(count: float) -> int:
     if not count <= MOST_POINTS:
         raise InputError(
-            f"curves that {MOST_POINTS} points can follow to the tolerance", "a larger or more winding one",
-            "simplify the outline, or give the --boundary-unit that it is in",
+            f"curves that {MOST_POINTS} points can approximate to the tolerance", "a larger or more winding one",
+            "simplify the outline, or give its --boundary-unit",
         )  # fmt: skip
     return max(ceil(count), 1)
 

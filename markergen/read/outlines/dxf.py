@@ -1,4 +1,4 @@
-"""DXF: lines, arcs, polylines with bulges, ellipses and splines of the model space, through blocks."""
+"""Read lines, arcs, polylines with bulges, ellipses and splines of a DXF's model space, through blocks."""
 
 import io
 import logging
@@ -20,28 +20,28 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 LARGEST_DXF = 2_000_000
-"""Bytes; ezdxf takes a second or more for each million."""
+"""Maximum size in bytes; ezdxf takes a second or more per million."""
 MOST_RECORDS = 20_000
-"""Entities, blocks and entries of tables and dictionaries; ezdxf makes an object of each."""
+"""Maximum number of entities, blocks and entries of tables and dictionaries; ezdxf makes an object of each."""
 DEEPEST = 20
-"""Most blocks within blocks."""
+"""Maximum nesting of blocks."""
 
 SCALES = {
     1: 0.0254, 2: 0.3048, 3: 1609.344, 4: 1e-3, 5: 1e-2, 6: 1.0, 7: 1e3, 8: 2.54e-8, 9: 2.54e-5, 10: 0.9144,
     11: 1e-10, 12: 1e-9, 13: 1e-6, 14: 0.1, 15: 10.0, 16: 100.0, 21: 1200 / 3937, 22: 100 / 3937, 23: 3600 / 3937,
 }  # fmt: skip
-"""m per unit by $INSUNITS; 0 is none, and those that are left out are units of astronomers."""
+"""Units of $INSUNITS in m; 0 is unitless, and those omitted are astronomical."""
 
 Parts = Iterator[tuple[list[Curve], bool]]
-"""Curves one after the other, and whether the last is joined to the first."""
+"""Consecutive curves, and whether the last is joined to the first."""
 
 HIGHEST_DEGREE = 11
 MOST_FIT_POINTS = 500
-"""ezdxf solves for the curve through them with a full matrix: 10,000 take 2 GB and half a minute."""
+"""Maximum number of fit points of a spline: ezdxf solves a full matrix, which takes 2 GB and 30 s for 10,000."""
 
 _RAISED = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 0]])
 
-# ezdxf tells of what it mends; without anybody who listens Python writes that to the error output.
+# ezdxf logs its repairs, and without a handler Python would print them to standard error.
 logging.getLogger("ezdxf").addHandler(logging.NullHandler())
 
 _FLAT = np.eye(4)[:2]
@@ -49,31 +49,31 @@ _BINARY, _DWG = b"AutoCAD Binary DXF", b"AC10"
 
 
 def _fits(file: OutlineFile) -> bool:
-    # The first group's code: 0 of a section, or 999 of a comment.
+    # The first group code: 0 for a section, or 999 for a comment.
     first = file.data.removeprefix(b"\xef\xbb\xbf").lstrip()[:100].replace(b"\r", b"\n").split(b"\n")[0].strip()
     return first in (b"0", b"999") or file.data.startswith((_BINARY, _DWG))
 
 
 def _read(file: OutlineFile, layer: str | None) -> Drawing:
-    """Drawing of all that lies flat in the model space."""
+    """Drawing of all flat entities in the model space."""
     document = _document(file)
     known = {entry.dxf.name.casefold(): str(entry.dxf.name) for entry in document.layers}
     reader = _DxfReader(file, document, layer.casefold() if layer is not None else None)
     try:
         reader.layout(document.modelspace(), np.eye(4)[:3], "0", ())
         if any(len(layout) for layout in document.layouts if layout.is_any_paperspace):
-            reader.others.append("what is in paper space")
+            reader.others.append("shapes in paper space")
     except InputError:
         raise
-    except Exception as error:  # What ezdxf makes of damaged values is not documented.
-        raise file.damaged("a sound drawing", _reason(error)) from None
+    except Exception as error:  # ezdxf raises undocumented errors on damaged values.
+        raise file.damaged("an undamaged drawing", _reason(error)) from None
     known |= {name.casefold(): name for name in reader.layers if name.casefold() not in known}
     if layer is not None and layer.casefold() not in known:
         raise file.unknown_layer(layer, sorted(known.values()))
     points = np.concatenate(
         [curve.sketch() for _, curves, _ in reader.pieces for curve in curves] or [np.zeros((1, 3))]
     )
-    # Not finite is told later, with its name.
+    # Infinite and nan coordinates are reported later, with the piece's name.
     if np.isfinite(points).all() and np.ptp(points[:, 2]) > 1e-6 * np.ptp(points, axis=0).max():
         low, high = points[:, 2].min(), points[:, 2].max()
         raise file.unreadable(
@@ -82,7 +82,7 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
     pieces = [
         Piece(name, tuple(curve.mapped(_FLAT) for curve in curves), closed) for name, curves, closed in reader.pieces
     ]
-    # ezdxf makes up a unit where there is none.
+    # ezdxf assumes a unit if there is none.
     unit = document.header.get("$INSUNITS", 0) if b"$INSUNITS" in file.data else 0
     return Drawing(pieces, SCALES.get(unit), others=reader.others)
 
@@ -101,7 +101,7 @@ class _DxfReader:
         """Read entities of a block whose coordinates `matrix` (3, 4) maps to the model's; `outer` is its layer."""
         for entity in entities:
             self._step()
-            # What is on layer 0 of a block belongs to the layer that the block is on.
+            # Entities on layer 0 of a block take the layer of its INSERT.
             layer = str(entity.dxf.get("layer", "0"))
             layer = outer if blocks and layer == "0" else layer
             self.layers[layer] = None
@@ -110,9 +110,9 @@ class _DxfReader:
                 if self._visible(entity, layer):
                     self._insert(entity, matrix, layer, blocks)
                 else:
-                    self.others.append("what is hidden")
+                    self.others.append("hidden shapes")
             elif not self._chosen(entity, layer):
-                self.others.append("what is hidden" if self.wanted is None else "what is on other layers")
+                self.others.append("hidden shapes" if self.wanted is None else "shapes on other layers")
             elif kind in CURVES:
                 name = f"{kind} on layer {brief(layer)}"
                 frame = _times(matrix, frame_of(entity))
@@ -128,7 +128,7 @@ class _DxfReader:
             raise self.file.unreadable("all blocks", f"an INSERT of {brief(name)}, which is missing", "write it again")
         if block.block is not None and block.block.is_xref:
             raise self.file.unreadable(
-                "no references to other files", f"the block {brief(name)}", "bind it, or take it out"
+                "no references to other files", f"the block {brief(name)}", "bind it, or remove it"
             )
         if name in blocks or len(blocks) >= DEEPEST:
             raise self.file.unreadable(
@@ -147,7 +147,7 @@ class _DxfReader:
         if rows <= 1 and columns <= 1:
             yield insert
             return
-        # A grid has at least one of each.
+        # A grid has at least one row and one column.
         insert = insert.copy()
         insert.dxf.row_count, insert.dxf.column_count = max(rows, 1), max(columns, 1)
         for copy in insert.multi_insert():
@@ -160,7 +160,7 @@ class _DxfReader:
         return self._visible(entity, layer)
 
     def _visible(self, entity: Any, layer: str) -> bool:
-        """Tell whether an entity is seen; an INSERT on a hidden layer may hold some of a layer that is asked for."""
+        """Tell whether an entity is visible; an INSERT on a hidden layer may contain entities of the wanted layer."""
         if self.wanted is not None:
             return True
         if entity.dxf.get("invisible", 0) or layer not in self.document.layers:
@@ -175,7 +175,7 @@ class _DxfReader:
 
 
 def _document(file: OutlineFile) -> "Document":
-    """Parse the file, if it is whole and text."""
+    """Parse the file after checking that it is complete text."""
     if file.data.startswith(_BINARY):
         raise file.unreadable("DXF as text", "binary DXF", "save it as ASCII DXF")
     if file.data.startswith(_DWG):
@@ -186,7 +186,7 @@ def _document(file: OutlineFile) -> "Document":
     last = text[-4096:].split()
     if last[-2:] != ["0", "EOF"]:
         raise file.damaged("DXF to its end, 0 EOF,", f"{brief(' '.join(last[-2:]))} at the end")
-    # Groups are two lines each, a number and its value; 0 starts a record.
+    # A group is two lines, a code and a value; code 0 starts a record.
     if sum(line.strip() == "0" for line in text.splitlines()[::2]) > MOST_RECORDS:
         raise file.too_much(f"at most {MOST_RECORDS} entities and other records")
     import ezdxf
@@ -195,21 +195,21 @@ def _document(file: OutlineFile) -> "Document":
         return ezdxf.read(io.StringIO(text))  # type: ignore[attr-defined]
     except ezdxf.DXFVersionError as error:  # type: ignore[attr-defined]
         raise file.unreadable("DXF of R12 or later", brief(str(error)), "save it in a later version") from None
-    except Exception as error:  # ezdxf's own errors are not all that damaged files raise.
+    except Exception as error:  # Damaged files also raise errors that are not ezdxf's own.
         raise file.damaged("DXF", _reason(error)) from None
 
 
 def _reason(error: Exception) -> str:
-    """Message of ezdxf; other errors come from inside its code and mean nothing to users."""
+    """Message of an ezdxf error; errors from its internals mean nothing to users."""
     from ezdxf import DXFError  # type: ignore[attr-defined]
 
     text = " ".join(str(error).split()) if isinstance(error, DXFError) else ""
-    return text if 3 < len(text) <= 120 and text.isprintable() else "values that make no sense"
+    return text if 3 < len(text) <= 120 and text.isprintable() else "invalid values"
 
 
 def _text(file: OutlineFile) -> str:
-    """Text in the code page of the file; since 2007 DXF is UTF-8."""
-    # ezdxf takes a carriage return for a part of the value.
+    """Text in the code page of the file; DXF is UTF-8 since 2007."""
+    # ezdxf takes a carriage return as part of the value.
     data = file.data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     try:
         return data.decode("utf-8-sig")
@@ -225,7 +225,7 @@ def _times(a: Array, b: Array) -> Array:
 
 
 def frame_of(entity: Any) -> Array:
-    """Map (3, 4) of an entity's coordinates to those of the drawing; only some kinds have a system of their own."""
+    """Map (3, 4) from an entity's coordinates to the drawing's; only some kinds have an object coordinate system."""
     planar = entity.dxftype() in ("ARC", "CIRCLE", "LWPOLYLINE")
     if not planar and not (entity.dxftype() == "POLYLINE" and entity.is_2d_polyline):
         return np.eye(4)[:3]
@@ -258,7 +258,7 @@ def _ellipse(entity: Any, file: OutlineFile, name: str) -> Parts:
     v = np.cross(normal / np.linalg.norm(normal), u) * float(entity.dxf.ratio)
     start, end = float(entity.dxf.start_param), float(entity.dxf.end_param)
     turn = _turn(start, end)
-    # A whole one is written as 0 to 2 pi, with as many digits as the program likes.
+    # A full ellipse is written as 0 to 2 pi, with varying precision.
     whole = abs(turn - 2 * np.pi) < 1e-6
     yield [Arc(np.array(entity.dxf.center, dtype=float), u, v, start, 2 * np.pi if whole else turn)], whole
 
@@ -272,7 +272,7 @@ def _lwpolyline(entity: Any, file: OutlineFile, name: str) -> Parts:
 def _polyline(entity: Any, file: OutlineFile, name: str) -> Parts:
     if entity.is_poly_face_mesh or entity.is_polygon_mesh:
         raise file.unreadable("a flat outline", f"a mesh as {name}", "draw its outline, or choose another --layer")
-    # Control points of a curve that the other vertices follow.
+    # Skip control vertices of a curve (flag 16), which the other vertices approximate.
     vertices = [vertex for vertex in entity.vertices if not int(vertex.dxf.flags) & 16]
     points = np.array([vertex.dxf.location for vertex in vertices], dtype=float).reshape(-1, 3)
     closed = bool(entity.is_closed)
@@ -295,7 +295,7 @@ def _spline(entity: Any, file: OutlineFile, name: str) -> Parts:
         knots = np.array(list(entity.knots), dtype=float)
         weights = np.array(list(entity.weights), dtype=float)
         degree = int(entity.dxf.degree)
-    else:  # Points on the curve alone: the curve that AutoCAD lays through them.
+    else:  # Only points on the curve: interpolate them as AutoCAD does.
         if count > MOST_FIT_POINTS:
             raise file.too_much(f"splines through at most {MOST_FIT_POINTS} points")
         tool = entity.construction_tool()
@@ -314,15 +314,15 @@ def _spline(entity: Any, file: OutlineFile, name: str) -> Parts:
     )
     if not sound:
         raise file.unreadable(
-            "a spline that is one",
-            f"a degree above {HIGHEST_DEGREE}, or points, knots and weights at odds in {name}",
+            "a valid spline",
+            f"a degree above {HIGHEST_DEGREE}, or inconsistent points, knots and weights in {name}",
             "write it again",
         )
     yield [Spline(points, weights, knots, degree)], False
 
 
 def _bulged(rows: Array, height: float, closed: bool, file: OutlineFile) -> list[Curve]:
-    """Curves in space of vertices (x, y, bulge), the bulge being of the step to the next one."""
+    """Curves in space through vertices (x, y, bulge), where a bulge applies to the segment that follows."""
     if len(rows) > MOST_PIECES:
         raise file.too_much(f"polylines of at most {MOST_PIECES} points")
     lift = np.column_stack([_RAISED[:, :2], [0.0, 0.0, height]])
@@ -339,7 +339,7 @@ def _round(entity: Any) -> tuple[Array, Array, Array]:
 
 
 def _turn(start: float, end: float) -> float:
-    """Angle from start to end, counterclockwise, above 0 and at most a whole turn."""
+    """Angle from start to end, counterclockwise, above 0 and at most a full turn."""
     return float(2 * np.pi - (start - end) % (2 * np.pi))
 
 
@@ -352,7 +352,7 @@ CURVES: dict[str, Callable[[Any, OutlineFile, str], Parts]] = {
     "POLYLINE": _polyline,
     "SPLINE": _spline,
 }
-"""Curves of each kind of entity; what is not here is no outline."""
+"""Functions that make curves, by entity type; other types are not outlines."""
 
 
 OUTLINE_FORMATS.register("dxf")(OutlineFormat("groups that start with 0 SECTION", _fits, _read))

@@ -1,4 +1,4 @@
-"""The table of outline formats, the file that each is given, and the drawing that it makes of it."""
+"""Outline formats, the file that their readers take, and the drawing that they return."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,10 +11,10 @@ from markergen.registry import Registry
 from markergen.units import METERS
 
 UNITS = {unit: float(size) for unit, size in METERS.items() if unit} | {"px": 0.0254 / 96, "pt": 0.0254 / 72}
-"""Size in m of each unit that a drawing may be in; Inkscape, Figma and browsers count 96 px an inch."""
+"""Units that a drawing may be in, in m; Inkscape, Figma and browsers have 96 px per inch."""
 
 MOST_PIECES = 10_000
-"""Lines, curves and steps to find them in one file; as many as a boundary may have corners."""
+"""Maximum number of lines, curves and steps to find them in one file, as of corners of a boundary."""
 MOST_LISTED = 12
 
 _WHOLE = "export the outline alone, simplified"
@@ -22,15 +22,15 @@ _WHOLE = "export the outline alone, simplified"
 
 @dataclass(frozen=True)
 class Piece:
-    """Curves one after the other, each starting where the one before ends.
+    """Consecutive curves, each starting at the end of the previous one.
 
     Attributes
     ----------
     name : str
-        Name that the user knows: kind, and id or layer.
+        Name that the user recognizes: kind, and id or layer.
     curves : tuple of Curve
     closed : bool
-        The last end is joined to the first start by a line, if they are apart.
+        True if the last end is joined to the first start, by a line if they are apart.
     """
 
     name: str
@@ -46,10 +46,10 @@ class Drawing:
     ----------
     pieces : list of Piece
     scale : float or None
-        m per unit of the coordinates; None if the file does not tell.
+        m per unit of the coordinates; None if the file does not state it.
     y_down : bool
     others : list of str
-        Kinds of things that are no outlines (text, images), for the message that there are none.
+        Kinds of contents that are not outlines (text, images), for the message that there are none.
     pixels : float
         px per unit of the coordinates, for a file in px.
     hint : str
@@ -66,7 +66,7 @@ class Drawing:
 
 @dataclass(frozen=True)
 class OutlineFile:
-    """A file by name and bytes; limits on what is drawn in it are `patience` times as high."""
+    """A file's name and bytes; limits on its contents are multiplied by `patience`."""
 
     name: str
     data: bytes
@@ -74,7 +74,7 @@ class OutlineFile:
 
     @property
     def text(self) -> str:
-        """The whole text; raises InputError if it is none."""
+        """Entire text; raises InputError if the file is not text."""
         try:
             text = self.data.decode("utf-8-sig")
         except UnicodeDecodeError:
@@ -84,23 +84,23 @@ class OutlineFile:
         return text
 
     def damaged(self, syntax: str, found: str) -> InputError:
-        """Return the error that the file is not complete."""
+        """Return the error that the file is incomplete."""
         return InputError(f"{syntax} in {self.name}", found, "the file is cut off or damaged: write it again")
 
     def unreadable(self, expected: str, found: str, remedy: str) -> InputError:
-        """Return an error about something in the file."""
+        """Return an error about a detail of the file."""
         return InputError(f"{expected} in {self.name}", found, remedy)
 
     def external(self, what: str) -> InputError:
         """Return the error that the file refers to others."""
-        return self.unreadable("no references to other files", what, "embed it, or take it out")
+        return self.unreadable("no references to other files", what, "embed it, or remove it")
 
     def too_much(self, what: str) -> InputError:
         """Return the error that reading would take too long; `what` is a limit such as ``at most 5 layers``."""
         return self.unreadable(what, "more", _WHOLE)
 
     def unknown_layer(self, layer: str, known: list[str]) -> InputError:
-        """Return the error that a layer is not there, with those that are."""
+        """Return the error that a layer does not exist, listing those that do."""
         names = [brief(name) for name in known[:MOST_LISTED]]
         more = f" and {len(known) - MOST_LISTED} more" if len(known) > MOST_LISTED else ""
         remedy = f"known layers: {', '.join(names)}{more}" if known else "leave out --layer: the file has no layers"
@@ -114,16 +114,16 @@ def load(path: Path) -> OutlineFile:
 
 @dataclass(frozen=True)
 class OutlineFormat:
-    """One kind of drawing.
+    """A drawing format.
 
     Attributes
     ----------
     signs : str
-        Contents that tell a file of this kind, for the message that no format fits.
+        Typical contents of such a file, for the message that no format fits.
     fits : callable
-        Tell whether a file is of this kind; at most one format says so of any file.
+        Tells whether a file has this format; true for at most one format.
     read : callable
-        Make the drawing of a file; the second argument names one layer, or is None for all that is visible.
+        Makes the drawing of a file; the second argument names one layer, or is None for all visible ones.
     """
 
     signs: str

@@ -1,4 +1,4 @@
-"""GeoJSON: polygons and collections of them."""
+"""Read polygons of a GeoJSON file, also in collections."""
 
 import json
 from typing import Any, NoReturn
@@ -11,11 +11,11 @@ from markergen.read.outlines.curves import Polyline
 from markergen.read.outlines.formats import MOST_PIECES, OUTLINE_FORMATS, Drawing, OutlineFile, OutlineFormat, Piece
 
 LARGEST_JSON = 3_000_000
-"""Bytes; each takes 40 in memory."""
+"""Maximum size in bytes; each byte takes 40 in memory."""
 
 
 def _read(file: OutlineFile, layer: str | None) -> Drawing:
-    """Drawing of all polygons, in a unit that GeoJSON does not tell."""
+    """Drawing of all polygons, in a unit that GeoJSON does not specify."""
     if layer is not None:
         raise file.unknown_layer(layer, [])
     pieces: list[Piece] = []
@@ -35,7 +35,7 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
         elif kind == "GeometryCollection":
             todo += _each(file, node, "geometries", name)
         elif kind == "Feature":
-            if node.get("geometry") is not None:  # It may be null: a feature without a place.
+            if node.get("geometry") is not None:  # A feature without a geometry has null.
                 todo.append((node["geometry"], f"{name}.geometry"))
         elif kind in ("Polygon", "MultiPolygon"):
             place = f"{name}.coordinates"
@@ -47,7 +47,7 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
             others.append(kind)
         else:
             raise file.unreadable("a GeoJSON type", f"{name}.type {brief(kind)}", "correct the file")
-    hint = "; longitude and latitude are no lengths: export them in m"
+    hint = "; longitude and latitude are not lengths: export them in m"
     return Drawing(pieces, None, others=others, hint=hint)
 
 
@@ -55,7 +55,7 @@ def _piece(file: OutlineFile, ring: Any, name: str) -> Piece:
     points = _points(ring)
     if points is None:
         raise file.unreadable("pairs of numbers [x, y]", f"others at {name}", "correct the file")
-    # Rings repeat their first position; one that does not is open, and the gap is told like that of any other.
+    # Rings repeat their first position; a ring that does not is open, and reported like any other gap.
     return Piece(name, (Polyline(points),), False)
 
 
@@ -63,7 +63,7 @@ def _points(ring: Any) -> NDArray[np.float64] | None:
     if not isinstance(ring, list):
         return None
     for position in ring:
-        # A third number is a height; true and false are numbers to Python alone.
+        # A third number is a height; booleans are numbers only to Python.
         if not (isinstance(position, list) and len(position) >= 2 and all(type(x) in (int, float) for x in position)):
             return None
     try:
@@ -73,7 +73,7 @@ def _points(ring: Any) -> NDArray[np.float64] | None:
 
 
 def _each(file: OutlineFile, node: dict[str, Any], key: str, name: str) -> list[tuple[Any, str]]:
-    # Whatever is put last is looked at first.
+    # Reversed, since the caller pops from the end.
     return _items(file, node.get(key), f"{name}.{key}")[::-1]
 
 

@@ -1,4 +1,4 @@
-"""From a drawing to closed outlines in m: unit, size, flattening, joining ends, nesting."""
+"""Turn a drawing into closed outlines in m: unit, size, flattening, joining ends, nesting."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ from markergen.units import format_length
 Array = NDArray[np.float64]
 
 SMALLEST, LARGEST = 1e-3, 100.0
-"""m across: what lies outside has most likely been given in another unit."""
+"""Plausible sizes across in m; anything outside was most likely given in another unit."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """Points (m, 2) in m along a piece of outline with a name; closed if the last is joined to the first.
+    """Points (m, 2) in m along a named piece of outline; if closed, the last is joined to the first.
 
-    Bulges (m - 1,) say what is between them, as in `Contour`.
+    Bulges (m - 1,) describe the segments between them, as in `Contour`.
     """
 
     name: str
@@ -34,38 +34,37 @@ class Track:
     bulges: Array
 
     def backward(self) -> "Track":
-        """The other way around."""
+        """Return the reversed track."""
         return Track(self.name, self.points[::-1], self.closed, -self.bulges[::-1])
 
 
 def read_outline(path: Path | str, unit: str | None = None, layer: str | None = None) -> tuple[Array, ...]:
-    """Read all closed outlines as polygons (m, 2), arcs within 5 um; else as `read_contours`."""
+    """Read all closed outlines as polygons (m, 2), with arcs approximated to 5 um; otherwise as `read_contours`."""
     return polygons_of(read_contours(path, unit, layer))
 
 
 def read_contours(path: Path | str, unit: str | None = None, layer: str | None = None) -> tuple[Contour, ...]:
     """Read all closed outlines of an SVG, DXF or GeoJSON file, in m, y up, about the file's own origin.
 
-    Lines and arcs of circles stay what they are. Other curves become polygons that are nowhere more than 5 um off, and
-    less for what is smaller than 50 mm. Outer outlines run counterclockwise, holes clockwise: what lies within an odd
-    number of outlines is a hole. Pieces whose ends lie within 1 um (3 millionths of the drawing above 0.3 m) are
-    joined.
+    Lines and circular arcs are kept exactly. Other curves become polygons within 5 um, less for outlines smaller than
+    50 mm. Outer outlines run counterclockwise, holes clockwise: an outline inside an odd number of others is a hole.
+    Pieces whose ends lie within 1 um (3 millionths of the drawing above 0.3 m) are joined.
 
     Parameters
     ----------
     path : path
     unit : str, optional
-        One of `UNITS`: the length of one unit of the coordinates, whatever the file says itself. Only px are those
-        in which an SVG gives its width and height.
+        One of `UNITS`: the length of one coordinate unit, overriding the file's own. For px, the pixels are those of
+        the width and height of an SVG.
     layer : str, optional
-        Read this layer alone, visible or not; otherwise all that are visible.
+        Read this layer only, visible or not; by default all visible layers.
 
     Raises
     ------
     InputError
-        If the file cannot be read or is damaged, refers to other files, does not tell its unit, or makes an absurd
-        size of it; if there is no outline, or one is open, has no area, crosses itself or another. Places in messages
-        are the file's own coordinates, in m or mm.
+        If the file cannot be read or is damaged, refers to other files, states no unit, or has an implausible size; if
+        there is no outline, or one is open, has no area, or intersects itself or another. Messages give places in the
+        file's own coordinates, in m or mm.
     """
     if unit is not None and unit not in UNITS:
         raise InputError("a known --boundary-unit", brief(unit), f"known: {', '.join(UNITS)}")
@@ -73,8 +72,8 @@ def read_contours(path: Path | str, unit: str | None = None, layer: str | None =
     format_ = next((OUTLINE_FORMATS[name] for name in OUTLINE_FORMATS if OUTLINE_FORMATS[name].fits(file)), None)
     if format_ is None:
         known = "; ".join(f"{name}: {OUTLINE_FORMATS[name].signs}" for name in OUTLINE_FORMATS)
-        raise InputError(f"an outline in {file.name}", "no format that is known", f"known formats: {known}")
-    # What overflows is not finite, and told by its name.
+        raise InputError(f"an outline in {file.name}", "an unknown format", f"known formats: {known}")
+    # Overflows become infinite, and are reported with the piece's name.
     with np.errstate(over="ignore", invalid="ignore"):
         drawing = format_.read(file, layer)
         if len(drawing.pieces) > MOST_PIECES:
@@ -92,12 +91,12 @@ def read_contours(path: Path | str, unit: str | None = None, layer: str | None =
     except InputError as error:
         expected, found, remedy = error.args
         raise InputError(f"{expected} in {file.name}", found, remedy) from None
-    # A mirrored outline runs the other way round.
+    # Mirroring reverses the direction of an outline.
     return tuple(backward(mirrored(contour)) if drawing.y_down else contour for contour in contours)
 
 
 def _size(drawing: Drawing, file: OutlineFile) -> float:
-    """Diagonal of the box around all curves, in the file's unit."""
+    """Diagonal of the bounding box of all curves, in the file's unit."""
     sketches = [(piece.name, curve.sketch()) for piece in drawing.pieces for curve in piece.curves]
     if not sketches:
         raise _none(drawing, file)
@@ -117,7 +116,7 @@ def _size(drawing: Drawing, file: OutlineFile) -> float:
 
 
 def _scale(drawing: Drawing, size: float, file: OutlineFile, unit: str | None) -> float:
-    """Return m per unit, from the user or else from the file, if the outcome may be a marker."""
+    """Return m per unit, as given by the user or else the file, if the resulting size is plausible."""
     scale = UNITS[unit] * (drawing.pixels if unit == "px" else 1.0) if unit else drawing.scale
     if scale is None:
         raise file.unreadable(
@@ -144,13 +143,13 @@ def _tracks(drawing: Drawing, scale: float, tolerance: float, file: OutlineFile)
             raise file.unreadable(expected, f"{found}, {piece.name}", remedy) from None
         total += len(points)
         if total > MOST_POINTS:
-            raise file.too_much(f"outlines that {MOST_POINTS} points can follow to {tolerance * 1e6:.2g} um")
+            raise file.too_much(f"outlines that {MOST_POINTS} points can approximate to {tolerance * 1e6:.2g} um")
         tracks.append(Track(piece.name, points * scale, piece.closed, bulges))
     return tracks
 
 
 def _traced(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Points and bulges of curves one after the other, with a line from each to the next."""
+    """Points and bulges of consecutive curves, with a line from each to the next."""
     bulges = [np.append(bulges, 0.0) for _, bulges in parts]
     return np.concatenate([points for points, _ in parts]), np.concatenate(bulges)[:-1]
 
@@ -163,21 +162,21 @@ def _none(drawing: Drawing, file: OutlineFile) -> InputError:
 
 
 def closed_contours(tracks: Sequence[Track], tolerance: float, source: str) -> list[Contour]:
-    """Join tracks to closed contours, in the order of their first tracks; arcs of one circle become one.
+    """Join tracks into closed contours, in the order of their first tracks, and merge arcs of one circle.
 
-    Ends that lie within `tolerance` (m) of each other meet; points that are much closer than that become one.
-    `source` names the file in messages.
+    Ends within `tolerance` (m) of each other are joined; points much closer than that are merged. `source` names the
+    file in messages.
 
     Raises
     ------
     InputError
-        If an end meets no other, or more than one, or an outline is a line without an inside; the message tells where.
+        If an end meets no other or more than one, or an outline has no area; the message tells where.
     """
     rings: list[tuple[int, Track]] = []
     open_tracks: list[tuple[int, Track]] = []
     for i, track in enumerate(tracks):
         thin = _thinned(track, tolerance)
-        if len(thin.points) == 1:  # A point has no outline, and editors leave some behind.
+        if len(thin.points) == 1:  # Editors leave single points behind, which have no outline.
             continue
         if track.closed or _near(thin.points[0], thin.points[-1], tolerance):
             rings.append((i, thin))
@@ -189,7 +188,7 @@ def closed_contours(tracks: Sequence[Track], tolerance: float, source: str) -> l
 
 
 def _joined(tracks: list[tuple[int, Track]], tolerance: float, source: str) -> list[tuple[int, Track]]:
-    """Rings of open tracks: each end 2 i (start) or 2 i + 1 (end) of track i has exactly one partner."""
+    """Join open tracks into rings: each end 2 i (start) or 2 i + 1 (end) of track i has exactly one partner."""
     if not tracks:
         return []
     ends = np.array([end for _, track in tracks for end in (track.points[0], track.points[-1])])
@@ -205,25 +204,25 @@ def _joined(tracks: list[tuple[int, Track]], tolerance: float, source: str) -> l
             parts.append(part if end % 2 == 0 else part.backward())
             end = partners[end ^ 1]
         index, track = tracks[first]
-        # Each part starts where the last one ended.
+        # Each part starts at the end of the last one.
         points = np.concatenate([parts[0].points, *(part.points[1:] for part in parts[1:])])
         rings.append((index, Track(track.name, points, True, np.concatenate([part.bulges for part in parts]))))
     return rings
 
 
 def _partners(ends: Array, names: list[str], tolerance: float, source: str) -> list[int]:
-    """Partner of each end (2 t,)."""
+    """Index of the partner of each end (2 t,)."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(ends)
-    # Of a crowd, three tell as much as all.
+    # Three neighbors suffice to detect a branch.
     distances, found = tree.query(ends, k=min(3, len(ends)))
     meeting = np.count_nonzero(distances <= tolerance, axis=1)
     if (meeting == 1).any():
         alone = np.flatnonzero(meeting == 1)
         loose = ends[alone]
         gaps, other = cKDTree(loose).query(loose, k=2)
-        # An end alone has no other end to go to when all else is joined.
+        # A single loose end has no partner; report the gap to its nearest neighbor.
         i = int(np.argmin(gaps[:, 1])) if len(alone) > 1 else 0
         there = loose[other[i, 1]] if len(alone) > 1 else ends[found[alone[0], 1]]
         gap = float(np.hypot(*(there - loose[i])))
@@ -239,14 +238,14 @@ def _partners(ends: Array, names: list[str], tolerance: float, source: str) -> l
         raise InputError(
             f"outlines that do not branch in {source}",
             f"three or more ends at {place(ends[i])}, one of {names[i // 2]}",
-            "leave out what is drawn twice or joins two sides, or choose the outline's --layer",
+            "remove what is drawn twice or joins two sides, or choose the outline's --layer",
         )
     self_first = found[:, 0] == np.arange(len(ends))
     return np.where(self_first, found[:, 1], found[:, 0]).tolist()
 
 
 def _thinned(track: Track, tolerance: float) -> Track:
-    """Without points that are within a tenth of the tolerance of the one before that is kept."""
+    """Drop points within a tenth of the tolerance of the last point kept."""
     points, apart = track.points, tolerance / 10
     steps = np.hypot(*np.diff(points, axis=0).T)
     if np.all(steps > apart):
@@ -255,7 +254,7 @@ def _thinned(track: Track, tolerance: float) -> Track:
     for k in range(1, len(points)):
         if not _near(points[k], points[kept[-1]], apart):
             kept.append(k)
-    # Arcs are half a turn at most, so that one with near ends is short.
+    # Arcs are half a turn at most, so that one with close ends is short.
     return Track(track.name, points[kept], track.closed, track.bulges[np.array(kept[1:], dtype=int) - 1])
 
 
@@ -281,7 +280,7 @@ def _thin(points: Array, tolerance: float) -> bool:
     if np.ptp(points @ axes[1]) <= tolerance:
         return True
     inside = Region.polygon(points)
-    # A figure of eight may have no area either, but is told as what crosses itself.
+    # A figure eight may have no area either, but is reported as self-intersecting.
     return inside.area <= tolerance * inside.perimeter / 2 and not inside.crosses_itself
 
 

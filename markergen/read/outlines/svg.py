@@ -1,4 +1,4 @@
-"""SVG: every closed shape that is seen, through groups, uses and nested drawings."""
+"""Read all visible closed shapes of an SVG, through groups, uses and nested svg elements."""
 
 import re
 from collections.abc import Callable
@@ -22,7 +22,7 @@ Viewport = tuple[float, float]
 
 MOST_ELEMENTS, DEEPEST = 100_000, 100
 LONGEST_CLASS = 1000
-"""Characters of an element's class names; Illustrator writes some ten."""
+"""Maximum length of an element's class names in characters; Illustrator writes about ten."""
 SVG = "http://www.w3.org/2000/svg"
 INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
 XLINK = "http://www.w3.org/1999/xlink"
@@ -42,27 +42,27 @@ _URL = re.compile(r"url\(\s*['\"]?#([^'\")]*)['\"]?\s*\)")
 
 
 def parse(file: OutlineFile) -> Element:
-    """Root of the tree; names are ``namespace name``, those of SVG itself have no namespace.
+    """Parse the tree; names are ``namespace name``, without a namespace for SVG itself.
 
     Raises
     ------
     InputError
-        If it is no XML, declares entities or a document type of its own, or has too many elements or too deep ones.
+        If it is not XML, declares entities or its own document type, or has too many or too deeply nested elements.
     """
     builder = TreeBuilder()
-    # Namespaces are joined to names by a blank, which neither can hold.
+    # A blank, which is valid in neither namespaces nor names, joins the two.
     parser = expat.ParserCreate(namespace_separator=" ")
     parser.buffer_text = True
     depth = count = 0
 
     def refuse(*_: object) -> NoReturn:
         raise file.unreadable(
-            "plain SVG without a document type of its own", "declarations of entities or another document's",
+            "plain SVG without a document type of its own", "entity declarations or another document type",
             "save it again as plain SVG",
         )  # fmt: skip
 
     def doctype(_: str, system: str | None, public: str | None, internal: int) -> None:
-        # The W3C's own says nothing and is never fetched; Illustrator and matplotlib write it.
+        # The W3C's own document type adds nothing and is never fetched; Illustrator and matplotlib write it.
         if internal or not (public or "").startswith(_W3C) or not (system or "").startswith("http://www.w3.org/"):
             refuse()
 
@@ -106,12 +106,12 @@ def parse(file: OutlineFile) -> Element:
 
 
 def _read(file: OutlineFile, layer: str | None) -> Drawing:
-    """Drawing in the user units of the root."""
+    """Drawing in the root's user units."""
     root = parse(file)
     _refuse_references(root, file)
     scale, pixels, stretch, viewport = _frame(root, file)
     if root.get("transform", "").strip():
-        raise file.unreadable("transforms inside the drawing", "one of the svg element itself", "put it on a group")
+        raise file.unreadable("transforms inside the drawing", "one on the svg element itself", "put it on a group")
     sheet = sheet_of(root, file)
     reader = _SvgReader(file, sheet, _by_id(root), _layer_elements(root, layer, file))
     style = style_of(root, INITIAL, sheet)
@@ -122,7 +122,7 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
 
 @dataclass(frozen=True)
 class _Place:
-    """What an element inherits: the map to the root's units, style, viewport, whether its layer is wanted, depth."""
+    """Inherited state of an element: map to the root's units, style, viewport, whether its layer is wanted, depth."""
 
     matrix: Array
     style: Style
@@ -137,7 +137,7 @@ class _SvgReader:
     sheet: Sheet
     by_id: dict[str, Element]
     layers: set[int] | None
-    """Identities of the elements."""
+    """Identities of the elements of the wanted layer; None for all."""
     pieces: list[Piece] = field(default_factory=list)
     others: list[str] = field(default_factory=list)
 
@@ -147,7 +147,7 @@ class _SvgReader:
         self._clipped = self._clipped_points = 0
 
     def children(self, element: Element, place: _Place) -> None:
-        """Read all that is inside an element."""
+        """Read the contents of an element."""
         for child in element:
             self._element(child, place)
 
@@ -166,7 +166,7 @@ class _SvgReader:
         style = style_of(element, place.style, self.sheet)
         chosen = self.layers is not None and id(element) in self.layers
         if gone(style) and place.wanted and not chosen:
-            self.others.append("what is hidden")
+            self.others.append("hidden shapes")
             return
         name = f"{kind} {brief(element.get('id'))}" if element.get("id") else f"{kind} number {number}"
         matrix = _times(place.matrix, self._shapes.matrix(element, name))
@@ -197,9 +197,9 @@ class _SvgReader:
             self._element(target, _moved(place, self._lengths(element, place, name)[:2]))
 
     def _framed(self, element: Element, outer: Element, place: _Place, name: str) -> None:
-        """Read what is inside a symbol or a nested svg; `outer` has the place and size."""
+        """Read the contents of a symbol or a nested svg; `outer` has the position and size."""
         x, y, width, height = self._lengths(outer, place, name)
-        if outer is not element:  # A use moves what it uses, and what it does not say itself the svg does.
+        if outer is not element:  # A use translates its target; the svg gives the sizes that the use does not.
             place = _moved(place, (x, y))
             inner = self._lengths(element, place, name)
             x, y = inner[:2] if element.tag == "svg" else (0.0, 0.0)
@@ -225,7 +225,7 @@ class _SvgReader:
         return x, y, width, height
 
     def _refuse_cuts(self, style: Style, pieces: list[Piece], place: _Place, name: str) -> None:
-        """Refuse outlines that are not seen as they are drawn, for a mask or a clip cuts them."""
+        """Refuse outlines whose visible shape differs because a mask or a clip cuts them."""
         cuts = style["clip-path"] != "none" or style["mask"] != "none"
         if cuts and pieces and not (style["mask"] == "none" and self._holds(style["clip-path"], pieces, place)):
             raise self.file.unreadable(
@@ -233,7 +233,7 @@ class _SvgReader:
             )
 
     def _holds(self, url: str, pieces: list[Piece], place: _Place) -> bool:
-        """Tell whether a clip leaves pieces whole; many editors clip everything to the page."""
+        """Tell whether a clip leaves pieces uncut; many editors clip everything to the page."""
         match = _URL.fullmatch(url)
         clip = self.by_id.get(match[1]) if match else None
         if clip is None or clip.tag != "clipPath" or clip.get("clipPathUnits") == "objectBoundingBox":
@@ -246,12 +246,12 @@ class _SvgReader:
         drawn = np.concatenate([self._clippable(curve, near) for piece in pieces for curve in piece.curves])
         inside = np.zeros(len(drawn), dtype=bool)
         for shape in self._clip(clip, place, near):
-            # Not inside alone: a clip to the page may be the very outline.
+            # With a tolerance, since a clip to the page may coincide with the outline.
             inside |= shape.within(drawn, 2 * near)
         return bool(inside.all())
 
     def _clippable(self, curve: Curve, tolerance: float) -> Array:
-        """Points (m, 2) along a curve; refuses more than there may be, for clips may lie in clips without end."""
+        """Sample points (m, 2) along a curve, limited in number since clips may be nested without end."""
         points = curve.flatten(tolerance)
         self._clipped += 1
         self._clipped_points += len(points)
@@ -260,7 +260,7 @@ class _SvgReader:
         return points
 
     def _clip(self, clip: Element, place: _Place, tolerance: float) -> list[Region]:
-        """Regions that a clip leaves, or none if they are many."""
+        """Regions of a clip's shapes; empty if there are too many."""
         reader = _SvgReader(self.file, {}, {}, None)
         reader._numbers, reader._shapes = self._numbers, self._shapes
         matrix = _times(place.matrix, self._shapes.matrix(clip, "a clip"))
@@ -272,9 +272,9 @@ class _SvgReader:
 
 
 def _frame(root: Element, file: OutlineFile) -> tuple[float | None, float, Array, Viewport]:
-    """Scale in m per user unit or None, px per user unit, map (2, 3) that undoes a stretch, size that percents are of.
+    """Scale in m per user unit or None, px per user unit, map (2, 3) that undoes a stretch, size for percentages.
 
-    Where widths in px are given they are pixels of a kind that only the user knows.
+    A width or height in px has no physical size: only the user knows the size of these pixels.
     """
     shapes = Shapes(file)
     box = _view_box(root, shapes, "svg")
@@ -283,7 +283,7 @@ def _frame(root: Element, file: OutlineFile) -> tuple[float | None, float, Array
     if box is None:
         sizes = [root.get(key, "100%") for key in ("width", "height")]
         viewport = (shapes.length(sizes[0], "width", (0, 0), "x"), shapes.length(sizes[1], "height", (0, 0), "y"))
-        # Without a viewBox user units are CSS pixels, but were 90 an inch in Inkscape before 0.92.
+        # Without a viewBox, user units are CSS pixels, but 90 per inch in Inkscape before 0.92.
         old = _OLD_INKSCAPE.match(root.get(f"{INKSCAPE} version", ""))
         known = (width is not None or height is not None) and not old
         return (0.0254 / PX["in"] if known else None), 1.0, identity, viewport
@@ -302,7 +302,7 @@ def _frame(root: Element, file: OutlineFile) -> tuple[float | None, float, Array
 
 
 def _physical(text: str | None) -> float | None:
-    """Length in m, if it has a unit of length; a pixel is none, for no two programs agree on it."""
+    """Length in m, if it has a physical unit; px does not count, since programs disagree about it."""
     match = _PHYSICAL.fullmatch(text or "")
     try:
         value = float(match[1]) * PX[match[2].lower()] * 0.0254 / 96 if match else 0.0
@@ -312,7 +312,7 @@ def _physical(text: str | None) -> float | None:
 
 
 def _pixels(text: str | None) -> float | None:
-    """Length in px, if it has that unit or none."""
+    """Length in px, if given in px or without a unit."""
     match = _PIXELS.fullmatch(text or "")
     value = float(match[1]) if match else 0.0
     return value if 0 < value < np.inf else None
@@ -329,7 +329,7 @@ def _view_box(element: Element, shapes: Shapes, name: str) -> tuple[float, float
 
 
 def _fit(box: tuple[float, float, float, float], viewport: Viewport, aspect: str) -> Array:
-    """Map (2, 3) of a viewBox into a viewport, as preserveAspectRatio says."""
+    """Map (2, 3) from a viewBox to a viewport according to preserveAspectRatio."""
     scale = np.array(viewport) / box[2:]
     if "none" not in aspect:
         scale[:] = scale.max() if "slice" in aspect else scale.min()
@@ -352,7 +352,7 @@ def _reference(element: Element) -> str:
 
 
 def _refuse_references(root: Element, file: OutlineFile) -> None:
-    """Refuse links to other files, but to pages that a reader may click on."""
+    """Refuse references to other files, except hyperlinks."""
     for element in root.iter():
         link = _reference(element)
         if link and not link.startswith(("#", "data:")) and element.tag != "a":
@@ -368,9 +368,9 @@ def _by_id(root: Element) -> dict[str, Element]:
 
 
 def _layer_elements(root: Element, layer: str | None, file: OutlineFile) -> set[int] | None:
-    """Identities of the groups of that name, None for no name.
+    """Identities of the groups with that layer name, None without a name.
 
-    A layer is what Inkscape calls one, or any group with a name in other editors' files.
+    A layer is an Inkscape layer, or any named group in the files of other editors.
     """
     if layer is None:
         return None

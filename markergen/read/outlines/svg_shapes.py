@@ -1,4 +1,4 @@
-"""One element of an SVG: whether it is seen, its numbers, lengths and transforms, and the curves of its shape."""
+"""Evaluate one SVG element: visibility, numbers, lengths, transforms, and the curves of its shape."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -18,20 +18,20 @@ Array = NDArray[np.float64]
 
 Style = Mapping[str, str]
 Sheet = dict[str, dict[str, str]]
-"""Declarations by selector."""
+"""Declarations of a style sheet by selector."""
 
 LARGEST_SHEET = 300_000
-"""Characters of all style sheets; editors write a rule or a few for each look."""
+"""Maximum length of all style sheets in characters; editors write a rule or a few per style."""
 
 INITIAL: Style = {
     "visibility": "visible", "fill": "black", "stroke": "none", "fill-opacity": "1", "stroke-opacity": "1",
     "stroke-width": "1",
 }  # fmt: skip
-"""Properties that are inherited, with what they are at first."""
+"""Inherited properties and their initial values."""
 
 _OWN: Style = {"display": "inline", "opacity": "1", "clip-path": "none", "mask": "none"}
 PROPERTIES = (*INITIAL, *_OWN)
-"""Properties that matter."""
+"""Properties that are evaluated."""
 
 _DECLARATION = re.compile(r"(?:^|;)\s*+([\w-]++)\s*+:([^;]*+)")
 _MOVES = re.compile(r"(?:^|[;{])\s*+transform\s*+:(?!\s*+none)")
@@ -40,14 +40,14 @@ _CLEAR = ("none", "transparent")
 _ZERO = re.compile(r"(?:0+\.?0*|\.0+)(?:%|[a-z]+)?")
 
 LARGEST_PATH = 300_000
-"""Characters of all path data together; more than enough for all the corners that an outline may have."""
+"""Maximum length of all path data in characters, ample for the maximum number of corners of an outline."""
 
 MOST_CLOSES = 20
 
 PX = {"": 1.0, "px": 1.0, "in": 96.0, "cm": 96 / 2.54, "mm": 96 / 25.4, "q": 96 / 101.6, "pt": 96 / 72, "pc": 16.0}
-"""Units of CSS in user units."""
+"""CSS units in user units (px)."""
 
-# Nothing here tries a second way to read what it has read, or a long text would take forever.
+# Atomic groups prevent backtracking, which would take forever on a long text.
 _NUMBER = r"(?>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 _LENGTH = re.compile(rf"\s*+({_NUMBER})\s*+([a-zA-Z]*+|%)\s*+")
 _NO_NUMBERS = re.compile(r"[^\s,]")
@@ -58,14 +58,14 @@ _TRANSFORM = re.compile(r"(\w+)\s*\(([^)]*)\)")
 
 @dataclass
 class Shapes:
-    """Makes pieces of the shapes of one file; counts how much there is of them."""
+    """Converts the shapes of one file to pieces, and limits their number."""
 
     file: OutlineFile
     path_data: int = 0
     segments: int = 0
 
     def pieces(self, element: Element, name: str, viewport: tuple[float, float]) -> list[Piece]:
-        """Pieces of a basic shape in its own coordinates; `viewport` is what percentages are of."""
+        """Pieces of a basic shape in its own coordinates; percentages refer to `viewport`."""
         kind = str(element.tag)
         if kind == "path":
             return self._path(element.get("d", ""), name)
@@ -105,7 +105,7 @@ class Shapes:
         key: str,
         default: float = 0.0,
     ) -> float:
-        """Length in user units; percentages are of the viewport's width, height or, for the rest, diagonal."""
+        """Length in user units; percentages refer to the viewport's width, height or, for other keys, diagonal."""
         if text is None or text.strip() in ("", "auto"):
             return default
         match = _LENGTH.fullmatch(text)
@@ -118,7 +118,7 @@ class Shapes:
         return float(match[1]) * PX[match[2].lower()]
 
     def numbers(self, text: str, name: str) -> list[float]:
-        """Numbers with blanks or commas between them."""
+        """Numbers separated by blanks or commas."""
         self._count(text)
         odd = _NO_NUMBERS.search(re.sub(_NUMBER, "", text))
         if odd:
@@ -126,10 +126,12 @@ class Shapes:
         return [float(number) for number in re.findall(_NUMBER, text)]
 
     def matrix(self, element: Element, name: str) -> Array:
-        """Affine map (2, 3) of the attribute transform."""
+        """Affine map (2, 3) from the transform attribute."""
         text = element.get("transform", "")
         if moved_by_style(element):
-            raise self.file.unreadable("transforms as attributes", f"one as style at {name}", "save it as plain SVG")
+            raise self.file.unreadable(
+                "transforms as attributes", f"one in the style of {name}", "save it as plain SVG"
+            )
         self._count(text)
         if not _TRANSFORMS.fullmatch(text):
             raise self.file.unreadable("a transform", f"{brief(text)} at {name}", "correct the file")
@@ -148,30 +150,30 @@ class Shapes:
             raise self.file.too_much(f"at most {most // 1000} kB of path data and other numbers")
 
     def _path(self, data: str, name: str) -> list[Piece]:
-        """Pieces of path data, one a subpath."""
+        """Pieces of path data, one per subpath."""
         from svgelements import Close, Move, Path
 
         self._count(data)
         if not data.strip() or data.strip() == "none":
             return []
-        # svgelements takes nan, ignores what it does not know, and stops at the first surprise.
+        # svgelements accepts nan, ignores unknown commands, and stops silently at errors.
         commands, numbers = re.subn(_NUMBER, "", data)
         odd = _NO_PATH.search(commands)
         if odd or data.lstrip()[0] not in "Mm":
             found = repr(odd[0]) if odd else "no move to start from"
             raise self.file.unreadable("path data", f"{found} in {name}", "correct the path")
         most = MOST_PIECES * self.file.patience
-        # A command makes at least one segment, and takes at most seven numbers for each.
+        # A command makes at least one segment and takes at most seven numbers per segment.
         if self.segments + max(sum(map(str.isalpha, commands)), numbers / 7) > most:
             raise self.file.too_much(f"at most {most} lines and curves")
-        # svgelements walks back to the last move at each close.
+        # svgelements searches back to the last move at each close.
         if any(part.lower().count("z") > MOST_CLOSES for part in re.split("[Mm]", data)):
             raise self.file.unreadable(
                 f"path data with at most {MOST_CLOSES} closes after a move", f"more in {name}", "correct the path"
             )
         try:
             segments = list(Path(data))
-        except Exception:  # Whatever its parser trips over.
+        except Exception:  # The parser raises errors of all kinds.
             raise self.file.unreadable("path data", f"{brief(data)} of {name}", "correct the path") from None
         self.segments += len(segments)
         if self.segments > most:
@@ -180,7 +182,7 @@ class Shapes:
         curves: list[Curve] = []
         for segment in segments:
             if isinstance(segment, Move | Close):
-                # What follows a close without a move starts where the closed piece did.
+                # After a close without a move the next piece starts at the start of the closed one.
                 if curves:
                     pieces.append(Piece(name, tuple(curves), isinstance(segment, Close)))
                 curves = []
@@ -208,8 +210,8 @@ def _curve(segment: Any) -> Curve:
 
 
 def _arc(start: Array, end: Array, center: Array, axes: Array, sweep: float) -> Curve:
-    """Arc about nearly this center that ends where it should: svgelements' own is off by some 1e-7 of its size."""
-    # In coordinates along the half axes, where the ellipse is the unit circle.
+    """Arc about nearly this center with exact end points: those of svgelements are off by some 1e-7 of its size."""
+    # In coordinates along the semi-axes, where the ellipse is the unit circle.
     a, b = np.linalg.solve(axes, np.stack([start - center, end - center]).T).T
     half = (b - a) / 2
     reach = float(np.hypot(*half))
@@ -228,7 +230,7 @@ def _point(value: Any) -> Array:
 
 
 def _rectangle(x: float, y: float, width: float, height: float, rx: float, ry: float) -> tuple[Curve, ...]:
-    """Outline of a rectangle, with quarter ellipses for corners if both radii are above 0."""
+    """Outline of a rectangle, with quarter ellipses as corners if both radii are above 0."""
     corners = np.array([[x, y], [x + width, y], [x + width, y + height], [x, y + height]])
     if rx <= 0 or ry <= 0:
         return (Polyline(corners),)
@@ -255,14 +257,14 @@ _MATRICES: dict[str, Callable[..., Array]] = {
 
 
 def sheet_of(root: Element, file: OutlineFile) -> Sheet:
-    """Rules of all style sheets in a tree for selectors such as ``.st0``, ``#id`` and ``path``.
+    """Collect the rules of all style sheets in a tree for selectors such as ``.st0``, ``#id`` and ``path``.
 
-    Of two rules for one selector the later wins.
+    The later of two rules for one selector wins.
 
     Raises
     ------
     InputError
-        If a sheet has another kind of selector for a property that matters, or moves shapes; no editor writes these.
+        If a sheet uses another kind of selector for an evaluated property, or moves shapes; no editor writes these.
     """
     rules: Sheet = {}
     if sum(len(style.text or "") for style in root.iter("style")) > LARGEST_SHEET:
@@ -287,7 +289,7 @@ def sheet_of(root: Element, file: OutlineFile) -> Sheet:
 
 
 def style_of(element: Element, inherited: Style, sheet: Sheet) -> Style:
-    """Style of an element inside one that has the style `inherited`."""
+    """Style of an element inside a parent with the style `inherited`."""
     own = {name: element.attrib[name].strip() for name in PROPERTIES if name in element.attrib}
     tag, classes, name = str(element.tag), element.get("class", "").split(), element.get("id", "")
     for selector in ("*", tag, *(f".{c}" for c in classes), *(f"{tag}.{c}" for c in classes), f"#{name}"):
@@ -298,24 +300,24 @@ def style_of(element: Element, inherited: Style, sheet: Sheet) -> Style:
 
 
 def seen(style: Style) -> bool:
-    """Tell whether anything of a shape is drawn; whether the groups around it are is not asked."""
+    """Tell whether a shape is painted, regardless of the groups around it."""
     filled = style["fill"] not in _CLEAR and not _zero(style["fill-opacity"])
     stroked = style["stroke"] not in _CLEAR and not _zero(style["stroke-opacity"]) and not _zero(style["stroke-width"])
     return style["visibility"] == "visible" and (filled or stroked)
 
 
 def gone(style: Style) -> bool:
-    """Tell whether an element is not drawn with all that is in it."""
+    """Tell whether an element is omitted together with its contents."""
     return style["display"] == "none" or _zero(style["opacity"])
 
 
 def moved_by_style(element: Element) -> bool:
-    """Tell whether a style sheet's kind of transform moves an element."""
+    """Tell whether an element is moved by a CSS transform."""
     return bool(_MOVES.search(element.get("style", ""))) or "transform-origin" in element.attrib
 
 
 def _declarations(text: str) -> dict[str, str]:
-    """Values of the properties that matter in text such as ``fill:none;stroke:#000``."""
+    """Values of the evaluated properties in text such as ``fill:none;stroke:#000``."""
     pairs = (match.groups() for match in _DECLARATION.finditer(text))
     return {name: value.replace("!important", "").strip() for name, value in pairs if name in PROPERTIES}
 

@@ -1,4 +1,4 @@
-"""Pose distributions: a preset, a cone, or a file in one of a table of formats, told apart by what is in the file."""
+"""Pose distributions: a preset, a cone, or a file in a format that is recognized by content."""
 
 import hashlib
 from collections.abc import Callable
@@ -22,18 +22,18 @@ __all__ = ["POSE_FORMATS", "PoseFormat", "poses_from", "read_poses", "settled"]
 
 @dataclass(frozen=True)
 class PoseFormat:
-    """One kind of file of poses.
+    """A pose file format.
 
     Attributes
     ----------
     signs : str
-        What a file of this kind holds, for the message that no format fits.
+        Typical contents of such a file, for the message that no format fits.
     which_way : str
-        A sentence: from which frame to which its poses go, and in which unit.
+        A sentence on the frames that the poses map between, and their unit.
     fits : callable
-        Tell whether a file is of this kind; at most one format says so.
+        Tells whether a file has this format; true for at most one format.
     read : callable
-        Numbers (P, 7) of the poses T_camera_marker, as `RecordedPoses` has them.
+        Reads the poses T_camera_marker as numbers (P, 7), as in `RecordedPoses`.
     """
 
     signs: str
@@ -47,15 +47,15 @@ POSE_FORMATS: Registry[PoseFormat] = Registry("pose format", __name__, "markerge
 
 
 def poses_from(wish: str | PathLike[str] | PoseDistribution) -> PoseDistribution:
-    """Poses of a text (``paper``, ``cone:tilt=40..70``; see `named_poses`), or of a file (see `read_poses`).
+    """Make poses from a text (``paper``, ``cone:tilt=40..70``; see `named_poses`) or a file (see `read_poses`).
 
-    A distribution comes back as it is, and a path is that of a file. As a text, the path of a file that is called as a
-    preset is written with its folder, ``./paper``.
+    A distribution is returned unchanged, and a path object is always a file. In a text, a file with the name of a
+    preset needs its folder: ``./paper``.
 
     Raises
     ------
     InputError
-        If it is none of these, or as the readers say.
+        If it is none of these, or as the readers raise.
     """
     if isinstance(wish, PoseDistribution):
         return wish
@@ -68,7 +68,7 @@ def poses_from(wish: str | PathLike[str] | PoseDistribution) -> PoseDistribution
 
 
 def settled(wish: str) -> str | RecordedPoses:
-    """What a spec holds for a text that `poses_from` takes: a file is read, and equal cones get equal texts."""
+    """Convert a text for `poses_from` to its form in a spec: a file is read, and equal cones get equal texts."""
     if is_named(wish):
         return named_poses(wish).name
     path = Path(wish)
@@ -82,13 +82,13 @@ def settled(wish: str) -> str | RecordedPoses:
 def read_poses(path: Path | str) -> RecordedPoses:
     """Read the poses of a file: a table of T_camera_marker as CSV or JSON, a TUM trajectory, or COLMAP's images.txt.
 
-    Which way the poses of each go is the `which_way` of its format.
+    The `which_way` of each format describes the direction of its poses.
 
     Raises
     ------
     InputError
-        If the file cannot be read, has more than 100,000 poses or 50 MB, is in no known format, or a pose is not
-        one; the message names file and line.
+        If the file cannot be read, has more than 100,000 poses or 50 MB, has no known format, or a pose is invalid;
+        the message names file and line.
     """
     path = Path(path)
     place, data = read(path, "poses")
@@ -99,7 +99,7 @@ def read_poses(path: Path | str) -> RecordedPoses:
     if b"\0" in data:
         raise InputError(f"text at {place}", "bytes that are not text", "write the poses as text")
     text = data.removeprefix(b"\xef\xbb\xbf")
-    if b"\n" not in text:  # As spreadsheets on a Mac write it.
+    if b"\n" not in text:  # Some Mac spreadsheets end lines with a carriage return.
         text = text.replace(b"\r", b"\n")
     file = PoseFile(path.name if path.name.isprintable() else brief(path.name), text)
     for name in POSE_FORMATS:
@@ -107,4 +107,4 @@ def read_poses(path: Path | str) -> RecordedPoses:
             numbers = POSE_FORMATS[name].read(file)
             return RecordedPoses.of(numbers, file.name, hashlib.sha256(data).hexdigest())
     known = "; ".join(f"{name}: {POSE_FORMATS[name].signs}" for name in POSE_FORMATS)
-    raise InputError(f"poses in {file.name}", "no format that is known", f"known formats: {known}")
+    raise InputError(f"poses in {file.name}", "an unknown format", f"known formats: {known}")

@@ -1,4 +1,4 @@
-"""COLMAP's images.txt: IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of its points, for every image."""
+"""Read COLMAP's images.txt: IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of points, for every image."""
 
 import re
 
@@ -28,7 +28,7 @@ def _read(file: PoseFile) -> NDArray[np.float64]:
     for line, content in file.lines(blank=True):
         image = _IMAGE.match(content) is not None
         if points:
-            # Who takes the empty lines out makes poses of points.
+            # If the empty lines were removed, lines of poses would be taken for points.
             if image and not _only_numbers(content):
                 raise InputError(
                     f"the points of an image, or an empty line, at {file.place(line)}",

@@ -1,4 +1,4 @@
-"""A table of poses with a line of column names above it, separated by commas, semicolons, tabs or blanks."""
+"""Read a table of poses below a line of column names, separated by commas, semicolons, tabs or blanks."""
 
 import numpy as np
 from numpy.typing import NDArray

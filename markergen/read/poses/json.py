@@ -1,4 +1,4 @@
-"""A JSON array of poses, each an object with the columns of the CSV table, alone or as ``{"poses": [...]}``."""
+"""Read a JSON array of poses, each an object with the columns of the CSV table, alone or as ``{"poses": [...]}``."""
 
 import json
 from typing import Any
@@ -13,7 +13,7 @@ from markergen.read.poses.rows import WANTED, WHICH_WAY, PoseFile, columns_of, n
 Array = NDArray[np.float64]
 
 LARGEST_JSON = 5_000_000
-"""Bytes; as Python's objects they may take forty times as much."""
+"""Maximum size in bytes; as Python objects they may take forty times as much."""
 
 
 def _fits(file: PoseFile) -> bool:
@@ -39,7 +39,7 @@ def _read(file: PoseFile) -> Array:
 def _poses(file: PoseFile) -> list[dict[str, Any]]:
     if len(file.data) > LARGEST_JSON:
         raise InputError(
-            f"at most {LARGEST_JSON // 10**6} MB of JSON in {file.name}", "more", "write so many poses as CSV"
+            f"at most {LARGEST_JSON // 10**6} MB of JSON in {file.name}", "more", "write this many poses as CSV"
         )
     try:
         content = json.loads(file.data.decode(), object_pairs_hook=_distinct)

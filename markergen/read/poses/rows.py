@@ -1,7 +1,7 @@
-"""Rows of a file of poses: its lines and words, what its columns mean, and the poses that their numbers are.
+"""Lines, words and columns of pose files, and the conversion of their numbers to poses.
 
-Nothing here keeps more of a file in memory than its bytes and its numbers. Every way to write a rotation becomes a
-quaternion, and what is no rotation is refused.
+Only a file's bytes and numbers are kept in memory. Rotations in any notation are converted to quaternions; invalid
+ones are refused.
 """
 
 import csv
@@ -20,25 +20,25 @@ from markergen.model.recorded_poses import COLUMNS
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Place = Callable[[int], str]
-"""Where the pose of that index stands, for messages: ``line 7 of poses.csv``."""
+"""Function that returns the place of the pose with an index, for messages: ``line 7 of poses.csv``."""
 
 MOST_ROWS = 100_000
-"""Poses of one file: an hour of video, and two seconds to look through."""
+"""Maximum number of poses in a file: an hour of video, read in two seconds."""
 
 MOST_LINES = 2 * MOST_ROWS + 1000
-"""Two for each pose, and comments."""
+"""Maximum number of lines: two per pose, and comments."""
 
 LONGEST_LINE = 10_000
-"""Bytes of a line with numbers; the longest of them have some 300."""
+"""Maximum length in bytes of a line of numbers; actual lines have up to about 300."""
 
 LARGEST_DISTANCE = 1e6
-"""Largest coordinate of a translation in m."""
+"""Maximum absolute coordinate of a translation in m."""
 
 TOLERANCE = 1e-3
-"""How far the length of a quaternion may be from 1, and R'R from the identity: some files round to three digits."""
+"""Allowed deviation of a quaternion's norm from 1 and of R'R from the identity: some files round to three digits."""
 
 DECIMALS = 12
-"""Of the numbers that are kept: pm and 1e-12 rad."""
+"""Number of decimals kept: pm and 1e-12 rad."""
 
 TRANSLATION = ("tx", "ty", "tz")
 ROTATIONS = (
@@ -46,14 +46,14 @@ ROTATIONS = (
     ("rx", "ry", "rz"),
     ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33"),
 )
-"""Columns of the ways to write a rotation: quaternion, rotation vector in rad, matrix row by row."""
+"""Columns of the notations of a rotation: quaternion, rotation vector in rad, matrix row by row."""
 
 WANTED = "tx ty tz and one of qx qy qz qw, rx ry rz, r11 r12 r13 r21 r22 r23 r31 r32 r33"
 
 IGNORED = ("id", "index", "frame", "image", "name")
-"""Columns that may stand beside the pose and are not read.
+"""Columns that are allowed and ignored.
 
-A time is not one of them: a table with times is most often a trajectory, whose poses go the other way."""
+Time is not among them: a table with times is usually a trajectory, whose poses have the opposite direction."""
 
 WHICH_WAY = (
     "each row is T_camera_marker, X_camera = R X_marker + t, with t in m: the marker's origin in the camera frame"
@@ -63,13 +63,13 @@ WHICH_WAY = (
 
 @dataclass(frozen=True)
 class PoseFile:
-    """A file by name and bytes, without a byte order mark."""
+    """A file's name and bytes, without byte order mark."""
 
     name: str
     data: bytes
 
     def lines(self, blank: bool = False) -> Iterator[tuple[int, bytes]]:
-        """Lines with their numbers, from 1, without the blanks around them; no comments, and empty ones if `blank`."""
+        """Yield stripped lines with their numbers, from 1, without comments and (unless `blank`) empty lines."""
         for number, line in enumerate(io.BytesIO(self.data), 1):
             stripped = line.strip()
             if stripped[:1] != b"#" and (blank or stripped):
@@ -77,22 +77,22 @@ class PoseFile:
 
     @cached_property
     def first(self) -> bytes:
-        """The first line that is neither empty nor a comment, or what of it is not too long; empty if there is none."""
+        """First line that is neither empty nor a comment, truncated to `LONGEST_LINE`; empty if there is none."""
         return next((line[:LONGEST_LINE] for _, line in self.lines()), b"")
 
     @cached_property
     def odd(self) -> bool:
-        """Whether there may be numbers such as 1_0, which Python takes for 10."""
+        """True if the file may contain numbers such as 1_0, which Python reads as 10."""
         return b"_" in self.data
 
     def place(self, number: int) -> str:
-        """Line and file, for messages."""
+        """Return line and file, for messages."""
         return f"line {number} of {self.name}"
 
     def table(self) -> Iterator[tuple[int, list[str]]]:
-        """Rows with their line numbers, of words separated by commas, semicolons, tabs or blanks, as the first has it.
+        """Yield rows with line numbers, split at commas, semicolons, tabs or blanks as the first line is.
 
-        Words may stand in double quotes.
+        Words may be in double quotes.
         """
         first = self.first.decode("utf-8", "replace")
         delimiter = next((mark for mark in ",;\t" if mark in first), None)
@@ -100,7 +100,7 @@ class PoseFile:
             yield from ((number, self.text(number, line).split(delimiter)) for number, line in self.lines())
             return
         for number, line in self.lines():
-            # Line by line: a quote that is not closed ends there.
+            # Line by line, so that an unclosed quote ends with its line.
             reader = csv.reader([self.text(number, line)], delimiter=delimiter or " ", skipinitialspace=True)
             try:
                 yield number, next(reader)
@@ -108,7 +108,7 @@ class PoseFile:
                 raise InputError(f"a row at {self.place(number)}", str(error), "correct the line") from None
 
     def text(self, number: int, line: bytes) -> str:
-        """Text of a line."""
+        """Decode a line."""
         if len(line) > LONGEST_LINE:
             raise InputError(
                 f"at most {LONGEST_LINE} characters at {self.place(number)}", str(len(line)), "check the file"
@@ -123,7 +123,7 @@ class PoseFile:
 
 @dataclass
 class Rows:
-    """Rows of numbers that are collected from a file, each with where it stands."""
+    """Rows of numbers collected from a file, each with its line."""
 
     file: PoseFile
     width: int
@@ -131,14 +131,14 @@ class Rows:
     _lines: "array[int]" = field(default_factory=lambda: array("l"))
 
     def add(self, line: int, words: Sequence[str]) -> None:
-        """Add a row of `width` words; `line` is its place."""
+        """Add a row of `width` words at `line`."""
         try:
             self._numbers.extend(map(float, words))
         except ValueError:
             bad = next(word for word in words if not _is_number(word))
             raise InputError(f"numbers at {self.file.place(line)}", brief(bad), "correct the line") from None
         if self.file.odd and any("_" in word for word in words):
-            raise InputError(f"numbers at {self.file.place(line)}", brief(" ".join(words)), "take out the _")
+            raise InputError(f"numbers at {self.file.place(line)}", brief(" ".join(words)), "remove the _")
         if len(self._lines) == MOST_ROWS:
             raise InputError(f"at most {MOST_ROWS} poses in {self.file.name}", "more", "take every tenth pose")
         self._lines.append(line)
@@ -150,7 +150,7 @@ class Rows:
         return np.frombuffer(self._numbers, dtype=float).reshape(-1, self.width)
 
     def place(self, index: int) -> str:
-        """Where row `index` stands."""
+        """Return the place of row `index`."""
         return self.file.place(self._lines[index])
 
 
@@ -163,12 +163,12 @@ def _is_number(word: str) -> bool:
 
 
 def columns_of(names: Sequence[str], place: str) -> tuple[list[int], int]:
-    """Where among the columns those of the pose stand, translation first, and how many of them are the translation.
+    """Indices of the pose's columns, translation first, and the number of those of the translation.
 
     Raises
     ------
     InputError
-        If a column is missing, there twice, or unknown, or there are several rotations.
+        If a column is missing, duplicate or unknown, or there is more than one rotation.
     """
     plain = [name.strip().lower() for name in names]
     twice = next((name for index, name in enumerate(plain) if name in plain[:index]), None)
@@ -191,16 +191,16 @@ def columns_of(names: Sequence[str], place: str) -> tuple[list[int], int]:
 
 
 def numbers_of(translation: Array, rotation: Array, place: Place) -> Array:
-    """Numbers (P, 7) of `RecordedPoses`, for translations (P, 3) in m and rotations (P, 4), (P, 3) or (P, 9).
+    """Convert translations (P, 3) in m and rotations (P, 4), (P, 3) or (P, 9) to numbers (P, 7) of `RecordedPoses`.
 
-    Quaternions come as x y z w, rotation vectors in rad, matrices row by row. Both q and -q are the same rotation;
-    the one with w of 0 or more is taken.
+    Quaternions are x y z w, rotation vectors are in rad, matrices are row by row. Of q and -q, which are the same
+    rotation, the one with w >= 0 is returned.
 
     Raises
     ------
     InputError
-        If a number is not finite, a place is beyond 1000 km, a quaternion is not of length 1, a rotation vector is
-        longer than a whole turn, or a matrix is no rotation.
+        If a number is not finite, a translation exceeds 1000 km, a quaternion is not normalized, a rotation vector
+        exceeds a full turn, or a matrix is not a rotation.
     """
     for values in (translation, rotation):
         _refuse(np.any(~np.isfinite(values), axis=-1), "finite numbers", values, place)
@@ -209,12 +209,12 @@ def numbers_of(translation: Array, rotation: Array, place: Place) -> Array:
     )
     quaternion = {4: _unit, 3: _of_vectors, 9: _of_matrices}[rotation.shape[-1]](rotation, place)
     quaternion = quaternion * np.where(quaternion[:, 3:] < 0, -1.0, 1.0)
-    # A sum with 0.0 takes the sign from a zero.
+    # Adding 0.0 turns -0.0 into 0.0.
     return np.round(np.concatenate([translation, quaternion], axis=-1), DECIMALS) + 0.0
 
 
 def inverses(numbers: Array) -> Array:
-    """Numbers (P, 7) of the inverse poses."""
+    """Invert poses given as numbers (P, 7)."""
     from scipy.spatial.transform import Rotation
 
     turn = Rotation.from_quat(numbers[:, 3:]).inv()
@@ -223,7 +223,7 @@ def inverses(numbers: Array) -> Array:
 
 
 def numbers_of_rows(rows: Sequence[str]) -> Array:
-    """Numbers (P, 7) that `RecordedPoses.as_dict` has written, to the last bit; raises InputError for other rows."""
+    """Parse the numbers (P, 7) written by `RecordedPoses.as_dict`, exactly; raises InputError for invalid rows."""
 
     def place(index: int) -> str:
         return f"row {index}"
@@ -239,7 +239,7 @@ def numbers_of_rows(rows: Sequence[str]) -> Array:
 
 
 def _unit(quaternion: Array, place: Place) -> Array:
-    # Clipped, because the square of a long one may be beyond what a double holds.
+    # Clipped, since the squares of huge values overflow.
     length = np.linalg.norm(np.clip(quaternion, -2, 2), axis=-1)
     _refuse(np.abs(length - 1) > TOLERANCE, "a quaternion qx qy qz qw of length 1", quaternion, place)
     return quaternion / length[:, None]
@@ -249,7 +249,7 @@ def _of_vectors(vectors: Array, place: Place) -> Array:
     from scipy.spatial.transform import Rotation
 
     whole = 2 * np.pi + TOLERANCE
-    # Degrees are told by being too large.
+    # Degrees are recognized by their size.
     angle = np.linalg.norm(np.clip(vectors, -whole, whole), axis=-1)
     beyond = (angle > whole) | (np.abs(vectors).max(axis=-1) > whole)
     _refuse(beyond, "a rotation vector rx ry rz in rad, at most a whole turn", vectors, place)

@@ -1,4 +1,4 @@
-"""A trajectory as TUM's RGB-D tools and evo write it: lines of timestamp tx ty tz qx qy qz qw."""
+"""Read a trajectory as written by TUM's RGB-D tools and evo: lines of timestamp tx ty tz qx qy qz qw."""
 
 import re
 

@@ -1,9 +1,9 @@
-"""Processes: ways to make a marker's dots, tag and pillars, and what they share; the plate is the same for all.
+"""Processes: ways to make a marker's dots, tag and pillars, and their common steps; the plate is the same for all.
 
-Each module of this package puts one `markergen.model.fabrication.Process` into `PROCESSES`, the table that the command
-line, exporters and the fabrication sheet ask; a plug-in adds one by an entry point. A process turns a marker into a
-`Made`, for which `prepare`, `inlaid` and `marks` do what most processes have in common. `parts_of` is for those who
-want the whole marker: it runs the process that was asked for, and adds the plate and the engraving on its back.
+Each module of this package registers one `markergen.model.fabrication.Process` in `PROCESSES`, the table used by the
+command line, the exporters and the fabrication sheet; plug-ins add entries through an entry point. A process turns a
+marker into a `Made`, for which `prepare`, `inlaid` and `marks` do the common work. `parts_of` makes the entire marker:
+it runs the requested process and adds the plate and the engraving on its back.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,20 +22,20 @@ from markergen.solid.relief import PILLAR, designed_poses, pillars_of
 
 @dataclass(frozen=True)
 class Made:
-    """What a process makes of a marker; mm, marker frame, plain data.
+    """The result of a process for a marker, as plain data; mm, marker frame.
 
     Attributes
     ----------
     parts : tuple of Part
-        Parts beside the plate: ``dot-<id>``, ``dot-<id>-core``, ``tag-<k>``. `parts_of` puts the finished plates before
-        them.
+        Parts besides the plate: ``dot-<id>``, ``dot-<id>-core``, ``tag-<k>``. `parts_of` inserts the finished plates
+        before them.
     cut : tuple of Body
-        Cut from the plate and from what is added to it. They lie apart from each other, and inside of it or end at its
-        surface.
+        Bodies cut from the plate and from what is added to it. They are disjoint, and lie inside the plate or end at
+        its surface.
     marked : tuple of Body
-        Cut as well, leaving dark floors: engraved.
+        Bodies that are also cut, leaving dark floors: engraving.
     add : tuple of Body
-        Joined to the plate, on whose face they stand apart from each other: pillars.
+        Bodies joined to the plate, standing on its face apart from each other: pillars.
     notes : tuple of str
         Sentences for the user, shown on the screen.
     lines : tuple of str
@@ -45,7 +45,7 @@ class Made:
     depth : float
         Depth of pockets, engraving or recess below the plane of their dots.
     face : float
-        Height of the plate's face: 0, or less where balls stand with their centers in the plane.
+        Height of the plate's face: 0, or less for balls with their centers in the plane.
     """
 
     parts: tuple[Part, ...] = ()
@@ -61,7 +61,7 @@ class Made:
 
 @dataclass(frozen=True)
 class Cutting:
-    """How a process cuts; mm.
+    """Parameters of cutting; mm.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Cutting:
     corner : float
         Radius of the tag's corners.
     gap : callable
-        Gap all around an inlay, by the inlay's diameter.
+        Gap on each side of an inlay, as a function of its diameter.
     """
 
     tool: Tool
@@ -87,7 +87,7 @@ class Cutting:
 
 @dataclass(frozen=True)
 class Ground:
-    """Where a process cuts: the dots, the pillars under them, and sentences about the pillars."""
+    """The dots to cut for, the pillars under them, and sentences about the pillars."""
 
     dots: tuple[SolidDot, ...]
     pillars: tuple[Body, ...]
@@ -95,12 +95,12 @@ class Ground:
 
 
 def parts_of(marker: Marker, fabrication: Fabrication) -> Made:
-    """All parts of a marker as it was designed, the plates first; no CAD kernel is needed.
+    """All parts of a marker as designed, the plates first; needs no CAD kernel.
 
     Raises
     ------
     InputError
-        If something is too small for the process, or does not fit onto the plate; one line.
+        If something is too small for the process or does not fit on the plate; one line.
     """
     marker = marker.as_designed
     plate = plate_of(marker)
@@ -122,14 +122,14 @@ def prepare(
     reach: Callable[[SolidDot], float],
     around: Sequence[Footprint] | None = None,
 ) -> Ground:
-    """Check that everything fits beside each other, and put pillars under raised dots.
+    """Check that all features fit next to each other, and put pillars under raised dots.
 
     Parameters
     ----------
     reach : callable
-        Radius in mm of what is cut for a dot.
+        Radius in mm of the cut for a dot.
     around : sequence of Footprint, optional
-        What else is cut; the tag's ink unless it is given.
+        Other cuts; the tag's ink by default.
 
     Raises
     ------
@@ -137,13 +137,13 @@ def prepare(
         See `markergen.solid.manufacturability` and `pillars_of`.
     """
     dots, tool = dots_of(marker), cutting.tool
-    # A mill makes the bore rather than the core.
+    # A mill cuts the bore of a ring, not the core.
     check_dots(dots, tool, max(cutting.gap(2 * dot.inner) for dot in dots) if tool.own_wall else 0.0)
     check_bores(marker.substrate.holes, tool)
     prints = [Footprint(dot.name, ((dot.x, dot.y),), reach(dot)) for dot in dots]
     if around is None:
         check_tag(marker, tool, cutting.corner, cutting.tag_gap)
-        # The border of a tag contains all of it.
+        # The border of a tag encloses all of it.
         around = [Footprint("the tag", tuple(ink.corners()), cutting.tag_gap) for ink in tag_ink(marker.tag)[:1]]
     rim = max((reach(dot) - dot.radius for dot in dots if dot.raised), default=0.0) + tool.wall
     poses = designed_poses(marker) if any(dot.raised for dot in dots) else None
@@ -156,7 +156,7 @@ def prepare(
 
 
 def inlay(dot: SolidDot, cutting: Cutting) -> tuple[tuple[Part, ...], Body]:
-    """A dot's inlays, flush with its height, and the pocket that they fill; a ring has a light core."""
+    """A dot's inlays, flush with its top, and the pocket that they fill; a ring has a light core."""
     top, bottom = dot.z, round(dot.z - cutting.depth, 9)
     pocket = cylinder(dot.x, dot.y, dot.radius + cutting.gap(2 * dot.radius), bottom, top)
     whole = Part(dot.name, "dark", (cylinder(dot.x, dot.y, dot.radius, bottom, top, dot.inner),))
@@ -168,9 +168,9 @@ def inlay(dot: SolidDot, cutting: Cutting) -> tuple[tuple[Part, ...], Body]:
 
 
 def tag_inlays(marker: Marker, cutting: Cutting) -> tuple[tuple[Part, ...], tuple[Body, ...]]:
-    """A tag's inlays, named ``tag-<k>`` from 1 on, and their pockets.
+    """A tag's inlays, named ``tag-<k>`` from 1, and their pockets.
 
-    Both are rounded about the same arc centers, so that the gap is even.
+    Both are rounded about the same arc centers, for an even gap.
     """
     gap, wall = cutting.tag_gap, cutting.tool.wall
     parts, pockets = [], []

@@ -13,17 +13,17 @@ from markergen.solid.processes import Cutting, Made, inlay, prepare, tag_inlays
 from markergen.units import format_length
 
 DEPTH = 1.0
-"""Depth of the pockets in mm: a disc of that thickness stays flat."""
+"""Depth of the pockets in mm; a disc of that thickness stays flat."""
 
 MILLS = (3.0, 2.0, 1.5, 1.0, 0.8, 0.5)
-"""Diameters in mm of end mills that any shop has; unless one is asked for, the largest that makes every feature."""
+"""Diameters in mm of common end mills; by default the largest that makes every feature is used."""
 
 WALL = 0.5
-"""Least wall between pockets in mm that does not bend under the mill."""
+"""Minimum wall in mm between pockets that does not deflect under the mill."""
 
 
 def cnc(marker: Marker, fabrication: Fabrication) -> Made:
-    """Mill pockets for discs of the dots' nominal sizes, to slip or press; the tag's corners have the mill's radius."""
+    """Mill pockets for slip- or press-fitted discs of the dots' nominal sizes; tag corners have the mill's radius."""
     dots = dots_of(marker)
     kind = fabrication.fit or "slip"
     gap = gap_of(fabrication, 0.0, dots)
@@ -36,7 +36,7 @@ def cnc(marker: Marker, fabrication: Fabrication) -> Made:
         )
 
     def gap_for(diameter: float) -> float:
-        # The tag has the gap of its cells' size.
+        # For the tag the nominal size is that of a cell.
         size = diameter or (cell_of(marker.tag) if marker.tag else 0.0)
         return disc_fit(kind, size).gap if by_iso else gap
 
@@ -46,7 +46,7 @@ def cnc(marker: Marker, fabrication: Fabrication) -> Made:
     inlaid = [dot for dot in dots if not open_(dot)]
     bottom = -mm(marker.substrate.thickness)
     tool = tool_of(fabrication, "mill", _mill(marker, dots), WALL)
-    # A sheet with nothing but holes may be as thin as it likes.
+    # A sheet with only through holes may be arbitrarily thin.
     depth = depth_of(marker, fabrication, DEPTH, "pockets") if inlaid or marker.tag else -bottom
     cutting = Cutting(tool, depth, tool.size / 2, gap_for)
     ground = prepare(
@@ -86,7 +86,7 @@ PROCESSES.register("cnc")(
 
 
 def _mill(marker: Marker, dots: tuple[SolidDot, ...]) -> float:
-    """Largest usual mill that makes pockets, the bores of rings, and the tag; the smallest where none does."""
+    """Largest common mill that makes the pockets, the bores of rings, and the tag; the smallest if none does."""
     features = [2 * (dot.inner or dot.radius) for dot in dots]
     if marker.tag:
         features.append(cell_of(marker.tag) - WALL)

@@ -1,4 +1,4 @@
-"""``dome``: half-balls, or balls on necks, whose centers are the control points."""
+"""``dome``: hemispheres, or balls on necks, centered on the control points."""
 
 from math import acos, asin, pi, sqrt, tan
 
@@ -17,17 +17,17 @@ DEPTH = 2.0
 """Depth of the plugs in mm."""
 
 FEATURE, WALL = 0.4, 0.5
-"""Smallest feature and least wall in mm."""
+"""Minimum feature and minimum wall in mm."""
 
 PLUG, NECK = 0.5, 0.4
-"""Radius of a half-ball's plug, and of a ball's neck, in radii of the ball."""
+"""Radius of a hemisphere's plug and of a ball's neck, in ball radii."""
 
 STAND = 0.5
-"""Distance of balls in the plane from the plate, in radii."""
+"""Distance from the plate to the centers of balls in the plane, in radii."""
 
 
 def dome(marker: Marker, fabrication: Fabrication) -> Made:
-    """Make balls of the dots' diameters, whose images have the same centers from wherever they are seen."""
+    """Make balls of the dots' diameters, whose image centers do not depend on the viewing direction."""
     dots = dots_of(marker)
     gap = gap_of(fabrication, 0.0, dots)
     tool = tool_of(fabrication, "tool", FEATURE, WALL)
@@ -62,7 +62,7 @@ PROCESSES.register("dome")(
 
 
 def _halves(marker: Marker, fabrication: Fabrication, cutting: Cutting, gap: float) -> Made:
-    """Half-balls that stand on the plate or their pillars, held by plugs."""
+    """Hemispheres that stand on the plate or on pillars, held by plugs."""
     ground = prepare(marker, fabrication, cutting, lambda dot: dot.radius)
     parts: list[Part] = []
     cut: list[Body] = []
@@ -94,7 +94,7 @@ def _balls(marker: Marker, cutting: Cutting, dots: tuple[SolidDot, ...], gap: fl
     """Whole balls on necks, with the plate below them."""
     if marker.tag is not None:
         raise InputError(
-            "a marker without a tag for balls, which stand before a plate below the plane",
+            "a marker without a tag for balls, which stand on a plate below the plane",
             f"the tag {marker.tag}",
             "use --dome half, or design it without --tag",
         )
@@ -107,7 +107,7 @@ def _balls(marker: Marker, cutting: Cutting, dots: tuple[SolidDot, ...], gap: fl
     for dot in dots:
         neck = min(NECK * dot.radius, 0.8 * (dot.inner - gap)) if dot.inner else NECK * dot.radius
         cut.append(cylinder(dot.x, dot.y, neck + gap, bottom, face))
-        # The balls themselves must not touch each other or the holes' screws either.
+        # Nor may the balls touch each other or the screws in the holes.
         prints.append(Footprint(dot.name, ((dot.x, dot.y),), dot.radius))
         if dot.inner:
             parts += [
@@ -166,5 +166,5 @@ def _ball_core(dot: SolidDot, neck: float, radius: float, bottom: float) -> Revo
 
 
 def _rise(radius: float, within: float) -> float:
-    """Height of a ball above its center at a distance from its axis."""
+    """Height of a ball's surface above its center at a distance from its axis."""
     return sqrt(radius**2 - within**2)

@@ -7,14 +7,14 @@ from markergen.solid.manufacturability import depth_of, gap_of, tool_of
 from markergen.solid.processes import Cutting, Made, inlaid, prepare
 
 DEPTH = 0.6
-"""Depth of the inlays in mm: three layers of 0.2 mm, through which the plate does not shine."""
+"""Depth of the inlays in mm: three layers of 0.2 mm, enough to be opaque."""
 
 NOZZLE = 0.4
-"""Nozzle diameter in mm of most printers, and the width of a line."""
+"""Nozzle diameter in mm of most printers, and their line width."""
 
 
 def fdm(marker: Marker, fabrication: Fabrication) -> Made:
-    """Make inlays without a gap, for a printer that changes materials; with a gap they are printed apart and put in."""
+    """Make inlays, without a gap for printers that change materials; with a gap they are printed apart and inserted."""
     tool = tool_of(fabrication, "nozzle", NOZZLE)
     gap = gap_of(fabrication, 0.0, dots_of(marker))
     cutting = Cutting(tool, depth_of(marker, fabrication, DEPTH, "inlays"), gap=lambda _: gap)

@@ -1,4 +1,4 @@
-"""``laser``: dots and tag engraved into a plate, dark."""
+"""``laser``: dots and tag engraved dark into a plate."""
 
 from markergen.model.fabrication import PROCESSES, Fabrication, Process
 from markergen.model.marker import Marker
@@ -13,7 +13,7 @@ BEAM = 0.1
 
 
 def laser(marker: Marker, fabrication: Fabrication) -> Made:
-    """Engrave faces, without inlays; the DXF beside the solid has the same outlines to engrave and to cut."""
+    """Engrave without inlays; the DXF written with the solid has the same outlines to engrave and to cut."""
     tool = tool_of(fabrication, "beam", BEAM)
     cutting = Cutting(tool, depth_of(marker, fabrication, DEPTH, "an engraving"))
     ground = prepare(marker, fabrication, cutting, lambda dot: dot.radius)

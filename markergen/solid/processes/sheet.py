@@ -1,4 +1,4 @@
-"""``print``: a plate with a shallow recess that the printed sheet, cut out along the boundary, is glued into."""
+"""``print``: a plate with a shallow recess for the printed sheet, which is cut out along the boundary."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -21,22 +21,22 @@ DEPTH = 0.2
 """Depth of the recess in mm: paper or film of 0.1 mm, and glue."""
 
 GAP = 0.2
-"""Room around the sheet in mm: how closely a knife follows a line."""
+"""Clearance around the sheet in mm: the accuracy of cutting by knife."""
 
 KNIFE, WALL = 0.1, 0.5
-"""Width of a cut, and least width of the plate's rim around the recess, mm."""
+"""Width of a cut, and minimum width of the plate's rim around the recess, mm."""
 
 LAND = 1.0
-"""Width in mm of the plate's face that is left around a hole within the recess."""
+"""Width in mm of the land that remains around a hole in the recess."""
 
 
 def sheet(marker: Marker, fabrication: Fabrication) -> Made:
-    """Make one recess for the sheet, or with relief one for each dot, which is then cut out on its own."""
+    """Make one recess for the sheet or, with relief, one for each dot, which is then cut out separately."""
     tool = tool_of(fabrication, "knife", KNIFE, WALL)
     depth = depth_of(marker, fabrication, DEPTH, "a recess")
     dots = dots_of(marker)
     raised = any(dot.raised for dot in dots)
-    # Around one sheet the size of its dots does not matter.
+    # The size of the dots does not matter for a single sheet.
     gap = gap_of(fabrication, GAP / 4, dots) if raised else gap_of(fabrication, GAP, ())
     cutting = Cutting(tool, depth, gap=lambda _: gap)
     tolerances = (("recess", "+0.1 / 0 mm all around"), ("dot centers", "as the sheet was printed"))
@@ -82,7 +82,7 @@ PROCESSES.register("print")(
 
 
 def _recesses(marker: Marker, tool: Tool, depth: float, gap: float) -> tuple[Prism, ...]:
-    """Recess in the outline of each of the boundary's pieces, with land left around holes in it."""
+    """Recess for each piece of the boundary, leaving lands around the holes in it."""
     plate = plate_of(marker)
     lands = [Footprint(each.name, each.points, each.radius + LAND) for each in plate.hole_footprints]
     found = []
@@ -107,7 +107,7 @@ def _recesses(marker: Marker, tool: Tool, depth: float, gap: float) -> tuple[Pri
 
 
 def _lies_in(land: Footprint, shape: Region, wall: float) -> bool:
-    """Tell whether land around a hole is within the recess; refuse what is on its edge."""
+    """Tell whether the land around a hole is within the recess; refuse one that overlaps its edge."""
     depth = float(shape.depth(land.points[0]))
     least = land.radius + wall
     if abs(depth) < least - 1e-6:
@@ -120,7 +120,7 @@ def _lies_in(land: Footprint, shape: Region, wall: float) -> bool:
 
 
 def _check_lands(lands: Sequence[Footprint], tool: Tool) -> None:
-    """Refuse holes within the recess whose lands leave no cut between them."""
+    """Refuse holes in the recess whose lands are too close to cut between them."""
     between = gaps(lands, lands)
     if between.size and between.min() < tool.wall - ROUNDING:
         i, j = divmod(int(np.argmin(between)), len(lands))
@@ -133,7 +133,7 @@ def _check_lands(lands: Sequence[Footprint], tool: Tool) -> None:
 
 
 def _pieces(marker: Marker, gap: float) -> list[tuple[Contour, tuple[Contour, ...], Region]]:
-    """Outer contour and holes of each piece of the boundary with a gap around it, and the same as a region."""
+    """Outer contour, holes and region of each piece of the boundary, offset by a gap."""
     if isinstance(marker.boundary, Circle):
         radius, (x, y) = marker.boundary.size * 1e3 + gap, _mm(marker.boundary.center).tolist()
         disk = circle(radius, x, y)

@@ -1,4 +1,4 @@
-"""Engines: who computes the cells of a study. A new one is a new file."""
+"""Engines that compute the cells of a study. A new engine is a new file."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Sequence
@@ -12,12 +12,12 @@ DEFAULT = "processes"
 
 @dataclass(frozen=True)
 class EngineOptions:
-    """What a user may choose about engines.
+    """User options of engines.
 
     Attributes
     ----------
     workers : int or None
-        Processes on this machine; None is one for each processor.
+        Number of processes on this machine; one per processor for None.
     scheduler : str or None
         Address of a running cluster, such as ``tcp://127.0.0.1:8786``.
     """
@@ -27,23 +27,23 @@ class EngineOptions:
 
 
 class Engine(ABC):
-    """Computes cells in any order, each with one thread of linear algebra, so that all engines get the same bits."""
+    """Computes cells in any order, each with one thread of linear algebra, so that all engines give the same bits."""
 
     def __init__(self, options: EngineOptions = EngineOptions()) -> None:
         self.options = options
 
     @abstractmethod
     def check(self) -> None:
-        """Refuse, before anything else is done, to begin what could not be done; raises as `run` does."""
+        """Reject an engine that cannot work, before anything else is done; raises as `run` does."""
 
     @abstractmethod
     def run(self, work: Work, cells: Sequence[Cell]) -> Generator[tuple[Cell, Result], None, None]:
-        """Yield each cell with its arrays as soon as it is finished; closing it early ends all that is under way.
+        """Yield each cell with its arrays as soon as it is finished; closing it early stops all work in progress.
 
         Raises
         ------
         MarkergenError
-            If those who compute cannot be reached, or are lost.
+            If the workers cannot be reached, or are lost.
         """
 
 
@@ -52,5 +52,5 @@ ENGINES: Registry[type[Engine]] = Registry("engine", "markergen.studies.engines"
 
 
 def engine_for(workers: int | None = None, scheduler: str | None = None) -> Engine:
-    """Return the engine that computes on a cluster if there is the address of one, and on this machine otherwise."""
+    """Return the engine for a cluster if the address of one is given, otherwise for this machine."""
     return ENGINES["dask" if scheduler else DEFAULT](EngineOptions(workers, scheduler))

@@ -1,4 +1,4 @@
-"""A running Dask cluster."""
+"""Engine for a running Dask cluster."""
 
 import asyncio
 import logging
@@ -18,24 +18,24 @@ if TYPE_CHECKING:
     from distributed import Client
 
 ANSWER_SECONDS = 5.0
-"""Within which the scheduler must answer and have a worker: somebody waits for it at a terminal."""
+"""Timeout for the scheduler to respond and have a worker, while the user waits at a terminal."""
 
 LOST_SECONDS = 60.0
-"""For which a cluster may be without any worker: most start another one in place of one that died."""
+"""Timeout for a cluster without workers: most replace a worker that died."""
 
 LOOK_SECONDS = 5.0
-"""Between two looks at whether there still are workers."""
+"""Interval between checks for workers."""
 
 
 @ENGINES.register("dask")
 class Dask(Engine):
-    """Hands the cells to the scheduler at `EngineOptions.scheduler`; a worker that dies is survived.
+    """Submits the cells to the scheduler at `EngineOptions.scheduler`, and survives the loss of workers.
 
-    The workers need the same versions of markergen and of what it computes with; start them with ``--nthreads 1``.
+    The workers need the same versions of markergen and its libraries; start them with ``--nthreads 1``.
     """
 
     def check(self) -> None:
-        """Refuse a scheduler that does not answer, or that has no workers."""
+        """Reject a scheduler that does not respond or has no workers."""
         try:
             import distributed
         except ImportError as error:
@@ -50,15 +50,15 @@ class Dask(Engine):
         except OSError:
             raise self._unreached(f"no answer in {ANSWER_SECONDS:.0f} s") from None
         except (ValueError, TypeError) as error:
-            # What is no address, or one of another kind, has words of its own.
+            # Invalid addresses have messages of their own.
             raise self._unreached(str(error)) from None
         except Exception:
-            # Dask takes whatever comes for lengths and the like, and fails in as many ways.
-            raise self._unreached("something that answers otherwise") from None
+            # Dask interprets any response as its own protocol, and may fail in any way.
+            raise self._unreached("something else") from None
         if not identity.get("workers"):
             raise InputError(
                 "a Dask scheduler with workers",
-                f"{identity.get('type', 'something else')} without at {address}",
+                f"{identity.get('type', 'something else')} without workers at {address}",
                 f"start some with: dask worker {address} --nthreads 1",
             )
 
@@ -68,13 +68,13 @@ class Dask(Engine):
 
         with self._client() as client:
             wanted, luggage = versions(), outside()
-            # Not pure: a name that the scheduler chooses cannot be that of somebody else's result.
+            # Not pure: unique keys cannot collide with results of other clients.
             futures = {client.submit(_compute, work, cell, wanted, luggage, pure=False): cell for cell in cells}
             completed = as_completed(list(futures), loop=client.loop, with_results=True, raise_errors=False)
             while completed.count():
                 self._wait(client, completed)
                 future, result = next(completed)
-                # The state of the future does not tell: that of a result which is here already goes back to
+                # Do not rely on the state of the future: that of a result that has already arrived returns to
                 # pending when the worker that had it dies.
                 if not isinstance(result, dict):
                     raise self._failure(future)
@@ -82,7 +82,7 @@ class Dask(Engine):
                 del future, result
 
     def _wait(self, client: "Client", completed: "as_completed") -> None:  # type: ignore[name-defined]  # noqa: F821
-        """Return when a cell is done; raises when none can be because there are no workers."""
+        """Return when a cell is finished; raises if none can finish because there are no workers."""
         looked = seen = monotonic()
         while not completed.has_ready():
             sleep(0.02)
@@ -105,7 +105,7 @@ class Dask(Engine):
             yield client
 
     async def _identity(self) -> dict[str, Any]:
-        """What the scheduler says of itself, as soon as it has a worker or the time is over."""
+        """Return the scheduler's description of itself once it has a worker or the time is up."""
         from distributed.core import rpc
 
         begin, identity = monotonic(), dict[str, Any]()
@@ -127,8 +127,8 @@ class Dask(Engine):
             return self._lost("the scheduler is gone")
         error = future.exception()
         if isinstance(error, KilledWorker):
-            return self._lost("a cell at which several workers died, out of memory perhaps")
-        # The scheduler looks into what it hands on, and says so in words of its own.
+            return self._lost("a cell on which several workers died, perhaps out of memory")
+        # The scheduler deserializes tasks, and reports failures with its own messages.
         if isinstance(error, ImportError) or "deserialization" in str(error):
             return InputError(
                 "markergen where the Dask scheduler and its workers run",
@@ -140,12 +140,12 @@ class Dask(Engine):
     def _lost(self, found: str) -> MarkergenError:
         return MarkergenError(
             f"expected a Dask cluster at {self.options.scheduler} to the end, found: {found}; "
-            "finished cells remain: mend it, and use --resume"
+            "finished cells remain: fix it, and use --resume"
         )
 
 
 def _compute(work: Work, cell: Cell, wanted: dict[str, str], luggage: Luggage) -> Result:
-    """Compute a cell on a worker: with one thread, and with the versions that the others have."""
+    """Compute a cell on a worker with one thread, after checking that its versions match."""
     import cv2
     from threadpoolctl import threadpool_limits
 
@@ -157,7 +157,7 @@ def _compute(work: Work, cell: Cell, wanted: dict[str, str], luggage: Luggage) -
         raise InputError("the same versions on the Dask workers", ", ".join(differing), "install the same there")
     receive(luggage)
     cv2.setNumThreads(1)
-    # What is loaded already is told so, and what the cell loads reads it from the environment.
+    # For libraries already loaded, and through the environment for those that the cell loads.
     os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
     threadpool_limits(1)
     return work(cell)
@@ -165,7 +165,7 @@ def _compute(work: Work, cell: Cell, wanted: dict[str, str], luggage: Luggage) -
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep the library's log still: what it has to say comes as an error, and that is told in one line."""
+    """Silence the library's log: errors are reported as exceptions, in one line."""
     loggers = [logging.getLogger(name) for name in logging.root.manager.loggerDict if name.startswith("distributed")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:

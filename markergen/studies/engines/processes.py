@@ -10,10 +10,10 @@ from markergen.studies.engines import ENGINES, Engine
 
 @ENGINES.register("processes")
 class Processes(Engine):
-    """Computes in fresh processes; one worker is one too, so that no number of them changes a bit."""
+    """Computes in new processes, even with one worker, so that the number of workers does not change a bit."""
 
     def check(self) -> None:
-        """Refuse a number of workers that cannot be."""
+        """Reject an invalid number of workers."""
         workers_for(self.options.workers, 1)
 
     def run(self, work: Work, cells: Sequence[Cell]) -> Generator[tuple[Cell, Result], None, None]:

@@ -1,4 +1,4 @@
-"""One cell after the other in this very process: for looking into what a cell does."""
+"""One cell at a time in this process, for debugging."""
 
 from collections.abc import Generator, Sequence
 
@@ -8,10 +8,10 @@ from markergen.studies.engines import ENGINES, Engine
 
 @ENGINES.register("serial")
 class Serial(Engine):
-    """Computes in this process; its threads of linear algebra are as the process was started with."""
+    """Computes in this process, with as many threads of linear algebra as the process was started with."""
 
     def check(self) -> None:
-        """Nothing can be missing."""
+        """Nothing to check."""
 
     def run(self, work: Work, cells: Sequence[Cell]) -> Generator[tuple[Cell, Result], None, None]:
         """See `Engine.run`."""

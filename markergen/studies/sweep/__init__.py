@@ -1,1 +1,1 @@
-"""Sweeps: any grid over what decides a marker, its camera and its noise, as one tidy table."""
+"""Sweeps: grids over the parameters of a marker, its camera and its noise, with results in one tidy table."""

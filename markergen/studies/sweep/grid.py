@@ -1,4 +1,4 @@
-"""The spec of a sweep: a design spec with two tables more, ``[study]`` and ``[grid]``."""
+"""Spec of a sweep: a design spec with two additional tables, ``[study]`` and ``[grid]``."""
 
 import hashlib
 import itertools
@@ -27,43 +27,44 @@ from markergen.studies.cells import canonical
 from markergen.studies.named import STUDIES
 
 LAYOUTS = ("designed", "ngon", "square", "random")
-"""Where the control points are: designed for the spec, regular and as large as can be, or at random. A square has four
-control points whatever n is."""
+"""Layout of the control points: designed for the spec, a regular polygon of maximum size, a square, or random. A square
+has four control points for any n.
+"""
 
 RUNS, NOISE_PX = 100, 0.2
-"""Defaults: noisy trials for each pose, and their noise."""
+"""Defaults: number of noisy trials per pose, and their noise."""
 
 MOST_POINTS_OF_GRID, MOST_RUNS, MOST_NOISE_PX = 10_000, 2000, 1000.0
 MOST_NAME, SHOWN = 200, 200
-"""Characters of a name, and findings of a message."""
+"""Maximum length of a name, and maximum number of findings in a message."""
 
 _STUDY = ("name", "seed", "runs", "estimators", "noise", "layout")
 _OWN = ("noise", "layout")
-"""Axes that are no keys of a design spec."""
+"""Axes that are not keys of a design spec."""
 
 KEYS = {"radius", *_OWN, *(field.name for field in fields(Spec))}
-"""Axes that a grid may have."""
+"""Permitted axes of a grid."""
 
 _TEXT = "the spec"
 _INVALID = f"a valid spec in {_TEXT}"
-"""What is expected where a key or the form of its value is wrong."""
+"""Expectation if a key or the form of its value is wrong."""
 
 
 @dataclass(frozen=True)
 class GridPoint:
-    """One point of the grid.
+    """Point of the grid.
 
     Attributes
     ----------
     axes : mapping
-        Value of each axis, as it is written in the file.
+        Value of each axis, as written in the file.
     spec : Spec
     layout : str
         One of `LAYOUTS`.
     noise_px : float
-        Of the trials.
+        Noise of the trials.
     estimators : tuple of str
-        Those that can do with the layout.
+        Those that support the layout.
     """
 
     axes: Mapping[str, Any]
@@ -75,19 +76,19 @@ class GridPoint:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep that can be run.
+    """Sweep that is ready to run.
 
     Attributes
     ----------
     name : str
     fixed : mapping
-        Values of the keys that are the same everywhere, as plain JSON values.
+        Values of the keys that are constant, as plain JSON values.
     axes : mapping
-        Values of each axis of the grid, as they are written.
+        Values of each axis of the grid, as written.
     runs : int
         Trials for each pose.
     points : tuple of GridPoint
-        The last axis changes fastest.
+        The last axis varies fastest.
     """
 
     name: str
@@ -98,34 +99,35 @@ class Sweep:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What makes it this sweep and no other, as plain JSON values: all that is computed."""
+        """Identity of the sweep as plain JSON values: everything that determines its results."""
         points = [[point.spec.hash, point.layout, point.noise_px, *point.estimators] for point in self.points]
         return {
             "study": self.name,
             "fixed": self.fixed,
             "axes": {name: list(map(_plain, values)) for name, values in self.axes.items()},
             "runs": self.runs,
-            # What files held when they were read, and what is left to defaults.
+            # Includes the content of files at the time of reading, and defaults.
             "points": hashlib.sha256(canonical(points).encode()).hexdigest(),
         }
 
 
 def studies() -> dict[str, Path]:
-    """Shipped sweeps by name, whether markergen runs from a wheel or from a checkout."""
+    """Shipped sweeps by name, in a wheel as well as in a checkout."""
     folder = next(iter(templates().values())).parent / "studies"
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
 def read_sweep(name: str, runs: int | None = None) -> Sweep:
-    """Read a sweep: the name of one that is shipped (see `studies`), or the path of a TOML file.
+    """Read a sweep: the name of a shipped one (see `studies`), or the path of a TOML file.
 
-    Paths in the file are as on the command line: from the folder that one is in. `runs` replaces what the file has.
+    Paths in the file are relative to the current folder, as on the command line. `runs` overrides the value of the
+    file.
 
     Raises
     ------
     InputError
-        If there is no such file, or it is no sweep; all unknown keys, unfit values and combinations that cannot be
-        are listed.
+        If there is no such file, or it is not a valid sweep; all unknown keys, invalid values and impossible
+        combinations are listed.
     """
     known = studies()
     if not name.endswith(".toml") and name not in known:
@@ -135,7 +137,7 @@ def read_sweep(name: str, runs: int | None = None) -> Sweep:
 
 
 def sweep_from_mapping(values: Mapping[str, Any], name: str = "study", runs: int | None = None) -> Sweep:
-    """Make a sweep of plain values (see `read_sweep`); `name` is what it is called unless it says so itself."""
+    """Make a sweep of plain values (see `read_sweep`); `name` is the default for its name."""
     findings: list[str] = []
     fixed = {key: value for key, value in values.items() if key not in ("study", "grid", "title")}
     table = values.get("study", {})
@@ -168,7 +170,7 @@ _ROOM = "either radius or boundary, fixed or in the grid, not both"
 
 
 def _study(table: Any, findings: list[str]) -> dict[str, Any]:
-    """What is usable of the table ``[study]``."""
+    """Valid entries of the table ``[study]``."""
     if not isinstance(table, Mapping):
         findings.append(f"study: not a table (got {brief(table)})")
         return {}
@@ -184,7 +186,7 @@ def _study(table: Any, findings: list[str]) -> dict[str, Any]:
 
 
 def _wrong(key: str, value: Any) -> str:
-    """What is wrong with a value of ``[study]``, or of an axis that no design spec knows."""
+    """Requirement violated by a value of ``[study]``, or of an axis that is no key of a design spec; empty if none."""
     if key == "name":
         fits = isinstance(value, str) and 0 < len(value) <= MOST_NAME and value.isprintable()
         return "" if fits else f"a line of text of at most {MOST_NAME} characters"
@@ -206,7 +208,7 @@ def _is_whole(value: Any, most: int) -> bool:
 
 
 def _axes(table: Any, findings: list[str]) -> dict[str, list[tuple[Any, Any]]]:
-    """Usable values of each axis: as they are written, and as a spec takes them."""
+    """Valid values of each axis: as written, and as passed to a spec."""
     if not isinstance(table, Mapping) or not table:
         findings.append("grid: missing; give at least one list, such as n = [4, 5, 6]")
         return {}
@@ -232,7 +234,7 @@ def _axes(table: Any, findings: list[str]) -> dict[str, list[tuple[Any, Any]]]:
 
 
 def _fit(key: str, value: Any, where: str, findings: list[str]) -> Any:
-    """A value as a spec takes it; None, and a finding, if it can be none of this key."""
+    """Value as passed to a spec; None, and a finding, if it is invalid for this key."""
     if key in _OWN and where:
         words = _wrong(key, value)
         if words:
@@ -249,12 +251,12 @@ def _fit(key: str, value: Any, where: str, findings: list[str]) -> Any:
         if error.args[0] == _INVALID:
             findings.append(where + error.args[1])
             return None
-        # What `Spec` itself says may be mended by other keys: it is asked again for each combination.
+        # Other keys may resolve an error of `Spec` itself, which is therefore checked again for each combination.
     return value
 
 
 def _read(key: str, value: Any) -> Any:
-    """What a text stands for: a calibration file, a drawing, or poses of a file."""
+    """Object named by a text: a calibration file, a drawing, or a file of poses."""
     if key == "camera" and isinstance(value, str):
         return named_camera(value).as_dict()
     if key == "boundary" and isinstance(value, str):
@@ -265,12 +267,12 @@ def _read(key: str, value: Any) -> Any:
 
 
 def named_camera(text: str) -> Camera:
-    """Camera of ``paper`` or of a calibration file, with ``@2`` behind it that of twice as many pixels each way.
+    """Camera named ``paper`` or by a calibration file; ``@2`` after it doubles the pixels in both directions.
 
     Raises
     ------
     InputError
-        If the file cannot be read, or the scale is none.
+        If the file cannot be read, or the scale is invalid.
     """
     name, mark, scale = text.rpartition("@")
     if not mark or not re.fullmatch(r"[0-9.]+", scale):
@@ -281,8 +283,8 @@ def named_camera(text: str) -> Camera:
     except ValueError:
         factor = 0.0
     if not (isfinite(factor) and factor > 0):
-        raise InputError("a scale above 0 behind @", repr(text), "write paper@2, for example")
-    # Pixel centers are at integers: the left edge of the image stays at -0.5.
+        raise InputError("a scale above 0 after @", repr(text), "write paper@2, for example")
+    # Pixel centers are at integers, so the left edge of the image remains at -0.5.
     return replace(
         camera,
         width=max(1, round(camera.width * factor)),
@@ -300,7 +302,7 @@ def _combinations(
     estimators: tuple[str, ...],
     findings: list[str],
 ) -> Iterator[GridPoint]:
-    """Points of the grid; those that cannot be become findings, one for each reason."""
+    """Points of the grid; impossible ones become findings, one for each reason."""
     impossible: dict[str, list[str]] = {}
     feasible = _Feasible()
     for pairs in itertools.product(*axes.values()):
@@ -324,18 +326,18 @@ def _where(written: Mapping[str, Any]) -> str:
 
 
 class _Feasible:
-    """Checks specs, and remembers what it has looked at: most points of a grid share their room and poses."""
+    """Checks specs and caches the results: most points of a grid share their room and poses."""
 
     def __init__(self) -> None:
         self._seen: dict[str, InputError | None] = {}
 
     def check(self, spec: Spec, layout: str, estimators: Sequence[str]) -> tuple[str, ...]:
-        """Names of the estimators that a point of the grid is tried with: those given, or all that can do with it.
+        """Names of the estimators to try at a point of the grid: the given ones, or all that support it.
 
         Raises
         ------
         InputError
-            If no pose sees the marker, the dots do not fit, names are unknown, or the parts do not go together.
+            If no pose sees the marker, the dots do not fit, names are unknown, or options are incompatible.
         """
         self._check_names(spec)
         if layout != "designed":
@@ -344,7 +346,7 @@ class _Feasible:
                     raise InputError(f"layout='designed' for {name}", f"layout={layout!r}", f"leave out {name}")
         planar = [name for name in estimators if spec.relief and ESTIMATORS[name].planar_only]
         if planar:
-            raise InputError("estimators that can do with a relief", ", ".join(planar), "leave them out")
+            raise InputError("estimators that support relief", ", ".join(planar), "leave them out")
         self._check_room(spec)
         names = estimators or ESTIMATORS.names()
         return tuple(dict.fromkeys(name for name in names if not (spec.relief and ESTIMATORS[name].planar_only)))
@@ -378,18 +380,18 @@ class _Feasible:
 
 def _check_room(spec: Spec) -> None:
     poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera, spec.relief)
-    # The best size for every pose is a search of its own: its cell tells if there is none.
+    # Finding the best dot size takes an optimization: its cell reports if there is none.
     if spec.dot != "auto":
         choose_dots(spec, poses)
 
 
 def axis_text(value: Any) -> str:
-    """A value of an axis as a table and a plot have it: text as it is written, what is no single value as JSON."""
+    """Value of an axis for tables and plots: text as written, JSON for anything other than a single value."""
     return value if isinstance(value, str) else canonical(_plain(value))
 
 
 def _plain(value: Any) -> Any:
-    """A value of a TOML file as JSON has it; dates, which no key takes, as text."""
+    """TOML value as a JSON value; dates, which no key accepts, as text."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list):

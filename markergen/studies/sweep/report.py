@@ -1,4 +1,4 @@
-"""What a sweep is shown as: plots of the errors along an axis of the grid, and a page with them and the table."""
+"""Presentation of a sweep: plots of the errors along an axis of the grid, and a page with them and the table."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,17 +19,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LENGTHS = ("radius", "dot", "clearance", "relief", "print_sigma", "tag_side")
-"""Axes that are lengths; plots have them in mm."""
+"""Axes that are lengths, plotted in mm."""
 
 TITLES = {"n": "control points", "noise": "noise, px", **{name: f"{name.replace('_', ' ')}, mm" for name in LENGTHS}}
 
 LINES, PANELS, COLUMNS = 6, 6, 3
-"""Most lines of a panel and panels of a plot, and panels side by side."""
+"""Maximum number of lines per panel, of panels per plot, and of panels side by side."""
 
 PANEL_INCHES, LEGEND_INCHES = (4.2, 3.2), 0.9
 
 PREFERRED = "lm"
-"""The estimator whose errors are plotted, unless the sweep does without."""
+"""Estimator whose errors are plotted if the sweep includes it."""
 
 QUANTITIES = {
     "rotation": (
@@ -41,7 +41,7 @@ QUANTITIES = {
         "translation error, %",
     ),
 }  # fmt: skip
-"""Columns of value, interval and bound, and the axis' title."""
+"""Columns of value, interval and bound, and the axis title."""
 
 
 SHOWN = (
@@ -49,7 +49,7 @@ SHOWN = (
     "translation_rms_pct", "translation_bound_pct", "homography_rms_px", "flip_rate", "failure_rate",
     "criterion_condition",
 )  # fmt: skip
-"""Columns of the page, after the axes; the file has all."""
+"""Columns of the page, after the axes; the file has all columns."""
 
 MOST_ROWS = 2000
 
@@ -97,7 +97,7 @@ div { overflow-x: auto; } li { margin: .3em 0; }
 
 @dataclass(frozen=True)
 class SweepPlot:
-    """A plot with its file name without suffix, the file, and how to read it."""
+    """Plot with its file name without suffix, its file, and its caption."""
 
     name: str
     svg: bytes
@@ -106,13 +106,13 @@ class SweepPlot:
 
 @dataclass(frozen=True)
 class Roles:
-    """Which axis of the grid is what in a plot; an empty word is none.
+    """Role of each axis of the grid in a plot; empty for none.
 
     Attributes
     ----------
     x, lines, panels : str
     held : mapping
-        Axes that have no part in it, with the value that they are held at: their first.
+        Axes without a role, with the value at which they are held: their first.
     """
 
     x: str
@@ -122,7 +122,7 @@ class Roles:
 
 
 def roles_of(sweep: Sweep) -> Roles:
-    """Choose: along the longest axis of numbers; layouts are lines; what is left makes panels, or is held."""
+    """Choose roles: x is the longest numeric axis; layouts are lines; the remaining axes become panels, or are held."""
     long = [name for name, values in sweep.axes.items() if len(values) > 1] or list(sweep.axes)[:1]
     numeric = [name for name in long if None not in [_number(name, value) for value in sweep.axes[name]]]
     x = max(numeric or long, key=lambda name: len(sweep.axes[name]))
@@ -134,7 +134,7 @@ def roles_of(sweep: Sweep) -> Roles:
 
 
 def plots(sweep: Sweep, table: Sequence[Row]) -> list[SweepPlot]:
-    """Rotation and translation errors with their bounds, and the estimators beside each other."""
+    """Plots of rotation and translation errors with their bounds, and a comparison of the estimators."""
     roles = roles_of(sweep)
     overall = [
         row
@@ -227,7 +227,7 @@ def _draw_panel(
 
 
 def _number(name: str, value: Any) -> float | None:
-    """A value of an axis as a number, lengths in mm; None if it is none."""
+    """Value of an axis as a number, lengths in mm; None if it is not a number."""
     if name not in LENGTHS:
         return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
     try:
@@ -242,7 +242,7 @@ def _held(roles: Roles) -> str:
 
 
 def page(sweep: Sweep, table: Sequence[Row], plots: Sequence[SweepPlot]) -> bytes:
-    """Make the HTML page, the same bytes for the same table; what comes from the file is escaped."""
+    """Make the HTML page, with the same bytes for the same table; text from files is escaped."""
     rows = [row for row in table if row.get("polar_angle_deg") == ALL]
     present = {key for row in rows for key in row}
     axes = [name for name in sweep.axes if name in columns(sweep) and name not in SHOWN]

@@ -1,4 +1,4 @@
-"""A sweep from its spec to its folder: cells for layouts with their criteria, and for their trials at each noise."""
+"""Running a sweep: cells for layouts with their criteria, and for their trials at each noise."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -33,7 +33,7 @@ from markergen.validation.trials import Experiment, HomographyErrors, PoseErrors
 Array = NDArray[np.float64]
 
 DESIGN_SECONDS, LAYOUT_SECONDS, TRIAL_SECONDS = 2.0, 0.4, 5e-5
-"""Roughly, on one core: a design, another layout, and a trial of one estimator at one pose; for the time left alone."""
+"""Rough costs in s on one core of a design, another layout, and a trial of one estimator at one pose."""
 
 TYPICAL_POSES = 400
 
@@ -51,7 +51,7 @@ def run_sweep(
     InputError
         If the folder is not for this sweep (see `open_store`).
     OutputError
-        If something cannot be written; what is finished remains.
+        If something cannot be written; finished cells are kept.
     """
     with open_store(folder, sweep.identity, resume) as store:
         table = _table(sweep, store, engine, progress)
@@ -66,7 +66,7 @@ def run_sweep(
 def _table(sweep: Sweep, store: Store, engine: Engine, progress: CellProgress | None) -> list[Row]:
     """Rows in the order of the grid."""
     first = [layout_cell(point) for point in sweep.points]
-    # What a layout is tried with is known before the layout is.
+    # The trials of a layout are known before the layout itself.
     tried = {
         (cell, point.noise_px): _trials_cost(point, sweep.runs) for cell, point in zip(first, sweep.points, strict=True)
     }
@@ -100,13 +100,13 @@ def layout_cell(point: GridPoint) -> Cell:
 
 
 def trials_cell(point: GridPoint, points: Array, runs: int) -> Cell:
-    """Cell of the trials at a point of the grid, for the layout (n, 3) in m that was found for it."""
+    """Cell of the trials at a point of the grid, for its layout (n, 3) in m."""
     settings = {"spec": point.spec.as_dict(), "points": points.tolist(), "noise_px": point.noise_px, "runs": runs}
     return Cell("trials", {**settings, "estimators": list(point.estimators)})
 
 
 def work(cell: Cell) -> Result:
-    """Compute a cell of either kind; what cannot be is a result, too, with the reason as `ERROR`."""
+    """Compute a cell of either kind; a failure is also a result, with its reason as `ERROR`."""
     try:
         spec = spec_from_mapping(cell.settings["spec"], "the cell", stored=True)
         return _layout(spec, cell) if cell.kind == "layout" else _trials(spec, cell.settings, cell.seed)
@@ -177,7 +177,7 @@ def _trials(spec: Spec, settings: Mapping[str, Any], seed: int) -> Result:
 
 
 def _sums(errors: PoseErrors | HomographyErrors) -> Result:
-    """What statistics over any of the poses are made from: counts, and sums of squares and of fourth powers."""
+    """Sums for statistics over any subset of the poses: counts, squares and fourth powers."""
     kept = ~errors.failed
     found: Result = {"kept": kept.sum(axis=1), "failed": errors.failed.sum(axis=1)}
     if isinstance(errors, HomographyErrors):

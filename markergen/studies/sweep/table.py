@@ -1,4 +1,4 @@
-"""The tidy table of a sweep: one row for each point of the grid, polar angle, and estimator."""
+"""Tidy table of a sweep: one row for each point of the grid, polar angle, and estimator."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -16,13 +16,13 @@ Array = NDArray[np.float64]
 Row = dict[str, Any]
 
 ERROR = "error"
-"""Name of the array that a cell has alone if it cannot be computed: the reason."""
+"""Name of the only array of a cell that cannot be computed: the reason."""
 
 ALL = "all"
 """Polar angle of the rows over all poses."""
 
 CONFIDENCE, NORMAL_95 = 0.95, 1.959963984540054
-"""Of the intervals, and how many standard errors that is on each side."""
+"""Confidence level of the intervals, and the corresponding number of standard errors on each side."""
 
 COLUMNS = (
     "layout", "control_points", "radius_mm", "dot_mm", "noise_px", "pose_count", "runs",
@@ -33,22 +33,22 @@ COLUMNS = (
     "flips", "flip_rate", "flip_rate_low", "flip_rate_high",
     "failures", "failure_rate", "failure_rate_low", "failure_rate_high",
 )  # fmt: skip
-"""After those of the axes, and before those of the criteria."""
+"""Columns after those of the axes, and before those of the criteria."""
 
 
 def columns(sweep: Sweep) -> list[str]:
-    """Names of the columns: the axes as they are written in the file, `COLUMNS`, criteria, and what went wrong."""
+    """Names of the columns: the axes as written in the file, `COLUMNS`, criteria, and errors."""
     axes = (name for name in sweep.axes if name not in COLUMNS)
     return [*axes, *COLUMNS, *(f"criterion_{each.column}" for each in _criteria()), "error"]
 
 
 def _criteria() -> list[Criterion]:
-    """Criteria that are not among the bounds already."""
+    """Criteria that are not among the bounds."""
     return [each for each in criteria_columns().values() if not each.bound]
 
 
 def rows(sweep: Sweep, point: GridPoint, layout: Result, trials: Result | None) -> Iterator[Row]:
-    """Rows of one point of the grid; what there is no value for is left out."""
+    """Rows of one point of the grid; missing values are omitted."""
     base: Row = {name: axis_text(value) for name, value in point.axes.items()}
     base |= {
         "layout": point.layout,
@@ -61,7 +61,7 @@ def rows(sweep: Sweep, point: GridPoint, layout: Result, trials: Result | None) 
         yield base | {"error": error}
         return
     base |= {"control_points": len(layout["points"]), "dot_mm": 1e3 * float(layout["dot"])}
-    # Criteria are for noise of 1 px and proportional to it, but for those of images, which have noise of their own.
+    # Criteria are for noise of 1 px and proportional to it, except those of images, which have their own noise.
     noise = point.noise_px if point.spec.noise_model == "point" else 1.0
     for each in _criteria():
         if f"criteria.{each.key}" in layout:
@@ -81,10 +81,10 @@ def rows(sweep: Sweep, point: GridPoint, layout: Result, trials: Result | None) 
 
 
 def mean_square_interval(kept: Array, squares: Array, fourth_powers: Array) -> tuple[float, float, float]:
-    """Mean square of the errors at some poses with the ends of its 95 % interval; nan where there is none.
+    """Mean square of the errors at some poses with the limits of its 95 % interval; nan if there is none.
 
-    The poses are given and the noise is random: the variance of the mean is the sum of the variances at each pose, from
-    sums (P,) of squares and fourth powers over as many trials as were `kept`.
+    The poses are given and the noise is random: the variance of the mean follows from the sum of the variances at each
+    pose, computed from sums (P,) of squares and fourth powers over the trials that were `kept`.
     """
     count = kept.sum()
     if not count:
@@ -93,7 +93,7 @@ def mean_square_interval(kept: Array, squares: Array, fourth_powers: Array) -> t
     if np.any(kept == 1):
         return float(mean), float("nan"), float("nan")
     held = kept > 1
-    # Of a sum over m trials the variance is m times that of one, which m - 1 degrees of freedom estimate.
+    # The variance of a sum over m trials is m times that of one, estimated with m - 1 degrees of freedom.
     spread = fourth_powers[held] - squares[held] ** 2 / kept[held]
     error = np.sqrt(np.sum(np.maximum(spread, 0.0) * kept[held] / (kept[held] - 1))) / count
     return float(mean), float(max(mean - NORMAL_95 * error, 0.0)), float(mean + NORMAL_95 * error)

@@ -1,4 +1,4 @@
-"""The report: one HTML file that holds all it shows, the same bytes from the same results."""
+"""The report: one self-contained HTML file, with the same bytes for the same results."""
 
 from collections.abc import Sequence
 from importlib.resources import files
@@ -23,28 +23,28 @@ def html_report(
     pictures: Sequence[Picture] = (),
     budget: PoseBudget | None = None,
 ) -> bytes:
-    """Make one self-contained HTML page of the results of a validation.
+    """Make a self-contained HTML page from the results of a validation.
 
     Parameters
     ----------
     results : dict
-        In the form that docs/validate.md describes. A part that is missing or null leaves its section out, with a
-        sentence how to get it.
+        In the form described in docs/validate.md. A missing or null part omits its section, with a sentence on how to
+        obtain it.
     marker : Marker
     setting : Setting
-        Camera and poses of the results; their order decides what ``pose`` means in the samples.
+        Camera and poses of the results; their order defines the ``pose`` indices of the samples.
     pictures : sequence of Picture
         Sample views, worst cases, failures; shown in this order.
     budget : PoseBudget or None
-        Covariances (P, 6, 6) of the setting's poses by source. With it the report says what to expect of the whole
-        budget, without it of image noise alone.
+        Covariances (P, 6, 6) of the setting's poses by source. With it the report predicts errors for the whole budget,
+        without it for image noise alone.
 
     Returns
     -------
     bytes
-        UTF-8; no scripts, no dates, nothing loaded from elsewhere. What comes from files is escaped.
+        UTF-8 without scripts, dates or external resources. Text from files is escaped.
     """
-    # A part that is null is one that is missing.
+    # Null parts count as missing.
     present = {key: part for key, part in results.items() if part is not None}
     subject = Subject(present, marker, setting, budget)
     camera, poses = setting.camera, setting.poses

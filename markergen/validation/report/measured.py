@@ -1,4 +1,4 @@
-"""Sections about what was measured: trials with noisy points, rendered views, and the errors in two dimensions."""
+"""Report sections on measurements: noisy trials, rendered views, and errors in two dimensions."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -42,12 +42,12 @@ from markergen.validation.view_records import DETECTOR
 Array = NDArray[np.float64]
 
 MOST_FAILURES = 20
-"""Views that were not detected, in the table."""
+"""Maximum number of failed views in the table."""
 _UNITS = ("px", "grey", "deg")
 
 
 def trials(subject: Subject) -> ReportSection:
-    """Errors of the estimators with noisy image points."""
+    """Errors of the estimators for noisy image points."""
     results = subject.results
     estimators = results.get("estimators") or {}
     if not estimators or not results.get("bound"):
@@ -152,7 +152,7 @@ def views(subject: Subject) -> ReportSection:
 
 
 def ellipses(subject: Subject) -> ReportSection:
-    """Predicted 95 % ellipses of dots and poses, and the errors that there were."""
+    """Predicted 95 % ellipses of dots and poses, and the measured errors."""
     samples = subject.views.get("samples") or []
     found = subject.predicted or subject.expected
     source = (
@@ -185,7 +185,7 @@ def ellipses(subject: Subject) -> ReportSection:
 
 
 def _dots(subject: Subject, samples: Sequence[Results]) -> list[Plot]:
-    """Errors of the dots' centers, each carried over from its own covariance to the mean of them."""
+    """Errors of the dots' centers, each transformed from its own covariance to the mean of all."""
     if not subject.marker.dot_diameter:
         return []
     kept = [each for each in samples if each.get("error_px")]
@@ -216,7 +216,7 @@ def _dots(subject: Subject, samples: Sequence[Results]) -> list[Plot]:
 
 
 def _corners(bins: list[PoseBin]) -> list[PoseBin]:
-    """Bins at the ends of distance and tilt: nearest and farthest, each least and most tilted."""
+    """Extreme bins: nearest and farthest, each least and most tilted."""
     distances = {each.distance for each in bins}
     chosen: dict[int, PoseBin] = {}
     for distance in (min(distances, key=middle), max(distances, key=middle)):
@@ -228,7 +228,7 @@ def _corners(bins: list[PoseBin]) -> list[PoseBin]:
 
 
 def _of_corner(corner: PoseBin, covariances: Array, samples: Sequence[Results], key: str, rows: list[int]) -> Ellipse:
-    """Ellipse of the first pose of a bin, with the errors of all views from that bin carried over to it."""
+    """Ellipse of the first pose of a bin, with the errors of all views in that bin transformed to it."""
     target = covariances[int(np.flatnonzero(corner.poses)[0])]
     there = [each for each in samples if each.get(key) is not None and corner.poses[each["pose"]]]
     errors = np.array([[each[key][row] for row in rows] for each in there], dtype=float).reshape(-1, 2)
@@ -280,7 +280,7 @@ def _in_words(seen: Results) -> list[str]:
 
 
 def _with_unit(key: str, value: Any) -> str:
-    """Say ``blur 0.7 px`` of blur_px = 0.7."""
+    """Format blur_px = 0.7 as ``blur 0.7 px``."""
     *words, last = key.split("_")
     unit = f" {last}" if words and last in _UNITS else ""
     name = " ".join(words if unit else [*words, last])

@@ -1,4 +1,4 @@
-"""Sections about the marker and its poses: what to expect, what limits it, where, beside what, and print sizes."""
+"""Report sections on the marker and its poses: expected errors, their sources, other layouts, and print sizes."""
 
 import json
 import shlex
@@ -35,7 +35,7 @@ from markergen.validation.report.subject import (
 )
 
 LONGEST_TEXT, LONGEST_PROVENANCE = 200, 4000
-"""Characters that are shown of what a marker's file says; whoever wrote it may have put anything there."""
+"""Maximum number of characters shown from a marker's file, which is untrusted."""
 _WIDE, _LOW, _SQUARE = (5.8, 2.1), (4.9, 2.5), (4.9, 5.1)
 """Widths and heights of plots in inches."""
 
@@ -53,18 +53,18 @@ REMEDIES = {
         "with"
     ),
 }
-"""Name of each source of errors, and how to make it smaller."""
+"""Description of each error source, and how to reduce it."""
 DOMINANT = 0.9
-"""Share of the variance from which improving anything else gains next to nothing: less than 5 % of the error."""
+"""Share of the variance above which improving any other source gains less than 5 % of the error."""
 
 
 def title(marker: Marker) -> str:
-    """One line that names the marker."""
+    """One line that identifies the marker."""
     return f"{len(marker)} dots of {format_length(marker.dot_diameter)} in a {marker.boundary}"
 
 
 def answer(subject: Subject) -> ReportSection:
-    """Errors to expect, in words and by tilt and distance."""
+    """Expected errors, in words and by tilt and distance."""
     found = subject.expected
     distances = sorted({each.distance for each in subject.bins}, key=middle)
     tilts = sorted({each.tilt for each in subject.bins}, key=middle)
@@ -119,7 +119,7 @@ def limits(subject: Subject) -> ReportSection:
 
 
 def the_marker(subject: Subject) -> ReportSection:
-    """The marker to scale, and its dots in numbers."""
+    """Scale drawing of the marker, and a table of its dots."""
     marker = subject.marker
     drawing = plot(
         partial(draw_marker, marker),
@@ -147,7 +147,7 @@ def the_marker(subject: Subject) -> ReportSection:
 
 
 def labels(subject: Subject) -> ReportSection:
-    """Safety of the dots' labels."""
+    """Robustness of the dots' labels."""
     found = subject.results.get("labels")
     if not found:
         if not subject.marker.dot_diameter:
@@ -166,7 +166,7 @@ def labels(subject: Subject) -> ReportSection:
 
 
 def origin(marker: Marker) -> list[tuple[str, str]]:
-    """Origin of the marker, as terms and what its file says of them."""
+    """Provenance of the marker as terms and values from its file."""
     spec = marker.provenance.get("spec")
     found = [
         ("Spec hash", marker.spec_hash),
@@ -179,13 +179,13 @@ def origin(marker: Marker) -> list[tuple[str, str]]:
 
 
 def provenance(marker: Marker) -> str:
-    """All that the marker's file says of where it came from, as plain ASCII text."""
+    """The entire provenance from the marker's file, as plain ASCII text."""
     text = json.dumps(dict(marker.provenance), indent=2, default=str)
     return text if len(text) <= LONGEST_PROVENANCE else text[:LONGEST_PROVENANCE] + " ..."
 
 
 def pose_space(subject: Subject) -> ReportSection:
-    """Positions of the camera, and the errors to expect there."""
+    """Camera positions, and the errors expected there."""
     found, poses, bins = subject.expected, subject.setting.poses, subject.bins
     section = ReportSection([f"What to expect from each of the {len(poses)} poses, with {found.source}."])
     of_poses = (("rotation", "deg", found.rotation_deg), ("translation", "mm", found.translation_mm))
@@ -217,7 +217,7 @@ def pose_space(subject: Subject) -> ReportSection:
 
 
 def comparison(subject: Subject) -> ReportSection:
-    """The marker beside other layouts."""
+    """The marker compared with other layouts."""
     results = subject.results
     beside = results.get("comparisons") or {}
     if not beside or not results.get("bound"):
@@ -265,7 +265,7 @@ def size_advice(subject: Subject) -> ReportSection:
 
 
 def command(subject: Subject) -> str:
-    """The command that makes these results again."""
+    """Command that reproduces these results."""
     results, seen = subject.results, subject.views
     budget = results.get("budget") or {}
     sigma = budget.get("print_sigma_mm")
@@ -295,7 +295,7 @@ def command(subject: Subject) -> str:
 
 
 def answer_sentences(found: Expected, bins: list[PoseBin]) -> list[str]:
-    """Say what a user can expect, in up to three sentences: far and tilted, the worst, and over all poses."""
+    """Summarize the expected errors in up to three sentences: far and tilted, the worst, and over all poses."""
     farthest = [each for each in bins if each.distance == max((other.distance for other in bins), key=middle)]
     steep = max(farthest, key=lambda each: middle(each.tilt))
     worst = max(bins, key=lambda each: each.rotation_deg)
@@ -336,7 +336,7 @@ def in_words(parts: Mapping[str, float]) -> str:
 
 
 def _optics(shown: Results) -> str:
-    """Optics as the option takes them: what differs from the default."""
+    """Optics in the syntax of the option: values that differ from the default."""
     default = vars(DEFAULT_OPTICS)
     return ",".join(
         f"{key}={value:g}" for key, value in shown.items() if value is not None and value != default.get(key)

@@ -1,4 +1,4 @@
-"""The plots of a report: each draws what it is given on axes of matplotlib, and returns them."""
+"""Plots of a report: each function draws its data on matplotlib axes and returns them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,13 +24,13 @@ Array = NDArray[np.float64]
 Statistics = Mapping[str, Any]
 
 BEST = (DETECTOR, "lm")
-"""Estimators whose quantiles are shown, in order of preference: the one a user gets, then the most accurate."""
+"""Estimators whose quantiles are shown, in order of preference: the user's, then the most accurate."""
 DRAWS = 40_000
-"""Errors drawn from the covariances for the distribution that the bound predicts."""
+"""Number of errors sampled from the covariances for the distribution that the bound predicts."""
 _BOUND: dict[str, Any] = {"color": INK, "linestyle": (0, (2, 1.5)), "linewidth": 1.8, "zorder": 4}
 _MOST_ERRORS = 800
 QUANTILE_95 = float(np.sqrt(-2 * np.log(0.05)))
-"""Size of the ellipse that holds 95 % of a Gaussian in the plane, in standard deviations."""
+"""Radius in standard deviations of the ellipse that contains 95 % of a bivariate Gaussian."""
 _MOST_IN_ELLIPSE = 1200
 _AROUND = np.linspace(0, 2 * np.pi, 121)
 LOOKS: dict[str, dict[str, Any]] = {
@@ -39,7 +39,7 @@ LOOKS: dict[str, dict[str, Any]] = {
     "camera": {"facecolor": "#c5e0b4", "hatch": "...."},
 }
 LEAST = 2000.0
-"""Sources smaller than the largest error by more than this factor are of no interest."""
+"""Factor below the largest error at which smaller sources are omitted."""
 _LINES: dict[str, dict[str, Any]] = {
     "image": {"color": "#0b5394", "linestyle": "--", "marker": "s"},
     "print": {"color": "#c55a11", "linestyle": "-.", "marker": "^"},
@@ -47,20 +47,20 @@ _LINES: dict[str, dict[str, Any]] = {
     "total": {"color": "#c4c4c4", "linestyle": "-", "marker": "", "linewidth": 7.0, "zorder": 1},
 }
 COLORS = "YlOrBr"
-"""From light to dark without a turn, so that it stays in order in shades of grey."""
+"""Colormap that is monotonic in lightness, so that it keeps its order in grayscale."""
 _ELEVATION, _AZIMUTH = np.deg2rad([24.0, -60.0])
-"""From where the sphere is looked at."""
+"""Viewing direction of the sphere."""
 _MOST_POSES = 1500
-"""Poses in one drawing; of more, every so many-th."""
+"""Maximum number of poses in a drawing, taken at equal strides."""
 
 
 def name_of(estimator: str) -> str:
-    """Name of an estimator for people."""
+    """Display name of an estimator."""
     return TITLES.get(estimator, estimator)
 
 
 def series(names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Look of each estimator's line, the same in every plot of a page; further ones begin again."""
+    """Line style of each estimator, the same in every plot of a page; styles repeat if there are too few."""
     ordered = sorted(names, key=lambda name: (name not in BEST, BEST.index(name) if name in BEST else 0, name))
     return {name: dict(SERIES[i % len(SERIES)]) for i, name in enumerate(ordered)}
 
@@ -77,11 +77,11 @@ def errors_over(
     Parameters
     ----------
     measured : mapping
-        By estimator and group (a number such as ``35``, or a bin such as ``30..40``): STATS.
+        STATS by estimator and group (a number such as ``35``, or a bin such as ``30..40``).
     bound : mapping
         RMS of the bound by group.
     samples : arrays (k,) and (k,), or None
-        Single errors to show as dots: where, and how large.
+        Single errors to show as dots: positions and values.
     """
     best = next((name for name in BEST if name in measured), None)
     if samples is not None and len(samples[0]):
@@ -122,16 +122,16 @@ def distribution(
     marks: Mapping[str, Statistics] | None = None,
     predicted_name: str = "bound (CRLB)",
 ) -> "Axes":
-    """Draw cumulative distributions: the share of errors that stay below a value.
+    """Draw cumulative distributions: the share of errors below each value.
 
     Parameters
     ----------
     predicted : array (k,) or None
         Errors that the covariance predicts.
     measured : mapping
-        By estimator: errors in ascending order, and the share (0 to 1) that lies at or below each.
+        By estimator: errors in ascending order, and the share (0 to 1) at or below each.
     marks : mapping or None
-        By estimator, STATS: its median and 95th percentile are drawn as marks.
+        STATS by estimator, whose median and 95th percentile are marked.
     """
     for share in (0.5, 0.95):
         ax.axhline(100 * share, color=FAINT, linewidth=0.8, zorder=0)
@@ -165,7 +165,7 @@ def ranked(values: Array) -> tuple[Array, Array]:
 
 
 def draw_errors(covariance: Array) -> Array:
-    """Pose errors (k, 6) of the poses of covariances (P, 6, 6), as many of each; the same every time."""
+    """Sample pose errors (k, 6) from covariances (P, 6, 6), equally many each, reproducibly."""
     covariance = covariance[np.isfinite(covariance).all(axis=(1, 2))]
     if not len(covariance):
         return np.zeros((0, 6))
@@ -186,7 +186,7 @@ class Ellipse:
 
 
 def draw_ellipses(ellipses: list[Ellipse], ax: "Axes") -> "Axes":
-    """Draw the 95 % ellipses around the truth, each in its own dashes, and the measured errors as marks."""
+    """Draw the 95 % ellipses around the truth with different dashes, and the measured errors as marks."""
     reach = np.zeros(2)
     for each, look in zip(ellipses, SERIES, strict=False):
         outline = ellipse(each.covariance)
@@ -202,7 +202,7 @@ def draw_ellipses(ellipses: list[Ellipse], ax: "Axes") -> "Axes":
     ax.axhline(0, color=INK, linewidth=0.5, zorder=1)
     ax.axvline(0, color=INK, linewidth=0.5, zorder=1)
     reach = np.where(reach > 0, 1.08 * reach, 1.0)
-    # Equal units on both axes, unless that would leave a line of the narrower one.
+    # Equal units on both axes, unless the narrower one would degenerate to a line.
     if reach.max() < 4 * reach.min():
         reach[:] = reach.max()
         ax.set_aspect("equal")
@@ -214,22 +214,22 @@ def draw_ellipses(ellipses: list[Ellipse], ax: "Axes") -> "Axes":
 
 
 def ellipse(covariance: Array) -> Array:
-    """Outline (m, 2) of the region that holds 95 % of the errors of a covariance (2, 2)."""
+    """Outline (m, 2) of the 95 % region of a covariance (2, 2)."""
     values, vectors = np.linalg.eigh(covariance)
     circle = np.stack([np.cos(_AROUND), np.sin(_AROUND)], axis=-1)
     return np.asarray(QUANTILE_95 * circle * np.sqrt(np.maximum(values, 0)) @ vectors.T)
 
 
 def share_inside(errors: Array, covariance: Array) -> float:
-    """Share of errors (k, 2) that lie inside the 95 % ellipse of a covariance (2, 2)."""
+    """Share of errors (k, 2) inside the 95 % ellipse of a covariance (2, 2)."""
     squared = np.sum(errors * np.linalg.solve(covariance, errors.T).T, axis=-1)
     return float(np.mean(squared <= QUANTILE_95**2))
 
 
 def carried_over(errors: Array, covariances: Array, target: Array) -> Array:
-    """Errors (k, 2), each of a covariance of its own (k, 2, 2), as they would be under the target (2, 2).
+    """Transform errors (k, 2), each with its own covariance (k, 2, 2), to the target covariance (2, 2).
 
-    L_target L_k^-1 e with Cholesky factors L: as many standard deviations away, in the same direction of the ellipse.
+    L_target L_k^-1 e with Cholesky factors L, which preserves the Mahalanobis distance.
     """
     if not len(errors):
         return errors
@@ -260,7 +260,7 @@ def variance_shares(budget: Mapping[str, Any], ax: "Axes") -> "Axes":
 
 
 def budget_over_tilt(budget: PoseBudget, poses: PoseDistribution, key: str, ax: "Axes") -> "Axes":
-    """Draw the RMS of each source, and of all together, over the tilt; key as in the results."""
+    """Draw the RMS of each source, and of the total, over the tilt; key as in the results."""
     parts = budget.rotation_deg if key == "rotation_deg" else budget.translation_pct(poses.translation)
     groups = poses.by_polar_angle()
     curves = {
@@ -271,7 +271,7 @@ def budget_over_tilt(budget: PoseBudget, poses: PoseDistribution, key: str, ax: 
     for name, values in curves.items():
         if not np.isnan(values).all():
             ax.plot([middle(group) for group in groups], values, label=SOURCES[name], **_LINES[name])
-    # A source may come to nothing at some tilt; it then leaves the plot below.
+    # A source may vanish at some tilt and then leaves the plot at the bottom.
     every = np.concatenate(list(curves.values()))
     top = float(np.nanmax(every, initial=0.0)) or 1.0
     ax.set_ylim(float(np.min(every[every > top / LEAST], initial=top)) / 1.5, 1.5 * top)
@@ -281,7 +281,7 @@ def budget_over_tilt(budget: PoseBudget, poses: PoseDistribution, key: str, ax: 
 
 
 def compared(bounds: Mapping[str, float], measured: Mapping[str, float | None], ax: "Axes") -> "Axes":
-    """Draw the bound of each layout as a bar, the first one dark, with what was measured as a mark beside it."""
+    """Draw the bound of each layout as a bar, the first one dark, with the measured value as a mark beside it."""
     finite = {name: value if np.isfinite(value) else 0.0 for name, value in bounds.items()}
     for y, (name, value) in enumerate(bounds.items()):
         look: dict[str, Any] = {"facecolor": "#d9e2ec", "hatch": "///"} if y else {"facecolor": "#0b5394", "hatch": ""}
@@ -308,7 +308,7 @@ def camera_centers(poses: PoseDistribution) -> Array:
 
 
 def pose_sphere(marker: Marker, poses: PoseDistribution, values: Array, label: str, ax: "Axes") -> "Axes":
-    """Draw the camera centers around the marker in an oblique view, darker and larger as the value (P,) is larger."""
+    """Draw the camera centers around the marker in an oblique view, darker and larger for larger values (P,)."""
     from matplotlib.colors import LogNorm, Normalize
     from matplotlib.patches import Polygon
 
@@ -346,10 +346,10 @@ def pose_sphere(marker: Marker, poses: PoseDistribution, values: Array, label: s
 
 
 def fan(bins: list[PoseBin], values: list[float], radius: float, ax: "Axes") -> "Axes":
-    """Draw distance and tilt as a fan around the marker, with the value of every bin that has room for it.
+    """Draw distance and tilt as a fan around the marker, with the value in every bin that has room for it.
 
-    The fan is a section through the sphere: up is frontal, the distance from its tip is the camera's, in m. The marker,
-    of that radius in m, is at the tip.
+    The fan is a section through the sphere: up is frontal, the radius is the camera's distance in m. The marker, of the
+    given radius in m, is at the tip.
     """
     import matplotlib
     from matplotlib.colors import LogNorm
@@ -367,7 +367,7 @@ def fan(bins: list[PoseBin], values: list[float], radius: float, ax: "Axes") -> 
     for each, value in zip(bins, values, strict=True):
         (near, far), (low, high) = rays[each.distance], angles[each.tilt]
         share = float(np.clip(norm(value), 0, 1)) if np.isfinite(value) and value > 0 else 1.0
-        # The lightest colors look like nothing on paper, the darkest swallow the text.
+        # The lightest colors vanish on paper, and text is illegible on the darkest.
         face = colors(0.06 + 0.8 * share)
         ends = 90 - np.rad2deg([high, low])
         ax.add_patch(Wedge((0, 0), far, *ends, width=far - near, facecolor=face, edgecolor=MUTED, linewidth=0.5))
@@ -392,13 +392,13 @@ def fan(bins: list[PoseBin], values: list[float], radius: float, ax: "Axes") -> 
 
 
 def _within(ends: tuple[float, float], center: float) -> tuple[float, float]:
-    """Tilts from 0 to 90 degrees; what is centered on 0 reaches as far to the other side."""
+    """Clip tilts to 0 to 90 degrees; a bin centered on 0 extends equally to the other side."""
     return (ends[0] if center == 0 else max(ends[0], 0.0)), min(ends[1], 90.0)
 
 
 def _has_room(text: str, angle: float, across: float, along: float, reach: float) -> bool:
-    """Tell whether an upright text fits into a bin, which is so wide across and along the ray at that angle."""
-    # In 8 points a letter is 0.018 of the reach wide, and a line 0.04 high.
+    """Tell whether upright text fits into a bin with these dimensions across and along the ray at that angle."""
+    # At 8 points a letter is 0.018 of the reach wide and a line 0.04 high.
     width, height = 0.018 * reach * len(text), 0.04 * reach
     cos, sin = abs(np.cos(angle)), abs(np.sin(angle))
     return bool(width * cos + height * sin < across and width * sin + height * cos < along)
@@ -410,7 +410,7 @@ def _write(ax: "Axes", text: str, ray: float, angle: float, **look: Any) -> None
 
 
 def _seen(points: Array) -> Array:
-    """Oblique parallel projection (..., 3) of points (..., 3): right, up, and toward the reader."""
+    """Oblique parallel projection (..., 3) of points (..., 3): right, up, and toward the viewer."""
     x, y, z = np.moveaxis(points, -1, 0)
     right = -np.sin(_AZIMUTH) * x + np.cos(_AZIMUTH) * y
     away = np.cos(_AZIMUTH) * x + np.sin(_AZIMUTH) * y
@@ -419,7 +419,7 @@ def _seen(points: Array) -> Array:
 
 
 def _sphere(distance: float, steepest_deg: float) -> list[Array]:
-    """Circles of latitude and meridians (m, 3) of the cap that reaches down to the steepest tilt."""
+    """Parallels and meridians (m, 3) of the cap down to the steepest tilt."""
     around = np.linspace(0, 2 * np.pi, 121)
     down = np.deg2rad(np.linspace(0, steepest_deg, 40))
     rings = [_direction(np.full_like(around, np.deg2rad(steepest_deg * part)), around) for part in (1 / 3, 2 / 3, 1)]
@@ -432,7 +432,7 @@ def _direction(polar: Array, azimuth: Array) -> Array:
 
 
 def _plain_numbers(low: float, high: float) -> list[float]:
-    """Plain numbers between two values; where there are none, the two."""
+    """Round numbers between two values, or the two if there are none."""
     powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
     found = [float(f"{step}e{power}") for power in powers for step in ticks(low, high)]
     return [tick for tick in found if low <= tick <= high] or [float(f"{low:.2g}"), float(f"{high:.2g}")]

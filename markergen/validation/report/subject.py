@@ -1,4 +1,4 @@
-"""The subject of a report, and what follows from it: errors to expect, their sources, and the size of the dots."""
+"""The subject of a report, and quantities derived from it: expected errors, their sources, and dot sizes."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -34,15 +34,15 @@ Results = Mapping[str, Any]
 ERRORS = (("rotation_deg", "rotation", "deg"), ("translation_pct", "translation", "% of the distance"))
 """Key in the results, name, and unit of each error."""
 GROUPINGS = (("tilt", "by_polar_angle", "tilt, deg"), ("distance", "by_distance", "distance, m"))
-"""Name, key in the results (and method of the poses), and axis label of each grouping of the poses."""
+"""Name, key in the results (and method of the poses), and axis label of each grouping of poses."""
 UNIT_NOISE_PX = 1.0
-"""Noise that bounds are given for where the results name none, or 0."""
+"""Noise for the bounds if that of the results is missing or 0."""
 SOURCES = {"image": "image noise", "print": "print", "camera": "calibration", "total": "total"}
 
 
 @dataclass
 class ReportSection:
-    """Contents of a section in their order; `missing` says how to get what is not there."""
+    """Contents of a section in order; `missing` says how to obtain absent results."""
 
     sentences: list[str] = field(default_factory=list)
     plots: list[Plot] = field(default_factory=list)
@@ -52,7 +52,7 @@ class ReportSection:
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """Errors to expect at each of P poses, to first order.
+    """First-order expected errors at each of P poses.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Expected:
         Covariances of the pose (w, dt), see `maths.information`; rad and m.
     poses : PoseDistribution
     source : str
-        What makes the errors, in words.
+        Sources of the errors, in words.
     """
 
     covariance: Array
@@ -85,7 +85,7 @@ class Expected:
 
 @dataclass(frozen=True, eq=False)
 class PoseBin:
-    """The poses of one distance and one tilt, and the RMS of what to expect there."""
+    """The poses of one distance and one tilt, and their expected RMS errors."""
 
     distance: str
     tilt: str
@@ -96,7 +96,7 @@ class PoseBin:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """The results that a report is about, with what follows from them for several sections."""
+    """The results that a report shows, and derived quantities that several sections use."""
 
     results: Results
     marker: Marker
@@ -105,12 +105,12 @@ class Subject:
 
     @cached_property
     def expected(self) -> Expected:
-        """Errors to expect from all sources together."""
+        """Expected errors from all sources together."""
         return expected(self.results, self.marker, self.setting, self.budget)
 
     @cached_property
     def bins(self) -> list[PoseBin]:
-        """Errors to expect at each distance and tilt."""
+        """Expected errors at each distance and tilt."""
         return pose_bins(self.expected)
 
     @cached_property
@@ -120,29 +120,29 @@ class Subject:
 
     @property
     def views(self) -> Results:
-        """Results of the views; empty if there were none."""
+        """Results of the views; empty if there are none."""
         return self.results.get("views") or {}
 
     @cached_property
     def predicted(self) -> Expected | None:
-        """Errors that the views, if any, should have: of their noise, and of their print if it was made to err."""
+        """Errors predicted for the views, if any, from their noise and any simulated print error."""
         if not self.views:
             return None
         if self.budget is not None:
             printed = self.budget.print if self.views.get("print_sigma_mm") else 0.0
             return Expected(self.budget.image + printed, self.setting.poses, "predicted")
-        # The bound of a dot's center is the root of both axes' variances together.
+        # The bound of a dot's center is the root of the sum of both axes' variances.
         pixels = self.views.get("image_bound_px")
         return bound(self.marker, self.setting, pixels / np.sqrt(2)) if pixels else None
 
 
 def noise_of(results: Mapping[str, Any]) -> float:
-    """Noise in px that the bounds of a report are for."""
+    """Noise in px that the bounds of a report assume."""
     return float(results.get("noise_px") or UNIT_NOISE_PX)
 
 
 def expected(results: Mapping[str, Any], marker: Marker, setting: Setting, budget: PoseBudget | None) -> Expected:
-    """Errors to expect of this marker: of the whole budget where there is one, else of image noise alone."""
+    """Expected errors of this marker: for the whole budget if there is one, else for image noise alone."""
     if budget is not None:
         parts = results.get("budget") or {}
         sigma = parts.get("print_sigma_mm")
@@ -160,7 +160,7 @@ def bound(marker: Marker, setting: Setting, noise_px: float) -> Expected:
 
 
 def pose_bins(found: Expected) -> list[PoseBin]:
-    """Table of distance and tilt, nearest first and then by tilt; without those that no pose is in."""
+    """Table of distances and tilts, nearest first and then by tilt, without empty bins."""
     rotation, translation = found.rotation_deg, found.translation_mm
     return [
         PoseBin(distance, tilt, both, rms(rotation[both]), rms(translation[both]))
@@ -171,12 +171,12 @@ def pose_bins(found: Expected) -> list[PoseBin]:
 
 
 def middle(group: str) -> float:
-    """Number in the middle of a group's name, such as ``35`` or ``30..40``."""
+    """Center of a group from its name, such as ``35`` or ``30..40``."""
     return float(np.mean([float(end) for end in group.split("..")]))
 
 
 def interval(group: str, groups: list[str]) -> tuple[float, float]:
-    """From where to where a group reaches: a bin as its name says, a single value halfway to its neighbors."""
+    """Range of a group: that of a bin as in its name, or for a single value halfway to its neighbors."""
     if ".." in group:
         low, high = (float(end) for end in group.split(".."))
         return low, high
@@ -190,7 +190,7 @@ def interval(group: str, groups: list[str]) -> tuple[float, float]:
 
 
 def shares(budget: Mapping[str, Any], key: str) -> dict[str, float]:
-    """Return each source's share of the variance of ``rotation_deg`` or ``translation_pct``; empty where all are 0."""
+    """Return each source's share of the variance of ``rotation_deg`` or ``translation_pct``; empty if all are 0."""
     parts = budget.get(key) or {}
     squares = {name: (parts.get(name) or 0.0) ** 2 for name in SOURCES if name != "total"}
     total = sum(squares.values())
@@ -205,11 +205,11 @@ class Extent:
     ----------
     pose : int
     thinnest_px : float
-        Shortest axis in px of any dot's image; 0 where a circle's image is no ellipse.
+        Shortest axis in px of any dot's image; 0 if a circle's image is not an ellipse.
     center_px : float
-        Short axis in px that a dot at the marker's origin has: what the size is chosen by when a marker is designed.
+        Short axis in px of a dot at the marker's origin, the criterion for the size when a marker is designed.
     diameter : float
-        What would make the thinnest `PIXELS` px, in m and up to a whole tenth of a mm; inf where nothing does.
+        Diameter in m, rounded up to a tenth of a mm, at which the thinnest has `PIXELS` px; inf if there is none.
     """
 
     pose: int
@@ -220,14 +220,14 @@ class Extent:
 
 @dataclass(frozen=True)
 class Advice:
-    """The size to print for dots of `PIXELS` px in all poses, or in `PERCENTILE` % of them.
+    """Dot sizes to print for `PIXELS` px in all poses, or in `PERCENTILE` % of them.
 
     Attributes
     ----------
     worst, most : Extent
-        In the pose where the dots are thinnest, and in the one that so many others are no worse than.
+        The pose in which the dots are thinnest, and the one at the percentile.
     largest : float
-        Largest diameter in m at which as many dots fit within the boundary, wherever they are.
+        Largest diameter in m at which as many dots fit within the boundary in any arrangement.
     """
 
     worst: Extent
@@ -236,10 +236,10 @@ class Advice:
 
 
 def short_axes(marker: Marker, camera: Camera, poses: PoseDistribution, scale: float = 1.0) -> Array:
-    """Short axes (P, n) in px of the dots' images, their diameters multiplied by `scale`.
+    """Short axes (P, n) in px of the dots' images, with diameters multiplied by `scale`.
 
-    Exact: of the ellipse that the homography of the dot's own plane makes of its circle, without lens distortion. 0
-    where the circle's image is no ellipse.
+    Exact: that of the ellipse to which the homography of the dot's plane maps its circle, without lens distortion. 0 if
+    the circle's image is not an ellipse.
     """
     radii = scale / 2 * np.array([point.feature.diameter for point in marker.control_points])
     return _short_axes(marker.xyz, radii, camera, poses)
@@ -250,14 +250,14 @@ def advise(marker: Marker, camera: Camera, poses: PoseDistribution) -> Advice | 
     if not min(point.feature.diameter for point in marker.control_points):
         return None
     ranked = np.argsort(short_axes(marker, camera, poses).min(axis=1))
-    # A pose that there is, not the mean of two: this many per cent of the poses are at least as good.
+    # An actual pose rather than an interpolation: this percentage of the poses is at least as good.
     typical = ranked[len(ranked) - int(np.ceil(len(ranked) * PERCENTILE / 100))]
     worst, most = (_extent(marker, camera, poses, int(pose)) for pose in (ranked[0], typical))
     return Advice(worst, most, largest_diameter(marker.boundary, len(marker)))
 
 
 def advice_sentences(advice: Advice, marker: Marker, poses: PoseDistribution) -> list[str]:
-    """The advice in words."""
+    """Advice as sentences."""
     now, worst, most = format_length(marker.dot_diameter), advice.worst, advice.most
     where = at(poses.distance[worst.pose], poses.polar_angle_deg[worst.pose])
     found = (
@@ -295,19 +295,19 @@ def advice_sentences(advice: Advice, marker: Marker, poses: PoseDistribution) ->
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Write a number with that many significant digits, and in words that it does not exist or has no bound."""
+    """Format a number with that many significant digits; a missing or infinite one as words."""
     if value is None or np.isnan(value):
         return "-"
     return "unbounded" if np.isinf(value) else tables.number(float(value), digits)
 
 
 def at(distance: float, tilt_deg: float) -> str:
-    """Say from where: ``At 1.5 m and 70 deg``."""
+    """Describe a viewpoint: ``At 1.5 m and 70 deg``."""
     return f"At {distance:.3g} m and {tilt_deg:.3g} deg"
 
 
 def labeled(draw: Callable[["Axes"], object], x: str, y: str = "") -> Callable[["Axes"], None]:
-    """Draw, and name the axes."""
+    """Draw, then label the axes."""
 
     def drawn(ax: "Axes") -> None:
         draw(ax)
@@ -323,7 +323,7 @@ def _extent(marker: Marker, camera: Camera, poses: PoseDistribution, pose: int) 
     center = _short_axes(np.zeros((1, 3)), np.array([marker.dot_diameter / 2]), camera, one)
     thinnest = float(short_axes(marker, camera, one).min())
     extent, scale = thinnest, 1.0
-    # The extent is nearly proportional to the diameter, so each step leaves next to nothing of the rest.
+    # The extent is nearly proportional to the diameter, so that the iteration converges fast.
     for _ in range(4):
         if not extent:
             return Extent(pose, thinnest, float(center[0, 0]), np.inf)
@@ -334,7 +334,7 @@ def _extent(marker: Marker, camera: Camera, poses: PoseDistribution, pose: int) 
 
 
 def _short_axes(points: Array, radii: Array, camera: Camera, poses: PoseDistribution) -> Array:
-    # A raised dot's circle lies in a plane of its own, so much nearer along the marker's z axis.
+    # A raised dot's plane is closer to the camera along the marker's z axis.
     lifted = poses.translation[:, None] + points[:, 2, None] * poses.rotation[:, None, :, 2]
     rotation = np.broadcast_to(poses.rotation[:, None], (*lifted.shape, 3))
     _, semi, _ = circle_image(points[:, :2], radii, plane_homography(rotation, lifted, camera.ideal.matrix))

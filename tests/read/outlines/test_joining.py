@@ -118,8 +118,8 @@ def test_bad_svg(refused, body, words):
     [
         (b"", "an empty file"),
         (b" \n\t", "an empty file"),
-        (b"hello", "no format that is known; known formats: dxf: "),
-        (b"\x89PNG\r\n\x1a\n\0\0", "no format that is known"),
+        (b"hello", "an unknown format; known formats: dxf: "),
+        (b"\x89PNG\r\n\x1a\n\0\0", "an unknown format"),
         (b"<svg", "complete XML"),
         (b"<html/>", "an svg element"),
         (svg("<circle r='5'/>")[:-3], "complete XML"),

@@ -105,7 +105,7 @@ def test_the_seed_may_stand_in_either_place_but_in_one():
         ({"poses": "nowhere", "grid": GRID}, "expected a known pose distribution, found 'nowhere'"),
         ({"relief": "20mm", "grid": GRID}, "expected layout='designed' for relief, found layout='ngon'"),
         ({"grid": {"relief": [0, 0.02], "objective": ["pose", "condition"]}}, "relief=0.02 objective=condition:"),
-        ({"relief": 0.02, "study": {"estimators": ["dlt"]}, "grid": {"n": [6]}}, "estimators that can do with a"),
+        ({"relief": 0.02, "study": {"estimators": ["dlt"]}, "grid": {"n": [6]}}, "estimators that support relief"),
         ({"grid": {"radius": ["150mm", "9m"]}}, "radius=9m: expected a pose that sees the whole marker"),
         ({"dot": "30mm", "grid": {"n": [4, 150]}}, "n=150: expected 150 dots that fit"),
         ({"grid": {"seed": list(range(101)), "n": list(range(4, 104))}}, "grid: 10100 combinations, at most 10000"),
