@@ -10,7 +10,7 @@ from markergen.api.arguments import files_among, marker_of
 from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
 from markergen.options import File, Files, MarkerLike, Progress, check_progress, settle, signature_of
-from markergen.options.tables import CompareKeywords
+from markergen.options.declarations import CompareKeywords
 from markergen.validation.baselines import FORMS
 from markergen.validation.compare import compare as run
 from markergen.validation.comparison import Comparison

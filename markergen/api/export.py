@@ -19,7 +19,7 @@ from markergen.model.marker import Marker
 from markergen.model.substrate import parse_dowel, parse_mount
 from markergen.model.substrate_checks import check_edge, check_holes
 from markergen.options import MarkerLike, as_list, declared, given, signature_of
-from markergen.options.tables import ExportKeywords, PlateKeywords
+from markergen.options.declarations import ExportKeywords, PlateKeywords
 from markergen.read.outlines.boundary import read_room
 
 SHEET = ("paper", "orientation", "margin", "tile", "overlap", "compensate")

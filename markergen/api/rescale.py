@@ -11,7 +11,7 @@ from markergen.model.marker_json import to_json
 from markergen.model.rescale import Rulers, remeasure
 from markergen.model.rescale import rescale as by_rulers
 from markergen.options import MarkerLike, settle, signature_of
-from markergen.options.tables import RescaleKeywords
+from markergen.options.declarations import RescaleKeywords
 from markergen.presentation.results import Result
 from markergen.read.measured import read_measured
 

@@ -8,7 +8,7 @@ from markergen.api.arguments import camera_of, files_among, marker_of
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.options import CameraLike, File, Files, MarkerLike, Progress, check_progress, settle, signature_of
-from markergen.options.tables import ValidateKeywords
+from markergen.options.declarations import ValidateKeywords
 from markergen.read.cameras.covariance import read_camera_covariance
 from markergen.render import optics_from_text
 from markergen.validation.validation import Validation, check_pictures, setting_of

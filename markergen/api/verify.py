@@ -5,7 +5,7 @@ from typing import Unpack
 
 from markergen.api.arguments import files_among, marker_of, paths_of
 from markergen.options import File, Files, MarkerLike, settle, signature_of
-from markergen.options.tables import VerifyKeywords
+from markergen.options.declarations import VerifyKeywords
 from markergen.verification.check import check_tolerance, verify_all
 from markergen.verification.verification import Verification
 

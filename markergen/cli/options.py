@@ -58,7 +58,7 @@ def with_options(
     Parameters
     ----------
     table : type
-        One of `markergen.options.tables`.
+        One of `markergen.options.declarations`.
     listed : mapping of title to callable, optional
         Two-column rows to show in help under each title, created on demand.
     """

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from markergen.maths.dlt import estimate_homography
 from markergen.maths.information import mirrored_rotation
-from markergen.maths.least_squares import Arrays, Attempt, Damping, LeastSquares, Mask, levenberg_marquardt
+from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, Mask, levenberg_marquardt
 
 Array = NDArray[np.float64]
 

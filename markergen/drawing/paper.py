@@ -196,6 +196,21 @@ class SheetOptions:
         """Frame of a page of the given paper; raises as `Frame` does."""
         return Frame(paper, None if self.margin is None else round(self.margin * 1e3, 9))
 
+    def candidates(self, sizes: Sequence[Paper] | None = None) -> list[Frame]:
+        """Pages to try, of which the first that holds the marker is taken.
+
+        That is the named paper, in both orientations unless one is given; without a name each of the sizes (default:
+        A5 to A0), the smallest first.
+        """
+        sizes = ISO if sizes is None else sizes
+        if self.paper is not None:
+            paper = find_paper(self.paper, self.orientation)
+            fixed = self.orientation or oriented(self.paper)
+            return [self.frame(each) for each in ((paper,) if fixed else (paper, paper.turned))]
+        if self.orientation:
+            return self.frames([find_paper(size.name, self.orientation) for size in sizes])
+        return self.frames(both_ways(sizes))
+
     def frames(self, papers: Sequence[Paper]) -> list[Frame]:
         """Frames of candidate pages, without those that the margin leaves no room on, unless none remain."""
         frames = []
@@ -206,6 +221,11 @@ class SheetOptions:
                 if paper is papers[-1] and not frames:
                     raise
         return frames
+
+
+def both_ways(sizes: Sequence[Paper]) -> list[Paper]:
+    """Each size in portrait and then in landscape orientation."""
+    return [each for size in sizes for each in (size, size.landscape)]
 
 
 def find_paper(name: str, orientation: Orientation = "") -> Paper:

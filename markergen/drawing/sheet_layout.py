@@ -21,7 +21,7 @@ from markergen.drawing.annotations import axis_arrows, facts, nameless_note, par
 from markergen.drawing.colors import Colors
 from markergen.drawing.figure import Figure, compensated_note, drawn_box, is_disk, size_words
 from markergen.drawing.marker_artwork import GROUND, TICK, draw_artwork
-from markergen.drawing.paper import ISO, PAPERS, Frame, Paper, SheetOptions, find_paper, oriented
+from markergen.drawing.paper import ISO, PAPERS, Frame, SheetOptions, both_ways
 from markergen.drawing.print_measurements import (
     BAND,
     LENGTHS,
@@ -90,7 +90,7 @@ def pages_for(markers: Sequence[Marker], options: SheetOptions) -> tuple[Sheet, 
     """
     figures = [_figure(marker, options) for marker in markers]
     if len(figures) > 1:
-        pages = _grid_pages(figures, options, _frames(options, ISO[1:]))
+        pages = _grid_pages(figures, options, options.candidates(ISO[1:]))
         if pages:
             return pages
     return tuple(page for figure in figures for page in _pages(figure, options))
@@ -116,7 +116,7 @@ def check_paper(boundary: Boundary, options: SheetOptions) -> None:
     """Reject a boundary that is too large for the paper, whatever its dots; see `pages_for`."""
     box = drawn_box(boundary)
     reach = _reach_of(box, (inf, inf, -inf, -inf), options.colors)
-    if not _whole(reach, _frames(options)) and not options.tile:
+    if not _whole(reach, options.candidates()) and not options.tile:
         raise _too_small(reach, size_words(boundary), options)
 
 
@@ -146,23 +146,12 @@ def _figure(marker: Marker, options: SheetOptions) -> Figure:
 
 def _pages(figure: Figure, options: SheetOptions) -> tuple[Sheet, ...]:
     reach = _reach_of(figure.outline, figure.quiet, options.colors)
-    found = _whole(reach, _frames(options))
+    found = _whole(reach, options.candidates())
     if found:
         return (_single_page(figure, options, *found),)
     if not options.tile:
         raise _too_small(reach, size_words(figure.marker.boundary), options)
-    return tile_sheets(figure, options, best_tiling(figure, options, _frames(options, ISO[-1:])))
-
-
-def _frames(options: SheetOptions, sizes: Sequence[Paper] = ISO) -> list[Frame]:
-    """Pages to try in this order: the named paper, in both orientations if none is given, or else each of the sizes."""
-    if options.paper is not None:
-        paper = find_paper(options.paper, options.orientation)
-        fixed = options.orientation or oriented(options.paper)
-        return [options.frame(each) for each in ((paper,) if fixed else (paper, paper.turned))]
-    if options.orientation:
-        return options.frames([find_paper(size.name, options.orientation) for size in sizes])
-    return options.frames(_both_ways(sizes))
+    return tile_sheets(figure, options, best_tiling(figure, options, options.candidates(ISO[-1:])))
 
 
 def _whole(reach: _Reach, frames: Sequence[Frame]) -> tuple[Frame, Point] | None:
@@ -175,10 +164,10 @@ def _whole(reach: _Reach, frames: Sequence[Frame]) -> tuple[Frame, Point] | None
 
 
 def _too_small(reach: _Reach, size: str, options: SheetOptions) -> InputError:
-    frame = _frames(options)[0] if options.paper else options.frame(ISO[-1])
+    frame = options.candidates()[0] if options.paper else options.frame(ISO[-1])
     left, down, right, up = _needs(frame, reach)
     room = f"{ceil(left + right)} x {ceil(down + up)} mm"
-    fit = _whole(reach, options.frames([*_both_ways(ISO), *PAPERS.values()]))
+    fit = _whole(reach, options.frames([*both_ways(ISO), *PAPERS.values()]))
     tile = ", or leave out --no-tile" if fit else "leave out --no-tile, design a smaller one, or export it as .step"
     if options.paper is None:
         found = f"a marker {size} that needs {room}"
@@ -190,10 +179,6 @@ def _too_small(reach: _Reach, size: str, options: SheetOptions) -> InputError:
         str(frame.paper),
         f"use --paper {fit[0].paper.name}{tile}" if fit else f"no known paper holds it: {tile}",
     )
-
-
-def _both_ways(sizes: Sequence[Paper]) -> list[Paper]:
-    return [each for size in sizes for each in (size, size.landscape)]
 
 
 def _reach_of(outline: Box, quiet: Box, colors: Colors) -> _Reach:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimates, PoseEstimator
 from markergen.estimators.base import turned
 from markergen.maths.information import apply_pose_step, turned_jacobian
-from markergen.maths.least_squares import Arrays, Attempt, Damping, LeastSquares, Mask, levenberg_marquardt
+from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, Mask, levenberg_marquardt
 from markergen.maths.projection import perspective, to_pixels
 from markergen.model.camera import Camera
 
@@ -35,7 +35,7 @@ class LevenbergMarquardt(PoseEstimator):
 
 
 def refine(batch: Correspondences, rotation: Array, translation: Array) -> tuple[Array, Array]:
-    """Minimize the squared reprojection error of every trial over its pose (see `markergen.maths.least_squares`).
+    """Minimize the squared reprojection error of every trial over its pose (see `markergen.maths.levenberg_marquardt`).
 
     The unknowns are the pose (w, dt) of `maths.information`, the residuals are in px. Noise applies to the distorted
     image: with lens distortion, residuals and their derivatives are multiplied by the lens derivative at the measured

@@ -215,7 +215,7 @@ def inner_polygon(contour: Contour, off: float) -> Array:
     return np.array(points, dtype=float).reshape(-1, 2)
 
 
-def inset(contour: Contour, distance: float) -> Contour:
+def offset(contour: Contour, distance: float) -> Contour:
     """Contour offset to its left: parallel lines with mitered corners, and concentric arcs.
 
     Arcs must join smoothly at both ends. Sides that would reverse are not detected.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, area, backward, circle, placed
 from markergen.geometry.distance import Edges
-from markergen.geometry.inset import Interior
+from markergen.geometry.interior import Interior
 from markergen.geometry.outlines import Ring, canonical_contours, polygons_of
 from markergen.geometry.region import Region, enclosing_circle, signed_area
 from markergen.units import format_length

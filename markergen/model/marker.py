@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from markergen.files import Written
-    from markergen.options.tables import ExportKeywords
+    from markergen.options.declarations import ExportKeywords
 
 Array = NDArray[np.float64]
 Rows = tuple[tuple[float, ...], ...]
@@ -182,7 +182,7 @@ class Plate:
         ):
             raise InputError(
                 "a pose with a rotation: three orthonormal rows and determinant 1",
-                "a matrix that is none" if bounded else "numbers beyond it",
+                "another matrix" if bounded else "numbers out of range",
                 "write it with all its digits",
             )
 

@@ -1,4 +1,4 @@
-"""Layouts that a design is held against, all from the same feasible region, and tables of their criteria."""
+"""Comparison layouts for a design, in the same feasible region, and tables of their criteria."""
 
 from collections.abc import Mapping, Sequence
 
@@ -21,16 +21,16 @@ LAYOUTS = {
     "square": "square, 4 dots",
     "random": "random, median",
 }
-"""Names of the layouts that a marker is compared with."""
+"""Names of the comparison layouts."""
 
 PHASES = 24
-"""Turns of a regular polygon that are looked at."""
+"""Number of rotations of a regular polygon that are compared."""
 
 NOTICEABLE = 1e-3
-"""Relative gain for which a polygon is turned: otherwise one of its corners stands straight up."""
+"""Relative gain that justifies rotating a polygon away from having a corner straight up."""
 
 SIZES, HALVINGS = 100, 30
-"""Sizes of a polygon that are tried, and halvings of the interval between the largest that fits and the next."""
+"""Number of polygon sizes tried, and of bisections between the largest that fits and the next."""
 
 
 def compare(
@@ -38,7 +38,7 @@ def compare(
 ) -> dict[str, Criteria]:
     """Criteria of a layout (n, 2 or 3) and of the n-gon, the square and the median random layout of the same region.
 
-    Other layouts (n, 2 or 3) come under their names, after its own.
+    Other layouts (n, 2 or 3) follow under their names, after the design.
     """
     table: dict[str, Criteria] = {"design": criteria(points[None], setting)[0]}
     table |= {name: criteria(other[None], setting)[0] for name, other in (others or {}).items()}
@@ -50,25 +50,25 @@ def compare(
 def comparison_layouts(
     region: FeasibleRegion, n: int, seed: int = 0, setting: Setting | None = None
 ) -> dict[str, Array]:
-    """Layouts (B, m, 2) in m by name: ``ngon`` and ``square``, regular and as large as can be, and ``random`` ones.
+    """Layouts (B, m, 2) in m by name: ``ngon`` and ``square``, regular and as large as possible, and ``random``.
 
-    Regular polygons lie about the center of the marker or of the largest circle in the region, whichever is better.
-    A layout that the region does not hold (its dots would touch) is left out.
+    Regular polygons are centered on the marker or on the largest circle in the region, whichever is better.
+    Infeasible layouts (dots would touch) are omitted.
 
     Parameters
     ----------
     setting : Setting or None
-        Where the regular ones are turned to their best side, by the pose objective; None takes the largest ones, with
-        a corner straight up if that is as good.
+        Setting in which the orientation of regular polygons is optimized, by the pose objective; None takes the
+        largest ones, with a corner straight up if that is as good.
     """
     polygons = {"ngon": _polygon(region, n, setting), "square": _polygon(region, 4, setting)}
     layouts = {**polygons, "random": region.sample(RANDOM_LAYOUTS, n, np.random.default_rng(seed))}
-    # Random layouts that stayed jammed are dropped; the regular ones are kept or dropped whole.
+    # Drop random layouts that stayed jammed, and infeasible regular ones.
     return {name: kept for name, batch in layouts.items() if len(kept := batch[region.holds(batch)])}
 
 
 def _polygon(region: FeasibleRegion, n: int, setting: Setting | None) -> Array:
-    """The best regular n-gon (1, n, 2) in m, or one that the region does not hold."""
+    """Best regular n-gon (1, n, 2) in m, infeasible if there is none."""
     turned = 2 * np.pi / n * np.arange(PHASES) / PHASES
     cosine, sine = np.cos(turned), np.sin(turned)
     unit = regular_polygon(n, 1.0) @ np.stack([cosine, sine, -sine, cosine], axis=-1).reshape(-1, 2, 2)
@@ -85,7 +85,7 @@ def _polygon(region: FeasibleRegion, n: int, setting: Setting | None) -> Array:
 
 
 def _largest(region: FeasibleRegion, unit: Array, center: Array) -> Array:
-    """Polygons (B, n, 2) with corners in directions (B, n, 2) from a center, as large as the region allows."""
+    """Largest feasible polygons (B, n, 2) with corners in directions (B, n, 2) from a center."""
     boundary = region.boundary
     if len(region.walls) == 1:
         return unit * (boundary.radius - region.inset)
@@ -94,7 +94,7 @@ def _largest(region: FeasibleRegion, unit: Array, center: Array) -> Array:
         corners = center + unit * size[..., None, None]
         return np.all(boundary.depth(corners) >= region.inset, axis=-1)
 
-    # In a ring a large polygon may fit where a smaller one does not.
+    # In an annulus a large polygon may fit where a smaller one does not.
     sizes = 2 * boundary.radius * np.arange(SIZES) / SIZES
     fitting = fits(np.broadcast_to(sizes[:, None], (SIZES, len(unit))))
     low = sizes[SIZES - 1 - np.argmax(fitting[::-1], axis=0)] * fitting.any(axis=0)
@@ -110,20 +110,20 @@ def _centers(region: FeasibleRegion) -> Array:
     """Centers (1 or 2, 2) in m: that of the marker, and that of the largest circle in the region."""
     if len(region.walls) == 1:
         return np.zeros((1, 2))
-    # Inside is what an odd number of the outlines goes around.
+    # A point is inside if an odd number of outlines enclose it.
     inside = geometry.Region.odd(region.boundary.outlines())
     return np.stack([np.zeros(2), inside.largest_circle(1e-4 * region.boundary.radius)])
 
 
 def criteria_table(criteria: Mapping[str, Mapping[str, float]], n: int, noise: str) -> Table:
-    """Criteria of a design of n dots beside those of the layouts that it is compared with.
+    """Table of the criteria of a design of n dots and of its comparison layouts.
 
     Parameters
     ----------
     criteria : mapping
         By ``design`` or the key of a layout in `LAYOUTS`, then by criterion, in the units of the objectives.
     noise : str
-        What they are for, in words.
+        Noise that the criteria are for, in words.
     """
     but = " and ".join(each.title for each in columns().values() if not each.proportional)
     names = {"design": "this marker", **LAYOUTS, "ngon": f"regular {n}-gon"}
@@ -136,7 +136,7 @@ def criteria_table(criteria: Mapping[str, Mapping[str, float]], n: int, noise: s
 
 
 def hidden_table(errors: Sequence[HiddenDots], noise: str) -> Table:
-    """Criteria of a marker with none, one and more of its dots hidden."""
+    """Table of the criteria of a marker with none, one and more of its dots hidden."""
     rows = []
     for row in errors:
         worst = f"dot{'s' * (row.hidden > 1)} {', '.join(map(str, row.worst_dots))}"
@@ -157,5 +157,5 @@ def _header() -> list[str]:
 
 
 def _cells(row: Mapping[str, float]) -> list[str]:
-    """Cells for the columns of criteria; a relief lacks some."""
+    """Cells for the columns of criteria, some of which a relief lacks."""
     return [number(row[each.key] * each.factor, 4) if each.key in row else "-" for each in columns().values()]

@@ -1,7 +1,7 @@
-"""What a layout must keep clear of, as smooth constraints: walls, the smooth pieces of an outline, and other dots.
+"""Smooth clearance constraints of a layout: to walls, the smooth pieces of an outline, and between dots.
 
-The depth of a point has a kink wherever two edges are equally near, in every corner above all, and that is where
-dots go. A descent that sees one edge at a time staggers between them; one that sees each as a constraint of its own
+The depth of a point has a kink wherever two edges are equally near, especially in corners, which is where dots go. A
+descent with only the nearest edge as a constraint zigzags between the two; with a separate constraint for each edge it
 goes straight into the corner.
 """
 
@@ -18,19 +18,20 @@ Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 CORNER, BEND = np.deg2rad(10.0), np.deg2rad(45.0)
-"""A wall ends at a corner that turns by more than the first, and where it has turned by the second in all."""
+"""Angles at which walls end: at a corner sharper than the first, or after a total turn of the second."""
 
 BLOCK = 2**17
-"""Pairs of point and segment that are worked on at once: their arrays stay small."""
+"""Pairs of point and segment per block, to limit memory."""
 
 MOST_WALLS = 16
-"""Most walls that count for one dot, the nearest: of a toothed outline hundreds may be in reach, and time and memory of
-SLSQP grow with the square of their number. What passes one of the others is put back by `FeasibleRegion.project`."""
+"""Maximum number of walls, the nearest ones, that constrain one dot: hundreds may be within reach on a toothed outline,
+and time and memory of SLSQP grow with the square of their number. A dot that violates one of the others is moved back
+by `FeasibleRegion.project`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Walls:
-    """Smooth pieces of an outline, the region to their left: w chains of s segments in all, then c circles.
+    """Smooth pieces of an outline, the region to their left: w chains, of s segments in total, then c circles.
 
     Attributes
     ----------
@@ -38,11 +39,11 @@ class Walls:
         Starts in m and directions of the segments, chain after chain.
     length : array (s,), m
     first, count : arrays (w,)
-        First segment of each chain, and how many there are.
+        Index of the first segment of each chain, and number of its segments.
     open_start, open_end : arrays (s,) of bool
-        Ends of chains at corners that point outward: there the edge goes on as a straight line.
+        Ends of chains at corners that point outward, beyond which the edge is extended as a straight line.
     circles : array (c, 4)
-        As of `rings_and_circles`.
+        Circles as returned by `rings_and_circles`.
     """
 
     start: Array
@@ -58,10 +59,10 @@ class Walls:
         return len(self.first) + len(self.circles)
 
     def distance(self, points: Array, walls: Index, signed: Mask | bool = False) -> tuple[Array, Array]:
-        """Distances (m,) in m from points (m, 2) to a wall each, and their gradients (m, 2).
+        """Distances (m,) in m from points (m, 2) to one wall each, and their gradients (m, 2).
 
-        Where `signed` is true they are negative on the side away from the region, and an end at a corner that points
-        outward is taken for a straight line without an end, so that the sign is right beyond it.
+        Where `signed` is true, distances are negative on the side away from the region, and the edge at a corner that
+        points outward is extended as an infinite straight line, so that the sign is right beyond the corner.
         """
         distance, gradient = np.empty(len(points)), np.empty((len(points), 2))
         signed = np.broadcast_to(np.asarray(signed), walls.shape)
@@ -84,7 +85,7 @@ class Walls:
             half = len(points) // 2
             parts = [self._to_chains(points[s], walls[s], signed[s]) for s in (slice(half), slice(half, None))]
             return np.concatenate([parts[0][0], parts[1][0]]), np.concatenate([parts[0][1], parts[1][1]])
-        # Every pair of a point and a segment of its wall.
+        # All pairs of a point and a segment of its wall.
         pair = np.repeat(np.arange(len(points)), count)
         segment = np.arange(ends[-1]) + (self.first[walls] - ends + count)[pair]
         (x, y), (ux, uy) = (points[pair] - self.start[segment]).T, self.unit[segment].T
@@ -94,25 +95,25 @@ class Walls:
         past = along - np.clip(along, low, high)
         square = left**2 + past**2
         least = np.flatnonzero(square == np.minimum.reduceat(square, ends - count)[pair])
-        # The first of several, since the last that is written stays.
+        # The first of several equally near segments, since the last write wins.
         nearest = np.zeros(len(points), dtype=np.int64)
         nearest[pair[least[::-1]]] = least[::-1]
         left, past, segment = left[nearest], past[nearest], segment[nearest]
         unit, distance = self.unit[segment], np.hypot(left, past)
         normal = np.stack([-unit[:, 1], unit[:, 0]], axis=-1)
         away = left[:, None] * normal + past[:, None] * unit
-        # Around the end of a chain the region is on either side of its line.
+        # Around the end of a chain the region lies on both sides of its line.
         at_first, at_last = segment == self.first[walls], segment == self.first[walls] + count - 1
         ended = (at_first & (past < 0)) | (at_last & (past > 0))
         sign = np.where((left < 0) & signed & ~ended, -1.0, 1.0)
-        # Beside an edge its normal has no rounding, even on the edge.
+        # Beside an edge the normal is free of rounding errors, even on the edge itself.
         flat = ((past == 0) & signed) | (distance < 1e-12)
         gradient = sign[:, None] * away / np.maximum(distance, np.finfo(float).tiny)[:, None]
         return np.where(flat, left, sign * distance), np.where(flat[:, None], normal, gradient)
 
 
 def walls_of(boundary: Boundary) -> Walls:
-    """The outline of a boundary in smooth pieces."""
+    """Split the outline of a boundary into smooth pieces."""
     rings, circles = rings_and_circles(boundary.contours(flat=True))
     chains = [chain for ring in rings for chain in _chains(ring)]
     empty = np.zeros((0, 2))
@@ -128,12 +129,12 @@ def walls_of(boundary: Boundary) -> Walls:
 
 
 def _chains(ring: Array) -> list[tuple[Array, bool, bool]]:
-    """Corners (k, 2) of each smooth piece of a closed polygon, and whether its first and last point outward."""
+    """Vertices (k, 2) of each smooth piece of a closed polygon, and whether its first and last point outward."""
     after = np.roll(ring, -1, axis=0) - ring
     before = np.roll(after, 1, axis=0)
     turn = np.arctan2(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], np.sum(before * after, axis=-1))
     sharp = np.abs(turn) > CORNER
-    # The first piece begins at a corner, if there is one.
+    # Start the first piece at a corner, if there is one.
     shift = int(np.argmax(sharp))
     ring, turn, sharp = np.roll(ring, -shift, axis=0), np.roll(turn, -shift), np.roll(sharp, -shift)
     ends, bent = [0], 0.0
@@ -151,13 +152,13 @@ def _chains(ring: Array) -> list[tuple[Array, bool, bool]]:
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Dots and walls, and pairs of dots, that may touch.
+    """Pairs of dot and wall, and pairs of dots, that may touch.
 
     Attributes
     ----------
     walls : Walls
     dot, wall : arrays (a,)
-        Indices of the dots and of their walls.
+        Indices of dot and wall of each pair.
     signed : array (a,) of bool
         See `Walls.distance`.
     first, second : arrays (b,)
@@ -172,7 +173,7 @@ class Contacts:
     second: Index
 
     def of(self, dots: Index) -> "Contacts":
-        """Those that depend on where some dots are."""
+        """Subset that depends on the positions of the given dots."""
         wall, pair = np.isin(self.dot, dots), np.isin(self.first, dots) | np.isin(self.second, dots)
         return Contacts(
             self.walls, self.dot[wall], self.wall[wall], self.signed[wall], self.first[pair], self.second[pair]
@@ -207,9 +208,10 @@ def contacts(walls: Walls, points: Array, inset: float, to_wall: float, to_dot: 
     Parameters
     ----------
     inset : float
-        Distance in m from the walls that the points have now.
+        Distance in m that the points currently keep from walls.
     to_wall, to_dot : float
-        Distances in m up to which a wall and another control point count; `to_dot` below 0 is for no pairs.
+        Maximum distances in m of a wall and of another control point to be included; `to_dot` below 0 includes no
+        pairs.
     """
     n, count = len(points), len(walls)
     each = np.repeat(points, count, axis=0), np.tile(np.arange(count), n)
@@ -218,7 +220,7 @@ def contacts(walls: Walls, points: Array, inset: float, to_wall: float, to_dot: 
     if count > MOST_WALLS:
         near &= distance <= np.partition(distance, MOST_WALLS - 1, axis=1)[:, MOST_WALLS - 1 : MOST_WALLS]
     dot, wall = np.nonzero(near)
-    # A wall that has its back to the dot, or that as an endless line would be in its way, is no more than an obstacle.
+    # Unsigned for a wall that faces away from the dot, or whose straight extension would wrongly exclude the dot.
     signed = walls.distance(points[dot], wall, True)[0] >= inset - 1e-9
     first, second = np.triu_indices(n, 1)
     close = np.linalg.norm(points[first] - points[second], axis=-1) <= to_dot

@@ -1,4 +1,4 @@
-"""From a spec to a marker: the main job."""
+"""Design of a marker from a spec."""
 
 import logging
 import sys
@@ -46,12 +46,12 @@ log = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 
 UPRIGHT = 1e-5
-"""Relative worsening that is allowed for turning the layout upright: far below what any sheet or camera can show."""
+"""Relative loss of the objective allowed for turning the layout upright, far below anything measurable."""
 
 
 @dataclass(frozen=True, repr=False)
 class Design(Result):
-    """A designed marker with its criteria and warnings; printing it shows what the command shows.
+    """A designed marker with its criteria and warnings; printing it gives the command's output.
 
     Attributes
     ----------
@@ -59,20 +59,20 @@ class Design(Result):
     setting : Setting
     dots : DotSize
     criteria : dict
-        Criteria of the design (``design``) and of the layouts beside it (``ngon``, ``square``, ``random``, and with a
-        relief the best one without, ``flat``), for the noise that ``setting.noise_words`` tells.
+        Criteria of the design (``design``) and of the layouts it is compared with (``ngon``, ``square``, ``random``,
+        and for a relief the best flat layout, ``flat``), for the noise given by ``setting.noise_words``.
     labels : LabelSafety or None
-        How safely the dots can be told apart; None for bare points, unless their layout has to tell.
+        Label safety of the dots; None for bare points, unless the layout alone has to identify them.
     value : float
-        Of the spec's objective, in its unit.
+        Value of the spec's objective, in its unit.
     seconds : float
-        How long it took.
+        Duration of the design.
     trace : tuple of Step
-        The way from the best start to the layout, if it was asked for.
+        Steps from the best start to the layout, if requested.
     family : tuple of Marker
-        Markers of the same layout that differ by their tags, if ids were asked for.
+        Markers of the same layout that differ by their tags, if ids were given.
     written : tuple of Written
-        Files that were written, if any were asked for.
+        Files written, if any.
 
     Examples
     --------
@@ -97,11 +97,11 @@ class Design(Result):
 
     @property
     def markers(self) -> tuple[Marker, ...]:
-        """The family, or the one marker alone."""
+        """The family, or the single marker."""
         return self.family or (self.marker,)
 
     def parts(self) -> list[str | Table]:
-        """See `Result.parts`: the summary, criteria beside those of other layouts, and what it took."""
+        """See `Result.parts`: summary, table of criteria with comparison layouts, time and memory."""
         words, lost = self.setting.noise_words, self.marker.provenance["spec"].get("survive", 0)
         tables = [criteria_table(self.criteria, len(self.marker), words)]
         if lost:
@@ -115,7 +115,7 @@ class Design(Result):
         return f"Design({self.marker!r}, {self.summary.splitlines()[1]})"
 
     def to_frame(self) -> "DataFrame":
-        """Criteria as a data frame of pandas, one row for each layout."""
+        """Criteria as a pandas data frame with one row per layout."""
         return data_frame([{"layout": name, **row} for name, row in self.criteria.items()])
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
@@ -124,7 +124,7 @@ class Design(Result):
 
     @property
     def summary(self) -> str:
-        """What was designed for what, in a few lines."""
+        """Summary of the design and its setting, in a few lines."""
         spec, poses = self.marker.provenance["spec"], self.setting.poses
         against = f" for {self.setting.noise_words}" if self.setting.noise else ""
         dropped = f", {poses.dropped} more do not see the whole marker" if poses.dropped else ""
@@ -139,7 +139,7 @@ class Design(Result):
 
     @property
     def _aggregate(self) -> str:
-        """What the objective came to, where the table of criteria does not tell it."""
+        """Value of the objective, where the table of criteria does not contain it."""
         spec = self.marker.provenance["spec"]
         lost = spec.get("survive", 0)
         if not (spec["aggregate"] or lost):
@@ -151,7 +151,7 @@ class Design(Result):
 
     @property
     def _labels(self) -> str:
-        """What tells the labels, and how safely."""
+        """Labeling method and label safety, in words."""
         if self.labels is None:
             return ""
         demanded = self.marker.provenance["spec"].get("asymmetric")
@@ -161,7 +161,7 @@ class Design(Result):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the user should know before using the marker."""
+        """Warnings that the user should read before using the marker."""
         found = []
         if self.marker.provenance["spec"]["coordinates"] == "hartley":
             found.append(
@@ -183,7 +183,7 @@ class Design(Result):
         return tuple(found)
 
     def _idle_keep_outs(self) -> list[str]:
-        """What to say of keep-outs that keep nothing out."""
+        """Warnings about keep-outs outside the boundary."""
         if not self.marker.keep_outs:
             return []
         boundary = self.marker.boundary.region
@@ -195,7 +195,7 @@ class Design(Result):
         ]
 
     def _weak_homography(self) -> list[str]:
-        """What to say of a layout, such as one near a line, that is best for the pose but not for a homography."""
+        """Warnings about layouts, such as nearly collinear ones, that are weak for a homography."""
         own, usual = (self.criteria.get(name, {}).get("homography_px", np.nan) for name in ("design", "random"))
         if not own > usual:
             return []
@@ -206,7 +206,7 @@ class Design(Result):
 
 
 def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -> Design:
-    """Find the layout that minimizes the spec's objective, and dress it as a marker.
+    """Find the layout that minimizes the spec's objective, and make it a marker.
 
     Equal specs give equal markers, traced or not. `progress(stage, done, total)` is called along the way.
 
@@ -214,13 +214,13 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
     ------
     InputError
         If no pose sees the marker, the dots do not fit, a name in the spec is unknown, the best layout has no
-        homography, or no layout was found whose labels are as safe as it demands.
+        homography, or no layout was found with the demanded label safety.
     """
     begin = perf_counter()
     check_objective(spec, spec.noise_model == "image")
     poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera, spec.relief)
     setting = Setting(spec.boundary, spec.camera, poses)
-    OBJECTIVES[spec.objective](setting, spec.aggregate, spec.coordinates)  # a wrong name is told before any search
+    OBJECTIVES[spec.objective](setting, spec.aggregate, spec.coordinates)  # reject wrong names before any search
     dots = choose_dots(spec, setting.poses, progress)
     if spec.noise_model == "image":
         setting = replace(setting, noise=DotNoise(dots.diameter, spec.image_noise, spec.print_sigma))
@@ -261,9 +261,9 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
 def upright(
     points: Array, objective: Objective, region: FeasibleRegion, allowed: Callable[[Array], bool] | None = None
 ) -> Array:
-    """Turn a layout (n, 2 or 3) so that one control point stands straight up, where that costs nothing.
+    """Rotate a layout (n, 2 or 3) so that one control point is straight up, where that costs nothing.
 
-    Of the n turns the best is taken that is feasible, worse by no more than `UPRIGHT`, and allowed.
+    Of the n rotations, the best one is chosen that is feasible, allowed, and worse by no more than `UPRIGHT`.
     """
     angles = np.pi / 2 - np.arctan2(points[:, 1], points[:, 0])
     cosine, sine = np.cos(angles), np.sin(angles)
@@ -278,7 +278,7 @@ def upright(
 
 
 def _check_homography(row: Criteria, spec: Spec) -> None:
-    """Refuse what has a pose but no homography: nothing that begins with one, such as detection, could use it."""
+    """Refuse a layout that determines a pose but no homography, which detection and others start from."""
     if np.isinf(row.get("homography_px", 0.0)):
         raise InputError(
             "a layout that determines a homography",
@@ -288,7 +288,7 @@ def _check_homography(row: Criteria, spec: Spec) -> None:
 
 
 def _effort(seconds: float) -> str:
-    """How long a design took and how much memory the process has used, where the system tells."""
+    """Duration of the design and, where available, peak memory of the process, in words."""
     words = f"found in {seconds:.1f} s"
     try:
         import resource
@@ -304,7 +304,7 @@ def _safe(points: Array, spec: Spec, setting: Setting) -> bool:
 
 
 def number(points: Array) -> Array:
-    """Order control points (n, 2 or 3) for labels: counterclockwise from straight up, those at the center last."""
+    """Sort control points (n, 2 or 3) for labeling: counterclockwise from straight up, those at the center last."""
     radius = np.hypot(points[:, 0], points[:, 1])
     central = radius < 1e-3 * radius.max()
     angle = np.mod(np.arctan2(points[:, 1], points[:, 0]) - np.pi / 2 + 1e-6, 2 * np.pi)
@@ -319,14 +319,14 @@ def dress(
     table: dict[str, Criteria],
     labels: LabelSafety | None = None,
 ) -> Marker:
-    """Make a marker of a layout (n, 2 or 3); provenance says from what.
+    """Make a marker from a layout (n, 2 or 3), with its provenance.
 
-    Dot 0 is the key ring and the others are disks; all are where the layout has to tell the labels.
+    Dot 0 is the key ring and the others are disks; all are disks where the layout alone identifies them.
     """
     import scipy
 
     stored = _stored(spec, setting.poses).as_dict()
-    # A tenth of a nanometer: nothing that anybody could make, and the file stays readable.
+    # A tenth of a nanometer is far below any manufacturing tolerance, and the file stays readable.
     rounded = np.round(points, 10) + 0.0
     return replace(
         build_marker(rounded, spec.boundary, dots.diameter, dots.clearance, keyed=not spec.asymmetric),
@@ -342,30 +342,30 @@ def dress(
             "poses": {"name": setting.poses.name, "count": len(setting.poses), "dropped": setting.poses.dropped},
             "dots": dots.reason,
             "criteria": {
-                # JSON has no infinity, which the homography of a random layout may be off by.
+                # JSON has no infinity, which is the homography error of some random layouts.
                 name: {key: float(f"{value:.8g}") for key, value in row.items() if np.isfinite(value)}
                 for name, row in table.items()
             },
             **({"labels": labels.sentence} if labels else {}),
-            # Without this word criteria are for noise of 1 px.
+            # If absent, criteria are for noise of 1 px.
             **({"noise": setting.noise_words} if setting.noise else {}),
         },
     )
 
 
 def _stored(spec: Spec, seen: PoseDistribution) -> Spec:
-    """Spec as a marker.json has it: of a file with too many poses only those that the marker was designed for."""
+    """Spec as stored in marker.json: of a file with too many poses, only those that the marker was designed for."""
     too_many = isinstance(spec.poses, RecordedPoses) and len(spec.poses) > MOST_KEPT
     return replace(spec, poses=seen) if too_many and isinstance(seen, RecordedPoses) else spec
 
 
 def members(marker: Marker, spec: Spec, ids: Sequence[int]) -> tuple[Marker, ...]:
-    """Markers of the same layout with a tag of each of these ids, each as if it had been designed by itself.
+    """Markers of the same layout with the given tag ids, each as if it had been designed separately.
 
     Parameters
     ----------
     marker : Marker
-        As designed from `spec`; the id of its tag does not matter.
+        Marker designed from `spec`; the id of its tag does not matter.
 
     Raises
     ------

@@ -1,9 +1,9 @@
-"""How large the dots are printed: as many pixels as detection needs, as long as they fit, or the least predicted error.
+"""Choice of the dot diameter: large enough for detection, as far as the dots fit, or of least predicted error.
 
-For `--dot auto` the predicted error is minimized. Larger dots are measured better, their error falling with the root of
-the diameter; but they must stay farther inside the boundary and apart from each other, which shortens the lever that
-the pose is measured by. A print error is the same for dots of every size, and of it only the lever remains: the larger
-it is, the smaller are the best dots.
+For `--dot auto` the predicted error is minimized. Larger dots are measured better, with an error that falls with the
+square root of the diameter; but they must stay farther inside the boundary and farther apart, which shortens the lever
+arm of the pose measurement. The print error does not depend on the dot size, so only the lever arm matters for its
+effect: the larger the print error, the smaller the best dots.
 """
 
 from collections.abc import Callable
@@ -29,33 +29,34 @@ from markergen.units import format_length
 Array = NDArray[np.float64]
 
 PIXELS = 8.0
-"""Smallest extent in px that the dots' images should have."""
+"""Desired minimum extent of the dots' images, in px."""
 
 PERCENTILE = 94.0
-"""Share of the poses, in per cent, in which they should have it."""
+"""Percentage of the poses in which the dots should have that extent."""
 
 ROOM = 0.9
-"""Largest share of the diameter that just fits: the optimizer needs room to move the dots."""
+"""Maximum fraction of the diameter that just fits; the optimizer needs room to move the dots."""
 
 FEWEST_PIXELS, FEWEST_PIXELS_LONG = 4.0, 6.0
-"""Below this many px along its image's short and long axis, a dot is too small to be detected reliably."""
+"""Minimum extents in px along the short and long axis of a dot's image for reliable detection."""
 
 CLEARANCE = 0.1
-"""Default clearance as a share of the diameter."""
+"""Default clearance as a fraction of the diameter."""
 
 SCANNED = 8
-"""Diameters tried before the best of them is refined: where dots begin to crowd each other the error can have a dip."""
+"""Number of diameters tried before the best is refined: the error can have a local minimum where dots begin to
+crowd."""
 
 RESTARTS, STEPS = 4, 15
-"""Random starts for the first diameter, and steps of the polish from one diameter's layout to the next one's."""
+"""Number of random starts for the first diameter, and of polish steps from one diameter's layout to the next."""
 
 EXPECTED = SCANNED + 10
-"""About as many diameters are tried in all."""
+"""Approximate total number of diameters tried, for the progress display."""
 
 
 @dataclass(frozen=True)
 class DotSize:
-    """Diameter and clearance in m, one line that explains the choice, and one that warns of it, if there is cause."""
+    """Diameter and clearance in m, a line that explains the choice, and a warning about it, if any."""
 
     diameter: float
     clearance: float
@@ -64,7 +65,7 @@ class DotSize:
 
 
 def clearance_of(spec: Spec, diameter: float) -> float:
-    """Clearance in m that the spec asks for with dots of that diameter."""
+    """Clearance in m according to the spec for dots of the given diameter."""
     return CLEARANCE * diameter if spec.clearance is None else spec.clearance
 
 
@@ -74,7 +75,7 @@ def choose_dots(spec: Spec, poses: PoseDistribution, progress: Progress | None =
     Raises
     ------
     InputError
-        If the dots or the clearance that the spec asks for leave room for fewer than n; the message says for how many.
+        If fewer than n dots fit with the spec's diameter or clearance; the message gives the number that fit.
     """
     if spec.dot == "auto":
         size = best_dots(spec, poses, progress)
@@ -107,7 +108,7 @@ def largest_that_leaves_room(spec: Spec) -> float:
         If it is below 0.1 mm.
     """
     fits = ROOM * largest_diameter(room_of(spec), spec.n, spec.clearance)
-    # Whole tenths of a millimeter: a size that can be measured on the sheet.
+    # Whole tenths of a millimeter can be measured on the sheet.
     diameter = float(np.floor(fits * 1e4) / 1e4)
     if not diameter:
         raise InputError(
@@ -139,7 +140,7 @@ def _default(spec: Spec, poses: PoseDistribution) -> DotSize:
 
 
 def pixels_across(diameter: float, camera: Camera, poses: PoseDistribution) -> float:
-    """Extent in px that the image of a dot has along its short axis in 94 % of the poses (see `wanted_diameter`)."""
+    """Extent in px of a dot's image along its short axis, reached in 94 % of the poses (see `wanted_diameter`)."""
     focal = np.sqrt(camera.fx * camera.fy)
     return float(diameter * focal / np.percentile(poses.translation[:, 2] / poses.cos_tilt, PERCENTILE))
 
@@ -150,7 +151,7 @@ def _pixels(diameter: float, spec: Spec, poses: PoseDistribution) -> str:
 
 def _refuse_what_does_not_fit(spec: Spec, size: DotSize) -> None:
     room = room_of(spec)
-    # The search relies on what is found here: where it is stuck, it begins with it.
+    # The search relies on the same packing: where it is stuck, it starts from it.
     if fitting(FeasibleRegion(room, size.diameter, size.clearance), spec.n) is not None:
         return
     fit = count_that_fit(room, size.diameter, size.clearance, spec.n - 1)
@@ -165,7 +166,7 @@ def _refuse_what_does_not_fit(spec: Spec, size: DotSize) -> None:
 def best_dots(spec: Spec, poses: PoseDistribution, progress: Progress | None = None) -> DotSize:
     """Diameter, a whole tenth of a mm, at which the spec's objective is least for image noise and print error.
 
-    Every diameter is given the layout that is best for it, by a polish from that of the nearest one before.
+    The layout is optimized for every diameter, by a polish from the layout of the nearest diameter tried before.
 
     Raises
     ------
@@ -182,7 +183,7 @@ def best_dots(spec: Spec, poses: PoseDistribution, progress: Progress | None = N
         best = int(np.argmin([predicted(float(diameter)) for diameter in scan]))
         found = _minimum(predicted, scan[max(best - 1, 0)], scan[min(best + 1, SCANNED - 1)])
         candidates.append(float(np.clip(round(found, 4), least, room)))
-    # The search never reaches the ends of its interval, so they are asked by themselves.
+    # The search never reaches the ends of its interval, so they are evaluated separately.
     diameter = min(candidates, key=predicted)
     value = predicted(diameter)
     predicted.done()
@@ -191,7 +192,7 @@ def best_dots(spec: Spec, poses: PoseDistribution, progress: Progress | None = N
 
 
 class _Prediction:
-    """The objective by the diameter, at the best layout found; what was found is kept as a start for the next."""
+    """The objective as a function of the diameter, at the best layout found, which is kept as a start for the next."""
 
     def __init__(self, spec: Spec, setting: Setting, progress: Progress | None) -> None:
         self._spec, self._setting, self._progress = spec, setting, progress
@@ -216,7 +217,7 @@ class _Prediction:
         return value
 
     def by_diameter(self, print_sigma: float) -> dict[float, float]:
-        """Values of the layouts found, by their diameters, were they printed with an error of print_sigma m."""
+        """Values of the layouts found, by diameter, for a print error of print_sigma in m."""
         return {
             diameter: float(objective_of(self._spec, self._with(diameter, print_sigma))(points[None])[0])
             for diameter, (points, _) in self._found.items()
@@ -226,14 +227,14 @@ class _Prediction:
         return replace(self._setting, noise=DotNoise(diameter, self._spec.image_noise, print_sigma))
 
     def _start(self, region: FeasibleRegion) -> Array:
-        """Layout (n, 2) of the nearest diameter before, grown or shrunk with the room that the dots leave it."""
+        """Layout (n, 2) of the nearest diameter tried before, scaled with the available room."""
         nearest = min(self._found, key=lambda known: abs(known - region.diameter))
         before = FeasibleRegion(region.boundary, nearest, clearance_of(self._spec, nearest))
         scale = (region.boundary.radius - region.inset) / (region.boundary.radius - before.inset)
         start = region.project((self._found[nearest][0] * scale)[None])
         if region.holds(start)[0]:
             return start[0]
-        # Jammed: the layout of the densest packing holds whatever fits.
+        # Jammed: the layout of the densest packing is feasible for any diameter that fits.
         return pack(region.boundary, self._spec.n, self._spec.clearance)[0]
 
     def done(self) -> None:
@@ -244,7 +245,7 @@ class _Prediction:
 def _minimum(predicted: Callable[[float], float], low: float, high: float) -> float:
     from scipy.optimize import minimize_scalar
 
-    # The minimum is flat: 1 % beside it nothing is lost, so 0.1 % is fine enough.
+    # The minimum is flat: an error of 1 % costs nothing, so 0.1 % is fine enough.
     found = minimize_scalar(
         lambda log_diameter: np.log(predicted(float(np.exp(log_diameter)))),
         bounds=(np.log(low), np.log(high)),
@@ -273,7 +274,7 @@ def _reason(spec: Spec, diameter: float, value: float, detectable: float, room: 
 
 
 def _warning(spec: Spec, predicted: _Prediction, diameter: float) -> str:
-    """What to say of a size that gains less by the image than it loses by the usual print error, which was left out."""
+    """Warning about a size whose gain in the image is outweighed by the usual print error, which the spec omits."""
     if spec.print_sigma:
         return ""
     usual = ErrorSources.print_sigma

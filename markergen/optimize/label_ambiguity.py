@@ -1,19 +1,20 @@
-"""When a labeling of the dots counts as ambiguous: how far images must move until another labeling fits as well.
+"""Label safety: the displacement of the dots' images at which another labeling fits as well as the true one.
 
-For each dot the nearest rival labeling that takes it for another one is looked for over all poses (see
-`markergen.optimize.rival_labelings`, also for D). Its safety is d = D/(2 sqrt(n)), in px: while the images of the n
-dots are displaced by less than d, root of the mean square over the dots, the true labeling fits better than that rival.
-So it does while no single dot is displaced by more. That is proved; the displacement half way to the rival's images, of
-exactly that RMS, makes the rival fit as well as the true pose. Labels whose safety is below `SAME_PX` are ambiguous.
+For each dot the search covers all poses for the nearest rival labeling that confuses it with another dot (see
+`markergen.optimize.rival_labelings`, also for D). Its safety is d = D/(2 sqrt(n)), in px: as long as the images of the
+n dots are displaced by less than d, RMS over the dots, the true labeling fits better than that rival. This holds in
+particular if no single dot is displaced by more than d. The bound is proved and tight: the displacement halfway to the
+rival's images, of exactly that RMS, makes the rival fit as well as the true pose. Labels whose safety is below
+`SAME_PX` are ambiguous.
 
-With noise of sigma px in every coordinate the rival is taken with a probability of about Q(sqrt(n) d/sigma), Q the
-tail of the normal distribution: all dots together tell.
+With noise of sigma px in every coordinate the rival fits better with a probability of about Q(sqrt(n) d/sigma), Q being
+the tail of the normal distribution; all dots together contribute.
 
-**Search.** A rival's images are the same set of points as the true ones. To first order its pose therefore keeps mean
-and covariance of the set, which leaves one number free: the angle of a turn of the whitened set, S^(-1/2) (X - mean).
-Every angle gives one labeling. Those that fit best, and the true one, are then varied by exchanging two dots, again
-and again, which is priced without a new fit: the images that are exchanged differ by d, which adds +d and -d to two
-residuals, and the fit takes away what lies in the span of its Jacobian.
+**Search.** A rival's images are the same set of points as the true ones. To first order its pose therefore preserves
+mean and covariance of the set, which leaves one degree of freedom: the rotation angle of the whitened set,
+S^(-1/2) (X - mean). Every angle gives one labeling. The best of these, and the true one, are then varied by repeatedly
+exchanging two dots. The cost of an exchange needs no new fit: if the exchanged images differ by d, two residuals change
+by +d and -d, and the fit removes the part in the span of its Jacobian.
 """
 
 from dataclasses import dataclass
@@ -30,59 +31,59 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 MANY = 24
-"""Dots beyond which rivals are all alike, two neighbors exchanged, and the constants below "of many" hold."""
+"""Number of dots beyond which all rivals are alike, two neighbors exchanged, and the constants ..._OF_MANY apply."""
 
 REPRESENTATIVE, REPRESENTATIVE_OF_MANY = 12, 4
-"""Poses at which rivals are looked for."""
+"""Number of poses at which rivals are searched."""
 
 BROUGHT, BROUGHT_PER_DOT, FOLLOWED, FOLLOWED_PER_DOT = 24, 3, 8, 1
-"""Labelings, the nearest of all and of each dot, that are followed from where they were found to the other
-representative poses, and then to all: where safety was demanded, several are equally near where they were found."""
+"""Numbers of labelings, the nearest overall and per dot, that are followed from the pose where they were found to the
+other representative poses, and then to all poses: if safety was demanded, several are equally near at first."""
 
 NEAR = 1.5
-"""Poses where the rough fit of a labeling is farther than so many times its nearest are not fitted to the end."""
+"""Factor of a labeling's smallest distance in the rough fit beyond which a pose is not fitted to convergence."""
 
 FITS = 400_000
-"""Dots times poses times rivals that are fitted in the end; with more of them, fewer poses."""
+"""Limit of dots times poses times rivals in the final fit; above it, fewer poses are used."""
 
 SAME_PX = 1e-3
-"""Below this safety two labelings are the same to any camera."""
+"""Safety in px below which no camera can distinguish two labelings."""
 
 
 LISTED = 8
-"""Dots of a cycle that words list; of longer ones they say how long."""
+"""Maximum length of a cycle whose dots are listed in sentences; for longer ones only the length is given."""
 
 ANGLES, ANGLES_OF_MANY = 180, 360
-"""Turns that are tried; many dots are closer together."""
+"""Number of rotation angles tried; more for many dots, which are closer together."""
 
 KEPT = 16
-"""Labelings of a pose that are fitted in each round, besides the best for each dot."""
+"""Number of labelings per pose fitted in each round, in addition to the best for each dot."""
 
 VARIED = 6
-"""Labelings of a pose whose exchanges are tried in each round, besides the true one in the first."""
+"""Number of labelings per pose whose exchanges are tried in each round, in addition to the true one in the first."""
 
 ROUNDS = 3
-"""Rounds of exchanges: three make every permutation of four dots, and every cycle of as many."""
+"""Rounds of exchanges; three produce every permutation of four dots, and every cycle of four among more."""
 
 FINISHED, FINISHED_PER_DOT = 8, 2
-"""Labelings of a pose that are fitted to the end: the nearest of all, and those of each dot."""
+"""Numbers of labelings per pose fitted to convergence: the nearest overall, and per dot."""
 
 
 @dataclass(frozen=True, eq=False)
 class LabelSafety:
-    """How safely each of n dots can be told apart.
+    """Label safety of each of n dots.
 
     Attributes
     ----------
     px : array (n,)
-        Safety of each dot over the poses; inf for one that no labeling can take for another.
+        Least safety of each dot over the poses; inf for a dot that no labeling confuses with another.
     labels : array (n, n) of int
-        Row i: what each dot is taken for by the nearest rival labeling that moves dot i, by their order.
+        Row i: index of the dot that each dot is taken for by the nearest rival labeling that moves dot i.
     pose : array (n,) of int
-        Index of the pose where that is.
+        Index of the pose of that rival.
     poses : PoseDistribution
     ids : tuple of int
-        What the dots are called.
+        Ids of the dots in sentences.
     """
 
     px: Array
@@ -93,18 +94,18 @@ class LabelSafety:
 
     @property
     def least(self) -> float:
-        """Safety in px of the least safe dot, and so of the labels as a whole."""
+        """Safety in px of the least safe dot, and thus of all labels."""
         return float(self.px.min())
 
     @property
     def worst(self) -> int:
-        """The least safe dot, by its order."""
+        """Index of the least safe dot."""
         return int(self.px.argmin())
 
     def confusion(self, sigma: float) -> Array:
         """Probability (n,) that noise of sigma px in every coordinate makes each dot's nearest rival fit better.
 
-        At the rival's pose, the worst one; a half for a dot that another labeling fits exactly.
+        Evaluated at the rival's pose, the worst one; 0.5 for a dot where the rival labeling fits exactly.
         """
         from scipy.special import erfc
 
@@ -114,7 +115,7 @@ class LabelSafety:
 
     @property
     def sentence(self) -> str:
-        """The least safety, the labeling that is likeliest taken for the true one, and where."""
+        """The least safety, and the most likely wrong labeling with its pose, in words."""
         if np.isinf(self.least):
             return "labels are safe: no two dots are alike"
         pose, rival = self.pose[self.worst], self.in_words(self.worst)
@@ -128,7 +129,7 @@ class LabelSafety:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """The report in words: `sentence`, and how much safer other dots are."""
+        """The report in words: `sentence`, and the least safe and safest dots."""
         if np.isinf(self.least) or self.px.max() <= self.least + SAME_PX:
             return (self.sentence,)
         safest = int(self.px.argmax())
@@ -136,7 +137,7 @@ class LabelSafety:
         return self.sentence, f"the least safe dot is {self.ids[self.worst]}, the safest is {self.ids[safest]}, {never}"
 
     def in_words(self, dot: int) -> str:
-        """The nearest rival labeling that moves a dot, such as "2 and 3 exchanged"; empty for a dot it never moves."""
+        """The nearest rival labeling that moves a dot, such as "2 and 3 exchanged"; empty if there is none."""
         found = []
         for cycle in self.cycles(dot):
             if len(cycle) == 2:
@@ -148,7 +149,7 @@ class LabelSafety:
         return " and ".join(found)
 
     def cycles(self, dot: int) -> tuple[tuple[int, ...], ...]:
-        """The nearest rival labeling that moves a dot: (0, 1, 2) takes dot 0 for 1, 1 for 2, and 2 for 0."""
+        """Cycles of the nearest rival labeling that moves a dot: (0, 1, 2) takes dot 0 for 1, 1 for 2, and 2 for 0."""
         labels, cycles, left = self.labels[dot], [], set(range(len(self.px)))
         while left:
             cycle = [min(left)]
@@ -162,7 +163,7 @@ class LabelSafety:
     def as_dict(self, sigma: float) -> dict[str, object]:
         """Return the report as plain JSON values, with the confusion by noise of sigma px.
 
-        Of a dot that is never taken for another px is null, and there is nothing else to tell.
+        For a dot that is never taken for another, px is null and the other entries are absent.
         """
         confusion = self.confusion(sigma)
         return {
@@ -188,10 +189,10 @@ class LabelSafety:
 
 
 def label_safety(marker: Marker, setting: Setting) -> LabelSafety:
-    """How safely the dots of a marker can be told apart from the poses of a setting.
+    """Label safety of a marker's dots, seen from the poses of a setting.
 
-    Rings are told from disks by their looks, and what has the same look by its place. All dots are seen. Sizes of dots
-    and shapes of their images, which tell more, are left out. Heights of control points count.
+    Rings differ from disks by appearance; dots of equal appearance differ only by position. All dots are assumed
+    visible. Sizes of dots and shapes of their images, which would help, are ignored. Heights of control points count.
     """
     kinds = np.array([point.feature.kind == "ring" for point in marker.control_points], dtype=np.intp)
     scene = seen_layout(marker.xyz, kinds, setting.camera, setting.poses)
@@ -199,17 +200,17 @@ def label_safety(marker: Marker, setting: Setting) -> LabelSafety:
 
 
 def layout_safety(points: Array, setting: Setting, keyed: bool) -> LabelSafety:
-    """How safely the dots of a layout (n, 2 or 3) in m can be told apart, the first one a ring if `keyed`."""
+    """Label safety of the dots of a layout (n, 2 or 3) in m, the first one a ring if `keyed`."""
     kinds = np.zeros(len(points), dtype=np.intp)
     kinds[0] = keyed
     return safety_of(seen_layout(points, kinds, setting.camera, setting.poses))
 
 
 def safety_of(scene: SeenLayout, ids: tuple[int, ...] = (), rivals: Rivals | None = None) -> LabelSafety:
-    """Safety of the dots of a scene; without ids they are called by their order, without rivals these are sought."""
+    """Label safety of a scene; ids default to 0, 1, ... and rivals to the result of a search."""
     n = len(scene.points)
     rivals = worst_rivals(scene) if rivals is None else rivals
-    # What a rival takes for dot j is dot s(j): the labels are its inverse. Of equals the first in order is told.
+    # A rival takes dot s(j) for dot j, so the labels are its inverse. Ties go to the first in lexicographic order.
     order = np.lexsort(np.argsort(rivals.labeling, axis=-1).T[::-1])
     rivals = rivals.take(order)
     away = np.where(rivals.moved, rivals.px[:, None], np.inf)
@@ -222,7 +223,7 @@ def safety_of(scene: SeenLayout, ids: tuple[int, ...] = (), rivals: Rivals | Non
 
 
 def worst_rivals(scene: SeenLayout) -> Rivals:
-    """The nearest rivals that were found, with those that move each dot, followed over all poses."""
+    """Find the nearest rivals, including those that move each dot, over all poses."""
     n = len(scene.points)
     at = representative(scene.poses, REPRESENTATIVE_OF_MANY if n > MANY else REPRESENTATIVE)
     found = find_rivals(scene, at)
@@ -233,7 +234,7 @@ def worst_rivals(scene: SeenLayout) -> Rivals:
 
 
 def _followed(scene: SeenLayout, rivals: Rivals, labeling: Indices, at: Indices) -> Rivals:
-    """Rivals with the labelings (K, n) fitted at the poses `at` that come into question for the nearest."""
+    """Add to the rivals the labelings (K, n) fitted at those of the poses `at` that may be nearest."""
     found = scene.fit(np.repeat(labeling, len(at), axis=0), np.tile(at, len(labeling)), rough=True)
     px = found.px.reshape(len(labeling), len(at))
     near = px <= NEAR * px.min(axis=1, initial=np.inf, keepdims=True)
@@ -241,9 +242,9 @@ def _followed(scene: SeenLayout, rivals: Rivals, labeling: Indices, at: Indices)
 
 
 def find_rivals(scene: SeenLayout, at: Indices) -> Rivals:
-    """Near rivals at the poses with indices `at`: for every dot those that move it, and the nearest of all.
+    """Near rivals at the poses with indices `at`: those that move each dot, and the nearest overall.
 
-    Not all permutations are tried; see the module for which. A search: a test compares it with all of them.
+    A heuristic search over some of the permutations (see the module), tested against an exhaustive one.
     """
     pool = scene.fit(*_turned(scene, at), rough=True)
     pool = _unique(pool.joined(_reassigned(scene, pool)))
@@ -258,15 +259,15 @@ def find_rivals(scene: SeenLayout, at: Indices) -> Rivals:
             break
         pool = pool.joined(scene.fit(*fresh, rough=True))
     best = pool.take(_nearest(pool, at, FINISHED, FINISHED_PER_DOT))
-    # From all starts again: a rough fit may have gone on from the one that ends in the worse minimum.
+    # Restart from both starts: a rough fit may have continued from the one that leads to the worse minimum.
     return scene.fit(best.labeling, best.pose)
 
 
 def representative(poses: PoseDistribution, count: int) -> Indices:
-    """Indices of up to `count` poses that differ much in distance and direction, the farthest tilted one first.
+    """Indices of up to `count` poses that differ much in distance and direction, the most tilted one first.
 
-    Each next one is that which is farthest from all before, in the direction of the camera and the logarithm of its
-    distance. A turn about the line of sight changes nothing and does not count.
+    Each further pose is the one farthest from all previous ones, in the direction of the camera and the logarithm of
+    its distance. A rotation about the line of sight changes nothing and does not count.
     """
     center = -np.einsum("pij,pi->pj", poses.rotation, poses.translation)
     distance = np.linalg.norm(center, axis=-1)
@@ -280,7 +281,7 @@ def representative(poses: PoseDistribution, count: int) -> Indices:
 
 
 def _turned(scene: SeenLayout, at: Indices) -> tuple[Indices, Indices]:
-    """Labelings (K, n) by turns of the set made round, the best `KEPT` at each of the poses; and the poses (K,)."""
+    """Labelings (K, n) by rotations of the whitened set, the best `KEPT` at each pose; and their poses (K,)."""
     from scipy.optimize import linear_sum_assignment
 
     n = len(scene.points)
@@ -306,14 +307,14 @@ def _turned(scene: SeenLayout, at: Indices) -> tuple[Indices, Indices]:
 
 
 def _round(points: Array) -> Array:
-    """Points (n, 2) with their mean taken off and their covariance made the identity, not mirrored."""
+    """Whiten points (n, 2): subtract the mean and make the covariance the identity, without mirroring."""
     centered = points - points.mean(axis=0)
     values, vectors = np.linalg.eigh(centered.T @ centered / len(points))
     return centered @ (vectors / np.sqrt(np.maximum(values, 1e-12 * values[1]))) @ vectors.T
 
 
 def _reassigned(scene: SeenLayout, rivals: Rivals) -> Rivals:
-    """Rivals whose dots take the images nearest to where the fit has them, as far as these are new."""
+    """New rivals that assign to each dot the image nearest to its fitted position."""
     from scipy.optimize import linear_sum_assignment
 
     finite = np.flatnonzero(np.isfinite(rivals.distance))
@@ -326,7 +327,7 @@ def _reassigned(scene: SeenLayout, rivals: Rivals) -> Rivals:
 
 
 def _exchanged(scene: SeenLayout, bases: Rivals, at: Indices) -> tuple[Indices, Indices]:
-    """Labelings (K, n) that differ from bases by an exchange of two dots, the most promising of each pose and dot."""
+    """Labelings (K, n) that differ from bases by an exchange of two dots, the most promising per pose and dot."""
     n = len(scene.points)
     first, second = np.triu_indices(n, 1)
     alike = scene.kinds[first] == scene.kinds[second]
@@ -339,9 +340,9 @@ def _exchanged(scene: SeenLayout, bases: Rivals, at: Indices) -> tuple[Indices, 
         rows = np.flatnonzero(bases.pose == pose)
         price = promised[rows].ravel()
         base, pair = np.unravel_index(np.argsort(price, kind="stable"), (len(rows), len(first)))
-        # More than twice that many are the same labelings by other ways.
+        # Beyond twice that many there are only duplicates.
         top = np.arange(min(2 * KEPT, len(base)))
-        # The cheapest exchange of each dot, too.
+        # Also the cheapest exchange of each dot.
         _, by_first = np.unique(first[pair], return_index=True)
         _, by_second = np.unique(second[pair], return_index=True)
         chosen = np.unique(np.concatenate([top, by_first, by_second]))
@@ -369,7 +370,7 @@ def _prices(scene: SeenLayout, bases: Rivals, first: Indices, second: Indices) -
 
 
 def _nearest(rivals: Rivals, at: Indices, count: int, per_dot: int = 0) -> Indices:
-    """Indices of the nearest `count` rivals at each pose, and of the nearest `per_dot` that move each dot."""
+    """Indices of the `count` nearest rivals at each pose, and of the `per_dot` nearest that move each dot."""
     chosen = [np.zeros(0, dtype=np.intp)]
     for pose in at:
         rows = np.flatnonzero((rivals.pose == pose) & np.isfinite(rivals.distance))
@@ -383,7 +384,7 @@ def _keys(labeling: Indices, pose: Indices) -> list[bytes]:
 
 
 def _not_in(labeling: Indices, pose: Indices, known: Rivals) -> tuple[Indices, Indices]:
-    """Labelings (K, n) with their poses (K,), each once, without the true one and those that are known."""
+    """Labelings (K, n) with their poses (K,), without duplicates, the true one, and known ones."""
     seen = set(_keys(known.labeling, known.pose))
     wrong = (labeling != np.arange(labeling.shape[1])).any(axis=-1)
     chosen = []

@@ -1,4 +1,4 @@
-"""Packings: how large n dots can be, and how many dots of one size fit."""
+"""Packings: the largest diameter of n dots, and the number of dots of one size that fit."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,36 +12,36 @@ from markergen.optimize.problem import FeasibleRegion
 Array = NDArray[np.float64]
 
 EXACT_UP_TO = 24
-"""Beyond this many dots the hexagonal lattice is used, a lower bound within a few per cent."""
+"""Number of dots above which the hexagonal lattice is used, a lower bound within a few percent."""
 
 DENSEST = np.pi / np.sqrt(12)
-"""Share of the plane that the densest packing of equal disks covers."""
+"""Density of the densest packing of equal disks in the plane."""
 
 
 TURNS = np.deg2rad([0.0, 15.0, 30.0, 45.0])
-"""Turns of the lattice that are tried; by 60 degrees it looks the same."""
+"""Rotations of the lattice that are tried; its period is 60 degrees."""
 
 SAMPLES = 8
-"""Random starts; with corners or several regions as many again that spread from place to place."""
+"""Number of random starts; with corners or several regions, the same number of spread-out starts is added."""
 
 SPREAD = 500
-"""Random places that such a start chooses from."""
+"""Number of random positions from which a spread-out start is chosen."""
 
 REACH, ROUNDS = 0.3, 12
-"""Where there is more than a disk's outline no dot moves farther than this share of its size in one of so many rounds.
-It then sees only what is near."""
+"""Except in a disk, the maximum movement of a dot per round, as a fraction of the largest diameter considered, and the
+number of rounds: only nearby constraints then matter."""
 
 
 def largest_diameter(boundary: Boundary, n: int, clearance: float | None = None) -> float:
-    """Largest diameter in m at which n dots fit with their clearance (see `pack`); 0 when nothing fits."""
+    """Largest diameter in m at which n dots fit with their clearance (see `pack`); 0 if nothing fits."""
     return pack(boundary, n, clearance)[1]
 
 
 def pack(boundary: Boundary, n: int, clearance: float | None = None) -> tuple[Array, float]:
-    """Layout (n, 2) in m that holds the largest dots, and their diameter in m; clearance None is a tenth of it.
+    """Layout (n, 2) in m with the largest dots, and their diameter in m; clearance None is a tenth of it.
 
     Maximizes d over (points, d) with depth >= d/2 + g and pairwise distance >= d + g by SLSQP from a few spread-out
-    starts; a packing that it misses makes the diameter slightly too small, never too large. 0 when nothing fits.
+    starts; missing the best packing makes the diameter slightly too small, never too large. 0 if nothing fits.
     """
     if n > EXACT_UP_TO:
         return _pack_on_lattice(boundary, n, clearance)
@@ -55,7 +55,7 @@ def pack(boundary: Boundary, n: int, clearance: float | None = None) -> tuple[Ar
 
 
 def fitting(region: FeasibleRegion, n: int) -> Array | None:
-    """Layout (n, 2) in m that the region holds, such as a packing; None where none is found."""
+    """Find a feasible layout (n, 2) in m, such as a packing; None if none is found."""
     points, _ = pack(region.boundary, n, region.clearance)
     if region.holds(points[None])[0]:
         return points
@@ -64,7 +64,7 @@ def fitting(region: FeasibleRegion, n: int) -> Array | None:
 
 
 def count_that_fit(boundary: Boundary, diameter: float, clearance: float, at_most: int) -> int:
-    """How many dots of that diameter fit, with that clearance in m; the search stops at `at_most`."""
+    """Number of dots of that diameter that fit with that clearance, in m; the search stops at `at_most`."""
     fit = min(at_most, len(lattice(boundary, diameter, clearance)))
     area_limit = int(boundary.area * 4 / (np.pi * diameter**2)) if diameter else at_most
     while fit < min(at_most, EXACT_UP_TO, area_limit) and largest_diameter(boundary, fit + 1, clearance) >= diameter:
@@ -73,7 +73,7 @@ def count_that_fit(boundary: Boundary, diameter: float, clearance: float, at_mos
 
 
 def _grow(region: FeasibleRegion, start: Array, most: float, clearance: float | None) -> tuple[Array, float]:
-    """Dots that grow from nothing at points (n, 2) to at most `most` m, pushing each other; see `pack`."""
+    """Grow dots at points (n, 2) from zero to at most `most` m while they push each other; see `pack`."""
     n, scale = len(start), region.boundary.radius
     # Edge and gap as linear functions of the diameter: offset + slope * d.
     offset, tenth = (0.0, 0.1) if clearance is None else (clearance / scale, 0.0)
@@ -90,7 +90,7 @@ def _grow(region: FeasibleRegion, start: Array, most: float, clearance: float | 
     d, gap = x[-1] * scale, (offset + tenth * x[-1]) * scale
     room = region.boundary.depth(points) - d / 2 - gap
     distance = np.linalg.norm(points[first] - points[second], axis=-1) - d - gap
-    # What is left of the constraints' violation is paid for with the diameter, so the answer really fits.
+    # The diameter is reduced by any remaining violation of the constraints, so that the result is feasible.
     return points, float(d - 2 * max(0.0, -room.min(), -distance.min(initial=0.0)))
 
 
@@ -132,7 +132,7 @@ def _run(region: FeasibleRegion, x: Array, most: float, offset: float, tenth: fl
 
 
 def _spread(boundary: Boundary, n: int, rng: np.random.Generator) -> Array:
-    """Layout (n, 2) in m of which every point is as far as can be from those before and from the outline."""
+    """Layout (n, 2) in m in which every point is as far as possible from the previous ones and from the outline."""
     places = boundary.sample(SPREAD, 0.0, rng)
     room = 2 * boundary.depth(places)
     chosen = np.empty((n, 2))
@@ -143,18 +143,18 @@ def _spread(boundary: Boundary, n: int, rng: np.random.Generator) -> Array:
 
 
 def lattice(boundary: Boundary, diameter: float, clearance: float) -> Array:
-    """Points (k, 2) of the best shift and turn of a hexagonal lattice on which dots of that diameter fit."""
+    """Points (k, 2) of a hexagonal lattice, with the best shift and rotation, at which dots of that diameter fit."""
     pitch = diameter + clearance
     reach = int(np.ceil(2 * boundary.radius / pitch)) + 1
     i, j = np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1))
     sites = np.stack([i + j / 2, j * np.sqrt(0.75)], axis=-1).reshape(-1, 2) * pitch
     shifts = np.stack(np.meshgrid(np.arange(4) / 4, np.arange(4) / 4), axis=-1).reshape(-1, 1, 2) * pitch
-    # A disk looks the same from every side.
+    # A disk is invariant under rotation.
     turns = [turn_z(angle)[:2, :2].T for angle in (TURNS[:1] if boundary.is_round else TURNS)]
     placed = np.concatenate([(sites + shifts) @ turn for turn in turns])
-    # A billionth of the pitch is what a dot that touches the outline may be short of by rounding.
+    # A billionth of the pitch is a tolerance for rounding in dots that touch the outline.
     inset = diameter / 2 + clearance - 1e-9 * pitch
-    # Most sites are outside of the circle around the boundary already.
+    # The circumscribed circle excludes most sites quickly.
     inside = np.linalg.norm(placed - boundary.center, axis=-1) <= boundary.radius - inset
     inside[inside] = boundary.depth(placed[inside]) >= inset
     best = int(np.argmax(inside.sum(axis=1)))
@@ -162,7 +162,7 @@ def lattice(boundary: Boundary, diameter: float, clearance: float) -> Array:
 
 
 def _pack_on_lattice(boundary: Boundary, n: int, clearance: float | None) -> tuple[Array, float]:
-    # No packing covers more than the densest one, so this diameter is never reached.
+    # Upper bound from the densest packing, so this diameter is never reached.
     low, high = 0.0, float(np.sqrt(4 * DENSEST * boundary.area / (np.pi * n)) * 2)
     points = np.zeros((n, 2))
     for _ in range(30):

@@ -1,7 +1,7 @@
-"""Constrained polish of a layout by SLSQP on the exact constraints, from where a descent left off.
+"""Constrained polish of a layout by SLSQP with the exact constraints, starting from the result of a descent.
 
-`slsqp` is the one driver of SciPy's sequential quadratic programming, and `Clearances` the constraints of any layout;
-packings, layouts in space and layouts without a key ring are found with both.
+`slsqp` is the only driver of SciPy's sequential quadratic programming, and `Clearances` the constraints of any layout;
+both are also used for packings, reliefs and layouts without a key ring.
 """
 
 from collections.abc import Callable
@@ -18,17 +18,17 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SOFTNESSES = (0.1, 0.03, 0.01, 0.003, 0.001, 1e-4, 1e-5)
-"""Continuation for an objective with kinks (s7 = s8): each stage starts from the one before and follows a smooth
-function that lies within a factor 7^(softness/2) of c(A), or P^softness of the worst of P poses. Quasi-Newton steps on
-the kink itself stall. The last stages start so near the optimum that they take next to no time; without them the value
-is off by a few 1e-8."""
+"""Continuation for an objective with kinks (s7 = s8): each stage starts from the result of the previous one and
+minimizes a smooth function within a factor 7^(softness/2) of c(A), or P^softness of the worst of P poses. Quasi-Newton
+steps stall at the kink itself. The last stages start so near the optimum that they take almost no time; without them
+the value is off by a few 1e-8."""
 
 ALL_PAIRS_UP_TO = 24
-"""Up to so many dots in a disk everything can touch everything, and a dot may go anywhere in one polish."""
+"""Number of dots in a disk up to which all pairs are constraints, and a dot may go anywhere in one polish."""
 
 REACH, ROUNDS = 0.15, 4
-"""Otherwise no dot moves farther than this share of the radius, or for many dots half the spacing, in each of so many
-rounds, and only what it can come to touch is a constraint: dozens of them instead of thousands."""
+"""Otherwise, the maximum movement of a dot per round, as a fraction of the radius (half the spacing for many dots), and
+the number of rounds; only objects that it can touch are constraints: dozens of them instead of thousands."""
 
 
 def slsqp(
@@ -43,8 +43,7 @@ def slsqp(
 ) -> Array:
     """Minimize cost(x) subject to slack(x) >= 0 and bounds.
 
-    How the run ended is not told: what matters is whether the layout that it ended with is feasible and better, which
-    callers ask anyway.
+    The exit status is not returned: callers check anyway whether the resulting layout is feasible and better.
 
     Parameters
     ----------
@@ -53,20 +52,20 @@ def slsqp(
     slack, slack_jacobian : callable
         Constraints (c,), and their derivative (c, m).
     start : array (m,)
-        All unknowns should be of about the same size, as coordinates in radii are.
+        Initial x. All unknowns should have about the same magnitude, like coordinates in radii.
     bounds : pair of arrays (m,) or None
-        Least and largest x.
+        Lower and upper bounds of x.
     iterations : int
-        Most steps.
+        Maximum number of steps.
     tolerance : float
-        Change of the cost at which it ends.
+        Change of the cost below which the run ends.
     visited : callable or None
         Called with x after each step.
 
     Returns
     -------
     array (m,)
-        The last x, which may be infeasible by some rounding.
+        Final x, which may be infeasible due to rounding.
     """
     from scipy.optimize import minimize
 
@@ -84,9 +83,9 @@ def slsqp(
 
 
 class Clearances:
-    """Walls and other dots that a layout must keep clear of while no coordinate changes by more than `reach`.
+    """Clearance constraints of a layout to walls and between dots while no coordinate changes by more than `reach`.
 
-    The slack at walls is in radii of the boundary, that at other dots in squared radii, and derivatives are by
+    The slack at walls is in radii of the boundary, between dots in squared radii; derivatives are with respect to
     coordinates in radii.
 
     Parameters
@@ -94,17 +93,17 @@ class Clearances:
     region : FeasibleRegion
     start : array (n, 2), m
     reach : float
-        m; inf takes everything for near.
+        Maximum change in m; inf includes all constraints.
     unit : float
-        Length in m that layouts (n, 2) are given in.
+        Unit of length of layouts (n, 2), in m.
     moving : array or None
-        Indices of the dots that move, None for all.
+        Indices of the dots that move; None for all.
     """
 
     def __init__(
         self, region: FeasibleRegion, start: Array, reach: float, unit: float, moving: Index | None = None
     ) -> None:
-        # No distance between two dots changes by more than twice the reach's diagonal.
+        # Distances between dots change by at most twice this.
         diagonal = np.sqrt(2) * reach
         to_dot = region.spacing + 2 * diagonal if region.spacing else -1.0
         near = contacts(region.walls, start, region.inset, region.inset + diagonal, to_dot)
@@ -127,10 +126,10 @@ class Clearances:
 def polish(
     objective: Objective, region: FeasibleRegion, start: Array, iterations: int = 60, record: Record | None = None
 ) -> tuple[Array, float]:
-    """Improve one layout (n, 2) in m; return it and its value, never worse than the start if that is feasible.
+    """Improve one layout (n, 2) in m; return it and its value, never worse than a feasible start.
 
-    From a start that is not the result is feasible or, where that fails, the start with the value inf. `record` is
-    called with what each step made of the layout.
+    From an infeasible start, the result is feasible or, if that fails, the start with the value inf. `record` is called
+    with the layouts before and after each step.
     """
     best, best_value = start, float(objective(start[None])[0]) if region.holds(start[None])[0] else np.inf
     current = start
@@ -171,7 +170,7 @@ def _run(
     reach: float,
     way: list[Array],
 ) -> Array:
-    """One run of SLSQP from a layout (n, 2); its steps are added to `way`."""
+    """Run SLSQP once from a layout (n, 2), appending its steps to `way`."""
     n, scale = len(start), region.boundary.radius
     clear = Clearances(region, start, reach, scale)
 

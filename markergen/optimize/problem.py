@@ -1,6 +1,6 @@
-"""The problem that a spec poses: an objective to minimize over the feasible region of layouts.
+"""Optimization problem of a spec: an objective to minimize over the feasible region of layouts.
 
-Last, an independent check that a layout solves it: it finds distances in other ways than the search does.
+Also contains an independent check of layouts, which computes distances in other ways than the search does.
 """
 
 from collections.abc import Sequence
@@ -25,32 +25,32 @@ from markergen.optimize.constraints import Walls, walls_of
 Array = NDArray[np.float64]
 
 FEW_POSES = 48
-"""Poses that stand for all in an exchange: what it finds is judged by all of them afterwards."""
+"""Number of poses that represent all in an exchange; its results are evaluated for all poses afterwards."""
 
 SWEEPS, GENTLE = 60, 10
-"""Rounds of pushing apart and pulling inside, and how many of them push by no more than is needed."""
+"""Number of rounds of pushing dots apart and inside, and how many of them push no more than needed."""
 
 TOLERANCE = 1e-9
-"""Breach in m that is put down to rounding by the independent check."""
+"""Violation in m that the independent check attributes to rounding."""
 
 
 def room_of(spec: Spec) -> Boundary:
-    """Where the spec lets dots be: the boundary without its keep-outs and the tag."""
+    """Region in which the spec allows dots: the boundary minus keep-outs and tag."""
     return area_without(spec.boundary, spec.blocked)
 
 
 def check_objective(spec: Spec, noisy: bool) -> None:
-    """Refuse an objective that does not know what it is asked about.
+    """Refuse an unknown objective, or one that does not support the spec's relief or the noise.
 
     Parameters
     ----------
     noisy : bool
-        Whether it is to follow the noise of an image.
+        True if the objective must depend on the image noise.
 
     Raises
     ------
     InputError
-        If there is none of that name, or it does not know the spec's relief or the noise.
+        If the name is unknown, or the objective does not support the relief or the noise.
     """
     kind = OBJECTIVES[spec.objective]
     if spec.relief and kind.planar_only:
@@ -68,19 +68,19 @@ def check_objective(spec: Spec, noisy: bool) -> None:
 
 
 def objective_of(spec: Spec, setting: Setting) -> Objective:
-    """The objective that the spec asks for, in a setting; refuses what `check_objective` does."""
+    """Create the spec's objective for a setting; raises the errors of `check_objective`."""
     check_objective(spec, bool(setting.noise))
     objective = OBJECTIVES[spec.objective](setting, spec.aggregate, spec.coordinates)
     return SurvivalObjective(objective, spec.survive) if spec.survive else objective
 
 
 def rough_of(spec: Spec, setting: Setting) -> Objective:
-    """The same objective for fewer poses."""
+    """Create the spec's objective for a subset of the poses."""
     return objective_of(spec, replace(setting, poses=fewer(setting.poses)))
 
 
 def fewer(poses: PoseDistribution, count: int = FEW_POSES) -> PoseDistribution:
-    """Every p-th pose, about `count` in all; p is prime, so that it fits into no grid of poses."""
+    """Take every p-th pose, about `count` in all; p is prime, to avoid aliasing with a grid of poses."""
     most = len(poses) // count
     step = max((p for p in range(2, most + 1) if all(p % q for q in range(2, p))), default=1)
     return poses.taken(np.arange(0, len(poses), step), poses.dropped)
@@ -88,13 +88,13 @@ def fewer(poses: PoseDistribution, count: int = FEW_POSES) -> PoseDistribution:
 
 @dataclass(frozen=True)
 class FeasibleRegion:
-    """The feasible layouts of dots of one diameter.
+    """Set of feasible layouts of dots of one diameter.
 
     Attributes
     ----------
     boundary : Boundary
     diameter, clearance : float
-        Of the dots, m.
+        Diameter and clearance of the dots, m.
     """
 
     boundary: Boundary
@@ -113,7 +113,7 @@ class FeasibleRegion:
 
     @cached_property
     def walls(self) -> Walls:
-        """The outline in smooth pieces."""
+        """Smooth pieces of the outline."""
         return walls_of(self.boundary)
 
     def sample(self, count: int, n: int, rng: np.random.Generator) -> Array:
@@ -122,9 +122,9 @@ class FeasibleRegion:
         return self.project(points)
 
     def project(self, points: Array) -> Array:
-        """Bring layouts (B, n, 2) into the region: pairs that are too close part evenly, points outside come in.
+        """Bring layouts (B, n, 2) into the region: push close pairs apart evenly and points outside inward.
 
-        A layout that is jammed is left with what `violation` tells.
+        A jammed layout remains infeasible; see `violation`.
         """
         points = self.boundary.project(points, self.inset)
         if not self.spacing:
@@ -133,20 +133,20 @@ class FeasibleRegion:
         for sweep in range(SWEEPS):
             if not len(tight):
                 break
-            # Half the overlap each is the nearest remedy; what is jammed after that comes free when both overdo it.
+            # Half the overlap each is the smallest correction; pairs still jammed after that come free by a larger one.
             points[tight] = self._spread(points[tight], 0.5 if sweep < GENTLE else 1.0)
             tight = tight[self._overlap(points[tight]).max(axis=(1, 2)) > 1e-12]
         return points
 
     def violation(self, points: Array) -> Array:
-        """Largest breach (B,) in m of the inset or the spacing; 0 or less is feasible."""
+        """Largest violation (B,) in m of inset or spacing; 0 or less is feasible."""
         outside = np.max(self.inset - self.boundary.depth(points), axis=-1)
         if not self.spacing or points.shape[1] < 2:
             return outside
         return np.maximum(outside, self._overlap(points).max(axis=(1, 2)))
 
     def holds(self, points: Array) -> NDArray[np.bool_]:
-        """Tell which layouts (B, n, 2) are feasible, to a tenth of a nanometer."""
+        """Mask (B,) of the layouts (B, n, 2) that are feasible, to a tenth of a nanometer."""
         return self.violation(points) <= 1e-10
 
     def _overlap(self, points: Array) -> Array:
@@ -160,10 +160,10 @@ class FeasibleRegion:
         distance = np.linalg.norm(difference, axis=-1)
         diagonal = np.arange(points.shape[1])
         distance[:, diagonal, diagonal] = np.inf
-        # A hair more than needed, or the last gap would be approached only in the limit.
+        # Slightly more than needed; otherwise the last gap would be closed only in the limit.
         push = np.maximum(self.spacing * (1 + 1e-9) - distance, 0.0) * share
         direction = difference / np.maximum(distance, 1e-12 * self.spacing)[..., None]
-        # Coincident points have no direction of their own: part them along x.
+        # Coincident points have no direction: separate them along x.
         direction[..., 0] += np.where(distance == 0, np.sign(diagonal[:, None] - diagonal), 0.0)
         return self.boundary.project(points + np.sum(push[..., None] * direction, axis=2), self.inset)
 
@@ -171,10 +171,10 @@ class FeasibleRegion:
 def breach(
     points: Array, boundary: Boundary, keep_outs: Sequence[Boundary], diameter: float, clearance: float
 ) -> float:
-    """Largest breach in m of the promises that a layout (n, 2 or 3) in m makes; 0 or less if it keeps them.
+    """Largest violation in m of the constraints by a layout (n, 2 or 3) in m; 0 or less if it satisfies them.
 
-    Every dot lies whole in the boundary, `clearance` or more from its outline and from the keep-outs, and as far from
-    every other dot. Circles are measured by plain arithmetic, all else by GEOS from the outlines.
+    Every dot must lie entirely in the boundary, `clearance` or more from its outline, the keep-outs, and every other
+    dot. Circles are measured by plain arithmetic, all else by GEOS from the outlines.
     """
     inset = diameter / 2 + clearance
     worst = max((diameter + clearance - dist(p[:2], q[:2]) for p, q in combinations(points.tolist(), 2)), default=0.0)
@@ -184,12 +184,12 @@ def breach(
 
 
 def check(points: Array, boundary: Boundary, keep_outs: Sequence[Boundary], diameter: float, clearance: float) -> None:
-    """Refuse a layout that breaks its promises (see `breach`) by more than a nanometer.
+    """Refuse a layout that violates its constraints (see `breach`) by more than a nanometer.
 
     Raises
     ------
     RuntimeError
-        If it does: a search has gone wrong, which is no fault of the user's.
+        If it does, which means an error in the search, not the input.
     """
     worst = breach(points, boundary, keep_outs, diameter, clearance)
     if not worst <= TOLERANCE:

@@ -1,8 +1,8 @@
 """Global search for a flat layout.
 
-In a disk a batch of descents from random starts, then a polish of the best distinct few. Where corners, holes or sheer
-numbers trap a descent: exchange on a grid, polish, and moves of single dots. All of that is done for few of the poses,
-which is enough to tell good from bad; only the best layouts are polished for all of them.
+In a disk: a batch of descents from random starts, then a polish of the best few distinct results. Where corners, holes
+or many dots would trap a descent: exchange on a grid, polish, and moves of single dots, all of it for a subset of the
+poses, which is enough to rank layouts; only the best ones are polished for all poses.
 """
 
 from dataclasses import dataclass
@@ -27,50 +27,51 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 POLISHED = 5
-"""How many distinct descents are polished."""
+"""Number of distinct descents that are polished."""
 
 DISTINCT = 2e-4
-"""Layouts whose values are this close, relatively, are taken for one: of their descents one is polished."""
+"""Relative difference of values below which layouts count as the same, so that only one is polished."""
 
 JITTER = 0.01
-"""Starts of the polish are shaken by this many radii: a descent from a symmetric layout can end on a saddle, such as
-two squares at a wrong angle to each other, which no gradient leaves."""
+"""Random perturbation, in radii, of the starts of the polish: a descent from a symmetric layout can end at a saddle
+point, such as two squares at a wrong angle to each other, which gradient steps do not leave."""
 
 STARTS = 12
-"""Exchanges from random layouts of up to so many dots; of more dots there are fewer."""
+"""Number of exchanges from random layouts; fewer for many dots."""
 
 KEPT = 3
-"""How many distinct layouts are followed to the end."""
+"""Number of distinct layouts that are polished for all poses."""
 
 QUICK = 25
-"""Iterations of the polishes that only tell good from bad."""
+"""Iterations of the polishes that only rank layouts."""
 
 MOVES = 4
-"""Most rounds of moving single dots of a polished layout and polishing it again."""
+"""Maximum number of rounds of moving single dots of a polished layout and polishing it again."""
 
 GAIN = 1e-6
-"""Relative gain for which another round is worth it."""
+"""Relative gain that justifies another round."""
 
 OVERLAP = 0.7
-"""Share of the spacing that every other exchange keeps: on a grid dots hardly ever touch, the polish has them touch."""
+"""Fraction of the spacing enforced in every other exchange: dots hardly ever touch on a grid, but do so once
+polished."""
 
 DRAWS = 5
-"""Random layouts that are drawn before dots are taken to jam: they then begin with an overlap as well."""
+"""Number of attempts at a random layout before dots count as jammed and overlaps are allowed at the start as well."""
 
 CROWDED = 0.4
-"""Share of the room, clearance included, from which on dots hold each other in many ways, and single ones cannot be
-moved elsewhere."""
+"""Fraction of the area covered by dots with their clearance above which dots can be packed in many ways, and single
+dots cannot be moved elsewhere."""
 
 SHAKES, SHAKE = 2, 0.25
-"""There the best layout is shaken, so many times for every start, by this share of the spacing."""
+"""Number of perturbations of the best crowded layout per start, and their size as a fraction of the spacing."""
 
 FINE_EDGE = 1200
-"""Points of the edge among which those are found that touch a dot."""
+"""Number of points on the edge that are tested for touching a dot."""
 
 
 @dataclass(frozen=True)
 class Optimum:
-    """The best layout (n, 2) in m that was found, and its value."""
+    """Best layout (n, 2) in m found, and its value."""
 
     points: Array
     value: float
@@ -88,7 +89,8 @@ def search(
 ) -> Optimum:
     """Find the layout of n control points in the region that minimizes the objective.
 
-    In a disk by descents from random layouts; where corners, holes or many dots would trap them, by exchange (`place`).
+    Uses descents from random layouts in a disk, and exchange (`place`) where corners, holes or many dots would trap
+    them.
 
     Parameters
     ----------
@@ -97,12 +99,12 @@ def search(
     rough : Objective or None
         The same criterion for fewer poses, which saves time in the exchange.
     record : callable or None
-        Called with what each step makes of layouts (see `markergen.optimize.trace`).
+        Called with the layouts before and after each step (see `markergen.optimize.trace`).
 
     Raises
     ------
     InputError
-        If no layout is found that the region holds and that determines what the objective asks for.
+        If no feasible layout with a finite objective is found.
     """
     if len(region.walls) > 1 or n > ALL_PAIRS_UP_TO:
         found = Optimum(*place(objective, rough or objective, region, n, rng, restarts, progress, record))
@@ -126,12 +128,12 @@ def _descended(
     progress: Progress | None,
     record: Record | None,
 ) -> Optimum:
-    """The best of descents from random layouts; inf if none ends in a layout that is feasible."""
+    """Return the best of the descents from random layouts; its value is inf if none ends in a feasible layout."""
     if progress:
         progress("descent", 0, 1)
     starts = region.sample(restarts, n, rng)
     if not region.holds(starts).all():
-        # Random points jam when the dots nearly fill the room; one layout that fits is then a start as well.
+        # Random points jam when the dots nearly fill the region, so one packed layout is a start as well.
         packed = fitting(region, n)
         starts = starts if packed is None else np.concatenate([starts, packed[None]])
     told = (lambda done, total: progress("descent", done, total)) if progress else None
@@ -167,18 +169,18 @@ def place(
     progress: Progress | None = None,
     record: Record | None = None,
 ) -> tuple[Array, float]:
-    """Layout (n, 2) in m of the region that minimizes an objective, and its value.
+    """Find the layout (n, 2) in m in the region that minimizes an objective, and its value.
 
     Parameters
     ----------
     objective, rough : Objective
-        The same criterion for all poses and for few of them.
+        The same criterion for all poses and for a subset of them.
     starts : int
-        Exchanges from random layouts; 0 takes a number that suits n.
+        Number of exchanges from random layouts; 0 selects it according to n.
     progress : callable or None
-        Called with the stage, what is done of it, and its total.
+        Called with the stage, the amount done, and the total.
     record : callable or None
-        Called with what each step makes of layouts (see `markergen.optimize.trace`).
+        Called with the layouts before and after each step (see `markergen.optimize.trace`).
     """
     starts = starts or max(1, STARTS * STARTS // max(n, STARTS))
     tell = progress or _silent
@@ -218,9 +220,10 @@ def place(
 def _start(
     table: ExchangeTable, spacing: float, n: int, turn: int, spare: Index, rng: np.random.Generator
 ) -> tuple[Index, float]:
-    """Layout (n,) to begin an exchange with, random unless dots jam, and the spacing in m that it keeps.
+    """Initial layout (n,) of an exchange, random unless dots jam, and its spacing in m.
 
-    Dozens of dots do not overlap: to part them would take most of the time, and what jams is nearly a lattice anyway.
+    Layouts of dozens of dots do not overlap: separating them would take most of the time, and jammed layouts are nearly
+    lattices anyway.
     """
     for share in (1.0, OVERLAP)[turn % 2 :] if n <= ALL_PAIRS_UP_TO else (1.0,):
         for _ in range(DRAWS):
@@ -235,12 +238,12 @@ def _silent(stage: str, done: int, total: int) -> None:
 
 
 def _grid(region: FeasibleRegion, n: int, rng: np.random.Generator) -> tuple[Array, Index]:
-    """Places (C, 2) in m for an exchange, and the indices (n,) of a layout."""
+    """Candidate positions (C, 2) in m for an exchange, and the indices (n,) of a layout."""
     grid = places(region, n)
     layout = random_layout(distances(grid), region.spacing, n, rng)
     if layout is not None:
         return grid, layout
-    # Dots that nearly fill the room jam when they are put down one by one: they begin on a lattice, or as packed.
+    # Dots that nearly fill the region jam when placed one by one, so they start on a lattice, or as packed.
     dense = lattice(region.boundary, region.diameter, region.clearance)
     if len(dense) < n:
         dense = pack(region.boundary, n, region.clearance)[0]
@@ -256,7 +259,7 @@ def _shaken(
     rng: np.random.Generator,
     record: Record | None,
 ) -> list[tuple[Array, float]]:
-    """Better layouts, each the polish of the one before it with all dots shaken."""
+    """Successively better layouts, each obtained by perturbing all dots of the previous one and polishing."""
     found = []
     for _ in range(times):
         start = region.project((points + rng.normal(scale=SHAKE * region.spacing, size=points.shape))[None])[0]
@@ -293,14 +296,14 @@ def _relocate(
 
 
 def _touching(points: Array, rim: Array, spacing: float) -> Array:
-    """Places on the edge where a dot would all but touch one of those at points (n, 2)."""
+    """Positions on the edge where a dot would nearly touch one of those at points (n, 2)."""
     pitch = np.linalg.norm(np.diff(rim, axis=0), axis=-1)
     gap = np.linalg.norm(rim[:, None] - points, axis=-1) - spacing
     return rim[np.any((gap >= 0) & (gap <= 2 * np.median(pitch)), axis=1)]
 
 
 def _best(found: list[tuple[Array, float]]) -> list[tuple[Array, float]]:
-    """The best few of layouts with their values that are distinct by value, the best first."""
+    """Select the best few layouts with distinct values, best first."""
     kept: list[tuple[Array, float]] = []
     for points, value in sorted(found, key=lambda pair: pair[1]):
         if not kept or value > kept[-1][1] * (1 + DISTINCT):

@@ -2,8 +2,9 @@
 
     X(t+1) = P(X(t) - a(t) grad log f(X(t)))
 
-with a step size a for each coordinate, which grows while the sign of that coordinate's gradient stays and shrinks when
-it changes, and P the projection on the feasible region. The logarithm makes the step free of the objective's unit.
+with a step size a for each coordinate, which grows while the sign of that coordinate's gradient is constant and shrinks
+when it changes, and P the projection onto the feasible region. The logarithm makes steps independent of the objective's
+unit.
 """
 
 from collections.abc import Callable
@@ -19,17 +20,18 @@ from markergen.optimize.trace import Record
 Array = NDArray[np.float64]
 
 GROW, SHRINK = 1.2, 0.5
-"""The paper's 1.05 takes three times as many steps to the same optimum; 1.2 is as reliable here."""
+"""Factors of the step size. The paper's growth of 1.05 takes three times as many steps to the same optimum; 1.2 is as
+reliable here."""
 
 LONGEST = 0.15
-"""Longest step of a coordinate, in radii: no step may jump across the marker."""
+"""Maximum step of a coordinate, in radii, so that no step jumps across the marker."""
 
 
 @dataclass(frozen=True)
 class Descent:
-    """Best feasible layouts (B, n, 2) in m that a descent met, their values (B,), and the number of steps it took.
+    """Best feasible layouts (B, n, 2) in m of a descent, their values (B,), and the number of steps.
 
-    A restart that never was feasible has the value inf.
+    The value of a restart that was never feasible is inf.
     """
 
     points: Array
@@ -47,10 +49,10 @@ def descend(
     progress: Callable[[int, int], None] | None = None,
     record: Record | None = None,
 ) -> Descent:
-    """Run SuperSAB from every start (B, n, 2) at once; what no longer improves is retired from the batch.
+    """Run SuperSAB from all starts (B, n, 2) at once, retiring restarts that no longer improve.
 
     A restart is retired when its best value has fallen by less than `tolerance`, relatively, over `patience` steps.
-    `record` is called with what each step made of the layouts.
+    `record` is called with the layouts before and after each step.
     """
     scale = region.boundary.radius
     points = region.project(starts.copy())
@@ -61,14 +63,14 @@ def descend(
     # The first step moves the fastest coordinate of each layout by a twentieth of the radius.
     fastest = np.max(np.abs(gradient), axis=(1, 2), keepdims=True)
     step = np.broadcast_to(0.05 * scale / np.maximum(fastest, 1e-300), points.shape).copy()
-    # From here on every array but `found` and `found_value` has the layouts that are still descended, and no others.
+    # From here on every array but `found` and `found_value` contains only the active layouts.
     alive = np.arange(len(points))
     best, best_value, reference = points.copy(), found_value.copy(), found_value.copy()
     taken = 0
     for taken in range(1, steps + 1):
         moved = region.project(points - np.clip(step * gradient, -LONGEST * scale, LONGEST * scale))
         held = region.holds(moved)
-        # Where the projection jams, the layout stays and its steps shrink until they fit.
+        # Where the projection jams, the layout stays in place and its steps shrink until they are feasible.
         jammed = ~held & np.isfinite(best_value)
         moved[jammed] = points[jammed]
         step[jammed] *= SHRINK**2

@@ -1,4 +1,4 @@
-"""The way that a search took to its optimum: the layouts one after the other, what they are worth, and a plot."""
+"""Trace of a search: the successive layouts on the way to its optimum, their values, and a plot."""
 
 import csv
 import io
@@ -22,29 +22,29 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Record = Callable[[str, Array, Array], None]
-"""Called by a search with a stage, layouts (B, n, .) in m, and the layouts (B, n, .) that it made of them."""
+"""Callback of a search, with a stage and its layouts (B, n, .) in m before and after the step."""
 
 FORMATS = (".csv", ".svg", ".png")
-"""What a trace is written as."""
+"""File formats of a trace."""
 
 _LABELED = 0.08
-"""Share of the steps from which on a stage is wide enough for its name."""
+"""Minimum fraction of all steps for a stage to be labeled in the plot."""
 
 
 class Recorder:
-    """Remembers of every layout which one it was made of, so that the way to any of them can be told afterwards.
+    """Record of the predecessor of every layout, from which the way to any of them can be retraced.
 
-    A search calls it wherever it turns layouts into others; it need not know which of them will be the best.
+    A search calls it whenever it changes layouts, before it is known which of them will be the best.
     """
 
     def __init__(self) -> None:
         self._origin: dict[bytes, tuple[bytes, str]] = {}
 
     def __call__(self, stage: str, before: Array, after: Array) -> None:
-        """Note that a step of `stage` made the layouts `after` (B, n, .) of the layouts `before` (B, n, .), in m."""
+        """Record that a step of `stage` turned the layouts `before` (B, n, .) into `after` (B, n, .), in m."""
         for old, new in zip(before, after, strict=True):
             source, target = old.tobytes(), new.tobytes()
-            # What came back to where it was before is known by the way it first came.
+            # A layout reached again keeps its first predecessor.
             if source != target and target not in self._origin:
                 self._origin[target] = source, stage
 
@@ -62,17 +62,17 @@ class Recorder:
 
 @dataclass(frozen=True)
 class Step:
-    """A step of the best start.
+    """One step from the best start.
 
     Attributes
     ----------
     step : int
     stage : str
-        What made it: ``start``, ``descent``, ``polish`` and so on.
+        Stage of the search: ``start``, ``descent``, ``polish`` and so on.
     objective : float
-        In its unit, aggregated.
+        Aggregated value, in the objective's unit.
     condition : float
-        c(A), in unit coordinates, geometric mean over the poses; nan for a relief.
+        c(A) in unit coordinates, geometric mean over the poses; nan for a relief.
     rotation_deg, translation_pct : float
         RMS over the poses of the predicted errors, for the noise of the setting.
     """
@@ -86,7 +86,7 @@ class Step:
 
 
 def trace_of(way: Sequence[tuple[str, Array]], objective: Objective) -> list[Step]:
-    """Steps of a way (see `Recorder.way`) with what each layout is worth."""
+    """Steps of a way (see `Recorder.way`), with the values of each layout."""
     stages, layouts = [stage for stage, _ in way], np.stack([layout for _, layout in way])
     setting = objective.setting
     condition = np.full(len(layouts), np.nan)
@@ -104,7 +104,7 @@ def trace_of(way: Sequence[tuple[str, Array]], objective: Objective) -> list[Ste
 
 
 def check_trace_path(path: Path) -> None:
-    """Refuse a path that no trace can be written to, before any work is done.
+    """Refuse a path to which no trace can be written, before any work is done.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def trace_bytes(trace: Sequence[Step], suffix: str, objective: str = "objective"
     Parameters
     ----------
     objective : str
-        What the plot calls the objective.
+        Name of the objective in the plot.
     """
     if suffix.lower() == ".csv":
         text = io.StringIO()
@@ -135,7 +135,7 @@ def trace_bytes(trace: Sequence[Step], suffix: str, objective: str = "objective"
     import matplotlib
     from matplotlib.figure import Figure
 
-    # The user's own settings of matplotlib change nothing, nor does the time of day.
+    # Independent of the user's matplotlib settings and of the time.
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams["svg.hashsalt"] = "markergen"
@@ -148,7 +148,7 @@ def trace_bytes(trace: Sequence[Step], suffix: str, objective: str = "objective"
 
 
 def plot(trace: Sequence[Step], ax: "Axes", objective: str = "objective") -> "Axes":
-    """Draw objective, c(A) and predicted errors over the steps, each in units of its last value, and the stages."""
+    """Plot objective, c(A) and predicted errors over the steps, each in units of its last value, and the stages."""
     steps = [each.step for each in trace]
     last = trace[-1]
     series = (
@@ -161,7 +161,7 @@ def plot(trace: Sequence[Step], ax: "Axes", objective: str = "objective") -> "Ax
         if np.isnan(values[-1]):  # A relief has no c(A).
             continue
         relative = np.array(values) / values[-1]
-        # Layouts that determine nothing have no finite value: a gap.
+        # Degenerate layouts have no finite value and leave a gap.
         ax.plot(steps, np.where(np.isfinite(relative), relative, np.nan), style, color=color, label=label, lw=1.5)
     ax.set_yscale("log")
     ax.yaxis.set_major_formatter("{x:g}")

@@ -1,6 +1,6 @@
 """Option declarations, the kinds of their values, and validation of caller input.
 
-The options themselves are declared in `markergen.options.tables`.
+The options themselves are declared in `markergen.options.declarations`.
 """
 
 import math
@@ -129,7 +129,7 @@ class Option:
 def declared(table: type) -> Mapping[str, Option]:
     """Return a table's options by name, in the order of `GROUPS` and, within each, of declaration.
 
-    >>> from markergen.options.tables import DesignKeywords
+    >>> from markergen.options.declarations import DesignKeywords
     >>> declared(DesignKeywords)["corner_radius"].flag
     '--corner-radius'
     """
@@ -192,7 +192,7 @@ def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
     options : mapping
         Keyword arguments; None means that the option was not given.
     table : type
-        One of the tables of `markergen.options.tables`, named after its function, as in ``ValidateKeywords``.
+        One of the tables of `markergen.options.declarations`, named after its function, as in ``ValidateKeywords``.
 
     Returns
     -------
@@ -207,13 +207,13 @@ def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
 
     Examples
     --------
-    >>> from markergen.options.tables import ValidateKeywords
+    >>> from markergen.options.declarations import ValidateKeywords
     >>> settled = settle({"runs": 20, "print_sigma": "50um"}, ValidateKeywords)
     >>> settled["runs"], settled["print_sigma"], settled["noise"], settled["views"]
     (20, 5e-05, 0.2, None)
     >>> settle({"rnus": 20}, ValidateKeywords)
     Traceback (most recent call last):
-    markergen.errors.InputError: expected what markergen.validate takes, found rnus=20 (no such option: did you mean \
+    markergen.errors.InputError: expected options of markergen.validate, found rnus=20 (no such option: did you mean \
 'runs'?); see help(markergen.validate)
     """
     known = declared(table)
@@ -231,7 +231,7 @@ def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
             findings.append(f"{name}={brief(given)} ({error.args[0]})")
     if findings:
         function = f"markergen.{table.__name__.removesuffix('Keywords').lower()}"
-        raise InputError(f"what {function} takes", ", ".join(findings), f"see help({function})")
+        raise InputError(f"options of {function}", ", ".join(findings), f"see help({function})")
     return settled
 
 

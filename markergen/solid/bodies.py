@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import atan, pi, sin
 
 from markergen.geometry import contour
-from markergen.geometry.contour import Contour, area, inset
+from markergen.geometry.contour import Contour, area, offset
 
 Box = tuple[float, float, float, float]
 """Left, bottom, right and top."""
@@ -69,7 +69,7 @@ class Prism:
         whole = (full + sum(map(area, self.holes))) * (self.top - self.bottom)
         if not self.chamfer:
             return whole
-        half, top = (area(inset(self.outer, share * self.chamfer)) for share in (0.5, 1.0))
+        half, top = (area(offset(self.outer, share * self.chamfer)) for share in (0.5, 1.0))
         return whole - self.chamfer * (full - (full + 4 * half + top) / 6)
 
 
@@ -198,9 +198,9 @@ def _moment(profile: Contour) -> float:
             # (3 (a - sin a)) from the arc's center; its moment is its area times its centroid's distance from the axis.
             half = angle / 2
             normal = ((w - z) / chord, -(u - r) / chord)
-            offset = 4 * radius * abs(sin(half)) ** 3 / (3 * abs(angle - sin(angle)))
+            reach = 4 * radius * abs(sin(half)) ** 3 / (3 * abs(angle - sin(angle)))
             center = chord / 2 * (1 - bulge**2) / (2 * abs(bulge))
             side = 1.0 if bulge > 0 else -1.0
-            centroid = (r + u) / 2 + side * normal[0] * (offset - center)
+            centroid = (r + u) / 2 + side * normal[0] * (reach - center)
             total += segment * centroid
     return total

@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import Any
 
 from markergen.errors import MissingLibraryError, OutputError
-from markergen.geometry.contour import Contour, Side, backward, center_of, inset
+from markergen.geometry.contour import Contour, Side, backward, center_of, offset
 from markergen.solid.bodies import COLORS, Body, Part, Prism
 
 NEAR = 1e-6
@@ -185,7 +185,7 @@ def _chamfered(body: Prism) -> Any:
     from OCP.BRepLib import BRepLib
     from OCP.TopoDS import TopoDS
 
-    rim, edge = body.top - body.chamfer, inset(body.outer, body.chamfer)
+    rim, edge = body.top - body.chamfer, offset(body.outer, body.chamfer)
     lower, upper = (_solid(Prism(each, (), body.bottom, z)) for each, z in ((body.outer, rim), (edge, body.top)))
     sewing = BRepBuilderAPI_Sewing(NEAR)
     for face in _faces(lower):

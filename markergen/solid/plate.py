@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from markergen.drawing.figure import size_words
 from markergen.errors import InputError
-from markergen.geometry.contour import Contour, Point, area, circle, inset, placed, turns_of
+from markergen.geometry.contour import Contour, Point, area, circle, offset, placed, turns_of
 from markergen.geometry.fillet import filleted, largest_fillet
 from markergen.geometry.region import Region, distances
 from markergen.model.boundary import Boundary, Circle
@@ -86,7 +86,7 @@ class SolidPlate:
         if not self.chamfer:
             return self.outline
         return Region.union(
-            Region.of_contour(inset(outer, self.chamfer), holes, OFF) for outer, *holes in self.outlines
+            Region.of_contour(offset(outer, self.chamfer), holes, OFF) for outer, *holes in self.outlines
         )
 
     @cached_property
@@ -211,7 +211,7 @@ def _plate(substrate: Substrate, boundary: Boundary, disk: float) -> SolidPlate:
     else:
         contours = [placed(each, 1e3, digits=9) for each in (substrate.outline or boundary).contours()]
         if edge := mm(substrate.edge_around(boundary)):
-            contours = [placed(inset(each, -edge), 1.0, digits=9) for each in contours]
+            contours = [placed(offset(each, -edge), 1.0, digits=9) for each in contours]
         corner = mm(substrate.corner_radius)
         outlines = [tuple(_rounded(each, corner) for each in piece) for piece in _separate(contours)]
     for outer, *_ in outlines:
@@ -265,7 +265,7 @@ def _check_chamfer(outer: Contour, chamfer: float) -> None:
             f"an outline that turns by {np.degrees(max(sharp)):.3g} degrees where an arc ends",
             "use a --corner-radius, or leave out --chamfer",
         )
-    steps, moved = (_steps(contour) for contour in (outer, inset(outer, chamfer)))
+    steps, moved = (_steps(contour) for contour in (outer, offset(outer, chamfer)))
     before = np.hypot(*steps.T)
     # Shortening of each side; a reversed side has negative length.
     lost = before - np.sum(steps * moved, axis=-1) / before

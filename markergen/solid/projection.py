@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.drawing.fabrication_drawing import ViewFace
-from markergen.geometry.contour import Contour, Point, circle, flattened, inset
+from markergen.geometry.contour import Contour, Point, circle, flattened, offset
 from markergen.geometry.region import Region
 from markergen.solid.bodies import OFF, OTHER, SAME, Body, Box, Part, Prism, Revolved
 
@@ -112,7 +112,7 @@ def _distance(body: Body) -> float:
 
 def _top_view(body: Body, material: str, side: int, hollow: bool = False) -> ViewFace:
     if isinstance(body, Prism):
-        chamfer = (inset(body.outer, body.chamfer),) if body.chamfer and side == FRONT else ()
+        chamfer = (offset(body.outer, body.chamfer),) if body.chamfer and side == FRONT else ()
         return ViewFace((body.outer, *body.holes), material, chamfer)
     profile = flattened(body.profile, OFF)
     narrowest = min(r for r, _ in profile)
@@ -168,7 +168,7 @@ def _slice(body: Body, y: float) -> Region:
     levels = [body.top - body.chamfer * (1 - step / CHAMFERED) for step in range(CHAMFERED + 1)]
     pieces = [Region.rectangle(left, body.bottom, right, levels[0]) for left, right in chords]
     for step, (low, high) in enumerate(pairwise(levels), 1):
-        above = _chords(inset(body.outer, body.chamfer * step / CHAMFERED), body.holes, y)
+        above = _chords(offset(body.outer, body.chamfer * step / CHAMFERED), body.holes, y)
         if len(above) == len(chords):
             pieces += [
                 Region.polygon([(a, low), (b, low), (d, high), (c, high)])

@@ -138,7 +138,7 @@ def test_a_template_gives_way_to_what_is_given(tmp_path):
         ({"layer": "A"}, "--layer and --origin with a drawing"),
         ({"output": 3}, "output=3 (a path, or a list of paths)"),
         ({"output": "marker.docx"}, "a known output suffix, found '.docx'"),
-        ({"ids": "0-3"}, "a tag whose ids the markers have"),
+        ({"ids": "0-3"}, "a tag for the ids"),
         ({"template": "none-such"}, "a known template"),
         ({"n": 3}, "at least 4 control points"),
         ({"trace": "t.txt"}, "a trace in one of"),

@@ -19,9 +19,9 @@ from markergen.geometry.contour import (
     flattened,
     heading,
     inner_polygon,
-    inset,
     merged,
     mirrored,
+    offset,
     placed,
     radius_of,
     rings_and_circles,
@@ -135,7 +135,7 @@ def test_a_slot():
     assert area(SLOT) == pytest.approx(400 + pi * 25)
     assert box(SLOT) == pytest.approx((-5, 0, 45, 10))
     assert turns_of(SLOT) == pytest.approx([0, 0, 0, 0], abs=1e-12)
-    assert area(inset(SLOT, 2.0)) == pytest.approx(40 * 6 + pi * 9)
+    assert area(offset(SLOT, 2.0)) == pytest.approx(40 * 6 + pi * 9)
     assert SLOT.has_arcs
     assert not SLOT.is_circle
     assert SLOT.as_circle is None

@@ -18,7 +18,7 @@ from markergen.model.rescale import Rulers
 from markergen.model.spec import Spec
 from markergen.model.substrate import Substrate
 from markergen.options import _READERS, GROUPS, REPEATABLE, declared, settle
-from markergen.options.tables import (
+from markergen.options.declarations import (
     CompareKeywords,
     DesignKeywords,
     DetectKeywords,

@@ -13,7 +13,7 @@ from markergen.model.recorded_poses import RecordedPoses
 from markergen.model.spec import ImageNoise, Spec
 from markergen.model.substrate import Hole, Substrate, parse_dowel, parse_mount
 from markergen.options import declared
-from markergen.options.tables import OUTSIDE_FILES, DesignKeywords
+from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
 from markergen.read.spec_file import spec_from_mapping, spec_schema
 from markergen.read.templates import read_template, templates
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from markergen.geometry.contour import Contour, area, center_of, circle, flattened, inset
+from markergen.geometry.contour import Contour, area, center_of, circle, flattened, offset
 from markergen.solid.bodies import Part, Prism, Revolved, cylinder
 
 QUARTER = tan(pi / 8)
@@ -52,11 +52,11 @@ def test_volumes_of_revolution(profile, expected):
 
 
 def test_inset_keeps_the_distance():
-    inner = inset(ROUNDED, 0.5)
+    inner = offset(ROUNDED, 0.5)
     assert area(inner) == pytest.approx(19 * 9 - (4 - pi) * 1.5**2, rel=EXACT)
-    assert inset(circle(50, 3, 4), 2) == circle(48, 3, 4)
+    assert offset(circle(50, 3, 4), 2) == circle(48, 3, 4)
     star = [(cos(k * pi / 5) * (3 if k % 2 else 7), sin(k * pi / 5) * (3 if k % 2 else 7)) for k in range(10)]
-    inner = inset(Contour(tuple(star)), 0.3)
+    inner = offset(Contour(tuple(star)), 0.3)
     for k in range(10):
         side = np.subtract(star[(k + 1) % 10], star[k])
         for point in (inner.points[k], inner.points[(k + 1) % 10]):

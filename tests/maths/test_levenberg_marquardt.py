@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from markergen.maths.least_squares import Damping, LeastSquares, levenberg_marquardt
+from markergen.maths.levenberg_marquardt import Damping, LeastSquares, levenberg_marquardt
 
 TIMES = np.linspace(0, 2, 9)
 

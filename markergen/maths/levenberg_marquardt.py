@@ -139,7 +139,7 @@ def levenberg_marquardt(problems: LeastSquares, unknowns: Arrays, damping: Dampi
             index, strength, problems = index[going], strength[going], problems.take(going)
             current = tuple([each[going] for each in current])
         old, found = current[:parts], current[parts:]
-        # Held until the next one is there: what is freed at once the system takes back, and gives again page by page.
+        # Kept until the next Jacobian exists: freed earlier, its memory would go back to the system, page by page.
         jacobian = problems.jacobian(old, found)
         step = _damped_step(*problems.normal_equations(jacobian, found[1]), strength, damping.ridge)
         tried = problems.moved(old, step)
