@@ -115,7 +115,7 @@ def _request(options: Mapping[str, Any]) -> _Request:
     spec = spec_from_mapping(values, str(template or "the options"))
     ids = values.get("ids")
     if ids is not None and not spec.tag:
-        raise InputError("a tag whose ids the markers have", "--ids without --tag", "add --tag aruco:DICT_4X4_50, say")
+        raise InputError("a tag for the ids", "--ids without --tag", "add --tag aruco:DICT_4X4_50, say")
     sheet = given({name: values[name] for name in DesignKeywords.__annotations__ if name in values}, DesignKeywords)
     return _Request(
         spec,

@@ -189,7 +189,7 @@ def detect(
     ] = None,
     **options: Any,
 ) -> None:
-    """Find markers in images: dot centers with their covariance, homography, and pose T_camera_marker with its own.
+    """Find markers in images: dot centers and pose T_camera_marker, with covariance, and homography.
 
     Status 1 if any image has no marker, 2 if any cannot be used; the others are processed regardless.
 
@@ -367,4 +367,4 @@ def templates(
         print(template_text(name), end="")
         return
     rows = [[known, str(read_template(known).get("title", ""))] for known in templates()]
-    console.print_parts([Table("Templates", ["name", "what it is for"], rows)])
+    console.print_parts([Table("Templates", ["name", "purpose"], rows)])

@@ -76,7 +76,7 @@ class FiducialSettings:
         if self.refinement not in REFINEMENTS:
             raise InputError("a known corner refinement", repr(self.refinement), f"known: {', '.join(REFINEMENTS)}")
         if min(self.enlarge, self.window) < 1 or self.threshold_window in (1, 2) or self.min_tags not in (1, 2):
-            raise InputError("settings that cv2.aruco can do with", str(self), "use the defaults")
+            raise InputError("settings that cv2.aruco supports", str(self), "use the defaults")
 
     def describe(self, fiducial: Fiducial) -> str:
         """Describe in a few words the differences from a plain call, for that kind of fiducial."""

@@ -182,7 +182,7 @@ class Plate:
         ):
             raise InputError(
                 "a pose with a rotation: three orthonormal rows and determinant 1",
-                "a matrix that is none" if bounded else "numbers beyond it",
+                "another matrix" if bounded else "numbers out of range",
                 "write it with all its digits",
             )
 

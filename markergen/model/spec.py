@@ -202,7 +202,7 @@ class Spec:
 
     def _settle_tag(self) -> None:
         if self.tag_side is not None and not self.tag:
-            raise InputError("a tag for its size", f"tag_side={self.tag_side} m alone", "add --tag, or leave it out")
+            raise InputError("a tag with a tag size", f"tag_side={self.tag_side} m alone", "add --tag, or leave it out")
         if self.tag:
             tag = place_tag(self.tag, self.tag_side, self.boundary, self._taken)
             object.__setattr__(self, "tag", str(tag))

@@ -213,7 +213,7 @@ def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
     (20, 5e-05, 0.2, None)
     >>> settle({"rnus": 20}, ValidateKeywords)
     Traceback (most recent call last):
-    markergen.errors.InputError: expected what markergen.validate takes, found rnus=20 (no such option: did you mean \
+    markergen.errors.InputError: expected options of markergen.validate, found rnus=20 (no such option: did you mean \
 'runs'?); see help(markergen.validate)
     """
     known = declared(table)
@@ -231,7 +231,7 @@ def settle(options: Mapping[str, Any], table: type) -> dict[str, Any]:
             findings.append(f"{name}={brief(given)} ({error.args[0]})")
     if findings:
         function = f"markergen.{table.__name__.removesuffix('Keywords').lower()}"
-        raise InputError(f"what {function} takes", ", ".join(findings), f"see help({function})")
+        raise InputError(f"options of {function}", ", ".join(findings), f"see help({function})")
     return settled
 
 

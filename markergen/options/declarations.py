@@ -82,13 +82,13 @@ class PlateKeywords(TypedDict, total=False):
         Length,
         Option(SOLID, "Minimum width of the plate around a disk or rectangle; a drawing is the plate itself.", "2mm"),
     ]
-    corner_radius: Annotated[Length, Option(SOLID, "Radius of the plate's corners, seen from above.", "0mm")]
+    corner_radius: Annotated[Length, Option(SOLID, "Radius of the plate's corners, in plan view.", "0mm")]
     chamfer: Annotated[Length, Option(SOLID, "Chamfer around the plate's upper face, at 45 degrees.", "0mm")]
     outline: Annotated[
         Shape,
         Option(
             SOLID,
-            "Outline of the plate, holes and all, instead of the boundary's: rect:0.3x0.2, or a drawing in "
+            "Outline of the plate with its holes, instead of the boundary's: rect:0.3x0.2, or a drawing in "
             "the marker frame, which moves with the boundary that --boundary takes from one.",
             metavar="SHAPE|FILE[#LAYER]",
         ),
@@ -140,7 +140,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         ),
     ]
     boundary_unit: Annotated[
-        str, Option(LAYOUT, "Unit of drawings that do not state one: mm, cm, m, in, pt, px.", metavar="UNIT")
+        str, Option(LAYOUT, "Unit of drawings that do not specify one: mm, cm, m, in, pt, px.", metavar="UNIT")
     ]
     layer: Annotated[
         str, Option(LAYOUT, "Layer of the drawing that the boundary is on.", otherwise="all", metavar="NAME")
@@ -149,8 +149,8 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         str,
         Option(
             LAYOUT,
-            "Origin of the marker frame: center, of the smallest circle around the boundary, or file, where the "
-            "drawing has it.",
+            "Origin of the marker frame: center, of the smallest circle around the boundary, or file, that of the "
+            "drawing.",
             "center",
             metavar="NAME",
         ),
@@ -159,13 +159,13 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         Shapes,
         Option(
             LAYOUT,
-            "Region without dots: circle:3mm@40mm,-20mm, rect:40mmx40mm, or a drawing in the same coordinates as that "
-            "of the boundary; may be repeated.",
+            "Region without dots: circle:3mm@40mm,-20mm, rect:40mmx40mm, or a drawing in the coordinates of the "
+            "boundary's; may be repeated.",
             metavar="SHAPE|FILE[#LAYER]",
             aliases=("keep_outs",),
         ),
     ]
-    relief: Annotated[Length, Option(LAYOUT, "Dots may stand on pillars up to this high.", "0mm")]
+    relief: Annotated[Length, Option(LAYOUT, "Maximum height of the pillars that dots may stand on.", "0mm")]
     template: Annotated[
         File, Option(LAYOUT, "Start from a ready-made spec; see markergen templates.", metavar="NAME|FILE")
     ]
@@ -209,8 +209,8 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         LengthOrAuto,
         Option(
             DOTS,
-            "Dot diameter; auto: the one with the least predicted error, see --print-sigma.",
-            otherwise="what the camera needs",
+            "Dot diameter; auto minimizes the predicted error, see --print-sigma.",
+            otherwise="as large as the camera needs",
             metavar="LENGTH|auto",
         ),
     ]
@@ -263,14 +263,14 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         Option(
             SEARCH,
             "Aggregate over the poses: rms, mean, logmean, max or cvar:0.9.",
-            otherwise="the objective's",
+            otherwise="depends on the objective",
             metavar="NAME",
         ),
     ]
     coordinates: Annotated[
         str,
         Option(
-            SEARCH, "Coordinates in which condition is written: unit, metric, pixel, hartley.", "unit", metavar="NAME"
+            SEARCH, "Coordinates for the objective condition: unit, metric, pixel, hartley.", "unit", metavar="NAME"
         ),
     ]
     survive: Annotated[
@@ -278,7 +278,9 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         Option(SEARCH, "Minimize the error after the worst loss of K dots, 1 to 3.", 0, metavar="K"),
     ]
     seed: Annotated[int, Option(SEARCH, "Seed for the random starts; the same seed gives the same bytes.", 0)]
-    restarts: Annotated[int, Option(SEARCH, "Number of random starts.", otherwise="the objective's", metavar="N")]
+    restarts: Annotated[
+        int, Option(SEARCH, "Number of random starts.", otherwise="depends on the objective", metavar="N")
+    ]
     output: Annotated[
         Files,
         Option(
@@ -316,32 +318,38 @@ class ExportKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
             flags="--compensate",
         ),
     ]
-    depth: Annotated[Length, Option(SOLID, "Depth of pockets, engraving or recess.", otherwise="the process decides")]
-    gap: Annotated[Length, Option(SOLID, "Gap between an inlay and its pocket.", otherwise="the process decides")]
+    depth: Annotated[
+        Length, Option(SOLID, "Depth of pockets, engraving or recess.", otherwise="depends on the process")
+    ]
+    gap: Annotated[Length, Option(SOLID, "Gap between an inlay and its pocket.", otherwise="depends on the process")]
     fit: Annotated[
         str, Option(SOLID, "Fit of discs in milled pockets: slip or press.", otherwise="slip", metavar="NAME")
     ]
     through: Annotated[
-        bool, Option(SOLID, "Holes as dots, instead of milled pockets with discs.", False, flags="--through")
+        bool,
+        Option(SOLID, "Make dots as through holes, instead of milled pockets with discs.", False, flags="--through"),
     ]
-    tool: Annotated[Length, Option(SOLID, "Diameter of the nozzle, end mill or beam.", otherwise="the process decides")]
+    tool: Annotated[
+        Length, Option(SOLID, "Diameter of the nozzle, end mill or beam.", otherwise="depends on the process")
+    ]
     dome: Annotated[str, Option(SOLID, "Shape for --process dome: half or ball.", "half", metavar="NAME")]
     draft: Annotated[
-        float, Option(SOLID, "Angle by which pillars of a relief widen toward the plate.", 0, metavar="DEGREES")
+        float,
+        Option(SOLID, "Draft angle of the pillars of a relief, which widen toward the plate.", 0, metavar="DEGREES"),
     ]
     foot: Annotated[Length, Option(SOLID, "Radius of the fillet around a pillar's foot.", "1mm")]
     engrave: Annotated[
         bool,
         Option(
             SOLID,
-            "Name, spec, numbers, origin and x axis engraved on the back of the plate.",
+            "Engrave name, spec, numbers, origin and x axis on the back of the plate.",
             True,
             flags="--engrave/--no-engrave",
         ),
     ]
     tolerance: Annotated[Length, Option(SOLID, "Maximum distance of a mesh from the true surface.", "5um")]
     boundary_unit: Annotated[
-        str, Option(SOLID, "Unit of an --outline that does not state one: mm, cm, m, in, pt, px.", metavar="UNIT")
+        str, Option(SOLID, "Unit of an --outline that does not specify one: mm, cm, m, in, pt, px.", metavar="UNIT")
     ]
 
 

@@ -17,7 +17,7 @@ from markergen.model.poses import named_poses
 from markergen.model.spec import Spec
 from markergen.optimize.design import design as find
 
-QUICK = {"n": 4, "radius": "100mm", "dot": "20mm", "restarts": 2, "poses": "cone:count=30"}
+QUICK = {"n": 4, "radius": "100mm", "dot": "20mm", "restarts": 1, "poses": "cone:count=30"}
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def test_a_camera_may_be_whatever_is_loaded(quick):
 
 
 def test_it_is_the_engines_design(quick):
-    spec = Spec(n=4, boundary=Circle(0.1), dot=0.02, restarts=2, poses="cone:count=30")
+    spec = Spec(n=4, boundary=Circle(0.1), dot=0.02, restarts=1, poses="cone:count=30")
     assert quick.marker == find(spec).marker
 
 
@@ -138,7 +138,7 @@ def test_a_template_gives_way_to_what_is_given(tmp_path):
         ({"layer": "A"}, "--layer and --origin with a drawing"),
         ({"output": 3}, "output=3 (a path, or a list of paths)"),
         ({"output": "marker.docx"}, "a known output suffix, found '.docx'"),
-        ({"ids": "0-3"}, "a tag whose ids the markers have"),
+        ({"ids": "0-3"}, "a tag for the ids"),
         ({"template": "none-such"}, "a known template"),
         ({"n": 3}, "at least 4 control points"),
         ({"trace": "t.txt"}, "a trace in one of"),

@@ -149,8 +149,8 @@ def test_images_without_any_are_no_error(shape, settings):
         (lambda: detect_fiducial(np.zeros((9, 9), np.uint16), TAG, FiducialSettings()), "grey image"),
         (lambda: detect_fiducial(np.zeros((9, 9), np.uint8), BOARD, FiducialSettings(calibrated=True)), "a camera"),
         (lambda: FiducialSettings("best"), "known: none, subpix, contour, apriltag"),
-        (lambda: FiducialSettings(enlarge=0), "cv2.aruco can do with"),
-        (lambda: FiducialSettings(min_tags=3), "cv2.aruco can do with"),
+        (lambda: FiducialSettings(enlarge=0), "cv2.aruco supports"),
+        (lambda: FiducialSettings(min_tags=3), "cv2.aruco supports"),
     ],
 )
 def test_misuse_is_refused(call, said):

@@ -91,7 +91,7 @@ def test_a_tag_is_settled_so_that_what_means_the_same_is_equal():
         ({"tag": "aruco:DICT_4X4_50:50"}, "an id of 0 to 49"),
         ({"tag": "aruco:DICT_4X4_50:1", "tag_side": 0.2}, "use --tag-size 15"),
         ({"tag": "aruco:DICT_4X4_50:1", "tag_side": -0.2}, "a tag side above 0"),
-        ({"tag_side": 0.05}, "a tag for its size"),
+        ({"tag_side": 0.05}, "a tag with a tag size"),
         ({"tag": "aruco:DICT_4X4_50:1", "keep_outs": (Circle(0.01),)}, "no room in the middle"),
     ],
 )

@@ -102,7 +102,7 @@ def test_all_that_is_wrong_is_told_at_once():
         settle({"rnus": 3, "noise": "0.2", "zzz": 1, "seed": 1.5}, ValidateKeywords)
     said = str(caught.value)
     assert said.startswith(
-        "expected what markergen.validate takes, found rnus=3 (no such option: did you mean 'runs'?)"
+        "expected options of markergen.validate, found rnus=3 (no such option: did you mean 'runs'?)"
     )
     assert "noise='0.2' (a number)" in said
     assert "seed=1.5 (a whole number)" in said
