@@ -195,7 +195,7 @@ class Design(Result):
         ]
 
     def _weak_homography(self) -> list[str]:
-        """Warnings about a layout that is good for the pose but not for a homography, if it is nearly collinear."""
+        """Warnings about layouts, such as nearly collinear ones, that are weak for a homography."""
         own, usual = (self.criteria.get(name, {}).get("homography_px", np.nan) for name in ("design", "random"))
         if not own > usual:
             return []

@@ -1,8 +1,8 @@
-"""Exchange of control points with places of a grid: the moves that a descent cannot make.
+"""Exchange of control points with positions on a grid: the moves that a descent cannot make.
 
-A descent goes downhill from where it is: it does not leave a corner, pass a hole, or take a dot from one plate to the
-other. Here one dot after the other is taken out of the layout and put where it serves best, wherever that is, until
-none has a better place (Fedorov 1972, with the objective itself in place of the determinant of the information).
+A descent only goes downhill from its start: it does not leave a corner, pass a hole, or move a dot from one plate to
+another. Here the dots are removed from the layout one by one and each is put back at the best of all positions, until
+none has a better one (Fedorov 1972, with the objective itself in place of the determinant of the information).
 """
 
 from abc import ABC, abstractmethod
@@ -22,24 +22,24 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 RIM, INNER = 160, 160
-"""Places along the edge of the region and inside of it, about; for more than 60 dots there are more."""
+"""Approximate number of positions along the edge and inside the region; more for more than 60 dots."""
 
 BETTER = 1e-4
-"""Relative gain for which a dot is moved."""
+"""Relative gain that justifies moving a dot."""
 
 SWEEPS, TURNS = 8, 500
-"""Most rounds over all dots, and most turns of single dots."""
+"""Maximum number of rounds over all dots, and of single-dot attempts in total."""
 
 
 def edge(region: FeasibleRegion, count: int) -> Array:
-    """Places (C, 2) in m on the edge of the region, about `count`, its corners among them."""
+    """Positions (C, 2) in m on the edge of the region, about `count`, including its corners."""
     boundary = region.boundary
     corners = [outline for outline in boundary.outlines() if len(outline) <= count]
     return boundary.project(np.concatenate([*corners, boundary.rim(count)]), region.inset)
 
 
 def places(region: FeasibleRegion, n: int) -> Array:
-    """Places (C, 2) in m for n control points: the edge of the region with its corners, and a lattice inside."""
+    """Positions (C, 2) in m for n control points: the edge of the region with its corners, and a lattice inside."""
     boundary, more = region.boundary, max(1.0, n / 60)
     rim = edge(region, int(RIM * more))
     pitch = np.sqrt(boundary.area / (INNER * more * np.sqrt(0.75)))
@@ -47,20 +47,20 @@ def places(region: FeasibleRegion, n: int) -> Array:
     i, j = np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1))
     lattice = np.stack([i + j / 2, j * np.sqrt(0.75)], axis=-1).reshape(-1, 2) * pitch
     lattice += (rim.min(axis=0) + rim.max(axis=0)) / 2
-    # Places nearer to the edge than half the pitch would say what those on it say.
+    # Lattice points within half a pitch of the edge would duplicate those on it.
     found = np.concatenate([rim, lattice[boundary.depth(lattice) >= region.inset + pitch / 2]])
     found = found[boundary.depth(found) >= region.inset - 1e-10]
     return np.asarray(found[np.unique(np.round(found / (1e-3 * boundary.radius)), axis=0, return_index=True)[1]])
 
 
 class ExchangeTable(ABC):
-    """What an objective says of layouts that have all control points but one in common.
+    """Values of an objective for layouts on given positions that differ in one control point.
 
     Attributes
     ----------
     places : array (C, 2), m
     apart : array (C, C), m
-        Distances between them.
+        Distances between the places.
     """
 
     def __init__(self, places: Array) -> None:
@@ -68,10 +68,10 @@ class ExchangeTable(ABC):
 
     @abstractmethod
     def values(self, rest: Index, candidates: Index) -> Array:
-        """Values (c,) of the layouts of places `rest` (n - 1,) and one of `candidates` (c,) each."""
+        """Values (c,) of the layouts that consist of places `rest` (n - 1,) and one of `candidates` (c,)."""
 
     def joined(self, more: Array) -> Self:
-        """Table of further places (D, 2), which come first, and of these."""
+        """Table of additional places (D, 2), which come first, and the current ones."""
         table = copy(self)
         table.places = np.concatenate([more, self.places])
         table.apart = distances(table.places)
@@ -79,7 +79,7 @@ class ExchangeTable(ABC):
 
 
 class AnyExchangeTable(ExchangeTable):
-    """The table of any objective, which is asked for each layout."""
+    """Table for any objective, which is evaluated for each layout."""
 
     def __init__(self, objective: Objective, places: Array) -> None:
         super().__init__(places)
@@ -92,9 +92,10 @@ class AnyExchangeTable(ExchangeTable):
 
 
 class TraceExchangeTable(ExchangeTable):
-    """The table of sqrt(trace(W M^-1)), M the sum of what each control point tells: a hundred times as fast.
+    """Table for sqrt(trace(W M^-1)), M the sum of each control point's information: a hundred times as fast.
 
-    A point tells I = R'R with two rows R, and with A = M^-1 of the rest (M + R'R)^-1 = A - A R'(1 + R A R')^-1 R A.
+    A point has the information I = R'R with two rows R; with A = M^-1 of the rest,
+    (M + R'R)^-1 = A - A R'(1 + R A R')^-1 R A.
     """
 
     def __init__(self, objective: TraceObjective, places: Array) -> None:
@@ -102,7 +103,7 @@ class TraceExchangeTable(ExchangeTable):
         self._objective, self._aggregate = objective, aggregate_of(objective.aggregate)
         self._told = self._tell(places)
         self._products = _products(self._told)
-        # So little of what all places tell on average keeps three points or fewer from being singular.
+        # A tiny fraction of the mean information of all places keeps M of three points or fewer regular.
         size = self._told.shape[-1]
         self._little = 1e-7 * np.einsum("pcii->pi", self._told)[:, None] / len(places) * np.eye(size)
         self._upper = np.triu_indices(size)
@@ -115,7 +116,7 @@ class TraceExchangeTable(ExchangeTable):
         return table
 
     def _tell(self, places: Array) -> Array:
-        """I (P, C, k, k): what a point adds to four others that determine the pose by themselves."""
+        """I (P, C, k, k): the information that a point adds to four others that determine the pose."""
         base = regular_polygon(4, 0.7 * self._objective.setting.boundary.radius)
         layouts = np.concatenate([np.broadcast_to(base, (len(places), 4, 2)), places[:, None]], axis=1)
         alone = np.linalg.inv(self._objective.covariance(base[None]))
@@ -138,7 +139,7 @@ class TraceExchangeTable(ExchangeTable):
 def _products(told: Array) -> Array:
     """Rows (P, C, 3, k (k+1)/2) whose products with the upper triangle of a symmetric X are the entries of R X R'.
 
-    R, with R'R = I, are two eigenvectors of I (P, C, k, k), of which the other eigenvalues are zero.
+    R, with R'R = I, consists of two scaled eigenvectors of I (P, C, k, k), whose other eigenvalues are zero.
     """
     size, vectors = np.linalg.eigh(told)
     rows = vectors[..., -2:] * np.sqrt(np.maximum(size[..., None, -2:], 0.0))
@@ -150,7 +151,7 @@ def _products(told: Array) -> Array:
 
 
 def exchange_table(objective: Objective, places: Array) -> ExchangeTable:
-    """The fastest table of places (C, 2) in m that the objective allows."""
+    """Create the fastest table of places (C, 2) in m that the objective allows."""
     return (
         TraceExchangeTable(objective, places)
         if isinstance(objective, TraceObjective)
@@ -159,7 +160,7 @@ def exchange_table(objective: Objective, places: Array) -> ExchangeTable:
 
 
 def exchange(table: ExchangeTable, spacing: float, layout: Index) -> Index:
-    """Move one control point after the other to its best place, until none has a better one.
+    """Move control points to their best places one by one, until none has a better one.
 
     Parameters
     ----------
@@ -167,15 +168,15 @@ def exchange(table: ExchangeTable, spacing: float, layout: Index) -> Index:
     spacing : float
         Smallest distance in m between control points.
     layout : array (n,)
-        Indices of the places to begin with.
+        Indices of the initial places.
 
     Returns
     -------
     array (n,)
-        Indices of the places to end with.
+        Indices of the final places.
     """
     layout, close = layout.copy(), too_close(table.apart, spacing)
-    # Rounds end with the last dot that found no better place, wherever they began.
+    # The exchange ends once every dot in succession has failed to find a better place.
     still = turn = 0
     while still < len(layout) and turn < min(SWEEPS * len(layout), TURNS):
         i = turn % len(layout)
@@ -192,7 +193,7 @@ def exchange(table: ExchangeTable, spacing: float, layout: Index) -> Index:
 
 
 def random_layout(apart: Array, spacing: float, n: int, rng: np.random.Generator) -> Index | None:
-    """Indices (n,) of random places, of which all distances are given, that keep the spacing; None where they jam."""
+    """Indices (n,) of random places that keep the spacing, given all distances between places; None if they jam."""
     close, free = too_close(apart, spacing), np.ones(len(apart), dtype=bool)
     layout: list[int] = []
     while len(layout) < n and free.any():
@@ -207,5 +208,5 @@ def distances(places: Array) -> Array:
 
 
 def too_close(apart: Array, spacing: float) -> NDArray[np.bool_]:
-    """Distances between places at which two control points cannot have both; bare points are not put in one place."""
+    """True where two places are too close for two control points; bare points must not coincide."""
     return apart < max(spacing - 1e-10, 1e-9)

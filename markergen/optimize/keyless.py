@@ -1,14 +1,14 @@
-"""Layouts whose dots are told apart by their place alone, by so many pixels, without a key ring.
+"""Layouts without a key ring, whose dots are identified by position alone, with a given label safety.
 
-The least objective subject to a label safety of at least so many px (see `markergen.optimize.label_ambiguity`), by
-cutting planes: of a layout the rivals that are too near are found and become constraints, each a labeling at a pose;
-the layout is polished under these, and looked at again, until there are no new ones. A constraint's derivative is in
-closed form: D is a minimum over the rival's poses, so these need not be differentiated,
+Minimizes the objective subject to a minimum label safety in px (see `markergen.optimize.label_ambiguity`) by cutting
+planes: rivals of a layout that are too near become constraints, each a labeling at a pose; the layout is polished under
+these and examined again, until there are no new ones. A constraint's derivative has a closed form: D is a minimum over
+the rival's poses, so these need not be differentiated,
 
     dD = sum over j of e_j . (dm_T(X_s(j)) - dm_T'(X_j)) / D,    e_j = m_T(X_s(j)) - m_T'(X_j).
 
-From a symmetric layout no derivative leads away, D = 0 being the tip of a cone: starts are the optimum without the
-demand, shaken, and random layouts.
+A symmetric layout, D = 0, is the tip of a cone, from which no derivative leads away: starts are perturbations of the
+unconstrained optimum, and random layouts.
 """
 
 from dataclasses import dataclass
@@ -37,59 +37,59 @@ from markergen.options import Progress
 Array = NDArray[np.float64]
 
 SHAKES = (0.05, 0.1, 0.1, 0.15, 0.15, 0.2, 0.2, 0.3)
-"""How far the optimum without the demand is shaken, in radii, for one start each."""
+"""Perturbations of the unconstrained optimum, in radii, for one start each."""
 
 RANDOM = 2
-"""Random starts besides; in a disk they end far above the shaken ones."""
+"""Number of additional random starts; in a disk they end far above the perturbed ones."""
 
 ROUNDS, ITERATIONS, RESTED = 12, 40, 1e-3
-"""Rounds of cutting, and iterations of SLSQP in each; a layout that moves by less than this share of the radius in one
-has come to rest."""
+"""Maximum number of cutting rounds, of SLSQP iterations in each, and movement per round, as a fraction of the radius,
+below which a layout has converged."""
 
 STALE = 6
-"""Rounds that do not make a layout safer, which is not safe enough, before it is given up."""
+"""Number of rounds without improvement after which a layout that is not safe enough is abandoned."""
 
 BEATEN = 1e-3
-"""A layout that is worse than another by more than this share, and still to be cut, is given up."""
+"""Relative difference by which an unfinished layout may be worse than another before it is abandoned."""
 
 CUTS, CUTS_PER_DOT, CUT_POSES, NEAR = 20, 1, 4, 1.3
-"""New constraints in one round: nearest labelings of all and of each dot, at how many poses each, up to this factor of
-what is demanded."""
+"""New constraints per round: numbers of nearest labelings overall and per dot, number of poses for each, and maximum
+safety as a multiple of the demand."""
 
 LOOKED, FOLLOWED = 4, 40
-"""Poses at which a round looks for rivals, and to which it follows those it finds; the end looks at more."""
+"""Numbers of poses at which a round searches for rivals, and to which it follows them; the final check uses more."""
 
 FINALISTS, FINISHES = 4, 8
-"""The best layouts that are looked at from all poses, and cut again up to so many times."""
+"""Number of best layouts examined from all poses, and maximum number of times that each is cut again."""
 
 HOPELESS = 0.8
-"""Share of the demand below which a layout that all cuts were made of is not cut to the end."""
+"""Fraction of the demand below which a layout is not cut again in the final stage."""
 
 PRICE = 20.0
-"""What lacking all of the safety costs, in logarithms of the objective: more than any layout is worth."""
+"""Penalty for zero safety, added to the logarithm of the objective: larger than any difference between layouts."""
 
 SLACK = 1e-3
-"""Share of the demand that the constraints ask for on top, so that the rounded result still has it."""
+"""Margin of the constraints over the demand, as a fraction of it, so that the rounded result still satisfies it."""
 
 SOFTNESS = 0.003
-"""Of objectives with kinks (see `markergen.optimize.polish`)."""
+"""Softness for objectives with kinks (see `markergen.optimize.polish`)."""
 
 
 @dataclass(frozen=True, eq=False)
 class AsymmetricOptimum:
-    """The best layout with safe labels that was found.
+    """Best layout with safe labels found.
 
     Attributes
     ----------
     points : array (n, 2), m
     value : float
-        Of the objective.
+        Value of the objective.
     safety : LabelSafety
-        Of equal dots, over all poses.
+        Label safety of equal dots, over all poses.
     demanded : float
-        Safety in px that was asked for.
+        Demanded safety in px.
     free : Optimum
-        The optimum without the demand.
+        Optimum without the demand.
     """
 
     points: Array
@@ -100,33 +100,33 @@ class AsymmetricOptimum:
 
     @property
     def reached(self) -> bool:
-        """Whether the layout is as safe as was demanded."""
+        """True if the layout has the demanded safety."""
         return self.safety.least >= self.demanded
 
     @property
     def cost(self) -> float:
-        """By what share the objective is above the optimum without the demand."""
+        """Relative increase of the objective over the optimum without the demand."""
         return self.value / self.free.value - 1
 
     @property
     def sentence(self) -> str:
-        """What was reached and what it costs."""
+        """Safety reached and its cost, in words."""
         reached = f"labels are safe to {self.safety.least:.3g} px without a key ring"
         if not self.reached:
             return f"{reached}, less than the {self.demanded:g} px demanded"
         return f"{reached}, which costs {100 * self.cost:.1f} % of the objective"
 
     def or_refuse(self) -> "AsymmetricOptimum":
-        """Return this one.
+        """Return this optimum if it has the demanded safety.
 
         Raises
         ------
         InputError
-            If it is less safe than was demanded.
+            If its safety is less than demanded.
         """
         if self.reached:
             return self
-        # Rounded down, so that it can be reached.
+        # Rounded down, so that it is attainable.
         best = np.floor(100 * self.safety.least) / 100
         remedy = f"use --asymmetric {best:g} or less, another --n" if best else "use another --n"
         raise InputError(
@@ -149,16 +149,16 @@ def asymmetric_search(
 ) -> AsymmetricOptimum:
     """Find the layout (n, 2) of n equal dots that minimizes the objective with a label safety of `px` or more.
 
-    Camera and poses are those of the objective's setting. Where no layout is safe enough, the safest that was met.
+    Camera and poses are those of the objective's setting. If no layout is safe enough, return the safest one found.
 
     Parameters
     ----------
     px : float
-        Label safety, above 0.
+        Demanded label safety, above 0.
     restarts : int
-        Random starts of the search without the demand, and of that with it; 0 is the defaults.
+        Number of random starts of the searches without and with the demand; 0 selects the defaults.
     rough, record
-        As `search` takes them.
+        See `search`.
     """
     free = search(objective, region, n, rng, restarts, progress, rough, record)
     scale = region.boundary.radius
@@ -179,7 +179,7 @@ def asymmetric_search(
             if layouts[-1].px >= px and region.holds(layouts[-1].points[None])[0]:
                 bar = min(bar, layouts[-1].value)
         layouts = [each for each in layouts if region.holds(each.points[None])[0]]
-        # What lacks little is cut to the end with the others.
+        # Layouts that lack little are finished with the others.
         layouts.sort(key=lambda each: (max(HOPELESS * px - each.px, 0.0), each.value))
         for done, each in enumerate(layouts[:FINALISTS], start=1):
             found += _finished(objective, region, each, px, record)
@@ -196,13 +196,13 @@ class _Candidate:
     safety: LabelSafety
 
     def rank(self, px: float) -> tuple[float, float]:
-        """Safe ones by the objective, then the others by their safety."""
+        """Sort key: safe layouts by objective, then the others by safety."""
         return max(px - self.safety.least, 0.0), self.value
 
 
 @dataclass(frozen=True, eq=False)
 class _Layout:
-    """A layout that was cut, with its safety as far as the cuts know it."""
+    """A layout that was cut, with its safety according to the cuts."""
 
     points: Array
     value: float
@@ -214,14 +214,14 @@ class _Layout:
 
 
 class _Cuts:
-    """Rivals that a layout has to keep away from, and how it does: they are followed as it moves."""
+    """Rivals as constraints of a layout, refitted as it moves."""
 
     def __init__(self, objective: Objective, looked: NDArray[np.intp], followed: NDArray[np.intp]) -> None:
         self.objective, self.looked, self.followed = objective, looked, followed
         self.rivals: Rivals | None = None
 
     def add(self, points: Array, px: float) -> float:
-        """Look for rivals of points (n, 2); keep those nearer than `NEAR` times px. Returns the safety."""
+        """Search for rivals of points (n, 2), keep those nearer than `NEAR` times px, and return the safety."""
         scene = self.scene(points)
         found = find_rivals(scene, self.looked)
         if self.rivals is not None:
@@ -233,7 +233,7 @@ class _Cuts:
         return float(found.px.min())
 
     def keep(self, found: Rivals, px: float) -> None:
-        """Make constraints of those of `found` that are nearer than `NEAR` times px."""
+        """Add the rivals in `found` that are nearer than `NEAR` times px to the constraints."""
         new = found.take(self._chosen(found, NEAR * px, CUT_POSES))
         self.rivals = new if self.rivals is None else _without_repeats(self.rivals.joined(new))
 
@@ -256,7 +256,7 @@ class _Cuts:
         return rivals.px, safety_gradient(scene, rivals)
 
     def _chosen(self, rivals: Rivals, limit: float, poses: int) -> NDArray[np.intp]:
-        """Nearest rivals of all and of each dot, each labeling at the `poses` where it is nearest."""
+        """Indices of the nearest rivals overall and per dot, each labeling at the `poses` where it is nearest."""
         order = np.argsort(rivals.distance, kind="stable")
         _, first, group = np.unique(rivals.labeling[order], axis=0, return_index=True, return_inverse=True)
         nearest = np.sort(first)
@@ -267,7 +267,7 @@ class _Cuts:
 
 
 def safety_gradient(scene: SeenLayout, rivals: Rivals) -> Array:
-    """Derivative (K, n, 2), px per m, of the safety from each rival by the dots' places in the plane."""
+    """Derivative (K, n, 2), px per m, of the safety from each rival with respect to positions in the plane."""
     true = _image_rows(
         scene.points, scene.camera, scene.poses.rotation[rivals.pose], scene.poses.translation[rivals.pose]
     )
@@ -284,7 +284,7 @@ def safety_gradient(scene: SeenLayout, rivals: Rivals) -> Array:
 
 
 def _image_rows(points: Array, camera: Camera, rotation: Array, translation: Array) -> Array:
-    """Derivative (K, n, 2, 2), px per m, of the images of points (n, 3) by their places in the plane."""
+    """Derivative (K, n, 2, 2), px per m, of the images of points (n, 3) with respect to positions in the plane."""
     seen = points @ rotation.swapaxes(-1, -2) + translation[:, None]
     normalized = seen[..., :2] / seen[..., 2:]
     in_plane = rotation[:, None, :, :2]
@@ -305,7 +305,7 @@ def _cut(
     bar: float,
     record: Record | None,
 ) -> _Layout:
-    """Polish a layout and cut it, in turns, until it rests, or is worse than `bar`, which more cuts never mend."""
+    """Alternately polish and cut a layout until it converges, or is worse than `bar`, which cuts never improve."""
     reach = _reach(region, len(start))
     points, px_now = start, cuts.add(start, px)
     best = _Layout(points, float(objective(points[None])[0]), px_now, cuts)
@@ -317,7 +317,7 @@ def _cut(
         px_now = cuts.add(points, px)
         layout = _Layout(points, float(objective(points[None])[0]), px_now, cuts)
         feasible = region.holds(points[None])[0]
-        # Rounds that make it safer count as progress only where they do so by a share that can be seen.
+        # Only a noticeable relative gain in safety counts as progress.
         stale = 0 if layout.px > best.px * (1 + RESTED) else stale + 1
         if feasible and (layout.rank(px) < best.rank(px) or not region.holds(best.points[None])[0]):
             best = layout
@@ -330,7 +330,7 @@ def _cut(
 def _finished(
     objective: Objective, region: FeasibleRegion, layout: _Layout, px: float, record: Record | None
 ) -> list["_Candidate"]:
-    """A layout as it is seen from all poses, and cut by what is found there."""
+    """Examine a layout from all poses, and cut it by the rivals found there."""
     points, cuts, found = layout.points, layout.cuts, list[_Candidate]()
     reach = _reach(region, len(points))
     for finish in range(FINISHES + 1):
@@ -346,7 +346,7 @@ def _finished(
 
 
 def _reach(region: FeasibleRegion, n: int) -> float:
-    """How far a dot may go in one polish, m; see `markergen.optimize.polish`."""
+    """Maximum movement in m of a dot in one polish; see `markergen.optimize.polish`."""
     return np.inf if len(region.walls) == 1 and n <= ALL_PAIRS_UP_TO else REACH * region.boundary.radius
 
 
@@ -359,9 +359,9 @@ def _polish(
     reach: float,
     record: Record | None,
 ) -> Array:
-    """One run of SLSQP under the region's constraints and the cuts; what these lack of px has a price.
+    """Run SLSQP once under the region's constraints and the cuts, with a penalty on missing safety.
 
-    With the lack as one more variable no start is infeasible, and what cannot be reached is approached.
+    With the missing safety as an additional variable every start is feasible, and unattainable demands are approached.
     """
     n, scale = len(start), region.boundary.radius
     clear = Clearances(region, start, reach, scale)
@@ -402,7 +402,7 @@ def _polish(
 
 
 def _without_repeats(rivals: Rivals) -> Rivals:
-    """Rivals without those of the same labeling at the same pose; the last ones stay, which were found just now."""
+    """Remove duplicates of the same labeling at the same pose, keeping the last, which is the most recent."""
     keys = np.concatenate([rivals.labeling, rivals.pose[:, None]], axis=1)[::-1]
     _, last = np.unique(keys, axis=0, return_index=True)
     return rivals.take(np.sort(len(rivals) - 1 - last))

@@ -1,6 +1,6 @@
-"""Layouts in space: where dots on pillars may stand without one hiding another, and the search among such layouts.
+"""Layouts in space: feasible positions of dots on pillars that do not occlude each other, and the search among them.
 
-The search starts from many layouts with random heights, each polished under what hides what.
+The search polishes many layouts with random heights under the constraints of occlusion.
 """
 
 from dataclasses import dataclass, field
@@ -23,58 +23,58 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 ROUNDING = 1e-10
-"""Breach in m that is put down to rounding, as that of a `FeasibleRegion`."""
+"""Violation in m attributed to rounding, as in `FeasibleRegion`."""
 
 AT_ONCE = 500_000
-"""Lines of sight in one chunk: some 50 MB."""
+"""Lines of sight in one chunk, about 50 MB."""
 
 RAYS = 360
-"""Points of a dot's rim that are looked at by the independent check."""
+"""Number of points on a dot's rim sampled by the independent check."""
 
 STARTS, AS_MANY_UP_TO = 24, 8
-"""Layouts of up to 8 dots that are started from; of more dots there are fewer, in proportion."""
+"""Number of starts for up to 8 dots; proportionally fewer for more dots."""
 
 KEPT = 3
-"""How many distinct ones are polished for all poses."""
+"""Number of distinct layouts polished for all poses."""
 
 ITERATIONS, ROUNDS = 60, 8
-"""Most iterations of a polish, and most polishes one after the other, each under the lines of sight that all before it
-came to touch."""
+"""Maximum number of iterations of a polish, and of successive polishes, each constrained by the lines of sight that all
+previous ones came to touch."""
 
 QUICK, QUICK_ROUNDS = 30, 3
-"""The same where it only tells good from bad."""
+"""The same for polishes that only rank layouts."""
 
 TIGHTEST = 3
-"""Of each dot and pillar so many poses come into the constraints at once."""
+"""Number of poses added to the constraints at once for each dot and pillar."""
 
 NEAR = 0.25
-"""Share of the spacing up to which lines of sight come into the constraints before they are crossed."""
+"""Maximum gap, as a fraction of the spacing, of lines of sight included in the constraints before they are blocked."""
 
 CLEAR = 1e-7
-"""A layout in which no pillar stands deeper than this many m in a line of sight loses nothing where that is mended."""
+"""Depth in m of a pillar in a line of sight up to which correcting the layout costs nothing."""
 
 BLOCK = 20
-"""Of more dots than `ALL_PAIRS_UP_TO` so many move at once: the time of a step grows with the cube of their number."""
+"""Number of dots that move at once if there are more than `ALL_PAIRS_UP_TO`: the time of a step is cubic in it."""
 
 GAIN, STALE = 1e-5, 2
-"""Rounds that gain no more than this share, so many of them one after the other, are the last."""
+"""Relative gain, and number of successive rounds that do not exceed it, after which the polish ends."""
 
 RESTED = 1e-6
-"""A layout that moves by less than this many radii, with nothing hidden, is done."""
+"""Movement in radii below which a layout without occlusion has converged."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReliefRoom:
-    """The feasible layouts (n, 3) of dots of one diameter on pillars.
+    """Set of feasible layouts (n, 3) of dots of one diameter on pillars.
 
     Attributes
     ----------
     region : FeasibleRegion
-        Where they may be in the plane.
+        Feasible region in the plane.
     height : float
-        How high they may stand, m.
+        Maximum height, m.
     eyes : array (P, 3), m
-        From where every dot must be seen whole; all higher than `height`.
+        Camera positions from which every dot must be entirely visible; all higher than `height`.
     """
 
     region: FeasibleRegion
@@ -83,30 +83,30 @@ class ReliefRoom:
 
     @cached_property
     def wall_radius(self) -> float:
-        """How far in m lines of sight stay from the axis of a pillar; 0 for bare points, which hide nothing.
+        """Distance in m of lines of sight from the axis of a pillar; 0 for bare points, which hide nothing.
 
-        They keep the clearance from the dot on it, as dots do in the plane: seen closer together, two would be one.
+        It includes the clearance from the dot on the pillar, as in the plane: otherwise two images might merge.
         """
         return self.region.inset if self.region.diameter else 0.0
 
     @cached_property
     def radii(self) -> tuple[Array, Array]:
-        """Radius of the dots in m, and `wall_radius`, as arrays ()."""
+        """Radius of the dots in m and `wall_radius`, as arrays of shape ()."""
         return np.array(self.region.diameter / 2), np.array(self.wall_radius)
 
     @cached_property
     def shadow(self) -> float:
-        """How far in m from its wall a pillar may hide anything on the plate, at most."""
-        # A pillar of height t hides what is lower up to (t - z)/(h - z) of the way to the eye, which is most for z = 0.
+        """Maximum distance in m from its wall at which a pillar can hide anything on the plate."""
+        # A pillar of height t hides lower points z up to (t - z)/(h - z) of the way to the eye, maximal for z = 0.
         way = np.linalg.norm(self.eyes[:, :2], axis=-1) + self.region.boundary.radius
         return float(np.max(self.height / self.eyes[:, 2] * way))
 
     def within(self, points: Array) -> Array:
-        """Bring a layout (n, 3) into the room: in the plane as the region does, and down until nothing is hidden.
+        """Make a layout (n, 3) feasible: project it in the plane, then lower dots until nothing is hidden.
 
-        From the lowest dot up, each keeps its height or takes the largest at which it hides nothing of those below it.
-        What is brought down so stays above these, so no dot has to be looked at twice. A layout that is jammed in the
-        plane stays so.
+        From the lowest dot up, each keeps its height or is lowered to the largest height at which it hides none of
+        those below it. It stays above these, so each dot is visited only once. A layout that is jammed in the plane
+        remains so.
         """
         plane = self.region.project(points[None, :, :2])[0]
         heights = np.clip(points[:, 2], 0.0, self.height)
@@ -119,25 +119,25 @@ class ReliefRoom:
         return np.column_stack([plane, heights])
 
     def _ceiling(self, dot: Array, plane: Array) -> Array:
-        """Largest heights (m,) in m of pillars at (m, 2) that hide nothing of a lower dot (3,).
+        """Maximum heights (m,) in m of pillars at (m, 2) that hide nothing of a lower dot (3,).
 
-        With c the radii of both, they come to touch at the smallest share s with |a - s d| = c - s r, see `passage`.
+        With c the sum of both radii, they first touch at the smallest share s with |a - s d| = c - s r, see `passage`.
         """
         radius, wall = self.region.diameter / 2, self.wall_radius
         way, offset = self.eyes[:, :2] - dot[:2], (plane - dot[:2])[:, None]
-        # A s^2 - 2 B s + C = 0, whose smaller root is C over B and the discriminant's root.
+        # A s^2 - 2 B s + C = 0, with smaller root C / (B + sqrt(B^2 - A C)).
         a = np.sum(way**2, axis=-1) - radius**2
         b = np.sum(offset * way, axis=-1) - (radius + wall) * radius
         c = np.maximum(np.sum(offset**2, axis=-1) - (radius + wall) ** 2, 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             share = c / (b + np.sqrt(b**2 - a * c))
-            # Where there is no root, or it lies behind the dot, they never touch; where they do from the start, at 0.
+            # Without a root, or with one behind the dot, they never touch; if they touch from the start, it is 0.
             share = np.where(share >= 0, share, np.where((c == 0) & (b > 0), 0.0, np.inf))
             heights: Array = np.min(dot[2] + share * (self.eyes[:, 2] - dot[2]), axis=-1)
         return heights
 
     def holds(self, points: Array) -> bool:
-        """Tell whether a layout (n, 3) is feasible, to a tenth of a nanometer."""
+        """True if a layout (n, 3) is feasible, to a tenth of a nanometer."""
         z = points[:, 2]
         return bool(
             self.region.holds(points[None, :, :2])[0]
@@ -147,14 +147,14 @@ class ReliefRoom:
         )
 
     def hides(self, points: Array) -> float:
-        """Largest depth in m to which a pillar stands in a line of sight; 0 or less if none does."""
+        """Maximum depth in m of a pillar in a line of sight; 0 or less if none blocks one."""
         if not self.wall_radius:
             return 0.0
         dot, pillar = self._neighbors(points, higher=True)
         return max((-float(found.gap.min()) for _, found in self._passages(points, dot, pillar)), default=0.0)
 
     def tightest(self, points: Array, up_to: float, count: int) -> "Sights":
-        """Lines of sight whose gap is at most `up_to` m: of each dot and pillar the `count` with the smallest."""
+        """Lines of sight with a gap of at most `up_to` m: the `count` smallest for each dot and pillar."""
         dot, pillar = self._neighbors(points)
         kept: list[Index] = [np.zeros((0, 3), dtype=np.int64)]
         for chunk, found in self._passages(points, dot, pillar):
@@ -166,7 +166,7 @@ class ReliefRoom:
         return Sights(self, np.concatenate(kept))
 
     def _neighbors(self, points: Array, higher: bool = False) -> tuple[Index, Index]:
-        """Dots and pillars (m,) that are near enough for one to be hidden by the other."""
+        """Indices (m,) of dots and of pillars near enough to hide them."""
         if not self.wall_radius:
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
         gaps = np.linalg.norm(points[:, None, :2] - points[None, :, :2], axis=-1)
@@ -189,7 +189,7 @@ class ReliefRoom:
 
 @dataclass(frozen=True, eq=False)
 class Sights:
-    """Some lines of sight past pillars, as constraints of a layout.
+    """Selected lines of sight past pillars, as constraints of a layout.
 
     Attributes
     ----------
@@ -205,11 +205,11 @@ class Sights:
         return len(self.triples)
 
     def joined(self, others: "Sights") -> "Sights":
-        """These and others, each once."""
+        """Union of these and the others, without duplicates."""
         return Sights(self.room, np.unique(np.concatenate([self.triples, others.triples]), axis=0))
 
     def of(self, dots: Index) -> "Sights":
-        """Those that depend on where some dots stand."""
+        """Subset that depends on the positions of the given dots."""
         return Sights(self.room, self.triples[np.isin(self.triples[:, :2], dots).any(axis=1)])
 
     def gap(self, points: Array) -> Array:
@@ -219,7 +219,8 @@ class Sights:
     def gap_jacobian(self, points: Array) -> Array:
         """Derivative (m, n, 3) of `gap`.
 
-        By the way the share s is left out where the gap is least over it; at the pillar's top it counts.
+        Where the gap is minimal over the share s along the way, the derivative through s vanishes; at the pillar's top
+        it does not.
         """
         dot, pillar, eye = self.triples.T
         found = self._passage(points)
@@ -253,21 +254,21 @@ def search_relief(
     rough: Objective | None = None,
     record: Record | None = None,
 ) -> Optimum:
-    """Find the layout (n, 3) in the room that minimizes the objective; it is never worse than the flat one.
+    """Find the layout (n, 3) in the room that minimizes the objective, never worse than the flat one.
 
     Parameters
     ----------
     flat : array (n, 2), m
-        A good flat layout: half of the starts have its places, the others random ones; each dot starts from the plane
-        or from the top, in the first one every second dot around.
+        A good flat layout: half of the starts use its positions, the others random ones; each dot starts at zero or
+        maximum height, in the first start alternately.
     starts : int
-        0 takes a number that suits n.
+        Number of starts; 0 selects it according to n.
     progress : callable or None
-        Called with the stage, what is done of it, and its total.
+        Called with the stage, the amount done, and the total.
     rough : Objective or None
-        The same criterion for fewer poses, which saves time in telling good starts from bad ones.
+        The same criterion for fewer poses, which saves time in ranking starts.
     record : callable or None
-        Called with what each step makes of layouts (see `markergen.optimize.trace`).
+        Called with the layouts before and after each step (see `markergen.optimize.trace`).
     """
     n = len(flat)
     starts = starts or max(2, STARTS * AS_MANY_UP_TO // max(n, AS_MANY_UP_TO))
@@ -300,7 +301,7 @@ def polish_relief(
     rounds: int = ROUNDS,
     record: Record | None = None,
 ) -> tuple[Array, float]:
-    """Improve one layout (n, 3) in m; return what is feasible and best on the way, and its value, inf if nothing is."""
+    """Improve one layout (n, 3) in m; return the best feasible layout found and its value, inf if there is none."""
     region = room.region
     wide = len(region.walls) == 1 and len(start) <= ALL_PAIRS_UP_TO
     reach = np.inf if wide else REACH * region.boundary.radius
@@ -323,7 +324,7 @@ def polish_relief(
             stale = 0 if value < best_value * (1 - GAIN) else stale + 1
             if value < best_value and room.holds(mended):
                 best, best_value = mended, value
-            # What is hidden may stay so for now: the next round knows of it.
+            # Occlusion is tolerated for now: the next round includes it as a constraint.
             clear = room.hides(end) <= CLEAR
             current = mended if clear else end
             if (clear and moved < rested) or stale == STALE:
@@ -342,7 +343,7 @@ def _run(
     reach: float,
     way: list[Array],
 ) -> Array:
-    """One run of SLSQP from a layout (n, 3), of which some dots move; its steps are added to `way`."""
+    """Run SLSQP once from a layout (n, 3), moving some of the dots and appending its steps to `way`."""
     scale = room.region.boundary.radius
     clear, sights = Clearances(room.region, start[:, :2], reach, 1.0, moving), sights.of(moving)
 
@@ -373,7 +374,7 @@ def _run(
 
 
 def _blocks(points: Array, number: int) -> list[Index]:
-    """Dots that move together: of many, strips of some 20 side by side, across another direction each time."""
+    """Groups of dots that move together: for many dots, parallel strips of about 20, in a new direction each time."""
     n = len(points)
     if n <= ALL_PAIRS_UP_TO:
         return [np.arange(n)]
@@ -383,7 +384,7 @@ def _blocks(points: Array, number: int) -> list[Index]:
 
 
 def _every_second(flat: Array) -> Index:
-    """1 for every second dot around the center, 0 for the others: in a ring it is what hides least and tells most."""
+    """1 for every second dot around the center, else 0: on a circle, the least occlusion and most information."""
     around = np.argsort(np.arctan2(flat[:, 1], flat[:, 0]), kind="stable")
     up = np.empty(len(flat), dtype=np.int64)
     up[around] = np.arange(len(flat)) % 2
@@ -396,7 +397,7 @@ def _flat(objective: Objective, flat: Array) -> tuple[Array, float]:
 
 
 def _distinct(found: list[tuple[Array, float]]) -> list[tuple[Array, float]]:
-    """Those of layouts with their values that are distinct by value, the best first."""
+    """Select layouts with distinct values, best first."""
     kept: list[tuple[Array, float]] = []
     for points, value in sorted(found, key=lambda pair: pair[1]):
         if not kept or value > kept[-1][1] * (1 + DISTINCT):
@@ -405,11 +406,11 @@ def _distinct(found: list[tuple[Array, float]]) -> list[tuple[Array, float]]:
 
 
 def relief_breach(points: Array, relief: float, diameter: float, clearance: float, eyes: Array) -> float:
-    """Largest breach in m of the promises that a layout (n, 3) in m makes in height; 0 or less if it keeps them.
+    """Largest violation in m of the height constraints by a layout (n, 3) in m; 0 or less if it satisfies them.
 
-    Every dot stands from 0 to `relief` over the plane and below all eyes (P, 3), and each ray from an eye to its rim
-    keeps the clearance from all dots that are higher, or rather from the upright cylinders below these. The rim is
-    sampled, which leaves out less than a thousandth of a mm of it.
+    Every dot must be from 0 to `relief` above the plane and below all eyes (P, 3), and each ray from an eye to its rim
+    must keep the clearance from all higher dots, including the vertical cylinders below them. The rim is sampled, with
+    an error below a thousandth of a mm.
     """
     worst = max(
         float(-points[:, 2].min()), float(points[:, 2].max()) - relief, float(np.max(points[:, 2] - eyes[:, 2].min()))
@@ -419,7 +420,7 @@ def relief_breach(points: Array, relief: float, diameter: float, clearance: floa
     angle = 2 * np.pi * np.arange(RAYS) / RAYS
     rim = diameter / 2 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     for low, high in combinations(points[np.argsort(points[:, 2], kind="stable")], 2):
-        # Heights at which a ray is beside the cylinder; it leaves the others above or below.
+        # Rays beside the cylinder; the others pass above or below.
         reached = (high[2] - low[2]) / (eyes[:, 2] - low[2])
         way = np.linalg.norm(eyes[:, :2] - low[:2], axis=-1)
         near = reached * way + diameter + clearance >= dist(low[:2], high[:2])
@@ -435,12 +436,12 @@ def relief_breach(points: Array, relief: float, diameter: float, clearance: floa
 
 
 def check_relief(points: Array, relief: float, diameter: float, clearance: float, eyes: Array) -> None:
-    """Refuse a layout that breaks its promises in height (see `relief_breach`) by more than a nanometer.
+    """Refuse a layout that violates its height constraints (see `relief_breach`) by more than a nanometer.
 
     Raises
     ------
     RuntimeError
-        If it does: a search has gone wrong, which is no fault of the user's.
+        If it does, which means an error in the search, not the input.
     """
     worst = relief_breach(points, relief, diameter, clearance, eyes)
     if not worst <= TOLERANCE:

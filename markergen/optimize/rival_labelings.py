@@ -1,14 +1,14 @@
-"""How near another labeling of the dots comes to fitting their images, from the pose that suits it best.
+"""Distance of rival labelings of the dots from fitting their images, each at its best pose.
 
-For a pose T and a permutation s of the dots, the rival labeling takes the image of dot s(j) for that of dot j. How
-far it is from fitting is
+For a pose T and a permutation s of the dots, the rival labeling takes the image of dot s(j) for that of dot j. Its
+distance from fitting is
 
     D(T, s) = min over T' of sqrt(sum over j of |m_T(X_s(j)) - m_T'(X_j)|^2),
 
-m_T being the projection in px and T' any pose that has all dots in front of the camera and shows their printed side,
-not edge-on; so a mirror image is no rival. Images that are displaced by less than D/2 in all, root of the sum of
-squares over the dots, are fitted better by the true labeling than by s: the true pose leaves less than D/2, and every
-pose of the rival more.
+with m_T the projection in px and T' any pose that has all dots in front of the camera and shows their printed side, not
+edge-on; this excludes mirror images. If the total displacement of the images, root of the sum of squares over the dots,
+is less than D/2, the true labeling fits better than s: the residual is less than D/2 at the true pose, and more at
+every pose of the rival.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -27,29 +27,29 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 STEPS, TOLERANCE, NOTHING = 40, 1e-9, 1e-14
-"""Steps of a fit at most; relative decrease of the sum of squares, and the sum in px^2, at which it is done."""
+"""Maximum number of steps of a fit; relative decrease of the sum of squares, and the sum in px^2, at which it ends."""
 
 ROUGH_STEPS, ROUGH_TOLERANCE = 10, 1e-3
-"""The same where fits are only compared."""
+"""The same for fits that are only compared."""
 
 DAMPING = Damping(start=1e-3, least=1e-9, most=1e8)
 
 EDGE_ON, WALL_PX = float(np.cos(np.deg2rad(80.0))), 300.0
-"""Least cosine of a rival's tilt, and what it costs to have none: beyond, dots are lines and nobody takes them for
-what is seen. Of poses that are tilted more themselves, rivals may have half their least cosine."""
+"""Minimum cosine of a rival's tilt, and penalty residual at cosine 0: at larger tilts dots appear as lines and are not
+mistaken for those seen. The minimum is lowered to half the smallest cosine of the poses if that is less."""
 
 _AT_ONCE = 40_000
-"""Projected points in one batch: its Jacobian and what is made of it stay within some 10 MB."""
+"""Projected points in one batch, which limits the Jacobian and derived arrays to about 10 MB."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rivals:
-    """K wrong labelings, each at one pose of a distribution.
+    """K wrong labelings, each for one pose of a distribution.
 
     Attributes
     ----------
     labeling : array (K, n) of int
-        Dot whose image is taken for dot j.
+        Index of the dot whose image is taken for that of dot j.
     pose : array (K,) of int
         Index of the true pose T.
     rotation, translation : arrays (K, 3, 3) and (K, 3) in m
@@ -69,7 +69,7 @@ class Rivals:
 
     @property
     def moved(self) -> NDArray[np.bool_]:
-        """Dots (K, n) that are taken for others."""
+        """Mask (K, n) of the dots that are taken for others."""
         return self.labeling != np.arange(self.labeling.shape[1])
 
     @property
@@ -78,21 +78,21 @@ class Rivals:
         return self.distance / (2 * np.sqrt(self.labeling.shape[1]))
 
     def take(self, chosen: Indices) -> "Rivals":
-        """Return the chosen ones."""
+        """Return the chosen rivals."""
         return Rivals(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
     def joined(self, other: "Rivals") -> "Rivals":
-        """Return these and others."""
+        """Return these rivals and the others."""
         return Rivals(*(np.concatenate([getattr(self, each.name), getattr(other, each.name)]) for each in fields(self)))
 
     def best_per_dot(self, count: int = 1) -> Indices:
-        """Indices of the nearest rivals of each dot, `count` of them where there are so many, without repeats."""
+        """Indices of up to `count` nearest rivals of each dot, without repeats."""
         away = np.where(self.moved, self.distance[:, None], np.inf)
         order = np.argsort(away, axis=0, kind="stable")[:count]
         return np.unique(order[np.isfinite(np.take_along_axis(away, order, axis=0))])
 
     def nearest_labelings(self, count: int, per_dot: int) -> Indices:
-        """Labelings (K, n), each by the pose where it is nearest: the nearest `count`, and `per_dot` that move each."""
+        """Labelings (K, n) ranked by their nearest pose: the nearest `count`, and the `per_dot` that move each dot."""
         order = np.argsort(self.distance, kind="stable")
         order = order[np.isfinite(self.distance[order])]
         _, first = np.unique(self.labeling[order], axis=0, return_index=True)
@@ -103,20 +103,20 @@ class Rivals:
 
 @dataclass(frozen=True, eq=False)
 class SeenLayout:
-    """Dots and what the camera sees of them from each pose.
+    """Dots and their images from each pose.
 
     Attributes
     ----------
     points : array (n, 3), m
     kinds : array (n,) of int
-        Dots of different kinds are told apart by their looks; of the same kind, by their place alone.
+        Dots of different kinds differ in appearance; dots of the same kind differ only in position.
     camera : Camera
     poses : PoseDistribution
         P poses.
     rays : array (P, n, 2)
         Images in normalized coordinates.
     images : array (P, n, 2), px
-        Through the lens.
+        Images in distorted px.
     """
 
     points: Array
@@ -128,7 +128,7 @@ class SeenLayout:
 
     @cached_property
     def edge_on(self) -> float:
-        """Least cosine of a rival's tilt."""
+        """Minimum cosine of a rival's tilt."""
         return float(min(EDGE_ON, 0.5 * self.poses.cos_tilt.min()))
 
     @property
@@ -137,14 +137,14 @@ class SeenLayout:
         return np.arange(len(self.points))
 
     def fit(self, labeling: Indices, pose: Indices, rough: bool = False) -> Rivals:
-        """Fit labelings (K, n) at poses (K,), from both poses that have the affine map nearest to the images."""
+        """Fit labelings (K, n) at poses (K,), from both poses whose affine map is nearest to the images."""
         size = max(1, _AT_ONCE // (2 * len(self.points)))
         parts = [slice(start, start + size) for start in range(0, max(1, len(labeling)), size)]
         found = [self._fit(labeling[part], pose[part], rough) for part in parts]
         return Rivals(*(np.concatenate([getattr(part, each.name) for part in found]) for each in fields(Rivals)))
 
     def refit(self, rivals: Rivals) -> Rivals:
-        """Fit rivals, those of another layout perhaps, from the poses that they have."""
+        """Fit rivals, which may come from another layout, starting from their current poses."""
         return self._fitted(rivals.labeling, rivals.pose, rivals.rotation, rivals.translation, rough=False)
 
     def _fit(self, labeling: Indices, pose: Indices, rough: bool) -> Rivals:
@@ -168,7 +168,7 @@ class SeenLayout:
 
 
 def seen_layout(points: Array, kinds: Indices, camera: Camera, poses: PoseDistribution) -> SeenLayout:
-    """SeenLayout of points (n, 2) or (n, 3) in m."""
+    """Create the `SeenLayout` of points (n, 2) or (n, 3) in m."""
     points = np.pad(np.asarray(points, dtype=float), ((0, 0), (0, 3 - points.shape[1])))
     rays = perspective(to_camera(points, poses.rotation, poses.translation))
     return SeenLayout(points, kinds, camera, poses, rays, camera.to_pixels(rays))
@@ -183,11 +183,12 @@ def fit_poses(
     edge_on: float = EDGE_ON,
     rough: bool = False,
 ) -> tuple[Array, Array, Array]:
-    """Poses (K, 3, 3), (K, 3) that bring points (n, 3) nearest to images (K, n, 2) in px, and how near: D (K,).
+    """Poses (K, 3, 3), (K, 3) that bring points (n, 3) nearest to images (K, n, 2) in px, and their distances D (K,).
 
-    Levenberg-Marquardt on the sum of squares, all at once, through the lens. One more residual keeps the cosine of the
-    tilt above `edge_on`; with it D is the least of a sum, and so never above what it would be at the limit. inf where
-    the start does not have all points in front of the camera and their printed side toward it; no step leads there.
+    Levenberg-Marquardt on the sum of squares for all poses at once, including lens distortion. An additional residual
+    keeps the cosine of the tilt above `edge_on`; D includes it, and so never exceeds its value at the limit. D is inf
+    where the start does not have all points in front of the camera with their printed side toward it; steps that would
+    leave this domain are rejected.
     """
     fit = RivalFit(points, images, camera, edge_on, ROUGH_TOLERANCE if rough else TOLERANCE)
     steps = ROUGH_STEPS if rough else STEPS
@@ -197,7 +198,7 @@ def fit_poses(
 
 @dataclass(frozen=True, eq=False)
 class RivalFit(LeastSquares):
-    """Residuals of K poses, all in px: those of n images (K, n, 2), and last that of the tilt."""
+    """Residuals of K poses, all in px: those of n images (K, n, 2), then that of the tilt."""
 
     points: Array
     images: Array
@@ -213,16 +214,16 @@ class RivalFit(LeastSquares):
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             normalized = perspective(seen)
             offset = (self.images - self.camera.to_pixels(normalized)).reshape(len(seen), 2 * len(self.points))
-            # Its image is the limit, its projection the tilt.
+            # The target of this residual is the limit, its prediction the tilt.
             tilt = WALL_PX * np.maximum(1 - cosine / self.edge_on, 0.0)
             residual = np.concatenate([offset, tilt[:, None]], axis=-1)
             cost = np.sum(residual**2, axis=-1)
-        # Beyond what the lens model covers there is no image.
+        # There is no image outside the domain of the lens model.
         shown = (seen[..., 2] > 0).all(axis=-1) & (cosine > 0) & np.isfinite(cost)
         return np.where(shown, cost, np.inf), residual, normalized
 
     def worth_a_step(self, cost: Array) -> Mask:
-        """Those that start in front of the camera, and do not fit already."""
+        """Mask of the problems that start in front of the camera and do not fit already."""
         return np.asarray(np.isfinite(cost) & (cost > NOTHING))
 
     def moved(self, unknowns: Arrays, step: Array) -> Arrays:
@@ -230,7 +231,7 @@ class RivalFit(LeastSquares):
         return apply_pose_step(unknowns[0], unknowns[1], step)
 
     def converged(self, attempt: Attempt) -> Mask:
-        """Tell which no longer come nearer, or fit."""
+        """Mask of the problems that no longer improve, or that fit."""
         settled = attempt.good & (attempt.after >= attempt.before * (1 - self.tolerance))
         return np.asarray(settled | (attempt.cost <= NOTHING))
 
@@ -261,12 +262,12 @@ def _cos_tilt(rotation: Array, translation: Array) -> Array:
 
 
 def _starts(points: Array, rays: Array, edge_on: float) -> tuple[list[tuple[Array, Array]], NDArray[np.bool_]]:
-    """Poses whose affine maps are near that which brings points (n, 3) nearest to rays (K, n, 2).
+    """Poses whose affine maps are near the one that brings points (n, 3) nearest to rays (K, n, 2).
 
     Seen along the ray of their mean, points near a plane map by A = s M, with M the upper left block of R. As the
     columns of R are unit vectors, A'A = s^2 (I - v v') with v = (R31, R32): s is the larger singular value of A, v has
-    the direction of the lesser one, and its sign is free, which makes two poses. Where A shows the back, the mask (K,)
-    is true: then the nearest that do not are edge-on, and two more with the other axis of A may be nearer still.
+    the direction of the smaller one, and its sign is free, which gives two poses. Where A shows the back, the mask (K,)
+    is true: the nearest poses that do not are edge-on, and two more with the other axis of A may be nearer still.
     """
     mean = rays.mean(axis=1)
     forward = np.concatenate([mean, np.ones((len(mean), 1))], axis=-1)
@@ -279,7 +280,7 @@ def _starts(points: Array, rays: Array, edge_on: float) -> tuple[list[tuple[Arra
     middle = points.mean(axis=0)
     affine = np.linalg.pinv(points[:, :2] - middle[:2]) @ (flat - flat.mean(axis=1, keepdims=True))
     left, values, right = np.linalg.svd(affine.swapaxes(-1, -2))
-    # From the front the image has the other orientation than the marker: y goes down.
+    # Seen from the front, image and marker have opposite orientations, as the image's y axis points down.
     back = np.linalg.det(left) * np.linalg.det(right) > 0
     starts = []
     for major in (0, 1):

@@ -23,6 +23,10 @@ Array = NDArray[np.float64]
 
 MM_PER_POINT = 25.4 / 72
 
+_T = np.array([0.25, 0.5, 0.75, 1.0])[:, None]
+_WEIGHTS = (1 - _T) ** 3, 3 * _T * (1 - _T) ** 2, 3 * _T**2 * (1 - _T), _T**3
+"""Weights of the four control points at four places on a cubic curve; a sheet has thousands of curves."""
+
 MOST_PAGES, MOST_SEGMENTS, MOST_LINES, DEEPEST = 500, 3_000_000, 20_000, 20
 
 TILE_TOLERANCE = 1e-3
@@ -237,10 +241,9 @@ def _paths(item: Any, matrix: Array, name: str, budget: list[int]) -> Iterator[t
 
 def _curve(points: Array) -> list[tuple[float, float]]:
     """Points along a cubic curve (4, 2), including its end."""
-    t = np.array([0.25, 0.5, 0.75, 1.0])[:, None]
+    first, second, third, last = _WEIGHTS
     a, b, c, d = points
-    along = (1 - t) ** 3 * a + 3 * t * (1 - t) ** 2 * b + 3 * t**2 * (1 - t) * c + t**3 * d
-    return [(float(px), float(py)) for px, py in along]
+    return list(map(tuple, (first * a + second * b + third * c + last * d).tolist()))
 
 
 def _mapped(run: list[tuple[float, float]], matrix: Array) -> Array:

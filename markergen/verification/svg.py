@@ -16,6 +16,9 @@ Array = NDArray[np.float64]
 PATIENCE = 30
 """Factor by which path data may exceed that of an outline: sheets contain text converted to outlines."""
 
+_ALONG = np.linspace(0, 1, 5)[:-1, None, None]
+"""Where the points on a Bezier curve are; a sheet has thousands of curves."""
+
 
 @READERS.register(".svg")
 def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (every reader is called alike)
@@ -49,10 +52,9 @@ def _points(curve: Curve) -> Array:
         t = np.linspace(curve.start, curve.start + curve.sweep, 33)[:-1, None]
         return np.asarray(curve.center + curve.u * np.cos(t) + curve.v * np.sin(t))
     if isinstance(curve, Bezier):
-        t = np.linspace(0, 1, 5)[:-1, None, None]
-        points = np.broadcast_to(curve.points, (len(t), *curve.points.shape))
+        points = curve.points[None]
         while points.shape[1] > 1:
-            points = (1 - t) * points[:, :-1] + t * points[:, 1:]
+            points = (1 - _ALONG) * points[:, :-1] + _ALONG * points[:, 1:]
         return points[:, 0]
     return curve.sketch()
 

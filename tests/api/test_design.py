@@ -17,7 +17,7 @@ from markergen.model.poses import named_poses
 from markergen.model.spec import Spec
 from markergen.optimize.design import design as find
 
-QUICK = {"n": 4, "radius": "100mm", "dot": "20mm", "restarts": 2, "poses": "cone:count=30"}
+QUICK = {"n": 4, "radius": "100mm", "dot": "20mm", "restarts": 1, "poses": "cone:count=30"}
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def test_a_camera_may_be_whatever_is_loaded(quick):
 
 
 def test_it_is_the_engines_design(quick):
-    spec = Spec(n=4, boundary=Circle(0.1), dot=0.02, restarts=2, poses="cone:count=30")
+    spec = Spec(n=4, boundary=Circle(0.1), dot=0.02, restarts=1, poses="cone:count=30")
     assert quick.marker == find(spec).marker
 
 

@@ -24,12 +24,22 @@ from markergen.validation.report.plots import errors_over
 from markergen.validation.validation import Validation
 
 FAST = {"poses": "cone:count=20", "runs": 0, "views": 0, "workers": 1}
+FILES = ("r.html", "r.json", "r.svg", "r.png")
 
 
 @pytest.fixture(scope="module")
 def bounds(pentagon):
     """A validation without trials and views."""
     return validate(pentagon, **FAST)
+
+
+@pytest.fixture(scope="module")
+def saved(proved, tmp_path_factory):
+    """Folder of the files and pictures of that with trials and views."""
+    folder = tmp_path_factory.mktemp("saved")
+    proved.found.save(*(folder / name for name in FILES))
+    proved.found.save_pictures(folder / "views")
+    return folder
 
 
 def test_the_results_are_those_of_the_json(proved, pentagon):
@@ -147,13 +157,12 @@ def test_what_cannot_be_written_is_told_before_the_work(pentagon, tmp_path, monk
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_files_by_suffix_and_by_name(pentagon, quick, proved, tmp_path):
-    names = ["r.html", "r.json", "r.svg", "r.png"]
+def test_files_by_suffix_and_by_name(pentagon, quick, saved, tmp_path):
     found = validate(
-        pentagon, **quick, save=[tmp_path / name for name in names],
+        pentagon, **quick, save=[tmp_path / name for name in FILES],
         json=str(tmp_path / "plain"), pictures=tmp_path / "views",
     )  # fmt: skip
-    assert {each.path.name for each in found.written} == {*names, "plain"} | {
+    assert {each.path.name for each in found.written} == {*FILES, "plain"} | {
         path.name for path in (tmp_path / "views").iterdir()
     }
     assert len(list((tmp_path / "views").iterdir())) == 4
@@ -162,12 +171,8 @@ def test_files_by_suffix_and_by_name(pentagon, quick, proved, tmp_path):
     assert b"<svg" in (tmp_path / "r.svg").read_bytes()
     assert (tmp_path / "r.png").read_bytes().startswith(b"\x89PNG")
     # Saved later, from another run of the same: the same bytes.
-    later = tmp_path / "later"
-    later.mkdir()
-    proved.found.save(*(later / name for name in names))
-    proved.found.save_pictures(later / "views")
-    for path in later.rglob("*.*"):
-        assert path.read_bytes() == (tmp_path / path.relative_to(later)).read_bytes()
+    for path in saved.rglob("*.*"):
+        assert path.read_bytes() == (tmp_path / path.relative_to(saved)).read_bytes()
 
 
 def test_all_files_or_none(proved, tmp_path, monkeypatch):
@@ -274,12 +279,11 @@ def test_without_trials_the_plot_shows_the_views(proved):
     assert errors_over.__module__.startswith("markergen.validation.report")
 
 
-def test_it_can_be_sent_to_another_process(proved, tmp_path):
+def test_it_can_be_sent_to_another_process(proved, saved, tmp_path):
     copy = pickle.loads(pickle.dumps(proved.found))
     assert str(copy) == str(proved.found)
     copy.save(tmp_path / "r.html")
-    proved.found.save(tmp_path / "s.html")
-    assert (tmp_path / "r.html").read_bytes() == (tmp_path / "s.html").read_bytes()
+    assert (tmp_path / "r.html").read_bytes() == (saved / "r.html").read_bytes()
     assert len(pickle.dumps(proved.found)) < 1_000_000
 
 

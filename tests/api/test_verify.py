@@ -2,6 +2,7 @@ import doctest
 import json
 import logging
 import pickle
+import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +16,7 @@ from markergen.errors import InputError, MissingLibraryError, OutputError
 from markergen.exporters.saving import save
 from markergen.model.marker_json import to_json
 
-HOSTILE = "<script>[red]x.svg"
+HOSTILE = "<script>[red]x.csv"
 
 
 @pytest.fixture(scope="module")
@@ -23,12 +24,19 @@ def marker(make_ngon):
     return make_ngon(5, 0.05, 0.012)
 
 
+@pytest.fixture(scope="module")
+def written(marker, make_ngon, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("verify")
+    (folder / "marker.json").write_bytes(to_json(marker))
+    save(marker, [folder / "marker.svg", folder / "marker.csv"])
+    save(make_ngon(6, 0.05, 0.012), [folder / "other.svg"])
+    return folder
+
+
 @pytest.fixture
-def here(marker, make_ngon, tmp_path, monkeypatch):
+def here(written, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    Path("marker.json").write_bytes(to_json(marker))
-    save(marker, [Path("marker.svg"), Path("marker.csv")])
-    save(make_ngon(6, 0.05, 0.012), [Path("other.svg")])
+    shutil.copytree(written, tmp_path, dirs_exist_ok=True)
     return tmp_path
 
 
@@ -116,12 +124,12 @@ def test_printed_it_is_what_the_command_prints(here, marker, capsys):
 
 
 def test_short_and_escaped_whatever_files_are_called(here, marker):
-    Path("marker.svg").rename(HOSTILE)
+    Path("marker.csv").rename(HOSTILE)
     found = verify(marker, *[HOSTILE] * 9, "n" * 200)
     assert len(repr(found)) < 2000
     assert "and 2 more" in repr(found)
     assert "<script>" not in found._repr_html_()
-    assert "&lt;script&gt;[red]x.svg" in found._repr_html_()
+    assert "&lt;script&gt;[red]x.csv" in found._repr_html_()
     assert HOSTILE in str(found)
 
 

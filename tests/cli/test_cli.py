@@ -14,6 +14,8 @@ from markergen import __version__
 from markergen.cli import main
 from markergen.model.marker_json import to_json
 
+SMALL = "validate marker.json --poses cone:count=20 --views 0 --workers 1"
+
 
 @pytest.fixture
 def here(tmp_path, monkeypatch) -> Path:
@@ -185,10 +187,10 @@ def test_bad_input_is_one_line_and_writes_nothing(here, capsys, arguments, words
         ("validate marker.json --views -2 --runs 0", "view"),
         ("validate marker.json --poses none", "known: paper, paper-roll"),
         ("validate marker.json --runs 1 --fail-if nonsense", "write for example"),
-        ("validate marker.json --runs 1 --fail-if estimators.pnp.rotation_deg.rms>1", "epnp"),
+        (f"{SMALL} --runs 1 --fail-if estimators.pnp.rotation_deg.rms>1", "epnp"),
         ("validate marker.json --json none/r.json", "No such file"),
         ("validate marker.json --fail-if a>", "write for example"),
-        ("validate marker.json --runs 0 --fail-if estimators.lm.rotation_deg.rms>1", "ask for them with --runs"),
+        (f"{SMALL} --runs 0 --fail-if estimators.lm.rotation_deg.rms>1", "ask for them with --runs"),
         ("validate marker.json --noise 1e300", "noise"),
         ("export marker.json -o m.xyz", ".step"),
         ("export marker.json", "-o"),
@@ -229,14 +231,14 @@ def test_a_bad_marker_is_refused_by_every_reader(marker, capsys, command, damage
 
 
 def test_results_on_standard_output_are_nothing_but_json(marker, capsys):
-    assert main(["validate", "marker.json", "--runs", "0", "--json", "-"]) == 0
+    assert main([*SMALL.split(), "--runs", "0", "--json", "-"]) == 0
     results = json.loads(capsys.readouterr().out)
     # 0.2 px of noise: a fifth of the 3.707 degrees of the default marker at 1 px.
     assert results["bound"]["rotation_deg"] == pytest.approx(0.2 * results["criteria"]["rotation_deg"])
 
 
 def test_a_failed_check_is_status_1(marker, capsys):
-    common = ["validate", "marker.json", "--runs", "0"]
+    common = ["validate", "marker.json", "--runs", "0", "--views", "0"]
     assert main([*common, "--fail-if", "bound.rotation_deg > 0.1", "--fail-if", "bound.rotation_deg > 5"]) == 1
     said = capsys.readouterr().err
     assert "FAILED: bound.rotation_deg" in said
@@ -245,7 +247,7 @@ def test_a_failed_check_is_status_1(marker, capsys):
 
 
 def test_trials_for_all_measures_the_layouts_beside_it(marker, capsys):
-    assert main(["validate", "marker.json", "--runs", "2", "--trials-for-all", "--json", "-"]) == 0
+    assert main([*SMALL.split(), "--runs", "2", "--trials-for-all", "--json", "-"]) == 0
     results = json.loads(capsys.readouterr().out)
     for row in results["comparisons"].values():
         assert row["estimators"]["lm"]["rotation_deg"]["count"] > 0
@@ -256,7 +258,7 @@ def test_a_marker_that_says_nothing_of_its_setting_gets_the_papers(marker, capsy
     content = json.loads(marker.read_text())
     content["provenance"] = {}
     marker.write_text(json.dumps(content))
-    assert main(["validate", "marker.json", "--runs", "0", "--json", "-"]) == 0
+    assert main(["validate", "marker.json", "--runs", "0", "--views", "0", "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["poses"]["count"] == 400
 
 

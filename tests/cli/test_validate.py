@@ -18,7 +18,7 @@ def here(folder, monkeypatch):
     return folder
 
 
-SHORT = ["validate", "marker.json", "--runs", "0"]
+SHORT = ["validate", "marker.json", "--runs", "0", "--poses", "cone:count=40"]
 
 
 def test_views_report_and_pictures(here, capsys, tmp_path):

@@ -1,4 +1,5 @@
 import json
+import shutil
 
 import pytest
 
@@ -7,18 +8,25 @@ from markergen.exporters.saving import save
 from markergen.model.marker_json import to_json
 
 
-@pytest.fixture
-def here(make_ngon, tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def written(make_ngon, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("verify")
     marker = make_ngon(5, 0.05, 0.012)
-    (tmp_path / "marker.json").write_bytes(to_json(marker))
+    (folder / "marker.json").write_bytes(to_json(marker))
     save(
         marker,
         [
-            tmp_path / f"marker{suffix}"
+            folder / f"marker{suffix}"
             for suffix in (".pdf", ".svg", ".dxf", ".csv", ".opencv.yaml", ".ros2.yaml", ".kalibr.yaml")
         ],
     )
-    save(make_ngon(6, 0.05, 0.012), [tmp_path / "other.svg"])
+    save(make_ngon(6, 0.05, 0.012), [folder / "other.svg"])
+    return folder
+
+
+@pytest.fixture
+def here(written, tmp_path, monkeypatch):
+    shutil.copytree(written, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

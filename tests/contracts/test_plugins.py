@@ -163,7 +163,7 @@ def test_names_of_plug_ins_are_among_the_known_ones(run, here):
 
 def test_a_sweep_gets_the_same_table_from_processes_and_from_a_cluster(run, here, site, tmp_path):
     run("study sweep.toml -o local --workers 2")
-    cluster = Cluster(tmp_path, workers=2, paths=(site, ROOT))
+    cluster = Cluster(tmp_path, workers=1, paths=(site, ROOT))
     try:
         run(f"study sweep.toml -o cluster --scheduler {cluster.address}")
     finally:

@@ -109,7 +109,7 @@ def test_progress_counts_to_the_end(series):
 def test_print_error_costs_what_the_budget_says(series):
     sources = ErrorSources(print_sigma=1e-3)
     printed = replace(series, errors=sources, count=100)
-    found = summarize(printed, take_records(printed))
+    found = summarize(printed, take_records(printed, workers=1))
     budget = error_budget(printed)
     measured = found["estimators"][DETECTOR]["rotation_deg"]["rms"]
     # Frontal poses dominate and a fifth of 100 views are such: their RMS is known to about 15 %, twice that is allowed.
