@@ -24,7 +24,7 @@ def test_what_is_no_axes_is_one_line(several):
 
     figure = Figure()
     for other in (figure.subplots(2), np.array(3)) if several else (figure, 3, "ax"):
-        with pytest.raises(InputError, match=r"expected axes of matplotlib, found ax=.*; give one of those") as caught:
+        with pytest.raises(InputError, match=r"expected axes of matplotlib, found ax=.*; give axes from") as caught:
             axes_of(other)
         assert "\n" not in str(caught.value)
 
