@@ -17,7 +17,7 @@ PATIENCE = 30
 """Factor by which path data may exceed that of an outline: sheets contain text converted to outlines."""
 
 _ALONG = np.linspace(0, 1, 5)[:-1, None, None]
-"""Where the points on a Bezier curve are; a sheet has thousands of curves."""
+"""Parameters of the points sampled on a Bezier curve; computed once, since a sheet has thousands of curves."""
 
 
 @READERS.register(".svg")

@@ -148,7 +148,7 @@ def test_what_is_no_table_is_refused(values):
         ({"boundary": "flange.dxf"}, "expected a readable outline at flange.dxf, found No such file or directory"),
         ({"boundary": "rect:0.2"}, "boundary: expected a width and a height"),
         ({"boundary": {"kind": "polygon", "outlines": [[["a", 0], [1, 0], [0, 1]]]}}, "boundary.outlines[0][0][0]: "),
-        ({"boundary": {"kind": "polygon", "outlines": [[[0, 0], [1, 1], [1, 0], [0, 1]]]}}, "itself at (500 mm, 500 mm)"),
+        ({"boundary": {"kind": "polygon", "outlines": [[[0, 0], [1, 1], [1, 0], [0, 1]]]}}, "at (500 mm, 500 mm)"),
         ({"boundary": {"kind": "polygon", "outlines": json.loads("[" * 300 + "]" * 300)}}, "boundary.outlines[0]"),
         ({"keep_outs": [{"radius": 0}]}, "keep_outs[0].radius: Input should be greater than 0 (got 0)"),
         ({"keep_outs": ["circle:1"]}, "expected keep-outs that leave room in the boundary"),
