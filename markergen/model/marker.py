@@ -117,7 +117,7 @@ class JointCovariance:
         correlation = values * inverse[:, None] * inverse
         certain = scale == 0
         if values[certain].any() or values[:, certain].any() or np.abs(correlation).max() > 1 + ROUNDING:
-            raise InputError("a covariance", "one beyond its two variances", "are these correlations?")
+            raise InputError("a covariance", "one that exceeds its variances", "are these correlations?")
         if np.abs(correlation - correlation.T).max() > ROUNDING:
             raise InputError("a symmetric covariance", "another", "write it with all its digits")
         if np.linalg.eigvalsh((correlation + correlation.T) / 2).min() < -ROUNDING * len(correlation):

@@ -124,7 +124,7 @@ def check_edge(substrate: Substrate, boundary: Boundary) -> None:
     """
     if substrate.edge and substrate.outline is None and not boundary.has_measures:
         raise InputError(
-            "an edge around a disk or a rectangle alone",
+            "an edge around a disk or a rectangle only",
             f"edge={format_length(substrate.edge)} around a {boundary}, whose outline is the plate's",
             "leave out --edge, or draw the plate and give it as --outline",
         )

@@ -47,7 +47,7 @@ def test_help_lists_every_suffix_with_a_word_about_it():
         [sys.executable, "-m", "markergen", "export", "--help"], capture_output=True, text=True, check=True
     )
     listed = [
-        line.split() for line in done.stdout.split("Suffixes:")[1].split("Arguments:")[0].splitlines() if line.split()
+        line.split() for line in done.stdout.split("Suffixes:")[1].split("Processes:")[0].splitlines() if line.split()
     ]
     assert {word for line in listed for word in line if word.startswith(".")} == set(EXPORTERS)
     # Long lines go on below.

@@ -181,7 +181,7 @@ def test_a_file_of_version_1_is_not_led_to_keys_of_version_2(full):
         (("joint_covariance", "axes"), "yx", "joint_covariance.axes: Input should be 'xy' or 'xyz'"),
         (("joint_covariance", "matrix", 3), [0.0], "found 18 rows of 1 or 18"),
         (("joint_covariance", "matrix", 0, 1), 1e-9, "expected a symmetric covariance"),
-        (("joint_covariance", "matrix", 0, 1), 1.0, "expected a covariance, found one beyond its two variances"),
+        (("joint_covariance", "matrix", 0, 1), 1.0, "expected a covariance, found one that exceeds its variances"),
         (("joint_covariance", "matrix", 2, 2), -1e-9, "expected variances of 0 or more, found -1e-09 m^2"),
         (("joint_covariance", "matrix", 2, 2), "x", "joint_covariance.matrix[2][2]: Input should be a valid number"),
         (("control_points", 3, "covariance"), [1e-9, 0, 1e-9], "control_points[3].covariance: joint_covariance stands"),

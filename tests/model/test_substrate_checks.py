@@ -122,7 +122,7 @@ def test_an_edge_around_an_outline_is_refused_and_none_is_taken(make_in, shapes)
         check_plate(Substrate(edge=0.0), shape)
         check_plate(Substrate(edge=0.005, outline=Circle(0.5)), shape)
         message = refusal(lambda shape=shape: check_plate(Substrate(edge=0.005), shape))
-        assert "an edge around a disk or a rectangle alone, found edge=5 mm around a polygon of 200 mm" in message
+        assert "an edge around a disk or a rectangle only, found edge=5 mm around a polygon of 200 mm" in message
         assert "leave out --edge, or draw the plate and give it as --outline" in message
     check_edge(Substrate(edge=0.005), shapes["rectangle"])
     # A dot that the corners' radius cuts needs another outline there, not an edge.

@@ -82,7 +82,7 @@ def test_arcs_are_part_of_a_spec():
 
 def test_an_edge_around_an_outline_is_refused_but_in_a_marker_that_has_one(shapes):
     values = {"boundary": shapes["L"].as_dict(), "substrate": {"thickness": 0.003, "edge": 0.005}}
-    with pytest.raises(InputError, match="an edge around a disk or a rectangle alone, found edge=5 mm"):
+    with pytest.raises(InputError, match="an edge around a disk or a rectangle only, found edge=5 mm"):
         spec_from_mapping(values)
     assert spec_from_mapping(values, stored=True).substrate.edge is None
     rectangle = {**values, "boundary": shapes["rectangle"].as_dict()}
