@@ -25,6 +25,9 @@ DOORS = {
     ("model/marker.py", "Marker.load"): "model.marker_json.load_marker",
     # A marker is saved by its own name, too.
     ("model/marker.py", "Marker.save"): "api.export.export",
+    # Pictures are drawn from the marker, and shown by its own methods.
+    ("model/marker.py", "Marker.plot"): "model.picture.draw_marker",
+    ("model/marker.py", "Marker._repr_html_"): "model.picture.svg",
 }
 """Methods that call what stands above them, by `markergen.registry.door`, and what they call; there are no others."""
 LEVEL = {name: level for level, names in enumerate(ORDER) for name in names}

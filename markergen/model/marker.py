@@ -314,9 +314,7 @@ class Marker:
 
     def _repr_html_(self) -> str:
         """Return a picture of the layout, for notebooks."""
-        from markergen.model.picture import svg
-
-        return svg(self)
+        return door("model.picture.svg")(self)
 
     def __len__(self) -> int:
         return len(self.control_points)
@@ -363,9 +361,7 @@ class Marker:
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the marker to scale, in mm, into given or new matplotlib axes, and return the axes."""
-        from markergen.model.picture import draw_marker
-
-        return draw_marker(self, ax)
+        return door("model.picture.draw_marker")(self, ax)
 
     @property
     def height(self) -> float:

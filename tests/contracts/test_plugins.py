@@ -161,6 +161,8 @@ def test_names_of_plug_ins_are_among_the_known_ones(run, here):
     assert "known pose distribution" in run("validate d.json --runs 0 --views 0", 2, folders=())
 
 
+# What comes from a script goes to a cluster in test_scripts.
+@pytest.mark.long
 def test_a_sweep_gets_the_same_table_from_processes_and_from_a_cluster(run, here, site, tmp_path):
     run("study sweep.toml -o local --workers 2")
     cluster = Cluster(tmp_path, workers=1, paths=(site, ROOT))

@@ -29,7 +29,7 @@ def test_constraints_hold_in_every_shape(rooms, criterion):
             assert breach(points, boundary, keep_outs, dot, dot / 10) <= 1.1e-10
 
 
-@pytest.mark.parametrize("n", [4, 7])
+@pytest.mark.parametrize("n", [4, pytest.param(7, marks=pytest.mark.long)])
 def test_seeds_agree_in_every_shape(rooms, criterion, n):
     for room in rooms.values():
         objective = criterion(room)

@@ -5,8 +5,7 @@ from dataclasses import fields
 
 import pytest
 
-from markergen.cli.commands import app
-from markergen.cli.options import TYPES
+from markergen.cli.commands import TYPES, app
 from markergen.detect import Detector
 from markergen.detect.batch import detect_files
 from markergen.drawing.colors import BLACK_ON_WHITE, parse_colors

@@ -101,6 +101,8 @@ def test_progress_counts_both_stages_to_the_end(results):
         assert {call[2] for call in results.calls if call[0] == stage} == {total}
 
 
+# Trials and sweeps use the same pool, and prove the same in less time.
+@pytest.mark.long
 def test_same_seed_same_bytes_with_any_number_of_processes(path, few_tuning_views):
     def run(**options):
         return json_bytes(compare([path, "square", "aruco:DICT_4X4_50"], views=3, **options))
