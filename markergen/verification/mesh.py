@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.geometry.contour import area
-from markergen.guard import Content, in_child, start_child
+from markergen.guard import MOST_TRIANGLES, Content, in_child, start_child
 from markergen.model.marker import Marker
-from markergen.verification.mesh_parsers import MOST_TRIANGLES
 from markergen.verification.reading import READERS, Reading, round_shape
 from markergen.verification.solids import reading_of
 from markergen.verification.surface import Ball, Color, LevelFace, SolidPart, Surface, edge_of

@@ -22,14 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
+from markergen.guard import MOST_TRIANGLES
 
 Array = NDArray[np.float64]
 Color = tuple[float, float, float]
 Attributes = dict[str, str]
 Found = tuple[dict[str, Any], dict[str, NDArray[Any]]]
 """Names and colors of a file's objects, and arrays keyed ``corners`` or ``paints`` plus the object's number."""
-
-MOST_TRIANGLES = 4_000_000
 
 STL_WORDS = {b"solid", b"endsolid", b"facet", b"outer", b"vertex", b"endloop", b"endfacet"}
 
