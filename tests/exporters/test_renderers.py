@@ -1,150 +1,22 @@
-"""What independent programs make of the same sheet: page sizes and places of the dots.
-
-Poppler, Ghostscript and Chromium where they are installed (Debian: poppler-utils, ghostscript, chromium), and pdfium.
-"""
-
-import shutil
-import subprocess
-from pathlib import Path
+"""Sheets drawn by pdfium and by ourselves; tests/outside has more programs."""
 
 import numpy as np
-import pypdfium2
 import pytest
-from PIL import Image
-
-from markergen.drawing.paper import SheetOptions
-from markergen.drawing.sheet_layout import pages_for
-from markergen.exporters.pdf import write_pdf
-from markergen.exporters.png import write_png
-from markergen.exporters.svg import write_svg
-
-DPI = 300
-MM = 25.4 / DPI
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-
-
-def run(*command: object) -> str:
-    return subprocess.run(
-        [str(part) for part in command], capture_output=True, check=True, text=True, timeout=120
-    ).stdout
-
-
-def by_pdfium(folder: Path) -> np.ndarray:
-    """pdfium draws a page onto whole pixels and stretches it to fill them, which is undone here."""
-    document = pypdfium2.PdfDocument(folder / "sheet.pdf")
-    page = document[0].render(scale=DPI / 72).to_pil().convert("L")
-    size = np.array(document[0].get_size()) * DPI / 72
-    document.close()
-    data = (page.width / size[0], 0, 0, 0, page.height / size[1], 0)
-    return np.array(page.transform(page.size, Image.Transform.AFFINE, data, Image.Resampling.BICUBIC, fillcolor=255))
-
-
-def by_poppler(folder: Path) -> np.ndarray:
-    run("pdftocairo", "-png", "-singlefile", "-gray", "-r", DPI, folder / "sheet.pdf", folder / "poppler")
-    return np.array(Image.open(folder / "poppler.png").convert("L"))
-
-
-def by_ghostscript(folder: Path) -> np.ndarray:
-    quiet = ("-q", "-dNOPAUSE", "-dBATCH", "-dSAFER")
-    sampled = ("-sDEVICE=pnggray", "-dGraphicsAlphaBits=4", f"-r{DPI}")
-    run("gs", *quiet, *sampled, f"-sOutputFile={folder / 'gs.png'}", folder / "sheet.pdf")
-    return np.array(Image.open(folder / "gs.png").convert("L"))
-
-
-def by_chromium(folder: Path) -> np.ndarray:
-    """The SVG on a page without margins, at as many pixels to a CSS inch as make `DPI`."""
-    (folder / "page.html").write_text(
-        "<style>*{margin:0}img{display:block}</style><img src='sheet.svg'>", encoding="ascii"
-    )
-    size = 1200
-    run(
-        CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--hide-scrollbars",
-        f"--user-data-dir={folder / 'profile'}", f"--force-device-scale-factor={DPI / 96}",
-        f"--window-size={size},{size}", f"--screenshot={folder / 'chromium.png'}", (folder / "page.html").as_uri(),
-    )  # fmt: skip
-    return np.array(Image.open(folder / "chromium.png").convert("L"))
-
-
-def by_markergen(folder: Path) -> np.ndarray:
-    return np.array(Image.open(folder / "sheet.png").convert("L"))
-
-
-RENDERERS = {
-    "pdfium": (by_pdfium, True),
-    "poppler": (by_poppler, shutil.which("pdftocairo")),
-    "ghostscript": (by_ghostscript, shutil.which("gs")),
-    "chromium": (by_chromium, CHROMIUM),
-    "png": (by_markergen, True),
-}
+from renderers import RENDERERS, centers, page_size, sheet_of, write_sheet
 
 
 @pytest.fixture(scope="module")
-def folder(make_ngon, tmp_path_factory) -> Path:
-    sheet = pages(make_ngon)
-    at = tmp_path_factory.mktemp("sheets")
-    (at / "sheet.pdf").write_bytes(write_pdf([sheet]))
-    (at / "sheet.svg").write_bytes(write_svg(sheet))
-    (at / "sheet.png").write_bytes(write_png(sheet, DPI))
-    return at
+def folder(make_ngon, tmp_path_factory):
+    return write_sheet(sheet_of(make_ngon), tmp_path_factory.mktemp("sheets"))
 
 
-def pages(make_ngon):
-    return pages_for([make_ngon(5, 0.08, 0.02)], SheetOptions(paper="letter"))[0]
-
-
-def centers(image: np.ndarray, sheet) -> np.ndarray:
-    """Centers (n, 2) of the dots in page mm, y up: of gravity of the ink in a window that nothing else is in."""
-    ink, found = 255.0 - image, []
-    for disk in sheet.scene["dots"]:
-        half, row, column = 1.3 * disk.radius / MM, (sheet.paper.height - disk.y) / MM, disk.x / MM
-        top, left = round(row - half), round(column - half)
-        patch = ink[top : round(row + half), left : round(column + half)]
-        rows, columns = np.indices(patch.shape) + 0.5
-        middle = np.array([(patch * columns).sum(), (patch * rows).sum()]) / patch.sum() + [left, top]
-        found.append([middle[0] * MM, sheet.paper.height - middle[1] * MM])
-    return np.array(found)
-
-
-@pytest.mark.parametrize("name", [name if there else f"{name}-missing" for name, (_, there) in RENDERERS.items()])
+@pytest.mark.parametrize("name", ["pdfium", "png"])
 def test_dots_are_where_they_belong_to_20_um(name, folder, make_ngon):
-    if name.endswith("-missing"):
-        pytest.skip(f"{name.removesuffix('-missing')} is not installed")
-    sheet = pages(make_ngon)
-    image = RENDERERS[name][0](folder)
+    sheet = sheet_of(make_ngon)
     expected = [(disk.x, disk.y) for disk in sheet.scene["dots"]]
-    assert np.abs(centers(image, sheet) - expected).max() < 0.020
+    assert np.abs(centers(RENDERERS[name](folder), sheet) - expected).max() < 0.020
 
 
-def page_size(name: str, folder: Path) -> np.ndarray:
-    """Width and height in mm that a program says the page has."""
-    if name == "pdfium":
-        document = pypdfium2.PdfDocument(folder / "sheet.pdf")
-        size = np.array(document[0].get_size()) / 72 * 25.4
-        document.close()
-        return size
-    if name == "poppler":
-        words = run("pdfinfo", folder / "sheet.pdf").split("Page size:")[1].split()
-        return np.array([float(words[0]), float(words[2])]) / 72 * 25.4
-    if name == "ghostscript":
-        # Of whole pixels, 0.085 mm each.
-        return np.array(by_ghostscript(folder).shape[::-1]) * MM
-    (folder / "size.html").write_text(
-        "<style>*{margin:0}img{display:block}</style><img id='i' src='sheet.svg'><script>onload=()=>{"
-        "let r=i.getBoundingClientRect();document.title=r.width+' '+r.height}</script>",
-        encoding="ascii",
-    )
-    dump = run(
-        CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking",
-        f"--user-data-dir={folder / 'profile'}", "--dump-dom", (folder / "size.html").as_uri(),
-    )  # fmt: skip
-    return np.array(dump.split("<title>")[1].split("</title>")[0].split(), dtype=float) / 96 * 25.4
-
-
-@pytest.mark.parametrize(
-    "name", [name if there else f"{name}-missing" for name, (_, there) in RENDERERS.items() if name != "png"]
-)
-def test_the_page_has_its_size_to_a_tenth_of_a_millimeter(name, folder, make_ngon):
-    if name.endswith("-missing"):
-        pytest.skip(f"{name.removesuffix('-missing')} is not installed")
-    paper = pages(make_ngon).paper
-    assert np.abs(page_size(name, folder) - [paper.width, paper.height]).max() < 0.1
+def test_the_page_has_its_size_to_a_tenth_of_a_millimeter(folder, make_ngon):
+    paper = sheet_of(make_ngon).paper
+    assert np.abs(page_size("pdfium", folder) - [paper.width, paper.height]).max() < 0.1
