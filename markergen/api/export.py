@@ -23,7 +23,8 @@ from markergen.options.declarations import ExportKeywords, PlateKeywords
 from markergen.read.outlines.boundary import read_room
 
 SHEET = ("paper", "orientation", "margin", "tile", "overlap", "compensate")
-MADE = ("process", "depth", "gap", "fit", "through", "tool", "dome", "draft", "foot", "engrave", "tolerance")
+MADE = ("process", "depth", "gap", "fit", "through", "tool", "dome", "draft", "foot", "engrave", "tolerance",
+        "material", "general_tolerance")  # fmt: skip
 
 
 def export(

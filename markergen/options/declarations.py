@@ -348,6 +348,12 @@ class ExportKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         ),
     ]
     tolerance: Annotated[Length, Option(SOLID, "Maximum distance of a mesh from the true surface.", "5um")]
+    material: Annotated[
+        str, Option(SOLID, "Material for the drawing's title block.", otherwise="a field to fill in", metavar="TEXT")
+    ]
+    general_tolerance: Annotated[
+        str, Option(SOLID, "General tolerances for the drawing's title block.", "ISO 2768-mK", metavar="TEXT")
+    ]
     boundary_unit: Annotated[
         str, Option(SOLID, "Unit of an --outline that does not specify one: mm, cm, m, in, pt, px.", metavar="UNIT")
     ]
