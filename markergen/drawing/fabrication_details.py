@@ -129,7 +129,7 @@ def back_view(work: Workpiece, width: float, height: float, style: Style) -> Det
 
 def _back_scale(work: Workpiece, width: float, height: float) -> float:
     left, bottom, right, top = around(work.back)
-    room = min(0.6 * height, width)
+    room = min(0.8 * height, width)
     # Half a millimeter on each side for line widths.
     return next((s for s in SCALES if s * (right - left) + 1 <= width and s * (top - bottom) <= room), SCALES[-1])
 

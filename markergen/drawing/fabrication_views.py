@@ -25,7 +25,6 @@ import numpy as np
 from markergen.drawing.callouts import callout_width, place_callouts
 from markergen.drawing.drafting import (
     CLOSE,
-    DARK,
     THIN,
     DrawingView,
     Style,
@@ -34,21 +33,18 @@ from markergen.drawing.drafting import (
     center_circle,
     center_line,
     drawn,
-    inside,
     lettering,
-    on_white,
     upright,
 )
 from markergen.drawing.drafting_symbols import datum_letter, datum_reach, face_datum, frame_width, interrupted
 from markergen.drawing.fabrication_details import SCALES, stacked, stacked_at
-from markergen.drawing.fabrication_drawing import DotLabel, Workpiece, around, millimeters
+from markergen.drawing.fabrication_drawing import Workpiece, around, millimeters
 from markergen.drawing.label_placement import place_numbers
 from markergen.drawing.paper import LEAST_ROOM, PAPERS, Frame, Paper, SheetOptions, find_paper, oriented
-from markergen.drawing.scene import GRAY, WHITE, Box, Disk, Line, Point, Shape, bounds, ink_points, union
+from markergen.drawing.scene import GRAY, Box, Disk, Line, Point, Shape, bounds, ink_points, union
 from markergen.drawing.text import text_width
 from markergen.drawing.title_block import block_height, first_angle
 from markergen.errors import InputError
-from markergen.geometry.contour import flattened
 
 LEAST_VIEW = 20.0
 """Minimum size in mm on paper of the front view, below which no detail is visible."""
@@ -220,8 +216,10 @@ def _draw_front(work: Workpiece, layout: ViewPlacement, frame: Frame) -> list[Sh
     axes, numbers = _axes(work, view, style), _inner_numbers(work, view, style)
     lines = interrupted([*axes, *_hole_marks(work, view, style)], [bounds(each) for each in numbers[1]], style.scale)
     outside = _outer_numbers(work, view, lines, numbers[0], style)
-    shapes += [*lines, *numbers[1], *outside, *_sizes(work, layout, style), *_datums(work, layout, style)]
+    sizes = [*_sizes(work, layout, style), *_datums(work, layout, style)]
+    shapes += [*lines, *numbers[1], *outside, *sizes]
     marks = [bounds(shape) for shape in shapes if shape.name]
+    marks += [(x, y, x, y) for x, y in ink_points(sizes).tolist()]
     return shapes + place_callouts(work.callouts, view, layout.callouts, style, marks)
 
 
@@ -274,7 +272,7 @@ def _inner_numbers(work: Workpiece, view: DrawingView, style: Style) -> tuple[se
         if height >= LEAST_NUMBER * style.scale:
             found.add(label.words)
             words = lettering(label.words, x, y - height / 2, height, "center", name=f"number-{label.words}")
-            shapes += on_white(words, _label_ground(work, label))
+            shapes.append(words)
     return found, shapes
 
 
@@ -302,14 +300,6 @@ def _outer_numbers(
     ]
 
 
-def _label_ground(work: Workpiece, label: DotLabel) -> str:
-    """Color under a number: that of the uppermost face there."""
-    at = label.x, label.y
-    # An odd count: inside the outer contour and outside its holes.
-    over = [face for face in work.front if sum(inside(at, flattened(ring, NEAR)) for ring in face.contours) % 2]
-    return DARK if over and over[-1].material == "dark" else WHITE
-
-
 def _edge_points(work: Workpiece, view: DrawingView) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
     """Points along all edges of the front view, at most half a millimeter apart."""
     points: list[Point] = []
@@ -328,27 +318,27 @@ def _sizes(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
     for face in work.side:
         shapes += drawn(face, side)
     left, bottom, right, top = front.box(around(work.front))
-    high = side.at((0.0, around(work.side)[3]))[1]
+    upper = side.at((0.0, around(work.side)[3]))[1]
     (x, y), (width, height), tier = front.at((0.0, 0.0)), work.size, CLOSE * style.scale
     first = _around(work, style).first
     edges = {datum.letter: datum for datum in work.datums if datum.kind == "edge"}
     below, aside = bottom - first, left - first
     if "C" in edges and abs(edges["C"].at[0]) > 0:
         at = edges["C"].at[0]
-        ends = sorted((front.at((at, 0.0))[0], x))
-        shapes += across(*ends, below, bottom, f"[{millimeters(abs(at))}]", style)
+        low, high = sorted((front.at((at, 0.0))[0], x))
+        shapes += across(low, high, below, bottom, f"[{millimeters(abs(at))}]", style)
         below -= 1.3 * tier
     if "B" in edges and abs(edges["B"].at[1]) > 0:
         at = edges["B"].at[1]
-        ends = sorted((front.at((0.0, at))[1], y))
-        shapes += upright(*ends, aside, left, f"[{millimeters(abs(at))}]", style)
+        low, high = sorted((front.at((0.0, at))[1], y))
+        shapes += upright(low, high, aside, left, f"[{millimeters(abs(at))}]", style)
         aside -= 1.3 * tier
     sign = "\xd8" if work.round else ""
     shapes += across(left, right, below, (top + bottom) / 2 if work.round else bottom, sign + millimeters(width), style)
     if not work.round:
         shapes += upright(bottom, top, aside, left, millimeters(height), style)
     shapes += stacked(work.heights, side, right, right + tier, tier, style)
-    words = lettering("seen from -y", left, high + 1.5 * style.scale, 0.8 * style.words, color=GRAY, name="side-words")
+    words = lettering("seen from -y", left, upper + 1.5 * style.scale, 0.8 * style.words, color=GRAY, name="side-words")
     return [*shapes, words]
 
 

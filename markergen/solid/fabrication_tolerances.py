@@ -89,7 +89,7 @@ class PlateHole:
 
 def holes_of(marker: Marker) -> tuple[PlateHole, ...]:
     """Round holes in the order of `markergen.model.openings.openings`, from ``H1`` on."""
-    found = [
+    found: list[tuple[float, float, float, float, str, str]] = [
         (mm(hole.x), mm(hole.y), mm(hole.diameter) / 2, mm(hole.sink) / 2, hole.use, hole.name)
         for hole in marker.substrate.holes
     ]
