@@ -95,6 +95,8 @@ def _placed(
         if placed is None:
             break
         found.append(placed)
+        if max((best.cost for _, best in placed), default=0.0) < HIT:
+            break
         # What got the worst place chooses first the next time.
         orders.append([callout for callout, _ in sorted(placed, key=lambda each: -each[1].cost)])
     return min(found, key=lambda each: sum(best.cost for _, best in each), default=None)

@@ -23,6 +23,9 @@ P7 = tuple(zip((-16, -20, -24, -29, -35, -42, -51, -59, -68, -79, -88, -98, -108
                (-6, -8, -9, -11, -14, -17, -21, -24, -28, -33, -36, -41, -45), strict=True))  # fmt: skip
 """Lower and upper deviation of a hole F8 and P7 in um (ISO 286-2), for each range."""
 
+P6 = (6, 12, 15, 18, 22, 26, 32, 37, 43, 50, 56, 62, 68)
+"""Lower deviation of a shaft p6 in um, for each range."""
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -106,8 +109,7 @@ def core_fit(kind: str, diameter: float) -> DiscFit:
     """Limits of a ring's light core (`disc`) and of the ring's bore (`pocket`): H8/f7 or H7/p6, see `disc_fit`."""
     i, fit = _range(diameter), disc_fit(kind, diameter)
     if kind == "press":
-        most = -P7[i][0]
-        core, bore = _limits("p6", diameter, most, most - H6[i]), _limits("H7", diameter, H7[i], 0)
+        core, bore = _limits("p6", diameter, P6[i] + H6[i], P6[i]), _limits("H7", diameter, H7[i], 0)
     else:
         least = F8[i][0]
         core, bore = _limits("f7", diameter, -least, -least - H7[i]), _limits("H8", diameter, H8[i], 0)
