@@ -19,7 +19,7 @@ from markergen.drawing.drafting_symbols import (
     tolerance_frame,
 )
 from markergen.drawing.fabrication_drawing import Callout
-from markergen.drawing.scene import Box, Point, Shape
+from markergen.drawing.scene import Box, Line, Point, Shape
 from markergen.geometry.region import line_distances
 
 Array = NDArray[np.float64]
@@ -50,8 +50,21 @@ class _Leader:
     """Upper end of the words."""
 
 
+@dataclass(frozen=True)
+class _Obstacles:
+    """What leaders should not touch: circles (m, 3) as center and radius, and segments (k, 2, 2); mm on paper."""
+
+    circles: Array
+    segments: Array
+
+
 def place_callouts(
-    callouts: Sequence[Callout], view: DrawingView, column: Box, style: Style, marks: Sequence[Box] = ()
+    callouts: Sequence[Callout],
+    view: DrawingView,
+    column: Box,
+    style: Style,
+    marks: Sequence[Box] = (),
+    lines: Sequence[Line] = (),
 ) -> list[Shape]:
     """Place the words and leaders of callouts; those with the fewest features to point at choose first.
 
@@ -63,20 +76,23 @@ def place_callouts(
     column : box
         Column for the words, mm on paper; leaders start on its left.
     style : Style
-    marks : sequence of box
-        Words on paper that leaders should avoid.
+    marks, lines : sequence
+        Boxes of words, and lines on paper, that leaders should avoid.
     """
     circles = np.array([(*view.at((x, y)), view.scale * r) for each in callouts for x, y, r in each.places])
-    circles = np.concatenate([circles.reshape(-1, 3), _as_circles(marks)])
+    obstacles = _Obstacles(
+        np.concatenate([circles.reshape(-1, 3), _as_circles(marks)]),
+        np.array([pair for line in lines for pair in pairwise(line.points)]).reshape(-1, 2, 2),
+    )
     gap = 1.4 * style.words
-    placed = _placed(callouts, view, column, gap, circles, style)
+    placed = _placed(callouts, view, column, gap, obstacles, style)
     while placed is None:
         # One below the other, in the order of what they point at, and smaller if there are too many.
         total = sum(callout_height(each, style) for each in callouts) + gap * (len(callouts) - 1)
         if total > column[3] - column[1]:
             style = Style(0.9 * style.scale)
         gap = 1.2 * style.words
-        placed = _stacked(callouts, view, column, gap, circles, style)
+        placed = _stacked(callouts, view, column, gap, obstacles, style)
     shapes: list[Shape] = []
     for number, (callout, best) in enumerate(placed, 1):
         shapes += leader(*best.run, style)
@@ -85,13 +101,13 @@ def place_callouts(
 
 
 def _placed(
-    callouts: Sequence[Callout], view: DrawingView, column: Box, gap: float, circles: Array, style: Style
+    callouts: Sequence[Callout], view: DrawingView, column: Box, gap: float, obstacles: _Obstacles, style: Style
 ) -> list[tuple[Callout, "_Leader"]] | None:
     """Callouts where their leaders are best; None if there is no room for one of them."""
     orders = [sorted(callouts, key=lambda each: len(each.places))]
     found: list[list[tuple[Callout, _Leader]]] = []
     while len(found) < TRIES:
-        placed = _in_order(orders[-1], view, column, gap, circles, style)
+        placed = _in_order(orders[-1], view, column, gap, obstacles, style)
         if placed is None:
             break
         found.append(placed)
@@ -103,7 +119,7 @@ def _placed(
 
 
 def _in_order(
-    callouts: Sequence[Callout], view: DrawingView, column: Box, gap: float, circles: Array, style: Style
+    callouts: Sequence[Callout], view: DrawingView, column: Box, gap: float, obstacles: _Obstacles, style: Style
 ) -> list[tuple[Callout, "_Leader"]] | None:
     """Callouts each at the best place that those before it leave; None if there is none."""
     taken: list[tuple[float, float]] = []
@@ -115,7 +131,7 @@ def _in_order(
             for top in np.arange(column[1] + height, column[3] + 1e-9, 2.0 * style.scale).tolist()
             if not any(top - height < upper + gap and top > lower - gap for lower, upper in taken)
         ]
-        best = _best(callout, view, column[0], tops, circles, [each.run for _, each in found], style)
+        best = _best(callout, view, column[0], tops, obstacles, [each.run for _, each in found], style)
         if best is None:
             return None
         taken.append((best.top - height, best.top))
@@ -124,7 +140,7 @@ def _in_order(
 
 
 def _stacked(
-    callouts: Sequence[Callout], view: DrawingView, column: Box, gap: float, circles: Array, style: Style
+    callouts: Sequence[Callout], view: DrawingView, column: Box, gap: float, obstacles: _Obstacles, style: Style
 ) -> list[tuple[Callout, "_Leader"]] | None:
     """Callouts one below the other; None if they are too high together."""
     top = column[3]
@@ -134,7 +150,7 @@ def _stacked(
         if top - height < column[1]:
             return None
         runs = [each.run for _, each in found]
-        best = _best(callout, view, column[0], [top], circles, runs, style) or _direct(
+        best = _best(callout, view, column[0], [top], obstacles, runs, style) or _direct(
             callout, view, column[0], top, style
         )
         found.append((callout, best))
@@ -197,7 +213,7 @@ def _best(
     view: DrawingView,
     left: float,
     tops: Sequence[float],
-    circles: Array,
+    obstacles: _Obstacles,
     runs: Sequence[tuple[Point, Point, Point]],
     style: Style,
 ) -> _Leader | None:
@@ -222,22 +238,33 @@ def _best(
             cost = length + (BEND if number else 0.0)
             bound = best.cost if best else inf
             if cost < bound:
-                cost += HIT * _hits(run, circles, (*at, radius)) + CROSSED * _crossings(run, runs)
+                cost += HIT * _hits(run, obstacles, (*at, radius)) + CROSSED * _crossings(run, runs)
                 cost += HIT * _along_axis(run, view)
             if cost < bound:
                 best = _Leader(cost, run, top)
     return best
 
 
-def _hits(run: tuple[Point, Point, Point], circles: Array, own: tuple[float, float, float]) -> int:
-    """Number of circles, other than its own, that a leader crosses or passes within half a millimeter."""
-    others = circles[np.any(np.abs(circles - own) > 1e-6, axis=-1)]
+def _hits(run: tuple[Point, Point, Point], obstacles: _Obstacles, own: tuple[float, float, float]) -> int:
+    """Number of circles, other than its own, within half a millimeter of a leader, and of lines that it crosses."""
+    others = obstacles.circles[np.any(np.abs(obstacles.circles - own) > 1e-6, axis=-1)]
     near = np.zeros(len(others), dtype=bool)
-    for a, b in ((run[0], run[1]), (run[1], run[2])):
-        start, way = np.array(a), np.subtract(b, a)
+    crossed = 0
+    a, b = obstacles.segments[:, 0], obstacles.segments[:, 1]
+    for first, last in ((run[0], run[1]), (run[1], run[2])):
+        start, end = np.array(first), np.array(last)
+        way = end - start
         share = np.clip((others[:, :2] - start) @ way / max(float(way @ way), 1e-12), 0, 1)
         near |= np.hypot(*(others[:, :2] - start - share[:, None] * way).T) < others[:, 2] + 0.5
-    return int(near.sum())
+        # Two segments cross where the ends of each are on both sides of the other.
+        apart = _side(start, end, a) * _side(start, end, b) < 0
+        crossed += int(np.sum(apart & (_side(a, b, start) * _side(a, b, end) < 0)))
+    return int(near.sum()) + crossed
+
+
+def _side(a: Array, b: Array, point: Array) -> Array:
+    """Twice the signed area of a triangle: positive if the point is to the left of the line from a to b."""
+    return np.asarray((b - a)[..., 0] * (point - a)[..., 1] - (b - a)[..., 1] * (point - a)[..., 0])
 
 
 def _along_axis(run: tuple[Point, Point, Point], view: DrawingView) -> int:

@@ -219,8 +219,8 @@ def _draw_front(work: Workpiece, layout: ViewPlacement, frame: Frame) -> list[Sh
     sizes = [*_sizes(work, layout, style), *_datums(work, layout, style)]
     shapes += [*lines, *numbers[1], *outside, *sizes]
     marks = [bounds(shape) for shape in shapes if shape.name]
-    marks += [(x, y, x, y) for x, y in ink_points(sizes).tolist()]
-    return shapes + place_callouts(work.callouts, view, layout.callouts, style, marks)
+    avoided = [shape for shape in sizes if isinstance(shape, Line)]
+    return shapes + place_callouts(work.callouts, view, layout.callouts, style, marks, avoided)
 
 
 def _reach(work: Workpiece) -> Box:
