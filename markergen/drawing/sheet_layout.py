@@ -274,6 +274,7 @@ def _single_page(figure: Figure, options: SheetOptions, frame: Frame, origin: Po
         marker_name(figure.marker),
         f"Fiducial marker with {len(figure.marker)} dots, {size}, at true size on {paper}. Print at 100 %.",
         _single_notes(figure, f"{'stands on' if options.paper else 'needs'} {paper}", lengths, artwork.nameless)
+        + artwork.notes
         + (() if around_origin(room) else (_AWAY,)),
         (0.0, 0.0, paper.width, paper.height),
     )
@@ -306,7 +307,9 @@ def _grid_pages(figures: Sequence[Figure], options: SheetOptions, frames: Sequen
         return ()
     batches = [figures[start : start + best.count] for start in range(0, len(figures), best.count)]
     pages = [_grid_page(batch, best, options, number, len(batches)) for number, batch in enumerate(batches, 1)]
-    return (replace(pages[0], notes=(*_grid_notes(figures, best, pages), *pages[0].notes)), *pages[1:])
+    told = pages[0].notes
+    others = (replace(page, notes=tuple(note for note in page.notes if note not in told)) for page in pages[1:])
+    return (replace(pages[0], notes=(*_grid_notes(figures, best, pages), *told)), *others)
 
 
 @dataclass(frozen=True)
@@ -365,12 +368,14 @@ def _grid_page(figures: Sequence[Figure], grid: PageGrid, options: SheetOptions,
     frame = grid.frame
     layers: list[dict[str, tuple[Shape, ...]]] = []
     nameless: list[str] = []
+    notes: list[str] = []
     for index, figure in enumerate(figures):
         artwork = draw_artwork(figure, options.colors, frame.scale, grid.room)
         drawn = {**artwork.layers, "text": (*artwork.layers["text"], *_caption(figure.marker, grid.room, frame.scale))}
         named = {name: renamed(shapes, f"marker-{index + 1}-" if index else "") for name, shapes in drawn.items()}
         layers.append(moved_layers(named, *grid.origin(index)))
         nameless += [f"{dot} of marker {index + 1} on page {number}" for dot in artwork.nameless]
+        notes += artwork.notes
     merged = {name: tuple(shape for each in layers for shape in each[name]) for name in layers[0]}
     markers = [figure.marker for figure in figures]
     alike = all(marker.control_points == markers[0].control_points for marker in markers)
@@ -383,7 +388,7 @@ def _grid_page(figures: Sequence[Figure], grid: PageGrid, options: SheetOptions,
         lengths,
         marker_name(markers[0]),
         f"{len(figures)} fiducial markers, page {number} of {pages}, at true size on {paper}. Print at 100 %.",
-        nameless_note(nameless),
+        (*nameless_note(nameless), *dict.fromkeys(notes)),
         (0.0, 0.0, paper.width, paper.height),
     )
 

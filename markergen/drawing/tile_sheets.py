@@ -17,7 +17,7 @@ from markergen.drawing.annotations import (
 )
 from markergen.drawing.colors import BLACK_ON_WHITE
 from markergen.drawing.figure import Figure, compensated_note, is_disk, size_words
-from markergen.drawing.marker_artwork import boundary_lines, draw_artwork
+from markergen.drawing.marker_artwork import cut_lines, draw_artwork
 from markergen.drawing.paper import SheetOptions
 from markergen.drawing.print_measurements import AIR, BAND, far_pair, place_ruler, remedy_words, ruler_words
 from markergen.drawing.scene import (
@@ -68,13 +68,13 @@ MOST_LENGTHS = 4
 
 def tile_sheets(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Sheet, ...]:
     """Lay out an assembly plan, then one sheet per tile."""
-    layers, nameless = _layers(figure, options, tiles)
+    layers, nameless, about = _layers(figure, options, tiles)
     pages = [_page(figure, tiles, tile, layers) for tile in tiles.tiles]
-    return (_plan(figure, tiles, _notes(figure, options, tiles, nameless)), *pages)
+    return (_plan(figure, tiles, (*_notes(figure, options, tiles, nameless), *about)), *pages)
 
 
-def _layers(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Layers, Sequence[str]]:
-    """Artwork and registration crosses to divide, mm, marker frame, and the dots without room for their number."""
+def _layers(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Layers, Sequence[str], Sequence[str]]:
+    """Artwork and registration crosses to divide, mm, marker frame; dots without room for their number; notes."""
     scale, color = tiles.frame.scale, options.colors.ink
     near = any(abs(place) < CENTER / 2 for place in (*tiles.across.places, *tiles.upward.places))
     bare = draw_artwork(figure, options.colors, scale, tiles.extent)
@@ -87,7 +87,7 @@ def _layers(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Layer
     homes = [next(tile.box for tile in tiles.tiles if tile.holds(dot.x, dot.y)) for dot in figure.dots]
     artwork = draw_artwork(figure, options.colors, scale, tiles.extent, ink_points([*seams, *crosses]), homes)
     marks = [shape for shape in artwork.layers["marks"] if not (near and shape.name.startswith("center-"))]
-    return {**artwork.layers, "marks": (*marks, *crosses)}, artwork.nameless
+    return {**artwork.layers, "marks": (*marks, *crosses)}, artwork.nameless, artwork.notes
 
 
 def _page(figure: Figure, tiles: Tiling, tile: Tile, layers: Layers) -> Sheet:
@@ -287,7 +287,7 @@ def _picture(figure: Figure, tiles: Tiling, room: Box) -> tuple[list[Shape], lis
         marks.append(FilledPath(segments, f"plan-{dot.name}", PALE))
     edges = [
         Line(tuple(at(*point) for point in line.points), HAIRLINE, f"plan-{line.name}", LIGHT)
-        for line in boundary_lines(figure, BLACK_ON_WHITE)
+        for line in cut_lines(figure, BLACK_ON_WHITE)
     ]
     marks += edges
     corners = (at(left, bottom), at(right, bottom), at(right, top), at(left, top), at(left, bottom))

@@ -69,19 +69,6 @@ def _signed(ring: np.ndarray) -> float:
     return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
 
 
-def test_outline_and_keep_outs_are_to_be_cut(marker):
-    circles = read(marker).modelspace().query("CIRCLE[layer=='CUT']")
-    found = sorted((c.dxf.center.x, c.dxf.center.y, c.dxf.radius) for c in circles)
-    np.testing.assert_allclose(found, [(0, 0, 100), (20, -30, 4)], atol=WRITTEN)
-
-
-def test_holes_of_the_plate_are_to_be_cut(make_ngon):
-    marker = replace(make_ngon(5, 0.1, 0.016), substrate=Substrate(holes=parse_mount("2xM3c@40mm/0")))
-    circles = read(marker).modelspace().query("CIRCLE[layer=='CUT']")
-    found = sorted((c.dxf.center.x, c.dxf.center.y, c.dxf.radius) for c in circles)
-    np.testing.assert_allclose(found, [(-20, 0, 1.7), (0, 0, 100), (20, 0, 1.7)], atol=WRITTEN)
-
-
 def test_any_boundary_is_closed_polylines_of_its_corners(shape, make_in):
     marker = make_in(shape, 5, 0.012)
     lines = list(read(marker).modelspace().query("LWPOLYLINE[layer=='CUT']"))
