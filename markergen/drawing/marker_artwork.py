@@ -273,7 +273,7 @@ def _notes(figure: Figure, cut: Sequence[Line], free: Sequence[Line]) -> tuple[s
     marker, notes = figure.marker, []
     if not all(line.closed for line in cut):
         notes.append(
-            "The line along the boundary has gaps in the quiet zones of dots; --colors black,cut:NAME draws it whole, "
+            "The line along the boundary has gaps in the quiet zones of dots; with cut:NAME in --colors it is whole, "
             "for a cutter."
         )
     within = marker.boundary.region.filled()

@@ -96,8 +96,8 @@ def near_holes(marker: Marker) -> tuple[str, ...]:
     if not found:
         return ()
     return (
-        "Holes reach into the quiet zones of dots, where a camera sees them as dark spots: "
-        f"{listed(found, 4)}; where the pose must be exact, move them, or use a larger clearance.",
+        "holes reach into the quiet zones of dots, where a camera sees them as dark spots: "
+        f"{listed(found, 4)}; move them, or use a larger --clearance, if detection suffers",
     )
 
 

@@ -12,7 +12,7 @@ from markergen.exporters.dxf import write_dxf, write_laser_dxf
 from markergen.geometry.contour import Contour, circle
 from markergen.model.boundary import Circle, polygon_from
 from markergen.model.fabrication import Fabrication
-from markergen.model.substrate import Hole, Substrate, parse_mount
+from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 
 WRITTEN = 1e-6

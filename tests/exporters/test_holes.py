@@ -178,9 +178,7 @@ def test_sheets(cases, name, suffix, read):
             same([shape_of(ring) for ring in rings], case.holes + case.sheet)
         # Nothing else is on this layer but the boundary.
         lines = shapely.union_all([shapely.LinearRing(ring) for ring in rings] + [edge_of(case)])
-        for closed, line in layers["cut"]:
-            assert closed or shapely.hausdorff_distance(
-                shapely.LineString(line - origin), lines) < np.inf  # fmt: skip
+        for _, line in layers["cut"]:
             assert shapely.distance(lines, shapely.points(line - origin)).max() < 2e-3
         # Dashes are on what is kept free and told, all around.
         dashes = [line - origin for closed, line in layers["marks"] if not closed]
