@@ -24,6 +24,7 @@ from markergen.options import (
     Files,
     Length,
     LengthOrAuto,
+    LengthOrFit,
     Option,
     Poses,
     Shape,
@@ -130,7 +131,16 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
     """Options of a design."""
 
     n: Annotated[int, Option(LAYOUT, "Number of control points, 4 to 200.", 5)]
-    radius: Annotated[Length, Option(LAYOUT, "Radius of the disk that contains all dots.", "150mm")]
+    radius: Annotated[
+        LengthOrFit,
+        Option(
+            LAYOUT,
+            "Radius of the disk that contains all dots; fit: the largest in whole mm whose marker --paper, A4 if none "
+            "is named, holds on one page.",
+            "150mm",
+            metavar="LENGTH|fit",
+        ),
+    ]
     boundary: Annotated[
         Shape,
         Option(
@@ -450,8 +460,14 @@ class RescaleKeywords(TypedDict, total=False):
 
     measured_x: Annotated[Length, Option(ERRORS, "Measured length of the ruler along x.")]
     measured_y: Annotated[Length, Option(ERRORS, "Measured length of the ruler along y.", otherwise="as along x")]
-    nominal_x: Annotated[Length, Option(ERRORS, "Length printed beside the ruler along x.", "200mm")]
-    nominal_y: Annotated[Length, Option(ERRORS, "Length printed beside the ruler along y.", "200mm")]
+    nominal_x: Annotated[
+        Length,
+        Option(ERRORS, "Length printed beside the ruler along x.", otherwise="200, 150, 100, 50 or 20mm, if near"),
+    ]
+    nominal_y: Annotated[
+        Length,
+        Option(ERRORS, "Length printed beside the ruler along y.", otherwise="200, 150, 100, 50 or 20mm, if near"),
+    ]
     measured_points: Annotated[
         File,
         Option(

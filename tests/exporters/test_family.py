@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from markergen.detect.fiducials import FiducialSettings, find_tags
-from markergen.drawing.paper import ISO, SheetOptions
+from markergen.drawing.paper import SheetOptions
 from markergen.drawing.sheet_layout import pages_for
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions
@@ -87,15 +87,29 @@ def test_a_family_is_one_sheet_and_a_file_for_each(tmp_path):
     assert sorted(family_paths(paths, [0, 1, 2])) == sorted(path for path, _ in written)
 
 
-def test_without_a_paper_all_stand_on_one_page(tmp_path):
+def test_without_a_paper_they_fill_pages_of_a4(tmp_path):
     markers = family()
-    ((_, notes),) = save_family(markers, [tmp_path / "ten.svg"], ExportOptions())
-    names = [paper.name for paper in ISO]
-    smallest = names.index(notes[0].split("10 markers stand on one page of ")[1].split()[0].removesuffix("-landscape"))
-    assert len(pages_for(markers, SheetOptions(paper=names[smallest]))) == 1
-    assert len(pages_for(markers, SheetOptions(paper=names[smallest - 1]))) > 1
-    ((_, notes),) = save_family(markers, [tmp_path / "ten.pdf"], ExportOptions(SheetOptions(paper="A4")))
-    assert "pages of A4" in notes[0]
+    ((_, notes),) = save_family(markers, [tmp_path / "ten.pdf"], ExportOptions())
+    assert notes[0] == "10 markers stand on 5 pages of A4 (210 x 297 mm), up to 2 on each."
+    ((_, letter),) = save_family(markers[:3], [tmp_path / "some.pdf"], ExportOptions(SheetOptions(paper="letter")))
+    assert letter[0] == "3 markers stand on 2 pages of letter-landscape (279.4 x 215.9 mm), up to 2 on each."
+
+
+def test_a_file_of_one_page_has_them_all_on_the_smallest_that_holds_them(tmp_path):
+    markers = family(5)
+    ((_, notes),) = save_family(markers, [tmp_path / "five.svg"], ExportOptions())
+    assert notes[0] == "5 markers stand on one page of A2-landscape (594 x 420 mm)."
+    assert notes[-1] == "A .svg file has one page; a .pdf fills pages of A4, or of another --paper."
+    assert len(pages_for(markers, SheetOptions(paper="A3"))) > 1
+
+
+@pytest.mark.parametrize(("radius", "paper", "count"), [(0.085, "A4", 2), (0.15, "A2", 2), (0.5, "A0", 10)])
+def test_what_a_grid_cannot_hold_has_pages_of_its_own(radius, paper, count):
+    markers = [pentagon(radius, 0.03, f"aruco:DICT_4X4_50:{k}") for k in (3, 7)]
+    sheets = pages_for(markers, SheetOptions())
+    assert {sheet.paper.name for sheet in sheets} == {paper}
+    assert len(sheets) == count
+    assert f"2 markers have {count} pages" in sheets[0].notes[0]
 
 
 def test_names_of_files_for_each_keep_their_suffixes():
