@@ -425,7 +425,7 @@ class VerifyKeywords(TypedDict, total=False):
 
     tolerance: Annotated[
         Length,
-        Option(RUN, "Maximum deviation.", otherwise="20 um, which no printer shows; a quarter of a pixel in a coarse PNG"),
+        Option(RUN, "Maximum deviation.", otherwise="20 um; a quarter of a pixel in a coarse PNG"),
     ]
 
 
