@@ -109,10 +109,7 @@ def _tag_gaps(marker: Marker, family: str | None, told: Told | None) -> tuple[st
     except (ValueError, TypeError, OverflowError):
         return ("the corners of the tag are not numbers",)
     # Negated, so that nan fails too.
-    if (
-        corners.shape != (4, 2)
-        or not (np.abs(corners - tag.corners[:, :2] * marker.print_scale) <= TOLERANCE).all()
-    ):
+    if corners.shape != (4, 2) or not (np.abs(corners - tag.corners[:, :2] * marker.print_scale) <= TOLERANCE).all():
         return (f"the corners of the tag {tag} are elsewhere",)
     return ()
 
