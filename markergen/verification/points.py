@@ -19,7 +19,6 @@ Told = tuple[object, object, object]
 TOLERANCE = 1e-6
 """Default tolerance of a list in m, also for the corners of its tag: nothing rounds it."""
 
-
 TAG_ANGLE = 1e-4
 """Maximum error of a tag's orientation in a bundle, degrees."""
 
@@ -111,7 +110,8 @@ def read_bundle(data: bytes, name: str, marker: Marker) -> Reading:
     if not np.isfinite(numbers).all() or not all(any(each[4:]) for each in numbers):
         raise InputError(f"finite places and unit quaternions in {name}", "others", "export it again")
     family = re.search(r"tag_family: *'tag(\w+)'", _text(data, name))
-    return Reading("AprilTag", (), drawn=False, tag_gaps=_bundle_gaps(marker, family and family[1], ids, numbers))
+    gaps = _bundle_gaps(marker, family and family[1], ids, numbers)
+    return Reading("AprilTag", (), TOLERANCE, drawn=False, tag_gaps=gaps)
 
 
 def _bundle_gaps(
@@ -128,10 +128,10 @@ def _bundle_gaps(
     gaps = [f"it has {len(ids) - 1} more tags than the marker"] if len(ids) > 1 else []
     size, *place = numbers[ids.index(tag.id)]
     wanted = tag.side * (marker.print_scale[0] * marker.print_scale[1]) ** 0.5
-    if abs(size - wanted) > TAG_TOLERANCE:
+    if abs(size - wanted) > TOLERANCE:
         gaps.append(f"the tag {tag} is {1e3 * size:.6g} mm large, not {1e3 * wanted:.6g} mm")
     off = np.array(place[:3]) - np.append(tag.center * np.array(marker.print_scale), 0.0)
-    if np.linalg.norm(off) > TAG_TOLERANCE:
+    if np.linalg.norm(off) > TOLERANCE:
         said = ", ".join(f"{axis} {1e3 * value:+.4g} mm" for axis, value in zip("xyz", off, strict=True))
         gaps.append(f"the tag {tag} is off by {said}")
     turn = np.array(place[3:]) / np.linalg.norm(place[3:])
