@@ -19,12 +19,12 @@ from markergen.verification.reading import Page, Reading, reader_of
 from markergen.verification.solids import (
     SHEET,
     UNITS,
-    color_findings,
     dots_of_surface,
     holds_sheet,
     hole_findings,
     in_unit,
     room_of,
+    solid_findings,
 )  # fmt: skip
 from markergen.verification.surface import Surface
 from markergen.verification.tags import ABSENT, tag_findings
@@ -108,7 +108,9 @@ class Check:
             "dots": self.dots,
             "copies": self.copies,
             "pages_mm": [[_number(side) for side in page] if page else None for page in self.pages],
-            "findings": [{"kind": each.kind, "sentence": each.sentence} for each in self.findings],
+            "findings": [
+                {"kind": each.kind, "sentence": each.sentence, "remedy": each.remedy} for each in self.findings
+            ],
             "notes": list(self.notes),
         }
 
@@ -122,7 +124,8 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
     Parameters
     ----------
     tolerance : float or None
-        Allowed distance in m; None takes the format's own: 1 um, 5 um for meshes, or 10 um at 600 dpi for pixels.
+        Allowed distance in m; None takes the format's own: 20 um, which no printer shows, or a quarter of a
+        pixel where that is more.
 
     Raises
     ------
@@ -264,12 +267,12 @@ def _dots(page: Page, expected: DotSet) -> DotSet:
 
 
 def _made(verdict: Verdict, marker: Marker, surface: Surface, found: DotSet | None, tolerance: float) -> Verdict:
-    """Add to a solid's verdict the findings about the colors of its dots, if any, and the holes of its plate."""
+    """Add to a solid's verdict the findings about all but the places and sizes of its dots."""
     if verdict.motion is None or any(each.kind in UNTAGGED for each in verdict.findings):
         return verdict
-    colors = color_findings(surface, found.take(verdict.used), verdict.names) if found is not None else []
-    holes = hole_findings(surface, marker.substrate.holes, verdict.motion, 1e3 * tolerance)
-    return replace(verdict, findings=(*verdict.findings, *colors, *holes))
+    dots = found.take(verdict.used) if found is not None else None
+    said = solid_findings(marker, surface, verdict.motion, dots, verdict.names, 1e3 * tolerance)
+    return replace(verdict, findings=(*verdict.findings, *said))
 
 
 def _copies(

@@ -16,8 +16,8 @@ from markergen.verification.reading import READERS, Page, Reading, circles_of
 Told = tuple[object, object, object]
 """Family, id and corners of a tag as the file states them."""
 
-TAG_TOLERANCE = 1e-6
-"""Maximum error of a tag corner in a list, m."""
+TOLERANCE = 1e-6
+"""Default tolerance of a list in m, also for the corners of its tag: nothing rounds it."""
 
 
 @READERS.register(".csv")
@@ -109,10 +109,7 @@ def _tag_gaps(marker: Marker, family: str | None, told: Told | None) -> tuple[st
     except (ValueError, TypeError, OverflowError):
         return ("the corners of the tag are not numbers",)
     # Negated, so that nan fails too.
-    if (
-        corners.shape != (4, 2)
-        or not (np.abs(corners - tag.corners[:, :2] * marker.print_scale) <= TAG_TOLERANCE).all()
-    ):
+    if corners.shape != (4, 2) or not (np.abs(corners - tag.corners[:, :2] * marker.print_scale) <= TOLERANCE).all():
         return (f"the corners of the tag {tag} are elsewhere",)
     return ()
 
@@ -140,4 +137,4 @@ def _reading(kind: str, rows: Sequence[Sequence[Any]], name: str, tag_gaps: tupl
         raise InputError(f"coordinates in m in {name}", "none, or numbers that are not finite", "export it again")
     bare = np.column_stack([places[:, :2], np.full(len(places), np.nan)])
     circles = circles_of([tuple(row) for row in bare.tolist()], name)
-    return Reading(kind, (Page(circles, heights=places[:, 2]),), drawn=False, tag_gaps=tag_gaps)
+    return Reading(kind, (Page(circles, heights=places[:, 2]),), TOLERANCE, drawn=False, tag_gaps=tag_gaps)
