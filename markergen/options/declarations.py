@@ -135,8 +135,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         LengthOrFit,
         Option(
             LAYOUT,
-            "Radius of the disk that contains all dots; fit: the largest in whole mm whose marker --paper, A4 if none "
-            "is named, holds on one page.",
+            "Radius of the disk that contains all dots; fit: the largest that a page of --paper (default A4) holds.",
             "150mm",
             metavar="LENGTH|fit",
         ),
@@ -455,19 +454,16 @@ class DetectKeywords(TypedDict, total=False):
     ]
 
 
+NEAR = "200, 150, 100, 50 or 20mm, if within 5 %"
+
+
 class RescaleKeywords(TypedDict, total=False):
     """Measurements of a print, for rescaling."""
 
     measured_x: Annotated[Length, Option(ERRORS, "Measured length of the ruler along x.")]
     measured_y: Annotated[Length, Option(ERRORS, "Measured length of the ruler along y.", otherwise="as along x")]
-    nominal_x: Annotated[
-        Length,
-        Option(ERRORS, "Length printed beside the ruler along x.", otherwise="200, 150, 100, 50 or 20mm, if near"),
-    ]
-    nominal_y: Annotated[
-        Length,
-        Option(ERRORS, "Length printed beside the ruler along y.", otherwise="200, 150, 100, 50 or 20mm, if near"),
-    ]
+    nominal_x: Annotated[Length, Option(ERRORS, "Length printed beside the ruler along x.", otherwise=NEAR)]
+    nominal_y: Annotated[Length, Option(ERRORS, "Length printed beside the ruler along y.", otherwise=NEAR)]
     measured_points: Annotated[
         File,
         Option(
