@@ -425,7 +425,7 @@ class VerifyKeywords(TypedDict, total=False):
 
     tolerance: Annotated[
         Length,
-        Option(RUN, "Maximum deviation of a dot.", otherwise="1 um; 5 um in a mesh; a quarter of a pixel in a PNG"),
+        Option(RUN, "Maximum deviation.", otherwise="20 um; a quarter of a pixel in a coarse PNG"),
     ]
 
 

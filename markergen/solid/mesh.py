@@ -273,7 +273,7 @@ def _stitches(low: int, high: int) -> Indices:
     # Around a point on the axis, only the other ring has chords.
     while (i < low and low > 1) or (j < high and high > 1):
         along_low, along_high = abs((i + 1) * high - j * low), abs((j + 1) * low - i * high)
-        if high == 1 or j == high or (1 < low and i < low and along_low <= along_high):
+        if high == 1 or j == high or (low > 1 and i < low and along_low <= along_high):
             found.append((i, (i + 1) % low, low + j % high))
             i += 1
         else:
