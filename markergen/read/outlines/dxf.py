@@ -3,6 +3,7 @@
 import io
 import logging
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -43,6 +44,9 @@ _RAISED = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 0]])
 
 # ezdxf logs its repairs, and without a handler Python would print them to standard error.
 logging.getLogger("ezdxf").addHandler(logging.NullHandler())
+
+_END = re.compile(r"^[ \t]*0[ \t]*\n[ \t]*EOF(?=\s|\x1a|$)", re.MULTILINE)
+_ENTITIES = re.compile(r"^[ \t]*2[ \t]*\n[ \t]*ENTITIES[ \t]*$", re.MULTILINE)
 
 _FLAT = np.eye(4)[:2]
 _BINARY, _DWG = b"AutoCAD Binary DXF", b"AC10"
@@ -182,10 +186,7 @@ def _document(file: OutlineFile) -> "Document":
         raise file.unreadable("DXF", "DWG", "save it as ASCII DXF")
     if len(file.data) > LARGEST_DXF:
         raise file.too_much(f"at most {LARGEST_DXF // 10**6} MB of DXF")
-    text = _text(file)
-    last = text[-4096:].split()
-    if last[-2:] != ["0", "EOF"]:
-        raise file.damaged("DXF to its end, 0 EOF,", f"{brief(' '.join(last[-2:]))} at the end")
+    text = _whole(_text(file).lstrip("\n"), file)
     # A group is two lines, a code and a value; code 0 starts a record.
     if sum(line.strip() == "0" for line in text.splitlines()[::2]) > MOST_RECORDS:
         raise file.too_much(f"at most {MOST_RECORDS} entities and other records")
@@ -196,7 +197,39 @@ def _document(file: OutlineFile) -> "Document":
     except ezdxf.DXFVersionError as error:  # type: ignore[attr-defined]
         raise file.unreadable("DXF of R12 or later", brief(str(error)), "save it in a later version") from None
     except Exception as error:  # Damaged files also raise errors that are not ezdxf's own.
+        return _repaired(text, file, error)
+
+
+def _whole(text: str, file: OutlineFile) -> str:
+    """Text up to its end mark, 0 EOF, which some programs follow with other characters, and some omit."""
+    if "\0" in text:
+        raise file.damaged("DXF", "null characters")
+    if end := _END.search(text):
+        return text[: end.end()] + "\n"
+    last = text[-4096:].split()
+    if last[-2:] == ["0", "ENDSEC"] and _ENTITIES.search(text):
+        return f"{text.rstrip()}\n0\nEOF\n"
+    raise file.damaged("DXF to its end, 0 EOF,", f"{brief(' '.join(last[-2:]))} at the end")
+
+
+def _repaired(text: str, file: OutlineFile, error: Exception) -> "Document":
+    """Read a file that violates the format in ways that lose no curve, such as odd handles; else refuse it."""
+    from ezdxf import recover
+
+    # Errors about a line are about its value, which recovery would replace by a default.
+    if re.search(r"\bline:? \d", str(error)):
         raise file.damaged("DXF", _reason(error)) from None
+    try:
+        document, audit = recover.read(io.BytesIO(text.encode("utf-8")))
+    except Exception:  # As above.
+        raise file.damaged("DXF", _reason(error)) from None
+    # Repairs may drop entities.
+    lines = [line.strip() for line in text.splitlines()]
+    written = Counter(value for code, value in zip(lines[::2], lines[1::2], strict=False) if code == "0")
+    found = Counter(entity.dxftype() for entity in document.entitydb.values())
+    if audit.errors or any(written[kind] != found[kind] for kind in CURVES):
+        raise file.damaged("DXF", _reason(error))
+    return document
 
 
 def _reason(error: Exception) -> str:
@@ -239,14 +272,12 @@ def _line(entity: Any, file: OutlineFile, name: str) -> Parts:
 
 
 def _circle(entity: Any, file: OutlineFile, name: str) -> Parts:
-    del file, name
-    center, u, v = _round(entity)
+    center, u, v = _round(entity, file, name)
     yield [Arc(center, u, v)], True
 
 
 def _arc(entity: Any, file: OutlineFile, name: str) -> Parts:
-    del file, name
-    center, u, v = _round(entity)
+    center, u, v = _round(entity, file, name)
     start, end = np.radians(float(entity.dxf.start_angle)), np.radians(float(entity.dxf.end_angle))
     yield [Arc(center, u, v, float(start), _turn(start, end))], False
 
@@ -333,7 +364,11 @@ def _bulged(rows: Array, height: float, closed: bool, file: OutlineFile) -> list
     return [bulge(start[:2], end[:2], float(start[2])).mapped(lift) for start, end in steps]
 
 
-def _round(entity: Any) -> tuple[Array, Array, Array]:
+def _round(entity: Any, file: OutlineFile, name: str) -> tuple[Array, Array, Array]:
+    # ezdxf assumes a radius of 1 where the file has none.
+    if not entity.dxf.hasattr("radius") or entity.dxf.radius < 0:
+        found = f"{entity.dxf.radius:g}" if entity.dxf.hasattr("radius") else "none"
+        raise file.unreadable("a radius above 0", f"{found} for {name}", "correct it, or remove it")
     radius = float(entity.dxf.radius)
     return np.array(entity.dxf.center, dtype=float), np.array([radius, 0.0, 0.0]), np.array([0.0, radius, 0.0])
 

@@ -1,5 +1,9 @@
-"""Turn a drawing into closed outlines in m: unit, size, flattening, joining ends, nesting."""
+"""Turn a drawing into closed outlines in m: unit, size, flattening, joining ends, nesting.
 
+What is plainly no part of an outline is left out with a warning: shapes without area, and center lines.
+"""
+
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,10 +19,16 @@ from markergen.read.outlines.curves import MOST_POINTS
 from markergen.read.outlines.formats import MOST_PIECES, OUTLINE_FORMATS, UNITS, Drawing, OutlineFile, load
 from markergen.units import format_length
 
+LOG = logging.getLogger("markergen")
+
 Array = NDArray[np.float64]
 
 SMALLEST, LARGEST = 1e-3, 100.0
 """Plausible sizes across in m; anything outside was most likely given in another unit."""
+
+APART = 0.1
+"""Minimum distance of a center line's ends from other loose ends, as a share of its length: the sides of a shape whose
+corners do not quite meet have ends that are closer."""
 
 
 @dataclass(frozen=True)
@@ -125,10 +135,14 @@ def _scale(drawing: Drawing, size: float, file: OutlineFile, unit: str | None) -
             f"give --boundary-unit, one of {', '.join(UNITS)}{drawing.hint}",
         )
     if not SMALLEST <= size * scale <= LARGEST:
+        remedy = f"give {'another' if unit else 'the'} --boundary-unit, one of {', '.join(UNITS)}"
+        if size * min(UNITS.values()) > LARGEST:
+            farthest = max(drawing.pieces, key=lambda piece: max(np.abs(each.sketch()).max() for each in piece.curves))
+            remedy = f"remove or correct what is so far out, such as {farthest.name}"
         raise file.unreadable(
             f"a marker of {format_length(SMALLEST)} to {format_length(LARGEST)}",
             f"one that is {format_length(size * scale)} across{f' with {unit} for the unit' if unit else ''}",
-            f"give {'another' if unit else 'the'} --boundary-unit, one of {', '.join(UNITS)}",
+            remedy,
         )
     return scale
 
@@ -165,12 +179,13 @@ def closed_contours(tracks: Sequence[Track], tolerance: float, source: str) -> l
     """Join tracks into closed contours, in the order of their first tracks, and merge arcs of one circle.
 
     Ends within `tolerance` (m) of each other are joined; points much closer than that are merged. `source` names the
-    file in messages.
+    file in messages. Beside closed contours, shapes of zero area and lone straight lines that lie within a contour are
+    left out with a warning.
 
     Raises
     ------
     InputError
-        If an end meets no other or more than one, or an outline has no area; the message tells where.
+        If an end meets no other or more than one, or no outline has an area; the message tells where.
     """
     rings: list[tuple[int, Track]] = []
     open_tracks: list[tuple[int, Track]] = []
@@ -182,9 +197,53 @@ def closed_contours(tracks: Sequence[Track], tolerance: float, source: str) -> l
             rings.append((i, thin))
         else:
             open_tracks.append((i, thin))
-    rings += _joined(open_tracks, tolerance, source)
-    rings.sort(key=lambda ring: ring[0])
-    return [_checked(track, tolerance, source) for _, track in rings]
+    lone = _lone_lines([track for _, track in open_tracks], tolerance)
+    joined = _joined([open_tracks[k] for k in range(len(open_tracks)) if k not in lone], tolerance, source)
+    found = [(track, _contour(track, tolerance)) for _, track in sorted(rings + joined, key=lambda ring: ring[0])]
+    contours = [contour for _, contour in found if contour is not None]
+    flat = [track for track, contour in found if contour is None]
+    lines = [open_tracks[k][1] for k in sorted(lone)]
+    if lines and not _within(lines, contours):
+        _joined(open_tracks, tolerance, source)  # Raises the error about their ends.
+    if flat and not contours:
+        raise InputError(
+            f"outlines with an area in {source}",
+            f"{flat[0].name} of zero area at {place(flat[0].points[0])}",
+            "draw it as a closed shape with an inside, or choose the outline's --layer",
+        )
+    for kind, left_out in (("of zero area", flat), ("a line that bounds nothing", lines)):
+        if left_out:
+            more = f", and {len(left_out) - 1} more" if len(left_out) > 1 else ""
+            first = left_out[0]
+            LOG.warning("left out of %s: %s, %s, at %s%s", source, first.name, kind, place(first.points[0]), more)
+    return [merged(contour, tolerance) for contour in contours]
+
+
+def _lone_lines(tracks: list[Track], tolerance: float) -> set[int]:
+    """Indices of straight tracks whose ends meet no other and are not even near the loose ends of others."""
+    if not tracks:
+        return set()
+    from scipy.spatial import cKDTree
+
+    ends = np.array([end for track in tracks for end in (track.points[0], track.points[-1])])
+    tree = cKDTree(ends)
+    lone = set()
+    for k, track in enumerate(tracks):
+        chord = track.points[-1] - track.points[0]
+        length = float(np.hypot(*chord))
+        across = (track.points - track.points[0]) @ np.array([-chord[1], chord[0]]) / length
+        straight = not track.bulges.any() and float(np.abs(across).max()) <= tolerance
+        near = tree.query_ball_point(ends[2 * k : 2 * k + 2], max(APART * length, tolerance))
+        if straight and not {int(end) // 2 for each in near for end in each} - {k}:
+            lone.add(k)
+    return lone
+
+
+def _within(lines: list[Track], contours: list[Contour]) -> bool:
+    """Tell whether the middle of each line is inside one of the contours."""
+    middles = [(line.points[0] + line.points[-1]) / 2 for line in lines]
+    inside = [Region.of_contour(contour, (), TOLERANCE).contains(middles) for contour in contours]
+    return bool(np.any(inside, axis=0).all())
 
 
 def _joined(tracks: list[tuple[int, Track]], tolerance: float, source: str) -> list[tuple[int, Track]]:
@@ -258,20 +317,15 @@ def _thinned(track: Track, tolerance: float) -> Track:
     return Track(track.name, points[kept], track.closed, track.bulges[np.array(kept[1:], dtype=int) - 1])
 
 
-def _checked(track: Track, tolerance: float, source: str) -> Contour:
+def _contour(track: Track, tolerance: float) -> Contour | None:
+    """Contour of a closed track; None if it has no area."""
     points, bulges = track.points, np.append(track.bulges, 0.0)
     if _near(points[0], points[-1], tolerance):
         points, bulges = points[:-1], bulges[:-1]
     bulges = np.where(np.abs(bulges) < SHALLOWEST, 0.0, bulges)
     contour = Contour(tuple((x, y) for x, y in points.tolist()), tuple(bulges.tolist()) if bulges.any() else ())
     corners = np.array(flattened(contour, 100 * tolerance))
-    if len(corners) < 3 or _thin(corners, tolerance):
-        raise InputError(
-            f"outlines with an area in {source}",
-            f"{track.name} of zero area at {place(points[0])}",
-            "draw it as a closed shape with an inside, or choose the outline's --layer",
-        )
-    return merged(contour, tolerance)
+    return None if len(corners) < 3 or _thin(corners, tolerance) else contour
 
 
 def _thin(points: Array, tolerance: float) -> bool:

@@ -90,6 +90,8 @@ class Shapes:
         center = np.array([length("cx"), length("cy")])
         if kind == "circle":
             rx = ry = length("r")
+            if rx < 0:
+                raise self.file.unreadable("a radius above 0", f"{rx:g} for {name}", "correct it, or remove it")
         else:
             rx, ry = length("rx", -1.0), length("ry", -1.0)
             rx, ry = rx if rx >= 0 else ry, ry if ry >= 0 else rx

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawings import DATA, area, bounds, dxf, farthest
 
-from markergen.read.outlines.reader import read_outline
+from markergen.read.outlines.reader import read_contours, read_outline
 
 
 def circle_area(radius):
@@ -178,6 +178,8 @@ def test_blocks_of_other_files(refused):
         (lambda d, m: m.add_text("hello"), "only TEXT"),
         (lambda d, m: m.add_polyface(), "a mesh"),
         (lambda d, m: m.add_circle((0, 0), 0), "outlines with an area"),
+        (lambda d, m: m.add_circle((0, 0), -3), "a radius above 0"),
+        (lambda d, m: m.add_arc((0, 0), -3, 0, 90), "found -3 for ARC on layer '0'"),
         (lambda d, m: m.add_lwpolyline([(0, 0), (9, 0), (9, 9)]), "open: a gap of 12.7279 mm"),
         (lambda d, m: m.add_circle((float("nan"), 0), 5), "nan, infinity"),
         (lambda d, m: m.add_circle((0, 0), 1e305), "m"),
@@ -203,6 +205,35 @@ def test_splines_that_are_none(refused, spoil):
         spoil(model.add_open_spline([(0, 0), (10, 0), (10, 10), (0, 20), (5, 5)]))
 
     assert "SPLINE on layer '0'" in refused(dxf(draw))
+
+
+CIRCLE = "0\nCIRCLE\n5\n4D\n8\n0\n10\n0\n20\n0\n40\n50\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("0\nEOF\n", ""),
+        ("0\nEOF\n", "0\nEOF\n\x1a"),
+        ("0\nEOF\n", "0\nEOF\nwritten by hand\n"),
+        ("5\n4D", "5\nzz"),
+        ("0\nENDSEC\n0\nEOF", "0\nEOF"),
+        ("0\nSECTION", "\n\n0\nSECTION"),
+    ],
+)
+def test_what_other_programs_read_is_read(write, old, new):
+    text = f"0\nSECTION\n2\nENTITIES\n{CIRCLE}0\nENDSEC\n0\nEOF\n"
+    assert old in text
+    (ring,) = read_contours(write(text.replace(old, new)), "mm")
+    assert ring.as_circle == pytest.approx((0, 0, 0.05))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [("40\n50\n", ""), ("40\n50", "40\n5,0"), ("10\n0", "10\nabc"), ("40\n50", "40\n\0")]
+)
+def test_what_would_be_guessed_is_refused(refused, old, new):
+    text = f"0\nSECTION\n2\nENTITIES\n{CIRCLE}0\nENDSEC\n0\nEOF\n"
+    assert "DXF" in (message := refused(text.replace(old, new), unit="mm")) or "found none for CIRCLE" in message
 
 
 def test_every_cut_of_a_dxf_is_refused(write, refused):

@@ -10,7 +10,7 @@ from drawings import SQUARE, dxf, geojson, svg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from markergen.read.outlines.reader import Track, closed_contours
+from markergen.read.outlines.reader import Track, closed_contours, read_contours
 
 
 def track(name, points, closed):
@@ -69,9 +69,61 @@ def test_an_open_end_on_a_closed_chain_is_told(refused):
     assert "LINE on layer '0' open: a gap of 21 mm between (30 mm, 0 mm)" in message
 
 
+PLATE = ((0, 0), (90, 0), (90, 60), (0, 60))
+
+
+def plate(model):
+    for start, end in zip(PLATE, PLATE[1:] + PLATE[:1], strict=True):
+        model.add_line(start, end)
+
+
+@pytest.mark.parametrize(
+    ("draw", "words"),
+    [
+        (lambda d, m: m.add_lwpolyline([(10, 10), (40, 40), (10, 10)], close=True), "LWPOLYLINE on layer '0', of zero"),
+        (lambda d, m: (m.add_line((10, 10), (40, 40)), m.add_line((40, 40), (10, 10))), "LINE on layer '0', of zero"),
+        (lambda d, m: sliver(d, m), "LWPOLYLINE on layer '0', of zero area"),
+        (
+            lambda d, m: m.add_line((-5, 30), (95, 30)),
+            "LINE on layer '0', a line that bounds nothing, at (-5 mm, 30 mm)",
+        ),
+        (lambda d, m: (m.add_line((-5, 30), (95, 30)), m.add_line((45, -5), (45, 65))), "and 1 more"),
+        (lambda d, m: m.add_lwpolyline([(-5, 30), (45, 30), (95, 30)]), "a line that bounds nothing"),
+    ],
+)
+def test_what_is_plainly_no_outline_is_left_out_with_a_sentence(write, caplog, draw, words):
+    contours = read_contours(write(dxf(lambda d, m: (plate(m), draw(d, m)))), "mm")
+    assert [contour.points for contour in contours] == [tuple((x / 1e3, y / 1e3) for x, y in PLATE)]
+    assert words in caplog.text
+
+
+def sliver(document, model):
+    block = document.blocks.new("SLIVER")
+    block.add_lwpolyline([(10, 10), (40, 10), (40, 10.0000001)], close=True)
+    model.add_blockref("SLIVER", (5, 5))
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        lambda m: m.add_line((100, 0), (100, 60)),  # Beside the plate: it may be a side of another part.
+        lambda m: m.add_lwpolyline([(10, 10), (20, 30), (30, 10)]),
+        lambda m: [m.add_line(*ends) for ends in SLOT],
+    ],
+)
+def test_lines_that_may_bound_something_are_not_left_out(refused, draw):
+    assert "open: a gap" in refused(dxf(lambda _, m: (plate(m), draw(m))))
+
+
+SLOT = [((20, 20), (40, 20)), ((40.5, 20.5), (40.5, 24.5)), ((40, 25), (20, 25)), ((19.5, 24.5), (19.5, 20.5))]
+"""A slot whose sides do not quite meet."""
+
+
 @pytest.mark.parametrize(
     ("body", "words"),
     [
+        ('<circle r="-3"/>', "-3 for circle"),
+        ('<rect width="9" height="9"/><path id="far" d="M1 1A5 5 0 0 1 1e20 9z"/>', "far out, such as path 'far'"),
         ('<path d="M10 10 L90 90 z"/>', "zero area at (10 mm, 10 mm)"),
         ('<path d="M10 10 L90 90 L10 10 z"/>', "zero area"),
         ('<path d="M10 10 H90 L90 10.0001 H10 z"/>', "zero area"),
