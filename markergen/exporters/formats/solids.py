@@ -32,7 +32,15 @@ EXPORTERS.register(".glb")(
 EXPORTERS.register(".sdf")(
     Exporter(
         "markergen.exporters.simulators:export_sdf",
-        "model for simulators, with the .glb that it shows",
+        "model for Gazebo, with its meshes",
+        holds="solid",
+        kernel=True,
+    )
+)
+EXPORTERS.register(".mjcf.xml")(
+    Exporter(
+        "markergen.exporters.simulators:export_mjcf",
+        "model for MuJoCo, with its meshes",
         holds="solid",
         kernel=True,
     )
@@ -40,7 +48,7 @@ EXPORTERS.register(".sdf")(
 EXPORTERS.register(".urdf")(
     Exporter(
         "markergen.exporters.simulators:export_urdf",
-        "model for simulators, with the .glb that it shows",
+        "model for ROS and other simulators, with its meshes",
         holds="solid",
         kernel=True,
     )
