@@ -31,7 +31,6 @@ EXPORTERS.register(".sdf")(
         "markergen.exporters.simulators:export_sdf",
         "model for Gazebo, with its meshes",
         holds="solid",
-        kernel=True,
     )
 )
 EXPORTERS.register(".mjcf.xml")(
