@@ -134,9 +134,9 @@ def check_outputs(paths: Sequence[Path], options: ExportOptions, spec: "Spec | N
             remedy = "write it to marker.json or as a solid such as .step, or leave out --relief"
             raise InputError("dots in one plane", f"a relief of {format_length(spec.relief)} for {path}", remedy)
         if spec and exporter.kernel:
-            from markergen.solid.kernel import import_cadquery
+            from markergen.solid.kernel import import_kernel
 
-            import_cadquery()  # Fail now, not after minutes of optimization.
+            import_kernel()  # Fail now, not after minutes of optimization.
         exporter.refuse(options)
         if exporter.sheet:
             _check_sheet(exporter, options, spec)
