@@ -137,9 +137,9 @@ def check_outputs(paths: Sequence[Path], options: ExportOptions, spec: "Spec | N
         if spec and options.sheet.colors.inverted and not holds_light(suffix):
             raise InputError(f"dark dots for {path}", "--colors inverted", f"{LIGHT_DOTS}; leave one of both out")
         if spec and exporter.kernel:
-            from markergen.solid.kernel import import_cadquery
+            from markergen.solid.kernel import import_kernel
 
-            import_cadquery()  # Fail now, not after minutes of optimization.
+            import_kernel()  # Fail now, not after minutes of optimization.
         exporter.refuse(options)
         if exporter.sheet:
             _check_sheet(exporter, options, spec)
