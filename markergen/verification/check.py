@@ -19,12 +19,12 @@ from markergen.verification.reading import Page, Reading, reader_of
 from markergen.verification.solids import (
     SHEET,
     UNITS,
-    color_findings,
     dots_of_surface,
     holds_sheet,
     hole_findings,
     in_unit,
     room_of,
+    solid_findings,
 )  # fmt: skip
 from markergen.verification.surface import Surface
 from markergen.verification.tags import ABSENT, tag_findings
@@ -38,6 +38,8 @@ UNTAGGED = ("scaled", "mirrored", "another marker")
 
 STRANGE = ("another marker", "no dots")
 """Kinds of findings about a file whose dots are not the marker's."""
+
+TAG_ALONE = "it holds the tag alone, and no dots"
 
 Wanted = tuple[Marker, tuple[float, float], str]
 """A marker as it may be drawn, the ratio of drawn to true lengths along x and y, and a note."""
@@ -108,7 +110,9 @@ class Check:
             "dots": self.dots,
             "copies": self.copies,
             "pages_mm": [[_number(side) for side in page] if page else None for page in self.pages],
-            "findings": [{"kind": each.kind, "sentence": each.sentence} for each in self.findings],
+            "findings": [
+                {"kind": each.kind, "sentence": each.sentence, "remedy": each.remedy} for each in self.findings
+            ],
             "notes": list(self.notes),
         }
 
@@ -122,7 +126,8 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
     Parameters
     ----------
     tolerance : float or None
-        Allowed distance in m; None takes the format's own: 1 um, 5 um for meshes, or 10 um at 600 dpi for pixels.
+        Allowed distance in m; None takes the format's own: 20 um, which no printer shows, or a quarter of a
+        pixel where that is more.
 
     Raises
     ------
@@ -131,13 +136,16 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
     MissingLibraryError
         If the file is STEP or BREP and the CAD kernel is missing.
     """
-    check_supported(marker, "to verify a file against", joint=False)
+    check_supported(marker, "to verify a file against", joint=False, light=True)
     check_tolerance(tolerance)
     reader = reader_of(path)
     # Numbers in a file that overflow become infinite and are left out.
     with np.errstate(all="ignore"):
         reading = reader(read(path, "artifact").data, str(path), marker)
     allowed = reading.tolerance if tolerance is None else tolerance
+    if not reading.pages:
+        findings = tuple(Finding("tag", gap) for gap in reading.tag_gaps)
+        return Check(str(path), reading.kind, tolerance=allowed, findings=findings, notes=(TAG_ALONE,))
     found = _best(marker, reading, allowed)
     if _is_strange(found) and reading.pages[0].surface is not None:
         found = (
@@ -264,12 +272,12 @@ def _dots(page: Page, expected: DotSet) -> DotSet:
 
 
 def _made(verdict: Verdict, marker: Marker, surface: Surface, found: DotSet | None, tolerance: float) -> Verdict:
-    """Add to a solid's verdict the findings about the colors of its dots, if any, and the holes of its plate."""
+    """Add to a solid's verdict the findings about all but the places and sizes of its dots."""
     if verdict.motion is None or any(each.kind in UNTAGGED for each in verdict.findings):
         return verdict
-    colors = color_findings(surface, found.take(verdict.used), verdict.names) if found is not None else []
-    holes = hole_findings(surface, marker.substrate.holes, verdict.motion, 1e3 * tolerance)
-    return replace(verdict, findings=(*verdict.findings, *colors, *holes))
+    dots = found.take(verdict.used) if found is not None else None
+    said = solid_findings(marker, surface, verdict.motion, dots, verdict.names, 1e3 * tolerance)
+    return replace(verdict, findings=(*verdict.findings, *said))
 
 
 def _copies(

@@ -33,13 +33,22 @@ class Finding:
     Attributes
     ----------
     kind : str
-        ``scaled``, ``mirrored``, ``missing``, ``extra``, ``another marker``, ``shifted``, ``diameter``, ``kind``,
-        ``height``, ``twice``, ``marks``, ``tag``, ``no dots``, and of solids ``color``, ``hole`` or ``solid``.
+        ``scaled``, ``sheared``, ``mirrored``, ``missing``, ``extra``, ``another marker``, ``shifted``, ``diameter``,
+        ``kind``, ``height``, ``twice``, ``marks``, ``tag``, ``no dots``; of lines to cut ``outline``, ``hole``; of what
+        shows ``inverted``, ``pale``, ``covered``, ``quiet``, ``hidden``, ``layer``; of solids ``turned``, ``part``,
+        ``color`` or ``solid``.
     sentence : str
+        What is wrong.
+    remedy : str
+        What to do about it: an imperative; empty where nothing is better than to export the file again.
     """
 
     kind: str
     sentence: str
+    remedy: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.sentence}; {self.remedy}" if self.remedy else self.sentence
 
 
 @dataclass(frozen=True, eq=False)

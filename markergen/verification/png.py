@@ -15,7 +15,7 @@ from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
 from markergen.read.images import opened
 from markergen.verification.matching import ALIKE
-from markergen.verification.reading import FLATTEST, READERS, ROUND, Page, Reading, circles_of
+from markergen.verification.reading import FLATTEST, PRINTABLE, READERS, ROUND, Page, Reading, circles_of
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
@@ -32,8 +32,8 @@ GAP = 1.5
 SOFT = 2
 """Width of a blob's soft rim in pixels; ink farther out belongs to another blob."""
 
-TOLERANCE_PX = 10e-3 * 600 / 25.4
-"""Default tolerance in pixels: 10 um at 600 dpi."""
+TOLERANCE_PX = 0.25
+"""Default tolerance in pixels, where that is more than `PRINTABLE`."""
 
 CORE, RIM = 0.93, 1.3
 """Shares of a dot's radius: inside the first is ink or a ring's hole, outside the second is not part of the dot."""
@@ -88,7 +88,7 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:
         upright=partial(reads_upright, grey, scale),
         sample=partial(_sample, grey, scale),
     )
-    tolerance = 1e-3 * TOLERANCE_PX / float(scale.mean())
+    tolerance = max(PRINTABLE, 1e-3 * TOLERANCE_PX / float(scale.mean()))
     return Reading("PNG", (page,), tolerance, ordered=False, pixels=True, tagged=True)
 
 

@@ -16,8 +16,14 @@ from markergen.verification.reading import READERS, Page, Reading, circles_of
 Told = tuple[object, object, object]
 """Family, id and corners of a tag as the file states them."""
 
-TAG_TOLERANCE = 1e-6
-"""Maximum error of a tag corner in a list, m."""
+TOLERANCE = 1e-6
+"""Default tolerance of a list in m, also for the corners of its tag: nothing rounds it."""
+
+TAG_ANGLE = 1e-4
+"""Maximum error of a tag's orientation in a bundle, degrees."""
+
+APRILTAG = "apriltag:"
+"""Prefix of the names of AprilTag families."""
 
 
 @READERS.register(".csv")
@@ -91,6 +97,51 @@ def read_ros2(data: bytes, name: str, marker: Marker) -> Reading:
     return _reading("ROS 2", rows, name, _tag_gaps(marker, marker.tag.family if marker.tag else None, told))
 
 
+@READERS.register(".apriltag.yaml")
+def read_bundle(data: bytes, name: str, marker: Marker) -> Reading:
+    """Read the bundles of apriltag_ros, which have tags but no dots."""
+    told = _yaml(data, name)
+    try:
+        tags = [tag for bundle in told["tag_bundles"] for tag in bundle["layout"]]
+        ids = [int(tag["id"]) for tag in tags]
+        numbers = [[float(tag[key]) for key in ("size", "x", "y", "z", "qx", "qy", "qz", "qw")] for tag in tags]
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise InputError(f"a bundle of tags in {name}", "something else", "export it again") from None
+    if not np.isfinite(numbers).all() or not all(any(each[4:]) for each in numbers):
+        raise InputError(f"finite places and unit quaternions in {name}", "others", "export it again")
+    family = re.search(r"tag_family: *'tag(\w+)'", _text(data, name))
+    gaps = _bundle_gaps(marker, family and family[1], ids, numbers)
+    return Reading("AprilTag", (), TOLERANCE, drawn=False, tag_gaps=gaps)
+
+
+def _bundle_gaps(
+    marker: Marker, family: str | None, ids: Sequence[int], numbers: Sequence[Sequence[float]]
+) -> tuple[str, ...]:
+    tag = marker.tag
+    if tag is None or not tag.family.startswith(APRILTAG):
+        return (f"the marker has {'no tag' if tag is None else f'the tag {tag}'}, and the file an AprilTag",)
+    own = tag.family.removeprefix(APRILTAG)
+    if family not in (None, own):
+        return (f"its tags are of the family {family}, not {own}",)
+    if tag.id not in ids:
+        return (f"its tag is {', '.join(map(str, ids[:5])) or 'missing'}, not {tag.id}",)
+    gaps = [f"it has {len(ids) - 1} more tags than the marker"] if len(ids) > 1 else []
+    size, *place = numbers[ids.index(tag.id)]
+    wanted = tag.side * (marker.print_scale[0] * marker.print_scale[1]) ** 0.5
+    if abs(size - wanted) > TOLERANCE:
+        gaps.append(f"the tag {tag} is {1e3 * size:.6g} mm large, not {1e3 * wanted:.6g} mm")
+    off = np.array(place[:3]) - np.append(tag.center * np.array(marker.print_scale), 0.0)
+    if np.linalg.norm(off) > TOLERANCE:
+        said = ", ".join(f"{axis} {1e3 * value:+.4g} mm" for axis, value in zip("xyz", off, strict=True))
+        gaps.append(f"the tag {tag} is off by {said}")
+    turn = np.array(place[3:]) / np.linalg.norm(place[3:])
+    # AprilTag's own library sees the tag upside down: half a turn about z is the quaternion (0, 0, 1, 0).
+    angle = 2 * np.degrees(np.arctan2(np.linalg.norm(turn[[0, 1, 3]]), abs(turn[2])))
+    if angle > TAG_ANGLE:
+        gaps.append(f"the tag {tag} is turned by {angle:.4g} degrees against the way AprilTag's own library sees it")
+    return tuple(gaps)
+
+
 def _matrix(text: str, key: str) -> list[str]:
     """Numbers of a FileStorage matrix, row by row; empty if it is missing."""
     match = re.search(rf"^{key}:[^\[]*\[([^\]]*)\]", text, re.MULTILINE)
@@ -109,10 +160,7 @@ def _tag_gaps(marker: Marker, family: str | None, told: Told | None) -> tuple[st
     except (ValueError, TypeError, OverflowError):
         return ("the corners of the tag are not numbers",)
     # Negated, so that nan fails too.
-    if (
-        corners.shape != (4, 2)
-        or not (np.abs(corners - tag.corners[:, :2] * marker.print_scale) <= TAG_TOLERANCE).all()
-    ):
+    if corners.shape != (4, 2) or not (np.abs(corners - tag.corners[:, :2] * marker.print_scale) <= TOLERANCE).all():
         return (f"the corners of the tag {tag} are elsewhere",)
     return ()
 
@@ -140,4 +188,4 @@ def _reading(kind: str, rows: Sequence[Sequence[Any]], name: str, tag_gaps: tupl
         raise InputError(f"coordinates in m in {name}", "none, or numbers that are not finite", "export it again")
     bare = np.column_stack([places[:, :2], np.full(len(places), np.nan)])
     circles = circles_of([tuple(row) for row in bare.tolist()], name)
-    return Reading(kind, (Page(circles, heights=places[:, 2]),), drawn=False, tag_gaps=tag_gaps)
+    return Reading(kind, (Page(circles, heights=places[:, 2]),), TOLERANCE, drawn=False, tag_gaps=tag_gaps)

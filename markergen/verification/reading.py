@@ -14,6 +14,9 @@ from markergen.verification.surface import Surface
 
 Array = NDArray[np.float64]
 
+PRINTABLE = 20e-6
+"""Default tolerance in m: less than printers and cutters show, more than programs round when they save a file."""
+
 MOST_CIRCLES = 20_000
 """Maximum number of circles in one file; the largest marker has a thousand dots."""
 
@@ -69,6 +72,7 @@ class Reading:
     kind : str
         Name of the format.
     pages : tuple of Page
+        Empty in a format that has tags alone.
     tolerance : float
         Default tolerance of the format, m.
     drawn : bool
@@ -91,7 +95,7 @@ class Reading:
 
     kind: str
     pages: tuple[Page, ...]
-    tolerance: float = 1e-6
+    tolerance: float = PRINTABLE
     drawn: bool = True
     ordered: bool = True
     pixels: bool = False

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from markergen.geometry.region import Region
 from markergen.model.boundary import Boundary, Circle
+from markergen.model.marker import Marker
 from markergen.model.substrate import Hole
 from markergen.verification.findings import MOST_LISTED, Finding, short_length
 from markergen.verification.matching import ALIKE, CONCENTRIC, DotSet
-from markergen.verification.reading import Page, Reading
+from markergen.verification.reading import PRINTABLE, Page, Reading
 from markergen.verification.surface import Ball, Color, SolidPart, Surface
 
 Array = NDArray[np.float64]
@@ -161,6 +162,31 @@ def straight_edges(surface: Surface, plate: bool) -> tuple[Array, Array]:
     return np.concatenate(starts), np.concatenate(ends)
 
 
+def solid_findings(
+    marker: Marker,
+    surface: Surface,
+    motion: tuple[Array, Array],
+    dots: DotSet | None,
+    names: tuple[int, ...],
+    tolerance: float,
+) -> list[Finding]:
+    """Errors of a made plate apart from the places and sizes of its dots: colors and holes.
+
+    Parameters
+    ----------
+    motion : (rotation (2, 2), shift (2,))
+        From the marker frame to the file, mm.
+    dots : DotSet or None
+        The marker's dots as found in the file; None if the plate has recesses for printed dots.
+    names : tuple of int
+        Ids of these dots.
+    tolerance : float
+        mm.
+    """
+    colors = color_findings(surface, dots, names) if dots is not None else []
+    return [*colors, *hole_findings(surface, marker.substrate.holes, motion, tolerance)]
+
+
 def color_findings(surface: Surface, dots: DotSet, names: tuple[int, ...]) -> list[Finding]:
     """Dots of the plate's color, and rings whose middle is not; nothing if the file has no colors."""
     plate = surface.parts[plate_of(surface)].color
@@ -225,7 +251,7 @@ def flaws_of(surface: Surface) -> tuple[str, ...]:
     return tuple(flaws[:MOST_LISTED])
 
 
-def reading_of(kind: str, surface: Surface, tolerance: float = 1e-6) -> Reading:
+def reading_of(kind: str, surface: Surface, tolerance: float = PRINTABLE) -> Reading:
     """Reading of a solid in mm, with a default tolerance in m for its centers."""
     page = Page(np.zeros((0, 3)), surface=surface)
     return Reading(kind, (page,), tolerance, tagged=True, flaws=flaws_of(surface))

@@ -95,7 +95,7 @@ class Verification(SavableResult, Sequence[Check]):
         for check in self._checks:
             row = check.as_dict()
             del row["pages_mm"]
-            row["findings"] = "; ".join(each.sentence for each in check.findings)
+            row["findings"] = "; ".join(map(str, check.findings))
             row["notes"] = "; ".join(check.notes)
             rows.append(row)
         return data_frame(rows)
@@ -127,7 +127,7 @@ def _table(checks: Iterable[Check]) -> Table:
 
 def _lines(check: Check) -> list[str]:
     """Findings and notes of a file, one sentence per line."""
-    return [f"{check.path}: {said}" for said in (*(each.sentence for each in check.findings), *check.notes)]
+    return [f"{check.path}: {said}" for said in (*map(str, check.findings), *check.notes)]
 
 
 def _row(check: Check) -> list[str]:

@@ -20,8 +20,9 @@ from markergen.verification import verify
 DPI = 300
 NAMES = ("4", "5", "5 alike", "5 skew", "12", "L", "L alike")
 SUFFIXES = (".svg", ".pdf", ".dxf", ".png")
-# What issue and formats promise; 10 um at 600 dpi is 20 um at 300.
+# How exactly our own files are read; what is allowed is 20 um, and a quarter of a pixel at 300 dpi.
 LIMIT = {".svg": 1e-6, ".pdf": 1e-6, ".dxf": 1e-6, ".png": 2e-5}
+ALLOWED = {".svg": 2e-5, ".pdf": 2e-5, ".dxf": 2e-5, ".png": 2.117e-5}
 NAMES_OF_CORNERS = ("top left", "top right", "bottom right", "bottom left")
 
 
@@ -52,7 +53,7 @@ def test_what_was_exported_is_right(markers, files, name, suffix):
     assert check.dots == len(markers[name])
     assert check.copies == 1
     assert check.largest < LIMIT[suffix] / 2
-    assert check.tolerance == pytest.approx(LIMIT[suffix], rel=1e-4)
+    assert check.tolerance == pytest.approx(ALLOWED[suffix], rel=1e-3)
     # A micrometer on 60 mm or more.
     np.testing.assert_allclose(check.scale, 1, atol=2e-5 if suffix != ".png" else 2e-4)
 

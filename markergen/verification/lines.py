@@ -1,0 +1,281 @@
+"""Compare the lines of a file, outline and holes, with those that a marker should have; mm, marker frame."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.geometry.contour import Contour, area, box, circle, flattened, placed
+from markergen.model.boundary import Boundary
+from markergen.model.marker import Marker
+from markergen.solid.plate import plate_of
+from markergen.verification.findings import MOST_LISTED, Finding, short_length
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+Seek = Callable[[Array, Array], Array]
+"""Points of the file's lines (m, 2) nearest to points (m, 2) of a wanted line with normals (m, 2); nan for none."""
+
+EXACT = 5e-4
+"""Maximum distance in mm of sampled points from the wanted line."""
+
+NEAREST, FARTHEST = 1.5, 6.0
+"""Range in mm of the distance beyond which a line is missing rather than misplaced: half the radius of a hole."""
+
+SPACING, MOST_SAMPLES = 1.0, 2000
+"""Distance in mm of points along a wanted line, and their maximum number."""
+
+STEP, CANDIDATES = 0.5, 6
+"""Distance in mm of points along a file's lines by which near lines are found, and how many near points are tried."""
+
+GAP = 0.02
+"""Share of a line that may be missing without a word: ends of its pieces."""
+
+DRAW_AGAIN = "export it again, or correct the line in the drawing"
+
+
+@dataclass(frozen=True)
+class Line:
+    """A closed line that a marker should have; mm, marker frame.
+
+    Attributes
+    ----------
+    name : str
+        Such as ``the outline`` or ``the hole M3 at x 40, y 0 mm``.
+    contour : Contour
+    hole : bool
+    """
+
+    name: str
+    contour: Contour
+    hole: bool = False
+
+
+def sheet_lines(marker: Marker) -> list[Line]:
+    """Lines to cut out of a printed sheet: the boundary with its holes, and the plate's holes."""
+    return [*_outline(_mm(marker.boundary)), *_bores(marker)]
+
+
+def plate_lines(marker: Marker) -> list[Line]:
+    """Lines to cut for a plate: its outline, which is larger than a boundary with an edge, and its holes."""
+    return [*_outline([each for outline in plate_of(marker).outlines for each in outline]), *_bores(marker)]
+
+
+def _mm(shape: Boundary) -> list[Contour]:
+    return [placed(contour, 1e3, digits=9) for contour in shape.contours()]
+
+
+def _outline(contours: Sequence[Contour]) -> list[Line]:
+    lines = []
+    outer = max((abs(area(contour)) for contour in contours), default=0.0)
+    for contour in contours:
+        if abs(area(contour)) == outer:
+            lines.append(Line("the outline", contour))
+            continue
+        left, bottom, right, top = box(contour)
+        whole = contour.as_circle
+        kind = f"the hole of {2 * whole[2]:.6g} mm" if whole else "the inner outline"
+        # A boundary of several pieces has more outer outlines than one.
+        kind = kind if area(contour) < 0 or whole else "the outline"
+        place = f"x {_short((left + right) / 2)}, y {_short((bottom + top) / 2)} mm"
+        lines.append(Line(f"{kind} at {place}", contour, hole=True))
+    return lines
+
+
+def _bores(marker: Marker) -> list[Line]:
+    lines = []
+    for hole in marker.substrate.holes:
+        x, y, radius = 1e3 * hole.x, 1e3 * hole.y, 500 * hole.diameter
+        name = f"the hole {hole.name or f'of {2 * radius:.6g} mm'} at x {_short(x)}, y {_short(y)} mm"
+        lines.append(Line(name, circle(radius, x, y), hole=True))
+    return lines
+
+
+def _short(value: float) -> str:
+    return f"{round(value, 3) + 0.0:.6g}"
+
+
+def pieces_of(contours: Sequence[Contour]) -> Array:
+    """Straight pieces (k, 2, 2) of closed contours, within `EXACT` of them."""
+    rings = [np.array(flattened(contour, EXACT)) for contour in contours]
+    found = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings if len(ring)]
+    return np.concatenate(found) if found else np.zeros((0, 2, 2))
+
+
+def among(segments: Array) -> Seek:
+    """Seek among straight pieces (k, 2, 2)."""
+    from scipy.spatial import cKDTree
+
+    segments = segments[np.isfinite(segments).all(axis=(1, 2))]
+    if not len(segments):
+        return lambda points, normals: np.full_like(points, np.nan)  # noqa: ARG005
+    along = segments[:, 1] - segments[:, 0]
+    count = np.clip(np.ceil(np.linalg.norm(along, axis=1) / STEP), 1, MOST_SAMPLES).astype(int) + 1
+    of = np.repeat(np.arange(len(segments)), count)
+    share = (np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)) / np.repeat(count - 1, count)
+    tree = cKDTree(segments[of, 0] + share[:, None] * along[of])
+
+    def seek(points: Array, normals: Array) -> Array:
+        del normals
+        near = of[tree.query(points, k=min(CANDIDATES, len(of)))[1].reshape(len(points), -1)]
+        start, way = segments[near, 0], along[near]
+        square = np.maximum(np.sum(way**2, axis=-1), np.finfo(float).tiny)
+        place = np.clip(np.sum((points[:, None] - start) * way, axis=-1) / square, 0.0, 1.0)
+        feet = start + place[..., None] * way
+        best = np.argmin(np.linalg.norm(feet - points[:, None], axis=-1), axis=1)
+        return np.asarray(feet[np.arange(len(points)), best])
+
+    return seek
+
+
+def in_picture(sample: Callable[[Array], Array], grain: float, reach: float = NEAREST) -> Seek:
+    """Seek the ink of thin lines across the wanted line in a picture: points (k, 2) to grey levels, `grain` mm a pixel.
+
+    Parameters
+    ----------
+    reach : float
+        Maximum distance in mm.
+    """
+    steps = np.arange(-reach, reach + grain / 4, grain / 2)
+
+    def seek(points: Array, normals: Array) -> Array:
+        seen = sample((points[:, None] + steps[:, None] * normals[:, None]).reshape(-1, 2)).reshape(len(points), -1)
+        ink = np.nanmedian(seen, axis=1, keepdims=True) - seen
+        ink = np.abs(np.nan_to_num(ink, nan=0.0))
+        strength = ink.max(axis=1)
+        peak = np.argmax(ink - 1e-3 * np.abs(steps), axis=1)
+        # The centroid of the peak alone: ticks and digits may be near.
+        ink[np.abs(steps - steps[peak, None]) > 2 * grain] = 0.0
+        off = ink @ steps / np.maximum(ink.sum(axis=1), 1e-9)
+        return np.where((strength > FAINT)[:, None], points + off[:, None] * normals, np.nan)
+
+    return seek
+
+
+FAINT = 24.0
+"""Minimum difference of grey levels between a line and its surroundings."""
+
+
+def line_findings(
+    wanted: Sequence[Line],
+    seek: Seek,
+    tolerance: float,
+    free: Callable[[Array], Mask] | None = None,
+    remedy: str = DRAW_AGAIN,
+) -> list[Finding]:
+    """Lines that are missing, misplaced, of another size, or polygons instead of circles.
+
+    Parameters
+    ----------
+    wanted : sequence of Line
+    seek : callable
+        See `among` and `in_picture`.
+    tolerance : float
+        mm.
+    free : callable or None
+        Tells at which points (m, 2) lines have gaps by design: in the quiet zones of a printed sheet.
+    """
+    findings = []
+    for line in wanted:
+        said = _compared(line, seek, tolerance, free)
+        findings += [Finding("hole" if line.hole else "outline", f"{line.name} {each}", remedy) for each in said]
+    if len(findings) > MOST_LISTED:
+        rest = len(findings) - MOST_LISTED
+        findings = [*findings[:MOST_LISTED], Finding("outline", f"{rest} more lines are wrong", remedy)]
+    return findings
+
+
+def _compared(line: Line, seek: Seek, tolerance: float, free: Callable[[Array], Mask] | None) -> list[str]:
+    points, normals = sampled(line.contour)
+    if free is not None:
+        kept = ~free(points)
+        points, normals = points[kept], normals[kept]
+    if not len(points):
+        return []
+    left, bottom, right, top = box(line.contour)
+    reach = float(np.clip(min(right - left, top - bottom) / 4, NEAREST, FARTHEST))
+    found = seek(points, normals)
+    away = np.nan_to_num(np.linalg.norm(found - points, axis=1), nan=np.inf)
+    there = away <= reach
+    if there.mean() < 0.5:
+        # A drawing without any line there, or with one that has nothing to do with this.
+        return ["is missing"]
+    said = []
+    if (~there).mean() > GAP:
+        x, y = points[~there][np.argmax(away[~there])]
+        said.append(f"is not complete: nothing at x {_short(x)}, y {_short(y)} mm")
+    points, found, away = points[there], found[there], away[there]
+    if away.max() <= tolerance:
+        return said
+    whole = line.contour.as_circle
+    return [*said, *(_of_circle(whole, found, tolerance) if whole else _of_shape(line.contour, points, found, away))]
+
+
+def _of_circle(whole: tuple[float, float, float], found: Array, tolerance: float) -> list[str]:
+    x, y, radius = whole
+    offset = found - [x, y]
+    rows = np.column_stack([2 * offset, np.ones(len(offset))])
+    (a, b, c), *_ = np.linalg.lstsq(rows, np.sum(offset**2, axis=1), rcond=None)
+    fitted = float(np.sqrt(max(c + a * a + b * b, 0.0)))
+    apart = float(np.hypot(a, b))
+    rough = float(np.abs(np.hypot(*(offset - [a, b]).T) - fitted).max())
+    if rough > tolerance:
+        worst = float(np.abs(np.hypot(*offset.T) - radius).max())
+        return [f"is not round: its sides are up to {short_length(worst)} off the circle of {2 * radius:.6g} mm"]
+    said = []
+    if apart > tolerance:
+        said.append(f"is {short_length(apart)} off (x {a:+.4g} mm, y {b:+.4g} mm)")
+    if abs(fitted - radius) > tolerance or not said:
+        said.append(f"has a diameter of {2 * fitted:.6g} mm, not {2 * radius:.6g} mm")
+    return said
+
+
+def _of_shape(contour: Contour, points: Array, found: Array, away: Array) -> list[str]:
+    left, bottom, right, top = box(contour)
+    (x0, y0), (x1, y1) = found.min(axis=0), found.max(axis=0)
+    worst = int(np.argmax(away))
+    place = f"at x {_short(points[worst, 0])}, y {_short(points[worst, 1])} mm"
+    width, height = right - left, top - bottom
+    size = ""
+    if abs(x1 - x0 - width) > away[worst] / 2 or abs(y1 - y0 - height) > away[worst] / 2:
+        size = f": it is {x1 - x0:.5g} x {y1 - y0:.5g} mm, not {width:.6g} x {height:.6g} mm"
+    return [f"is up to {short_length(float(away[worst]))} off, {place}{size}"]
+
+
+def strange_lines(wanted: Sequence[Line], segments: Array, tolerance: float, remedy: str = DRAW_AGAIN) -> list[Finding]:
+    """What would be cut although it is none of the wanted lines, nor near a wanted one that is wrong."""
+    middles = segments.mean(axis=1)
+    if not len(middles):
+        return []
+    feet = among(pieces_of([line.contour for line in wanted]))(middles, middles)
+    away = np.nan_to_num(np.linalg.norm(feet - middles, axis=1), nan=np.inf)
+    strange = middles[away > max(NEAREST, tolerance)]
+    if not len(strange):
+        return []
+    x, y = strange[np.argmin(np.linalg.norm(strange - strange.mean(axis=0), axis=1))]
+    said = f"lines are cut that are neither outline nor hole, such as at x {_short(x)}, y {_short(y)} mm"
+    return [Finding("outline", said, remedy)]
+
+
+def sampled(contour: Contour) -> tuple[Array, Array]:
+    """Points (m, 2) along a closed contour, its corners among them, and unit normals (m, 2)."""
+    ring = np.array(flattened(contour, EXACT))
+    way = np.roll(ring, -1, axis=0) - ring
+    length = np.linalg.norm(way, axis=1)
+    spacing = max(min(SPACING, length.sum() / 100), length.sum() / MOST_SAMPLES)
+    if len(ring) > MOST_SAMPLES or (length < spacing).mean() > 0.5:
+        # Chords of an arc: points at equal distances among their ends.
+        at = np.cumsum(length) - length
+        kept = np.concatenate([[True], np.diff(np.floor(at / spacing)) > 0])
+        # Ends of chords are on the arc; points between them are not.
+        normal = np.column_stack([-way[:, 1], way[:, 0]]) / np.maximum(length, 1e-12)[:, None]
+        normal = normal + np.roll(normal, 1, axis=0)
+        normal = normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)[:, None]
+        return ring[kept], normal[kept]
+    count = np.maximum(np.ceil(length / spacing), 1).astype(int)
+    of = np.repeat(np.arange(len(ring)), count)
+    share = (np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)) / np.repeat(count, count)
+    normal = np.column_stack([-way[:, 1], way[:, 0]]) / np.maximum(length, 1e-12)[:, None]
+    return ring[of] + share[:, None] * way[of], normal[of]
