@@ -120,10 +120,14 @@ def of_dxf(data: bytes) -> dict[str, list[Shape]]:
 @pytest.mark.parametrize("name", NAMES)
 def test_dxf(cases, name, process):
     case = cases[name]
-    layers = of_dxf(EXPORTERS[".dxf"]([case.marker], ExportOptions(fabrication=Fabrication(process))).data)
+    output = EXPORTERS[".dxf"]([case.marker], ExportOptions(fabrication=Fabrication(process)))
+    layers = of_dxf(output.data)
     same(layers["CUT"], case.holes + (case.plate if process == "laser" else case.sheet))
     same(layers["INFO"], case.told)
     assert set(layers) == {"CUT", "ENGRAVE", "INFO"}
+    (_, left, low, right, high), told = case.sheet[0], " ".join(output.notes)
+    beyond = [hole for hole in case.holes if hole[1] < left or hole[2] < low or hole[3] > right or hole[4] > high]
+    assert ("beyond the boundary" in told) == bool(beyond and process != "laser")
 
 
 def of_svg(data: bytes) -> dict[str, list[tuple[bool, np.ndarray]]]:
