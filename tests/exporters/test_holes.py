@@ -244,13 +244,13 @@ def test_meshes(cases, suffix, name):
     same([shape_of(ring[:, :2]) for ring in section.discrete], case.holes + case.plate, 0.02)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_step(cases, name, tmp_path):
+@pytest.mark.parametrize(("name", "process"), [*((name, "fdm") for name in NAMES), (NAMES[-1], "print")])
+def test_step(cases, name, process, tmp_path):
     """The lower face of the plate, as Open CASCADE reads the file: its area and the boxes of its wires."""
     from cadquery import Face, importers
 
     case = cases[name]
-    data = EXPORTERS[".step"]([case.marker], ExportOptions(fabrication=Fabrication(engrave=False))).data
+    data = EXPORTERS[".step"]([case.marker], ExportOptions(fabrication=Fabrication(process, engrave=False))).data
     (tmp_path / "m.step").write_bytes(data)
     solids = importers.importStep(str(tmp_path / "m.step")).solids().vals()
     plate = max(solids, key=lambda solid: solid.BoundingBox().xlen)
