@@ -14,6 +14,7 @@ from markergen.model.feature import Feature
 from markergen.model.marker import ControlPoint, Marker, check_supported
 from markergen.model.tag import Tag
 from markergen.verification.findings import Finding, Verdict, extras, judge
+from markergen.verification.made import plate_findings, solid_findings
 from markergen.verification.matching import DotSet, dots_of, expected_dots, grown
 from markergen.verification.reading import Page, Reading, reader_of
 from markergen.verification.solids import (
@@ -21,10 +22,8 @@ from markergen.verification.solids import (
     UNITS,
     dots_of_surface,
     holds_sheet,
-    hole_findings,
     in_unit,
     room_of,
-    solid_findings,
 )  # fmt: skip
 from markergen.verification.surface import Surface
 from markergen.verification.tags import ABSENT, tag_findings
@@ -182,7 +181,7 @@ def _for_a_sheet(marker: Marker, reading: Reading, surface: Surface, tolerance: 
     if not holds_sheet(surface, marker.boundary):
         return None
     flaws = [Finding("solid", flaw) for flaw in reading.flaws]
-    holes = hole_findings(surface, marker.substrate.holes, (np.eye(2), np.zeros(2)), 1e3 * tolerance)
+    holes = plate_findings(marker, surface, (np.eye(2), np.zeros(2)), 1e3 * tolerance)
     return Check(
         "", reading.kind, pages=(None,), tolerance=tolerance, findings=(*flaws, *holes), notes=(SHEET,)
     )  # fmt: skip
