@@ -86,7 +86,7 @@ def solid_findings(
     seats = seats_of(surface, dots, names, tolerance) if dots is not None else []
     if dots is not None:
         findings += _round(surface, dots, names, tolerance)
-        findings += _seated(seats, dots, tolerance)
+        findings += _seated(surface, seats, dots, tolerance)
         findings += color_findings(surface, dots, seats)
         findings += _named(surface, dots, seats)
     if surface.loose:
@@ -161,28 +161,35 @@ def _few(found: list[Finding], together: str, count: int) -> list[Finding]:
     return found[:MOST_LISTED]
 
 
-def _seated(seats: list[Seat], dots: DotSet, tolerance: float) -> list[Finding]:
+def _seated(surface: Surface, seats: list[Seat], dots: DotSet, tolerance: float) -> list[Finding]:
     """Dots that are made differently from the others: without their inlay, thinner, covered, squashed."""
     findings = []
     kinds = Counter(seat.kind for seat, ring in zip(seats, dots.rings, strict=True) if not ring)
     kinds = kinds or Counter(seat.kind for seat in seats)
     usual = kinds.most_common(1)[0][0] if kinds else ""
-    for seat, ring in zip(seats, dots.rings, strict=True):
+    for k, (seat, ring) in enumerate(zip(seats, dots.rings, strict=True)):
         # A ring's light middle would fall out of a hole.
         wanted = "part" if ring and usual == "open" else usual
         if seat.covered:
             findings.append(Finding("covered", f"something lies over dot {seat.name}", AGAIN))
         elif seat.kind != wanted and wanted in ("part", "ball", "flush") and seat.kind in ("floor", "open"):
             findings.append(Finding("missing", f"dot {seat.name} has no inlay: its pocket is empty", WHOLE))
+        elif abs(1 - (flat := _flatness(surface, seat))) * dots.radii[k] > tolerance:
+            findings.append(Finding("height", f"dot {seat.name} is a ball flattened to {100 * flat:.4g} %", AGAIN))
         elif seat.kind != wanted and "ball" in (seat.kind, wanted):
             findings.append(
                 Finding("kind", f"dot {seat.name} is {_shape(seat)}, the others are {_others(wanted)}", AGAIN)
             )
-    for kind in ("part", "ball", "floor"):
+    for kind in ("part", "floor"):
         for ring in (False, True):
             some = [seat for seat, each in zip(seats, dots.rings, strict=True) if seat.kind == kind and each == ring]
             findings += _thinner(some, tolerance)
     return findings[:MOST_LISTED]
+
+
+def _flatness(surface: Surface, seat: Seat) -> float:
+    """Height over width of the ball of a dot; 1 for other dots."""
+    return surface.parts[seat.part].balls[0].flatness if seat.kind == "ball" else 1.0
 
 
 def _shape(seat: Seat) -> str:
@@ -194,12 +201,12 @@ def _others(wanted: str) -> str:
 
 
 def _thinner(seats: list[Seat], tolerance: float) -> list[Finding]:
-    """Dots of another depth than the others of their kind; the necks of balls all end in the plate."""
+    """Dots of another depth than the others of their kind."""
     if len(seats) < 3:
         return []
-    lows, depths = np.array([seat.low for seat in seats]), np.array([seat.height - seat.low for seat in seats])
+    depths = np.array([seat.height - seat.low for seat in seats])
     usual = float(np.median(depths))
-    wrong = (np.abs(depths - usual) > tolerance) & (np.abs(lows - np.median(lows)) > tolerance)
+    wrong = np.abs(depths - usual) > tolerance
     if 2 * wrong.sum() >= len(seats):
         return []
     what = "deep" if seats[0].kind == "floor" else "thick"
@@ -291,6 +298,16 @@ def _layers(marker: Marker, surface: Surface, seats: list[Seat], tolerance: floa
             Finding("height", f"the plate's face is {short_length(abs(off))} {way} the plane of the dots", AGAIN)
         )
     return findings
+
+
+def sheet_plate_findings(marker: Marker, surface: Surface, tolerance: float) -> list[Finding]:
+    """Errors of a plate that a printed sheet is glued into, at its place in the marker frame; mm."""
+    face, _ = faces_of(surface)
+    findings = _layers(marker, surface, [], tolerance)
+    if face is not None and abs(face.z) > tolerance:
+        said = f"the plate is {short_length(abs(face.z))} too {'high' if face.z > 0 else 'low'}"
+        findings.append(Finding("height", said, "move its face to z = 0"))
+    return [*findings, *plate_findings(marker, surface, (np.eye(2), np.zeros(2)), tolerance)]
 
 
 def plate_findings(marker: Marker, surface: Surface, motion: Motion, tolerance: float) -> list[Finding]:

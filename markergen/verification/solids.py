@@ -40,8 +40,8 @@ SLACK = 0.02
 
 SHEET = "a plate with a recess for the printed sheet and no dots of its own: verify the sheet"
 
-UNITS = {"m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3}
-"""Units, in mm, that a file may have been written in although it is read as mm."""
+UNITS = {"m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3, "inch": 25.4, "foot": 304.8}
+"""Units, in mm, that a file may have been written in although it is read in another."""
 
 
 def dots_of_surface(surface: Surface, expected: DotSet) -> DotSet:
@@ -50,7 +50,7 @@ def dots_of_surface(surface: Surface, expected: DotSet) -> DotSet:
     A dot is a separate part of about its size whose highest level face is round; or a ball; or, for pockets and
     engraving, a round edge of a level face, the highest of several around one axis.
     """
-    edges = _edges(surface)
+    edges = round_edges(surface)
     balls = [(k, ball) for k, part in enumerate(surface.parts) for ball in part.balls]
     radii = np.unique(expected.radii)
     places = np.concatenate([edges[:, :3], np.array([[b.x, b.y, b.radius] for _, b in balls]).reshape(-1, 3)])
@@ -64,7 +64,7 @@ def dots_of_surface(surface: Surface, expected: DotSet) -> DotSet:
         free &= ~(mine & near)
         pieces = [ball for ball, own in zip(balls, (mine & near)[len(edges) :], strict=True) if own]
         around = edges[mine[: len(edges)]]
-        row, part = _of_balls(pieces, radii) if pieces else _of_edges(surface, around, radii)
+        row, part = _of_balls(pieces, radii) if pieces else _ofround_edges(surface, around, radii)
         rows.append(row)
         first.append(part)
     table = np.array(rows, dtype=float).reshape(-1, 6)
@@ -74,7 +74,7 @@ def dots_of_surface(surface: Surface, expected: DotSet) -> DotSet:
     return DotSet(table[:, :2], table[:, 2], table[:, 3], table[:, 4], table[:, 5], ordered)
 
 
-def _edges(surface: Surface) -> Array:
+def round_edges(surface: Surface) -> Array:
     """Round edges (k, 7) of level faces: x, y, radius, z, part, face, and 1 for the outer edge of a face."""
     found = [
         (*about, face.z, part, number, float(place == 0))
@@ -94,7 +94,7 @@ def _of_balls(pieces: list[tuple[int, Ball]], radii: Array) -> tuple[tuple[float
     return (best.x, best.y, best.radius, inner, spread, best.z), part
 
 
-def _of_edges(surface: Surface, around: Array, radii: Array) -> tuple[tuple[float, ...], int]:
+def _ofround_edges(surface: Surface, around: Array, radii: Array) -> tuple[tuple[float, ...], int]:
     """Row of a dot made of edges around one axis, and its part."""
     misfit = np.abs(np.log(around[:, 2:3] / radii)).min(axis=-1)
     near = misfit < np.log(ALIKE)
@@ -171,7 +171,7 @@ def hole_findings(
 ) -> list[Finding]:
     """Holes of the plate that are missing, misplaced or of the wrong size; tolerance in mm."""
     rotation, shift = motion
-    edges = _edges(surface)
+    edges = round_edges(surface)
     findings = []
     for hole in holes:
         called = f"the hole {hole.name}".rstrip() + f" at x {1e3 * hole.x:.6g}, y {1e3 * hole.y:.6g} mm"
@@ -244,12 +244,17 @@ def level_face(
     return LevelFace(z, contours, color, rough_ones)
 
 
-def in_unit(reading: Reading, factor: float) -> Reading:
+def mapped(marker: Marker, reading: Reading, surface: Surface) -> Reading:
+    """Return the reading of a solid with another surface."""
+    other = reading_of(reading.kind, surface, marker)
+    return replace(reading, pages=other.pages, flaws=reading.flaws)
+
+
+def in_unit(marker: Marker, reading: Reading, factor: float) -> Reading:
     """Scale everything in a reading by a factor."""
-    pages = tuple(
-        replace(page, surface=page.surface.scaled(factor)) if page.surface else page for page in reading.pages
-    )
-    return replace(reading, pages=pages)
+    surface = reading.pages[0].surface
+    # The kernel's checks of a solid depend on its size.
+    return reading if surface is None else replace(mapped(marker, reading, surface.scaled(factor)), flaws=())
 
 
 def holds_sheet(surface: Surface, boundary: Boundary) -> bool:
@@ -273,21 +278,30 @@ def holds_sheet(surface: Surface, boundary: Boundary) -> bool:
 
 
 def room_of(surface: Surface, found: DotSet, expected: DotSet) -> float:
-    """Clearance in mm around printed dots, if the apparent dots are recesses for them; 0 if they are dots.
+    """Clearance in mm around what goes into recesses, if the apparent dots are recesses; 0 if they are dots.
 
-    Such recesses lie below the plate's surface, have its color, are larger than dots by the same amount, and are never
-    rings.
+    Recesses lie below the plate's surface, have its color, and are larger than dots by the same amount. Those for
+    printed dots are never rings; those for inlays may have the light core of a ring in them.
     """
-    if not len(found) or not (np.isfinite(found.radii)).all() or found.rings.any():
+    if surface.loose or not len(found) or not (np.isfinite(found.radii)).all():
         return 0.0
     plate = plate_of(surface)
-    part, z, colors = surface.look(found.centers)
-    if (part != plate).any() or (z > (found.heights if found.heights is not None else 0.0) - FLUSH).any():
+    turn = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]])
+    middles = found.centers[:, None] + ((found.radii + found.inner) / 2 * found.rings)[:, None, None] * turn
+    part, z, colors = surface.look(middles.reshape(-1, 2))
+    heights = np.repeat(found.heights if found.heights is not None else np.zeros(len(found)), len(turn))
+    if (part != plate).any() or (z > heights - FLUSH).any():
         return 0.0
     told = [differ(color, surface.parts[plate].color) for color in colors]
     # Without colors, pockets without any ring are recesses if the marker has a ring.
-    if True in told or (None in told and not expected.rings.any()):
+    if True in told or (None in told and not found.rings.any() and not expected.rings.any()):
         return 0.0
     sizes = np.unique(expected.radii)
     room = found.radii - sizes[np.argmin(np.abs(found.radii[:, None] - sizes), axis=1)]
     return float(np.median(room)) if room.min() > FLUSH and room.max() < ROOM and np.ptp(room) < FLUSH else 0.0
+
+
+def recesses(dots: DotSet, room: float, rings: bool) -> DotSet:
+    """Recesses for dots, with room around them; `rings` tells whether rings keep their cores."""
+    inner = np.where(dots.rings, dots.inner - room, 0.0) if rings else np.zeros(len(dots))
+    return DotSet(dots.centers, dots.radii + room, inner, dots.spread, dots.heights, dots.ordered)
