@@ -35,6 +35,8 @@ MOST_COPIES = 500
 UNTAGGED = ("scaled", "mirrored", "another marker")
 """Findings that imply a wrong tag, so that nothing is said about it."""
 
+ABOUT_DOTS = ("shifted", "missing", "extra", "height", "diameter", "kind", "twice")
+
 STRANGE = ("another marker", "no dots")
 """Kinds of findings about a file whose dots are not the marker's."""
 
@@ -212,22 +214,25 @@ def _as_a_part(marker: Marker, reading: Reading, surface: Surface, tolerance: fl
 
 def _placed(marker: Marker, reading: Reading, surface: Surface, found: Check, tolerance: float) -> Check | None:
     """Check a solid that is wrong as a whole in one way, without that; None if no way explains more than it leaves."""
-    strange = any(finding.kind in (*STRANGE, "mirrored") for finding in found.findings)
-    ways = [turned(marker, reading, surface), in_other_units(marker, reading)] if strange else []
+    strange, mirrored = _is_strange(found), any(finding.kind == "mirrored" for finding in found.findings)
+    ways = [turned(marker, reading, surface)] if strange or mirrored else []
+    ways += [in_other_units(marker, reading)] if strange else []
     for way in [*ways, stretched(marker, reading, surface)]:
         checks = [(each, _solid(marker, each.reading, tolerance)) for each in way]
         good = [
             (len(check.findings), number, each, check)
             for number, (each, check) in enumerate(checks)
             if not any(finding.kind in (*STRANGE, "mirrored") for finding in check.findings)
-            and (strange or len(check.findings) + 1 < len(found.findings))
+            and (strange or len(check.findings) + 1 < len(found.findings) + mirrored)
         ]
         if good:
             _, _, each, check = min(good, key=lambda entry: entry[:2])
             scale = (check.scale[0] / each.times, check.scale[1] / each.times)
             largest = check.largest if each.times == 1.0 else np.nan
             worst = check.worst if each.times == 1.0 else None
-            return replace(check, largest=largest, worst=worst, scale=scale, findings=(each.finding, *check.findings))
+            # The kernel drops edges of a CAD file that are too short for it, if that is in a wrong unit.
+            kept = [one for one in check.findings if surface.mapped or each.times == 1.0 or one.kind in ABOUT_DOTS]
+            return replace(check, largest=largest, worst=worst, scale=scale, findings=(each.finding, *kept))
     return None
 
 

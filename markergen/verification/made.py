@@ -292,7 +292,7 @@ def _layers(marker: Marker, surface: Surface, seats: list[Seat], tolerance: floa
         findings.append(Finding("thickness", f"the plate is {found:.5g} mm thick, not {wanted:.6g} mm", AGAIN))
     rise = {point.id: 1e3 * point.z for point in marker.control_points}
     flat = [seat.height - rise[seat.name] for seat in seats if seat.kind in ("part", "floor", "flush")]
-    if len(flat) >= 3 and abs(off := face.z - float(np.median(flat))) > tolerance:
+    if len(flat) >= 3 and np.ptp(flat) < tolerance and abs(off := face.z - float(np.median(flat))) > tolerance:
         way = "above" if off > 0 else "below"
         findings.append(
             Finding("height", f"the plate's face is {short_length(abs(off))} {way} the plane of the dots", AGAIN)

@@ -1,4 +1,4 @@
-"""Solids that are right but for one thing about them as a whole: turned, sheared, stretched, in another unit, a part."""
+"""Solids that are right but for one thing about them as a whole: turned, sheared, in another unit, only a part."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.errors import InputError
 from markergen.geometry.contour import box
 from markergen.model.marker import Marker
 from markergen.verification.findings import Finding, short_length
@@ -59,9 +60,7 @@ def _direction(way: Array, kind: str) -> Finding:
     name = ("-" if way[axis] < 0 else "") + "xyz"[axis]
     if np.arccos(min(abs(way[axis]), 1.0)) > STRAIGHT:
         lean = np.degrees(np.arccos(np.clip(way[2], -1, 1)))
-        return Finding(
-            "turned", f"tilted: its face leans {lean:.4g} degrees from z", "lay it flat and export it"
-        )
+        return Finding("turned", f"tilted: its face leans {lean:.4g} degrees from z", "lay it flat and export it")
     if name == "-z":
         return Finding("turned", "turned over: its face points down", "turn it by 180 degrees about x")
     if kind == "GLB":
@@ -74,17 +73,22 @@ def _direction(way: Array, kind: str) -> Finding:
 
 def in_other_units(marker: Marker, reading: Reading) -> Iterator[Placement]:
     """The solid if it was written in one unit and read in another."""
-    own = "m" if reading.kind == "GLB" else "mm"
-    size = UNITS[own]
-    for unit, factor in UNITS.items():
-        if unit == own:
-            continue
-        for times, said, remedy in (
-            (factor / size, f"{unit} taken for {own}", f"export it in {own}"),
-            (size / factor, f"{own} taken for {unit}", f"open it in {own} where it was saved last"),
-        ):
-            sentence = f"scaled by {1 / times:.6g} along x, y and z: {said}"
-            yield Placement(Finding("scaled", sentence, remedy), in_unit(marker, reading, times), times)
+    seen = {1.0}
+    for own in ("m", "mm") if reading.kind == "GLB" else ("mm",):
+        for unit, factor in UNITS.items():
+            for times, said, remedy in (
+                (factor / UNITS[own], f"{unit} taken for {own}", f"export it in {own}"),
+                (UNITS[own] / factor, f"{own} taken for {unit}", f"open it in {own} where it was saved last"),
+            ):
+                if round(times, 9) in seen:
+                    continue
+                seen.add(round(times, 9))
+                try:
+                    other = in_unit(marker, reading, times)
+                except InputError:
+                    continue  # Larger than any marker.
+                sentence = f"scaled by {1 / times:.6g} along x, y and z: {said}"
+                yield Placement(Finding("scaled", sentence, remedy), other, times)
 
 
 def stretched(marker: Marker, reading: Reading, surface: Surface) -> Iterator[Placement]:
@@ -128,8 +132,9 @@ def in_part(marker: Marker, surface: Surface, tolerance: float) -> tuple[list[Fi
         found = dots_of_surface(surface, expected)
         note, places = DARK, found.centers
         nearest = [int(np.argmin(np.linalg.norm(expected.centers - each, axis=1))) for each in places]
-        level = found.heights is not None and expected.heights is not None
-        rise = found.heights - expected.heights[nearest] if level and len(found) else np.ones(1)
+        rise = np.ones(1)
+        if len(found) and found.heights is not None and expected.heights is not None:
+            rise = found.heights - expected.heights[nearest]
     else:
         edges = round_edges(surface)
         nearest, note, rows = list(range(len(expected))), LIGHT, []
