@@ -15,7 +15,7 @@ from markergen.errors import InputError, brief
 from markergen.guard import Content, check_size
 from markergen.guard import read as read_content
 from markergen.model.marker import Marker
-from markergen.verification.mesh import TOLERANCE, Triangles, surface_of, triangles_of
+from markergen.verification.mesh import Triangles, surface_of, triangles_of
 from markergen.verification.reading import READERS, Reading
 from markergen.verification.solids import reading_of
 from markergen.verification.surface import Color
@@ -47,25 +47,25 @@ class _Tree(TreeBuilder):
 
 
 @READERS.register(".urdf")
-def read_urdf(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (every reader is called alike)
+def read_urdf(data: bytes, name: str, marker: Marker) -> Reading:
     """Read the visuals of a URDF's link."""
-    return _read("URDF", data, name, _of_urdf)
+    return _read("URDF", data, name, marker, _of_urdf)
 
 
 @READERS.register(".sdf")
-def read_sdf(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001
+def read_sdf(data: bytes, name: str, marker: Marker) -> Reading:
     """Read the visuals of an SDF's link."""
-    return _read("SDF", data, name, _of_sdf)
+    return _read("SDF", data, name, marker, _of_sdf)
 
 
 @READERS.register(".mjcf.xml")
 def read_mjcf(data: bytes, name: str, marker: Marker) -> Reading:
     """Read the meshes of an MJCF's body, and the sites on its dots."""
-    return _read("MJCF", data, name, _of_mjcf, lambda root: _site_flaws(root, marker))
+    return _read("MJCF", data, name, marker, _of_mjcf, lambda root: _site_flaws(root, marker))
 
 
 def _read(
-    kind: str, data: bytes, name: str, shown_in: Callable[[Element], list[Shown]],
+    kind: str, data: bytes, name: str, marker: Marker, shown_in: Callable[[Element], list[Shown]],
     more: Callable[[Element], list[str]] = lambda _: [],
 ) -> Reading:  # fmt: skip
     check_size(Content(name, data), "list")
@@ -87,7 +87,7 @@ def _read(
     widths = [float(np.ptp(each[..., 0])) if len(each) else 0.0 for each in corners]
     color = colors[int(np.argmax(widths))]
     whole = Triangles(np.concatenate(corners), color=color, paints=paints, palette=colors)
-    read = reading_of(kind, surface_of([whole], name), TOLERANCE)
+    read = reading_of(kind, surface_of([whole], name), marker)
     return replace(read, placed=True, flaws=(*_pose_flaws(shown), *flaws, *read.flaws))
 
 
