@@ -50,12 +50,11 @@ def check_sheet(marker: Marker, sheet: Sheet) -> None:
         assert quiet - ROUNDING <= dot.x <= width - quiet + ROUNDING
         assert quiet - ROUNDING <= dot.y <= height - quiet + ROUNDING
         for shape in others:
-            if shape in crosses and np.hypot(*(center - sheet.origins_mm[0])) < dot.radius:
+            gap = box_distance(center, boxes[id(shape)])
+            if gap >= quiet or (shape in crosses and np.hypot(*(center - sheet.origins_mm[0])) < dot.radius):
                 continue
             if isinstance(shape, Line):
                 gap = segment_distance(center, shape) - shape.width / 2
-            else:
-                gap = box_distance(center, boxes[id(shape)])
             assert gap >= quiet - ROUNDING, f"{shape.name} is in the quiet zone of {dot.name}"
     for shape in sheet.scene:
         left, bottom, right, top = bounds(shape)
@@ -65,12 +64,12 @@ def check_sheet(marker: Marker, sheet: Sheet) -> None:
     for number in numbers:
         box = boxes[id(number)]
         for other in others:
-            if other is number or other in crosses:
+            if other is number or other in crosses or apart(box, boxes[id(other)]):
                 continue
             if isinstance(other, Line):
                 assert box_distance(along(other), box) > other.width / 2, (number.name, other.name)
             else:
-                assert apart(box, boxes[id(other)]), (number.name, other.name)
+                raise AssertionError((number.name, other.name))
     missing = {str(p.id) for p in marker.control_points} - {n.name.removeprefix("number-") for n in numbers}
     assert all(any(f" {name}" in note for note in sheet.notes) for name in missing)
 
