@@ -26,7 +26,7 @@ from markergen.verification.mesh import Triangles, surface_of
 from markergen.verification.step import read_brep, read_step
 from markergen.verification.surface import Ball, LevelFace, SolidPart, Surface, edge_of
 
-SMALL = Fabrication(engrave=False, tolerance=1e-4)
+SMALL = Fabrication(engrave=False, tolerance=1e-5)
 
 
 @pytest.fixture(scope="module")
