@@ -13,7 +13,8 @@ from markergen.guard import read
 from markergen.model.feature import Feature
 from markergen.model.marker import ControlPoint, Marker, check_supported
 from markergen.model.tag import Tag
-from markergen.verification.findings import Finding, Verdict, extras, judge
+from markergen.verification.findings import Verdict, extras, judge
+from markergen.verification.flat import flat_findings
 from markergen.verification.matching import DotSet, dots_of, expected_dots, grown
 from markergen.verification.reading import Page, Reading, reader_of
 from markergen.verification.solids import (
@@ -28,12 +29,14 @@ from markergen.verification.solids import (
 )  # fmt: skip
 from markergen.verification.surface import Surface
 from markergen.verification.tags import ABSENT, tag_findings
+from markergen.verification.transforms import change_findings, changes, moved
+from markergen.verification.words import MOST_LISTED, Finding
 
 Array = NDArray[np.float64]
 
 MOST_COPIES = 500
 
-UNTAGGED = ("scaled", "mirrored", "another marker")
+UNTAGGED = ("scaled", "sheared", "mirrored", "another marker")
 """Findings that imply a wrong tag, so that nothing is said about it."""
 
 STRANGE = ("another marker", "no dots")
@@ -142,12 +145,11 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
         reading = reader(read(path, "artifact").data, str(path), marker)
     allowed = reading.tolerance if tolerance is None else tolerance
     found = _best(marker, reading, allowed)
-    if _is_strange(found) and reading.pages[0].surface is not None:
-        found = (
-            _for_a_sheet(marker, reading, reading.pages[0].surface, allowed)
-            or _in_another_unit(marker, reading, allowed)
-            or found
-        )
+    surface = reading.pages[0].surface
+    if surface is None:
+        found = _changed(marker, reading, allowed, found)
+    elif _is_strange(found):
+        found = _for_a_sheet(marker, reading, surface, allowed) or _in_another_unit(marker, reading, allowed) or found
     return replace(found, path=str(path))
 
 
@@ -186,6 +188,25 @@ def _for_a_sheet(marker: Marker, reading: Reading, surface: Surface, tolerance: 
     return Check(
         "", reading.kind, pages=(None,), tolerance=tolerance, findings=(*flaws, *holes), notes=(SHEET,)
     )  # fmt: skip
+
+
+def _changed(marker: Marker, reading: Reading, tolerance: float, found: Check) -> Check:
+    """Check a page that was scaled, stretched or sheared as a whole, if that explains more than `found` does."""
+    apart = sum(finding.kind == "shifted" for finding in found.findings)
+    if not _is_strange(found) and apart < min(len(marker) / 2, MOST_LISTED):
+        return found
+    expected = expected_dots(marker)
+    page = max(reading.pages, key=lambda page: len(page.circles))
+    for undo, change in changes(page, expected):
+        check = _best(marker, moved(reading, undo), tolerance)
+        if _is_strange(check) or any(finding.kind in ("shifted", "scaled") for finding in check.findings):
+            continue
+        said = change_findings(change, expected, 1e3 * tolerance, reading.pixels)
+        # Lines and edges at the wrong scale mean nothing.
+        rest = tuple(each for each in check.findings if each.kind in ("mirrored", "missing", "kind", "extra"))
+        scale = (float(change[0, 0]), float(change[1, 1]))
+        return replace(check, largest=np.nan, worst=None, scale=scale, findings=(*said, *rest))
+    return found
 
 
 def _in_another_unit(marker: Marker, reading: Reading, tolerance: float) -> Check | None:
@@ -247,18 +268,25 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
             here = _tagged(here, marker.tag, factor, page, tolerance)
         if page.surface is not None:
             here = [_made(each, marker, page.surface, None if room else found, tolerance) for each in here]
+        elif reading.drawn:
+            here, said_of_page, remarks = flat_findings(marker, factor, page, found, here, tolerance)
+            findings += said_of_page
+            notes += remarks
         verdicts += here
         findings += extras(found, np.concatenate([each.used for each in here]), here[0].motion, holes)
+    hidden = [layer for page in reading.pages for layer in page.hidden]
     verdicts = verdicts or [judge(expected, ids, _dots(reading.pages[0], expected), tolerance)]
     if len(verdicts) > 1:
         verdicts = _own_tags(verdicts)
     worst = max(verdicts, key=lambda each: np.nan_to_num(each.largest, nan=np.inf))
+    if hidden and any(each.kind in ("no dots", "missing", "another marker") for v in verdicts for each in v.findings):
+        findings.append(Finding("hidden", f"not all is shown: {', '.join(hidden)} switched off", "show all layers"))
     said = [_of_copy(finding, k, verdicts) for k, each in enumerate(verdicts) for finding in each.findings]
     return Check(
         "", reading.kind, count, sum(len(each.used) > 0 for each in verdicts), worst.largest,
         None if worst.worst is None else ids[worst.worst], worst.scale,
         reading.papers or tuple(each.size for each in reading.pages),
-        tolerance, (*said, *findings), tuple(notes),
+        tolerance, (*said, *findings), tuple(dict.fromkeys(notes)),
     )  # fmt: skip
 
 

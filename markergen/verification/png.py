@@ -15,6 +15,7 @@ from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
 from markergen.read.images import opened
 from markergen.verification.matching import ALIKE
+from markergen.verification.picture import Picture
 from markergen.verification.reading import FLATTEST, PRINTABLE, READERS, ROUND, Page, Reading, circles_of
 
 Array = NDArray[np.float64]
@@ -86,28 +87,10 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:
         circles_of(circles, name),
         size,
         upright=partial(reads_upright, grey, scale),
-        sample=partial(_sample, grey, scale),
+        picture=Picture.of_pixels(grey, np.diag(scale * [1, -1]), np.full(2, -0.5), measured=True),
     )
     tolerance = max(PRINTABLE, 1e-3 * TOLERANCE_PX / float(scale.mean()))
     return Reading("PNG", (page,), tolerance, ordered=False, pixels=True, tagged=True)
-
-
-def _sample(grey: Grey, scale: Array, points: Array) -> Array:
-    """Interpolated grey levels at points in mm, y up from the image's top edge; white outside."""
-    import cv2
-
-    places = (points * [1, -1] * scale - 0.5).astype(np.float32)
-    low = np.floor(places.min(axis=0)).astype(int) - 1
-    high = np.ceil(places.max(axis=0)).astype(int) + 2
-    low, high = np.maximum(low, 0), np.minimum(high, grey.shape[::-1])
-    if (high <= low).any():
-        return np.full(len(points), 255.0)
-    # cv2.remap takes images of up to 32767 pixels a side, and as many points per row.
-    window = grey[low[1] : high[1], low[0] : high[0]].astype(np.float32)
-    x, y = (places - low).astype(np.float32).T
-    if max(window.shape) > 32000:
-        return np.full(len(points), 255.0)
-    return np.asarray(cv2.remap(window, x[:, None], y[:, None], cv2.INTER_LINEAR, borderValue=255.0)[:, 0], dtype=float)
 
 
 def _header(data: bytes, name: str) -> tuple[int, int, Array]:
