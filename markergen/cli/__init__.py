@@ -24,6 +24,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     given = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in given
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w")  # noqa: PTH123, SIM115 - a device, until the process ends
+    if sys.stdout is None:
+        # The next file that is opened would take its place, and get what is printed.
+        _complain("expected a standard output, found it closed; send it to a file or /dev/null")
+        return UNUSABLE
     try:
         status = _run([word for word in given if word != "--debug"] or ["--help"])
         sys.stdout.flush()

@@ -34,6 +34,9 @@ Value = TypeVar("Value")
 Borders = dict[str, tuple[Boundary, int]]
 """Limits for dots, by name: a boundary (1) from inside, a keep-out (-1) from outside."""
 
+HIGHEST = 100.0
+"""Maximum distance in m of a dot from the plane z = 0, as of the sizes of boundaries."""
+
 
 @dataclass(frozen=True)
 class _Parts:
@@ -175,6 +178,8 @@ def _features(points: Mapping[str, _ControlPoint]) -> list[str]:
         if point.id in seen:
             findings.append(f"{path}.id: {point.id} is used twice")
         seen.add(point.id)
+        if abs(point.z) > HIGHEST:
+            findings.append(f"{path}.z: {point.z:g} m, and heights are at most {HIGHEST:g} m")
         if feature.inner_diameter and feature.inner_diameter >= feature.diameter:
             findings.append(
                 f"{path}.feature.inner_diameter: not below the diameter of {feature.diameter} "

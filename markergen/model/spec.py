@@ -75,6 +75,9 @@ NOISE_MODELS = ("point", "image")
 MOST_LOST, MOST_LOSSES = 3, 2000
 """Maximum number of dots that a layout may have to survive the loss of, and of sets of lost dots."""
 
+MOST_RESTARTS = 10_000
+"""Maximum number of random starts, which are all in memory at once."""
+
 MOST_POINTS = 200
 """Maximum number of control points, for which a design takes minutes."""
 
@@ -159,8 +162,10 @@ class Spec:
                 continue
             if not (isfinite(value) and value >= 0):
                 raise InputError(f"a {name} of 0 or more", f"{name}={value} m", f"give --{name} a length such as 5mm")
-        if self.restarts < 0:
-            raise InputError("restarts of 1 or more", f"restarts={self.restarts}", "give a positive number of restarts")
+        if not 0 <= self.restarts <= MOST_RESTARTS:
+            raise InputError(
+                f"1 to {MOST_RESTARTS} restarts", f"restarts={self.restarts}", "use fewer, or leave it out"
+            )
         if self.seed < 0:
             raise InputError("a seed of 0 or more", f"seed={self.seed}", "give a non-negative whole number")
         check_losses(self.n, self.survive)

@@ -150,6 +150,7 @@ def asymmetric_search(
     """Find the layout (n, 2) of n equal dots that minimizes the objective with a label safety of `px` or more.
 
     Camera and poses are those of the objective's setting. If no layout is safe enough, return the safest one found.
+    Raises InputError if no image is large enough for the demand.
 
     Parameters
     ----------
@@ -160,6 +161,11 @@ def asymmetric_search(
     rough, record
         See `search`.
     """
+    camera = objective.setting.camera
+    if px >= (diagonal := float(np.hypot(camera.width, camera.height))):
+        raise InputError(
+            f"a label safety below the image's diagonal of {diagonal:.4g} px", f"{px:g} px", "use --asymmetric 3"
+        )
     free = search(objective, region, n, rng, restarts, progress, rough, record)
     scale = region.boundary.radius
     shaken = free.points + rng.normal(size=(len(SHAKES), n, 2)) * (scale * np.array(SHAKES))[:, None, None]

@@ -28,11 +28,17 @@ SUFFIXES = (".bmp", ".jpeg", ".jpg", ".pbm", ".pgm", ".png", ".pnm", ".ppm", ".t
 LARGEST_PIXELS = 100_000_000
 """Maximum number of pixels of an image file: above most sensors, and fit for memory in 16 bits and color."""
 
+LARGEST_BYTES = 500_000_000
+"""Maximum size of a file's pixels in bytes: 75 megapixels in color with 16 bits take 450 MB."""
+
 LARGEST_FRAME = 400_000_000
 """Maximum number of pixels of an image in memory that is searched: five seconds, and 2 GB at 16 bits."""
 
 LEAST_SIDE = 16
 """Minimum width and height in px: a smaller image cannot contain four measurable dots."""
+
+STRIP = 256
+"""Number of rows blended with white at a time: a whole image would take eight times its size."""
 
 _FORMATS = ("BMP", "JPEG", "PNG", "PPM", "TIFF", "WEBP")
 _KNOWN = "PNG, JPEG, TIFF, BMP, WebP or PGM"
@@ -90,7 +96,7 @@ def read_image(path: Path) -> Image:
     ------
     InputError
         If it is missing, unreadable, damaged, not in a known format, of another depth, under 16 px on a side, or above
-        100 million pixels.
+        100 million pixels or 500 MB.
     """
     data = _content(path)
     try:
@@ -131,15 +137,21 @@ def grey_levels(pixels: NDArray[Any]) -> Grey:
     import cv2
 
     colors = pixels if pixels.ndim == 3 else pixels[..., None]
+    if _transparent(pixels):
+        strips = [colors[top : top + STRIP] for top in range(0, len(colors), STRIP)]
+        blended: Grey = np.concatenate([grey_levels(_over_white(strip)) for strip in strips])
+        return blended
     if colors.shape[2] in (2, 4):
-        if _transparent(pixels):
-            most = float(np.iinfo(pixels.dtype).max)
-            white = most + colors[..., -1:] / most * (colors - most)
-            colors = np.rint(white).astype(pixels.dtype)
         colors = colors[..., :-1]
     colors = np.ascontiguousarray(colors)
     grey: Grey = colors[..., 0] if colors.shape[2] == 1 else cv2.cvtColor(colors, cv2.COLOR_BGR2GRAY)
     return grey
+
+
+def _over_white(colors: NDArray[Any]) -> NDArray[Any]:
+    most = float(np.iinfo(colors.dtype).max)
+    opacity = colors[..., -1:] / most
+    return np.rint(most + opacity * (colors[..., :-1] - most)).astype(colors.dtype)
 
 
 def grey_frame(frame: object) -> Grey:
@@ -293,6 +305,13 @@ def _examine(path: Path, data: bytes) -> _Header:
                     f"at most {LARGEST_PIXELS // 1_000_000} megapixels in {path}",
                     f"{width}x{height} px",
                     "crop the image, or scale it and its calibration down",
+                )
+            channels, depth = len(image.getbands()), 16 if "16" in f"{image.mode} {vars(image).get('tile')}" else 8
+            if width * height * channels * depth // 8 > LARGEST_BYTES:
+                raise InputError(
+                    f"at most {LARGEST_BYTES // 1_000_000} MB of pixels in {path}",
+                    f"{width}x{height} px of {channels} channels with {depth} bits",
+                    "convert the image to 8 bit grey",
                 )
             if min(width, height) < LEAST_SIDE:
                 raise InputError(

@@ -45,6 +45,14 @@ def complaint(capsys, *arguments) -> str:
     return lines[0]
 
 
+@pytest.mark.parametrize("command", [["design", "-o", "a.json"], ["templates"], ["--version"]])
+def test_a_closed_standard_output_is_told(here, capsys, monkeypatch, command):
+    monkeypatch.setattr("sys.stdout", None)
+    assert main(command) == 2
+    assert "expected a standard output, found it closed" in capsys.readouterr().err
+    assert names(here) == set()
+
+
 def test_the_main_job(here, capsys):
     assert main(["design", "--n", "5", "--radius", "0.15", "-o", "marker.pdf", "-o", "marker.svg"]) == 0
     said = capsys.readouterr().out

@@ -151,6 +151,11 @@ def test_coordinates_beyond_all_squares_are_outside(l_shaped):
     assert "control_points[0]: stands 1e+103 mm over the boundary" in refusal(l_shaped)
 
 
+def test_dots_far_above_the_plate_are_told(l_shaped):
+    l_shaped["control_points"][0]["z"] = 1e30
+    assert "control_points[0].z: 1e+30 m, and heights are at most 100 m" in refusal(l_shaped)
+
+
 @pytest.mark.parametrize(
     ("path", "value", "words"),
     [

@@ -99,7 +99,16 @@ def test_bad_radii_are_refused(radius):
 
 
 @pytest.mark.parametrize(
-    "values", [{"n": 3}, {"dot": -1.0}, {"dot": math.nan}, {"clearance": -0.1}, {"restarts": -1}, {"seed": -1}]
+    "values",
+    [
+        {"n": 3},
+        {"dot": -1.0},
+        {"dot": math.nan},
+        {"clearance": -0.1},
+        {"restarts": -1},
+        {"restarts": 10**9},
+        {"seed": -1},
+    ],
 )
 def test_bad_specs_are_refused(values):
     with pytest.raises(InputError, match=next(iter(values))):

@@ -79,6 +79,14 @@ def test_what_cannot_be_reached_is_told(monkeypatch):
     assert "\n" not in str(refusal.value)
 
 
+def test_what_no_image_has_room_for_is_refused_at_once(monkeypatch):
+    monkeypatch.setattr(keyless, "search", lambda *_: pytest.fail("searched"))
+    objective = OBJECTIVES["pose"](Setting(Circle(0.15), PAPER_CAMERA, POSES))
+    region = FeasibleRegion(Circle(0.15), 0.02, 0.002)
+    with pytest.raises(InputError, match=r"image's diagonal of 800 px, found 1e\+09 px"):
+        asymmetric_search(objective, region, 4, np.random.default_rng(0), 1e9)
+
+
 def test_a_boundary_with_corners():
     square = Polygon((((0.1, 0.1), (-0.1, 0.1), (-0.1, -0.1), (0.1, -0.1)),))
     objective = OBJECTIVES["pose"](Setting(square, PAPER_CAMERA, POSES))

@@ -132,6 +132,24 @@ def test_what_is_transparent_is_white(read, depth):
     np.testing.assert_allclose(image.grey[20:], grey[20:])
 
 
+def test_strips_of_a_transparent_image_have_no_seams(monkeypatch):
+    rng = np.random.default_rng(0)
+    pixels = rng.integers(0, 65535, (HEIGHT, WIDTH, 4), dtype=np.uint16)
+    whole = grey_frame(pixels)
+    monkeypatch.setattr("markergen.read.images.STRIP", 7)
+    np.testing.assert_array_equal(grey_frame(pixels), whole)
+
+
+@pytest.mark.parametrize(("depth", "color", "words"), [(16, 6, "4 channels with 16 bits"), (16, 2, "3 channels")])
+def test_more_memory_than_a_photograph_takes_is_refused_before_decoding(read, depth, color, words):
+    parts = [(b"IHDR", struct.pack(">IIBBBBB", 10_000, 10_000, depth, color, 0, 0, 0)), (b"IDAT", zlib.compress(b""))]
+    chunks = [
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in parts
+    ]
+    assert "at most 500 MB of pixels" in (message := refused(read, b"\x89PNG\r\n\x1a\n" + b"".join(chunks)))
+    assert f"10000x10000 px of {words}" in message
+
+
 def test_transparent_tiff_is_refused(read):
     data = by_pillow(np.dstack([COLOR, GREY]), "TIFF")
     assert "transparen" in refused(read, data)
