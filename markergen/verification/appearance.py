@@ -25,8 +25,11 @@ ALIKE = 0.85
 STRANGE = 0.3
 """Minimum difference from the ink, or from the paper, of what covers it, as a share of the contrast."""
 
-COVERED, INKED = 0.025, 0.015
+COVERED, INKED = 0.025, 0.005
 """Maximum share of a dot, and of its quiet zone, that may be strange: rounding of pixels."""
+
+STROKE = 0.15
+"""Share of a dot that a white stroke may cover; what covers more is something else."""
 
 PLACES, RAYS = 400, 48
 """Number of places in and around a dot that are looked at, and of rays along which its edge is found."""
@@ -62,8 +65,6 @@ def shown_findings(
     around : array (m, 3)
         Center and radius of everything else that may have ink in quiet zones, such as a tag; mm.
     """
-    if not len(dots) or not np.isfinite(dots.radii).all():
-        return [], []
     edge = tolerance + 1.5 * picture.grain
     outer = np.maximum(dots.radii - edge, (dots.radii + dots.inner) / 2)
     inner = np.where(dots.inner > 0, np.minimum(dots.inner + edge, outer), 0.0)
@@ -82,16 +83,20 @@ def shown_findings(
     shown = np.flatnonzero(~hidden)
     if not len(shown):
         return findings, []
-    level, ground = (np.array([_median(row) for row in each[shown]]) for each in (ink, paper))
+    ground = np.array([_median(row) for row in paper[shown]])
     # A dot in a crowd takes the paper of the others.
     ground = np.where(np.isfinite(ground), ground, _median(np.append(ground, picture.paper)))
+    level = np.array([_level(row, paper) for row, paper in zip(ink[shown], ground, strict=True)])
     said, notes, good = _contrasts(ground - level, [names[k] for k in shown.tolist()], picture)
     findings += said
     for place in np.flatnonzero(good):
         k, levels = int(shown[place]), (float(level[place]), float(ground[place]))
-        findings += _covers(names[k], ink[k], paper[k], (off[k] - motion[1]) @ motion[0], levels, picture)
-        if picture.whole and not picture.measured:
-            findings += _edges(names[k], dots.take(np.array([k])), picture, levels, tolerance)
+        if not picture.whole:
+            continue
+        stroked = [] if picture.measured else _edges(names[k], dots.take(np.array([k])), picture, levels, tolerance)
+        most = STROKE if stroked else COVERED
+        more = _covers(names[k], ink[k], paper[k], (off[k] - motion[1]) @ motion[0], levels, most)
+        findings += more if any(each.kind == "covered" for each in more) else stroked or more
     return findings[: 2 * MOST_LISTED], notes
 
 
@@ -106,6 +111,12 @@ def _spread(centers: Array, low: Array, high: Array) -> Array:
 def _median(values: Array) -> float:
     kept = values[np.isfinite(values)]
     return float(np.median(kept)) if len(kept) else np.nan
+
+
+def _level(ink: Array, ground: float) -> float:
+    """Grey level of a dot, even if half of it is covered."""
+    inked = np.abs(np.nan_to_num(ink - ground)) > UNSEEN
+    return _median(ink[inked]) if inked.mean() > 0.1 else _median(ink)
 
 
 def _cut_off(names: list[int]) -> list[Finding]:
@@ -151,22 +162,55 @@ def _contrasts(contrast: Array, names: list[int], picture: Picture) -> tuple[lis
 
 
 def _covers(
-    name: int, ink: Array, paper: Array, places: Array, levels: tuple[float, float], picture: Picture
+    name: int, ink: Array, paper: Array, places: Array, levels: tuple[float, float], most: float
 ) -> list[Finding]:
-    """Findings about what covers a dot, and what is printed in its quiet zone, at `places` in the marker frame."""
+    """Findings about what covers more than a share of a dot, and what is printed in its quiet zone, at `places`."""
     level, ground = levels
     step = STRANGE * abs(ground - level)
     findings = []
     seen = ink[np.isfinite(ink)]
     share = float((np.abs(seen - level) > step).mean()) if len(seen) else 0.0
-    if share > COVERED and picture.whole:
+    if share > most:
         said = f"{100 * share:.0f} % of dot {name} is covered"
         findings.append(Finding("covered", said, "remove what is drawn over it"))
     inked = np.abs(np.nan_to_num(paper - ground)) > step
-    if inked.mean() > INKED and picture.whole:
+    if inked.mean() > INKED:
         x, y = places[inked].mean(axis=0)
         said = f"there is ink in the quiet zone of dot {name}, around x {x:.4g}, y {y:.4g} mm"
         findings.append(Finding("quiet", said, "keep a ring half a diameter wide around each dot free"))
+    return findings
+
+
+def damaged_findings(
+    expected: DotSet, names: Sequence[int], picture: Picture, motion: tuple[Array, Array]
+) -> dict[int, Finding]:
+    """Findings, by index, about dots that were not found although something shows at their places, or nothing can.
+
+    Parameters
+    ----------
+    expected : DotSet
+        All dots of the marker, mm, marker frame.
+    names : sequence of int
+        Indices of those that were not found.
+    """
+    places = expected.centers @ motion[0].T + motion[1]
+    on, off = (_spread(places, low * expected.radii, high * expected.radii) for low, high in ((0.6, 0.95), (1.1, 1.6)))
+    ink, paper = (picture.sample(each.reshape(-1, 2)).reshape(len(places), -1) for each in (on, off))
+    ground = np.array([_median(row) for row in paper])
+    contrast = np.abs(ground - [_level(row, level) for row, level in zip(ink, ground, strict=True)])
+    findings = {}
+    for k in names:
+        share = float((np.abs(ink[k] - ground[k]) > UNSEEN).mean())
+        if np.isnan(ink[k]).mean() > 0.5:
+            findings[k] = _cut_off([k])[0]
+        if not share > 1 - ALIKE:
+            continue
+        said = f"{100 * contrast[k] / np.nanmax(contrast):.0f} % as dark as the darkest dot"
+        if share < ALIKE:
+            said = f"{100 * (1 - share):.0f} % of dot {k} is covered"
+            findings[k] = Finding("covered", said, "remove what is drawn over it")
+        elif contrast[k] < ALIKE * np.nanmax(contrast):
+            findings[k] = Finding("pale", f"dot {k} is grey: {said}", "give all dots the same ink")
     return findings
 
 

@@ -39,6 +39,9 @@ MOST_COPIES = 500
 UNTAGGED = ("scaled", "sheared", "mirrored", "another marker")
 """Findings that imply a wrong tag, so that nothing is said about it."""
 
+LACKING = ("no dots", "missing", "another marker", "tag", "outline", "hole")
+"""Kinds of findings that hidden layers explain."""
+
 STRANGE = ("another marker", "no dots")
 """Kinds of findings about a file whose dots are not the marker's."""
 
@@ -201,6 +204,9 @@ def _changed(marker: Marker, reading: Reading, tolerance: float, found: Check) -
     if not _is_strange(found) and apart < min(len(marker) / 2, MOST_LISTED):
         return found
     expected = expected_dots(marker)
+    if any(page.of_any_size for page in reading.pages):
+        pages = (replace(page, circles=page.of_any_size()) if page.of_any_size else page for page in reading.pages)
+        reading = replace(reading, pages=tuple(pages))
     page = max(reading.pages, key=lambda page: len(page.circles))
     for undo, change in changes(page, expected):
         check = _best(marker, moved(reading, undo), tolerance)
@@ -284,14 +290,14 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     if len(verdicts) > 1:
         verdicts = _own_tags(verdicts)
     worst = max(verdicts, key=lambda each: np.nan_to_num(each.largest, nan=np.inf))
-    if hidden and any(each.kind in ("no dots", "missing", "another marker") for v in verdicts for each in v.findings):
-        findings.append(Finding("hidden", f"not all is shown: {', '.join(hidden)} switched off", "show all layers"))
+    if hidden and any(each.kind in LACKING for v in verdicts for each in v.findings):
+        findings.insert(0, Finding("hidden", f"not everything is visible: {', '.join(hidden)}", "show all layers"))
     said = [_of_copy(finding, k, verdicts) for k, each in enumerate(verdicts) for finding in each.findings]
     return Check(
         "", reading.kind, count, sum(len(each.used) > 0 for each in verdicts), worst.largest,
         None if worst.worst is None else ids[worst.worst], worst.scale,
         reading.papers or tuple(each.size for each in reading.pages),
-        tolerance, (*said, *findings), tuple(dict.fromkeys(notes)),
+        tolerance, (*findings, *said), tuple(dict.fromkeys(notes)),
     )  # fmt: skip
 
 

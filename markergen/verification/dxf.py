@@ -46,7 +46,7 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (e
             raise InputError(f"entities in place in {name}", "an inserted block", "explode the blocks")
         layer = next((value for code, value in entity if code == 8), "0")
         if layer in off:
-            hidden.add(f"the layer {brief(layer)} is")
+            hidden.add(f"the layer {brief(layer)} is switched off")
             continue
         # An extrusion that points down mirrors the entity's plane.
         flip = -1.0 if _values(entity, 230)[:1] == [-1.0] else 1.0

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.model.marker import Marker
-from markergen.verification.appearance import lines_hidden, shown_findings
-from markergen.verification.findings import Verdict
+from markergen.verification.appearance import damaged_findings, lines_hidden, shown_findings
+from markergen.verification.findings import AGAIN, Verdict
 from markergen.verification.lines import (
     Line,
     among,
@@ -21,7 +21,8 @@ from markergen.verification.lines import (
     sheet_lines,
     strays,
 )
-from markergen.verification.matching import CONCENTRIC, DotSet
+from markergen.verification.matching import CONCENTRIC, DotSet, expected_dots
+from markergen.verification.picture import Picture
 from markergen.verification.reading import Page
 from markergen.verification.words import Finding, listed_ids
 
@@ -72,7 +73,7 @@ def flat_findings(
             judged.append(verdict)
             continue
         said = _on_layers(page, found.take(verdict.used), verdict.names)
-        lines, wanted = _lines(kinds, page, verdict, found, factor, tol)
+        lines, wanted = _lines(kinds, page, verdict.motion, expected_dots(marker), factor, tol)
         said += lines
         if page.picture is not None:
             around = _around(marker, wanted, verdict.motion, factor, tol + 1.5 * page.picture.grain)
@@ -84,16 +85,32 @@ def flat_findings(
             )  # fmt: skip
             said += shown
             notes.update(dict.fromkeys(remarks))
-        if page.cut is not None and page.lines is not None:
+        misplaced = any(each.kind == "layer" for each in said)
+        if page.cut is not None and page.lines is not None and not misplaced:
             own = strays(wanted, _to_marker(page.lines[page.cut], verdict.motion, factor))
             strange = own if strange is None else strange & own
-        judged.append(replace(verdict, findings=(*verdict.findings, *said)))
+        seen = verdict if page.picture is None else _explained(verdict, marker, page.picture)
+        judged.append(replace(verdict, findings=(*seen.findings, *said)))
     extra = []
     if strange is not None and strange.any() and page.lines is not None:
         x, y = page.lines[page.cut][strange].mean(axis=1)[0]
         what = f"lines that are neither outline nor hole are to be cut, at x {x:.4g}, y {y:.4g} mm of the page"
         extra.append(Finding("outline", what, "remove them from the layer of the cuts"))
     return judged, extra, list(notes)
+
+
+def _explained(verdict: Verdict, marker: Marker, picture: Picture) -> Verdict:
+    """Replace the findings about missing dots where something shows at their places, or they are cropped."""
+    ids = [point.id for point in marker.control_points]
+    absent = [k for k, name in enumerate(ids) if name not in set(verdict.names)]
+    if not absent or verdict.motion is None:
+        return verdict
+    seen = damaged_findings(expected_dots(marker), absent, picture, verdict.motion)
+    kept = [each for each in verdict.findings if each.kind != "missing"]
+    left = [ids[k] for k in absent if k not in seen]
+    missing = [Finding("missing", f"{listed_ids(left)} missing", AGAIN)] if left else []
+    named = [replace(each, sentence=each.sentence.replace(f"dot {k} ", f"dot {ids[k]} ")) for k, each in seen.items()]
+    return replace(verdict, findings=(*kept, *missing, *named))
 
 
 def _on_layers(page: Page, dots: DotSet, names: Sequence[int]) -> list[Finding]:
@@ -116,21 +133,23 @@ def _on_layers(page: Page, dots: DotSet, names: Sequence[int]) -> list[Finding]:
 
 
 def _lines(
-    kinds: Sequence[list[Line]], page: Page, verdict: Verdict, found: DotSet, factor: tuple[float, float], tol: float
+    kinds: Sequence[list[Line]], page: Page, motion: tuple[Array, Array], expected: DotSet,
+    factor: tuple[float, float], tol: float,
 ) -> tuple[list[Finding], list[Line]]:  # fmt: skip
     """Findings about outline and holes, and the lines that are wanted: those of a sheet or of a plate."""
-    motion = verdict.motion
-    assert motion is not None
     if page.lines is None and page.picture is None:
         return [], kinds[0]
-    dots = found.take(verdict.used)
-    centers = _to_marker(found.centers, motion, factor)
-    radii = np.nan_to_num(found.radii)
 
     def free(points: Array) -> Mask:
-        away = np.linalg.norm(points[:, None] - centers, axis=2) - QUIET * radii
+        away = np.linalg.norm(points[:, None] - expected.centers, axis=2) - QUIET * expected.radii
         return np.asarray((away < 0).any(axis=1))
 
+    if page.picture is not None:
+        points = np.concatenate([sampled(line.contour)[0][::4] for line in kinds[0]])
+        places = _to_page(points[~free(points)], motion, factor)
+        if len(places) and np.isnan(page.picture.sample(places)).mean() > 0.01:
+            said = "the outline reaches beyond the visible page: the page is cropped"
+            return [Finding("hidden", said, "print or save the whole page")], kinds[0]
     if page.lines is not None:
         lines = page.lines if page.cut is None else page.lines[page.cut]
         seek = among(_to_marker(lines, motion, factor))
@@ -144,15 +163,10 @@ def _lines(
     outliers = 0.0 if page.lines is not None else CROSSED
     results = [(line_findings(wanted, seek, allowed, gaps, outliers), wanted) for wanted in kinds]
     findings, wanted = min(results, key=lambda result: len(result[0]))
-    if page.lines is not None and page.picture is not None and not findings and len(dots):
-        points = np.concatenate([sampled(line.contour)[0][::4] for line in wanted])
-        places = _to_page(points[~free(points)], motion, factor)
-        if len(places) and np.isnan(page.picture.sample(places)).mean() > 0.01:
-            said = "the outline reaches beyond the visible page: the page is cropped"
-            findings = [Finding("hidden", said, "print or save the whole page")]
-        elif len(places) and lines_hidden(places, page.picture):
-            said = "the lines to cut do not show: their layer is switched off, or they are covered"
-            findings = [Finding("hidden", said, "switch the layer cut on")]
+    seen = page.picture if page.lines is not None and not findings else None
+    if seen is not None and len(places) and lines_hidden(places, seen):
+        said = "the lines to cut do not show: their layer is switched off, or they are covered"
+        findings = [Finding("hidden", said, "switch the layer cut on")]
     return findings, wanted
 
 

@@ -135,8 +135,8 @@ def in_picture(sample: Callable[[Array], Array], grain: float, reach: float = NE
 
     def seek(points: Array, normals: Array) -> Array:
         seen = sample((points[:, None] + steps[:, None] * normals[:, None]).reshape(-1, 2)).reshape(len(points), -1)
-        ink = np.nanmedian(seen, axis=1, keepdims=True) - seen
-        ink = np.abs(np.nan_to_num(ink, nan=0.0))
+        seen = np.where(np.isfinite(seen).any(axis=1, keepdims=True), seen, 0.0)
+        ink = np.abs(np.nan_to_num(np.nanmedian(seen, axis=1, keepdims=True) - seen))
         strength = ink.max(axis=1)
         peak = np.argmax(ink - 1e-3 * np.abs(steps), axis=1)
         # The centroid of the peak alone: ticks and digits may be near.

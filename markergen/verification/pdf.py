@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
-from markergen.guard import Content, in_child
+from markergen.guard import KINDS, Content, in_child
 from markergen.model.marker import Marker
 from markergen.verification.picture import Picture
 from markergen.verification.reading import READERS, Page, Reading
@@ -98,7 +98,9 @@ def read_fabrication_sheet(data: bytes, name: str, marker: Marker) -> Reading:
 @READERS.register(".pdf")
 def read(data: bytes, name: str, marker: Marker) -> Reading:
     """Read circles, corners, lines and a picture of all pages of a PDF; tiles are assembled by their marks."""
-    found = in_child(PARSER, "read", Content(name, data), "PDF", f"a complete PDF in {name}")
+    found = in_child(
+        PARSER, "read", Content(name, data), "PDF", f"a complete PDF, read within {KINDS['PDF'].seconds:g} s, in {name}"
+    )
     layers = found.values["layers"]
     sheets = [_sheet(values, found.arrays, index, layers) for index, values in enumerate(found.values["pages"])]
     pages = tuple(sheet.page for sheet in sheets)

@@ -47,6 +47,8 @@ class Page:
         Corners of the other outlines, mm, for tags.
     heights : array (m,) or None
         z of each circle, mm, in formats that have it.
+    of_any_size : callable or None
+        Returns such circles of any size, where only those that may be dots are listed.
     upright : callable or None
         Returns whether the page apart from the dots is unmirrored, None if that is unknown.
     picture : Picture or None
@@ -67,6 +69,7 @@ class Page:
     size: tuple[float, float] | None = None
     corners: Array = field(default_factory=lambda: _empty(2))
     heights: Array | None = None
+    of_any_size: Callable[[], Array] | None = None
     upright: Callable[[], bool | None] | None = None
     picture: Picture | None = None
     lines: Array | None = None

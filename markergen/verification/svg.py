@@ -22,7 +22,7 @@ from markergen.verification.reading import READERS, Page, Reading, circles_of, r
 
 Array = NDArray[np.float64]
 
-PATIENCE = 30
+PATIENCE = 10
 """Factor by which path data may exceed that of an outline: sheets contain text converted to outlines."""
 
 CUT = "cut"
@@ -86,7 +86,7 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (e
     page = Page(
         circles_of(circles, name), size, _joined(corners), lines=np.concatenate(lines),
         cut=is_cut if is_cut.any() else None, picture=_picture(painted, _shown(root.get("viewBox"), size, scale)),
-        hidden=("hidden shapes",) if "hidden shapes" in drawing.others else (),
+        hidden=("some shapes are hidden",) if "hidden shapes" in drawing.others else (),
     )  # fmt: skip
     return Reading("SVG", (page,), tagged=True)
 

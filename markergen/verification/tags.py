@@ -65,16 +65,22 @@ def _in_outlines(tag: Tag, found: Array, to_page: Map, tolerance: float) -> list
     return _off(corners, nearest, tolerance)
 
 
-def _in_pixels(tag: Tag, sample: Map, to_page: Map, tolerance: float | None) -> list[Finding]:
+def _in_pixels(tag: Tag, seen_at: Map, to_page: Map, tolerance: float | None) -> list[Finding]:
+    def sample(points: Array) -> Array:
+        return np.nan_to_num(seen_at(points), nan=255.0)
+
     cells = tag.cells
     grid = (np.arange(-1, cells + 1) + 0.5) / cells - 0.5
     x, y = np.meshgrid(grid, -grid)
     middles = to_page(tag.side * np.stack([x.ravel(), y.ravel()], axis=-1) + tag.center)
-    seen = np.nan_to_num(sample(middles), nan=255.0).reshape(x.shape)
+    seen = sample(middles).reshape(x.shape)
     level = (seen.min() + seen.max()) / 2
     ink = np.pad(tag.ink, 1)
     dark = seen < level
     if np.ptp(seen) < 32 or not (np.array_equal(dark, ink) or np.array_equal(~dark, ink)):
+        if tolerance is None:
+            remedy = "show all layers, remove what covers it, and print the whole page"
+            return [Finding("tag", f"the tag {tag} does not show as it should", remedy)]
         return [_not_there(tag)]
     if tolerance is None:
         return []

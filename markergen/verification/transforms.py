@@ -94,7 +94,7 @@ def change_findings(change: Array, expected: DotSet, tolerance: float, pixels: b
     slant = float(change[0, 1] / change[1, 1])
     findings = []
     if abs(slant) * half.max() > tolerance:
-        said = f"sheared by {np.degrees(np.arctan(slant)):.3g} degrees: its axes are not at right angles"
+        said = f"sheared by {abs(np.degrees(np.arctan(slant))):.3g} degrees: its axes are not at right angles"
         findings.append(Finding("sheared", said, "undo the skew, or export it again"))
     if max(abs(x - 1), abs(y - 1)) * half.max() > tolerance:
         findings.append(scale_finding(x, y, half, tolerance, pixels))

@@ -85,7 +85,7 @@ def scale_finding(x: float, y: float, half: Array, tolerance: float, pixels: boo
     if pixels:
         return Finding("scaled", said, "print it at its full size; export it again if its resolution was changed")
     if both and ratio < 0.99:
-        return Finding("scaled", f"{said}: fitted to smaller paper?", FIT_TO_PAGE)
+        return Finding("scaled", f"{said}, perhaps fitted to smaller paper", FIT_TO_PAGE)
     return Finding("scaled", said, FIT_TO_PAGE)
 
 

@@ -181,7 +181,7 @@ class _SvgReader:
         if kind not in (*SHAPES, *GROUPS, "svg", "use"):
             return
         number = next(self._numbers)
-        most = MOST_PIECES * self.file.patience
+        most = MOST_PIECES * min(self.file.patience, 4)
         if number > most:
             raise self.file.too_much(f"at most {most} elements")
         if place.depth > DEEPEST:
