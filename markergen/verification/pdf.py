@@ -107,10 +107,10 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:
     if is_tiled(sheets):
         features = [point.feature for point in marker.control_points]
         sizes = {500 * size for feature in features for size in (feature.diameter, feature.inner_diameter) if size}
-        whole = assemble(sheets, np.array(sorted(sizes)), TILE_TOLERANCE)
-        return Reading(
-            "PDF", (whole.page,), tagged=True, papers=tuple(page.size for page in pages), gaps=tuple(whole.gaps)
-        )
+        made = [assemble(sheets, np.array(sorted(sizes)), TILE_TOLERANCE, own) for own in markers_of(sheets)]
+        gaps = tuple(gap for each in made for gap in each.gaps)
+        papers = tuple(page.size for page in pages)
+        return Reading("PDF", tuple(each.page for each in made), tagged=True, papers=papers, gaps=gaps)
     return Reading("PDF", pages, tagged=True)
 
 
@@ -137,7 +137,15 @@ def is_tiled(sheets: Sequence[TilePage]) -> bool:
     return any(place is not None for sheet in sheets for place in sheet.trim)
 
 
-def assemble(sheets: Sequence[TilePage], radii: Array, tolerance: float) -> Assembly:
+def markers_of(sheets: Sequence[TilePage]) -> list[range]:
+    """Ranges of pages with the tiles of one marker each: the first one has seams neither on its left nor above."""
+    tiles = [index for index, sheet in enumerate(sheets) if any(place is not None for place in sheet.trim)]
+    starts = [index for index in tiles if sheets[index].trim[0] is None and sheets[index].trim[3] is None]
+    starts = sorted({tiles[0], *starts})
+    return [range(start, end) for start, end in zip(starts, [*starts[1:], len(sheets)], strict=True)]
+
+
+def assemble(sheets: Sequence[TilePage], radii: Array, tolerance: float, pages: range | None = None) -> Assembly:
     """Assemble all tiles into one page, each shifted so that its marks lie on those of its neighbors.
 
     Parameters
@@ -146,10 +154,13 @@ def assemble(sheets: Sequence[TilePage], radii: Array, tolerance: float) -> Asse
         Radii of the circles whose pieces are sought on several pages, mm.
     tolerance : float
         Distance in mm between marks of neighbors beyond which they are reported.
+    pages : range or None
+        Indices of the pages of one marker; None for all.
     """
     grid: Grid = {}
     row, column = -1, 0
-    for index, sheet in enumerate(sheets):
+    for index in range(len(sheets)) if pages is None else pages:
+        sheet = sheets[index]
         if any(place is not None for place in sheet.trim):
             row, column = (row + 1, 0) if sheet.trim[0] is None or row < 0 else (row, column + 1)
             grid[row, column] = (index, sheet)
@@ -165,8 +176,8 @@ def assemble(sheets: Sequence[TilePage], radii: Array, tolerance: float) -> Asse
     for key, (index, sheet) in grid.items():
         for side, there in enumerate(_neighbors(key)):
             if side >= 2 and there in grid and len(sheet.marks(side)) != len(grid[there][1].marks(side - 2)):
-                pages = f"pages {index + 1} and {grid[there][0] + 1}"
-                gaps.append(f"{pages} differ in the number of registration marks on their seam")
+                both = f"pages {index + 1} and {grid[there][0] + 1}"
+                gaps.append(f"{both} differ in the number of registration marks on their seam")
         off = float(np.linalg.norm(_ties(grid, key, shifts) - shifts[key], axis=1).max(initial=0.0))
         if off > tolerance:
             gaps.append(f"the registration marks of page {index + 1} and its neighbors are {1e3 * off:.3g} um apart")

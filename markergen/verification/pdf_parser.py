@@ -31,11 +31,14 @@ MOST_ROUND = 50_000
 FILLED_OFF, STROKED_OFF = 2e-2, 5e-4
 """Maximum distance in mm of points of a filled outline from each other's chords, and of a line."""
 
-FINEST, MOST_PIXELS, ALL_PIXELS = 300 / 25.4, 24_000_000, 200_000_000
+FINEST, MOST_PIXELS, ALL_PIXELS = 300 / 25.4, 24_000_000, 60_000_000
 """Pixels per mm of a picture at most, pixels of one picture, and of all pictures of a file."""
 
 LEAST_ARC, LONGEST_ARM = 12, 20.0
 """Minimum number of points of an outline with a piece of a circle; maximum length in mm of a registration mark."""
+
+TEXT = "text"
+"""Layer whose filled paths are not read: most of a sheet's curves are in its letters, which the picture shows."""
 
 LARGEST_STREAM = 3_000_000
 """Maximum size in bytes of an unpacked stream of objects that is searched."""
@@ -153,7 +156,8 @@ class _Parser:
                     continue
                 here = matrix @ np.array([[own.a, own.c, own.e], [own.b, own.d, own.f], [0, 0, 1]])
                 if kind == pdfium.FPDF_PAGEOBJ_PATH:
-                    self._spend(paths.add(item, here, self._layer(item) or layer, self.budget))
+                    on = self._layer(item) or layer
+                    self._spend(paths.add(item, here, on, self.budget, strokes_only=self.layers[on] == TEXT))
                 elif kind == pdfium.FPDF_PAGEOBJ_FORM:
                     inner = pdfium.FPDFFormObj_CountObjects(item)
                     get_inner = pdfium.FPDFFormObj_GetObject
@@ -230,14 +234,14 @@ class _Paths:
     flags: list[int] = field(default_factory=list)
     layers: list[int] = field(default_factory=list)
 
-    def add(self, item: Any, matrix: Array, layer: int, most: int) -> int:
-        """Add a path, and return the number of its segments; at most `most`."""
+    def add(self, item: Any, matrix: Array, layer: int, most: int, strokes_only: bool) -> int:
+        """Add a path, and return the number of its segments, at most `most`; on request only if it is stroked."""
         import pypdfium2.raw as pdfium
 
         mode, stroke = ctypes.c_int(), pdfium.FPDF_BOOL()
         if not pdfium.FPDFPath_GetDrawMode(item, mode, stroke):
             return 0
-        count = pdfium.FPDFPath_CountSegments(item)
+        count = 0 if strokes_only and not stroke.value else pdfium.FPDFPath_CountSegments(item)
         if not 0 < count <= most:
             return max(count, 0)
         self.counts.append(count)

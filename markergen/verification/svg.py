@@ -17,6 +17,7 @@ from markergen.read.outlines.curves import Arc, Bezier, Curve
 from markergen.read.outlines.formats import OUTLINE_FORMATS, Look, OutlineFile, Piece
 from markergen.read.outlines.svg import parse
 from markergen.read.outlines.svg_shapes import fraction
+from markergen.verification.lines import Seek, among
 from markergen.verification.picture import WHITE, Picture
 from markergen.verification.reading import READERS, Page, Reading, circles_of, round_shape
 
@@ -208,19 +209,14 @@ class _Painted:
                 wound[k : k + step] += crossed.sum(axis=1)
         return np.asarray(wound % 2 == 1 if self.odd else wound != 0)
 
+    @cached_property
+    def _line(self) -> Seek:
+        rings = zip(self.rings, (piece.closed for piece in self.pieces), strict=True)
+        ends = [(ring, np.roll(ring, -1, axis=0)) if closed else (ring[:-1], ring[1:]) for ring, closed in rings]
+        return among(np.concatenate([np.stack(pair, axis=1) for pair in ends]))
+
     def _on_line(self, points: Array) -> NDArray[np.bool_]:
-        near = np.zeros(len(points), dtype=bool)
-        for ring, closed in zip(self.rings, (piece.closed for piece in self.pieces), strict=True):
-            start = ring if closed else ring[:-1]
-            way = (np.roll(ring, -1, axis=0) if closed else ring[1:]) - (ring if closed else ring[:-1])
-            square = np.maximum(np.sum(way**2, axis=1), 1e-30)
-            step = max(MOST_PRODUCTS // max(len(start), 1) // 4, 1)
-            for k in range(0, len(points), step):
-                offset = points[k : k + step, None] - start
-                share = np.clip(np.sum(offset * way, axis=2) / square, 0, 1)
-                away = np.linalg.norm(offset - share[..., None] * way, axis=2)
-                near[k : k + step] |= (away < self.width / 2).any(axis=1)
-        return near
+        return np.asarray(np.linalg.norm(self._line(points, points) - points, axis=1) < self.width / 2)
 
 
 def _number(text: str) -> float:

@@ -38,10 +38,16 @@ def tag_findings(tag: Tag, page: Page, to_page: Map, tolerance: float) -> list[F
     if page.surface is not None:
         return _in_solid(tag, page.surface, to_page, tolerance)
     measured = page.picture is not None and page.picture.measured
-    found = [] if measured else _in_outlines(tag, page.corners, to_page, tolerance)
+    # A seam between tiles adds corners of its own.
+    tiled = page.picture is not None and not page.picture.whole
+    found = [] if measured or tiled else _in_outlines(tag, page.corners, to_page, tolerance)
     if page.picture is None or found:
         return found
-    return _in_pixels(tag, page.picture.sample, to_page, tolerance if measured else None)
+    found = _in_pixels(tag, page.picture.sample, to_page, tolerance if measured else None)
+    if not found or measured or tiled:
+        return found
+    remedy = "show all layers, remove what covers it, and print the whole page"
+    return [Finding("tag", f"the tag {tag} does not show as it should", remedy)]
 
 
 def _in_outlines(tag: Tag, found: Array, to_page: Map, tolerance: float) -> list[Finding]:
@@ -78,9 +84,6 @@ def _in_pixels(tag: Tag, seen_at: Map, to_page: Map, tolerance: float | None) ->
     ink = np.pad(tag.ink, 1)
     dark = seen < level
     if np.ptp(seen) < 32 or not (np.array_equal(dark, ink) or np.array_equal(~dark, ink)):
-        if tolerance is None:
-            remedy = "show all layers, remove what covers it, and print the whole page"
-            return [Finding("tag", f"the tag {tag} does not show as it should", remedy)]
         return [_not_there(tag)]
     if tolerance is None:
         return []
