@@ -66,6 +66,9 @@ LARGEST = 500_000_000
 
 MOST_OBJECTS, DEEPEST = 20_000, 10
 
+VOLUMES = "metadata/slic3r_pe_model.config"
+"""Where PrusaSlicer finds the parts of a mesh, in lower case."""
+
 
 class MeshObject(NamedTuple):
     """Triangles of one object: see `mesh.Triangles`."""
@@ -236,6 +239,16 @@ def _check_indices(value: Any, key: str) -> None:
 
 
 @dataclass
+class _Volume:
+    """Range of an object's triangles that PrusaSlicer takes as a part, and the number of its extruder."""
+
+    first: int
+    last: int
+    name: str = ""
+    extruder: str = ""
+
+
+@dataclass
 class _Object:
     """An object being read: a mesh, or components (object, transform)."""
 
@@ -248,14 +261,20 @@ class _Object:
 
 
 def read_3mf(data: bytes) -> Found:
-    """Read the objects in the build of a 3MF, in mm, with the colors of their base materials."""
+    """Read the objects in the build of a 3MF, in mm, with the colors of their base materials.
+
+    A mesh that PrusaSlicer would split into parts is split likewise.
+    """
+    data, volumes = _unpacked(data)
     model = _Model()
-    model.read(_unpacked(data))
+    model.read(data)
+    if volumes is not None:
+        model.read_volumes(volumes)
     return _reply(model.built())
 
 
-def _unpacked(data: bytes) -> bytes:
-    """Unpack the model that the package's relationships name."""
+def _unpacked(data: bytes) -> tuple[bytes, bytes | None]:
+    """Unpack the model that the package's relationships name, and the ranges of its parts if it has any."""
     try:
         with zipfile.ZipFile(BytesIO(data)) as package:
             names = {info.filename.lower(): info for info in package.infolist()}
@@ -266,9 +285,10 @@ def _unpacked(data: bytes) -> bytes:
             info = names.get(path.lower())
             if info is None:
                 raise InputError("a 3MF", "a package without a model", "export it again")
-            if info.file_size > LARGEST:
+            volumes = names.get(VOLUMES)
+            if max(info.file_size, volumes.file_size if volumes else 0) > LARGEST:
                 raise InputError(f"a model of at most {LARGEST >> 20} MB", "a larger one", "export it again")
-            return package.read(info)
+            return package.read(info), package.read(volumes) if volumes else None
     # zipfile raises these for broken packages, and the errors of zlib and struct below.
     except (zipfile.BadZipFile, OSError, EOFError, RuntimeError, NotImplementedError, ValueError, KeyError) as error:
         raise InputError("a 3MF", f"a broken package: {brief(str(error))}", "export it again") from None
@@ -315,12 +335,28 @@ class _Model:
         self.colors: dict[str, list[Color]] = {}
         self.objects: dict[str, _Object] = {}
         self.items: list[tuple[str, Array]] = []
+        self.volumes: dict[str, list[_Volume]] = {}
         self._materials: list[Color] = []
         self._object: _Object | None = None
+        self._volumes: list[_Volume] = []
 
     def read(self, data: bytes) -> None:
         """Collect objects, materials and build items."""
         _parse(data, self._start, self._end)
+
+    def read_volumes(self, data: bytes) -> None:
+        """Collect the ranges of triangles that PrusaSlicer takes as parts."""
+        _parse(data, self._start_volumes, lambda _: None)
+
+    def _start_volumes(self, tag: str, given: Attributes) -> None:
+        if tag == "object":
+            self._volumes = self.volumes.setdefault(given["id"], [])
+        elif tag == "volume":
+            self._volumes.append(_Volume(int(given["firstid"]), int(given["lastid"])))
+            if len(self._volumes) > MOST_OBJECTS:
+                raise InputError(f"at most {MOST_OBJECTS} parts", "more", "export it again")
+        elif tag == "metadata" and given.get("type") == "volume" and given.get("key") in ("name", "extruder"):
+            setattr(self._volumes[-1], given["key"], given["value"])
 
     def _start(self, tag: str, given: Attributes) -> None:
         space, _, word = tag.rpartition(" ")
@@ -359,8 +395,10 @@ class _Model:
             self._object = None
 
     def built(self) -> list[MeshObject]:
-        """Triangles in mm of all build items."""
+        """Triangles in mm of all build items; of a single item, without its shift, which is its place on the bed."""
         found: list[MeshObject] = []
+        if len(self.items) == 1:
+            self.items[0][1][3, :3] = 0
         for key, transform in self.items:
             self._add(found, key, transform, 0)
         return found
@@ -388,8 +426,29 @@ class _Model:
             first += len(colors)
         own = index.get(each.paint, -1) if each.paint else -1
         paints = np.array([index.get(paint, -1) if paint else own for paint in each.paints])
-        paints[paints == own] = -1
-        found.append(MeshObject(corners, each.name, palette[own] if own >= 0 else None, paints, palette))
+        volumes = self.volumes.get(key, [])
+        materials = []
+        for volume in volumes or [_Volume(0, len(paints) - 1, each.name)]:
+            piece = slice(volume.first, volume.last + 1)
+            seen = paints[piece]
+            # Most triangles determine the color of a part.
+            main = int(np.bincount(seen + 1).argmax()) - 1 if volumes and len(seen) else own
+            materials.append(main)
+            color = palette[main] if main >= 0 else None
+            found.append(MeshObject(corners[piece], volume.name, color, np.where(seen == main, -1, seen), palette))
+        if volumes:
+            _check_volumes(volumes, len(paints), materials)
+
+
+def _check_volumes(volumes: list[_Volume], count: int, materials: list[int]) -> None:
+    """Refuse ranges that are not all of the triangles, each once, and materials without an extruder of their own."""
+    ends = [-1, *(volume.last for volume in volumes)]
+    starts = [*(volume.first for volume in volumes), count]
+    if any(start != end + 1 for start, end in zip(starts, ends, strict=True)):
+        raise InputError("all triangles in parts for PrusaSlicer", "other ranges of them", "export it again")
+    pairs = {(material, volume.extruder) for material, volume in zip(materials, volumes, strict=True)}
+    if len(pairs) != len(set(materials)) or len({extruder for _, extruder in pairs}) != len(pairs):
+        raise InputError("one extruder for each material in PrusaSlicer", "others", "export it again")
 
 
 def _transform(text: str | None) -> Array:
