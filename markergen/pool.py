@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager, nullcontext, suppress
 from itertools import islice
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from traceback import format_exception
@@ -180,6 +181,8 @@ def _inherited_by_workers() -> Iterator[None]:
     os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
     can_block = hasattr(signal, "pthread_sigmask")
     if can_block:
+        # Starting it unblocks the signal (Python 3.11), which would be between here and the first worker.
+        resource_tracker.ensure_running()
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -129,16 +129,18 @@ def test_a_script_needs_no_guard_and_runs_once(tmp_path):
     assert (ran.stdout, ran.stderr) == (f"runs\n[6, 24] None {tmp_path / 'script.py'}\n", "")
 
 
-def test_what_a_script_defines_reaches_the_workers(tmp_path):
+def test_what_a_script_defines_reaches_the_workers_and_ctrl_c_does_not(tmp_path):
     script = (
+        "import signal\n"
         "from markergen.pool import map_chunks\n"
         "def double(x):\n"
-        "    return 2 * x\n"
+        "    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [])\n"
+        "    return 2 * x, signal.SIGINT in blocked\n"
         'if __name__ == "__main__":\n'
         "    print(map_chunks(double, [3, 4], 2, lambda _: None))\n"
     )
     ran = run_file(tmp_path / "script.py", script)
-    assert (ran.stdout, ran.stderr) == ("[6, 8]\n", "")
+    assert (ran.stdout, ran.stderr) == ("[(6, True), (8, True)]\n", "")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="process groups are POSIX")

@@ -23,7 +23,6 @@ from markergen.exporters import ExportOptions, Output, only
 from markergen.exporters.solids import solid_notes
 from markergen.model.marker import Marker, marker_name
 from markergen.solid.bodies import COLORS, OTHER
-from markergen.solid.kernel import solids_of
 from markergen.solid.mesh import Mesh, kept_apart, mesh_of
 from markergen.solid.processes import Made, parts_of
 
@@ -87,9 +86,7 @@ def meshed(markers: Sequence[Marker], options: ExportOptions, suffix: str) -> Me
     InputError
         If there is not exactly one marker, or it cannot be made as requested.
     OutputError
-        If the kernel fails.
-    MissingLibraryError
-        If cadquery or a system library it needs is missing.
+        If its parts make no closed meshes with that tolerance.
     """
     marker = only(markers, suffix).as_designed
     made, tolerance = parts_of(marker, options.fabrication), options.fabrication.tolerance * 1e3
@@ -101,7 +98,7 @@ def meshed(markers: Sequence[Marker], options: ExportOptions, suffix: str) -> Me
 # Several formats of one marker share its meshes.
 @lru_cache(maxsize=1)
 def _meshes(made: Made, tolerance: float) -> tuple[MeshedPart, ...]:
-    return tuple(MeshedPart(each.name, each.material, mesh_of(each, tolerance)) for each in solids_of(made.parts))
+    return tuple(MeshedPart(part.name, part.material, mesh_of(part, tolerance)) for part in made.parts)
 
 
 def export_stl(markers: Sequence[Marker], options: ExportOptions) -> Output:
@@ -131,7 +128,7 @@ def write_stl(parts: Sequence[MeshedPart], name: str) -> bytes:
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
     facets = np.zeros(len(corners), FACET)
-    # The kernel leaves some triangles with collinear corners, which close the surface and have no normal.
+    # Triangles with collinear corners close the surface and have no normal.
     facets["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
     facets["corners"] = corners
     # A text STL begins with "solid", so a binary one must not.

@@ -21,7 +21,10 @@ FAMILIES: dict[str, str] = {
     **{f"aruco:DICT_{name}": f"DICT_{name}" for name in [*_ARUCO, "ARUCO_ORIGINAL", "ARUCO_MIP_36H12"]},
     **{f"apriltag:{name}": f"DICT_APRILTAG_{name.upper()}" for name in ("16h5", "25h9", "36h10", "36h11")},
 }
-"""Names of tag families, and OpenCV's names of their dictionaries."""
+"""Names of tag families, and OpenCV's names of their dictionaries.
+
+Its AprilTags are the official ones turned by 180 degrees, every tag of every family.
+"""
 
 _BITS_AND_COUNT: dict[str, tuple[int, int]] = {
     **{f"aruco:DICT_{name}": (int(name[0]), int(name.rpartition("_")[2])) for name in _ARUCO},

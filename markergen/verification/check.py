@@ -39,6 +39,8 @@ UNTAGGED = ("scaled", "mirrored", "another marker")
 STRANGE = ("another marker", "no dots")
 """Kinds of findings about a file whose dots are not the marker's."""
 
+TAG_ALONE = "it holds the tag alone, and no dots"
+
 Wanted = tuple[Marker, tuple[float, float], str]
 """A marker as it may be drawn, the ratio of drawn to true lengths along x and y, and a note."""
 
@@ -141,6 +143,9 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
     with np.errstate(all="ignore"):
         reading = reader(read(path, "artifact").data, str(path), marker)
     allowed = reading.tolerance if tolerance is None else tolerance
+    if not reading.pages:
+        findings = tuple(Finding("tag", gap) for gap in reading.tag_gaps)
+        return Check(str(path), reading.kind, tolerance=allowed, findings=findings, notes=(TAG_ALONE,))
     found = _best(marker, reading, allowed)
     if _is_strange(found) and reading.pages[0].surface is not None:
         found = (

@@ -19,6 +19,12 @@ Told = tuple[object, object, object]
 TOLERANCE = 1e-6
 """Default tolerance of a list in m, also for the corners of its tag: nothing rounds it."""
 
+TAG_ANGLE = 1e-4
+"""Maximum error of a tag's orientation in a bundle, degrees."""
+
+APRILTAG = "apriltag:"
+"""Prefix of the names of AprilTag families."""
+
 
 @READERS.register(".csv")
 def read_csv(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (every reader is called alike)
@@ -89,6 +95,51 @@ def read_ros2(data: bytes, name: str, marker: Marker) -> Reading:
     except (KeyError, TypeError, ValueError, AttributeError):
         raise InputError(f"landmarks with x, y and z in {name}", "something else", "export it again") from None
     return _reading("ROS 2", rows, name, _tag_gaps(marker, marker.tag.family if marker.tag else None, told))
+
+
+@READERS.register(".apriltag.yaml")
+def read_bundle(data: bytes, name: str, marker: Marker) -> Reading:
+    """Read the bundles of apriltag_ros, which have tags but no dots."""
+    told = _yaml(data, name)
+    try:
+        tags = [tag for bundle in told["tag_bundles"] for tag in bundle["layout"]]
+        ids = [int(tag["id"]) for tag in tags]
+        numbers = [[float(tag[key]) for key in ("size", "x", "y", "z", "qx", "qy", "qz", "qw")] for tag in tags]
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise InputError(f"a bundle of tags in {name}", "something else", "export it again") from None
+    if not np.isfinite(numbers).all() or not all(any(each[4:]) for each in numbers):
+        raise InputError(f"finite places and unit quaternions in {name}", "others", "export it again")
+    family = re.search(r"tag_family: *'tag(\w+)'", _text(data, name))
+    gaps = _bundle_gaps(marker, family and family[1], ids, numbers)
+    return Reading("AprilTag", (), TOLERANCE, drawn=False, tag_gaps=gaps)
+
+
+def _bundle_gaps(
+    marker: Marker, family: str | None, ids: Sequence[int], numbers: Sequence[Sequence[float]]
+) -> tuple[str, ...]:
+    tag = marker.tag
+    if tag is None or not tag.family.startswith(APRILTAG):
+        return (f"the marker has {'no tag' if tag is None else f'the tag {tag}'}, and the file an AprilTag",)
+    own = tag.family.removeprefix(APRILTAG)
+    if family not in (None, own):
+        return (f"its tags are of the family {family}, not {own}",)
+    if tag.id not in ids:
+        return (f"its tag is {', '.join(map(str, ids[:5])) or 'missing'}, not {tag.id}",)
+    gaps = [f"it has {len(ids) - 1} more tags than the marker"] if len(ids) > 1 else []
+    size, *place = numbers[ids.index(tag.id)]
+    wanted = tag.side * (marker.print_scale[0] * marker.print_scale[1]) ** 0.5
+    if abs(size - wanted) > TOLERANCE:
+        gaps.append(f"the tag {tag} is {1e3 * size:.6g} mm large, not {1e3 * wanted:.6g} mm")
+    off = np.array(place[:3]) - np.append(tag.center * np.array(marker.print_scale), 0.0)
+    if np.linalg.norm(off) > TOLERANCE:
+        said = ", ".join(f"{axis} {1e3 * value:+.4g} mm" for axis, value in zip("xyz", off, strict=True))
+        gaps.append(f"the tag {tag} is off by {said}")
+    turn = np.array(place[3:]) / np.linalg.norm(place[3:])
+    # AprilTag's own library sees the tag upside down: half a turn about z is the quaternion (0, 0, 1, 0).
+    angle = 2 * np.degrees(np.arctan2(np.linalg.norm(turn[[0, 1, 3]]), abs(turn[2])))
+    if angle > TAG_ANGLE:
+        gaps.append(f"the tag {tag} is turned by {angle:.4g} degrees against the way AprilTag's own library sees it")
+    return tuple(gaps)
 
 
 def _matrix(text: str, key: str) -> list[str]:

@@ -72,6 +72,7 @@ class Reading:
     kind : str
         Name of the format.
     pages : tuple of Page
+        Empty in a format that has tags alone.
     tolerance : float
         Default tolerance of the format, m.
     drawn : bool

@@ -159,7 +159,7 @@ def test_the_bundle_has_the_tag_where_it_is(marker):
     assert settings["standalone_tags"] == []
     (bundle,) = settings["tag_bundles"]
     assert bundle["name"] == "markergen_1a2b3c4d"
-    place = {"x": 0.001, "y": -0.002, "z": 0.0, "qw": 1.0, "qx": 0.0, "qy": 0.0, "qz": 0.0}
+    place = {"x": 0.001, "y": -0.002, "z": 0.0, "qw": 0.0, "qx": 0.0, "qy": 0.0, "qz": 1.0}
     assert bundle["layout"] == [{"id": 3, "size": 0.03, **place}]
     assert "tag36h11" in write_bundle(marker)
 

@@ -24,6 +24,18 @@ FRAME = (
 APRILTAG = "apriltag:"
 """Prefix of the names of AprilTag families."""
 
+TURNED = {"qw": 0.0, "qx": 0.0, "qy": 0.0, "qz": 1.0}
+"""Rotation of a tag in the marker frame as AprilTag's own library sees it: half a turn about z.
+
+Tags are drawn as OpenCV has them, and its AprilTag families are the official ones turned by 180 degrees, every tag of
+every family. OpenCV's detectors call such a tag upright; AprilTag's see it upside down.
+"""
+
+SEEN = "AprilTag's own library sees this tag turned by 180 degrees: what is top left here is bottom right there."
+
+UNKNOWN_TO_ROS = ("36h10", "apriltag_ros does not know this family, only the AprilTag library does: 36h11 suits both.")
+"""Family without its prefix, and what to say about it."""
+
 NOT_KALIBR = "Kalibr knows three targets: checkerboard, circlegrid and aprilgrid, all of them grids; this is none."
 """Reason why Kalibr cannot use it. An aprilgrid has at least 3 x 3 tags, whose black border is two cells wide; a
 circlegrid at least 3 x 3 equal dots, unlike the key ring.
@@ -64,7 +76,7 @@ def write_table(marker: Marker) -> str:
     tag: tuple[str, ...] = ()
     if marker.tag is not None:
         corners = ", ".join(f"({x!r}, {y!r})" for x, y, _ in tag_corners(marker))
-        tag = (f"Tag {marker.tag}: side {marker.tag.side!r}, corners from the top left clockwise {corners}.",)
+        tag = (f"Tag {marker.tag}: side {tag_side(marker)!r}, corners from the top left clockwise {corners}.",)
     text = StringIO()
     text.write(heading(marker, "Control points.", *tag))
     lines = csv.writer(text, lineterminator="\n")
@@ -120,7 +132,7 @@ def write_ros2(marker: Marker) -> str:
     }  # fmt: skip
     if marker.tag is not None:
         corner_x, corner_y, _ = (list(values) for values in zip(*tag_corners(marker), strict=True))
-        family, tag = marker.tag.family, {"id": marker.tag.id, "size": marker.tag.side}
+        family, tag = marker.tag.family, {"id": marker.tag.id, "size": tag_side(marker)}
         landmarks["tag"] = {"family": family, **tag, "corner_x": corner_x, "corner_y": corner_y}
     transform = {
         "frame_id": "map",
@@ -133,6 +145,7 @@ def write_ros2(marker: Marker) -> str:
         "rotation say where in the map the marker hangs.",
         "Landmarks: dot ids[k] is at (x[k], y[k], z[k]) in the marker's frame.",
         *(("Tag: size is the side of its black square; corners are clockwise from the top left.",) * bool(marker.tag)),
+        *_seen(marker),
     )
     nodes = {"transform": transform, "landmarks": landmarks}
     body = {f"{frame}_{name}": {"ros__parameters": values} for name, values in nodes.items()}
@@ -154,15 +167,16 @@ def write_kalibr(marker: Marker) -> str:
         ],
     }
     if marker.tag is not None:
-        tag = {"family": marker.tag.family, "id": marker.tag.id, "size": marker.tag.side}
+        tag = {"family": marker.tag.family, "id": marker.tag.id, "size": tag_side(marker)}
         body["tag"] = {**tag, "corners": tag_corners(marker)}
-    return heading(marker, "Target in the style of Kalibr.", NOT_KALIBR) + yaml_text(body)
+    return heading(marker, "Target in the style of Kalibr.", NOT_KALIBR, *_seen(marker)) + yaml_text(body)
 
 
 def write_bundle(marker: Marker) -> str:
     """Write ``tag_bundles`` with the tag as its only member: the bundle's frame is the marker's.
 
-    Both frames have x to the right, y up and z toward the viewer, so the tag's rotation is the identity.
+    apriltag_ros has x to the right, y up and z toward the viewer in both frames, of the bundle and of an official tag;
+    ours is `TURNED`.
 
     Raises
     ------
@@ -174,13 +188,31 @@ def write_bundle(marker: Marker) -> str:
         found = "none" if tag is None else str(tag)
         raise InputError("a marker with an AprilTag", found, "design it with --tag apriltag:36h11:0, for example")
     x, y = (picometers(value * scale) for value, scale in zip(tag.center, marker.print_scale, strict=True))
-    place: dict[str, Any] = {"x": x, "y": y, "z": 0.0, "qw": 1.0, "qx": 0.0, "qy": 0.0, "qz": 0.0}
-    layout = [{"id": tag.id, "size": tag.side, **place}]
+    layout: list[dict[str, Any]] = [{"id": tag.id, "size": tag_side(marker), "x": x, "y": y, "z": 0.0, **TURNED}]
     body = {"standalone_tags": [], "tag_bundles": [{"name": frame_name(marker), "layout": layout}]}
     family = f"tag{tag.family.removeprefix(APRILTAG)}"
     title = "Tag bundle for apriltag_ros (tags.yaml)."
-    remarks = (f"Set tag_family: '{family}' in settings.yaml; size is the side of the black square.",)
+    remarks = (
+        f"Set tag_family: '{family}' in settings.yaml; size is the side of the black square.",
+        "The tag is printed as OpenCV has it, which is upside down for AprilTag's own library: hence qz: 1.",
+        *_unknown(marker),
+    )
     return heading(marker, title, *remarks) + yaml_text(body)
+
+
+def export_bundle(markers: Sequence[Marker], options: ExportOptions) -> Output:  # noqa: ARG001  (same signature for every exporter)
+    """See `write_bundle`."""
+    marker = only(markers, ".apriltag.yaml")
+    return Output(write_bundle(marker).encode(), _unknown(marker))
+
+
+def _unknown(marker: Marker) -> tuple[str, ...]:
+    family, said = UNKNOWN_TO_ROS
+    return (said,) if marker.tag and marker.tag.family == APRILTAG + family else ()
+
+
+def _seen(marker: Marker) -> tuple[str, ...]:
+    return (SEEN,) if marker.tag and marker.tag.family.startswith(APRILTAG) else ()
 
 
 _row(".csv", "table of the dots, in m", write_table)
@@ -192,7 +224,7 @@ _row(
     "The transform from map is the identity: set it to where the marker hangs.",
 )
 _row(".kalibr.yaml", "target in the style of Kalibr", write_kalibr, NOT_KALIBR)
-_row(".apriltag.yaml", "apriltag_ros: bundle of an AprilTag", write_bundle)
+EXPORTERS.register(".apriltag.yaml")(Exporter(export_bundle, "apriltag_ros: bundle of an AprilTag"))
 
 
 def heading(marker: Marker, title: str, *remarks: str) -> str:
@@ -220,6 +252,12 @@ def ids(marker: Marker) -> list[int]:
 def diameters(marker: Marker) -> list[float]:
     """Diameters of the dots in m."""
     return [point.feature.diameter for point in marker.control_points]
+
+
+def tag_side(marker: Marker) -> float:
+    """Side of the tag's black square on the print in m; the geometric mean if the printer's scales differ."""
+    x, y = marker.print_scale
+    return picometers(marker.tag.side * (x * y) ** 0.5) if marker.tag else 0.0
 
 
 def tag_corners(marker: Marker) -> list[list[float]]:

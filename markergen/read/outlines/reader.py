@@ -135,10 +135,14 @@ def _scale(drawing: Drawing, size: float, file: OutlineFile, unit: str | None) -
             f"give --boundary-unit, one of {', '.join(UNITS)}{drawing.hint}",
         )
     if not SMALLEST <= size * scale <= LARGEST:
+        remedy = f"give {'another' if unit else 'the'} --boundary-unit, one of {', '.join(UNITS)}"
+        if size * min(UNITS.values()) > LARGEST:
+            farthest = max(drawing.pieces, key=lambda piece: max(np.abs(each.sketch()).max() for each in piece.curves))
+            remedy = f"remove or correct what is so far out, such as {farthest.name}"
         raise file.unreadable(
             f"a marker of {format_length(SMALLEST)} to {format_length(LARGEST)}",
             f"one that is {format_length(size * scale)} across{f' with {unit} for the unit' if unit else ''}",
-            f"give {'another' if unit else 'the'} --boundary-unit, one of {', '.join(UNITS)}",
+            remedy,
         )
     return scale
 

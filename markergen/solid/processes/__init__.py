@@ -8,6 +8,7 @@ it runs the requested process and adds the plate and the engraving on its back.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker
@@ -94,6 +95,8 @@ class Ground:
     notes: tuple[str, ...]
 
 
+# Cached, since each file of a solid and its notes need the parts.
+@lru_cache(maxsize=2)
 def parts_of(marker: Marker, fabrication: Fabrication) -> Made:
     """All parts of a marker as designed, the plates first; needs no CAD kernel.
 

@@ -123,6 +123,7 @@ SLOT = [((20, 20), (40, 20)), ((40.5, 20.5), (40.5, 24.5)), ((40, 25), (20, 25))
     ("body", "words"),
     [
         ('<circle r="-3"/>', "-3 for circle"),
+        ('<rect width="9" height="9"/><path id="far" d="M1 1A5 5 0 0 1 1e20 9z"/>', "far out, such as path 'far'"),
         ('<path d="M10 10 L90 90 z"/>', "zero area at (10 mm, 10 mm)"),
         ('<path d="M10 10 L90 90 L10 10 z"/>', "zero area"),
         ('<path d="M10 10 H90 L90 10.0001 H10 z"/>', "zero area"),
