@@ -148,8 +148,8 @@ def export_3mf(markers: Sequence[Marker], options: ExportOptions) -> Output:
         return Output(write_3mf(made.parts, made.name), made.notes)
     beside = f"{options.stem}-parts.3mf"
     use = (
-        f"For PrusaSlicer: one object, which prints its light parts with extruder 1 and its dark ones with extruder 2. "
-        f"Beside it, for Cura, OrcaSlicer and Bambu Studio: {beside}."
+        "The file is for PrusaSlicer, which prints light parts with extruder 1 and dark ones with extruder 2. "
+        f"Open {beside} beside it in Cura, OrcaSlicer and Bambu Studio."
     )
     return Output(
         write_3mf(made.parts, made.name), (use, *made.notes), {beside: write_3mf_of_parts(made.parts, made.name)}
@@ -157,7 +157,7 @@ def export_3mf(markers: Sequence[Marker], options: ExportOptions) -> Output:
 
 
 def write_3mf(parts: Sequence[MeshedPart], name: str) -> bytes:
-    """Write parts as a 3MF package with one object `name` of one mesh; mm, marker frame.
+    """Write parts as a 3MF package with one object `name` of one mesh; mm, marker frame; lies on the bed.
 
     Each triangle has its material. The parts follow one another and share no points, and PrusaSlicer reads their names
     and extruders from `VOLUMES`.
@@ -179,9 +179,10 @@ def write_3mf(parts: Sequence[MeshedPart], name: str) -> bytes:
     ranges = (
         f'<?xml version="1.0" encoding="UTF-8"?>\n<config>\n<object id="2">\n{"".join(volumes)}</object>\n</config>\n'
     )
-    return _3mf_package(
-        name, _3mf_model(name, whole, f'<item objectid="2" transform="{_lift(meshes)}"/>'), {VOLUMES: ranges}
-    )
+    item = f'<item objectid="2" transform="{_lift(meshes)}"/>'
+    # Without a version PrusaSlicer moves only the first of the parts by the item's transform.
+    version = '<metadata name="slic3rpe:Version3mf">1</metadata>\n'
+    return _3mf_package(name, _3mf_model(name, whole, item, version), {VOLUMES: ranges})
 
 
 def write_3mf_of_parts(parts: Sequence[MeshedPart], name: str) -> bytes:
@@ -231,16 +232,17 @@ def _lift(meshes: Sequence[Mesh]) -> str:
     return f"1 0 0 0 1 0 0 0 1 0 0 {max(0.0, -low, -low - middle):.9g}"
 
 
-def _3mf_model(name: str, objects: str, item: str) -> str:
+def _3mf_model(name: str, objects: str, item: str, metadata: str = "") -> str:
     materials = "".join(f'<base name="{material}" displaycolor="{_hex(COLORS[material])}"/>' for material in MATERIALS)
     return (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
         '<model unit="millimeter" xml:lang="en-US" '
         'xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02" '
-        'xmlns:cura="http://software.ultimaker.com/xml/cura/3mf/2015/10">\n'
+        'xmlns:cura="http://software.ultimaker.com/xml/cura/3mf/2015/10" '
+        'xmlns:slic3rpe="http://schemas.slic3r.org/3mf/2017/06">\n'
         f'<metadata name="Title">{name}</metadata>\n'
         f'<metadata name="Application">markergen {markergen.__version__}</metadata>\n'
-        f'<resources>\n<basematerials id="1">{materials}</basematerials>\n'
+        f'{metadata}<resources>\n<basematerials id="1">{materials}</basematerials>\n'
         f"{objects}</resources>\n<build>{item}</build>\n</model>\n"
     )
 
