@@ -13,6 +13,7 @@ from markergen.drawing.annotations import (
     paragraph,
     remedy_lines,
     scale_column,
+    tag_column,
     title_block,
 )
 from markergen.drawing.colors import BLACK_ON_WHITE
@@ -66,11 +67,25 @@ MOST_LENGTHS = 4
 """Maximum number of lengths across seams listed for each axis."""
 
 
-def tile_sheets(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Sheet, ...]:
-    """Lay out an assembly plan, then one sheet per tile."""
+def tile_sheets(
+    figure: Figure, options: SheetOptions, tiles: Tiling, page: tuple[int, int], smaller: str = ""
+) -> tuple[Sheet, ...]:
+    """Lay out an assembly plan, then one sheet per tile.
+
+    Parameters
+    ----------
+    figure : Figure
+    options : SheetOptions
+    tiles : Tiling
+    page : (number, total)
+        Number of the plan among the pages of the file.
+    smaller : str
+        Words on what would need no tiles.
+    """
     layers, nameless = _layers(figure, options, tiles)
-    pages = [_page(figure, tiles, tile, layers) for tile in tiles.tiles]
-    return (_plan(figure, tiles, _notes(figure, options, tiles, nameless)), *pages)
+    first, total = page
+    pages = [_page(figure, tiles, tile, layers, (number, total)) for number, tile in enumerate(tiles.tiles, first + 1)]
+    return (_plan(figure, tiles, _notes(figure, options, tiles, nameless, smaller), page), *pages)
 
 
 def _layers(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Layers, Sequence[str]]:
@@ -90,7 +105,7 @@ def _layers(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Layer
     return {**artwork.layers, "marks": (*marks, *crosses)}, artwork.nameless
 
 
-def _page(figure: Figure, tiles: Tiling, tile: Tile, layers: Layers) -> Sheet:
+def _page(figure: Figure, tiles: Tiling, tile: Tile, layers: Layers, page: tuple[int, int]) -> Sheet:
     paper = tiles.frame.paper
     dx, dy = tiles.shift(tile)
     placed = moved_layers(_part(tiles, tile, layers), dx, dy)
@@ -98,7 +113,7 @@ def _page(figure: Figure, tiles: Tiling, tile: Tile, layers: Layers) -> Sheet:
     seams = tiles.seams_of(tile)
     crops = _crop_marks(tiles, box, seams)
     drawn = {**placed, "marks": (*placed["marks"], *crops)}
-    strip, lengths = _strip(figure, tiles, tile, drawn, seams)
+    strip, lengths = _strip(figure, tiles, tile, drawn, seams, page)
     number = tile.row * tiles.columns + tile.column + 1
     return Sheet(
         paper,
@@ -168,7 +183,12 @@ def _crop_marks(tiles: Tiling, box: Box, seams: tuple[bool, bool, bool, bool]) -
 
 
 def _strip(
-    figure: Figure, tiles: Tiling, tile: Tile, drawn: Layers, seams: tuple[bool, bool, bool, bool]
+    figure: Figure,
+    tiles: Tiling,
+    tile: Tile,
+    drawn: Layers,
+    seams: tuple[bool, bool, bool, bool],
+    page: tuple[int, int],
 ) -> tuple[dict[str, tuple[Shape, ...]], tuple[int, int]]:
     """Draw a tile's rulers beside it and at the foot of the page, and the strip that identifies it."""
     frame, scale = tiles.frame, tiles.frame.scale
@@ -195,12 +215,17 @@ def _strip(
     )
     lengths = (x_length, y_length)
     words = remedy_lines(frame, remedy_words(lengths), base - 1.7 * scale, 1.4 * scale)
-    columns = facts(frame, _facts(figure, tiles, tile, lengths, seams), frame.margin, "tile")
+    columns = facts(frame, _facts(figure, tiles, tile, lengths, seams, page), frame.margin, "tile")
     return {"marks": (rule, *x_marks, *y_marks), "text": (*x_text, *y_text, *words, *columns)}, lengths
 
 
 def _facts(
-    figure: Figure, tiles: Tiling, tile: Tile, lengths: tuple[int, int], seams: tuple[bool, bool, bool, bool]
+    figure: Figure,
+    tiles: Tiling,
+    tile: Tile,
+    lengths: tuple[int, int],
+    seams: tuple[bool, bool, bool, bool],
+    page: tuple[int, int],
 ) -> list[Column]:
     count = len(tiles.tiles)
     number = tile.row * tiles.columns + tile.column + 1
@@ -210,8 +235,9 @@ def _facts(
     ]
     columns: list[Column] = [
         ("number", f"row {tile.row + 1}, column {tile.column + 1}", (f"tile {number} of {count}",), "bold"),
-        ("page", tiles.frame.paper.name, (f"page {number + 1} of {count + 1}",), "regular"),
+        ("page", tiles.frame.paper.name, (f"page {page[0]} of {page[1]}",), "regular"),
         ("spec", "spec", (marker_name(figure.marker).removeprefix("markergen-"),), "regular"),
+        *tag_column([figure.marker]),
         *([scale_column(figure.factor)] if figure.factor != (1.0, 1.0) else []),
         ("cut", "cut along marks", (edges or "nothing",), "regular"),
         ("rulers", "rulers to 0.1 mm", (ruler_words(lengths),), "regular"),
@@ -224,7 +250,9 @@ def _facts(
     return columns
 
 
-def _notes(figure: Figure, options: SheetOptions, tiles: Tiling, nameless: Sequence[str]) -> tuple[str, ...]:
+def _notes(
+    figure: Figure, options: SheetOptions, tiles: Tiling, nameless: Sequence[str], smaller: str
+) -> tuple[str, ...]:
     boundary, paper = figure.marker.boundary, tiles.frame.paper
     count = len(tiles.tiles)
     shape = "disk" if is_disk(boundary) else "outline"
@@ -233,6 +261,7 @@ def _notes(figure: Figure, options: SheetOptions, tiles: Tiling, nameless: Seque
     how = "tells how to put them together" if count > 1 else "says the rest"
     notes = [
         f"The {shape} of the marker is {size_words(boundary)}. {why}, so it goes on {where}, after a page that {how}.",
+        *([f"To print it on one: {smaller}."] if smaller else []),
         "Print at 100 %, then check the rulers on every page.",
     ]
     cut = [dot.name.removeprefix("dot-") for dot in cut_dots(tiles, figure.dots)]
@@ -242,7 +271,7 @@ def _notes(figure: Figure, options: SheetOptions, tiles: Tiling, nameless: Seque
     return (*notes, *compensated_note(figure), *nameless_note(nameless))
 
 
-def _plan(figure: Figure, tiles: Tiling, notes: tuple[str, ...]) -> Sheet:
+def _plan(figure: Figure, tiles: Tiling, notes: tuple[str, ...], page: tuple[int, int]) -> Sheet:
     """Assembly plan; it is neither cut nor measured."""
     frame, scale, paper = tiles.frame, tiles.frame.scale, tiles.frame.paper
     left, width, top = frame.margin, frame.width, frame.top
@@ -250,11 +279,11 @@ def _plan(figure: Figure, tiles: Tiling, notes: tuple[str, ...]) -> Sheet:
     size = size_words(figure.marker.boundary)
     texts: list[Shape] = [text("Assembly plan", left, top - 3.8 * scale, 3.8 * scale, face="bold", name="plan-title")]
     what = f"{count} tiles in {tiles.layout_words}, for" if count > 1 else "the other has"
-    subtitle = f"Page 1 of {count + 1}: {what} a marker of {size}"
+    subtitle = f"Page {page[0]} of {page[1]}: {what} a marker of {size}"
     texts += paragraph(subtitle, left, top - 6.5 * scale, width, 1.9 * scale, 2, "plan-subtitle")
-    block_marks, block_text = title_block(frame, [figure.marker], figure.factor)
+    block_marks, block_text = title_block(frame, [figure.marker], figure.factor, page)
     low = frame.block_top + 4 * scale
-    steps, high = _steps(figure, tiles, low)
+    steps, high = _steps(figure, tiles, low, page[0] + 1)
     marks, numbers = _picture(figure, tiles, (left, high + 5 * scale, frame.right, top - 13 * scale))
     return Sheet(
         paper,
@@ -340,12 +369,12 @@ def _dashed(start: Point, end: Point, name: str) -> list[Line]:
     return dashes
 
 
-def _steps(figure: Figure, tiles: Tiling, low: float) -> tuple[list[Shape], float]:
+def _steps(figure: Figure, tiles: Tiling, low: float, first: int) -> tuple[list[Shape], float]:
     """Numbered paragraphs ending at height `low`, and the height of their upper end."""
     frame, scale = tiles.frame, tiles.frame.scale
     height, indent = 1.75 * scale, 5 * scale
     rows: list[tuple[str, str]] = []
-    for number, step in enumerate(_words(figure, tiles), 1):
+    for number, step in enumerate(_words(figure, tiles, first), 1):
         for index, line in enumerate(wrap(step, frame.width - indent, height)):
             rows.append((f"{number}" if index == 0 else "", line))
     step_up, y = 1.85 * height, low
@@ -359,17 +388,18 @@ def _steps(figure: Figure, tiles: Tiling, low: float) -> tuple[list[Shape], floa
     return texts, y
 
 
-def _words(figure: Figure, tiles: Tiling) -> list[str]:
+def _words(figure: Figure, tiles: Tiling, first: int) -> list[str]:
+    """Instructions for tiles that are on the pages from `first` on."""
     count = len(tiles.tiles)
     half = f"{tiles.overlap / 2:g}"
     if count == 1:
         return [
-            "Print page 2 at 100 % (actual size, not fitted to the page). Its rulers must be true to 0.1 mm; it says "
-            "what to do if they are not. Nothing is to be cut or glued."
+            f"Print page {first} at 100 % (actual size, not fitted to the page). Its rulers must be true to 0.1 mm; it "
+            "says what to do if they are not. Nothing is to be cut or glued."
         ]
     steps = [
-        f"Print pages 2 to {count + 1} at 100 % (actual size, not fitted to the page), all on the same printer. The "
-        "rulers on every page must be true to 0.1 mm; each page says what to do if they are not.",
+        f"Print pages {first} to {first + count - 1} at 100 % (actual size, not fitted to the page), all on the same "
+        "printer. The rulers on every page must be true to 0.1 mm; each page says what to do if they are not.",
         "Cut tiles along the crop marks on their left and upper edges where another tile joins (dashed lines); "
         f"each page says which. Leave right and lower edges: {half} mm and the margin beyond lie under the next tile.",
         "Begin with tile 1. Lay each next tile onto the edge of its neighbor so that every cross on the seam is whole: "

@@ -17,6 +17,7 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+from numpy.typing import NDArray
 
 import markergen
 from markergen.exporters import ExportOptions, Output, only
@@ -25,6 +26,8 @@ from markergen.model.marker import Marker, marker_name
 from markergen.solid.bodies import COLORS, OTHER
 from markergen.solid.mesh import Mesh, kept_apart, mesh_of
 from markergen.solid.processes import Made, parts_of
+
+Array = NDArray[np.float64]
 
 MATERIALS = tuple(COLORS)
 """Names of the materials, in the order in which the formats list them."""
@@ -124,7 +127,11 @@ def export_stl(markers: Sequence[Marker], options: ExportOptions) -> Output:
 def write_stl(parts: Sequence[MeshedPart], name: str) -> bytes:
     """Write parts as one binary STL named `name`, each a closed surface, in mm, marker frame."""
     meshes = kept_apart([part.mesh for part in parts])
-    corners = np.concatenate([mesh.points[mesh.triangles] for mesh in meshes])
+    return stl_of(np.concatenate([mesh.points[mesh.triangles] for mesh in meshes]), name, "mm")
+
+
+def stl_of(corners: Array, name: str, unit: str) -> bytes:
+    """Write triangles (m, 3, 3) as one binary STL whose header has their name and unit."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
     facets = np.zeros(len(corners), FACET)
@@ -132,7 +139,7 @@ def write_stl(parts: Sequence[MeshedPart], name: str) -> bytes:
     facets["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
     facets["corners"] = corners
     # A text STL begins with "solid", so a binary one must not.
-    header = f"{name}, markergen {markergen.__version__}, mm".encode("ascii").ljust(80)
+    header = f"{name}, markergen {markergen.__version__}, {unit}".encode("ascii").ljust(80)
     return header + np.uint32(len(facets)).astype("<u4").tobytes() + facets.tobytes()
 
 

@@ -21,14 +21,23 @@ MOST_POINTS = 14400
 
 
 def bare_canvas(*arguments: Any, **options: Any) -> Any:
-    """Make a canvas that selects no font: by default reportlab lists Helvetica, unembedded, on every page."""
+    """Make a canvas for drawings to scale.
+
+    It asks the program that prints it for true size on paper of the page's size, and selects no font: by default
+    reportlab lists Helvetica, unembedded, on every page.
+    """
+    from reportlab.pdfbase.pdfdoc import PDFDictionary, PDFName
     from reportlab.pdfgen.canvas import Canvas
 
     class BareCanvas(Canvas):  # type: ignore[misc]  # reportlab has no types
         def _make_preamble(self) -> None:
             self._preamble = "1 0 0 1 0 0 cm"
 
-    return BareCanvas(*arguments, **options)
+    # Preferences about trays and duplex printing require PDF 1.7, layers 1.5.
+    canvas = BareCanvas(*arguments, pdfVersion=(1, 7), **options)
+    preferences = {"PrintScaling": PDFName("None"), "PickTrayByPDFSize": "true"}
+    canvas._doc.Catalog.ViewerPreferences = PDFDictionary(preferences)
+    return canvas
 
 
 def page_size(paper: Paper) -> tuple[float, float]:

@@ -204,15 +204,22 @@ def test_smallest_iso_paper_that_holds_the_marker(make_ngon, radius, paper):
 def test_notes_say_which_paper_and_why(make_ngon):
     sheet = sheet_for(make_ngon(5, 0.15, 0.036))
     assert sheet.notes[0] == "The marker needs A2 (420 x 594 mm): its disk is 300 mm across."
-    assert "200 mm" in sheet.notes[1]
+    assert sheet.notes[1] == (
+        "With --paper A4, a .pdf has it on tiles; a page of A4 holds a disk of radius 89 mm: "
+        "markergen design --radius fit --paper A4."
+    )
+    assert "200 mm" in sheet.notes[2]
     larger = sheet_for(make_ngon(5, 0.15, 0.036), "A1")
     assert larger.notes[0] == "The marker stands on A1 (594 x 841 mm): its disk is 300 mm across."
+    assert not any("design" in note for note in larger.notes)
 
 
 def test_too_small_paper_says_the_size_needed(make_ngon):
-    with pytest.raises(InputError, match=r"at least 3\d\d x 3\d\d mm .* found A4 \(210 x 297 mm\); use --paper A2"):
+    with pytest.raises(
+        InputError, match=r"at least 3\d\d x 3\d\d mm .* found A4 \(210 x 297 mm\); use --paper A2.*89 mm"
+    ):
         sheet_for(make_ngon(5, 0.15, 0.036), "A4")
-    with pytest.raises(InputError, match=r"A0 paper .* 2000 mm across that needs \d+ x \d+ mm; .*\.step"):
+    with pytest.raises(InputError, match=r"A0 paper .* 2000 mm across that needs \d+ x \d+ mm; no known paper"):
         sheet_for(make_ngon(5, 1.0, 0.1))
     with pytest.raises(InputError, match="no known paper"):
         sheet_for(make_ngon(5, 1.0, 0.1), "A4")

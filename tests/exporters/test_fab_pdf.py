@@ -48,6 +48,10 @@ def test_all_ink_is_inside_of_the_border(sheet):
         assert (MM * np.array(page.get_size()) - boxes[:, 2:]).min() > 9.8
 
 
+def test_it_is_printed_to_scale(sheet):
+    assert not pdfium.FPDF_VIEWERREF_GetPrintScaling(sheet[2].raw)
+
+
 def test_no_two_texts_touch(sheet):
     for page in sheet[2]:
         boxes = [each.get_bounds() for each in page.get_objects(filter=[pdfium.FPDF_PAGEOBJ_TEXT])]

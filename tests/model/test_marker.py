@@ -244,9 +244,13 @@ def test_sizes_survive_a_correction_by_rulers(pentagon):
 def test_rulers_are_those_that_were_printed(pentagon):
     printed = replace(pentagon, rulers=(0.1, 0.05))
     with pytest.raises(InputError, match="the sheet has it, 100 mm, found nominal_x=200 mm; give --nominal-x 100mm"):
+        rescale(printed, Rulers(0.198, None, 0.2))
+    with pytest.raises(InputError, match=r"about 100 mm along x.*found 198 mm.*measure that ruler, or add --force"):
         rescale(printed, Rulers(0.198, None))
-    after, _ = rescale(printed, Rulers(0.099, 0.0495, 0.1, 0.05))
-    assert after.print_scale == pytest.approx((0.99, 0.99))
+    for nominal in ((0.1, 0.05), (None, None)):
+        after, said = rescale(printed, Rulers(0.099, 0.0495, *nominal))
+        assert after.print_scale == pytest.approx((0.99, 0.99))
+        assert not any("taken for" in each for each in said)
 
 
 def test_bad_sizes_and_polarities_are_refused():

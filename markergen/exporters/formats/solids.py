@@ -29,14 +29,21 @@ EXPORTERS.register(".glb")(
 EXPORTERS.register(".sdf")(
     Exporter(
         "markergen.exporters.simulators:export_sdf",
-        "model for simulators, with the .glb that it shows",
+        "model for Gazebo, with its meshes",
+        holds="solid",
+    )
+)
+EXPORTERS.register(".mjcf.xml")(
+    Exporter(
+        "markergen.exporters.simulators:export_mjcf",
+        "model for MuJoCo, with its meshes",
         holds="solid",
     )
 )
 EXPORTERS.register(".urdf")(
     Exporter(
         "markergen.exporters.simulators:export_urdf",
-        "model for simulators, with the .glb that it shows",
+        "model for ROS and other simulators, with its meshes",
         holds="solid",
     )
 )
