@@ -389,6 +389,8 @@ def serve(script: str, memory: str) -> None:
     preceded by its size in 8 bytes; the first reply is sent without a request.
     """
     replies = os.fdopen(os.dup(1), "wb")
+    # The parent handles Ctrl-C, and a library that is interrupted while it loads would seem to be missing.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Libraries print remarks about files on standard output.
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     hello = _limit_memory(int(memory))

@@ -17,6 +17,7 @@ from markergen.exporters.saving import check_outputs, family_paths, save, save_f
 from markergen.files import Written, write_all
 from markergen.files import check_outputs as check_files
 from markergen.model.camera import Camera
+from markergen.model.marker import light_marker
 from markergen.model.spec import Spec
 from markergen.model.tag import parse_ids
 from markergen.objectives import OBJECTIVES
@@ -72,6 +73,8 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
     check_files([*targets, *request.traces], request.inputs)
     log.info("designing %d control points in a %s", request.spec.n, request.spec.boundary)
     spec, found = request.find(lambda spec: find(spec, progress, traced=bool(request.traces)))
+    if request.choices.sheet.colors.inverted:
+        found = replace(found, marker=light_marker(found.marker))
     for warning in found.warnings:
         log.warning("%s", warning)
     if request.ids:

@@ -33,7 +33,9 @@ def grid_pages(figures: Sequence[Figure], options: SheetOptions, frames: Sequenc
         return ()
     batches = [figures[start : start + best.count] for start in range(0, len(figures), best.count)]
     pages = [_grid_page(batch, best, options, (number, len(batches))) for number, batch in enumerate(batches, 1)]
-    return (replace(pages[0], notes=(*_grid_notes(figures, best, pages), *pages[0].notes)), *pages[1:])
+    told = pages[0].notes
+    others = (replace(page, notes=tuple(note for note in page.notes if note not in told)) for page in pages[1:])
+    return (replace(pages[0], notes=(*_grid_notes(figures, best, pages), *told)), *others)
 
 
 @dataclass(frozen=True)
@@ -92,12 +94,14 @@ def _grid_page(figures: Sequence[Figure], grid: PageGrid, options: SheetOptions,
     frame = grid.frame
     layers: list[dict[str, tuple[Shape, ...]]] = []
     nameless: list[str] = []
+    about: list[str] = []
     for index, figure in enumerate(figures):
         artwork = draw_artwork(figure, options.colors, frame.scale, grid.room)
         drawn = {**artwork.layers, "text": (*artwork.layers["text"], *_caption(figure.marker, grid.room, frame.scale))}
         named = {name: renamed(shapes, f"marker-{index + 1}-" if index else "") for name, shapes in drawn.items()}
         layers.append(moved_layers(named, *grid.origin(index)))
         nameless += [f"{dot} of marker {index + 1} on page {page[0]}" for dot in artwork.nameless]
+        about += artwork.notes
     merged = {name: tuple(shape for each in layers for shape in each[name]) for name in layers[0]}
     markers = [figure.marker for figure in figures]
     alike = all(marker.control_points == markers[0].control_points for marker in markers)
@@ -111,7 +115,7 @@ def _grid_page(figures: Sequence[Figure], grid: PageGrid, options: SheetOptions,
         lengths,
         marker_name(markers[0]),
         f"{len(figures)} fiducial markers, page {page[0]} of {page[1]}, at true size on {paper}. Print at 100 %.",
-        nameless_note(nameless),
+        (*nameless_note(nameless), *dict.fromkeys(about)),
         (0.0, 0.0, paper.width, paper.height),
     )
 

@@ -297,7 +297,9 @@ def _single_page(figure: Figure, options: SheetOptions, frame: Frame, origin: Po
         lengths,
         marker_name(figure.marker),
         f"Fiducial marker with {len(figure.marker)} dots, {size}, at true size on {paper}. Print at 100 %.",
-        _single_notes(figure, options, paper, lengths, artwork.nameless) + (() if around_origin(room) else (_AWAY,)),
+        _single_notes(figure, options, paper, lengths, artwork.nameless)
+        + artwork.notes
+        + (() if around_origin(room) else (_AWAY,)),
         (0.0, 0.0, paper.width, paper.height),
     )
 

@@ -18,7 +18,7 @@ from markergen.drawing.annotations import (
 )
 from markergen.drawing.colors import BLACK_ON_WHITE
 from markergen.drawing.figure import Figure, compensated_note, is_disk, size_words
-from markergen.drawing.marker_artwork import boundary_lines, draw_artwork
+from markergen.drawing.marker_artwork import cut_lines, draw_artwork
 from markergen.drawing.paper import SheetOptions
 from markergen.drawing.print_measurements import AIR, BAND, far_pair, place_ruler, remedy_words, ruler_words
 from markergen.drawing.scene import (
@@ -82,14 +82,14 @@ def tile_sheets(
     smaller : str
         Words on what would need no tiles.
     """
-    layers, nameless = _layers(figure, options, tiles)
+    layers, nameless, about = _layers(figure, options, tiles)
     first, total = page
     pages = [_page(figure, tiles, tile, layers, (number, total)) for number, tile in enumerate(tiles.tiles, first + 1)]
-    return (_plan(figure, tiles, _notes(figure, options, tiles, nameless, smaller), page), *pages)
+    return (_plan(figure, tiles, (*_notes(figure, options, tiles, nameless, smaller), *about), page), *pages)
 
 
-def _layers(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Layers, Sequence[str]]:
-    """Artwork and registration crosses to divide, mm, marker frame, and the dots without room for their number."""
+def _layers(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Layers, Sequence[str], Sequence[str]]:
+    """Artwork and registration crosses to divide, mm, marker frame; dots without room for their number; notes."""
     scale, color = tiles.frame.scale, options.colors.ink
     near = any(abs(place) < CENTER / 2 for place in (*tiles.across.places, *tiles.upward.places))
     bare = draw_artwork(figure, options.colors, scale, tiles.extent)
@@ -102,7 +102,7 @@ def _layers(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Layer
     homes = [next(tile.box for tile in tiles.tiles if tile.holds(dot.x, dot.y)) for dot in figure.dots]
     artwork = draw_artwork(figure, options.colors, scale, tiles.extent, ink_points([*seams, *crosses]), homes)
     marks = [shape for shape in artwork.layers["marks"] if not (near and shape.name.startswith("center-"))]
-    return {**artwork.layers, "marks": (*marks, *crosses)}, artwork.nameless
+    return {**artwork.layers, "marks": (*marks, *crosses)}, artwork.nameless, artwork.notes
 
 
 def _page(figure: Figure, tiles: Tiling, tile: Tile, layers: Layers, page: tuple[int, int]) -> Sheet:
@@ -316,7 +316,7 @@ def _picture(figure: Figure, tiles: Tiling, room: Box) -> tuple[list[Shape], lis
         marks.append(FilledPath(segments, f"plan-{dot.name}", PALE))
     edges = [
         Line(tuple(at(*point) for point in line.points), HAIRLINE, f"plan-{line.name}", LIGHT)
-        for line in boundary_lines(figure, BLACK_ON_WHITE)
+        for line in cut_lines(figure, BLACK_ON_WHITE)
     ]
     marks += edges
     corners = (at(left, bottom), at(right, bottom), at(right, top), at(left, top), at(left, bottom))

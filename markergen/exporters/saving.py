@@ -11,7 +11,7 @@ from markergen.errors import InputError, OutputError
 from markergen.exporters import EXPORTERS, RECORD, Exporter, ExportOptions, Output, stem_of, suffix_of
 from markergen.files import Written, check_folder, folders_for, write_all
 from markergen.files import check_outputs as check_files
-from markergen.model.marker import Marker, check_supported
+from markergen.model.marker import LIGHT_DOTS, Marker, check_supported
 from markergen.units import format_length
 
 if TYPE_CHECKING:
@@ -58,9 +58,10 @@ def outputs_of(
     every = tuple(markers) if isinstance(markers, Sequence) else (markers,)
     check_outputs(paths, choices)
     for path in paths:
-        if suffix_of(path) != RECORD:
+        suffix = suffix_of(path)
+        if suffix != RECORD:
             for marker in every:
-                check_supported(marker, f"for {suffix_of(path)}", joint=False)
+                check_supported(marker, f"for {suffix}", joint=False, light=holds_light(suffix))
     return {path: EXPORTERS[suffix_of(path)](every, replace(choices, stem=stem_of(path))) for path in paths}
 
 
@@ -133,13 +134,20 @@ def check_outputs(paths: Sequence[Path], options: ExportOptions, spec: "Spec | N
         if spec and exporter.holds == "flat" and spec.relief:
             remedy = "write it to marker.json or as a solid such as .step, or leave out --relief"
             raise InputError("dots in one plane", f"a relief of {format_length(spec.relief)} for {path}", remedy)
+        if spec and options.sheet.colors.inverted and not holds_light(suffix):
+            raise InputError(f"dark dots for {path}", "--colors inverted", f"{LIGHT_DOTS}; leave one of both out")
         if spec and exporter.kernel:
-            from markergen.solid.kernel import import_cadquery
+            from markergen.solid.kernel import import_kernel
 
-            import_cadquery()  # Fail now, not after minutes of optimization.
+            import_kernel()  # Fail now, not after minutes of optimization.
         exporter.refuse(options)
         if exporter.sheet:
             _check_sheet(exporter, options, spec)
+
+
+def holds_light(suffix: str) -> bool:
+    """True if a format can hold light dots: as a sheet, as points, or as the marker itself."""
+    return EXPORTERS[suffix].sheet or EXPORTERS[suffix].holds == "points"
 
 
 def _check_sheet(exporter: Exporter, options: ExportOptions, spec: "Spec | None") -> None:

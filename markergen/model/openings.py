@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markergen.geometry.contour import Contour, area, backward, placed
+from markergen.errors import InputError
+from markergen.geometry.contour import Contour, area, circle
 from markergen.geometry.region import Region
-from markergen.model.boundary import Boundary
+from markergen.model.boundary import Boundary, filled_outline
 from markergen.model.findings import listed
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole
@@ -24,7 +25,7 @@ class Opening:
     Attributes
     ----------
     contour : Contour
-        Outline of the bore, counterclockwise, m, marker frame.
+        Outline of the bore, clockwise as around a hole, m, marker frame.
     hole : Hole or None
         Mounting or dowel hole that it is; None for a hole of a drawing.
     """
@@ -35,7 +36,7 @@ class Opening:
     @property
     def region(self) -> Region:
         """Opening in the printed face, with the countersink."""
-        return self.hole.rim.region if self.hole else Region.of_contour(self.contour, (), OFF)
+        return self.hole.rim.region if self.hole else _region(self.contour)
 
     def __str__(self) -> str:
         if self.hole:
@@ -48,19 +49,35 @@ class Opening:
 def openings(marker: Marker) -> tuple[Opening, ...]:
     """Return all holes: mounting and dowel holes in the order of marker.json, then those of the drawings."""
     drawn = drawn_holes(marker.boundary, marker.substrate.outline)
-    made = (Opening(placed(hole.bore.contours()[0], 1.0, digits=12), hole) for hole in marker.substrate.holes)
-    return (*made, *(Opening(backward(contour)) for contour in drawn))
+    made = (Opening(circle(hole.diameter / 2, hole.x, hole.y, hole=True), hole) for hole in marker.substrate.holes)
+    return (*made, *map(Opening, drawn))
 
 
 def drawn_holes(boundary: Boundary, outline: Boundary | None = None) -> tuple[Contour, ...]:
     """Return the holes of a boundary and of a plate's own outline as exact contours in m, clockwise.
 
     Those of a boundary that lie in a hole of the outline are left out, and vice versa, so that none counts twice.
+
+    Raises
+    ------
+    InputError
+        If holes of both overlap otherwise.
     """
     own, other = ([each for each in shape.contours() if area(each) < 0] if shape else [] for shape in
                   (outline, boundary))  # fmt: skip
+    if not (own and other):
+        return (*own, *other)
     kept = [each for each in own if not any(_within(each, wide) and area(each) > area(wide) for wide in other)]
-    return (*kept, *(each for each in other if not any(_within(each, wide) for wide in kept)))
+    more = [each for each in other if not any(_within(each, wide) for wide in kept)]
+    crossing = [filled_outline(each) for each in more if any(_region(each).meets(_region(hole)) for hole in kept)]
+    if crossing:
+        x, y = map(format_length, crossing[0].center)
+        raise InputError(
+            "holes of the boundary inside or outside of those of --outline",
+            f"one around {x}, {y} that overlaps one",
+            "draw their union in one of the drawings",
+        )
+    return (*kept, *more)
 
 
 def near_holes(marker: Marker) -> tuple[str, ...]:
@@ -79,8 +96,8 @@ def near_holes(marker: Marker) -> tuple[str, ...]:
     if not found:
         return ()
     return (
-        "Holes reach into the quiet zones of dots, where a camera sees them as dark spots: "
-        f"{listed(found, 4)}; where the pose must be exact, move them, or use a larger clearance.",
+        "holes reach into the quiet zones of dots, where a camera sees them as dark spots: "
+        f"{listed(found, 4)}; move them, or use a larger --clearance, if detection suffers",
     )
 
 
@@ -90,5 +107,8 @@ def _some(ids: Sequence[str]) -> list[str]:
 
 def _within(inner: Contour, outer: Contour) -> bool:
     """True if a hole lies in another one, up to rounding of arcs."""
-    small, large = (Region.of_contour(backward(each), (), OFF) for each in (inner, outer))
-    return not (small - large.offset(2 * OFF))
+    return not (_region(inner) - _region(outer).offset(2 * OFF))
+
+
+def _region(contour: Contour) -> Region:
+    return Region.of_contour(contour, (), OFF)

@@ -1,8 +1,7 @@
 """Parser of STEP and BREP files; `markergen.guard` runs this script in a child process for `verification.step`.
 
-Open CASCADE, the kernel of cadquery, reads the files; their document is traversed here. `cadquery.Assembly.importStep`
-refuses files of other programs: a single part without an assembly, or an assembly with two parts of the same name.
-Importing cadquery also takes a second longer than the few kernel modules used here.
+Open CASCADE reads the files; their document is traversed here, since `cadquery.Assembly.importStep` refuses files of
+other programs: a single part without an assembly, or an assembly with two parts of the same name.
 """
 
 import importlib

@@ -20,7 +20,7 @@ def apart(a: tuple, b: tuple) -> bool:
 
 
 def check_ink(sheet: Sheet, margin: float = 9.4) -> None:
-    """All ink keeps the margin, names are unique, quiet zones blank but for cut marks, no two texts touch."""
+    """All ink keeps the margin, names are unique, quiet zones blank but for cut marks and holes, no two texts touch."""
     shapes = list(sheet.scene)
     boxes = {id(shape): bounds(shape) for shape in shapes}
     assert len({shape.name for shape in shapes}) == len(shapes), "names become ids"
@@ -36,7 +36,7 @@ def check_ink(sheet: Sheet, margin: float = 9.4) -> None:
         for shape in others:
             if box_distance(center, boxes[id(shape)]) >= 2 * dot.radius:
                 continue
-            if shape.name.split("-")[-2:-1] == ["center"] and on_origin:
+            if (shape.name.split("-")[-2:-1] == ["center"] and on_origin) or "hole-" in shape.name:
                 continue
             gap = segment_distance(center, shape) - shape.width / 2 if isinstance(shape, Line) else None
             gap = box_distance(center, boxes[id(shape)]) if gap is None else gap

@@ -37,12 +37,12 @@ def along(line: Line) -> np.ndarray:
 
 
 def check_sheet(marker: Marker, sheet: Sheet) -> None:
-    """Dots in place and whole, quiet zones blank and on the paper, the margin white, numbers apart from all ink."""
+    """Dots in place and whole, quiet zones blank but for holes, the margin white, numbers apart from all ink."""
     dots = sheet.scene["dots"]
     expected = marker.xyz[:, :2] * 1e3 + sheet.origins_mm[0]
     np.testing.assert_allclose([(d.x, d.y) for d in dots], expected, atol=ROUNDING, rtol=0)
     width, height = sheet.paper.width, sheet.paper.height
-    others = [shape for shape in sheet.scene if shape.name not in {d.name for d in dots}]
+    others = [shape for shape in sheet.scene if not shape.name.startswith(("dot-", "hole-"))]
     crosses = [shape for shape in others if shape.name.startswith("center")]
     boxes = {id(shape): bounds(shape) for shape in others}
     for dot in dots:
@@ -102,7 +102,7 @@ def test_boundaries_of_any_shape(shape, make_in, diameter, keep_outs):
     )
     edges = shapely.MultiLineString([shapely.LinearRing(ring) for ring in shape.outlines()])
     drawn = shapely.MultiLineString([
-        (np.array(s.points) - sheet.origins_mm[0]) / 1e3 for s in sheet.scene if s.name.startswith("boundary-")
+        (np.array(s.points) - sheet.origins_mm[0]) / 1e3 for s in sheet.scene["cut"]
     ])  # fmt: skip
     # The hairline is the outline, but for what quiet zones take and a step of 1 mm on either side.
     assert shapely.hausdorff_distance(drawn, shapely.intersection(edges, drawn.buffer(1e-9))) < 1e-8
@@ -116,19 +116,9 @@ def test_boundaries_of_any_shape(shape, make_in, diameter, keep_outs):
             mark = shapely.line_interpolate_point(mark, [1e-4, 1e-3, 1.0])
             assert not shapely.intersects(whole, mark).any()
         assert np.all(shapely.distance(edges, mark) > 0)
-    for line in (s for s in sheet.scene if s.name.startswith("keep-out-")):
+    assert not [s for s in sheet.scene["cut"] if s.name.startswith("keep-out-")]
+    for line in (s for s in sheet.scene["marks"] if s.name.startswith("keep-out-")):
         assert np.min(shape.depth((along(line) - sheet.origins_mm[0]) / 1e3)) > -1e-3
-
-
-def test_holes_of_the_plate_are_drawn_where_they_are(make_ngon):
-    marker = replace(make_ngon(5, 0.1, 0.016), substrate=Substrate(holes=parse_mount("2xM3c@40mm/0")))
-    sheet = sheet_for(marker)
-    lines = {s.name: np.array(s.points) - sheet.origins_mm[0] for s in sheet.scene if s.name.startswith("hole-")}
-    assert set(lines) == {"hole-0-0", "hole-1-0"}
-    for name, x in (("hole-0-0", 20), ("hole-1-0", -20)):
-        # A closed line of chords: its corners are on the circle of the bore.
-        np.testing.assert_allclose(np.hypot(*(lines[name] - (x, 0)).T), 1.7, atol=1e-6)
-        assert (lines[name][0] == lines[name][-1]).all()
 
 
 def test_wide_markers_lie_on_their_side(shapes, make_in):
@@ -482,15 +472,18 @@ def test_inverted_markers_lie_on_a_printed_ground(make_ngon, check_page):
 def test_lines_for_a_cutter_are_closed(make_in, shapes):
     marker = make_in(shapes["plate"], 6, 0.02, (Circle(0.012),))
     colors = parse_colors("black,cut:CutContour")
-    lines = pages_for([marker], SheetOptions(colors=colors))[0].scene["cut"]
-    assert len(lines) == 6
+    marker = replace(marker, substrate=Substrate(holes=parse_mount("24mm:0mm,0mm")))
+    (sheet,) = pages_for([marker], SheetOptions(colors=colors))
+    lines = sheet.scene["cut"]
+    assert [line.name for line in lines] == ["boundary-0", *(f"hole-{k}" for k in range(5))]
     assert all(line.closed and line.color == colors.cut for line in lines)
+    assert not any("gaps" in note for note in sheet.notes)
     hairlines = sheet_for(marker).scene["cut"]
     assert {line.color for line in hairlines} == {"#9a9a9a"}
+    assert all(line.closed for line in hairlines if line.name.startswith("hole"))
     # Around a hole of 12 mm: chords are within 0.5 um of the circle.
-    hole = np.array(next(line for line in lines if line.name.startswith("keep-out")).points)
-    middles = (hole[:-1] + hole[1:]) / 2 - pages_for([marker], SheetOptions(colors=colors))[0].origins_mm[0]
-    assert np.min(np.hypot(*middles.T)) == pytest.approx(12, abs=1e-3)
+    hole = np.array(lines[1].points) - sheet.origins_mm[0]
+    assert np.min(np.hypot(*(hole[:-1] + hole[1:]).T / 2)) == pytest.approx(12, abs=1e-3)
 
 
 def test_layout_takes_less_than_0_3_s(make_ngon):

@@ -17,7 +17,15 @@ from markergen.exporters.saving import outputs_of
 from markergen.model import camera, marker
 from markergen.model.boundary import Circle
 from markergen.model.feature import Feature
-from markergen.model.marker import ControlPoint, JointCovariance, Marker, MeasuredSize, Plate, check_supported
+from markergen.model.marker import (
+    ControlPoint,
+    JointCovariance,
+    Marker,
+    MeasuredSize,
+    Plate,
+    check_supported,
+    light_marker,
+)
 from markergen.model.marker_json import from_json, to_json
 from markergen.model.rescale import MeasuredDot, Rulers, remeasure, rescale
 from markergen.model.tag import FAMILIES, family_bits, family_size
@@ -166,8 +174,8 @@ def test_notebooks_show_bare_points():
 
 
 def with_light(pentagon):
-    dots = tuple(replace(p, feature=replace(p.feature, polarity="light")) for p in pentagon.control_points)
-    return replace(pentagon, control_points=dots)
+    """On no ground can dots of both kinds be seen."""
+    return replace(pentagon, control_points=(*pentagon.control_points[:2], *light_marker(pentagon).control_points[2:]))
 
 
 def on_plates(pentagon):
@@ -225,6 +233,23 @@ def test_what_cannot_be_used_yet_is_refused_at_every_door(unused, setting, tmp_p
             assert f" {doing}, found " in str(caught.value)
             assert words in str(caught.value)
     outputs_of(made, [path])
+
+
+def test_light_dots_are_refused_where_they_are_not_found(pentagon, setting):
+    light = light_marker(pentagon)
+    assert light.light
+    assert not pentagon.light
+    assert from_json(to_json(light).decode()) == light
+    image = np.full((480, 640), 200, np.uint8)
+    for call in (
+        lambda: detect(image, light), lambda: Detector(light), lambda: seen(light, setting),
+        lambda: validate(light, setting, runs=0),
+    ):  # fmt: skip
+        with pytest.raises(
+            InputError, match=r"found light dots: 0, 1, 2, 3, 4; light dots .* not yet .* detected; des"
+        ):
+            call()
+    assert rescale(light, Rulers(0.199, None))[0].light
 
 
 def test_what_is_known_passes_every_door(pentagon):

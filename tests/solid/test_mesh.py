@@ -2,11 +2,11 @@ from math import pi, sqrt, tan
 
 import numpy as np
 import pytest
+from cad import build
 
 from markergen.errors import OutputError
 from markergen.geometry.contour import Contour, circle
 from markergen.solid.bodies import Part, Prism, Revolved, cylinder
-from markergen.solid.kernel import build
 from markergen.solid.mesh import LEAST, Mesh, is_closed, kept_apart, mesh_of
 
 QUARTER = tan(pi / 8)

@@ -7,6 +7,7 @@ from math import cos, pi, sin
 
 import numpy as np
 import pytest
+from cad import solids_of
 
 from markergen.errors import InputError
 from markergen.geometry.contour import area, flattened
@@ -16,7 +17,6 @@ from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 from markergen.solid.bodies import Part, Prism, Revolved
 from markergen.solid.dot_geometry import dots_of
-from markergen.solid.kernel import solids_of
 from markergen.solid.plate import plate_of
 from markergen.solid.processes import parts_of
 

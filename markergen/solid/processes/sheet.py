@@ -82,27 +82,37 @@ PROCESSES.register("print")(
 
 
 def _recesses(marker: Marker, tool: Tool, depth: float, gap: float) -> tuple[Prism, ...]:
-    """Recess for each piece of the boundary, leaving lands around the holes in it."""
+    """Recess for each piece of the boundary, leaving lands around screws and pins; the plate's drawn holes open it."""
     plate = plate_of(marker)
+    face = plate.face.filled()
+    drawn = [(hole, Region.of_contour(hole, (), OFF)) for _, *holes in plate.outlines for hole in holes]
     lands = [Footprint(each.name, each.points, each.radius + LAND) for each in plate.hole_footprints]
     found = []
-    for outer, holes, shape in _pieces(marker, gap):
-        (room,) = plate.face.clearance([shape])
+    for outer, shape in _pieces(marker, gap):
+        (room,) = face.clearance([shape])
         if room < tool.wall - FLATTENING:
             edge = marker.substrate.edge_around(marker.boundary) * 1e3 + tool.wall - room
             raise InputError(
                 f"at least {tool.wall:.6g} mm of the plate around the recess for the sheet",
                 found_room(room) if room > ROUNDING else "a recess that reaches over its edge",
-                "use a larger --outline, without holes in the recess"
+                "use a larger --outline"
                 if marker.substrate.outline is not None or not marker.boundary.has_measures
                 else f"use --edge {up(edge)} or more"
                 if room > ROUNDING
                 else "use a larger --edge, or a smaller --corner-radius and --chamfer",
             )
+        grown = shape.offset(tool.wall - FLATTENING)
+        if any(hole.meets(grown) and not shape.covers(hole) for _, hole in drawn):
+            raise InputError(
+                f"holes of the plate inside the recess for the sheet, or {tool.wall:.6g} mm outside of it",
+                "one at its edge",
+                "move it, or use --process fdm",
+            )
         inside = [land for land in lands if _lies_in(land, shape, tool.wall)]
         _check_lands(inside, tool)
         around = (circle(land.radius, *land.points[0], hole=True) for land in inside)
-        found.append(Prism(outer, (*holes, *around), -depth, 0.0))
+        through = (contour for contour, hole in drawn if shape.covers(hole))
+        found.append(Prism(outer, (*through, *around), -depth, 0.0))
     return tuple(found)
 
 
@@ -132,18 +142,15 @@ def _check_lands(lands: Sequence[Footprint], tool: Tool) -> None:
         )
 
 
-def _pieces(marker: Marker, gap: float) -> list[tuple[Contour, tuple[Contour, ...], Region]]:
-    """Outer contour, holes and region of each piece of the boundary, offset by a gap."""
+def _pieces(marker: Marker, gap: float) -> list[tuple[Contour, Region]]:
+    """Outer contour of each piece of the boundary, offset by a gap, and the region in it, with the holes."""
     if isinstance(marker.boundary, Circle):
         radius, (x, y) = marker.boundary.size * 1e3 + gap, _mm(marker.boundary.center).tolist()
         disk = circle(radius, x, y)
-        return [(disk, (), Region.of_contour(disk, (), OFF))]
+        return [(disk, Region.of_contour(disk, (), OFF))]
     sheet = Region.enclosed([_mm(ring) for ring in marker.boundary.outlines()]).offset(gap, "miter").oriented()
-    found = []
-    for piece in sheet.pieces:
-        outer, *holes = (Contour(tuple(map(tuple, np.round(ring, 9).tolist()))) for ring in piece.rings)
-        found.append((outer, tuple(holes), piece))
-    return found
+    whole = [piece.filled().oriented() for piece in sheet.pieces]
+    return [(Contour(tuple(map(tuple, np.round(piece.rings[0], 9).tolist()))), piece) for piece in whole]
 
 
 def _mm(meters: Any) -> Any:
