@@ -102,7 +102,7 @@ KINDS = {
 }  # fmt: skip
 """Kinds of files and their limits."""
 
-MOST_TRIANGLES = 4_000_000
+MOST_TRIANGLES = 1_500_000
 """Maximum number of triangles in a mesh: they take 200 MB as binary STL."""
 
 BEGINNING = 120.0
