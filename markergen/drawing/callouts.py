@@ -115,6 +115,9 @@ def _placed(
             break
         # What got the worst place chooses first the next time.
         orders.append([callout for callout, _ in sorted(placed, key=lambda each: -each[1].cost)])
+    if found and max((best.cost for _, best in found[-1]), default=0.0) >= HIT:
+        column_order = _stacked(callouts, view, column, gap, obstacles, style)
+        found += [column_order] if column_order else []
     return min(found, key=lambda each: sum(best.cost for _, best in each), default=None)
 
 
@@ -166,7 +169,8 @@ def _direct(callout: Callout, view: DrawingView, left: float, top: float, style:
     elbow = end[0] - 1.5 * style.scale, end[1]
     away = max(hypot(elbow[0] - at[0], elbow[1] - at[1]), 1e-9)
     tip = at[0] + radius * (elbow[0] - at[0]) / away, at[1] + radius * (elbow[1] - at[1]) / away
-    return _Leader(0.0, (tip, elbow, end), top)
+    # Not chosen where anything else is possible.
+    return _Leader(CROSSED, (tip, elbow, end), top)
 
 
 def callout_width(callout: Callout, style: Style) -> float:
