@@ -91,6 +91,10 @@ KINDS = {
     ),
     "list": Kind("a list", 10_000_000, "a thousand points have 100 kB"),
     "SVG": Kind("an SVG", 10_000_000, "a sheet has 1 MB; its text is parsed in Python", "verify the PDF"),
+    "PDF": Kind(
+        "a PDF", 100_000_000, "a family of a hundred sheets has some MB; a page may unpack to any size",
+        "print fewer pages into one file", seconds=9.0, seconds_per_byte=0.0, memory=5 << 28,
+    ),
     "CAD": Kind(
         "a STEP or BREP file", 100_000_000, "a marker of 1000 dots has 10 MB; Open CASCADE never ends with some files",
         memory=8 << 30,
@@ -102,7 +106,7 @@ KINDS = {
 }  # fmt: skip
 """Kinds of files and their limits."""
 
-MOST_TRIANGLES = 4_000_000
+MOST_TRIANGLES = 1_500_000
 """Maximum number of triangles in a mesh: they take 200 MB as binary STL."""
 
 BEGINNING = 120.0
@@ -389,6 +393,8 @@ def serve(script: str, memory: str) -> None:
     preceded by its size in 8 bytes; the first reply is sent without a request.
     """
     replies = os.fdopen(os.dup(1), "wb")
+    # The parent handles Ctrl-C, and a library that is interrupted while it loads would seem to be missing.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Libraries print remarks about files on standard output.
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     hello = _limit_memory(int(memory))

@@ -133,7 +133,6 @@ def test_modules_stay_small(path):
     ("call", "only_in"),
     [
         ("solvePnP", "estimators"),
-        ("cadquery", "solid"),
         ("OCP", "solid"),
         ("findContours", "detect"),
         ("reportlab", "exporters"),

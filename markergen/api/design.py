@@ -1,18 +1,23 @@
 """``markergen.design``: from options to a marker and its files."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any, Unpack
 
 from markergen.api.arguments import files_among
 from markergen.api.export import choices_of
+from markergen.api.radius_fit import largest_that_fits, radius_limits
+from markergen.drawing.sheet_layout import USUAL
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions
 from markergen.exporters.saving import check_outputs, family_paths, save, save_family, with_record
 from markergen.files import Written, write_all
 from markergen.files import check_outputs as check_files
+from markergen.model.camera import Camera
+from markergen.model.marker import light_marker
 from markergen.model.spec import Spec
 from markergen.model.tag import parse_ids
 from markergen.objectives import OBJECTIVES
@@ -67,11 +72,13 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
         check_trace_path(path)
     check_files([*targets, *request.traces], request.inputs)
     log.info("designing %d control points in a %s", request.spec.n, request.spec.boundary)
-    found = find(request.spec, progress, traced=bool(request.traces))
+    spec, found = request.find(lambda spec: find(spec, progress, traced=bool(request.traces)))
+    if request.choices.sheet.colors.inverted:
+        found = replace(found, marker=light_marker(found.marker))
     for warning in found.warnings:
         log.warning("%s", warning)
     if request.ids:
-        found = replace(found, family=members(found.marker, request.spec, request.ids))
+        found = replace(found, family=members(found.marker, spec, request.ids))
     if progress and (paths or request.traces):
         progress("writing", 0, 1)
     written = []
@@ -79,7 +86,7 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
         # All files are checked again, and none is written unless all can be made.
         write = save_family if request.ids else save
         written = write(found.markers, paths, request.choices, request.inputs)
-    steps = {path: trace_bytes(found.trace, path.suffix, _label(request.spec)) for path in request.traces}
+    steps = {path: trace_bytes(found.trace, path.suffix, _label(spec)) for path in request.traces}
     write_all(steps)
     return replace(found, written=(*written, *map(Written, steps)))
 
@@ -89,14 +96,26 @@ design.__signature__ = signature_of(design, DesignKeywords)  # type: ignore[attr
 
 @dataclass(frozen=True)
 class _Request:
-    """A request, checked before any search: the spec, the ids of a family, and files."""
+    """A request, checked before any search: specs by radius in mm if it is to fit, the ids of a family, and files."""
 
-    spec: Spec
+    make: Callable[[int], Spec]
+    limits: tuple[int, int] | None
     ids: tuple[int, ...]
     choices: ExportOptions
     paths: list[Path]
     traces: tuple[Path, ...]
     inputs: list[Path]
+
+    @property
+    def spec(self) -> Spec:
+        """The spec; of the smallest radius to try if it is to fit."""
+        return self.make(self.limits[0] if self.limits else 0)
+
+    def find(self, find: Callable[[Spec], Design]) -> tuple[Spec, Design]:
+        """Spec and its design by a function."""
+        if self.limits:
+            return largest_that_fits(self.make, self.limits, self.choices.sheet, find)
+        return self.spec, find(self.spec)
 
 
 def _request(options: Mapping[str, Any]) -> _Request:
@@ -112,15 +131,31 @@ def _request(options: Mapping[str, Any]) -> _Request:
         if one in asked:
             values.pop(other, None)
     values |= {name: list(value) if isinstance(value, tuple) else value for name, value in asked.items()}
-    spec = spec_from_mapping(values, str(template or "the options"))
+    fit = values.get("radius") == "fit"
+    if fit:
+        values = {"paper": USUAL.name, **values}
+        if hasattr(values.get("camera"), "read"):  # An open file can be read only once.
+            values["camera"] = Camera.load(values["camera"])
+    sheet = given({name: values[name] for name in DesignKeywords.__annotations__ if name in values}, DesignKeywords)
+    choices = choices_of(sheet)
+
+    @cache
+    def make(radius: int) -> Spec:
+        own = {**values, "radius": f"{radius}mm"} if fit else values
+        return spec_from_mapping(own, str(template or "the options"))
+
+    limits = radius_limits(make, choices.sheet) if fit else None
+    spec = make(limits[0] if limits else 0)
+    if fit and spec.relief:
+        raise InputError("a length for the radius of a marker with relief", "--radius fit", "sheets hold flat ones")
     ids = values.get("ids")
     if ids is not None and not spec.tag:
         raise InputError("a tag for the ids", "--ids without --tag", "add --tag aruco:DICT_4X4_50, say")
-    sheet = given({name: values[name] for name in DesignKeywords.__annotations__ if name in values}, DesignKeywords)
     return _Request(
-        spec,
+        make,
+        limits,
         parse_ids(ids, spec.tag.rpartition(":")[0]) if ids is not None else (),
-        choices_of(sheet),
+        choices,
         with_record(output) if output else [],
         traces or (),
         files_among(template, *_named_in(values)),

@@ -1,29 +1,34 @@
 """``markergen.export``: markers as sheets, drawings, solids and configurations, each by its suffix."""
 
-from collections.abc import Iterable, Mapping
+import logging
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import radians
 from os import PathLike
 from typing import Any, Unpack
 
 from markergen.api.arguments import files_among, marker_of, paths_of
-from markergen.drawing.colors import parse_colors
+from markergen.drawing.colors import INVERTED, parse_colors
 from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError
-from markergen.exporters import ExportOptions
+from markergen.exporters import EXPORTERS, Exporter, ExportOptions, suffix_of
 from markergen.exporters.saving import check_outputs, save
 from markergen.files import Written
 from markergen.files import check_outputs as check_files
 from markergen.model.fabrication import CHOICES, DEFAULT_PROCESS, Fabrication, check_choice
-from markergen.model.marker import Marker
+from markergen.model.marker import LIGHT_DOTS, Marker
+from markergen.model.openings import near_holes
 from markergen.model.substrate import parse_dowel, parse_mount
 from markergen.model.substrate_checks import check_edge, check_holes
 from markergen.options import MarkerLike, as_list, declared, given, signature_of
 from markergen.options.declarations import ExportKeywords, PlateKeywords
 from markergen.read.outlines.boundary import read_room
 
+log = logging.getLogger(__name__)
+
 SHEET = ("paper", "orientation", "margin", "tile", "overlap", "compensate")
-MADE = ("process", "depth", "gap", "fit", "through", "tool", "dome", "draft", "foot", "engrave", "tolerance")
+MADE = ("process", "depth", "gap", "fit", "through", "tool", "dome", "draft", "foot", "engrave", "tolerance",
+        "material", "general_tolerance")  # fmt: skip
 
 
 def export(
@@ -72,10 +77,29 @@ def export(
     inputs = files_among(*every, asked.get("outline"))
     check_outputs(outputs, choices)
     check_files(outputs, inputs)
-    return save([with_plate(marker_of(each), asked) for each in every], outputs, choices, inputs)
+    markers = [with_plate(marker_of(each), asked) for each in every]
+    if "colors" not in asked and all(marker.light for marker in markers):
+        choices = replace(choices, sheet=replace(choices.sheet, colors=INVERTED))
+    written = save(markers, outputs, choices, inputs)
+    for warning in _warnings(markers, [EXPORTERS[suffix_of(path)] for path in outputs], choices):
+        log.warning("%s", warning)
+    return written
 
 
 export.__signature__ = signature_of(export, ExportKeywords)  # type: ignore[attr-defined]
+
+
+def _warnings(markers: Sequence[Marker], formats: Sequence[Exporter], choices: ExportOptions) -> Iterator[str]:
+    """Yield what to know before the files are used: light dots, and holes near dots."""
+    inverted = choices.sheet.colors.inverted
+    if any(each.sheet for each in formats):
+        if inverted:
+            yield f"{LIGHT_DOTS}: markergen detect does not find this print"
+        if any(marker.light != inverted for marker in markers):
+            one, other = ("dark", "light") if inverted else ("light", "dark")
+            yield f"the dots are {one} in marker.json, and {other} on the sheet: --colors does not change marker.json"
+    if any(each.holds != "points" for each in formats):
+        yield from dict.fromkeys(sentence for marker in markers for sentence in near_holes(marker))
 
 
 def choices_of(asked: Mapping[str, Any]) -> ExportOptions:

@@ -37,12 +37,12 @@ def length(text: str) -> float:
         raise typer.BadParameter(str(error)) from None
 
 
-def length_or_auto(text: str) -> float | str:
-    """Parse a length, or the word auto, for an option."""
-    return text if text == "auto" else length(text)
+def length_or(word: str) -> Callable[[str], float | str]:
+    """Return a parser of an option that is a length or one word."""
+    return lambda text: text if text == word else length(text)
 
 
-PARSERS = {"length": length, "length or auto": length_or_auto}
+PARSERS = {"length": length, "length or auto": length_or("auto"), "length or fit": length_or("fit")}
 """Parsers for kinds that typer cannot read itself."""
 
 TYPES: dict[str, Any] = {
@@ -52,6 +52,7 @@ TYPES: dict[str, Any] = {
     "bool": bool,
     "length": float,
     "length or auto": str,
+    "length or fit": str,
     "file": Path,
     "files": list[Path],
     "texts": list[str],

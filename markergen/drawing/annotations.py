@@ -18,6 +18,9 @@ Column = tuple[str, str, tuple[str, ...], str]
 MOST_LISTED = 12
 """Maximum number of dots named in a note."""
 
+MOST_IDS = 6
+"""Maximum number of ids that the title block lists one by one."""
+
 
 def axis_arrows(frame: Frame) -> Drawn:
     """Two labeled arrows that show the directions of the marker frame's x and y axes."""
@@ -38,7 +41,9 @@ def axis_arrows(frame: Frame) -> Drawn:
     return marks, texts
 
 
-def title_block(frame: Frame, markers: Sequence[Marker], factor: Point = (1.0, 1.0)) -> Drawn:
+def title_block(
+    frame: Frame, markers: Sequence[Marker], factor: Point = (1.0, 1.0), page: tuple[int, int] = (1, 1)
+) -> Drawn:
     """Title block at the foot of the sheet: small gray headings above their values, from margin to margin."""
     first = markers[0]
     same = all(other.boundary == first.boundary and other.dot_diameter == first.dot_diameter for other in markers)
@@ -46,23 +51,35 @@ def title_block(frame: Frame, markers: Sequence[Marker], factor: Point = (1.0, 1
     name = marker_name(first).removeprefix("markergen-")
     if any(marker_name(marker) != marker_name(first) for marker in markers):
         name = "see captions"
-    columns: list[Column] = [
-        ("spec", "spec", (name,), "bold"),
-        ("dots", "dots", (" + ".join(dict.fromkeys(str(len(marker)) for marker in markers)),), "regular"),
-    ]
+    columns: list[Column] = [("spec", "spec", (name,), "bold")]
     if len(markers) > 1:
-        columns.insert(1, ("markers", "markers", (str(len(markers)),), "regular"))
+        columns.append(("markers", "markers", (str(len(markers)),), "regular"))
+    columns += tag_column(markers)
+    columns.append(("dots", "dots", (" + ".join(dict.fromkeys(str(len(marker)) for marker in markers)),), "regular"))
     if same:
         columns += [
             ("dot-diameter", "dot diameter", (f"{first.dot_diameter * 1e3:.6g} mm",), "regular"),
             ("size", meaning, (size_words(first.boundary),), "regular"),
         ]
-    columns += [
-        scale_column(factor),
-        ("made-with", "made with", (f"markergen {markergen.__version__}",), "regular"),
-    ]
+    columns.append(scale_column(factor))
+    if page[1] > 1:
+        columns.append(("page", "page", (f"{page[0]} of {page[1]}",), "regular"))
+    columns.append(("made-with", "made with", (f"markergen {markergen.__version__}",), "regular"))
     rule = Line(((frame.margin, frame.block_top), (frame.right, frame.block_top)), HAIRLINE, "rule", LIGHT)
     return [rule], facts(frame, columns, frame.margin, "block")
+
+
+def tag_column(markers: Sequence[Marker]) -> list[Column]:
+    """Column with the tags of markers and the side of their black square; none if there are no tags of one kind."""
+    tags = [marker.tag for marker in markers if marker.tag]
+    if len(tags) < len(markers) or len({(tag.family, tag.side) for tag in tags}) > 1:
+        return []
+    ids = [tag.id for tag in tags]
+    consecutive = len(ids) > 1 and ids == list(range(ids[0], ids[-1] + 1))
+    listed = f"{ids[0]}-{ids[-1]}" if consecutive else ",".join(map(str, ids[:MOST_IDS]))
+    more = ",..." if len(ids) > MOST_IDS and not consecutive else ""
+    words = f"{tags[0].family}:{listed}{more}, {tags[0].side * 1e3:.6g} mm"
+    return [("tag", "tag, side of its black square", (words,), "regular")]
 
 
 def scale_column(factor: Point) -> Column:

@@ -75,6 +75,11 @@ class Colors:
             )
 
     @property
+    def inverted(self) -> bool:
+        """True if dots are lighter than their ground."""
+        return luma(self.ink) > luma(self.paper)
+
+    @property
     def grounded(self) -> bool:
         """True if the ground must be printed because the paper is not white."""
         return self.paper != "#ffffff"

@@ -6,10 +6,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.drawing.scene import Box, Disk, FilledPath, Point, Segment
+from markergen.drawing.scene import Box, Disk, FilledPath, Point, Segment, union
 from markergen.errors import InputError
+from markergen.geometry.contour import box as contour_box
 from markergen.model.boundary import Boundary
 from markergen.model.marker import Marker
+from markergen.model.openings import openings
 
 Array = NDArray[np.float64]
 
@@ -63,8 +65,14 @@ class Figure:
 
     @cached_property
     def outline(self) -> Box:
-        """Bounding box of the boundary."""
-        return drawn_box(self.marker.boundary, self.factor)
+        """Bounding box of the boundary and of holes beyond it."""
+        return union(drawn_box(self.marker.boundary, self.factor), *self.hole_boxes)
+
+    @cached_property
+    def hole_boxes(self) -> tuple[Box, ...]:
+        """Bounding boxes of all holes."""
+        (fx, fy), boxes = self.factor, (contour_box(opening.contour) for opening in openings(self.marker))
+        return tuple((1e3 * fx * a, 1e3 * fy * b, 1e3 * fx * c, 1e3 * fy * d) for a, b, c, d in boxes)
 
     @cached_property
     def quiet(self) -> Box:

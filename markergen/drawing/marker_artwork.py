@@ -1,6 +1,6 @@
-"""Artwork of a marker in its own frame, for a page or tiles: dots, cut lines, ticks, center cross, numbers.
+"""Artwork of a marker in its own frame, for a page or tiles: dots, cut lines, dashes, ticks, center cross, numbers.
 
-The outlines are hairlines for cutting by hand, interrupted at quiet zones, or closed lines for a cutter.
+What is cut and what is only kept free follows the rule of docs/conventions.md.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,18 +29,20 @@ from markergen.drawing.scene import (
     union,
 )
 from markergen.drawing.text import text
-from markergen.geometry.contour import flattened
+from markergen.geometry.contour import Contour, area, flattened
 from markergen.geometry.outlines import walked
 from markergen.geometry.region import Region
-from markergen.model.boundary import Boundary, Circle
+from markergen.model.boundary import Circle
+from markergen.model.findings import listed
+from markergen.model.openings import SHOWN, holes_beyond, openings
 
 Array = NDArray[np.float64]
 
 NUMBER_HEIGHT = 2.6
 """Digit height of dot numbers, mm on A4."""
 
-GRAY_SHARE, GROUND = 0.647, 5.5
-"""Share of ink in the color of numbers; width in mm on A4 of a printed ground around everything, for the numbers."""
+GRAY_SHARE, PALE_SHARE, GROUND = 0.647, 0.4, 5.5
+"""Shares of ink in the colors of numbers and dashes; width in mm on A4 of a printed ground around everything."""
 
 TICK = 4.0
 """Length of an axis tick in mm on A4."""
@@ -57,16 +59,20 @@ AIR = 1.0
 TRUE = 5e-4
 """Maximum distance in mm of a closed line from its circle."""
 
+DASH, INKED, FEWEST_DASHES, FINEST = 3.0, 0.6, 6, 0.25
+"""Length in mm on A4 of a dash with its gap, its inked share, least number on a closed line, and steps in mm."""
+
 HEADINGS = {"+x": (1, 0), "+y": (0, 1), "-x": (-1, 0), "-y": (0, -1)}
 """Unit vectors of the four axis directions."""
 
 
 @dataclass(frozen=True)
 class MarkerArtwork:
-    """Shapes by layer, mm, marker frame, and the dots without room for their number."""
+    """Shapes by layer, mm, marker frame, the dots without room for their number, and sentences about the lines."""
 
     layers: dict[str, tuple[Shape, ...]]
     nameless: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
 
 def ground_box(figure: Figure, scale: float) -> Box:
@@ -105,19 +111,19 @@ def draw_artwork(
     room = ground or room
     center = np.zeros(2)
     clear = 1e3 * min(abs(float(shape.depth(center))) for shape in (marker.boundary, *marker.blocked))
-    cut = boundary_lines(figure, colors)
+    cut, free = cut_lines(figure, colors), free_lines(figure, colors, scale)
     on_tag = any(around_origin(box) for box in boxes)
     cross = [] if on_tag or not around_origin(room) else center_cross(scale, dots, clear, colors)
     reach = axis_reach(figure)
     # Ticks on the boundary are placed before the numbers, those displaced by a quiet zone after them.
     on_boundary = [
         tick
-        for tick in axis_ticks(scale, room, reach, dots)
+        for tick in axis_ticks(scale, room, reach, dots, figure.hole_boxes)
         if abs(hypot(*tick.points[0]) - reach[tick.name.removeprefix("axis")]) < 1e-6
     ]
     height = NUMBER_HEIGHT * scale
     names = [str(point.id) for point in marker.control_points]
-    taken = ink_points([*cut, *cross, *on_boundary])
+    taken = ink_points([*cut, *free, *cross, *on_boundary])
     if ink is not None:
         taken = np.concatenate([taken, ink])
     each = [overlap(room, own) for own in rooms] if rooms else [room] * len(dots)
@@ -128,17 +134,19 @@ def draw_artwork(
         if place is not None
         for x, y in [place]
     )
-    ticks = axis_ticks(scale, room, reach, dots, [bounds(number) for number in numbers], colors.ink)
+    beside = [*figure.hole_boxes, *(bounds(number) for number in numbers)]
+    ticks = axis_ticks(scale, room, reach, dots, beside, colors.ink)
     return MarkerArtwork(
         {
             "ground": (rectangle(ground, "ground", colors.paper),) if ground else (),
             "dots": dots,
             "tag": figure.tag,
             "cut": tuple(cut),
-            "marks": (*cross, *ticks),
+            "marks": (*free, *cross, *ticks),
             "text": numbers,
         },
         tuple(name for name, place in zip(names, places, strict=True) if place is None),
+        _notes(figure, cut, free),
     )
 
 
@@ -217,59 +225,109 @@ def center_cross(scale: float, dots: tuple[Disk, ...], room: float, colors: Colo
     ]
 
 
-def boundary_lines(figure: Figure, colors: Colors) -> list[Line]:
-    """Lines along the boundary, its keep-outs and the plate's holes, mm, marker frame.
+def cut_lines(figure: Figure, colors: Colors) -> list[Line]:
+    """Lines to cut along, mm, marker frame: ``boundary-0``... along the boundary, and ``hole-0``... of `openings`.
 
-    Hairlines are interrupted where they would cross a quiet zone. Lines in a cutter's color are closed, because a
-    cutter leaves no ink.
+    A hole's line is closed, as is every line in a cutter's color, which leaves no ink; hairlines along the boundary are
+    interrupted at quiet zones.
     """
-    marker, closed = figure.marker, colors.cut != BLACK_ON_WHITE.cut
-    lines = _lines(figure, marker.boundary, "boundary", colors.cut, closed)
-    shapes = [(f"keep-out-{index}", shape) for index, shape in enumerate(marker.keep_outs)]
-    shapes += [(f"hole-{index}", hole.bore) for index, hole in enumerate(marker.substrate.holes)]
-    for name, shape in shapes:
-        lines += _lines(figure, shape, name, colors.cut, closed, marker.boundary)
-    return lines
-
-
-def _lines(
-    figure: Figure, shape: Boundary, name: str, color: str, closed: bool, within: Boundary | None = None
-) -> list[Line]:
-    paths = []
-    for contour in shape.contours():
-        if (whole := contour.as_circle) is not None:
-            x, y, radius = whole
-            count = max(ceil(2 * pi * radius * 1e3), ceil(pi * sqrt(radius * 1e3 / (2 * TRUE))), 360)
-            paths.append((Circle(radius, (x, y)).rim(count) * 1e3, np.ones(count, dtype=bool)))
-        else:
-            ring = np.array(flattened(contour, TRUE / 1e3) if contour.has_arcs else contour.points)
-            paths.append(walked(ring * 1e3, 1.0))
-    runs: list[Array] = []
-    for points, corner in paths:
-        rim = points * figure.factor
-        step = float(np.max(np.hypot(*(np.roll(rim, -1, axis=0) - rim).T)))
-        inside = within.depth(points / 1e3) > 0 if within else np.ones(len(rim), dtype=bool)
-        # A segment between two points at least half a step away from a circle cannot cross it.
-        free = inside if closed else inside & _clear(rim, figure, step / 2 + HAIRLINE)
-        runs += _runs(rim, free, corner)
-    return [
-        Line(tuple((float(x), float(y)) for x, y in run), HAIRLINE, f"{name}-{index}", color)
-        for index, run in enumerate(runs)
+    whole = colors.cut != BLACK_ON_WHITE.cut
+    paths = [_path(figure, contour) for contour in figure.marker.boundary.contours() if area(contour) > 0]
+    lines = [
+        run
+        for rim, corner in paths
+        for run in _runs(rim, np.ones(len(rim), dtype=bool) if whole else _clear(rim, figure), corner)
     ]
+    found = [_line(run, f"boundary-{index}", colors.cut) for index, run in enumerate(lines)]
+    for index, opening in enumerate(openings(figure.marker)):
+        rim, corner = _path(figure, opening.contour)
+        found.append(_line(_closed(rim[corner]), f"hole-{index}", colors.cut))
+    return found
 
 
-def _clear(points: Array, figure: Figure, spare: float) -> NDArray[np.bool_]:
-    free = np.ones(len(points), dtype=bool)
+def free_lines(figure: Figure, colors: Colors, scale: float) -> list[Line]:
+    """Dashes around what is told and not cut, interrupted at quiet zones; mm, marker frame.
+
+    These are ``keep-out-0``... within the boundary, and the countersinks ``sink-0``... of the plate's holes.
+    """
+    marker, holes = figure.marker, enumerate(figure.marker.substrate.holes)
+    sinks = [(f"sink-{index}", hole.rim) for index, hole in holes if hole.sink]
+    found = []
+    for name, shape in (*((f"keep-out-{index}", each) for index, each in enumerate(marker.keep_outs)), *sinks):
+        runs: list[Array] = []
+        for contour in shape.contours():
+            rim, corner = _path(figure, contour, FINEST)
+            free = _clear(rim, figure) & _dashes(rim, scale)
+            if shape in marker.keep_outs:
+                free &= marker.boundary.depth(rim / figure.factor / 1e3) > 0
+            runs += _runs(rim, free, corner)
+        found += [_line(run, f"{name}-{index}", colors.mix(PALE_SHARE)) for index, run in enumerate(runs)]
+    return found
+
+
+def _notes(figure: Figure, cut: Sequence[Line], free: Sequence[Line]) -> tuple[str, ...]:
+    """Sentences about lines that are not where, or not as, a reader expects."""
+    marker, notes = figure.marker, []
+    if not all(line.closed for line in cut):
+        notes.append(
+            "The line along the boundary has gaps in the quiet zones of dots; with cut:NAME in --colors it is whole, "
+            "for a cutter."
+        )
+    notes += holes_beyond(marker)
+    shown = {line.name.rpartition("-")[0] for line in free}
+    hidden = [f"keep-out {k + 1}" for k in range(len(marker.keep_outs)) if f"keep-out-{k}" not in shown]
+    holes = enumerate(marker.substrate.holes)
+    hidden += [f"the countersink of {hole}" for k, hole in holes if hole.sink and f"sink-{k}" not in shown]
+    if hidden:
+        notes.append(f"Not shown, in quiet zones or outside the boundary: {listed(hidden, SHOWN)}.")
+    return tuple(notes)
+
+
+def _path(figure: Figure, contour: Contour, step: float = 1.0) -> tuple[Array, NDArray[np.bool_]]:
+    """Points (m, 2) in mm along a contour in m, at most a step apart, and which of them are its corners."""
+    if (whole := contour.as_circle) is not None:
+        x, y, radius = whole
+        around = 2 * pi * radius * 1e3
+        count = max(ceil(around / step), ceil(pi * sqrt(radius * 1e3 / (2 * TRUE))), 360)
+        return Circle(radius, (x, y)).rim(count) * 1e3 * figure.factor, np.ones(count, dtype=bool)
+    ring = np.array(flattened(contour, TRUE / 1e3) if contour.has_arcs else contour.points)
+    points, corner = walked(ring * 1e3, step)
+    return points * figure.factor, corner
+
+
+def _clear(rim: Array, figure: Figure) -> NDArray[np.bool_]:
+    """Points of a closed line whose segments cannot cross a quiet zone: outside by half a step or more."""
+    spare = _steps(rim).max() / 2 + HAIRLINE
+    free = np.ones(len(rim), dtype=bool)
     for dot in figure.dots:
-        free &= np.hypot(*(points - (dot.x, dot.y)).T) > quiet_radius(dot) + spare
+        free &= np.hypot(*(rim - (dot.x, dot.y)).T) > quiet_radius(dot) + spare
     return free
+
+
+def _dashes(rim: Array, scale: float) -> NDArray[np.bool_]:
+    """Points of a closed line that are on its dashes, all of them equal."""
+    steps = _steps(rim)
+    way = np.cumsum(steps) - steps
+    count = max(round(float(steps.sum()) / (DASH * scale)), FEWEST_DASHES)
+    return np.asarray(way / steps.sum() * count % 1 < INKED)
+
+
+def _steps(rim: Array) -> Array:
+    return np.hypot(*(np.roll(rim, -1, axis=0) - rim).T)
+
+
+def _line(run: Array, name: str, color: str) -> Line:
+    return Line(tuple((float(x), float(y)) for x, y in run), HAIRLINE, name, color)
+
+
+def _closed(corners: Array) -> Array:
+    return np.concatenate([corners, corners[:1]])
 
 
 def _runs(rim: Array, free: NDArray[np.bool_], corner: NDArray[np.bool_]) -> list[Array]:
     """Runs of consecutive free points of a closed line, reduced to their ends and the corners between them."""
     if free.all():
-        corners = rim[corner]
-        return [np.concatenate([corners, corners[:1]])]
+        return [_closed(rim[corner])]
     start = int(np.argmin(free))
     rim, free, corner = np.roll(rim, -start, axis=0), np.roll(free, -start), np.roll(corner, -start)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(int)))

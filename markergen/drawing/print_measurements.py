@@ -11,9 +11,7 @@ from markergen.drawing.figure import quiet_radius
 from markergen.drawing.scene import FINE, Box, Disk, Line, Point, Shape, bounds, ink_points, moved, turned
 from markergen.drawing.text import text
 from markergen.model.marker import ControlPoint, Marker
-
-LENGTHS = (200, 150, 100, 50, 20)
-"""Lengths of rulers in mm, in order of preference."""
+from markergen.model.rescale import RULERS_MM
 
 BAND = 3.8
 """Width of a ruler with numbers beside its ticks, mm on A4."""
@@ -31,9 +29,6 @@ LEAST = 10.0
 
 SHOWN = (0.993, 0.9955)
 """Measured shares of the rulers' lengths along x and y in the example command."""
-
-USUAL = 200
-"""Default ruler length in mm of `markergen rescale`."""
 
 
 def ruler(
@@ -88,7 +83,7 @@ def place_ruler(
     shapes: Iterable[Shape],
     name: str,
 ) -> tuple[int, Drawn]:
-    """Find the longest ruler of `LENGTHS` that fits in a strip of a page, and its length; 0 if none fits.
+    """Find the longest ruler of `RULERS_MM` that fits in a strip of a page, and its length; 0 if none fits.
 
     Parameters
     ----------
@@ -106,7 +101,7 @@ def place_ruler(
     """
     dots, others = list(disks), list(shapes)
     free = [(strip, inward, _free_spans(strip, axis, dots, others, AIR * scale)) for strip, inward in strips]
-    for length in LENGTHS:
+    for length in RULERS_MM:
         for strip, inward, spans in free:
             for low, high in spans:
                 if high - low >= length * factor + FINE:
@@ -149,8 +144,7 @@ def remedy_words(rulers: tuple[int, int]) -> tuple[str, str]:
     options = ""
     for name, length, share in zip("xy", rulers, SHOWN, strict=True):
         if length:
-            nominal = f" --nominal-{name} {length}mm" if length != USUAL else ""
-            options += f" --measured-{name} {length * share:.1f}mm{nominal}"
+            options += f" --measured-{name} {length * share:.1f}mm --nominal-{name} {length}mm"
     return (
         "If a length is off: print again at 100 % (actual size, not fitted to the page). Or keep the print, measure "
         "both rulers and run, for instance:",

@@ -13,40 +13,21 @@
 +--------------------------+
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from math import ceil, floor, inf
 
-from markergen.drawing.annotations import axis_arrows, facts, nameless_note, paragraph, remedy_lines, title_block
+from markergen.drawing.annotations import nameless_note
 from markergen.drawing.colors import Colors
 from markergen.drawing.figure import Figure, compensated_note, drawn_box, is_disk, size_words
 from markergen.drawing.marker_artwork import GROUND, TICK, draw_artwork
-from markergen.drawing.paper import ISO, PAPERS, Frame, SheetOptions, both_ways
-from markergen.drawing.print_measurements import (
-    BAND,
-    LENGTHS,
-    far_pair,
-    measured_columns,
-    place_ruler,
-    remedy_words,
-    ruler,
-    ruler_words,
-)
-from markergen.drawing.scene import (
-    BLACK,
-    FINE,
-    Box,
-    Disk,
-    Point,
-    Shape,
-    Sheet,
-    around_origin,
-    moved_layers,
-    renamed,
-    scene_of,
-    union,
-)
-from markergen.drawing.tile_layout import best_tiling
+from markergen.drawing.page_grid import grid_pages
+from markergen.drawing.paper import ISO, PAPERS, Frame, Paper, SheetOptions, both_ways, find_paper
+from markergen.drawing.print_measurements import AIR, BAND, ruler_words
+from markergen.drawing.scene import Box, Point, Sheet, around_origin, moved_layers, scene_of
+from markergen.drawing.sheet_footer import draw_footer
+from markergen.drawing.tile_layout import Tiling, best_tiling
 from markergen.drawing.tile_sheets import tile_sheets
 from markergen.errors import InputError
 from markergen.model.boundary import Boundary
@@ -54,14 +35,12 @@ from markergen.model.marker import Marker, marker_name
 
 _AWAY = "The marker's origin is not on the sheet; see the coordinates in marker.json."
 
-CAPTION, CAPTION_LINES = 1.7, 3
-"""Cap height of captions in mm on A4, and their number of lines."""
+_TILES = "leave out --no-tile"
 
-GAP = 4.0
-"""Gap between neighbors, mm on A4."""
+_ONE = "A {} file has one page; a .pdf fills pages of A4, or of another --paper."
 
-BESIDE = 6.0
-"""Width reserved for the ruler along y, mm on A4."""
+USUAL = find_paper("A4")
+"""Paper that most printers hold: several markers go on pages of it, and a marker that needs more is told so."""
 
 
 def sheet_for(marker: Marker, paper: str | None = None) -> Sheet:
@@ -73,8 +52,8 @@ def pages_for(markers: Sequence[Marker], options: SheetOptions) -> tuple[Sheet, 
     """Lay out markers on pages at true size, never smaller.
 
     One marker gets one page or, if it is larger than the paper, an assembly plan and a page for each tile. Several
-    markers share pages, as many on each as fit; if no paper is named, it is the smallest from A4 on that holds one of
-    them.
+    markers fill pages, as many on each as fit; if no paper is named, of the smallest size from `USUAL` on that holds
+    each of them.
 
     Parameters
     ----------
@@ -89,35 +68,99 @@ def pages_for(markers: Sequence[Marker], options: SheetOptions) -> tuple[Sheet, 
         marker does not fit on it and may not be tiled.
     """
     figures = [_figure(marker, options) for marker in markers]
-    if len(figures) > 1:
-        pages = _grid_pages(figures, options, options.candidates(ISO[1:]))
-        if pages:
-            return pages
-    return tuple(page for figure in figures for page in _pages(figure, options))
+    if len(figures) == 1:
+        return _pages(figures, [_place(figures[0], options, options.candidates())], options)
+    candidates = options.candidates(ISO[ISO.index(USUAL) :])
+    for _, same in groupby(candidates, lambda frame: {frame.paper.width, frame.paper.height}):
+        frames = list(same)
+        found = [_whole(_reach_of(figure.outline, figure.quiet, options.colors), frames) for figure in figures]
+        pages = grid_pages(figures, options, frames)
+        if pages or None not in found:
+            return pages or _pages(figures, [each for each in found if each], options)
+    return _pages(figures, [_place(figure, options, candidates) for figure in figures], options)
 
 
 def one_page(markers: Sequence[Marker], options: SheetOptions, suffix: str) -> Sheet:
     """Lay out markers on one page, for a format without multiple pages.
+
+    If no paper is named, several markers go on the smallest ISO size that holds them all.
 
     Raises
     ------
     InputError
         If they need several pages, and as for `pages_for`.
     """
-    pages = pages_for(markers, options)
-    if len(pages) != 1:
-        raise InputError(
-            f"one page for {suffix}", f"{len(pages)} pages on {pages[0].paper}", "use .pdf, or a larger --paper"
-        )
-    return pages[0]
+    named = options.paper is not None or len(markers) == 1
+    for each in [options] if named else [replace(options, paper=paper.name, tile=False) for paper in ISO]:
+        try:
+            pages = pages_for(markers, each)
+        except InputError:
+            if named or each.paper == ISO[-1].name:
+                raise
+            continue
+        if len(pages) == 1:
+            return pages[0] if named else replace(pages[0], notes=(*pages[0].notes, _ONE.format(suffix)))
+    fit = f"; {_fitting(_figure(markers[0], options), options)}" if len(markers) == 1 else ""
+    raise InputError(
+        f"one page for {suffix}", f"{len(pages)} pages on {pages[0].paper}", f"use .pdf, or a larger --paper{fit}"
+    )
 
 
-def check_paper(boundary: Boundary, options: SheetOptions) -> None:
-    """Reject a boundary that is too large for the paper, whatever its dots; see `pages_for`."""
+def check_paper(boundary: Boundary, options: SheetOptions, many_pages: bool = True) -> None:
+    """Reject a boundary that is too large for the paper, whatever its dots, and may not be tiled; see `pages_for`."""
     box = drawn_box(boundary)
     reach = _reach_of(box, (inf, inf, -inf, -inf), options.colors)
-    if not _whole(reach, options.candidates()) and not options.tile:
-        raise _too_small(reach, size_words(boundary), options)
+    if not (options.tile and many_pages) and not _whole(reach, options.candidates()):
+        raise _too_small(reach, boundary, options, _TILES if many_pages else "write a .pdf, which can have tiles")
+
+
+def fits(marker: Marker, options: SheetOptions) -> bool:
+    """True if one page holds a marker; raises as `pages_for` does."""
+    figure = _figure(marker, options)
+    return _whole(_reach_of(figure.outline, figure.quiet, options.colors), options.candidates()) is not None
+
+
+def largest_disk(options: SheetOptions, beyond: float = 0.0) -> int:
+    """Radius in whole mm of the largest disk that one page holds, 0 if there is none.
+
+    Quiet zones extend `beyond` mm outside the disk, all around.
+    """
+    return max(_disk_on(frame, beyond, options.colors) for frame in options.candidates())
+
+
+def _disk_on(frame: Frame, beyond: float, colors: Colors) -> int:
+    radius = floor(min(_room(frame, beyond, colors)) / 2) + 1
+    while radius > 0 and _origin_on(frame, _around((radius,) * 4, beyond, colors)) is None:
+        radius -= 1
+    return max(radius, 0)
+
+
+def _room(frame: Frame, beyond: float, colors: Colors) -> tuple[float, float]:
+    """Width and height in mm of the largest outline that a page holds."""
+    left, down, right, up = _needs(frame, _around((0.0, 0.0, 0.0, 0.0), beyond, colors))
+    return frame.paper.width - left - right, frame.paper.height - down - up
+
+
+def _around(outline: Box, beyond: float, colors: Colors) -> "_Reach":
+    left, down, right, up = outline
+    return _Reach(outline, (left + beyond, down + beyond, right + beyond, up + beyond), colors.grounded)
+
+
+def _smaller(boundary: Boundary, beyond: float, options: SheetOptions) -> str:
+    """Words on the largest outline that one page of the paper holds, of `USUAL` if none is named."""
+    options = options if options.paper else replace(options, paper=USUAL.name)
+    frames = options.candidates()
+    name = frames[0].paper.name
+    if is_disk(boundary):
+        radius = largest_disk(options, beyond)
+        return f"a page of {name} holds a disk of radius {radius} mm: markergen design --radius fit --paper {name}"
+    width, height = max((_room(frame, beyond, options.colors) for frame in frames), key=min)
+    return f"a page of {name} has room for an outline of {floor(width)} x {floor(height)} mm"
+
+
+def _fitting(figure: Figure, options: SheetOptions) -> str:
+    reach = _reach_of(figure.outline, figure.quiet, options.colors)
+    return _smaller(figure.marker.boundary, reach.beyond, options)
 
 
 @dataclass(frozen=True)
@@ -128,6 +171,11 @@ class _Reach:
     quiet: Box
     grounded: bool = False
     """True if the ground is printed, and must therefore stay between the margins."""
+
+    @property
+    def beyond(self) -> float:
+        """Maximum distance of a quiet zone from the outline's box."""
+        return max(0.0, *(quiet - outline for quiet, outline in zip(self.quiet, self.outline, strict=True)))
 
 
 def _figure(marker: Marker, options: SheetOptions) -> Figure:
@@ -144,14 +192,33 @@ def _figure(marker: Marker, options: SheetOptions) -> Figure:
     return Figure(marker.as_designed, (1 / sx, 1 / sy), options.colors.ink)
 
 
-def _pages(figure: Figure, options: SheetOptions) -> tuple[Sheet, ...]:
+_Place = tuple[Frame, Point] | Tiling
+"""Page of a marker and the position of its origin on it, or its division into tiles."""
+
+
+def _place(figure: Figure, options: SheetOptions, frames: Sequence[Frame]) -> _Place:
     reach = _reach_of(figure.outline, figure.quiet, options.colors)
-    found = _whole(reach, options.candidates())
-    if found:
-        return (_single_page(figure, options, *found),)
-    if not options.tile:
-        raise _too_small(reach, size_words(figure.marker.boundary), options)
-    return tile_sheets(figure, options, best_tiling(figure, options, options.candidates(ISO[-1:])))
+    found = _whole(reach, frames)
+    if found is None and not options.tile:
+        raise _too_small(reach, figure.marker.boundary, options)
+    return found or best_tiling(figure, options, options.candidates(ISO[-1:]))
+
+
+def _pages(figures: Sequence[Figure], places: Sequence[_Place], options: SheetOptions) -> tuple[Sheet, ...]:
+    """Pages of each marker, one after the other."""
+    counts = [len(place.tiles) + 1 if isinstance(place, Tiling) else 1 for place in places]
+    pages: list[Sheet] = []
+    for figure, place in zip(figures, places, strict=True):
+        start, total = len(pages), sum(counts)
+        if isinstance(place, Tiling):
+            smaller = _fitting(figure, options) if options.paper else ""
+            pages += tile_sheets(figure, options, place, (start + 1, total), smaller)
+        else:
+            pages.append(_single_page(figure, options, *place, (start + 1, total)))
+    if len(figures) > 1:
+        where = f"The {len(figures)} markers have {len(pages)} pages, one marker after the other."
+        pages[0] = replace(pages[0], notes=(where, *pages[0].notes))
+    return tuple(pages)
 
 
 def _whole(reach: _Reach, frames: Sequence[Frame]) -> tuple[Frame, Point] | None:
@@ -163,22 +230,17 @@ def _whole(reach: _Reach, frames: Sequence[Frame]) -> tuple[Frame, Point] | None
     return None
 
 
-def _too_small(reach: _Reach, size: str, options: SheetOptions) -> InputError:
+def _too_small(reach: _Reach, boundary: Boundary, options: SheetOptions, tiles: str = _TILES) -> InputError:
+    """Error for paper that a marker does not fit on; `tiles` says how to have it on tiles."""
     frame = options.candidates()[0] if options.paper else options.frame(ISO[-1])
     left, down, right, up = _needs(frame, reach)
-    room = f"{ceil(left + right)} x {ceil(down + up)} mm"
+    size, room = size_words(boundary), f"{ceil(left + right)} x {ceil(down + up)} mm"
     fit = _whole(reach, options.frames([*both_ways(ISO), *PAPERS.values()]))
-    tile = ", or leave out --no-tile" if fit else "leave out --no-tile, design a smaller one, or export it as .step"
+    larger = f"use --paper {fit[0].paper.name}" if fit else "no known paper holds it"
+    remedy = f"{larger}, or {tiles}; {_smaller(boundary, reach.beyond, options)}"
     if options.paper is None:
-        found = f"a marker {size} that needs {room}"
-        return InputError(
-            "a marker that A0 paper holds", found, f"use --paper {fit[0].paper.name}{tile}" if fit else tile
-        )
-    return InputError(
-        f"paper of at least {room} for a marker {size}",
-        str(frame.paper),
-        f"use --paper {fit[0].paper.name}{tile}" if fit else f"no known paper holds it: {tile}",
-    )
+        return InputError("a marker that A0 paper holds", f"a marker {size} that needs {room}", remedy)
+    return InputError(f"paper of at least {room} for a marker {size}", str(frame.paper), remedy)
 
 
 def _reach_of(outline: Box, quiet: Box, colors: Colors) -> _Reach:
@@ -190,14 +252,16 @@ def _reach_of(outline: Box, quiet: Box, colors: Colors) -> _Reach:
 def _needs(frame: Frame, reach: _Reach) -> Box:
     """Required distances in mm of the origin from the paper's left, lower, right and upper edge.
 
-    Marks and a printed ground respect the margin; blank quiet zones may fill it, but not extend beyond the paper.
+    Marks and a printed ground respect the margin; blank quiet zones may fill it, but not extend beyond the paper. The
+    ruler along y stands among the marks, but beside a ground.
     """
-    ink, quiet = (tuple(side + TICK * frame.scale for side in reach.outline)), reach.quiet
+    ink, quiet, beside = (tuple(side + TICK * frame.scale for side in reach.outline)), reach.quiet, 0.0
     if reach.grounded:
         ink = tuple(max(pair) + GROUND * frame.scale for pair in zip(reach.outline, quiet, strict=True))
+        beside = (BAND + AIR) * frame.scale
     left, down, right, up = ink
     return (
-        max(frame.margin + left, quiet[0]),
+        max(frame.margin + beside + left, quiet[0]),
         frame.footer + max(down, quiet[1]),
         max(frame.margin + right, quiet[2]),
         max(frame.margin + up, quiet[3]),
@@ -218,52 +282,14 @@ def _origin_on(frame: Frame, reach: _Reach) -> Point | None:
     return x, (down + paper.height - up) / 2
 
 
-def _footer(
-    frame: Frame, markers: Sequence[Marker], factor: Point, taken: Mapping[str, Sequence[Shape]], where: str = ""
-) -> tuple[dict[str, tuple[Shape, ...]], tuple[int, int]]:
-    """Draw everything below and beside the markers; also return the lengths of the rulers.
-
-    These are rulers, axes, lengths to measure, remedies if they are off, and the title block.
-    """
-    scale, left, base = frame.scale, frame.margin, frame.ruler_y
-    axes_marks, axes_text = axis_arrows(frame)
-    room = frame.width - 24 * scale
-    x_length = next((length for length in LENGTHS if length * factor[0] <= room), LENGTHS[-1])
-    x_marks, x_text = ruler((left, base), x_length, 0, scale, factor[0])
-    band = BAND * scale
-    others = [shape for name, shapes in taken.items() if name != "dots" for shape in shapes]
-    dots = [shape for shape in taken["dots"] if isinstance(shape, Disk)]
-    y_length, (y_marks, y_text) = place_ruler(
-        [
-            ((left, base - FINE / 2, left + band, frame.top), 1),
-            ((frame.right - band, frame.footer, frame.right, frame.top), -1),
-        ],
-        1,
-        scale,
-        factor[1],
-        dots,
-        others,
-        "ruler-y",
-    )
-    lengths = (x_length, y_length)
-    words = remedy_lines(frame, remedy_words(lengths), frame.block_top + 7.6 * scale, 1.6 * scale)
-    lines = facts(frame, measured_columns(markers[0], lengths, where), frame.checks_y, "check")
-    block_marks, block_text = title_block(frame, markers, factor)
-    layers: dict[str, tuple[Shape, ...]] = {
-        "marks": (*x_marks, *y_marks, *axes_marks, *block_marks),
-        "text": (*x_text, *y_text, *axes_text, *lines, *words, *block_text),
-    }
-    return layers, lengths
-
-
-def _single_page(figure: Figure, options: SheetOptions, frame: Frame, origin: Point) -> Sheet:
+def _single_page(figure: Figure, options: SheetOptions, frame: Frame, origin: Point, page: tuple[int, int]) -> Sheet:
     """Sheet of one marker on one page."""
     x, y = origin
     left, bottom, right, top = frame.region
     room = left - x, bottom - y, right - x, top - y
     artwork = draw_artwork(figure, options.colors, frame.scale, room)
     placed = moved_layers(artwork.layers, x, y)
-    below, lengths = _footer(frame, [figure.marker], figure.factor, placed)
+    below, lengths = draw_footer(frame, [figure.marker], figure.factor, placed, page)
     size = size_words(figure.marker.boundary)
     paper = frame.paper
     return Sheet(
@@ -273,143 +299,23 @@ def _single_page(figure: Figure, options: SheetOptions, frame: Frame, origin: Po
         lengths,
         marker_name(figure.marker),
         f"Fiducial marker with {len(figure.marker)} dots, {size}, at true size on {paper}. Print at 100 %.",
-        _single_notes(figure, f"{'stands on' if options.paper else 'needs'} {paper}", lengths, artwork.nameless)
+        _single_notes(figure, options, paper, lengths, artwork.nameless)
+        + artwork.notes
         + (() if around_origin(room) else (_AWAY,)),
         (0.0, 0.0, paper.width, paper.height),
     )
 
 
-def _single_notes(figure: Figure, where: str, lengths: tuple[int, int], nameless: Sequence[str]) -> tuple[str, ...]:
+def _single_notes(
+    figure: Figure, options: SheetOptions, paper: Paper, lengths: tuple[int, int], nameless: Sequence[str]
+) -> tuple[str, ...]:
     boundary = figure.marker.boundary
     shape = "disk" if is_disk(boundary) else "outline"
+    large = not options.paper and min(paper.width, paper.height) > USUAL.width
     return (
-        f"The marker {where}: its {shape} is {size_words(boundary)}.",
+        f"The marker {'stands on' if options.paper else 'needs'} {paper}: its {shape} is {size_words(boundary)}.",
+        *([f"With --paper {USUAL.name}, a .pdf has it on tiles; {_fitting(figure, options)}."] if large else []),
         f"Print at 100 %, then check that the rulers on the sheet measure {ruler_words(lengths)}.",
         *compensated_note(figure),
         *nameless_note(nameless),
     )
-
-
-def _grid_pages(figures: Sequence[Figure], options: SheetOptions, frames: Sequence[Frame]) -> tuple[Sheet, ...]:
-    """Sheets of several markers, all with the same grid; none if the first page that holds a marker holds only one.
-
-    The page is the first of the frames, in the orientation of its paper that holds more markers.
-    """
-    grids = [_grid(figures, frame) for frame in frames]
-    first = next((grid for grid in grids if grid.count), None)
-    if first is None:
-        return ()
-    size = {first.frame.paper.width, first.frame.paper.height}
-    same = [grid for grid in grids if {grid.frame.paper.width, grid.frame.paper.height} == size]
-    best = max(same, key=lambda grid: grid.count)
-    if best.count < 2:
-        return ()
-    batches = [figures[start : start + best.count] for start in range(0, len(figures), best.count)]
-    pages = [_grid_page(batch, best, options, number, len(batches)) for number, batch in enumerate(batches, 1)]
-    return (replace(pages[0], notes=(*_grid_notes(figures, best, pages), *pages[0].notes)), *pages[1:])
-
-
-@dataclass(frozen=True)
-class PageGrid:
-    """Equal cells on a page: the box around a marker's origin that each cell needs, mm, and the number of cells."""
-
-    frame: Frame
-    cell: Box
-    columns: int
-    rows: int
-
-    @property
-    def count(self) -> int:
-        """Number of cells."""
-        return self.columns * self.rows
-
-    @property
-    def below(self) -> float:
-        """Height of a caption, at the bottom of the cell."""
-        return 2 * CAPTION_LINES * CAPTION * self.frame.scale
-
-    @property
-    def room(self) -> Box:
-        """Part of a cell above the caption."""
-        return self.cell[0], self.cell[1] + self.below, self.cell[2], self.cell[3]
-
-    def origin(self, index: int) -> Point:
-        """Position of a marker's origin, cell by cell from the top left; spare room is distributed evenly."""
-        row, column = divmod(index, self.columns)
-        left, bottom, right, top = _region(self.frame)
-        step_x, step_y = (right - left) / self.columns, (top - bottom) / self.rows
-        x = left + (column + 0.5) * step_x - (self.cell[0] + self.cell[2]) / 2
-        return x, top - (row + 0.5) * step_y - (self.cell[1] + self.cell[3]) / 2
-
-
-def _region(frame: Frame) -> Box:
-    """Part of the page for the cells, next to the ruler along y."""
-    left, bottom, right, top = frame.region
-    return left + BESIDE * frame.scale, bottom, right, top
-
-
-def _grid(figures: Sequence[Figure], frame: Frame) -> PageGrid:
-    scale = frame.scale
-    # Room for a number and a tick outside the outline and all quiet zones.
-    pad = (TICK + 2) * scale
-    left, bottom, right, top = union(*(union(figure.outline, figure.quiet) for figure in figures))
-    width, height = right - left + 2 * pad, top - bottom + 2 * pad + 2 * CAPTION_LINES * CAPTION * scale
-    cell = (left - pad, top + pad - height, right + pad, top + pad)
-    region, gap = _region(frame), GAP * scale
-    columns = floor((region[2] - region[0] + gap) / (width + gap))
-    rows = floor((region[3] - region[1] + gap) / (height + gap))
-    return PageGrid(frame, cell, max(columns, 0), max(rows, 0))
-
-
-def _grid_page(figures: Sequence[Figure], grid: PageGrid, options: SheetOptions, number: int, pages: int) -> Sheet:
-    frame = grid.frame
-    layers: list[dict[str, tuple[Shape, ...]]] = []
-    nameless: list[str] = []
-    for index, figure in enumerate(figures):
-        artwork = draw_artwork(figure, options.colors, frame.scale, grid.room)
-        drawn = {**artwork.layers, "text": (*artwork.layers["text"], *_caption(figure.marker, grid.room, frame.scale))}
-        named = {name: renamed(shapes, f"marker-{index + 1}-" if index else "") for name, shapes in drawn.items()}
-        layers.append(moved_layers(named, *grid.origin(index)))
-        nameless += [f"{dot} of marker {index + 1} on page {number}" for dot in artwork.nameless]
-    merged = {name: tuple(shape for each in layers for shape in each[name]) for name in layers[0]}
-    markers = [figure.marker for figure in figures]
-    alike = all(marker.control_points == markers[0].control_points for marker in markers)
-    below, lengths = _footer(frame, markers, figures[0].factor, merged, " of each" if alike else " of the first")
-    paper = frame.paper
-    return Sheet(
-        paper,
-        scene_of([merged, below]),
-        tuple(grid.origin(index) for index in range(len(figures))),
-        lengths,
-        marker_name(markers[0]),
-        f"{len(figures)} fiducial markers, page {number} of {pages}, at true size on {paper}. Print at 100 %.",
-        nameless_note(nameless),
-        (0.0, 0.0, paper.width, paper.height),
-    )
-
-
-def _grid_notes(figures: Sequence[Figure], grid: PageGrid, pages: Sequence[Sheet]) -> tuple[str, ...]:
-    where = f"one page of {grid.frame.paper}" if len(pages) == 1 else f"{len(pages)} pages of {grid.frame.paper}"
-    most = f", up to {grid.count} on each" if len(pages) > 1 else ""
-    return (
-        f"{len(figures)} markers stand on {where}{most}.",
-        f"Print at 100 %, then check that the rulers on each page measure {ruler_words(pages[0].rulers_mm)}.",
-        *compensated_note(figures[0]),
-    )
-
-
-def _caption(marker: Marker, room: Box, scale: float) -> list[Shape]:
-    """Name, facts and lengths to measure, in lines below the room."""
-    pairs = [pair for pair in (far_pair(marker.control_points, axis) for axis in (0, 1)) if pair]
-    lines = [f"{len(marker)} dots of {marker.dot_diameter * 1e3:.6g} mm, size {size_words(marker.boundary)}"]
-    if pairs:
-        lengths = (f"dots {pair.first} to {pair.second}: {pair.between:.1f} mm" for pair in pairs)
-        lines.append(f"{', '.join(lengths)} between centers")
-    left, width, height = room[0] + scale, room[2] - room[0] - 2 * scale, CAPTION * scale
-    name = f"{marker.tag}, spec {marker.spec_hash}" if marker.tag else marker_name(marker)
-    texts = paragraph(name, left, room[1], width, height, 1, "caption-name", BLACK)
-    for index, line in enumerate(lines):
-        texts += paragraph(
-            line, left, room[1] - (1.94 + 1.6 * index) * height, width, 0.85 * height, 1, f"caption-{index}"
-        )
-    return texts

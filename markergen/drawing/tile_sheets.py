@@ -13,11 +13,12 @@ from markergen.drawing.annotations import (
     paragraph,
     remedy_lines,
     scale_column,
+    tag_column,
     title_block,
 )
 from markergen.drawing.colors import BLACK_ON_WHITE
 from markergen.drawing.figure import Figure, compensated_note, is_disk, size_words
-from markergen.drawing.marker_artwork import boundary_lines, draw_artwork
+from markergen.drawing.marker_artwork import cut_lines, draw_artwork
 from markergen.drawing.paper import SheetOptions
 from markergen.drawing.print_measurements import AIR, BAND, far_pair, place_ruler, remedy_words, ruler_words
 from markergen.drawing.scene import (
@@ -42,7 +43,7 @@ from markergen.drawing.scene import (
     scene_of,
 )
 from markergen.drawing.text import text, text_width, wrap
-from markergen.drawing.tile_layout import CENTER, STRIP, Tile, Tiling, cut_dots, registration
+from markergen.drawing.tile_layout import CENTER, STRIP, Tile, Tiling, crossed, registration
 from markergen.model.marker import marker_name
 
 CROP = 4.0
@@ -66,15 +67,29 @@ MOST_LENGTHS = 4
 """Maximum number of lengths across seams listed for each axis."""
 
 
-def tile_sheets(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Sheet, ...]:
-    """Lay out an assembly plan, then one sheet per tile."""
-    layers, nameless = _layers(figure, options, tiles)
-    pages = [_page(figure, tiles, tile, layers) for tile in tiles.tiles]
-    return (_plan(figure, tiles, _notes(figure, options, tiles, nameless)), *pages)
+def tile_sheets(
+    figure: Figure, options: SheetOptions, tiles: Tiling, page: tuple[int, int], smaller: str = ""
+) -> tuple[Sheet, ...]:
+    """Lay out an assembly plan, then one sheet per tile.
+
+    Parameters
+    ----------
+    figure : Figure
+    options : SheetOptions
+    tiles : Tiling
+    page : (number, total)
+        Number of the plan among the pages of the file.
+    smaller : str
+        Words on what would need no tiles.
+    """
+    layers, nameless, about = _layers(figure, options, tiles)
+    first, total = page
+    pages = [_page(figure, tiles, tile, layers, (number, total)) for number, tile in enumerate(tiles.tiles, first + 1)]
+    return (_plan(figure, tiles, (*_notes(figure, options, tiles, nameless, smaller), *about), page), *pages)
 
 
-def _layers(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Layers, Sequence[str]]:
-    """Artwork and registration crosses to divide, mm, marker frame, and the dots without room for their number."""
+def _layers(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Layers, Sequence[str], Sequence[str]]:
+    """Artwork and registration crosses to divide, mm, marker frame; dots without room for their number; notes."""
     scale, color = tiles.frame.scale, options.colors.ink
     near = any(abs(place) < CENTER / 2 for place in (*tiles.across.places, *tiles.upward.places))
     bare = draw_artwork(figure, options.colors, scale, tiles.extent)
@@ -87,10 +102,10 @@ def _layers(figure: Figure, options: SheetOptions, tiles: Tiling) -> tuple[Layer
     homes = [next(tile.box for tile in tiles.tiles if tile.holds(dot.x, dot.y)) for dot in figure.dots]
     artwork = draw_artwork(figure, options.colors, scale, tiles.extent, ink_points([*seams, *crosses]), homes)
     marks = [shape for shape in artwork.layers["marks"] if not (near and shape.name.startswith("center-"))]
-    return {**artwork.layers, "marks": (*marks, *crosses)}, artwork.nameless
+    return {**artwork.layers, "marks": (*marks, *crosses)}, artwork.nameless, artwork.notes
 
 
-def _page(figure: Figure, tiles: Tiling, tile: Tile, layers: Layers) -> Sheet:
+def _page(figure: Figure, tiles: Tiling, tile: Tile, layers: Layers, page: tuple[int, int]) -> Sheet:
     paper = tiles.frame.paper
     dx, dy = tiles.shift(tile)
     placed = moved_layers(_part(tiles, tile, layers), dx, dy)
@@ -98,7 +113,7 @@ def _page(figure: Figure, tiles: Tiling, tile: Tile, layers: Layers) -> Sheet:
     seams = tiles.seams_of(tile)
     crops = _crop_marks(tiles, box, seams)
     drawn = {**placed, "marks": (*placed["marks"], *crops)}
-    strip, lengths = _strip(figure, tiles, tile, drawn, seams)
+    strip, lengths = _strip(figure, tiles, tile, drawn, seams, page)
     number = tile.row * tiles.columns + tile.column + 1
     return Sheet(
         paper,
@@ -121,14 +136,15 @@ def _page(figure: Figure, tiles: Tiling, tile: Tile, layers: Layers) -> Sheet:
 def _part(tiles: Tiling, tile: Tile, layers: Layers) -> dict[str, list[Shape]]:
     """Part of the artwork on a tile.
 
-    A dot is printed only on the tile that contains its center, but one cut by a seam on every tile that it overlaps.
+    Dots, tag and numbers are printed only on the tile that contains their center, but what a seam goes through on every
+    tile that it overlaps.
     """
     left, bottom, right, top = tile.box
     window = tiles.printed(tile)
-    cut = {dot.name for dot in cut_dots(tiles, [shape for shape in layers["dots"] if isinstance(shape, Disk)])}
+    cut = {shape.name for shape in crossed(tiles, [*layers["dots"], *layers["tag"]])}
     part: dict[str, list[Shape]] = {}
     for name, shapes in layers.items():
-        if name in ("dots", "text"):
+        if name in ("dots", "tag", "text"):
             part[name] = []
             for shape in shapes:
                 low_x, low_y, high_x, high_y = bounds(shape)
@@ -168,7 +184,12 @@ def _crop_marks(tiles: Tiling, box: Box, seams: tuple[bool, bool, bool, bool]) -
 
 
 def _strip(
-    figure: Figure, tiles: Tiling, tile: Tile, drawn: Layers, seams: tuple[bool, bool, bool, bool]
+    figure: Figure,
+    tiles: Tiling,
+    tile: Tile,
+    drawn: Layers,
+    seams: tuple[bool, bool, bool, bool],
+    page: tuple[int, int],
 ) -> tuple[dict[str, tuple[Shape, ...]], tuple[int, int]]:
     """Draw a tile's rulers beside it and at the foot of the page, and the strip that identifies it."""
     frame, scale = tiles.frame, tiles.frame.scale
@@ -195,12 +216,17 @@ def _strip(
     )
     lengths = (x_length, y_length)
     words = remedy_lines(frame, remedy_words(lengths), base - 1.7 * scale, 1.4 * scale)
-    columns = facts(frame, _facts(figure, tiles, tile, lengths, seams), frame.margin, "tile")
+    columns = facts(frame, _facts(figure, tiles, tile, lengths, seams, page), frame.margin, "tile")
     return {"marks": (rule, *x_marks, *y_marks), "text": (*x_text, *y_text, *words, *columns)}, lengths
 
 
 def _facts(
-    figure: Figure, tiles: Tiling, tile: Tile, lengths: tuple[int, int], seams: tuple[bool, bool, bool, bool]
+    figure: Figure,
+    tiles: Tiling,
+    tile: Tile,
+    lengths: tuple[int, int],
+    seams: tuple[bool, bool, bool, bool],
+    page: tuple[int, int],
 ) -> list[Column]:
     count = len(tiles.tiles)
     number = tile.row * tiles.columns + tile.column + 1
@@ -210,8 +236,9 @@ def _facts(
     ]
     columns: list[Column] = [
         ("number", f"row {tile.row + 1}, column {tile.column + 1}", (f"tile {number} of {count}",), "bold"),
-        ("page", tiles.frame.paper.name, (f"page {number + 1} of {count + 1}",), "regular"),
+        ("page", tiles.frame.paper.name, (f"page {page[0]} of {page[1]}",), "regular"),
         ("spec", "spec", (marker_name(figure.marker).removeprefix("markergen-"),), "regular"),
+        *tag_column([figure.marker]),
         *([scale_column(figure.factor)] if figure.factor != (1.0, 1.0) else []),
         ("cut", "cut along marks", (edges or "nothing",), "regular"),
         ("rulers", "rulers to 0.1 mm", (ruler_words(lengths),), "regular"),
@@ -224,7 +251,9 @@ def _facts(
     return columns
 
 
-def _notes(figure: Figure, options: SheetOptions, tiles: Tiling, nameless: Sequence[str]) -> tuple[str, ...]:
+def _notes(
+    figure: Figure, options: SheetOptions, tiles: Tiling, nameless: Sequence[str], smaller: str
+) -> tuple[str, ...]:
     boundary, paper = figure.marker.boundary, tiles.frame.paper
     count = len(tiles.tiles)
     shape = "disk" if is_disk(boundary) else "outline"
@@ -233,16 +262,19 @@ def _notes(figure: Figure, options: SheetOptions, tiles: Tiling, nameless: Seque
     how = "tells how to put them together" if count > 1 else "says the rest"
     notes = [
         f"The {shape} of the marker is {size_words(boundary)}. {why}, so it goes on {where}, after a page that {how}.",
+        *([f"To print it on one: {smaller}."] if smaller else []),
         "Print at 100 %, then check the rulers on every page.",
     ]
-    cut = [dot.name.removeprefix("dot-") for dot in cut_dots(tiles, figure.dots)]
-    if cut:
-        which = f"dot {cut[0]}" if len(cut) == 1 else f"dots {', '.join(cut)}"
-        notes.append(f"A seam cuts {which}: no place for the seams avoids that, use larger paper or glue with care.")
+    cut = [dot.name.removeprefix("dot-") for dot in crossed(tiles, figure.dots)]
+    which = [f"dot {cut[0]}" if len(cut) == 1 else f"dots {', '.join(cut)}"] if cut else []
+    which += ["the tag"] if crossed(tiles, figure.tag) else []
+    if which:
+        cuts = " and ".join(which)
+        notes.append(f"A seam cuts {cuts}: no place for the seams avoids that, use larger paper or glue with care.")
     return (*notes, *compensated_note(figure), *nameless_note(nameless))
 
 
-def _plan(figure: Figure, tiles: Tiling, notes: tuple[str, ...]) -> Sheet:
+def _plan(figure: Figure, tiles: Tiling, notes: tuple[str, ...], page: tuple[int, int]) -> Sheet:
     """Assembly plan; it is neither cut nor measured."""
     frame, scale, paper = tiles.frame, tiles.frame.scale, tiles.frame.paper
     left, width, top = frame.margin, frame.width, frame.top
@@ -250,11 +282,11 @@ def _plan(figure: Figure, tiles: Tiling, notes: tuple[str, ...]) -> Sheet:
     size = size_words(figure.marker.boundary)
     texts: list[Shape] = [text("Assembly plan", left, top - 3.8 * scale, 3.8 * scale, face="bold", name="plan-title")]
     what = f"{count} tiles in {tiles.layout_words}, for" if count > 1 else "the other has"
-    subtitle = f"Page 1 of {count + 1}: {what} a marker of {size}"
+    subtitle = f"Page {page[0]} of {page[1]}: {what} a marker of {size}"
     texts += paragraph(subtitle, left, top - 6.5 * scale, width, 1.9 * scale, 2, "plan-subtitle")
-    block_marks, block_text = title_block(frame, [figure.marker], figure.factor)
+    block_marks, block_text = title_block(frame, [figure.marker], figure.factor, page)
     low = frame.block_top + 4 * scale
-    steps, high = _steps(figure, tiles, low)
+    steps, high = _steps(figure, tiles, low, page[0] + 1)
     marks, numbers = _picture(figure, tiles, (left, high + 5 * scale, frame.right, top - 13 * scale))
     return Sheet(
         paper,
@@ -285,9 +317,11 @@ def _picture(figure: Figure, tiles: Tiling, room: Box) -> tuple[list[Shape], lis
             hole = _circle(at(dot.x, dot.y), small * dot.inner_radius)[::-1]
             segments += polygon(hole, "", PALE).segments
         marks.append(FilledPath(segments, f"plan-{dot.name}", PALE))
+    squares = [bounds(shape) for shape in figure.tag]
+    marks += [rectangle((*at(*box[:2]), *at(*box[2:])), "plan-tag", PALE) for box in squares]
     edges = [
         Line(tuple(at(*point) for point in line.points), HAIRLINE, f"plan-{line.name}", LIGHT)
-        for line in boundary_lines(figure, BLACK_ON_WHITE)
+        for line in cut_lines(figure, BLACK_ON_WHITE)
     ]
     marks += edges
     corners = (at(left, bottom), at(right, bottom), at(right, top), at(left, top), at(left, bottom))
@@ -300,7 +334,9 @@ def _picture(figure: Figure, tiles: Tiling, room: Box) -> tuple[list[Shape], lis
     # Labels avoid dots and outline.
     near = ink_points(edges)
     disks = np.array([(*at(dot.x, dot.y), small * dot.radius) for dot in figure.dots])
-    disks = np.concatenate([disks, np.column_stack([near, np.ones(len(near))])])
+    tags = [((left + right) / 2, (low + high) / 2, right - left) for left, low, right, high in squares]
+    around = [(*at(x, y), 0.6 * small * side) for x, y, side in tags]
+    disks = np.concatenate([disks, np.array(around).reshape(-1, 3), np.column_stack([near, np.ones(len(near))])])
     for number, tile in enumerate(tiles.tiles, 1):
         (x0, y0), (x1, y1) = at(*tile.box[:2]), at(*tile.box[2:])
         label = f"row {tile.row + 1}, column {tile.column + 1}"
@@ -340,12 +376,12 @@ def _dashed(start: Point, end: Point, name: str) -> list[Line]:
     return dashes
 
 
-def _steps(figure: Figure, tiles: Tiling, low: float) -> tuple[list[Shape], float]:
+def _steps(figure: Figure, tiles: Tiling, low: float, first: int) -> tuple[list[Shape], float]:
     """Numbered paragraphs ending at height `low`, and the height of their upper end."""
     frame, scale = tiles.frame, tiles.frame.scale
     height, indent = 1.75 * scale, 5 * scale
     rows: list[tuple[str, str]] = []
-    for number, step in enumerate(_words(figure, tiles), 1):
+    for number, step in enumerate(_words(figure, tiles, first), 1):
         for index, line in enumerate(wrap(step, frame.width - indent, height)):
             rows.append((f"{number}" if index == 0 else "", line))
     step_up, y = 1.85 * height, low
@@ -359,17 +395,18 @@ def _steps(figure: Figure, tiles: Tiling, low: float) -> tuple[list[Shape], floa
     return texts, y
 
 
-def _words(figure: Figure, tiles: Tiling) -> list[str]:
+def _words(figure: Figure, tiles: Tiling, first: int) -> list[str]:
+    """Instructions for tiles that are on the pages from `first` on."""
     count = len(tiles.tiles)
     half = f"{tiles.overlap / 2:g}"
     if count == 1:
         return [
-            "Print page 2 at 100 % (actual size, not fitted to the page). Its rulers must be true to 0.1 mm; it says "
-            "what to do if they are not. Nothing is to be cut or glued."
+            f"Print page {first} at 100 % (actual size, not fitted to the page). Its rulers must be true to 0.1 mm; it "
+            "says what to do if they are not. Nothing is to be cut or glued."
         ]
     steps = [
-        f"Print pages 2 to {count + 1} at 100 % (actual size, not fitted to the page), all on the same printer. The "
-        "rulers on every page must be true to 0.1 mm; each page says what to do if they are not.",
+        f"Print pages {first} to {first + count - 1} at 100 % (actual size, not fitted to the page), all on the same "
+        "printer. The rulers on every page must be true to 0.1 mm; each page says what to do if they are not.",
         "Cut tiles along the crop marks on their left and upper edges where another tile joins (dashed lines); "
         f"each page says which. Leave right and lower edges: {half} mm and the margin beyond lie under the next tile.",
         "Begin with tile 1. Lay each next tile onto the edge of its neighbor so that every cross on the seam is whole: "

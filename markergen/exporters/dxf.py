@@ -13,11 +13,12 @@ import markergen
 from markergen.drawing.figure import marker_dots
 from markergen.drawing.scene import Disk
 from markergen.exporters import ExportOptions, Output, only, without_paper
-from markergen.geometry.contour import Contour, circle, placed
+from markergen.geometry.contour import Contour, area, circle, placed
 from markergen.geometry.contour import box as contour_box
 from markergen.model.boundary import Boundary
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker, marker_name
+from markergen.model.openings import holes_beyond, openings
 from markergen.solid.bodies import Prism
 from markergen.solid.dot_geometry import dots_of
 from markergen.solid.plate import plate_of
@@ -29,10 +30,11 @@ COLORS = {CUT: 1, ENGRAVE: 7, INFO: 5}
 """Color index of each layer: red, black, blue."""
 
 MARKER = {
-    CUT: "the outline and the keep-outs, to be cut",
+    CUT: "the boundary and the holes, to be cut",
     ENGRAVE: "outlines of the dots and the tag, to be filled black",
-    INFO: "axes, numbers of the dots and words, not to be made",
+    INFO: "axes, numbers of the dots, countersinks, keep-outs and words, not to be made",
 }
+"""Meaning of each layer for a sheet."""
 PLATE = {
     CUT: "the plate's outline and its holes, to be cut",
     ENGRAVE: "outlines of the dots and the tag, to be engraved dark",
@@ -75,6 +77,7 @@ def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
     notes = (
         "DXF units are mm; the origin is the marker's, x right and y up.",
         *(f"Layer {name} has {words}." for name, words in meaning.items()),
+        *(() if engraved else holes_beyond(marker)),
         *without_paper(options),
     )
     return Output(write_laser_dxf(marker, options.fabrication) if engraved else write_dxf(marker), notes)
@@ -85,11 +88,13 @@ def write_dxf(marker: Marker) -> bytes:
     # A measured marker is made again as it was designed.
     designed = marker.as_designed
     dots = marker_dots(designed)
-    bores = [hole.bore for hole in designed.substrate.holes]
-    paths = [(CUT, path) for outline in (designed.boundary, *designed.keep_outs, *bores) for path in _paths(outline)]
+    cut = [contour for contour in designed.boundary.contours() if area(contour) > 0]
+    cut += [opening.contour for opening in openings(designed)]
+    paths = [(CUT, _path(contour)) for contour in cut]
     paths += [(ENGRAVE, path) for dot in dots for path in _circles(dot)]
     paths += [(ENGRAVE, _polygon(ring)) for ring in (designed.tag.outlines if designed.tag else ())]
-    box = _box(_mm(np.concatenate(designed.boundary.outlines())))
+    paths += _told(designed)
+    box = _box(np.array([point for layer, path in paths if layer == CUT for point in _extent(path)]))
     return _write(designed, CutDrawing(MARKER, paths, [(dot.name.removeprefix("dot-"), dot) for dot in dots], box))
 
 
@@ -107,15 +112,12 @@ def write_laser_dxf(marker: Marker, fabrication: Fabrication) -> bytes:
     made: Made = PROCESSES[fabrication.process](designed, fabrication)
     outlines = plate_of(designed).outlines
     dots = [(dot, Disk(dot.x, dot.y, dot.radius, dot.inner, dot.name)) for dot in dots_of(designed)]
-    holes = [(hole, _mm([hole.x, hole.y, hole.diameter / 2, hole.sink / 2]).tolist()) for hole in
-             designed.substrate.holes]  # fmt: skip
     paths = [(CUT, path) for outline in outlines for path in outline]
-    paths += [(CUT, circle(radius, x, y)) for _, (x, y, radius, _) in holes]
+    paths += [(CUT, path) for hole in designed.substrate.holes for path in _paths(hole.bore)]
     paths += [(ENGRAVE, path) for _, disk in dots for path in _circles(disk)]
     marks = [body for body in made.marked if isinstance(body, Prism)]
     paths += [(ENGRAVE, path) for body in marks for path in (body.outer, *body.holes)]
-    paths += [(INFO, circle(sink, x, y)) for hole, (x, y, _, sink) in holes if hole.sink]
-    paths += [(INFO, path) for keep_out in designed.keep_outs for path in _paths(keep_out)]
+    paths += _told(designed)
     labels = [
         (f"{dot.id}, z = {format_length(dot.z / 1e3)}" if dot.raised else str(dot.id), disk) for dot, disk in dots
     ]
@@ -173,8 +175,18 @@ def _inform(space: Any, marker: Marker, drawing: CutDrawing) -> None:
     write(words, left, bottom - 2 * size, size * min(1.0, 60 / len(words)), TextEntityAlignment.LEFT)
 
 
+def _told(marker: Marker) -> list[tuple[str, Contour]]:
+    """Countersinks and keep-outs, which are not cut."""
+    sinks = [hole.rim for hole in marker.substrate.holes if hole.sink]
+    return [(INFO, path) for shape in (*sinks, *marker.keep_outs) for path in _paths(shape)]
+
+
 def _paths(outline: Boundary) -> list[Contour]:
-    return [placed(contour, 1e3, digits=9) for contour in outline.contours()]
+    return [_path(contour) for contour in outline.contours()]
+
+
+def _path(contour: Contour) -> Contour:
+    return placed(contour, 1e3, digits=9)
 
 
 def _circles(dot: Disk) -> list[Contour]:

@@ -20,13 +20,17 @@ def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
 def write_pdf(sheets: Sequence[Sheet]) -> bytes:
     """Write sheets as the pages of a PDF, each exactly as large as its paper, with metadata from the first.
 
-    Coordinates are written with 1e-6 pt. Layers are painted in order, each as optional content of the same name,
-    initially visible. A spot color is a Separation that overprints, so that everything beneath it is preserved.
+    Layers are painted in order, each as optional content of the same name, initially visible. A spot color is a
+    Separation that overprints, so that everything beneath it is preserved. Programs that print it are asked for true
+    size, and for one side of the paper.
     """
+    from reportlab.pdfbase.pdfdoc import PDFName
+
     sizes = [page_size(sheet.paper) for sheet in sheets]
     buffer = BytesIO()
-    # Optional content requires PDF 1.5.
-    canvas = bare_canvas(buffer, pageCompression=1, invariant=1, pdfVersion=(1, 5))
+    canvas = bare_canvas(buffer, pageCompression=1, invariant=1)
+    # Tiles are cut, and markers are laid face up.
+    canvas._doc.Catalog.ViewerPreferences["Duplex"] = PDFName("Simplex")
     first = sheets[0]
     for name, value in metadata(first.title, first.description, "print at 100 %").items():
         getattr(canvas, f"set{name.title()}")(value)

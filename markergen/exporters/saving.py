@@ -5,13 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from markergen.drawing.paper import ISO, find_paper
-from markergen.drawing.sheet_layout import check_paper, pages_for
+from markergen.drawing.paper import find_paper
+from markergen.drawing.sheet_layout import check_paper
 from markergen.errors import InputError, OutputError
 from markergen.exporters import EXPORTERS, RECORD, Exporter, ExportOptions, Output, stem_of, suffix_of
 from markergen.files import Written, check_folder, folders_for, write_all
 from markergen.files import check_outputs as check_files
-from markergen.model.marker import Marker, check_supported
+from markergen.model.marker import LIGHT_DOTS, Marker, check_supported
 from markergen.units import format_length
 
 if TYPE_CHECKING:
@@ -58,9 +58,10 @@ def outputs_of(
     every = tuple(markers) if isinstance(markers, Sequence) else (markers,)
     check_outputs(paths, choices)
     for path in paths:
-        if suffix_of(path) != RECORD:
+        suffix = suffix_of(path)
+        if suffix != RECORD:
             for marker in every:
-                check_supported(marker, f"for {suffix_of(path)}", joint=False)
+                check_supported(marker, f"for {suffix}", joint=False, light=holds_light(suffix))
     return {path: EXPORTERS[suffix_of(path)](every, replace(choices, stem=stem_of(path))) for path in paths}
 
 
@@ -133,13 +134,20 @@ def check_outputs(paths: Sequence[Path], options: ExportOptions, spec: "Spec | N
         if spec and exporter.holds == "flat" and spec.relief:
             remedy = "write it to marker.json or as a solid such as .step, or leave out --relief"
             raise InputError("dots in one plane", f"a relief of {format_length(spec.relief)} for {path}", remedy)
+        if spec and options.sheet.colors.inverted and not holds_light(suffix):
+            raise InputError(f"dark dots for {path}", "--colors inverted", f"{LIGHT_DOTS}; leave one of both out")
         if spec and exporter.kernel:
-            from markergen.solid.kernel import import_cadquery
+            from markergen.solid.kernel import import_kernel
 
-            import_cadquery()  # Fail now, not after minutes of optimization.
+            import_kernel()  # Fail now, not after minutes of optimization.
         exporter.refuse(options)
         if exporter.sheet:
             _check_sheet(exporter, options, spec)
+
+
+def holds_light(suffix: str) -> bool:
+    """True if a format can hold light dots: as a sheet, as points, or as the marker itself."""
+    return EXPORTERS[suffix].sheet or EXPORTERS[suffix].holds == "points"
 
 
 def _check_sheet(exporter: Exporter, options: ExportOptions, spec: "Spec | None") -> None:
@@ -147,8 +155,7 @@ def _check_sheet(exporter: Exporter, options: ExportOptions, spec: "Spec | None"
     if sheet.paper is not None:
         find_paper(sheet.paper, sheet.orientation)
     if spec is not None:
-        # A format of one page cannot hold tiles.
-        check_paper(spec.boundary, sheet if exporter.many_pages else replace(sheet, tile=False))
+        check_paper(spec.boundary, sheet, exporter.many_pages)  # A format of one page cannot hold tiles.
 
 
 def family_paths(paths: Sequence[Path], ids: Sequence[int]) -> list[Path]:
@@ -161,30 +168,16 @@ def save_family(
 ) -> list[Written]:
     """Write markers that differ by the ids of their tags: sheets for all together, all other files one by one.
 
-    If no paper is named, all markers share one page of the smallest ISO size that holds them, if there is one. Returns
-    paths and notes, and raises, as `save` does: all files are written or none.
+    Returns paths and notes, and raises, as `save` does: all files are written or none.
     """
     ids = [marker.tag.id for marker in markers if marker.tag]
     if len(ids) < len(markers):
         raise InputError("markers with tags", "one without", "design them with --tag")
     sheets = [path for path in paths if _is_sheet(path)]
-    made = outputs_of(markers, sheets, _on_one_page(markers, options)) if sheets else {}
+    made = outputs_of(markers, sheets, options) if sheets else {}
     for marker, number in zip(markers, ids, strict=True):
         made |= outputs_of(marker, [_own(path, number) for path in paths if not _is_sheet(path)], options)
     return write(made, inputs)
-
-
-def _on_one_page(markers: Sequence[Marker], options: ExportOptions) -> ExportOptions:
-    if options.sheet.paper is not None:
-        return options
-    sizes = (replace(options.sheet, paper=paper.name, tile=False) for paper in ISO)
-    for sheet in sizes:
-        try:
-            if len(pages_for(markers, sheet)) == 1:
-                return replace(options, sheet=sheet)
-        except InputError:
-            continue  # too small for any of them
-    return options
 
 
 def _is_sheet(path: Path) -> bool:

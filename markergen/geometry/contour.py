@@ -158,14 +158,23 @@ def box(contour: Contour) -> tuple[float, float, float, float]:
 
 def flattened(contour: Contour, off: float) -> list[Point]:
     """Vertices of a polygon inscribed in the contour's arcs, within a distance `off` of them."""
+    return divided(contour, chord_counts(contour, off))
+
+
+def chord_counts(contour: Contour, off: float, largest: float = COARSEST) -> list[int]:
+    """Number of chords for each side, within a distance `off` of it and of at most the `largest` angle in rad."""
+    return [
+        ceil(abs(4 * atan(side[2])) / min(2 * acos(max(1 - off / radius_of(side), 0.0)), largest)) if side[2] else 1
+        for side in contour.sides
+    ]
+
+
+def divided(contour: Contour, counts: Sequence[int]) -> list[Point]:
+    """Vertices of an inscribed polygon with the given number of chords for each side."""
     points: list[Point] = []
-    for (x, y), (u, v), bulge in contour.sides:
+    for ((x, y), (u, v), bulge), count in zip(contour.sides, counts, strict=True):
         points.append((x, y))
-        if not bulge:
-            continue
         angle = 4 * atan(bulge)
-        radius = hypot(u - x, v - y) / (2 * abs(sin(angle / 2)))
-        count = ceil(abs(angle) / min(2 * acos(max(1 - off / radius, 0.0)), COARSEST))
         for k in range(1, count):
             # Length of the chord to the point at this part of the angle, and its rotation from the full chord.
             part = angle * k / count

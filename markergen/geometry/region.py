@@ -252,7 +252,7 @@ class Region:
         return _lines(shapely.intersection(shapely.LineString(line), self._shape))
 
     def triangles(self) -> tuple[Array, Array]:
-        """Triangulate into triangles (t, 3, 2), and return them with their areas (t,)."""
+        """Triangulate into clockwise triangles (t, 3, 2), and return them with their areas (t,)."""
         import shapely
 
         parts = shapely.get_parts(shapely.constrained_delaunay_triangles(self._shape))
@@ -305,6 +305,24 @@ def line_distances(line: ArrayLike, others: Sequence[ArrayLike]) -> Array:
     lines = np.array([shapely.LineString(other) for other in others], dtype=object)
     found: Array = shapely.distance(shapely.LineString(line), lines)
     return found
+
+
+def parents(rings: Sequence[ArrayLike]) -> list[int] | None:
+    """Index of the smallest polygon around each of several polygons (m, 2), -1 for none; None if two of them meet."""
+    import shapely
+
+    shapes = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
+    edges = shapely.boundary(shapes)
+    if shapely.STRtree(edges).query(edges, predicate="intersects").shape[1] > len(edges):
+        return None
+    starts = shapely.points(np.array([np.asarray(ring, dtype=float)[0] for ring in rings]))
+    found, order = np.full(len(rings), -1), np.argsort(-shapely.area(shapes), kind="stable")
+    shapely.prepare(shapes)
+    for place, k in enumerate(order):
+        within = order[place + 1 :]
+        # Smaller ones come later, so that the last one stays.
+        found[within[shapely.contains(shapes[k], starts[within])]] = k
+    return [int(k) for k in found]
 
 
 def hull(points: ArrayLike) -> Array:

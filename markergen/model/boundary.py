@@ -431,6 +431,14 @@ def polygon_from(outlines: Sequence[Array | Contour], origin: str = "center") ->
     return Polygon(tuple(contour.points for contour in moved), tuple(contour.bulges for contour in moved))
 
 
+def filled_outline(contour: Contour) -> Boundary:
+    """Make the region inside a contour in m, whichever way it turns, such as that of a hole; it keeps its place."""
+    if (whole := contour.as_circle) is not None:
+        x, y, radius = (round(value, 12) for value in whole)
+        return Circle(radius, (x, y))
+    return polygon_from([contour], "file")
+
+
 def area_without(boundary: Boundary, keep_outs: Sequence[Boundary]) -> Boundary:
     """Return the region for dots: the boundary, or what the keep-outs leave of it.
 

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Rows = tuple[tuple[float, ...], ...]
 
+LIGHT_DOTS = "light dots on a dark ground are printed, but not yet made as a solid, rendered or detected"
+"""The limits of `Feature.polarity`, in words."""
+
 ROUNDING = 1e-9
 """Tolerance for a rotation's orthonormality, and for a covariance, as correlations, to be symmetric and positive."""
 
@@ -374,8 +377,13 @@ class Marker:
         return max(point.feature.diameter for point in self.control_points)
 
     @property
+    def light(self) -> bool:
+        """True if all dots are light on a dark ground."""
+        return {point.feature.polarity for point in self.control_points} == {"light"}
+
+    @property
     def blocked(self) -> tuple[Boundary, ...]:
-        """All regions without dots: the keep-outs, the tag with its quiet zone, and the plate's holes."""
+        """All regions without dots: keep-outs, the tag with its quiet zone, holes of the plate and its outline."""
         tag = (self.tag.quiet_zone,) if self.tag else ()
         return (*self.keep_outs, *tag, *self.substrate.rims)
 
@@ -385,7 +393,7 @@ class Marker:
         return str(self.provenance.get("spec_hash", "unknown"))
 
 
-def check_supported(marker: Marker, doing: str, joint: bool = True) -> None:
+def check_supported(marker: Marker, doing: str, joint: bool = True, light: bool = False) -> None:
     """Refuse a marker with features that marker.json supports and this program does not yet.
 
     Everything that reads, draws, makes or measures a marker calls this first, so that no light dot is drawn dark, no
@@ -398,15 +406,18 @@ def check_supported(marker: Marker, doing: str, joint: bool = True) -> None:
         Action, for the message: ``to detect``.
     joint : bool
         True if the action depends on how precisely the dots were measured.
+    light : bool
+        True if the action is possible for light dots, if all of them are.
 
     Raises
     ------
     InputError
     """
     remedy = "this version of markergen keeps it in marker.json and does nothing else with it"
-    light = [str(point.id) for point in marker.control_points if point.feature.polarity == "light"]
-    if light:
-        some = ", ".join(light[:10]) + (", ..." if len(light) > 10 else "")
+    bright = [str(point.id) for point in marker.control_points if point.feature.polarity == "light"]
+    if bright and not (light and marker.light):
+        some = ", ".join(bright[:10]) + (", ..." if len(bright) > 10 else "")
+        remedy = f"{LIGHT_DOTS}; design it without --colors inverted" if marker.light else remedy
         raise InputError(f"dark dots {doing}", f"light dots: {some}", remedy)
     if marker.plates:
         names = ", ".join(plate.name for plate in marker.plates)
@@ -415,6 +426,12 @@ def check_supported(marker: Marker, doing: str, joint: bool = True) -> None:
         raise InputError(
             f"a covariance for each dot by itself {doing}", f"one of {len(marker.joint_covariance.order)} dots", remedy
         )
+
+
+def light_marker(marker: Marker) -> Marker:
+    """Return the marker with light dots on a dark ground."""
+    points = (replace(p, feature=replace(p.feature, polarity="light")) for p in marker.control_points)
+    return replace(marker, control_points=tuple(points))
 
 
 def build_marker(points: Array, boundary: Boundary, diameter: float, clearance: float, keyed: bool = True) -> Marker:

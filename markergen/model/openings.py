@@ -2,12 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
-from markergen.geometry.contour import Contour, area, backward, placed
+from markergen.errors import InputError
+from markergen.geometry.contour import Contour, area, box, circle
 from markergen.geometry.region import Region
-from markergen.model.boundary import Boundary
+from markergen.model.boundary import Boundary, filled_outline
 from markergen.model.findings import listed
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole
@@ -15,6 +18,9 @@ from markergen.units import format_length
 
 OFF = 1e-6
 """Maximum distance in m of a polygon from the arcs it approximates, to compare holes and measure gaps."""
+
+SHOWN = 4
+"""Maximum number of holes in a sentence."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +30,7 @@ class Opening:
     Attributes
     ----------
     contour : Contour
-        Outline of the bore, counterclockwise, m, marker frame.
+        Outline of the bore, clockwise as around a hole, m, marker frame.
     hole : Hole or None
         Mounting or dowel hole that it is; None for a hole of a drawing.
     """
@@ -35,7 +41,7 @@ class Opening:
     @property
     def region(self) -> Region:
         """Opening in the printed face, with the countersink."""
-        return self.hole.rim.region if self.hole else Region.of_contour(self.contour, (), OFF)
+        return self.hole.rim.region if self.hole else _region(self.contour)
 
     def __str__(self) -> str:
         if self.hole:
@@ -48,19 +54,61 @@ class Opening:
 def openings(marker: Marker) -> tuple[Opening, ...]:
     """Return all holes: mounting and dowel holes in the order of marker.json, then those of the drawings."""
     drawn = drawn_holes(marker.boundary, marker.substrate.outline)
-    made = (Opening(placed(hole.bore.contours()[0], 1.0, digits=12), hole) for hole in marker.substrate.holes)
-    return (*made, *(Opening(backward(contour)) for contour in drawn))
+    made = (Opening(circle(hole.diameter / 2, hole.x, hole.y, hole=True), hole) for hole in marker.substrate.holes)
+    return (*made, *map(Opening, drawn))
 
 
 def drawn_holes(boundary: Boundary, outline: Boundary | None = None) -> tuple[Contour, ...]:
     """Return the holes of a boundary and of a plate's own outline as exact contours in m, clockwise.
 
     Those of a boundary that lie in a hole of the outline are left out, and vice versa, so that none counts twice.
+
+    Raises
+    ------
+    InputError
+        If holes of both overlap otherwise.
     """
+    return _drawn_holes(boundary, outline)
+
+
+# Cached, since every file of a marker needs them.
+@lru_cache(maxsize=8)
+def _drawn_holes(boundary: Boundary, outline: Boundary | None) -> tuple[Contour, ...]:
     own, other = ([each for each in shape.contours() if area(each) < 0] if shape else [] for shape in
                   (outline, boundary))  # fmt: skip
-    kept = [each for each in own if not any(_within(each, wide) and area(each) > area(wide) for wide in other)]
-    return (*kept, *(each for each in other if not any(_within(each, wide) for wide in kept)))
+    if not (own and other):
+        return (*own, *other)
+    within: tuple[set[int], set[int]] = set(), set()
+    for i, k in np.argwhere(_boxes_meet(own, other)).tolist():
+        ours, theirs = _region(own[i]), _region(other[k])
+        if not theirs - ours.offset(2 * OFF):
+            within[1].add(k)
+        elif not ours - theirs.offset(2 * OFF):
+            within[0].add(i)
+        elif ours.meets(theirs):
+            x, y = map(format_length, filled_outline(other[k]).center)
+            raise InputError(
+                "holes of the boundary inside or outside of those of --outline",
+                f"one around {x}, {y} that overlaps one",
+                "draw their union in one of the drawings",
+            )
+    return tuple(
+        each for holes, drop in zip((own, other), within, strict=True) for k, each in enumerate(holes) if k not in drop
+    )
+
+
+def _boxes_meet(ones: Sequence[Contour], others: Sequence[Contour]) -> NDArray[np.bool_]:
+    """True (m, k) where the bounding boxes of two contours meet."""
+    one, other = (np.array([box(each) for each in contours]) for contours in (ones, others))
+    low, high = one[:, None, :2] <= other[None, :, 2:] + OFF, other[None, :, :2] <= one[:, None, 2:] + OFF
+    return np.asarray((low & high).all(axis=-1))
+
+
+def holes_beyond(marker: Marker) -> tuple[str, ...]:
+    """Return a sentence about all holes of the plate that reach beyond the boundary, where a sheet ends, if any do."""
+    within = marker.boundary.region.filled()
+    beyond = [str(opening) for opening in openings(marker) if not within.covers(opening.region)]
+    return (f"Holes of the plate beyond the boundary are drawn, too: {listed(beyond, SHOWN)}.",) if beyond else ()
 
 
 def near_holes(marker: Marker) -> tuple[str, ...]:
@@ -79,8 +127,8 @@ def near_holes(marker: Marker) -> tuple[str, ...]:
     if not found:
         return ()
     return (
-        "Holes reach into the quiet zones of dots, where a camera sees them as dark spots: "
-        f"{listed(found, 4)}; where the pose must be exact, move them, or use a larger clearance.",
+        "holes reach into the quiet zones of dots, where a camera sees them as dark spots: "
+        f"{listed(found, SHOWN)}; move them, or use a larger --clearance, if detection suffers",
     )
 
 
@@ -88,7 +136,5 @@ def _some(ids: Sequence[str]) -> list[str]:
     return [*ids[:3], "others"] if len(ids) > 4 else list(ids)
 
 
-def _within(inner: Contour, outer: Contour) -> bool:
-    """True if a hole lies in another one, up to rounding of arcs."""
-    small, large = (Region.of_contour(backward(each), (), OFF) for each in (inner, outer))
-    return not (small - large.offset(2 * OFF))
+def _region(contour: Contour) -> Region:
+    return Region.of_contour(contour, (), OFF)

@@ -35,7 +35,7 @@ def svg(marker: "Marker") -> str:
     box = (low[0] - margin, -(low[1] + size[1]) - margin, size[0] + 2 * margin, size[1] + 2 * margin)
     blocked = [*marker.keep_outs, *marker.substrate.rims]
     parts = [
-        _path(outlines, f'fill="none" stroke="#888" stroke-width="{margin / 8:.4g}"'),
+        _path(outlines, f'fill="{"#000" if marker.light else "none"}" stroke="#888" stroke-width="{margin / 8:.4g}"'),
         _path(_rings(blocked), 'fill="#ddd"') if blocked else "",
         _path(marker.tag.outlines, 'fill="#000"') if marker.tag else "",
         *(_dot(point, margin) for point in marker.control_points),
@@ -90,7 +90,8 @@ def draw_marker(marker: "Marker", ax: "Axes | None" = None) -> "Axes":
     ax = axes_of(ax, (4.8, 4.8))
     radius = 1e3 * marker.boundary.radius
     rim = 1e3 * np.concatenate(marker.boundary.outlines())
-    plate = ax.add_patch(PathPatch(_compound_path(marker.boundary), facecolor=_PAPER, edgecolor=INK, linewidth=1.0))
+    paper, dark = (_DARK, _PAPER) if marker.light else (_PAPER, _DARK)
+    plate = ax.add_patch(PathPatch(_compound_path(marker.boundary), facecolor=paper, edgecolor=INK, linewidth=1.0))
     for keep_out in marker.keep_outs:
         taken = PathPatch(_compound_path(keep_out), facecolor=_TAKEN, edgecolor=MUTED, linewidth=0.7)
         ax.add_patch(taken).set_clip_path(plate)
@@ -98,11 +99,11 @@ def draw_marker(marker: "Marker", ax: "Axes | None" = None) -> "Axes":
         center = (1e3 * point.x, 1e3 * point.y)
         outer, inner = (5e2 * size for size in (point.feature.diameter, point.feature.inner_diameter))
         if outer:
-            ax.add_patch(Circle(center, outer, facecolor=_DARK, edgecolor="none"))
+            ax.add_patch(Circle(center, outer, facecolor=dark, edgecolor="none"))
         else:
-            ax.plot(*center, marker="+", color=_DARK, markersize=7)
+            ax.plot(*center, marker="+", color=dark, markersize=7)
         if inner:
-            ax.add_patch(Circle(center, inner, facecolor=_PAPER, edgecolor="none"))
+            ax.add_patch(Circle(center, inner, facecolor=paper, edgecolor="none"))
         _write_id(point, radius, ax)
     if shows_origin(marker):
         _draw_frame(radius, ax)

@@ -21,8 +21,11 @@ MOST_OFF = 0.05
 WIDEST = 0.5
 """Range of scales that marker.json supports: from this to its inverse."""
 
-NOMINAL = 0.2
-"""Length in m of the rulers on a sheet, where they fit."""
+RULERS_MM = (200, 150, 100, 50, 20)
+"""Lengths of the rulers on a sheet, in mm: the longest that has room.
+
+No measured length is within `MOST_OFF` of two of them, so it tells which of them was measured.
+"""
 
 
 @dataclass(frozen=True)
@@ -37,48 +40,50 @@ class MeasuredDot:
 
 @dataclass(frozen=True)
 class Rulers:
-    """Measured lengths in m of a print's rulers, None if not measured, and their nominal lengths."""
+    """Measured lengths in m of a print's rulers, None if not measured, and the lengths printed beside them.
+
+    A nominal length that is not given is the one of `RULERS_MM` that is within `MOST_OFF` of the measured length.
+    """
 
     x: float | None
     y: float | None
-    nominal_x: float = NOMINAL
-    nominal_y: float = NOMINAL
-
-    @property
-    def scale(self) -> tuple[float, float]:
-        """Scale factors of the printer along x and y; a single measured ruler gives both."""
-        x = None if self.x is None else self.x / self.nominal_x
-        y = None if self.y is None else self.y / self.nominal_y
-        both = [x if x is not None else y, y if y is not None else x]
-        if both[0] is None or both[1] is None:
-            raise InputError("a measured length", "none", "give --measured-x, --measured-y or --measured-points")
-        return both[0], both[1]
+    nominal_x: float | None = None
+    nominal_y: float | None = None
 
 
 def rescale(marker: Marker, rulers: Rulers, force: bool = False) -> tuple[Marker, tuple[str, ...]]:
     """Rescale a marker for a print whose rulers are off, and return it with sentences about the result.
 
-    Every control point moves to (x sx, y sy), for the scales of `Rulers.scale`. They are relative to the design: a
-    second rescaling replaces the first.
+    Every control point moves to (x sx, y sy), s being measured over nominal lengths; a single measured ruler gives
+    both. They are relative to the design: a second rescaling replaces the first.
 
     Raises
     ------
     InputError
         If a length is not above 0, differs from its nominal by `MOST_OFF` or more without `force`, or by a factor of
-        2; if nothing was measured; if dots have been measured one by one; or if the nominal length is not the one that
-        the marker states for its ruler. Also as `check_supported` does.
+        2, or no nominal length is given and none is that near; if nothing was measured; if dots have been measured one
+        by one; or if the nominal length is not the one that the marker states for its ruler. Also as `check_supported`
+        does.
     """
-    check_supported(marker, "to rescale")
+    check_supported(marker, "to rescale", light=True)
     if any(point.designed or point.designed_z is not None for point in marker.control_points):
         raise InputError(
             "a marker whose dots were not measured one by one",
             "one with measured dots",
             "rescale the marker.json that was designed",
         )
-    for name, printed in zip("xy", marker.rulers or (None, None), strict=True):
-        _check_ruler(name, getattr(rulers, name), getattr(rulers, f"nominal_{name}"), printed)
-        _check_length(name, getattr(rulers, name), getattr(rulers, f"nominal_{name}"), force)
-    scale = rulers.scale
+    measured = {name: getattr(rulers, name) for name in "xy"}
+    given = {name: getattr(rulers, f"nominal_{name}") for name in "xy"}
+    stated = dict(zip("xy", marker.rulers or (None, None), strict=True))
+    lengths = {
+        name: _nominal(name, length, given[name], stated[name], force)
+        for name, length in measured.items()
+        if length is not None
+    }
+    ratios = {name: measured[name] / lengths[name] for name in lengths}
+    if not ratios:
+        raise InputError("a measured length", "none", "give --measured-x, --measured-y or --measured-points")
+    scale = ratios.get("x", ratios.get("y", 1.0)), ratios.get("y", ratios.get("x", 1.0))
     nominal = marker.as_designed
     points = tuple(
         replace(p, x=p.x * scale[0], y=p.y * scale[1], measured=before.measured)
@@ -86,12 +91,23 @@ def rescale(marker: Marker, rulers: Rulers, force: bool = False) -> tuple[Marker
     )
     record = {
         "measured_x": rulers.x, "measured_y": rulers.y,
-        "nominal_x": rulers.nominal_x, "nominal_y": rulers.nominal_y,
+        "nominal_x": lengths.get("x"), "nominal_y": lengths.get("y"),
     }  # fmt: skip
-    said = [f"The print is {100 * scale[0]:.6g} % of the design along x and {100 * scale[1]:.6g} % along y."]
+    said = [
+        f"The print is {100 * scale[0]:.6g} % of the design along x and {100 * scale[1]:.6g} % along y: "
+        + ", ".join(f"{name} {format_length(measured[name])} of {format_length(lengths[name])}" for name in ratios)
+        + "."
+    ]
+    taken = [
+        f"--nominal-{name} {format_length(lengths[name]).replace(' ', '')}"
+        for name in ratios
+        if given[name] is None and stated[name] is None
+    ]
+    if taken:
+        said.append(f"That is taken for {' and '.join(taken)}; give what is printed beside the ruler if it is another.")
     if rulers.x is None or rulers.y is None:
-        given, other = ("x", "y") if rulers.y is None else ("y", "x")
-        said.append(f"Only {given} was measured and stands for {other}, too; printers often differ between the two.")
+        one, other = ("x", "y") if rulers.y is None else ("y", "x")
+        said.append(f"Only {one} was measured and stands for {other}, too; printers often differ between the two.")
     if marker.print_scale != (1.0, 1.0):
         x, y = (100 * value for value in marker.print_scale)
         said.append(f"It takes the place of the earlier {x:.6g} % and {y:.6g} %: both are of the design.")
@@ -116,7 +132,7 @@ def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False
         one is off by more than `MOST_OFF` of the farthest dot's distance from the middle, or by a dot's radius, without
         `force`. Also as `check_supported` does.
     """
-    check_supported(marker, "to measure dots of")
+    check_supported(marker, "to measure dots of", light=True)
     here = {point.id: point for point in marker.control_points}
     unknown = [dot.id for dot in dots if dot.id not in here]
     if unknown:
@@ -167,32 +183,48 @@ def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False
     return _recorded(replace(marker, control_points=points), "points", record), tuple(said)
 
 
-def _check_ruler(name: str, measured: float | None, nominal: float, printed: float | None) -> None:
-    if measured is not None and printed is not None and abs(nominal - printed) > 1e-9:
-        raise InputError(
-            f"the length of the ruler along {name} as the sheet has it, {format_length(printed)}",
-            f"nominal_{name}={format_length(nominal)}",
-            f"give --nominal-{name} {format_length(printed).replace(' ', '')}",
-        )
+def _nominal(name: str, measured: float, given: float | None, stated: float | None, force: bool) -> float:
+    """Nominal length in m of a ruler: as given, as the marker states it, or as the measured length tells.
 
-
-def _check_length(name: str, measured: float | None, nominal: float, force: bool) -> None:
-    if not (isfinite(nominal) and nominal > 0):
+    Raises as `rescale` does.
+    """
+    nominal = given if given is not None else stated
+    if nominal is not None and not (isfinite(nominal) and nominal > 0):
         raise InputError(
             f"a ruler along {name} above 0", f"nominal_{name}={nominal} m", "give the length it is marked with"
         )
-    if measured is None:
-        return
+    if given is not None and stated is not None and abs(given - stated) > 1e-9:
+        raise InputError(
+            f"the length of the ruler along {name} as the sheet has it, {format_length(stated)}",
+            f"nominal_{name}={format_length(given)}",
+            f"give --nominal-{name} {format_length(stated).replace(' ', '')}",
+        )
     if not (isfinite(measured) and measured > 0):
         raise InputError(f"a measured length along {name} above 0", f"{measured} m", "give a length such as 198.6mm")
+    if nominal is None:
+        near = [length / 1e3 for length in RULERS_MM if not _off(measured / length * 1e3)]
+        if not near:
+            known = f"{', '.join(map(str, RULERS_MM[:-1]))} or {RULERS_MM[-1]} mm"
+            raise InputError(
+                f"a length along {name} within {100 * MOST_OFF:g} % of a sheet's ruler, {known}",
+                format_length(measured),
+                f"check the unit; or give --nominal-{name}, the length printed beside the ruler, and --force",
+            )
+        return near[0]
     scale = measured / nominal
     found = f"{format_length(measured)}, which is {100 * (scale - 1):+.2f} %"
     expected = f"about {format_length(nominal)} along {name}, as long as the ruler on the sheet is"
+    another = f"give --nominal-{name} if the ruler is another" if stated is None else "measure that ruler"
     if not WIDEST <= scale <= 1 / WIDEST:
-        raise InputError(expected, found, f"check the unit, or give --nominal-{name} if the ruler is another")
+        raise InputError(expected, found, f"check the unit, or {another}")
+    if _off(scale) and not force:
+        raise InputError(expected, found, f"{another}, or add --force")
+    return nominal
+
+
+def _off(scale: float) -> bool:
     # Rounding in a length such as 190mm must not decide.
-    if abs(scale - 1) > MOST_OFF - 1e-9 and not force:
-        raise InputError(expected, found, f"give --nominal-{name} if the ruler is another, or add --force")
+    return abs(scale - 1) > MOST_OFF - 1e-9
 
 
 def _expected(point: ControlPoint, marker: Marker) -> tuple[float, float]:

@@ -227,7 +227,7 @@ class Spec:
 
     @property
     def blocked(self) -> tuple[Boundary, ...]:
-        """All regions without dots: the keep-outs, the tag with its quiet zone, and the plate's holes."""
+        """All regions without dots: keep-outs, the tag with its quiet zone, holes of the plate and its outline."""
         tag = self.placed_tag
         return (*self.keep_outs, *((tag.quiet_zone,) if tag else ()), *self.substrate.rims)
 

@@ -12,7 +12,8 @@ from math import cos, isfinite, radians, sin
 from typing import Any, Literal
 
 from markergen.errors import InputError, brief
-from markergen.model.boundary import Boundary, Circle
+from markergen.geometry.contour import area
+from markergen.model.boundary import Boundary, Circle, filled_outline
 from markergen.units import format_length, parse_length
 
 THINNEST, LARGEST = 1e-5, 1.0
@@ -168,9 +169,10 @@ class Substrate:
             raise InputError(f"at most {MOST_HOLES} holes", f"{len(self.holes)}", "leave some out")
 
     @property
-    def rims(self) -> tuple[Circle, ...]:
-        """Outlines of the holes in the upper face."""
-        return tuple(hole.rim for hole in self.holes)
+    def rims(self) -> tuple[Boundary, ...]:
+        """Outlines of the holes in the upper face, including those of the plate's own outline."""
+        drawn = [each for each in self.outline.contours() if area(each) < 0] if self.outline is not None else []
+        return (*(hole.rim for hole in self.holes), *map(filled_outline, drawn))
 
     def edge_around(self, boundary: Boundary) -> float:
         """Return the width in m of the plate outside a boundary.

@@ -8,9 +8,10 @@ import numpy as np
 
 from markergen.errors import InputError
 from markergen.geometry.region import Region
-from markergen.model.boundary import Boundary, Circle, area_without
+from markergen.model.boundary import Boundary, Circle, area_without, filled_outline
 from markergen.model.findings import listed
 from markergen.model.marker import Marker
+from markergen.model.openings import drawn_holes
 from markergen.model.substrate import Hole, Substrate
 from markergen.units import format_length
 
@@ -185,8 +186,9 @@ def sunk(substrate: Substrate) -> list[Misfit]:
 def plate_face(substrate: Substrate, boundary: Boundary, dots: Sequence[Disk] = ()) -> Region:
     """Return the upper face of the plate without its holes, in m.
 
-    It is the given outline, or the boundary, with the edge around a disk or a rectangle, and around a disk also every
-    dot's quiet zone, half a dot wide; with its corners rounded, and less the chamfer.
+    It is the given outline without the holes of a drawn boundary; or the boundary, with the edge around a disk or a
+    rectangle, and around a disk also every dot's quiet zone, half a dot wide; with its corners rounded, and less the
+    chamfer.
 
     Raises
     ------
@@ -194,7 +196,8 @@ def plate_face(substrate: Substrate, boundary: Boundary, dots: Sequence[Disk] = 
         If nothing is left.
     """
     if substrate.outline is not None:
-        shape = substrate.outline.region
+        holes = Region.union(filled_outline(each).region for each in drawn_holes(boundary, substrate.outline))
+        shape = substrate.outline.region - holes
     elif isinstance(boundary, Circle):
         shape = Circle(disk_radius(substrate, boundary, dots), boundary.center).region
     else:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     Length = float | str
     LengthOrAuto = float | str
+    LengthOrFit = float | str
     File = str | PathLike[str]
     Files = str | PathLike[str] | Sequence[str | PathLike[str]]
     Texts = str | Sequence[str]
@@ -38,6 +39,7 @@ else:
     # Type checkers see the accepted types above; at runtime the aliases carry the kind, one of `ACCEPTED`.
     Length = Annotated[object, "length"]
     LengthOrAuto = Annotated[object, "length or auto"]
+    LengthOrFit = Annotated[object, "length or fit"]
     File = Annotated[object, "file"]
     Files = Annotated[object, "files"]
     Texts = Annotated[object, "texts"]
@@ -53,6 +55,7 @@ Progress = Callable[[str, int, int], None]
 ACCEPTED = {
     "length": "float | str",
     "length or auto": "float | str",
+    "length or fit": "float | str",
     "file": "str | Path",
     "files": "str | Path | list[str | Path]",
     "texts": "str | list[str]",
@@ -332,8 +335,11 @@ def _length(value: Any, name: str) -> float:
     return meters
 
 
-def _length_or_auto(value: Any, name: str) -> float | str:
-    return value if isinstance(value, str) and value == "auto" else _length(value, name)
+def _length_or(word: str) -> Callable[[Any, str], float | str]:
+    def read(value: Any, name: str) -> float | str:
+        return word if isinstance(value, str) and value == word else _length(value, name)
+
+    return read
 
 
 def _file(value: Any, _: str) -> Path:
@@ -373,7 +379,8 @@ _READERS: dict[str, Callable[[Any, str], Any]] = {
     "bool": _bool,
     "str": _str,
     "length": _length,
-    "length or auto": _length_or_auto,
+    "length or auto": _length_or("auto"),
+    "length or fit": _length_or("fit"),
     "file": _file,
     "files": _several(_file, "a path, or a list of paths"),
     "texts": _several(_str, "a text, or a list of texts"),

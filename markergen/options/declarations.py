@@ -24,6 +24,7 @@ from markergen.options import (
     Files,
     Length,
     LengthOrAuto,
+    LengthOrFit,
     Option,
     Poses,
     Shape,
@@ -130,7 +131,15 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
     """Options of a design."""
 
     n: Annotated[int, Option(LAYOUT, "Number of control points, 4 to 200.", 5)]
-    radius: Annotated[Length, Option(LAYOUT, "Radius of the disk that contains all dots.", "150mm")]
+    radius: Annotated[
+        LengthOrFit,
+        Option(
+            LAYOUT,
+            "Radius of the disk that contains all dots; fit: the largest that a page of --paper (default A4) holds.",
+            "150mm",
+            metavar="LENGTH|fit",
+        ),
+    ]
     boundary: Annotated[
         Shape,
         Option(
@@ -348,6 +357,8 @@ class ExportKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         ),
     ]
     tolerance: Annotated[Length, Option(SOLID, "Maximum distance of a mesh from the true surface.", "5um")]
+    material: Annotated[str, Option(SOLID, "Material in the drawing.", otherwise="to fill in", metavar="TEXT")]
+    general_tolerance: Annotated[str, Option(SOLID, "General tolerances.", "ISO 2768-mK", metavar="TEXT")]
     boundary_unit: Annotated[
         str, Option(SOLID, "Unit of an --outline that does not specify one: mm, cm, m, in, pt, px.", metavar="UNIT")
     ]
@@ -445,13 +456,16 @@ class DetectKeywords(TypedDict, total=False):
     ]
 
 
+NEAR = "200, 150, 100, 50 or 20mm, if within 5 %"
+
+
 class RescaleKeywords(TypedDict, total=False):
     """Measurements of a print, for rescaling."""
 
     measured_x: Annotated[Length, Option(ERRORS, "Measured length of the ruler along x.")]
     measured_y: Annotated[Length, Option(ERRORS, "Measured length of the ruler along y.", otherwise="as along x")]
-    nominal_x: Annotated[Length, Option(ERRORS, "Length printed beside the ruler along x.", "200mm")]
-    nominal_y: Annotated[Length, Option(ERRORS, "Length printed beside the ruler along y.", "200mm")]
+    nominal_x: Annotated[Length, Option(ERRORS, "Length printed beside the ruler along x.", otherwise=NEAR)]
+    nominal_y: Annotated[Length, Option(ERRORS, "Length printed beside the ruler along y.", otherwise=NEAR)]
     measured_points: Annotated[
         File,
         Option(

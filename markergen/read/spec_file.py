@@ -56,6 +56,12 @@ def _length_or_auto(value: object) -> float | str:
         raise ValueError(f"{error}, or auto") from None
 
 
+def _radius(value: object) -> float:
+    if value == "fit":
+        raise ValueError("fit is for markergen design, which has a paper: give a length")
+    return _length(value)
+
+
 def _shape(value: object, origin: str = "file") -> object:
     """Boundary table with its lengths in m; unfit values are left for the table's own validation."""
     if isinstance(value, str):
@@ -213,6 +219,7 @@ KINDS: dict[str, Any] = {
     "bool": bool,
     "length": Length,
     "length or auto": DotLength | None,
+    "length or fit": Annotated[float, BeforeValidator(_radius)],
     "shape": Shape,
     "shapes": list[Shape],
     "camera": CameraTable,
@@ -373,6 +380,7 @@ _JSON_TYPES: dict[str, dict[str, Any]] = {
     "str": _TEXT,
     "length": _LENGTH,
     "length or auto": _LENGTH,
+    "length or fit": _LENGTH,
     "shape": _SHAPE,
     "shapes": {"type": "array", "items": _SHAPE},
     "texts": {"anyOf": [_TEXT, {"type": "array", "items": _TEXT}]},

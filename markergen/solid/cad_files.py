@@ -1,6 +1,6 @@
 """Write solids as STEP (AP214), named and colored, and as Open CASCADE's BREP, reproducibly.
 
-cadquery and Open CASCADE write both; `normalize` removes from STEP what varies from run to run.
+Open CASCADE writes both; `normalize` removes from STEP what varies from run to run.
 """
 
 import re
@@ -9,13 +9,15 @@ from io import BytesIO
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import markergen
 from markergen.errors import OutputError
 from markergen.solid.bodies import COLORS, OTHER
-from markergen.solid.kernel import NamedSolid, import_cadquery
+from markergen.solid.kernel import NamedSolid, import_kernel
 
 ENTITY = re.compile(r"^#(\d+) = (.*?);$", re.MULTILINE | re.DOTALL)
+REFERENCE = re.compile(r"#(\d+)")
 STRING_OR_REFERENCE = re.compile(r"'(?:[^']|'')*'|#(\d+)")
 STYLE_ROOT = "MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION"
 
@@ -31,37 +33,80 @@ def write_step(solids: Sequence[NamedSolid], name: str) -> bytes:
     OutputError
         If Open CASCADE fails to write it.
     """
-    cadquery = import_cadquery()
-    # Of cadquery's two STEP writers, this one does not wrap every part in a compound, for which many programs lose
-    # the color.
-    from cadquery.occ_impl.exporters.assembly import exportStepMeta
+    import_kernel()
+    from OCP.IFSelect import IFSelect_ReturnStatus
+    from OCP.Interface import Interface_Static
+    from OCP.Message import Message, Message_Gravity
+    from OCP.STEPCAFControl import STEPCAFControl_Writer
+    from OCP.STEPControl import STEPControl_StepModelType
+    from OCP.XSControl import XSControl_WorkSession
 
-    def color(material: str) -> object:
-        return cadquery.Color(*COLORS[material], 1)
-
-    assembly = cadquery.Assembly(name=name)
-    for solid in solids:
-        part = cadquery.Assembly(solid.shape, name=solid.name, color=color(solid.material))
-        for face in solid.marked:
-            part.addSubshape(face, color=color(OTHER[solid.material]))
-        assembly.add(part)
+    # Otherwise every file is announced on the standard output.
+    for printer in Message.DefaultMessenger_s().Printers():
+        printer.SetTraceLevel(Message_Gravity.Message_Fail)
+    document = _document(solids, name)
+    writer = STEPCAFControl_Writer(XSControl_WorkSession(), False)
+    writer.SetColorMode(True)
+    writer.SetNameMode(True)
+    # Parametric curves on surfaces double the file size, and readers recompute them.
+    for setting in ("write.surfacecurve.mode", "write.precision.mode"):
+        Interface_Static.SetIVal_s(setting, 0)
+    for setting in ("xstep.cascade.unit", "write.step.unit"):
+        Interface_Static.SetCVal_s(setting, "MM")
     with TemporaryDirectory() as folder:
         path = Path(folder) / "marker.step"
-        # Parametric curves on surfaces double the file size, and readers recompute them.
-        if not exportStepMeta(assembly, str(path), write_pcurves=False):
+        writer.Transfer(document, STEPControl_StepModelType.STEPControl_AsIs)
+        if writer.Write(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
             raise OutputError(f"expected Open CASCADE to write {path}, found a failure; check that the disk has room")
         return normalize(path.read_text(encoding="ascii"), name).encode("ascii")
 
 
+def _document(solids: Sequence[NamedSolid], name: str) -> Any:
+    """One assembly of solids; each is a part of its own, since many programs lose the color of a compound."""
+    from OCP.Quantity import Quantity_Color, Quantity_TOC_sRGB
+    from OCP.TCollection import TCollection_ExtendedString
+    from OCP.TDataStd import TDataStd_Name
+    from OCP.TDocStd import TDocStd_Document
+    from OCP.TopLoc import TopLoc_Location
+    from OCP.XCAFApp import XCAFApp_Application
+    from OCP.XCAFDoc import XCAFDoc_ColorGen, XCAFDoc_DocumentTool
+
+    document = TDocStd_Document(TCollection_ExtendedString("XmlOcaf"))
+    XCAFApp_Application.GetApplication_s().InitDocument(document)
+    shapes = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
+    colors = XCAFDoc_DocumentTool.ColorTool_s(document.Main())
+
+    def named(label: Any, text: str) -> Any:
+        TDataStd_Name.Set_s(label, TCollection_ExtendedString(text))
+        return label
+
+    def color(label: Any, material: str) -> None:
+        colors.SetColor(label, Quantity_Color(*COLORS[material], Quantity_TOC_sRGB), XCAFDoc_ColorGen)
+
+    assembly = named(shapes.NewShape(), name)
+    for solid in solids:
+        part = named(shapes.AddShape(solid.shape, False), solid.name)
+        color(part, solid.material)
+        named(shapes.AddComponent(assembly, part, TopLoc_Location()), solid.name)
+        for face in solid.marked:
+            color(shapes.AddSubShape(part, face), OTHER[solid.material])
+    shapes.UpdateAssemblies()
+    return document
+
+
 def write_brep(solids: Sequence[NamedSolid]) -> bytes:
     """Write solids as one compound in mm, in the given order, without triangles; BREP has no names or colors."""
-    cadquery = import_cadquery()
+    import_kernel()
+    from OCP.BRep import BRep_Builder
     from OCP.BRepTools import BRepTools
     from OCP.Message import Message_ProgressRange
+    from OCP.TopoDS import TopoDS_Compound
     from OCP.TopTools import TopTools_FormatVersion
 
-    compound = cadquery.Compound.makeCompound([solid.shape for solid in solids]).wrapped
-    stream = BytesIO()
+    builder, compound, stream = BRep_Builder(), TopoDS_Compound(), BytesIO()
+    builder.MakeCompound(compound)
+    for solid in solids:
+        builder.Add(compound, solid.shape)
     # Version 1 of the format, which FreeCAD, Gmsh and CadQuery can all read.
     BRepTools.Write_s(
         compound, stream, False, False, TopTools_FormatVersion.TopTools_FormatVersion_VERSION_1, Message_ProgressRange()
@@ -98,12 +143,16 @@ def normalize(text: str, name: str) -> str:
     for root in sorted(roots, key=lambda root: _colored(entities, root)):
         place(root)
     numbers = {old: new for new, old in enumerate(order, start=1)}
+    # Most entities come before all that move, and refer to none of these.
+    still = {old for old, new in numbers.items() if old == new}
+    if not all(int(found) in still for old in still for found in REFERENCE.findall(entities[old])):
+        still = set()
     links = count(1)
     lines = []
     for old in order:
-        body = STRING_OR_REFERENCE.sub(
-            lambda match: f"#{numbers[int(match[1])]}" if match[1] else match[0], entities[old]
-        )
+        body = entities[old]
+        if old not in still:
+            body = STRING_OR_REFERENCE.sub(lambda match: f"#{numbers[int(match[1])]}" if match[1] else match[0], body)
         if body.startswith("NEXT_ASSEMBLY_USAGE_OCCURRENCE"):
             body = re.sub(r"\('\d+'", f"('{next(links)}'", body, count=1)
         lines.append(f"#{numbers[old]} = {body};\n")

@@ -1,19 +1,29 @@
-"""Build parts as Open CASCADE solids: bodies extruded or revolved, then combined by Booleans.
+"""Build parts as Open CASCADE solids from walls and level faces that share their edges, without Boolean operations.
 
-cadquery is used where it suffices. Made with OCP directly are faces in given rather than fitted planes, arcs about
-exact centers, chamfers that tolerate nearly tangent sides, and Booleans that track the floors of engraving.
+Walls are those of the bodies, extruded or revolved; the level faces between them are known in closed form
+(`markergen.solid.level_faces`). Open CASCADE is called through OCP, its bindings for Python, which takes a second to
+import; cadquery on top of it would take two more.
 """
 
-from collections.abc import Sequence
+import gc
+import signal
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib import import_module
 from math import atan, hypot, pi
-from types import ModuleType
+from types import FrameType
 from typing import Any
+
+import numpy as np
 
 from markergen.errors import MissingLibraryError, OutputError
 from markergen.geometry.contour import Contour, Side, backward, center_of, offset
 from markergen.solid.bodies import COLORS, Body, Part, Prism
+from markergen.solid.level_faces import LevelFace, level_faces, signed_bodies
 
 NEAR = 1e-6
 """Distance in mm below which edges are sewn together."""
@@ -36,9 +46,9 @@ class NamedSolid:
     material : {"light", "dark"}
     color : (red, green, blue)
         0 to 1, sRGB.
-    shape : cadquery.Solid
+    shape : OCP.TopoDS.TopoDS_Solid
         In mm, marker frame: the face of the plate is z = 0, the plate is below.
-    marked : tuple of cadquery.Face
+    marked : tuple of OCP.TopoDS.TopoDS_Face
         Faces of `shape` with the other material's color.
     """
 
@@ -49,19 +59,54 @@ class NamedSolid:
     marked: tuple[Any, ...] = ()
 
 
-def import_cadquery() -> ModuleType:
-    """Import cadquery; raises MissingLibraryError with what is missing and how to install it."""
+def import_kernel() -> None:
+    """Import Open CASCADE; raises MissingLibraryError with what is missing and how to install it.
+
+    Ctrl-C takes effect after the import: its modules are a single library, which can be initialized only once, and
+    report an interrupted initialization as an ImportError.
+    """
+    if sys.modules.get("OCP") is not None:
+        return
     try:
-        import cadquery
+        with _interrupted_later(), _uncollected():
+            import_module("OCP")
     except ImportError as error:
         raise missing_kernel("solids need", " ".join(str(error).split())) from None
-    return cadquery
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Turn garbage collection off: it would visit the kernel's 200,000 objects 300 times while they are made."""
+    on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if on:
+            gc.enable()
+
+
+@contextmanager
+def _interrupted_later() -> Iterator[None]:
+    """Handle Ctrl-C when the block ends; only the main thread receives it."""
+    handler = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(handler):
+        yield
+        return
+    waiting: list[tuple[int, FrameType | None]] = []
+    signal.signal(signal.SIGINT, lambda number, frame: waiting.append((number, frame)))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+        if waiting:
+            handler(*waiting[0])
 
 
 def missing_kernel(need: str, found: str) -> MissingLibraryError:
-    """Return the error with what needs cadquery, what was found, and what to install."""
+    """Return the error with what needs Open CASCADE, what was found, and what to install."""
     return MissingLibraryError(
-        f"{need} the library cadquery with the system's libGL and libX11, found: {found}; "
+        f"{need} Open CASCADE (cadquery-ocp) with the system's libGL and libX11, found: {found}; "
         "install them with: pip install 'markergen[solids]' && apt-get install libgl1 libx11-6"
     )
 
@@ -81,17 +126,24 @@ def build(part: Part) -> NamedSolid:
     OutputError
         If the kernel makes an invalid solid, or one whose volume is not the part's.
     MissingLibraryError
-        If cadquery or one of its system libraries is missing.
+        If Open CASCADE or one of its system libraries is missing.
     """
-    import_cadquery()
+    import_kernel()
+    from OCP.BRepCheck import BRepCheck_Analyzer
+    from OCP.BRepGProp import BRepGProp
+    from OCP.GProp import GProp_GProps
+
     try:
-        shape, floors = _joined(*([_solid(body) for body in bodies] for bodies in (part.add, part.cut, part.marked)))
-        volume = shape.Volume()
-        sound = shape.isValid() and abs(volume - part.volume) <= TOLERANCE * abs(volume)
+        shape, floors = _assembled(part)
+        properties = GProp_GProps()
+        BRepGProp.VolumeProperties_s(shape, properties)
+        volume = properties.Mass()
+        if volume <= 0 or not BRepCheck_Analyzer(shape).IsValid():
+            raise ValueError("several pieces" if volume > 0 else "nothing")
     except Exception as error:
         # Open CASCADE raises errors of many classes, none of them Python's.
         raise _failed(part, " ".join(str(error).split()) or type(error).__name__) from None
-    if not sound:
+    if abs(volume - part.volume) > TOLERANCE * volume:
         raise _failed(part, f"{volume:.9g} mm^3 instead of {part.volume:.9g} mm^3")
     return NamedSolid(part.name, part.material, COLORS[part.material], shape, floors)
 
@@ -104,12 +156,10 @@ def _failed(part: Part, found: str) -> OutputError:
 
 
 def _solid(body: Body) -> Any:
-    """TopoDS_Solid of a body."""
+    """TopoDS_Solid of a body, without its chamfer."""
     from OCP.BRepPrimAPI import BRepPrimAPI_MakePrism, BRepPrimAPI_MakeRevol
     from OCP.gp import gp_Ax1, gp_Dir, gp_Pln, gp_Pnt, gp_Vec
 
-    if isinstance(body, Prism) and body.chamfer:
-        return _chamfered(body)
     if isinstance(body, Prism):
         level = gp_Pln(gp_Pnt(0, 0, body.bottom), gp_Dir(0, 0, 1))
         base = _face(level, [_wire(contour, body.bottom) for contour in (body.outer, *body.holes)])
@@ -119,35 +169,97 @@ def _solid(body: Body) -> Any:
     return BRepPrimAPI_MakeRevol(profile, gp_Ax1(place, gp_Dir(0, 0, 1))).Shape()
 
 
-def _joined(added: Sequence[Any], cut: Sequence[Any], marked: Sequence[Any]) -> tuple[Any, tuple[Any, ...]]:
-    """One cadquery.Solid of all added bodies less the others, and its level faces that are floors of marked bodies.
+def _assembled(part: Part) -> tuple[Any, tuple[Any, ...]]:
+    """TopoDS_Solid of a part, and its level faces that are floors of marked bodies."""
+    from OCP.BRep import BRep_Builder, BRep_Tool
+    from OCP.TopoDS import TopoDS_Shell, TopoDS_Solid
 
-    Each operation takes all its arguments at once: Open CASCADE then cuts hundreds of pockets in a second.
-    """
-    from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut, BRepAlgoAPI_Fuse
-
-    shape, floors = added[0], []
-    if len(added) > 1:
-        shape = _operated(BRepAlgoAPI_Fuse(), added[:1], added[1:]).Shape()
-    if cut or marked:
-        operation = _operated(BRepAlgoAPI_Cut(), [shape], [*cut, *marked])
-        shape = operation.Shape()
-        for body in marked:
-            for face in _faces(body):
-                if _side(face) < 0:
-                    floors += list(operation.Modified(face)) or [face]
-    solids = import_cadquery().Shape.cast(shape).Solids()
-    if len(solids) != 1:
-        raise ValueError(f"{len(solids)} pieces" if solids else "nothing")
-    # The solid's own orientation of the faces is the reverse.
-    (solid,) = solids
-    faces = solid.Faces() if floors else []
-    return solid, tuple(face for face in faces if any(face.wrapped.IsSame(floor) for floor in floors))
+    builder, shell, solid, rims, floors = BRep_Builder(), TopoDS_Shell(), TopoDS_Solid(), _Rims(), []
+    builder.MakeShell(shell)
+    for body, sign, _ in signed_bodies(part):
+        for piece, own in _pieces(body):
+            for face in _explored(piece, "FACE"):
+                if _side(face):
+                    rims.add(face)
+                else:
+                    builder.Add(shell, face if sign * own > 0 else face.Reversed())
+    for level in level_faces(part):
+        face = _level(level, rims)
+        builder.Add(shell, face)
+        if level.marked:
+            floors.append(face)
+    shell.Closed(BRep_Tool.IsClosed_s(shell))
+    builder.MakeSolid(solid)
+    builder.Add(solid, shell)
+    return solid, tuple(floors)
 
 
-def _faces(shape: Any) -> list[Any]:
-    """TopoDS_Faces of a TopoDS_Shape, with their orientation in it."""
-    return [face.wrapped for face in import_cadquery().Shape.cast(shape).Faces()]
+class _Rims:
+    """Wires around the caps of bodies, found by one of their corners."""
+
+    def __init__(self) -> None:
+        self._wires: list[Any] = []
+        self._corners: list[tuple[float, float, float]] = []
+        self._owners: list[int] = []
+
+    def add(self, cap: Any) -> None:
+        """Add the wires of a cap."""
+        from OCP.BRep import BRep_Tool
+
+        for wire in _explored(cap, "WIRE"):
+            for vertex in _explored(wire, "VERTEX"):
+                self._corners.append(BRep_Tool.Pnt_s(vertex).Coord())
+                self._owners.append(len(self._wires))
+            self._wires.append(wire)
+
+    def at(self, contours: Sequence[Contour], z: float) -> list[Any]:
+        """Wires of contours at a height."""
+        starts = np.array([(*contour.points[0], z) for contour in contours])
+        corners = np.array(self._corners)
+        nearest = [int(np.argmin(np.abs(corners - start).max(axis=1))) for start in starts]
+        if np.abs(corners[nearest] - starts).max() > NEAR:
+            raise ValueError(f"a face without an edge at z = {z:.6g} mm")
+        return [self._wires[self._owners[k]] for k in nearest]
+
+
+def _level(level: LevelFace, rims: _Rims) -> Any:
+    """TopoDS_Face of a level face, with its outside where it should be."""
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
+    from OCP.gp import gp_Dir, gp_Pln, gp_Pnt
+    from OCP.TopoDS import TopoDS
+
+    plane = gp_Pln(gp_Pnt(0, 0, level.z), gp_Dir(0, 0, 1))
+    # Faces of one wire each turn their wires counterclockwise.
+    outer, *holes = (
+        BRepBuilderAPI_MakeFace(plane, wire, True).Face()
+        for wire in rims.at([rim.contour for rim in level.rims], level.z)
+    )
+    maker = BRepBuilderAPI_MakeFace(outer)
+    for hole in holes:
+        maker.Add(TopoDS.Wire_s(_explored(hole, "WIRE")[0].Reversed()))
+    face = maker.Face()
+    return face if level.up else TopoDS.Face_s(face.Reversed())
+
+
+def _pieces(body: Body) -> list[tuple[Any, int]]:
+    """Solids that make a body, each with 1 or, if it is a hole, -1."""
+    if not (isinstance(body, Prism) and body.chamfer):
+        return [(_solid(body), 1)]
+    holes = [_solid(Prism(backward(hole), (), body.bottom, body.top)) for hole in body.holes]
+    return [(_chamfered(body), 1), *((hole, -1) for hole in holes)]
+
+
+def _explored(shape: Any, kind: str) -> list[Any]:
+    """Distinct faces, wires or vertices of a TopoDS_Shape, with their orientation in it."""
+    from OCP import TopAbs
+    from OCP.TopExp import TopExp
+    from OCP.TopoDS import TopoDS
+    from OCP.TopTools import TopTools_IndexedMapOfShape
+
+    found = TopTools_IndexedMapOfShape()
+    TopExp.MapShapes_s(shape, getattr(TopAbs.TopAbs_ShapeEnum, f"TopAbs_{kind}"), found)
+    cast = getattr(TopoDS, f"{kind.capitalize()}_s")
+    return [cast(found.FindKey(number)) for number in range(1, found.Extent() + 1)]
 
 
 def _side(face: Any) -> int:
@@ -166,21 +278,11 @@ def _side(face: Any) -> int:
     return 1 if (up > 0) != (face.Orientation() == TopAbs_REVERSED) else -1
 
 
-def _operated(operation: Any, arguments: Sequence[Any], tools: Sequence[Any]) -> Any:
-    from OCP.TopTools import TopTools_ListOfShape
-
-    for shapes, give in ((arguments, operation.SetArguments), (tools, operation.SetTools)):
-        every = TopTools_ListOfShape()
-        for shape in shapes:
-            every.Append(shape)
-        give(every)
-    operation.Build()
-    return operation
-
-
 def _chamfered(body: Prism) -> Any:
-    """Prism with a chamfer, sewn from its faces: the kernel's own chamfers fail where sides turn only slightly."""
-    from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut
+    """Prism with a chamfer, without holes, sewn from its faces.
+
+    The kernel's own chamfers fail where sides turn only slightly.
+    """
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeSolid, BRepBuilderAPI_Sewing
     from OCP.BRepLib import BRepLib
     from OCP.TopoDS import TopoDS
@@ -188,10 +290,10 @@ def _chamfered(body: Prism) -> Any:
     rim, edge = body.top - body.chamfer, offset(body.outer, body.chamfer)
     lower, upper = (_solid(Prism(each, (), body.bottom, z)) for each, z in ((body.outer, rim), (edge, body.top)))
     sewing = BRepBuilderAPI_Sewing(NEAR)
-    for face in _faces(lower):
+    for face in _explored(lower, "FACE"):
         if _side(face) <= 0:
             sewing.Add(face)
-    for face in _faces(upper):
+    for face in _explored(upper, "FACE"):
         if _side(face) > 0:
             sewing.Add(face)
     pairs = list(zip(body.outer.sides, edge.sides, strict=True))
@@ -201,11 +303,7 @@ def _chamfered(body: Prism) -> Any:
     sewing.Perform()
     solid = BRepBuilderAPI_MakeSolid(TopoDS.Shell_s(sewing.SewedShape())).Solid()
     BRepLib.OrientClosedSolid_s(solid)
-    if not body.holes:
-        return solid
-    holes = [_solid(Prism(backward(hole), (), body.bottom, body.top)) for hole in body.holes]
-    cut = _operated(BRepAlgoAPI_Cut(), [solid], holes).Shape()
-    return import_cadquery().Shape.cast(cut).Solids()[0].wrapped
+    return solid
 
 
 def _slant(one: Side, other: Side, low: float, high: float, angle: float) -> Any:
@@ -225,7 +323,7 @@ def _slant(one: Side, other: Side, low: float, high: float, angle: float) -> Any
         return _face(gp_Pln(gp_Ax3(corners[0], normal, along)), [ring])
     axis = gp_Ax1(gp_Pnt(*center_of(one), 0), gp_Dir(0, 0, 1 if bulge > 0 else -1))
     edge = BRepBuilderAPI_MakeEdge(gp_Pnt(x, y, low), gp_Pnt(p, q, high)).Edge()
-    return _faces(BRepPrimAPI_MakeRevol(edge, axis, angle).Shape())[0]
+    return _explored(BRepPrimAPI_MakeRevol(edge, axis, angle).Shape(), "FACE")[0]
 
 
 def _face(plane: Any, wires: Sequence[Any]) -> Any:

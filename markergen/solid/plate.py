@@ -18,6 +18,7 @@ from markergen.geometry.fillet import filleted, largest_fillet
 from markergen.geometry.region import Region, distances
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.marker import Marker
+from markergen.model.openings import drawn_holes
 from markergen.model.substrate import Hole, Substrate
 from markergen.model.substrate_checks import disk_radius
 from markergen.solid.bodies import OFF, Body, Part, Prism, Revolved, cylinder, mm, size_of
@@ -157,8 +158,8 @@ def plate_of(marker: Marker) -> SolidPlate:
     """Plate of a marker, with rounded corners.
 
     For a disk it is a disk that contains the boundary with its edge and every dot's quiet zone, a white ring half a dot
-    diameter wide. Around a rectangle the edge has mitered corners. Any other boundary is the plate's outline itself,
-    unless the substrate has its own.
+    diameter wide. Around a rectangle the edge has mitered corners. Any other boundary is the plate's outline itself.
+    If the substrate has an outline of its own, the plate has its holes and those of the boundary.
 
     Raises
     ------
@@ -209,7 +210,10 @@ def _plate(substrate: Substrate, boundary: Boundary, disk: float) -> SolidPlate:
         x, y = boundary.center
         outlines: list[Outline] = [(circle(disk, mm(x), mm(y)),)]
     else:
-        contours = [placed(each, 1e3, digits=9) for each in (substrate.outline or boundary).contours()]
+        drawn = (substrate.outline or boundary).contours()
+        if substrate.outline is not None:
+            drawn = (*(each for each in drawn if area(each) > 0), *drawn_holes(boundary, substrate.outline))
+        contours = [placed(each, 1e3, digits=9) for each in drawn]
         if edge := mm(substrate.edge_around(boundary)):
             contours = [placed(offset(each, -edge), 1.0, digits=9) for each in contours]
         corner = mm(substrate.corner_radius)

@@ -1,8 +1,7 @@
 """Parser of STEP and BREP files; `markergen.guard` runs this script in a child process for `verification.step`.
 
-Open CASCADE, the kernel of cadquery, reads the files; their document is traversed here. `cadquery.Assembly.importStep`
-refuses files of other programs: a single part without an assembly, or an assembly with two parts of the same name.
-Importing cadquery also takes a second longer than the few kernel modules used here.
+Open CASCADE reads the files; their document is traversed here, since `cadquery.Assembly.importStep` refuses files of
+other programs: a single part without an assembly, or an assembly with two parts of the same name.
 """
 
 import importlib
@@ -23,6 +22,8 @@ STEPS = 16
 MOST_FACES = 200_000
 
 Json = dict[str, Any]
+Part = tuple[str, Any, Any, list[tuple[Any, Any]]]
+"""Name, color, shape and face colors of a solid."""
 
 
 def prepare() -> None:
@@ -40,8 +41,70 @@ def brep(data: bytes) -> Json:
     return {"parts": [_described(*part) for part in as_file(data, ".brep", _brep)]}
 
 
-def _step(path: str) -> list[tuple[str, Any, Any, Any]]:
-    """Name, color, shape and face colors of each solid."""
+def step_turned(data: bytes) -> Json:
+    """Read a STEP file with its largest level area turned up, and with it turned down."""
+    return _turned(as_file(data, ".step", _step))
+
+
+def brep_turned(data: bytes) -> Json:
+    """Read a BREP file as `step_turned` does a STEP file."""
+    return _turned(as_file(data, ".brep", _brep))
+
+
+def _turned(parts: list[Part]) -> Json:
+    from OCP.gp import gp_Ax1, gp_Dir, gp_Pnt, gp_Quaternion, gp_Trsf, gp_Vec
+    from OCP.TopAbs import TopAbs_FACE
+    from OCP.TopLoc import TopLoc_Location
+
+    areas: dict[tuple[float, float, float], float] = {}
+    ways: dict[tuple[float, float, float], tuple[float, float, float]] = {}
+    for _, _, shape, _ in parts:
+        for face in _within(shape, TopAbs_FACE):
+            if (found := _plane(face)) is not None:
+                # Opposite normals together, since a plate's back is larger than its face.
+                way, area = found
+                way = way if max(way, key=abs) > 0 else (-way[0], -way[1], -way[2])
+                key = (round(way[0], 6), round(way[1], 6), round(way[2], 6))
+                areas[key], ways[key] = areas.get(key, 0.0) + area, way
+    views = []
+    for sign in (1.0, -1.0) if areas else ():
+        x, y, z = (sign * each for each in ways[max(areas, key=lambda each: areas[each])])
+        if z > 1 - LEVEL:
+            continue
+        move = gp_Trsf()
+        if z < LEVEL - 1:
+            move.SetRotation(gp_Ax1(gp_Pnt(), gp_Dir(1, 0, 0)), pi)
+        else:
+            move.SetRotation(gp_Quaternion(gp_Vec(x, y, z), gp_Vec(0, 0, 1)))
+        place = TopLoc_Location(move)
+        matrix = [[move.Value(row, column) for column in (1, 2, 3)] for row in (1, 2, 3)]
+        turned = [
+            (name, color, shape.Moved(place), [(face.Moved(place), paint) for face, paint in painted])
+            for name, color, shape, painted in parts
+        ]
+        views.append({"turn": matrix, "parts": [_described(*part) for part in turned]})
+    return {"views": views}
+
+
+def _plane(face: Any) -> tuple[tuple[float, float, float], float] | None:
+    """Normal and area of a plane face; None for others."""
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+    from OCP.BRepGProp import BRepGProp
+    from OCP.GeomAbs import GeomAbs_Plane
+    from OCP.GProp import GProp_GProps
+    from OCP.TopoDS import TopoDS
+
+    surface = BRepAdaptor_Surface(TopoDS.Face_s(face), False)
+    if surface.GetType() != GeomAbs_Plane:
+        return None
+    mass = GProp_GProps()
+    BRepGProp.SurfaceProperties_s(face, mass)
+    way = surface.Plane().Axis().Direction()
+    return (way.X(), way.Y(), way.Z()), mass.Mass()
+
+
+def _step(path: str) -> list[Part]:
+    """Solids of a STEP file."""
     from OCP.IFSelect import IFSelect_ReturnStatus
     from OCP.Interface import Interface_Static
     from OCP.STEPCAFControl import STEPCAFControl_Reader
@@ -65,7 +128,7 @@ def _step(path: str) -> list[tuple[str, Any, Any, Any]]:
     return [part for label in _sequence(roots) for part in _labeled(label, None, "", None, 0)]
 
 
-def _labeled(label: Any, place: Any, name: str, color: Any, depth: int) -> list[tuple[str, Any, Any, Any]]:
+def _labeled(label: Any, place: Any, name: str, color: Any, depth: int) -> list[Part]:
     """Solids under a label of the document, at the location that an assembly gives them."""
     from OCP.TDF import TDF_Label, TDF_LabelSequence
     from OCP.TopLoc import TopLoc_Location
@@ -95,7 +158,7 @@ def _labeled(label: Any, place: Any, name: str, color: Any, depth: int) -> list[
     return found
 
 
-def _brep(path: str) -> list[tuple[str, Any, Any, Any]]:
+def _brep(path: str) -> list[Part]:
     from OCP.BRep import BRep_Builder
     from OCP.BRepTools import BRepTools
     from OCP.TopoDS import TopoDS_Shape
@@ -163,12 +226,14 @@ def _described(name: str, color: Any, shape: Any, painted: list[tuple[Any, Any]]
     BRepBndLib.Add_s(shape, box)
     shells = _within(shape, TopAbs_SHELL)
     corners = [0.0] * 6 if box.IsVoid() else list(box.Get())
-    faces, balls = [], []
+    faces: list[Json] = []
+    backs: list[Json] = []
+    balls: list[Json] = []
     for face in (TopoDS.Face_s(each) for each in _within(shape, TopAbs_FACE)):
         paint = next((paint for each, paint in painted if paint and each.IsSame(face)), None)
         found = _level(face)
         if found:
-            faces.append({**found, "color": paint})
+            (faces if found.pop("up") else backs).append({**found, "color": paint})
         ball = _ball(face)
         if ball:
             balls.append({**ball, "color": paint})
@@ -181,12 +246,13 @@ def _described(name: str, color: Any, shape: Any, painted: list[tuple[Any, Any]]
         "low": corners[:3],
         "high": corners[3:],
         "faces": faces,
+        "backs": backs,
         "balls": balls,
     }
 
 
 def _level(face: Any) -> Json | None:
-    """Height and loops of a level face that faces up; None for other faces."""
+    """Height and loops of a level face, and whether it faces up; None for other faces."""
     from OCP.BRepAdaptor import BRepAdaptor_Surface
     from OCP.GeomAbs import GeomAbs_Plane
     from OCP.TopAbs import TopAbs_REVERSED, TopAbs_WIRE
@@ -196,14 +262,15 @@ def _level(face: Any) -> Json | None:
         return None
     plane = surface.Plane()
     up = plane.Axis().Direction().Z() * (1.0 if plane.Direct() else -1.0)
-    if (-up if face.Orientation() == TopAbs_REVERSED else up) < 1 - LEVEL:
+    if abs(up) < 1 - LEVEL:
         return None
     loops = [loop for wire in _within(face, TopAbs_WIRE) if (loop := _loop(wire, face))["points"]]
-    return {"z": plane.Location().Z(), "loops": loops} if loops else None
+    faces_up = (up > 0) != (face.Orientation() == TopAbs_REVERSED)
+    return {"z": plane.Location().Z(), "loops": loops, "up": faces_up} if loops else None
 
 
 def _loop(wire: Any, face: Any) -> Json:
-    """Points along a wire, and the circle if the entire wire lies on one."""
+    """Points along a wire, the circle if the entire wire lies on one, and whether it has straight sides."""
     from OCP.BRepAdaptor import BRepAdaptor_Curve
     from OCP.BRepTools import BRepTools_WireExplorer
     from OCP.GeomAbs import GeomAbs_Circle, GeomAbs_Line
@@ -212,7 +279,7 @@ def _loop(wire: Any, face: Any) -> Json:
 
     points: list[tuple[float, float]] = []
     circles: list[tuple[float, float, float]] = []
-    turned, bent = 0.0, True
+    turned, bent, straight = 0.0, True, False
     explorer = BRepTools_WireExplorer(TopoDS.Wire_s(wire), face)
     while explorer.More():
         curve = BRepAdaptor_Curve(explorer.Current())
@@ -225,13 +292,15 @@ def _loop(wire: Any, face: Any) -> Json:
             turned += abs(last - first)
         else:
             bent = False
+        straight = straight or curve.GetType() == GeomAbs_Line
         steps = 1 if curve.GetType() == GeomAbs_Line else 4 * STEPS if curve.IsClosed() else STEPS
         for k in range(steps):
             point = curve.Value(first + (last - first) * k / steps)
             points.append((point.X(), point.Y()))
         explorer.Next()
     same = all(max(abs(a - b) for a, b in zip(each, circles[0], strict=True)) < SAME for each in circles)
-    return {"points": points, "circle": circles[0] if bent and same and abs(turned - 2 * pi) < 1e-6 else None}
+    whole = bent and same and abs(turned - 2 * pi) < 1e-6
+    return {"points": points, "circle": circles[0] if whole else None, "straight": straight}
 
 
 def _ball(face: Any) -> Json | None:

@@ -12,29 +12,37 @@ from markergen.errors import InputError, MissingLibraryError
 from markergen.guard import read
 from markergen.model.feature import Feature
 from markergen.model.marker import ControlPoint, Marker, check_supported
+from markergen.model.openings import openings
 from markergen.model.tag import Tag
-from markergen.verification.findings import Finding, Verdict, extras, judge
-from markergen.verification.matching import DotSet, dots_of, expected_dots, grown
+from markergen.verification.findings import Verdict, extras, frame_findings, judge
+from markergen.verification.flat import flat_findings
+from markergen.verification.made import sheet_plate_findings, solid_findings
+from markergen.verification.matching import DotSet, dots_of, expected_dots
+from markergen.verification.placement import DARK, LIGHT, in_other_units, in_part, stretched, turned
 from markergen.verification.reading import Page, Reading, reader_of
 from markergen.verification.solids import (
     SHEET,
-    UNITS,
     dots_of_surface,
     holds_sheet,
-    hole_findings,
-    in_unit,
+    recesses,
     room_of,
-    solid_findings,
 )  # fmt: skip
 from markergen.verification.surface import Surface
 from markergen.verification.tags import ABSENT, tag_findings
+from markergen.verification.transforms import change_findings, changes, moved
+from markergen.verification.words import MOST_LISTED, Finding
 
 Array = NDArray[np.float64]
 
 MOST_COPIES = 500
 
-UNTAGGED = ("scaled", "mirrored", "another marker")
+UNTAGGED = ("scaled", "sheared", "mirrored", "another marker")
 """Findings that imply a wrong tag, so that nothing is said about it."""
+
+LACKING = ("no dots", "missing", "another marker", "tag", "outline", "hole")
+"""Kinds of findings that hidden layers explain."""
+
+ABOUT_DOTS = ("shifted", "missing", "extra", "height", "diameter", "kind", "twice")
 
 STRANGE = ("another marker", "no dots")
 """Kinds of findings about a file whose dots are not the marker's."""
@@ -136,7 +144,7 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
     MissingLibraryError
         If the file is STEP or BREP and the CAD kernel is missing.
     """
-    check_supported(marker, "to verify a file against", joint=False)
+    check_supported(marker, "to verify a file against", joint=False, light=True)
     check_tolerance(tolerance)
     reader = reader_of(path)
     # Numbers in a file that overflow become infinite and are left out.
@@ -146,13 +154,14 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
     if not reading.pages:
         findings = tuple(Finding("tag", gap) for gap in reading.tag_gaps)
         return Check(str(path), reading.kind, tolerance=allowed, findings=findings, notes=(TAG_ALONE,))
-    found = _best(marker, reading, allowed)
-    if _is_strange(found) and reading.pages[0].surface is not None:
-        found = (
-            _for_a_sheet(marker, reading, reading.pages[0].surface, allowed)
-            or _in_another_unit(marker, reading, allowed)
-            or found
-        )
+    found = _solid(marker, reading, allowed)
+    surface = reading.pages[0].surface
+    if surface is None:
+        found = _changed(marker, reading, allowed, found)
+    elif found.findings:
+        found = _placed(marker, reading, surface, found, allowed) or found
+        if _is_strange(found):
+            found = _as_a_part(marker, reading, surface, allowed) or found
     return replace(found, path=str(path))
 
 
@@ -178,6 +187,14 @@ def _best(marker: Marker, reading: Reading, tolerance: float) -> Check:
     return min(checks, key=lambda check: (bool(check.findings), np.nan_to_num(check.largest, nan=np.inf)))
 
 
+def _solid(marker: Marker, reading: Reading, tolerance: float) -> Check:
+    """Check a solid as a marker and, if it has none of its dots, as a plate for a printed sheet."""
+    check, surface = _best(marker, reading, tolerance), reading.pages[0].surface
+    if surface is None or not _is_strange(check):
+        return check
+    return _for_a_sheet(marker, reading, surface, tolerance) or check
+
+
 def _is_strange(check: Check) -> bool:
     return any(finding.kind in STRANGE for finding in check.findings)
 
@@ -187,23 +204,67 @@ def _for_a_sheet(marker: Marker, reading: Reading, surface: Surface, tolerance: 
     if not holds_sheet(surface, marker.boundary):
         return None
     flaws = [Finding("solid", flaw) for flaw in reading.flaws]
-    holes = hole_findings(surface, marker.substrate.holes, (np.eye(2), np.zeros(2)), 1e3 * tolerance)
+    holes = sheet_plate_findings(marker.as_designed, surface, 1e3 * tolerance)
     return Check(
         "", reading.kind, pages=(None,), tolerance=tolerance, findings=(*flaws, *holes), notes=(SHEET,)
     )  # fmt: skip
 
 
-def _in_another_unit(marker: Marker, reading: Reading, tolerance: float) -> Check | None:
-    """Check a solid written in one unit and read in another; None if that does not explain it."""
-    for unit, factor in UNITS.items():
-        for times, said in ((factor, f"{unit} taken for mm"), (1 / factor, f"mm taken for {unit}")):
-            check = _best(marker, in_unit(reading, times), tolerance)
-            if not _is_strange(check):
-                finding = Finding("scaled", f"scaled by {1 / times:.6g} along x, y and z: {said}")
-                # Findings about edges and cells at the wrong scale mean nothing.
-                rest = tuple(each for each in check.findings if each.kind not in ("solid", "tag", "hole", "color"))
-                scale = (check.scale[0] / times, check.scale[1] / times)
-                return replace(check, largest=np.nan, worst=None, scale=scale, findings=(finding, *rest))
+def _changed(marker: Marker, reading: Reading, tolerance: float, found: Check) -> Check:
+    """Check a page that was scaled, stretched or sheared as a whole, if that explains more than `found` does."""
+    apart = sum(finding.kind == "shifted" for finding in found.findings)
+    if not _is_strange(found) and apart < min(len(marker) / 2, MOST_LISTED):
+        return found
+    expected = expected_dots(marker)
+    if any(page.of_any_size for page in reading.pages):
+        pages = (replace(page, circles=page.of_any_size()) if page.of_any_size else page for page in reading.pages)
+        reading = replace(reading, pages=tuple(pages))
+    page = max(reading.pages, key=lambda page: len(page.circles))
+    for undo, change in changes(page, expected):
+        check = _best(marker, moved(reading, undo), tolerance)
+        if _is_strange(check) or any(finding.kind in ("shifted", "scaled") for finding in check.findings):
+            continue
+        said = change_findings(change, expected, 1e3 * tolerance, reading.pixels)
+        # Lines and edges at the wrong scale mean nothing.
+        rest = tuple(each for each in check.findings if each.kind in ("mirrored", "missing", "kind", "extra"))
+        scale = (float(change[0, 0]), float(change[1, 1]))
+        return replace(check, largest=np.nan, worst=None, scale=scale, findings=(*said, *rest))
+    return found
+
+
+def _as_a_part(marker: Marker, reading: Reading, surface: Surface, tolerance: float) -> Check | None:
+    """Check a file of the dark or of the light parts alone whose dots are not all there; None if it is not one."""
+    found = in_part(marker.as_designed, surface, 1e3 * tolerance)
+    if found is None:
+        return None
+    findings, note, dots = found
+    flaws = [Finding("solid", flaw) for flaw in reading.flaws]
+    return Check(
+        "", reading.kind, dots=dots, pages=(None,), tolerance=tolerance, findings=(*flaws, *findings), notes=(note,)
+    )  # fmt: skip
+
+
+def _placed(marker: Marker, reading: Reading, surface: Surface, found: Check, tolerance: float) -> Check | None:
+    """Check a solid that is wrong as a whole in one way, without that; None if no way explains more than it leaves."""
+    strange, mirrored = _is_strange(found), any(finding.kind == "mirrored" for finding in found.findings)
+    ways = [turned(marker, reading, surface)] if strange or mirrored else []
+    ways += [in_other_units(marker, reading)] if strange else []
+    for way in [*ways, stretched(marker, reading, surface)]:
+        checks = [(each, _solid(marker, each.reading, tolerance)) for each in way]
+        good = [
+            (len(check.findings), number, each, check)
+            for number, (each, check) in enumerate(checks)
+            if not any(finding.kind in (*STRANGE, "mirrored") for finding in check.findings)
+            and (strange or len(check.findings) + 1 < len(found.findings) + mirrored)
+        ]
+        if good:
+            _, _, each, check = min(good, key=lambda entry: entry[:2])
+            scale = (check.scale[0] / each.times, check.scale[1] / each.times)
+            largest = check.largest if each.times == 1.0 else np.nan
+            worst = check.worst if each.times == 1.0 else None
+            # The kernel drops edges of a CAD file that are too short for it, if that is in a wrong unit.
+            kept = [one for one in check.findings if surface.mapped or each.times == 1.0 or one.kind in ABOUT_DOTS]
+            return replace(check, largest=largest, worst=worst, scale=scale, findings=(each.finding, *kept))
     return None
 
 
@@ -235,7 +296,11 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     findings = [Finding("marks", gap) for gap in reading.gaps]
     findings += [Finding("tag", gap) for gap in reading.tag_gaps]
     findings += [Finding("solid", flaw) for flaw in reading.flaws]
-    holes = 1e3 * np.array([(hole.x, hole.y) for hole in marker.substrate.holes]).reshape(-1, 2)
+    contours = [opening.contour for opening in openings(marker)]
+    if reading.kind == "DXF":  # Where what is only told, on layer INFO, is drawn with closed circles, too.
+        contours += [contour for keep_out in marker.keep_outs for contour in keep_out.contours()]
+    rounds = [whole for contour in contours if (whole := contour.as_circle) is not None]
+    holes = 1e3 * np.array(rounds).reshape(-1, 3)[:, :2]
     count = 0
     notes = [note] if note else []
     for page in reading.pages:
@@ -245,25 +310,40 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
             continue
         count += len(found)
         room = room_of(page.surface, found, expected) if page.surface is not None else 0.0
-        here = _copies(grown(expected, room) if room else expected, ids, found, tolerance, reading, page)
-        if room:
+        cored = bool(room and found.rings.any())
+        here = _copies(recesses(expected, room, cored) if room else expected, ids, found, tolerance, reading, page)
+        if page.surface is not None and page.surface.loose:
+            notes.append(DARK)
+        if cored:
+            notes.append(f"{LIGHT}; there are {1e3 * room:.4g} um of room around these")
+        elif room:
             notes.append(f"recesses for printed dots with {1e3 * room:.4g} um of room around them, and no dots")
         elif marker.tag is not None and reading.tagged:
             here = _tagged(here, marker.tag, factor, page, tolerance)
         if page.surface is not None:
             here = [_made(each, marker, page.surface, None if room else found, tolerance) for each in here]
+        elif reading.drawn:
+            here, said_of_page, remarks = flat_findings(marker, factor, page, found, here, tolerance)
+            findings += said_of_page
+            notes += remarks
         verdicts += here
         findings += extras(found, np.concatenate([each.used for each in here]), here[0].motion, holes)
+        explained = reading.flaws or any(each.kind in UNTAGGED for each in here[0].findings)
+        if reading.placed and here[0].motion is not None and not explained:
+            findings += frame_findings(expected, here[0].motion, tolerance)
+    hidden = [layer for page in reading.pages for layer in page.hidden]
     verdicts = verdicts or [judge(expected, ids, _dots(reading.pages[0], expected), tolerance)]
     if len(verdicts) > 1:
         verdicts = _own_tags(verdicts)
     worst = max(verdicts, key=lambda each: np.nan_to_num(each.largest, nan=np.inf))
+    if hidden and any(each.kind in LACKING for v in verdicts for each in v.findings):
+        findings.insert(0, Finding("hidden", f"not everything is visible: {', '.join(hidden)}", "show all layers"))
     said = [_of_copy(finding, k, verdicts) for k, each in enumerate(verdicts) for finding in each.findings]
     return Check(
         "", reading.kind, count, sum(len(each.used) > 0 for each in verdicts), worst.largest,
         None if worst.worst is None else ids[worst.worst], worst.scale,
         reading.papers or tuple(each.size for each in reading.pages),
-        tolerance, (*said, *findings), tuple(notes),
+        tolerance, (*findings, *said), tuple(dict.fromkeys(notes)),
     )  # fmt: skip
 
 

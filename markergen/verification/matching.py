@@ -81,11 +81,6 @@ def expected_dots(marker: Marker) -> DotSet:
     )
 
 
-def grown(dots: DotSet, room: float) -> DotSet:
-    """Dots as disks with radii larger by `room`."""
-    return DotSet(dots.centers, dots.radii + room, np.zeros(len(dots)), dots.spread, dots.heights, dots.ordered)
-
-
 def dots_of(page: Page, expected: DotSet) -> DotSet:
     """Circles of a page that may be dots: of about the size of an expected dot, concentric circles merged."""
     circles = page.circles

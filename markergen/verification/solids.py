@@ -3,19 +3,21 @@
 Plates into which the printed sheet or every printed dot is glued have recesses, and no dots of their own.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.geometry.contour import area
 from markergen.geometry.region import Region
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole
-from markergen.verification.findings import MOST_LISTED, Finding, short_length
 from markergen.verification.matching import ALIKE, CONCENTRIC, DotSet
-from markergen.verification.reading import PRINTABLE, Page, Reading
-from markergen.verification.surface import Ball, Color, SolidPart, Surface
+from markergen.verification.reading import PRINTABLE, Page, Reading, round_shape
+from markergen.verification.surface import Ball, Color, LevelFace, SolidPart, Surface, edge_of, out_of_round
+from markergen.verification.words import MOST_LISTED, Finding, short_length
 
 Array = NDArray[np.float64]
 
@@ -38,8 +40,8 @@ SLACK = 0.02
 
 SHEET = "a plate with a recess for the printed sheet and no dots of its own: verify the sheet"
 
-UNITS = {"m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3}
-"""Units, in mm, that a file may have been written in although it is read as mm."""
+UNITS = {"m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3, "inch": 25.4, "foot": 304.8}
+"""Units, in mm, that a file may have been written in although it is read in another."""
 
 
 def dots_of_surface(surface: Surface, expected: DotSet) -> DotSet:
@@ -48,7 +50,7 @@ def dots_of_surface(surface: Surface, expected: DotSet) -> DotSet:
     A dot is a separate part of about its size whose highest level face is round; or a ball; or, for pockets and
     engraving, a round edge of a level face, the highest of several around one axis.
     """
-    edges = _edges(surface)
+    edges = round_edges(surface)
     balls = [(k, ball) for k, part in enumerate(surface.parts) for ball in part.balls]
     radii = np.unique(expected.radii)
     places = np.concatenate([edges[:, :3], np.array([[b.x, b.y, b.radius] for _, b in balls]).reshape(-1, 3)])
@@ -62,7 +64,7 @@ def dots_of_surface(surface: Surface, expected: DotSet) -> DotSet:
         free &= ~(mine & near)
         pieces = [ball for ball, own in zip(balls, (mine & near)[len(edges) :], strict=True) if own]
         around = edges[mine[: len(edges)]]
-        row, part = _of_balls(pieces, radii) if pieces else _of_edges(surface, around, radii)
+        row, part = _of_balls(pieces, radii) if pieces else _ofround_edges(surface, around, radii)
         rows.append(row)
         first.append(part)
     table = np.array(rows, dtype=float).reshape(-1, 6)
@@ -72,7 +74,7 @@ def dots_of_surface(surface: Surface, expected: DotSet) -> DotSet:
     return DotSet(table[:, :2], table[:, 2], table[:, 3], table[:, 4], table[:, 5], ordered)
 
 
-def _edges(surface: Surface) -> Array:
+def round_edges(surface: Surface) -> Array:
     """Round edges (k, 7) of level faces: x, y, radius, z, part, face, and 1 for the outer edge of a face."""
     found = [
         (*about, face.z, part, number, float(place == 0))
@@ -92,13 +94,13 @@ def _of_balls(pieces: list[tuple[int, Ball]], radii: Array) -> tuple[tuple[float
     return (best.x, best.y, best.radius, inner, spread, best.z), part
 
 
-def _of_edges(surface: Surface, around: Array, radii: Array) -> tuple[tuple[float, ...], int]:
+def _ofround_edges(surface: Surface, around: Array, radii: Array) -> tuple[tuple[float, ...], int]:
     """Row of a dot made of edges around one axis, and its part."""
     misfit = np.abs(np.log(around[:, 2:3] / radii)).min(axis=-1)
     near = misfit < np.log(ALIKE)
     parts = surface.parts
     own = near & (around[:, 6] == 1)
-    own[own] = [_is_dot(parts[int(part)], *row) for *row, part in around[own][:, [0, 1, 2, 4]]]
+    own[own] = [is_dot(parts[int(part)], *row) for *row, part in around[own][:, [0, 1, 2, 4]]]
     chosen = own if own.any() else near
     top = around[chosen, 3].max()
     level = np.abs(around[:, 3] - top) <= FLUSH
@@ -115,7 +117,7 @@ def _of_edges(surface: Surface, around: Array, radii: Array) -> tuple[tuple[floa
     return (best[0], best[1], best[2], float(inner[:, 2].max(initial=0.0)), spread, top), int(best[4])
 
 
-def _is_dot(part: SolidPart, x: float, y: float, radius: float) -> bool:
+def is_dot(part: SolidPart, x: float, y: float, radius: float) -> bool:
     """True if a part, in plan view, is no larger than a dot with this edge may be."""
     reach = ALIKE * radius
     return x - part.low[0] < reach > part.high[0] - x and y - part.low[1] < reach > part.high[1] - y
@@ -135,8 +137,10 @@ def differ(color: Color | None, plate: Color | None) -> bool | None:
 
 def is_ink(surface: Surface, places: Array) -> NDArray[np.bool_]:
     """Tell which points (m, 2) are inked: not of the plate's color or, without colors, on another part or recessed."""
-    plate = plate_of(surface)
+    plate = -1 if surface.loose else plate_of(surface)
     part, z, colors = surface.look(places)
+    if surface.loose:
+        return part >= 0
     own = surface.parts[plate].color
     face = np.median(z[part == plate]) if (part == plate).any() else 0.0
     told = [differ(color, own) for color in colors]
@@ -146,7 +150,7 @@ def is_ink(surface: Surface, places: Array) -> NDArray[np.bool_]:
 
 def straight_edges(surface: Surface, plate: bool) -> tuple[Array, Array]:
     """Start and end points (k, 2) of the straight edges of level faces, of the plate or of all other parts."""
-    main = plate_of(surface)
+    main = -1 if surface.loose else plate_of(surface)
     parts = [part for index, part in enumerate(surface.parts) if (index == main) == plate]
     edges = [edge for part in parts for face in part.faces for edge in face.edges if not edge.is_circle]
     starts, ends = [np.zeros((0, 2))], [np.zeros((0, 2))]
@@ -162,64 +166,12 @@ def straight_edges(surface: Surface, plate: bool) -> tuple[Array, Array]:
     return np.concatenate(starts), np.concatenate(ends)
 
 
-def solid_findings(
-    marker: Marker,
-    surface: Surface,
-    motion: tuple[Array, Array],
-    dots: DotSet | None,
-    names: tuple[int, ...],
-    tolerance: float,
-) -> list[Finding]:
-    """Errors of a made plate apart from the places and sizes of its dots: colors and holes.
-
-    Parameters
-    ----------
-    motion : (rotation (2, 2), shift (2,))
-        From the marker frame to the file, mm.
-    dots : DotSet or None
-        The marker's dots as found in the file; None if the plate has recesses for printed dots.
-    names : tuple of int
-        Ids of these dots.
-    tolerance : float
-        mm.
-    """
-    colors = color_findings(surface, dots, names) if dots is not None else []
-    return [*colors, *hole_findings(surface, marker.substrate.holes, motion, tolerance)]
-
-
-def color_findings(surface: Surface, dots: DotSet, names: tuple[int, ...]) -> list[Finding]:
-    """Dots of the plate's color, and rings whose middle is not; nothing if the file has no colors."""
-    plate = surface.parts[plate_of(surface)].color
-    if plate is None or not len(dots):
-        return []
-    angle = np.pi * (np.arange(8) + 0.25) / 4
-    turn = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    dark, middle = [], []
-    on_dots = dots.centers[:, None] + ((dots.radii + dots.inner) / 2)[:, None, None] * turn
-    in_rings = dots.centers[:, None] + (dots.inner / 2)[:, None, None] * turn
-    seen, _, colors = surface.look(np.concatenate([on_dots, in_rings]).reshape(-1, 2))
-    told = [differ(color, plate) if part >= 0 else None for part, color in zip(seen, colors, strict=True)]
-    for k, name in enumerate(names):
-        ink, core = told[8 * k : 8 * k + 8], told[8 * (len(dots) + k) : 8 * (len(dots) + k) + 8]
-        if False in ink:
-            dark.append(name)
-        if dots.inner[k] > 0 and True in core:
-            middle.append(name)
-    return [
-        *(Finding("color", f"dot {name} has the color of the plate") for name in dark[:MOST_LISTED]),
-        *(
-            Finding("color", f"the middle of dot {name} does not have the color of the plate")
-            for name in middle[:MOST_LISTED]
-        ),
-    ]
-
-
 def hole_findings(
     surface: Surface, holes: tuple[Hole, ...], motion: tuple[Array, Array], tolerance: float
 ) -> list[Finding]:
     """Holes of the plate that are missing, misplaced or of the wrong size; tolerance in mm."""
     rotation, shift = motion
-    edges = _edges(surface)
+    edges = round_edges(surface)
     findings = []
     for hole in holes:
         called = f"the hole {hole.name}".rstrip() + f" at x {1e3 * hole.x:.6g}, y {1e3 * hole.y:.6g} mm"
@@ -251,18 +203,58 @@ def flaws_of(surface: Surface) -> tuple[str, ...]:
     return tuple(flaws[:MOST_LISTED])
 
 
-def reading_of(kind: str, surface: Surface, tolerance: float = PRINTABLE) -> Reading:
-    """Reading of a solid in mm, with a default tolerance in m for its centers."""
+def reading_of(kind: str, surface: Surface, marker: Marker) -> Reading:
+    """Reading of a solid in mm."""
+    sizes = [500 * point.feature.diameter for point in marker.control_points]
+    surface = replace(surface, loose=_is_loose(surface, max(sizes, default=0.0)))
     page = Page(np.zeros((0, 3)), surface=surface)
-    return Reading(kind, (page,), tolerance, tagged=True, flaws=flaws_of(surface))
+    return Reading(kind, (page,), PRINTABLE, tagged=True, flaws=flaws_of(surface))
 
 
-def in_unit(reading: Reading, factor: float) -> Reading:
+def _is_loose(surface: Surface, radius: float) -> bool:
+    """Tell whether there are parts of dots, of at most that radius, and none of them has a plate around it."""
+    boxes = np.array([part.box for part in surface.parts]).reshape(-1, 4)
+    own = [
+        k
+        for k, part in enumerate(surface.parts)
+        if (part.balls or any(face.edges[0].as_circle for face in part.faces))
+        and max(boxes[k, 2] - boxes[k, 0], boxes[k, 3] - boxes[k, 1]) < 2 * ALIKE * radius
+    ]
+    # In strips, since there may be thousands.
+    inside = [
+        np.sum((boxes[:, :2] < boxes[k, :2]).all(axis=1) & (boxes[:, 2:] > boxes[k, 2:]).all(axis=1)) for k in own
+    ]
+    return bool(own) and not any(inside)
+
+
+def level_face(
+    z: float, outlines: Sequence[tuple[Array, tuple[float, float, float] | None, bool]], color: Color | None
+) -> LevelFace:
+    """Make a level face of outlines: points (k, 2), the circle on which they lie if known, whether sides are straight.
+
+    Other programs write circles as splines or polygons; how far these are off is kept.
+    """
+    edges = []
+    for points, known, straight in outlines:
+        about = known or round_shape(points)
+        rough = out_of_round(points, about, straight) if about and not known else 0.0
+        edges.append((edge_of(points, about), rough))
+    edges.sort(key=lambda edge: -abs(area(edge[0])))
+    contours, rough_ones = zip(*edges, strict=True)
+    return LevelFace(z, contours, color, rough_ones)
+
+
+def mapped(marker: Marker, reading: Reading, surface: Surface) -> Reading:
+    """Return the reading of a solid with another surface."""
+    other = reading_of(reading.kind, surface, marker)
+    return replace(reading, pages=other.pages, flaws=reading.flaws)
+
+
+def in_unit(marker: Marker, reading: Reading, factor: float) -> Reading:
     """Scale everything in a reading by a factor."""
-    pages = tuple(
-        replace(page, surface=page.surface.scaled(factor)) if page.surface else page for page in reading.pages
-    )
-    return replace(reading, pages=pages)
+    surface = reading.pages[0].surface
+    # The kernel's checks of a solid depend on its size.
+    return reading if surface is None else replace(mapped(marker, reading, surface.scaled(factor)), flaws=())
 
 
 def holds_sheet(surface: Surface, boundary: Boundary) -> bool:
@@ -286,21 +278,30 @@ def holds_sheet(surface: Surface, boundary: Boundary) -> bool:
 
 
 def room_of(surface: Surface, found: DotSet, expected: DotSet) -> float:
-    """Clearance in mm around printed dots, if the apparent dots are recesses for them; 0 if they are dots.
+    """Clearance in mm around what goes into recesses, if the apparent dots are recesses; 0 if they are dots.
 
-    Such recesses lie below the plate's surface, have its color, are larger than dots by the same amount, and are never
-    rings.
+    Recesses lie below the plate's surface, have its color, and are larger than dots by the same amount. Those for
+    printed dots are never rings; those for inlays may have the light core of a ring in them.
     """
-    if not len(found) or not (np.isfinite(found.radii)).all() or found.rings.any():
+    if surface.loose or not len(found) or not (np.isfinite(found.radii)).all():
         return 0.0
     plate = plate_of(surface)
-    part, z, colors = surface.look(found.centers)
-    if (part != plate).any() or (z > (found.heights if found.heights is not None else 0.0) - FLUSH).any():
+    turn = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]])
+    middles = found.centers[:, None] + ((found.radii + found.inner) / 2 * found.rings)[:, None, None] * turn
+    part, z, colors = surface.look(middles.reshape(-1, 2))
+    heights = np.repeat(found.heights if found.heights is not None else np.zeros(len(found)), len(turn))
+    if (part != plate).any() or (z > heights - FLUSH).any():
         return 0.0
     told = [differ(color, surface.parts[plate].color) for color in colors]
     # Without colors, pockets without any ring are recesses if the marker has a ring.
-    if True in told or (None in told and not expected.rings.any()):
+    if True in told or (None in told and not found.rings.any() and not expected.rings.any()):
         return 0.0
     sizes = np.unique(expected.radii)
     room = found.radii - sizes[np.argmin(np.abs(found.radii[:, None] - sizes), axis=1)]
     return float(np.median(room)) if room.min() > FLUSH and room.max() < ROOM and np.ptp(room) < FLUSH else 0.0
+
+
+def recesses(dots: DotSet, room: float, rings: bool) -> DotSet:
+    """Recesses for dots, with room around them; `rings` tells whether rings keep their cores."""
+    inner = np.where(dots.rings, dots.inner - room, 0.0) if rings else np.zeros(len(dots))
+    return DotSet(dots.centers, dots.radii + room, inner, dots.spread, dots.heights, dots.ordered)

@@ -4,6 +4,7 @@ Open CASCADE crashes on some broken files and never finishes on others.
 """
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +12,12 @@ import numpy as np
 
 import markergen.solid
 from markergen.errors import InputError, MissingLibraryError
-from markergen.geometry.contour import area
 from markergen.guard import Content, in_child
 from markergen.model.marker import Marker
 from markergen.solid.kernel import missing_kernel
 from markergen.verification.reading import READERS, Reading
-from markergen.verification.solids import reading_of
-from markergen.verification.surface import Ball, Color, LevelFace, SolidPart, Surface, edge_of
+from markergen.verification.solids import level_face, reading_of
+from markergen.verification.surface import Ball, Color, LevelFace, SolidPart, Surface, View
 
 PARSER = Path(markergen.solid.__file__).with_name("step_parser.py")
 
@@ -26,15 +26,15 @@ HUGE = re.compile(rb"'[^']*'|(\d\.?\d*[eE]\+?0*[1-9]\d|\d{12}\.)")
 
 
 @READERS.register(".step", ".stp")
-def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (every reader is called alike)
+def read(data: bytes, name: str, marker: Marker) -> Reading:
     """Read the parts of a STEP file with names and colors, placed as its assemblies have them."""
-    return reading_of("STEP", Surface(read_step(data, name)))
+    return reading_of("STEP", Surface(read_step(data, name), _turned("STEP", data, name)), marker)
 
 
 @READERS.register(".brep")
-def read_native(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001
+def read_native(data: bytes, name: str, marker: Marker) -> Reading:
     """Read the parts of a BREP file."""
-    return reading_of("BREP", Surface(read_brep(data, name)))
+    return reading_of("BREP", Surface(read_brep(data, name), _turned("BREP", data, name)), marker)
 
 
 def read_step(data: bytes, name: str = "the STEP file") -> tuple[SolidPart, ...]:
@@ -52,42 +52,63 @@ def read_step(data: bytes, name: str = "the STEP file") -> tuple[SolidPart, ...]
         raise InputError(f"a complete STEP file in {name}", "no header or no end", "export it again")
     if any(match[1] for match in HUGE.finditer(data)):
         raise InputError(f"lengths below 10 000 km in {name}", "numbers beyond 1e10", "export it again")
-    return _parts("STEP", data, name)
+    return _parts(_asked("STEP", "step", data, name)["parts"], name)
 
 
 def read_brep(data: bytes, name: str = "the BREP file") -> tuple[SolidPart, ...]:
     """Read the parts of an Open CASCADE BREP file, in mm, without names or colors. Raises as `read_step` does."""
     if b"CASCADE Topology" not in data[:1000]:
         raise InputError(f"a BREP file of Open CASCADE in {name}", "something else", "export it again")
-    return _parts("BREP", data, name)
+    return _parts(_asked("BREP", "brep", data, name)["parts"], name)
 
 
-def _parts(called: str, data: bytes, name: str) -> tuple[SolidPart, ...]:
+def _turned(called: str, data: bytes, name: str) -> Callable[[], list[View]]:
+    """Views of the same solids with their largest area up and down, from the kernel when they are asked for."""
+
+    def views() -> list[View]:
+        found = _asked(called, f"{called.lower()}_turned", data, name)["views"]
+        return [(np.array(each["turn"]), Surface(_parts(each["parts"], name))) for each in found]
+
+    return views
+
+
+def _asked(called: str, function: str, data: bytes, name: str) -> dict[str, Any]:
     wanted = f"a {called} file that Open CASCADE reads in {name}"
     try:
-        reply = in_child(PARSER, called.lower(), Content(name, data), "CAD", wanted)
+        return in_child(PARSER, function, Content(name, data), "CAD", wanted).values
     except MissingLibraryError as error:
         raise missing_kernel("reading solids needs", str(error)) from None
-    parts = tuple(_part(each) for each in reply.values["parts"])
-    if not parts:
+
+
+def _parts(found: list[dict[str, Any]], name: str) -> tuple[SolidPart, ...]:
+    if not found:
         raise InputError(f"shapes in {name}", "none", "export it again")
-    return parts
+    return tuple(_part(each) for each in found)
 
 
 def _part(each: dict[str, Any]) -> SolidPart:
-    def color(found: list[float] | None) -> Color | None:
-        return (found[0], found[1], found[2]) if found else None
-
-    faces = []
-    for face in each["faces"]:
-        edges = [(np.array(edge["points"], dtype=float).reshape(-1, 2), edge["circle"]) for edge in face["loops"]]
-        whole = [(points, about) for points, about in edges if about or len(points) > 2]
-        if whole and np.isfinite(face["z"]) and all(np.isfinite(points).all() for points, _ in whole):
-            found = sorted((edge_of(points, about) for points, about in whole), key=lambda edge: -abs(area(edge)))
-            faces.append(LevelFace(face["z"], tuple(found), color(face["color"])))
-    balls = tuple(Ball(**{**ball, "color": color(ball["color"])}) for ball in each["balls"])
+    faces, backs = (
+        tuple(level for face in each[side] if (level := _level(face)) is not None) for side in ("faces", "backs")
+    )
+    balls = tuple(Ball(**{**ball, "color": _color(ball["color"])}) for ball in each["balls"])
     low, high = each["low"], each["high"]
     return SolidPart(
-        each["name"], color(each["color"]), each["volume"], each["valid"], each["closed"],
-        (low[0], low[1], low[2]), (high[0], high[1], high[2]), tuple(faces), balls,
+        each["name"], _color(each["color"]), each["volume"], each["valid"], each["closed"],
+        (low[0], low[1], low[2]), (high[0], high[1], high[2]), faces, balls, backs,
     )  # fmt: skip
+
+
+def _level(face: dict[str, Any]) -> LevelFace | None:
+    """Level face of finite numbers; None without any edge of them."""
+    loops = [
+        (np.array(each["points"], dtype=float).reshape(-1, 2), each["circle"], each["straight"])
+        for each in face["loops"]
+        if each["circle"] or len(each["points"]) > 2
+    ]
+    if not loops or not np.isfinite(face["z"]) or not all(np.isfinite(points).all() for points, _, _ in loops):
+        return None
+    return level_face(face["z"], loops, _color(face["color"]))
+
+
+def _color(found: list[float] | None) -> Color | None:
+    return (found[0], found[1], found[2]) if found else None

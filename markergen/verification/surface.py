@@ -1,5 +1,6 @@
 """The plan view of a solid as plain data, in mm in the frame of its file: level faces, balls, and their colors."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -28,17 +29,36 @@ def _scaled(edge: Contour, factor: float) -> Contour:
     return Contour(tuple((factor * x, factor * y) for x, y in edge.points), edge.bulges)
 
 
+def out_of_round(points: Array, about: tuple[float, float, float], chords: bool = True) -> float:
+    """Maximum distance in mm of a closed line through points (k, 2) from a circle; of the points alone if curved."""
+    x, y, radius = about
+    seen = np.concatenate([points, (points + np.roll(points, 1, axis=0)) / 2]) if chords else points
+    return float(np.abs(np.hypot(*(seen - [x, y]).T) - radius).max(initial=0.0))
+
+
 @dataclass(frozen=True, eq=False)
 class LevelFace:
-    """A level face seen from above, and its edges, the outer one first."""
+    """A level face.
+
+    Attributes
+    ----------
+    z : float
+    edges : tuple of Contour
+        The outer one first.
+    color : (red, green, blue) or None
+    rough : tuple of float
+        Maximum distance in mm between each edge and the circle that it stands for; empty if all are exact.
+    """
 
     z: float
     edges: tuple[Contour, ...]
     color: Color | None = None
+    rough: tuple[float, ...] = ()
 
     def scaled(self, factor: float) -> "LevelFace":
         """Scale by a factor."""
-        return LevelFace(factor * self.z, tuple(_scaled(edge, factor) for edge in self.edges), self.color)
+        edges, rough = tuple(_scaled(edge, factor) for edge in self.edges), tuple(factor * each for each in self.rough)
+        return LevelFace(factor * self.z, edges, self.color, rough)
 
     @cached_property
     def region(self) -> Region:
@@ -63,6 +83,9 @@ class Ball:
         Radius of the circle around its vertical axis inside which the top is cut away; 0 for a whole cap.
     rim : float
         Radius of the rim in plan view.
+    color : (red, green, blue) or None
+    flatness : float
+        Height over width: 1 for a ball, less for one that was squashed.
     """
 
     x: float
@@ -72,11 +95,12 @@ class Ball:
     hole: float = 0.0
     rim: float = 0.0
     color: Color | None = None
+    flatness: float = 1.0
 
     def scaled(self, factor: float) -> "Ball":
         """Scale by a factor."""
         x, y, z, radius, hole, rim = (factor * v for v in (self.x, self.y, self.z, self.radius, self.hole, self.rim))
-        return Ball(x, y, z, radius, hole, rim, self.color)
+        return Ball(x, y, z, radius, hole, rim, self.color, self.flatness)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +122,10 @@ class SolidPart:
     faces : tuple of LevelFace
         Level faces that face up.
     balls : tuple of Ball
+    backs : tuple of LevelFace
+        Level faces that face down.
+    tool : str
+        Number of the extruder that prints it; empty if the file does not say.
     """
 
     name: str
@@ -109,13 +137,22 @@ class SolidPart:
     high: tuple[float, float, float]
     faces: tuple[LevelFace, ...]
     balls: tuple[Ball, ...] = ()
+    backs: tuple[LevelFace, ...] = ()
+    tool: str = ""
 
     def scaled(self, factor: float) -> "SolidPart":
         """Scale by a factor."""
         low, high = ((factor * x, factor * y, factor * z) for x, y, z in (self.low, self.high))
-        faces = tuple(face.scaled(factor) for face in self.faces)
+        faces, backs = (tuple(face.scaled(factor) for face in each) for each in (self.faces, self.backs))
         balls = tuple(ball.scaled(factor) for ball in self.balls)
-        return replace(self, volume=factor**3 * self.volume, low=low, high=high, faces=faces, balls=balls)
+        return replace(
+            self, volume=factor**3 * self.volume, low=low, high=high, faces=faces, balls=balls, backs=backs
+        )  # fmt: skip
+
+    @property
+    def box(self) -> tuple[float, float, float, float]:
+        """Left, bottom, right and top in plan view."""
+        return self.low[0], self.low[1], self.high[0], self.high[1]
 
     @property
     def circles(self) -> list[tuple[float, float, float, float]]:
@@ -124,15 +161,36 @@ class SolidPart:
         return [(about[0], about[1], z, about[2]) for z, about in found if about is not None]
 
 
+def _no_views() -> "list[View]":
+    return []
+
+
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Plan view of all parts of a file."""
+    """Plan view of all parts of a file.
+
+    Attributes
+    ----------
+    parts : tuple of SolidPart
+    views : callable
+        Returns other views of the same solid, with another of its sides up: rotations (3, 3) from the frame of the
+        file to that of the view, and the view.
+    mapped : callable or None
+        Returns the plan view of the solid after a linear map (3, 3); None for solids that are only scaled.
+    loose : bool
+        True for parts of dots without a plate around them.
+    """
 
     parts: tuple[SolidPart, ...] = field(default=())
+    views: "Callable[[], list[View]]" = _no_views
+    mapped: "Callable[[Array], Surface] | None" = None
+    loose: bool = False
 
     def scaled(self, factor: float) -> "Surface":
         """Scale by a factor."""
-        return Surface(tuple(part.scaled(factor) for part in self.parts))
+        if self.mapped is not None:
+            return self.mapped(factor * np.eye(3))
+        return Surface(tuple(part.scaled(factor) for part in self.parts), loose=self.loose)
 
     def look(self, places: Array) -> tuple[NDArray[np.intp], Array, list[Color | None]]:
         """Look down vertically at points (m, 2).
@@ -162,3 +220,17 @@ class Surface:
                     up = np.sqrt(np.maximum(ball.radius**2 - away**2, 0.0))
                     show(index, np.where(inside, ball.z + up, -np.inf), ball.color or each.color)
         return part, z, colors
+
+
+View = tuple[Array, Surface]
+"""A rotation and the plan view that it leads to."""
+
+
+def upright(direction: Array) -> Array:
+    """Rotation (3, 3) by the smallest angle that turns a unit vector (3,) up; over the x-axis if it points down."""
+    x, y, z = direction
+    if z < -1 + 1e-9:
+        return np.diag([1.0, -1.0, -1.0])
+    return np.array(
+        [[1 - x * x / (1 + z), -x * y / (1 + z), -x], [-x * y / (1 + z), 1 - y * y / (1 + z), -y], [x, y, z]]
+    )

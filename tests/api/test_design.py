@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from markergen.api.design import design
+from markergen.api.export import export
 from markergen.cli import main
 from markergen.errors import InputError, OutputError
 from markergen.model.boundary import Circle
 from markergen.model.camera import Camera
+from markergen.model.marker import Marker
 from markergen.model.marker_json import read_marker
 from markergen.model.poses import named_poses
 from markergen.model.spec import Spec
@@ -200,6 +202,24 @@ def test_nothing_is_printed_and_the_log_is_silent_until_asked(capsys, caplog):
     assert stages
     assert found.warnings
     assert [record.message for record in caplog.records if record.levelno == logging.WARNING] == list(found.warnings)
+
+
+def test_inverted_colors_make_light_dots_that_every_sheet_keeps_and_solids_refuse(tmp_path, caplog):
+    found = design(**QUICK, colors="inverted", output=[tmp_path / "m.svg", tmp_path / "m.json", tmp_path / "m.csv"])
+    assert found.marker.light
+    assert Marker.load(tmp_path / "m.json") == found.marker
+    assert any("markergen detect does not find this marker" in each for each in found.warnings)
+    caplog.clear()
+    export(tmp_path / "m.json", tmp_path / "again.svg")
+    assert (tmp_path / "again.svg").read_bytes() == (tmp_path / "m.svg").read_bytes()
+    export(tmp_path / "m.json", tmp_path / "black.svg", colors="black")
+    told = [record.message for record in caplog.records]
+    assert [words.partition(":")[0] for words in told] == [
+        "light dots on a dark ground are printed, but not yet made as a solid, rendered or detected",
+        "the dots are light in marker.json, and dark on the sheet",
+    ]
+    with pytest.raises(InputError, match=r"dark dots for .*m\.step, found --colors inverted; light dots .* not yet"):
+        design(**QUICK, colors="#eeeeee,#003366", output=tmp_path / "m.step")
 
 
 def test_help_shows_every_keyword():

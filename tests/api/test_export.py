@@ -32,6 +32,24 @@ def test_a_marker_saves_itself(pentagon, tmp_path):
     assert pentagon.substrate == Substrate()
 
 
+def test_what_disturbs_detection_is_told_once(pentagon, tmp_path, caplog):
+    export(pentagon, tmp_path / "m.svg", tmp_path / "m.pdf", tmp_path / "m.dxf", mount=["M4:0mm,100mm"])
+    [told] = [record.message for record in caplog.records]
+    assert told.startswith(
+        "holes reach into the quiet zones of dots, where a camera sees them as dark spots: the hole M4"
+    )
+    caplog.clear()
+    export(pentagon, tmp_path / "m.svg", colors="inverted", mount=["M4:0mm,0mm"])
+    assert [record.message.partition(":")[0] for record in caplog.records] == [
+        "light dots on a dark ground are printed, but not yet made as a solid, rendered or detected",
+        "the dots are dark in marker.json, and light on the sheet",
+    ]
+    caplog.clear()
+    export(pentagon, tmp_path / "m.csv", mount=["M4:0mm,100mm"])
+    export(pentagon, tmp_path / "m.svg", colors="black", mount=["M4:0mm,0mm"])
+    assert not caplog.records
+
+
 def test_several_markers_share_sheets(pentagon, tmp_path):
     export([pentagon, to_json_dict(pentagon)], tmp_path / "both.pdf", paper="A0")
     assert (tmp_path / "both.pdf").read_bytes().startswith(b"%PDF")

@@ -11,6 +11,7 @@ import pytest
 from drawings import dxf, svg
 
 from markergen.cli import main
+from markergen.geometry.contour import area
 from markergen.model.boundary import Circle, Polygon, polygon_from
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker_json import read_marker
@@ -133,22 +134,24 @@ def test_the_fabrication_drawing_has_the_drawing_s_sizes(made):
     if made.kind == "flange":
         assert work.round
         assert work.size == pytest.approx((250, 250), abs=1e-9)
-        assert {"\xd880 through", "4x \xd89 through", "on a pitch circle \xd8200"} < set(words)
+        # One of the four holes keeps the flange from turning: it is a datum, with a callout of its own.
+        assert {"\xd880", "3x \xd89", "\xd89"} < set(words)
+        assert sum("on a circle [\xd8200]" in line for line in words) == 2
     else:
         assert work.size == pytest.approx((200, 120), abs=1e-9)
-        assert {"\xd88.5 through", "4x R15", "2x R5", "R10"} < set(words)
+        assert {"\xd88.5", "4x R15", "2x R5", "R10"} < set(words)
     (holes,) = [table for table in work.tables if table.title.startswith("Holes")]
     wanted = {"flange": ["80", "9", "9", "9", "9"], "plate": ["8.5"]}[made.kind]
-    assert sorted(row[2] for row in holes.rows) == sorted(wanted)
-    assert {row[4] for row in holes.rows} == {"in the outline"}
+    assert sorted(row[3].removeprefix("\xd8") for row in holes.rows) == sorted(wanted)
+    assert {row[5] for row in holes.rows} == {"in the outline"}
 
 
 def test_the_sheets_draw_the_circles_half_a_micrometer_off_at_most(made):
     from markergen.drawing.colors import Colors
     from markergen.drawing.figure import Figure
-    from markergen.drawing.marker_artwork import boundary_lines
+    from markergen.drawing.marker_artwork import cut_lines
 
-    lines = boundary_lines(Figure(made.marker), Colors(cut="#ff0000"))
+    lines = cut_lines(Figure(made.marker), Colors(cut="#ff0000"))
     found = []
     for line in lines:
         points = np.array(line.points[:-1])
@@ -200,9 +203,11 @@ def test_another_outline_takes_the_plate_s_place(made, tmp_path):
     outputs = ["-o", str(tmp_path / "x.step"), "-o", str(tmp_path / "x.json"), "--no-engrave"]
     assert main(["export", str(made.folder / "m.json"), "--outline", "circle:130mm", *outputs]) == 0
     volume, diameters = measured(tmp_path / "x.step")
-    assert diameters == [260]
-    assert volume == pytest.approx(math.pi * 130**2 * THICK, rel=1e-12)
     marker = read_marker(tmp_path / "x.json")
+    # The holes of the boundary go through the other plate, too.
+    holes = [contour for contour in marker.boundary.contours() if area(contour) < 0]
+    assert diameters == pytest.approx({"flange": [9] * 4 + [80, 260], "plate": [8.5, 10, 10, 20, 20, 260]}[made.kind])
+    assert volume == pytest.approx((math.pi * 130**2 + 1e6 * sum(map(area, holes))) * THICK, rel=1e-9)
     assert marker.substrate.outline == Circle(0.13)
     assert marker.boundary == made.marker.boundary
 

@@ -203,7 +203,8 @@ for words in sys.stdin.read().splitlines():
 def test_without_the_kernel_every_solid_is_one_line_and_all_else_works(here):
     drawn = [suffix for suffix in EXPORTERS if not EXPORTERS[suffix].kernel and suffix != ".apriltag.yaml"]
     made = [suffix for suffix in EXPORTERS if EXPORTERS[suffix].kernel]
-    assert ".fab.pdf" in drawn
+    assert {".fab.pdf", ".stl", ".3mf", ".glb", ".sdf", ".urdf"} <= set(drawn)
+    beside = {"m-light.stl", "m-dark.stl", "m-parts.3mf", "model.config", "meshes"}
     lines = [
         *(f"export marker.json -o m{suffix}" for suffix in drawn),
         *(f"export marker.json -o other.json -o m{suffix}" for suffix in made),
@@ -222,4 +223,31 @@ def test_without_the_kernel_every_solid_is_one_line_and_all_else_works(here):
         assert "libGL.so.1: cannot open shared object file" in complaint
         assert "pip install 'markergen[solids]' && apt-get install libgl1 libx11-6" in complaint
     written = {path.name for path in here.iterdir()} - {"marker.json", "plate.geojson"}
-    assert written == {f"m{suffix}" for suffix in drawn}
+    assert written - beside == {f"m{suffix}" for suffix in drawn}
+
+
+INTERRUPTED_KERNEL = """
+import importlib.abc, importlib.machinery, signal, sys
+
+class Kernel(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    def find_spec(self, name, path=None, target=None):
+        return importlib.machinery.ModuleSpec(name, self) if name == "OCP" else None
+
+    def exec_module(self, module):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt as error:
+            # As a compiled module reports it.
+            raise ImportError("initialization failed") from error
+
+sys.meta_path.insert(0, Kernel())
+from markergen.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize("words", ["export marker.json -o m.step", "design --n 200 -o other.step"])
+def test_ctrl_c_while_the_kernel_loads_ends_cleanly(here, words):
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED_KERNEL, *words.split()], capture_output=True, text=True)
+    assert (done.returncode, done.stderr, done.stdout) == (130, "markergen: error: interrupted\n", "")
+    assert {path.name for path in here.iterdir()} == {"marker.json", "plate.geojson"}

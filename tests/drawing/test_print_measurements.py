@@ -45,11 +45,11 @@ def test_no_pair_no_length():
     assert far_pair(points_at([(0, 0), (0, 0.1)]), 0) is None
 
 
-def test_the_command_names_rulers_of_another_length():
-    assert remedy_words((200, 200))[1] == (
-        "markergen rescale marker.json --measured-x 198.6mm --measured-y 199.1mm -o corrected.json"
+def test_the_command_states_the_length_of_every_ruler():
+    assert remedy_words((200, 150))[1] == (
+        "markergen rescale marker.json --measured-x 198.6mm --nominal-x 200mm --measured-y 149.3mm --nominal-y 150mm "
+        "-o corrected.json"
     )
-    assert "--measured-x 148.9mm --nominal-x 150mm --measured-y 199.1mm" in remedy_words((150, 200))[1]
     assert "measured-y" not in remedy_words((150, 0))[1]
 
 

@@ -12,7 +12,7 @@ from markergen.exporters.dxf import write_dxf, write_laser_dxf
 from markergen.geometry.contour import Contour, circle
 from markergen.model.boundary import Circle, polygon_from
 from markergen.model.fabrication import Fabrication
-from markergen.model.substrate import Hole, Substrate, parse_mount
+from markergen.model.substrate import Hole, Substrate
 from markergen.model.tag import Tag
 
 WRITTEN = 1e-6
@@ -67,19 +67,6 @@ def test_the_tag_is_closed_outlines_of_its_ink(marker):
 def _signed(ring: np.ndarray) -> float:
     x, y = ring.T
     return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
-
-
-def test_outline_and_keep_outs_are_to_be_cut(marker):
-    circles = read(marker).modelspace().query("CIRCLE[layer=='CUT']")
-    found = sorted((c.dxf.center.x, c.dxf.center.y, c.dxf.radius) for c in circles)
-    np.testing.assert_allclose(found, [(0, 0, 100), (20, -30, 4)], atol=WRITTEN)
-
-
-def test_holes_of_the_plate_are_to_be_cut(make_ngon):
-    marker = replace(make_ngon(5, 0.1, 0.016), substrate=Substrate(holes=parse_mount("2xM3c@40mm/0")))
-    circles = read(marker).modelspace().query("CIRCLE[layer=='CUT']")
-    found = sorted((c.dxf.center.x, c.dxf.center.y, c.dxf.radius) for c in circles)
-    np.testing.assert_allclose(found, [(-20, 0, 1.7), (0, 0, 100), (20, 0, 1.7)], atol=WRITTEN)
 
 
 def test_any_boundary_is_closed_polylines_of_its_corners(shape, make_in):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from markergen.detect.fiducials import FiducialSettings, find_tags
-from markergen.drawing.paper import ISO, SheetOptions
+from markergen.drawing.paper import SheetOptions
 from markergen.drawing.sheet_layout import pages_for
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions
@@ -87,15 +87,52 @@ def test_a_family_is_one_sheet_and_a_file_for_each(tmp_path):
     assert sorted(family_paths(paths, [0, 1, 2])) == sorted(path for path, _ in written)
 
 
-def test_without_a_paper_all_stand_on_one_page(tmp_path):
-    markers = family()
-    ((_, notes),) = save_family(markers, [tmp_path / "ten.svg"], ExportOptions())
-    names = [paper.name for paper in ISO]
-    smallest = names.index(notes[0].split("10 markers stand on one page of ")[1].split()[0].removesuffix("-landscape"))
-    assert len(pages_for(markers, SheetOptions(paper=names[smallest]))) == 1
-    assert len(pages_for(markers, SheetOptions(paper=names[smallest - 1]))) > 1
-    ((_, notes),) = save_family(markers, [tmp_path / "ten.pdf"], ExportOptions(SheetOptions(paper="A4")))
-    assert "pages of A4" in notes[0]
+@pytest.mark.parametrize(
+    ("count", "paper", "words"),
+    [
+        (10, None, "10 markers stand on 5 pages of A4 (210 x 297 mm), up to 2 on each."),
+        (3, "letter", "3 markers stand on 2 pages of letter-landscape (279.4 x 215.9 mm), up to 2 on each."),
+        (2, None, "2 markers stand on one page of A4 (210 x 297 mm)."),
+    ],
+)
+def test_they_fill_pages_of_a4_or_of_the_paper(count, paper, words):
+    sheets = pages_for(family(count), SheetOptions(paper))
+    assert sheets[0].notes[0] == words
+    assert [len(sheet.origins_mm) for sheet in sheets] == [2] * (count // 2) + [1] * (count % 2)
+    # With each its number and the ids on it.
+    named = [{shape.name for shape in sheet.scene["text"]} for sheet in sheets]
+    assert all("block-tag" in names and ("block-page" in names) == (len(sheets) > 1) for names in named)
+
+
+def test_a_file_of_one_page_has_them_all_on_the_smallest_that_holds_them(tmp_path):
+    markers = family(5)
+    ((_, notes),) = save_family(markers, [tmp_path / "five.svg"], ExportOptions())
+    assert notes[0] == "5 markers stand on one page of A2 (420 x 594 mm)."
+    assert notes[-1] == "A .svg file has one page; a .pdf fills pages of A4, or of another --paper."
+    assert len(pages_for(markers, SheetOptions(paper="A3"))) > 1
+
+
+@pytest.mark.parametrize(("radius", "paper", "count"), [(0.085, "A4", 2), (0.15, "A2", 2), (0.4, "A0", 6)])
+def test_what_a_grid_cannot_hold_has_pages_of_its_own(radius, paper, count):
+    markers = [pentagon(radius, 0.03, f"aruco:DICT_4X4_50:{k}") for k in (3, 7)]
+    sheets = pages_for(markers, SheetOptions())
+    assert {sheet.paper.name for sheet in sheets} == {paper}
+    assert len(sheets) == count
+    assert f"2 markers have {count} pages" in sheets[0].notes[0]
+
+
+def test_pages_of_several_tiled_markers_are_numbered_through(monkeypatch):
+    from markergen.drawing import tile_sheets
+
+    written = []
+    draw = tile_sheets.text
+    monkeypatch.setattr(tile_sheets, "text", lambda words, *a, **k: written.append(words) or draw(words, *a, **k))
+    markers = [pentagon(0.1, 0.02, f"aruco:DICT_4X4_50:{k}") for k in (3, 7)]
+    sheets = pages_for(markers, SheetOptions("A4"))
+    assert len(sheets) == 6
+    said = " ".join(written)
+    assert "Print pages 2 to 3 at 100 %" in said
+    assert "Print pages 5 to 6 at 100 %" in said
 
 
 def test_names_of_files_for_each_keep_their_suffixes():

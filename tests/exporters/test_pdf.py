@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pypdfium2
+import pypdfium2.raw as pdfium
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -21,7 +22,7 @@ MM = 25.4 / DPI
 
 
 @pytest.fixture(
-    scope="module", params=[(5, 0.15, 0.036), (12, 0.15, 0.036), (5, 0.04, 0.012)], ids=["n5", "n12", "small"]
+    scope="module", params=[(5, 0.15, 0.036), (12, 0.08, 0.02), (5, 0.04, 0.012)], ids=["n5", "n12", "small"]
 )
 def case(make_ngon, request):
     marker = make_ngon(*request.param)
@@ -115,6 +116,15 @@ def test_metadata_and_no_font_at_all(case):
     assert not re.search(rb"\b(BT|Tf|Tj|TJ)\b", drawing)
 
 
+def test_it_is_printed_at_true_size_on_one_side(case):
+    """pdfium's print preview, which is Chrome's, goes by these."""
+    document = pypdfium2.PdfDocument(case[2])
+    assert not pdfium.FPDF_VIEWERREF_GetPrintScaling(document.raw)
+    assert pdfium.FPDF_VIEWERREF_GetDuplex(document.raw) == pdfium.Simplex
+    document.close()
+    assert "/PickTrayByPDFSize true" in objects(case[2])
+
+
 def objects(data: bytes) -> str:
     """Everything but the streams."""
     return re.sub(rb"stream\r?\n.*?endstream", b"", data, flags=re.DOTALL).decode("latin-1")
@@ -139,7 +149,7 @@ def test_layers_are_optional_content_in_painting_order(case):
     assert f"/ON [ {listed} ]" in text
     for number, name in groups.items():
         assert f"/layer-{name} {number} 0 R" in text
-    assert data.startswith(b"%PDF-1.5")
+    assert data.startswith(b"%PDF-1.7")
 
 
 def boxed(sheet, paper: Paper, trim, color: str = "#ff0000"):

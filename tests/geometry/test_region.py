@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from markergen.geometry.contour import circle
-from markergen.geometry.region import Region, distances, enclosing_circle, hull, line_distances, signed_area
+from markergen.geometry.region import Region, distances, enclosing_circle, hull, line_distances, parents, signed_area
 
 
 @pytest.fixture
@@ -128,3 +128,12 @@ def test_circles_and_hulls_around_and_inside():
     assert (*center, radius) == pytest.approx((1, 0, 1))
     assert sorted(hull([[0, 0], [2, 0], [1, 0.2], [1, 1]]).tolist()) == [[0, 0], [1, 1], [2, 0]]
     assert Region.rectangle(0, 0, 2, 1).largest_circle(1e-4)[1] == pytest.approx(0.5, abs=1e-3)
+
+
+def test_nested_polygons_have_the_smallest_one_around_them_as_parent():
+    def square(half, x=0.0):
+        return [(x - half, -half), (x + half, -half), (x + half, half), (x - half, half)]
+
+    assert parents([square(1), square(9), square(0.5), square(1, 5), square(2, 20)]) == [1, -1, 0, 1, -1]
+    assert parents([square(1), square(1, 1.5)]) is None
+    assert parents([square(1), square(1, 2)]) is None

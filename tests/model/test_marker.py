@@ -17,7 +17,15 @@ from markergen.exporters.saving import outputs_of
 from markergen.model import camera, marker
 from markergen.model.boundary import Circle
 from markergen.model.feature import Feature
-from markergen.model.marker import ControlPoint, JointCovariance, Marker, MeasuredSize, Plate, check_supported
+from markergen.model.marker import (
+    ControlPoint,
+    JointCovariance,
+    Marker,
+    MeasuredSize,
+    Plate,
+    check_supported,
+    light_marker,
+)
 from markergen.model.marker_json import from_json, to_json
 from markergen.model.rescale import MeasuredDot, Rulers, remeasure, rescale
 from markergen.model.tag import FAMILIES, family_bits, family_size
@@ -166,8 +174,8 @@ def test_notebooks_show_bare_points():
 
 
 def with_light(pentagon):
-    dots = tuple(replace(p, feature=replace(p.feature, polarity="light")) for p in pentagon.control_points)
-    return replace(pentagon, control_points=dots)
+    """On no ground can dots of both kinds be seen."""
+    return replace(pentagon, control_points=(*pentagon.control_points[:2], *light_marker(pentagon).control_points[2:]))
 
 
 def on_plates(pentagon):
@@ -227,6 +235,23 @@ def test_what_cannot_be_used_yet_is_refused_at_every_door(unused, setting, tmp_p
     outputs_of(made, [path])
 
 
+def test_light_dots_are_refused_where_they_are_not_found(pentagon, setting):
+    light = light_marker(pentagon)
+    assert light.light
+    assert not pentagon.light
+    assert from_json(to_json(light).decode()) == light
+    image = np.full((480, 640), 200, np.uint8)
+    for call in (
+        lambda: detect(image, light), lambda: Detector(light), lambda: seen(light, setting),
+        lambda: validate(light, setting, runs=0),
+    ):  # fmt: skip
+        with pytest.raises(
+            InputError, match=r"found light dots: 0, 1, 2, 3, 4; light dots .* not yet .* detected; des"
+        ):
+            call()
+    assert rescale(light, Rulers(0.199, None))[0].light
+
+
 def test_what_is_known_passes_every_door(pentagon):
     check_supported(pentagon, "to detect")
     check_supported(replace(pentagon, extensions={"a": 1}, rulers=(0.2, 0.2)), "to detect")
@@ -244,9 +269,13 @@ def test_sizes_survive_a_correction_by_rulers(pentagon):
 def test_rulers_are_those_that_were_printed(pentagon):
     printed = replace(pentagon, rulers=(0.1, 0.05))
     with pytest.raises(InputError, match="the sheet has it, 100 mm, found nominal_x=200 mm; give --nominal-x 100mm"):
+        rescale(printed, Rulers(0.198, None, 0.2))
+    with pytest.raises(InputError, match=r"about 100 mm along x.*found 198 mm.*measure that ruler, or add --force"):
         rescale(printed, Rulers(0.198, None))
-    after, _ = rescale(printed, Rulers(0.099, 0.0495, 0.1, 0.05))
-    assert after.print_scale == pytest.approx((0.99, 0.99))
+    for nominal in ((0.1, 0.05), (None, None)):
+        after, said = rescale(printed, Rulers(0.099, 0.0495, *nominal))
+        assert after.print_scale == pytest.approx((0.99, 0.99))
+        assert not any("taken for" in each for each in said)
 
 
 def test_bad_sizes_and_polarities_are_refused():

@@ -26,7 +26,7 @@ def drawn():
     return replace(marker, substrate=Substrate(edge=0.0, holes=holes))
 
 
-def test_every_hole_is_listed_counterclockwise_at_its_place(drawn):
+def test_every_hole_is_listed_clockwise_at_its_place(drawn):
     found = openings(drawn)
     assert [str(each) for each in found] == [
         "the hole M4 at -60 mm, 60 mm",
@@ -34,9 +34,9 @@ def test_every_hole_is_listed_counterclockwise_at_its_place(drawn):
         "the drawn hole around 80 mm, 80 mm",
     ]
     assert [each.contour.as_circle for each in found] == [
-        pytest.approx(circle) for circle in [(-0.06, 0.06, 0.00225), (0.075, 0, 0.002), (0.08, 0.08, 0.0045)]
+        pytest.approx(whole) for whole in [(-0.06, 0.06, 0.00225), (0.075, 0, 0.002), (0.08, 0.08, 0.0045)]
     ]
-    assert all(area(each.contour) > 0 for each in found)
+    assert all(area(each.contour) < 0 for each in found)
     # The opening in the printed face is that of the countersink.
     assert isclose(found[0].region.area, pi * 0.00448**2, rel_tol=1e-4)
 

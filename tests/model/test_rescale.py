@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from markergen.errors import InputError
 from markergen.model.marker_json import from_json, to_json
-from markergen.model.rescale import MeasuredDot, Rulers, remeasure, rescale
+from markergen.model.rescale import RULERS_MM, MeasuredDot, Rulers, remeasure, rescale
 
 
 def again(marker):
@@ -29,12 +29,32 @@ def test_one_ruler_stands_for_both_and_says_so(pentagon):
     for rulers in (Rulers(0.199, None), Rulers(None, 0.199)):
         found, said = rescale(pentagon, rulers)
         assert found.print_scale[0] == found.print_scale[1] == pytest.approx(0.995)
-        assert "stands for" in said[1]
+        assert any("stands for" in each for each in said)
 
 
 def test_shorter_rulers(pentagon):
-    found, _ = rescale(pentagon, Rulers(0.0995, 0.151, 0.1, 0.15))
+    found, said = rescale(pentagon, Rulers(0.0995, 0.151, 0.1, 0.15))
     assert found.print_scale == pytest.approx((0.995, 0.151 / 0.15))
+    assert said[0].endswith("x 99.5 mm of 100 mm, y 151 mm of 150 mm.")
+    assert not any("taken for" in each for each in said)
+
+
+@given(st.sampled_from(RULERS_MM), st.sampled_from(RULERS_MM), st.floats(0.9501, 1.0499), st.floats(0.9501, 1.0499))
+def test_a_length_tells_which_ruler_was_measured(pentagon, x, y, sx, sy):
+    found, said = rescale(pentagon, Rulers(x * sx / 1e3, y * sy / 1e3))
+    assert found.print_scale == pytest.approx((sx, sy))
+    assert said[1].startswith(f"That is taken for --nominal-x {x}mm and --nominal-y {y}mm;")
+    assert found.provenance["print"]["rulers"]["nominal_y"] == y / 1e3
+    assert rescale(pentagon, Rulers(x * sx / 1e3, y * sy / 1e3, x / 1e3, y / 1e3))[0] == found
+
+
+def test_every_length_that_fits_none_needs_its_nominal(pentagon):
+    for length in np.arange(0.01, 0.3, 0.0005):
+        near = [mm for mm in RULERS_MM if abs(length * 1e3 / mm - 1) < 0.05 - 1e-9]
+        assert len(near) <= 1
+        if not near:
+            with pytest.raises(InputError, match="within 5 % of a sheet's ruler, 200, 150, 100, 50 or 20 mm, found"):
+                rescale(pentagon, Rulers(float(length), None), force=True)
 
 
 @given(st.floats(0.192, 0.208), st.floats(0.192, 0.208), st.floats(0.192, 0.208))
@@ -51,8 +71,9 @@ def test_a_second_rescaling_takes_the_place_of_the_first(pentagon, x, y, other):
     ("rulers", "said"),
     [
         (Rulers(None, None), "found none"),
-        (Rulers(0.19, None), "found 190 mm, which is -5.00 %"),
-        (Rulers(None, 0.2101), "+5.05 %"),
+        (Rulers(0.19, None), "found 190 mm; check the unit; or give --nominal-x"),
+        (Rulers(0.19, None, 0.2), "found 190 mm, which is -5.00 %"),
+        (Rulers(None, 0.2101, None, 0.2), "+5.05 %"),
         (Rulers(0.2, 0.07), "give --nominal-y"),
         (Rulers(198.6, 0.2), "check the unit"),
         (Rulers(0.0, 0.2), "above 0"),
@@ -69,9 +90,9 @@ def test_lengths_that_cannot_be(pentagon, rulers, said):
 
 
 def test_five_percent_and_more_with_force(pentagon):
-    assert rescale(pentagon, Rulers(0.18, 0.2), force=True)[0].print_scale == pytest.approx((0.9, 1))
+    assert rescale(pentagon, Rulers(0.18, 0.2, 0.2), force=True)[0].print_scale == pytest.approx((0.9, 1))
     with pytest.raises(InputError):
-        rescale(pentagon, Rulers(0.05, 0.2), force=True)
+        rescale(pentagon, Rulers(0.05, 0.2, 0.2), force=True)
 
 
 def measured(marker, rng, sigma=2e-5, angle=0.7, ids=None, covariance=(4e-10, 1e-10, 2e-10)):

@@ -13,7 +13,7 @@ from markergen.drawing.paper import SheetOptions
 from markergen.model.boundary import Circle
 from markergen.model.fabrication import Fabrication
 from markergen.model.poses import named_poses
-from markergen.model.rescale import Rulers
+from markergen.model.rescale import RULERS_MM
 from markergen.model.spec import Spec
 from markergen.model.substrate import Substrate
 from markergen.options import _READERS, GROUPS, REPEATABLE, declared, settle
@@ -80,8 +80,8 @@ def test_a_plate_a_process_and_a_sheet_have_the_defaults_that_are_declared():
                 assert getattr(thing, field.name) == settled[field.name], field.name
     assert parse_colors(settled["colors"]) == BLACK_ON_WHITE
     assert plate.edge_around(Circle(0.1)) == settled["edge"]
-    rulers = settle({}, RescaleKeywords)
-    assert Rulers(None, None) == Rulers(None, None, rulers["nominal_x"], rulers["nominal_y"])
+    rulers = declared(RescaleKeywords)
+    assert all(str(length) in rulers[f"nominal_{name}"].shown for name in "xy" for length in RULERS_MM)
 
 
 @pytest.mark.parametrize("table", TABLES)

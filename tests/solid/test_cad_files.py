@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cad import shown
 
 from markergen.model.boundary import Circle
 from markergen.model.fabrication import Fabrication
@@ -94,12 +95,11 @@ def test_colors(written, parts):
         _, color, faces = parts[solid.name]
         assert color == pytest.approx(COLORS[solid.material], abs=1e-4)  # 32-bit floats, converted twice
         # What is engraved is dark in the light plate.
-        assert len(faces) == len(solid.marked)
+        marked = shown(solid).marked
+        assert len(faces) == len(marked)
         for face, value in faces:
             assert value == pytest.approx(COLORS["dark"], abs=1e-4)
-            assert any(
-                face.Center().toTuple() == pytest.approx(mark.Center().toTuple(), abs=1e-9) for mark in solid.marked
-            )
+            assert any(face.Center().toTuple() == pytest.approx(mark.Center().toTuple(), abs=1e-9) for mark in marked)
     assert any(solid.marked for solid in written[1]) == (len(written[1]) == 1)
 
 
@@ -108,7 +108,7 @@ def test_parts_are_valid_solids_with_the_volumes_that_were_written(written, part
         shape = parts[solid.name][0]
         (only,) = shape.Solids()
         assert shape.isValid()
-        assert only.Volume() == pytest.approx(solid.shape.Volume(), rel=1e-9)
+        assert only.Volume() == pytest.approx(shown(solid).shape.Volume(), rel=1e-9)
 
 
 def test_gmsh_finds_the_same_solids(written, tmp_path):
@@ -125,7 +125,7 @@ def test_gmsh_finds_the_same_solids(written, tmp_path):
         volumes = [gmsh.model.occ.getMass(3, tag) for _, tag in gmsh.model.getEntities(3)]
     finally:
         gmsh.finalize()
-    assert sorted(volumes) == pytest.approx(sorted(solid.shape.Volume() for solid in written[1]), rel=1e-9)
+    assert sorted(volumes) == pytest.approx(sorted(shown(solid).shape.Volume() for solid in written[1]), rel=1e-9)
 
 
 def test_rims_of_dots_are_within_a_micrometer_in_the_marker_frame(written, parts):
@@ -186,12 +186,12 @@ def test_brep_is_read_with_the_same_solids(written, tmp_path):
     (tmp_path / "m.brep").write_bytes(write_brep(written[1]))
     read = cadquery.Shape.importBrep(str(tmp_path / "m.brep")).Solids()
     assert all(solid.isValid() for solid in read)
-    assert [solid.Volume() for solid in read] == pytest.approx([s.shape.Volume() for s in written[1]], rel=1e-12)
+    assert [solid.Volume() for solid in read] == pytest.approx([shown(s).shape.Volume() for s in written[1]], rel=1e-12)
 
 
 def test_triangles_of_a_mesh_do_not_get_into_files(written):
     before = write_brep(written[1])
-    written[1][0].shape.tessellate(0.1)
+    shown(written[1][0]).shape.tessellate(0.1)
     assert write_brep(written[1]) == before
     assert write_step(written[1], marker_name(written[0])) == written[2]
     assert isinstance(written[1][0], NamedSolid)

@@ -3,11 +3,11 @@ import sys
 from math import pi, tan
 
 import pytest
+from cad import build
 
 from markergen.errors import OutputError
 from markergen.geometry.contour import Contour, circle
 from markergen.solid.bodies import COLORS, Part, Prism, Revolved, cylinder
-from markergen.solid.kernel import build
 
 VOLUME = 1e-9
 """Open CASCADE integrates by quadrature, which is exact to this for planes, cylinders, cones and spheres."""
@@ -101,8 +101,10 @@ def test_marks_that_share_a_height_with_pockets_are_told_apart():
     ("cut", "found"),
     [
         # Sticks out of the plate, cuts it in two, and leaves nothing of it.
-        (cylinder(50, 0, 5, -1, 0), "mm\\^3 instead of"),
-        (Prism(Contour(((-60, -1), (60, -1), (60, 1), (-60, 1))), (), -3, 0), "2 pieces"),
+        (cylinder(50, 0, 5, -1, 0), "edges that cross at z = 0 mm"),
+        (Prism(Contour(((-60, -1), (60, -1), (60, 1), (-60, 1))), (), -3, 0), "edges that cross at z = -3 mm"),
+        (cylinder(0, 0, 20, -3, 0, 10), "several pieces"),
+        (cylinder(0, 0, 5, -2, -1), "several pieces"),
         (Prism(Contour(((-60, -60), (60, -60), (60, 60), (-60, 60))), (), -4, 1), "nothing"),
     ],
 )

@@ -237,4 +237,4 @@ def test_a_recess_over_a_rounded_corner_is_not_answered_with_a_wrong_edge(shapes
     make(replace(marker, substrate=Substrate(edge=0.0125, corner_radius=0.003)), Fabrication("print"))
     # An outline is the plate, which has no edge around its sheet.
     line = refusal(make_in(shapes["star"], 5, 0.012), Fabrication("print"))
-    assert "use a larger --outline, without holes in the recess" in line
+    assert line.endswith("use a larger --outline")

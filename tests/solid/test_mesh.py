@@ -1,13 +1,13 @@
-from math import pi, tan
+from math import pi, sqrt, tan
 
 import numpy as np
 import pytest
+from cad import build
 
 from markergen.errors import OutputError
 from markergen.geometry.contour import Contour, circle
 from markergen.solid.bodies import Part, Prism, Revolved, cylinder
-from markergen.solid.kernel import build
-from markergen.solid.mesh import Mesh, is_closed, kept_apart, mesh_of
+from markergen.solid.mesh import LEAST, Mesh, is_closed, kept_apart, mesh_of
 
 QUARTER = tan(pi / 8)
 """Bulge of a quarter turn."""
@@ -54,7 +54,7 @@ def part(request) -> Part:
 
 
 def test_is_closed_and_as_large_as_the_part(part):
-    mesh = mesh_of(build(part), 0.005)
+    mesh = mesh_of(part, 0.005)
     assert is_closed(mesh.triangles)
     # Asked of STL; a ball, curved both ways, is the worst, with 0.08 %.
     assert mesh.volume == pytest.approx(part.volume, rel=1e-3)
@@ -64,7 +64,7 @@ def test_is_closed_and_as_large_as_the_part(part):
 @pytest.mark.parametrize("tolerance", [0.05, 0.005])
 def test_no_triangle_is_further_off_than_the_tolerance(tolerance):
     center, radius = np.array([20.0, -30.0, 0.0]), 6.0
-    mesh = mesh_of(build(PARTS["ball"]), tolerance)
+    mesh = mesh_of(PARTS["ball"], tolerance)
     corners = mesh.points[mesh.triangles]
     # A flat triangle with its corners on a sphere is furthest off in the middle or, if obtuse, at its longest edge.
     places = np.concatenate([corners.mean(axis=1), *(0.5 * (corners[:, i] + corners[:, i - 1]) for i in range(3))])
@@ -75,20 +75,19 @@ def test_no_triangle_is_further_off_than_the_tolerance(tolerance):
 
 
 def test_a_tighter_tolerance_takes_more_triangles():
-    solid = build(PARTS["disc"])
-    few, many = (len(mesh_of(solid, tolerance).triangles) for tolerance in (0.005, 0.0005))
+    few, many = (len(mesh_of(PARTS["disc"], tolerance).triangles) for tolerance in (0.005, 0.0005))
     assert many > 2 * few
 
 
 def test_points_are_the_floats_that_they_are_written_as(part):
-    points = mesh_of(build(part), 0.005).points
+    points = mesh_of(part, 0.005).points
     assert np.array_equal(points, points.astype(np.float32))
     meters = (points / 1e3).astype(np.float32)
     assert len(np.unique(meters, axis=0)) == len(points)
 
 
 def test_marked_faces_are_the_floors_of_what_is_engraved():
-    mesh = mesh_of(build(PARTS["plate with a hole, a pocket and a mark"]), 0.005)
+    mesh = mesh_of(PARTS["plate with a hole, a pocket and a mark"], 0.005)
     corners = mesh.points[mesh.triangles[mesh.marked]]
     np.testing.assert_allclose(corners[..., 2], -0.1, atol=1e-4)
     middle = (corners[..., :2].min(axis=(0, 1)) + corners[..., :2].max(axis=(0, 1))) / 2
@@ -97,25 +96,51 @@ def test_marked_faces_are_the_floors_of_what_is_engraved():
     assert area == pytest.approx(pi * 0.8**2, rel=1e-3)
 
 
-def test_meshing_leaves_the_solid_as_it_was():
-    from OCP.BRep import BRep_Tool
-    from OCP.TopLoc import TopLoc_Location
+@pytest.mark.parametrize("tolerance", [0.05, 0.005])
+def test_the_mesh_is_that_of_the_solid_that_the_kernel_builds(part, tolerance):
+    """The corners of the triangles are on the solid's surface, their middles at most the tolerance from it."""
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeVertex
+    from OCP.BRepExtrema import BRepExtrema_DistShapeShape
+    from OCP.gp import gp_Pnt
 
-    solid = build(PARTS["disc"])
-    first = mesh_of(solid, 0.05)
-    assert all(BRep_Tool.Triangulation_s(face.wrapped, TopLoc_Location()) is None for face in solid.shape.Faces())
-    finer, again = mesh_of(solid, 0.0005), mesh_of(solid, 0.05)
-    assert len(finer.triangles) > len(first.triangles)
-    assert np.array_equal(again.points, first.points)
-    assert np.array_equal(again.triangles, first.triangles)
+    shell = build(part).shape.Shells()[0].wrapped
+
+    def off(point: np.ndarray) -> float:
+        vertex = BRepBuilderAPI_MakeVertex(gp_Pnt(*point.tolist())).Vertex()
+        return BRepExtrema_DistShapeShape(vertex, shell).Value()
+
+    mesh = mesh_of(part, tolerance)
+    some = np.random.default_rng(1).choice(len(mesh.triangles), 12, replace=False)
+    # Half a step of the grid along each axis.
+    assert max(off(point) for point in mesh.points[mesh.triangles[some, 0]]) < 6e-5
+    assert max(off(point) for point in mesh.points[mesh.triangles[some]].mean(axis=1)) < tolerance + 1e-4
+
+
+@pytest.mark.parametrize(("radius", "tolerance"), [(18.0, 0.005), (0.3, 0.005), (150.0, 0.1)])
+def test_a_circle_has_the_fewest_chords_for_half_of_the_tolerance(radius, tolerance):
+    mesh = mesh_of(Part("disc", "dark", (cylinder(0.0, 0.0, radius, -1.0, 0.0),)), tolerance)
+    count = len(mesh.points) // 2
+    enough = pi / np.arccos(1 - tolerance / 2 / radius)
+    assert count % 4 == 0
+    assert max(LEAST, enough) <= count < max(LEAST, enough) + 4
+    # Two triangles for each chord of the wall, and n - 2 for each face.
+    assert len(mesh.triangles) == 4 * count - 4
+
+
+def test_a_ball_takes_less_than_twice_the_triangles_of_the_best_mesh():
+    radius, tolerance = 18.0, 0.005
+    ball = Part("ball", "dark", (Revolved(0.0, 0.0, Contour(((0.0, -radius), (0.0, radius)), (1.0, 0.0))),))
+    # An equilateral triangle with its corners on the sphere and its middle a tolerance below has sides of sqrt(6 R t).
+    best = 4 * pi * radius**2 / (sqrt(3) / 4 * 6 * radius * tolerance)
+    assert best < len(mesh_of(ball, tolerance).triangles) < 1.6 * best
 
 
 def test_an_inlay_and_its_pocket_have_the_same_points_until_they_are_kept_apart():
     plate = mesh_of(
-        build(Part("plate", "light", (Prism(SQUARE, (), -3.0, 0.0),), (cylinder(1.0, 1.0, 2.0, -0.6, 0.0),))), 0.005
+        Part("plate", "light", (Prism(SQUARE, (), -3.0, 0.0),), (cylinder(1.0, 1.0, 2.0, -0.6, 0.0),)), 0.005
     )
-    dot = mesh_of(build(Part("dot-0", "dark", (cylinder(1.0, 1.0, 2.0, -0.6, 0.0, 1.0),))), 0.005)
-    core = mesh_of(build(Part("dot-0-core", "light", (cylinder(1.0, 1.0, 1.0, -0.6, 0.0),))), 0.005)
+    dot = mesh_of(Part("dot-0", "dark", (cylinder(1.0, 1.0, 2.0, -0.6, 0.0, 1.0),)), 0.005)
+    core = mesh_of(Part("dot-0-core", "light", (cylinder(1.0, 1.0, 1.0, -0.6, 0.0),)), 0.005)
 
     def shared(one: Mesh, other: Mesh) -> int:
         return len({tuple(p) for p in one.points} & {tuple(p) for p in other.points})
@@ -141,7 +166,14 @@ def test_what_is_open_or_inside_out_is_not_closed():
     assert not is_closed(np.concatenate([tetrahedron, tetrahedron]))
 
 
-def test_a_solid_without_a_mesh_is_refused_by_name(monkeypatch):
-    monkeypatch.setattr("markergen.solid.mesh.is_closed", lambda _: False)
-    with pytest.raises(OutputError, match="'disc', found gaps"):
-        mesh_of(build(PARTS["disc"]), 0.005)
+@pytest.mark.parametrize(
+    ("cut", "found"),
+    [
+        ((cylinder(4.0, 0.0, 1.0, -1.0, 0.0),), "edges that cross at z = 0 mm"),
+        ((cylinder(0.0, 0.0, 1.0, -1.0, 0.0), cylinder(0.0, 0.0, 2.0, -2.0, 0.0)), "bodies that overlap at z = 0 mm"),
+        ((Prism(SQUARE, (), -1.0, 0.0),), "edges that cross at z = 0 mm"),
+    ],
+)
+def test_bodies_that_make_no_closed_mesh_are_refused_by_name(cut, found):
+    with pytest.raises(OutputError, match=f"the part 'plate-2', found {found}"):
+        mesh_of(Part("plate-2", "light", (Prism(SQUARE, (), -3.0, 0.0),), cut), 0.005)

@@ -3,13 +3,13 @@ from math import acos, pi, tan
 
 import numpy as np
 import pytest
+from cad import build
 
 from markergen.errors import InputError
 from markergen.geometry.contour import Contour, area, circle, placed
 from markergen.model.boundary import Circle, polygon_from
 from markergen.model.substrate import Hole, Substrate
 from markergen.solid.bodies import Part, cylinder
-from markergen.solid.kernel import build
 from markergen.solid.plate import SolidPlate, plate_of, plate_size
 
 EXACT = 1e-9

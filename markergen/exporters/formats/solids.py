@@ -18,31 +18,33 @@ EXPORTERS.register(".stl")(
         "markergen.exporters.meshes:export_stl",
         "mesh in mm, all in one, and one more for each material",
         holds="solid",
-        kernel=True,
     )
 )
 EXPORTERS.register(".3mf")(
-    Exporter("markergen.exporters.meshes:export_3mf", "mesh with materials, for slicers", holds="solid", kernel=True)
+    Exporter("markergen.exporters.meshes:export_3mf", "mesh with materials, for slicers", holds="solid")
 )
 EXPORTERS.register(".glb")(
-    Exporter(
-        "markergen.exporters.meshes:export_glb", "mesh with materials, in m, to look at", holds="solid", kernel=True
-    )
+    Exporter("markergen.exporters.meshes:export_glb", "mesh with materials, in m, to look at", holds="solid")
 )
 EXPORTERS.register(".sdf")(
     Exporter(
         "markergen.exporters.simulators:export_sdf",
-        "model for simulators, with the .glb that it shows",
+        "model for Gazebo, with its meshes",
         holds="solid",
-        kernel=True,
+    )
+)
+EXPORTERS.register(".mjcf.xml")(
+    Exporter(
+        "markergen.exporters.simulators:export_mjcf",
+        "model for MuJoCo, with its meshes",
+        holds="solid",
     )
 )
 EXPORTERS.register(".urdf")(
     Exporter(
         "markergen.exporters.simulators:export_urdf",
-        "model for simulators, with the .glb that it shows",
+        "model for ROS and other simulators, with its meshes",
         holds="solid",
-        kernel=True,
     )
 )
 EXPORTERS.register(".fab.pdf")(

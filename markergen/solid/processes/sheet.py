@@ -14,8 +14,8 @@ from markergen.model.marker import Marker
 from markergen.solid.bodies import OFF, Body, Prism, cylinder
 from markergen.solid.dot_geometry import dots_of
 from markergen.solid.manufacturability import FLATTENING, ROUNDING, Tool, depth_of, found_room, gap_of, tool_of, up
-from markergen.solid.plate import Footprint, gaps, plate_of
-from markergen.solid.processes import Cutting, Made, prepare
+from markergen.solid.plate import Footprint, SolidPlate, gaps, plate_of
+from markergen.solid.processes import Accuracy, Cutting, Made, prepare
 
 DEPTH = 0.2
 """Depth of the recess in mm: paper or film of 0.1 mm, and glue."""
@@ -39,7 +39,7 @@ def sheet(marker: Marker, fabrication: Fabrication) -> Made:
     # The size of the dots does not matter for a single sheet.
     gap = gap_of(fabrication, GAP / 4, dots) if raised else gap_of(fabrication, GAP, ())
     cutting = Cutting(tool, depth, gap=lambda _: gap)
-    tolerances = (("recess", "+0.1 / 0 mm all around"), ("dot centers", "as the sheet was printed"))
+    tolerances = (("recess", "+0.1 / 0 mm all around"), ("dot centers in the sheet", "as it was printed"))
     if raised:
         around = _mm(marker.tag.quiet_zone.outlines()[0]).tolist() if marker.tag else []
         printed = [Footprint("the recess for the tag", tuple(map(tuple, around)), gap)] if around else []
@@ -57,12 +57,12 @@ def sheet(marker: Marker, fabrication: Fabrication) -> Made:
             add=ground.pillars,
             notes=(*ground.notes, f"{how}, and glue each into its own recess: dots stand at different heights."),
             lines=(f"{how}, glue each into its recess, {depth:.6g} mm deep, and press it down flush.",),
+            accuracy=Accuracy(position=0.1, play=gap, depth=0.05),
             tolerances=tolerances,
             depth=depth,
         )
     recess = _recesses(marker, tool, depth, gap)
-    lands = marker.substrate.holes and any(each.holes for each in recess)
-    around = " Punch it where screws go through, 1 mm larger all around." if lands else ""
+    around = " Punch its holes 1 mm larger all around." if any(each.holes for each in recess) else ""
     note = f"Print the marker as .pdf at true size, cut it out along the boundary, and glue it into the recess.{around}"
     return Made(
         cut=recess,
@@ -71,6 +71,7 @@ def sheet(marker: Marker, fabrication: Fabrication) -> Made:
             f"The recess is {depth:.6g} mm deep and {gap:.6g} mm larger than the sheet all around; its floor is flat.",
             note,
         ),
+        accuracy=Accuracy(depth=0.05),
         tolerances=tolerances,
         depth=depth,
     )
@@ -84,31 +85,50 @@ PROCESSES.register("print")(
 def _recesses(marker: Marker, tool: Tool, depth: float, gap: float) -> tuple[Prism, ...]:
     """Recess for each piece of the boundary, leaving lands around the holes in it."""
     plate = plate_of(marker)
-    lands = [Footprint(each.name, each.points, each.radius + LAND) for each in plate.hole_footprints]
+    face = plate.face.filled()
+    lands = _lands(plate)
     found = []
-    for outer, holes, shape in _pieces(marker, gap):
-        (room,) = plate.face.clearance([shape])
+    for outer, shape in _pieces(marker, gap):
+        (room,) = face.clearance([shape])
         if room < tool.wall - FLATTENING:
             edge = marker.substrate.edge_around(marker.boundary) * 1e3 + tool.wall - room
             raise InputError(
                 f"at least {tool.wall:.6g} mm of the plate around the recess for the sheet",
                 found_room(room) if room > ROUNDING else "a recess that reaches over its edge",
-                "use a larger --outline, without holes in the recess"
+                "use a larger --outline"
                 if marker.substrate.outline is not None or not marker.boundary.has_measures
                 else f"use --edge {up(edge)} or more"
                 if room > ROUNDING
                 else "use a larger --edge, or a smaller --corner-radius and --chamfer",
             )
-        inside = [land for land in lands if _lies_in(land, shape, tool.wall)]
-        _check_lands(inside, tool)
-        around = (circle(land.radius, *land.points[0], hole=True) for land in inside)
-        found.append(Prism(outer, (*holes, *around), -depth, 0.0))
+        inside = [(land, around) for land, around in lands if _lies_in(land, shape, tool.wall)]
+        _check_lands([land for land, _ in inside], tool)
+        found.append(Prism(outer, tuple(around for _, around in inside), -depth, 0.0))
     return tuple(found)
+
+
+def _lands(plate: SolidPlate) -> list[tuple[Footprint, Contour]]:
+    """Lands around all holes of the plate, and their edges."""
+    found = []
+    for each in plate.hole_footprints:
+        land = Footprint(each.name, each.points, each.radius + LAND)
+        found.append((land, circle(land.radius, *land.points[0], hole=True)))
+    for contour in (hole for _, *holes in plate.outlines for hole in holes):
+        if (whole := contour.as_circle) is not None:
+            x, y, radius = whole
+            land, edge = Footprint("a drawn hole", ((x, y),), radius + LAND), circle(radius + LAND, x, y, hole=True)
+        else:
+            shape = Region.of_contour(contour, (), OFF)
+            (ring,) = shape.offset(LAND, "miter").filled().oriented().rings
+            corners = tuple(map(tuple, np.round(ring[::-1], 9).tolist()))
+            land, edge = Footprint("a drawn hole", tuple(map(tuple, shape.rings[0].tolist())), LAND), Contour(corners)
+        found.append((land, edge))
+    return found
 
 
 def _lies_in(land: Footprint, shape: Region, wall: float) -> bool:
     """Tell whether the land around a hole is within the recess; refuse one that overlaps its edge."""
-    depth = float(shape.depth(land.points[0]))
+    depth = float(shape.clearance([land.points])[0])
     least = land.radius + wall
     if abs(depth) < least - 1e-6:
         raise InputError(
@@ -132,18 +152,15 @@ def _check_lands(lands: Sequence[Footprint], tool: Tool) -> None:
         )
 
 
-def _pieces(marker: Marker, gap: float) -> list[tuple[Contour, tuple[Contour, ...], Region]]:
-    """Outer contour, holes and region of each piece of the boundary, offset by a gap."""
+def _pieces(marker: Marker, gap: float) -> list[tuple[Contour, Region]]:
+    """Outer contour of each piece of the boundary, offset by a gap, and the region in it, with the holes."""
     if isinstance(marker.boundary, Circle):
         radius, (x, y) = marker.boundary.size * 1e3 + gap, _mm(marker.boundary.center).tolist()
         disk = circle(radius, x, y)
-        return [(disk, (), Region.of_contour(disk, (), OFF))]
+        return [(disk, Region.of_contour(disk, (), OFF))]
     sheet = Region.enclosed([_mm(ring) for ring in marker.boundary.outlines()]).offset(gap, "miter").oriented()
-    found = []
-    for piece in sheet.pieces:
-        outer, *holes = (Contour(tuple(map(tuple, np.round(ring, 9).tolist()))) for ring in piece.rings)
-        found.append((outer, tuple(holes), piece))
-    return found
+    whole = [piece.filled().oriented() for piece in sheet.pieces]
+    return [(Contour(tuple(map(tuple, np.round(piece.rings[0], 9).tolist()))), piece) for piece in whole]
 
 
 def _mm(meters: Any) -> Any:

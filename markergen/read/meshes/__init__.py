@@ -1,0 +1,42 @@
+"""Triangles of mesh files of other programs, within limits that are checked before memory is taken.
+
+GLB and 3MF are parsed here, not by trimesh: it would unpack whatever a file declares, pictures included, drop the
+colors of base materials, which distinguish a dot from the plate, and take as long to import as most files take to read.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Color = tuple[float, float, float]
+
+MOST_OBJECTS = 20_000
+"""Maximum number of objects, components, materials and so on."""
+
+LONGEST = 200
+"""Maximum length of a name."""
+
+
+class MeshObject(NamedTuple):
+    """Triangles of one object, in mm, with z pointing out of the printed face.
+
+    Attributes
+    ----------
+    corners : array (m, 3, 3)
+        Counterclockwise seen from outside.
+    name : str
+    color : (red, green, blue) or None
+    paints : array (m,) of int
+        Index of each triangle's own color in `palette`, or -1 for the object's color.
+    palette : list of colors
+    tool : str
+        Number of the extruder that prints it, if the file has it.
+    """
+
+    corners: NDArray[np.floating]
+    name: str = ""
+    color: Color | None = None
+    paints: NDArray[np.int64] | None = None
+    palette: list[Color] = []  # noqa: RUF012  (never changed)
+    tool: str = ""

@@ -1,0 +1,91 @@
+"""The largest disk whose marker a page holds."""
+
+import io
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+
+from markergen.api.design import design
+from markergen.api.radius_fit import largest_that_fits, radius_limits
+from markergen.cli import main
+from markergen.drawing.paper import SheetOptions
+from markergen.drawing.sheet_layout import fits, pages_for
+from markergen.errors import InputError
+from markergen.model.boundary import Circle
+from markergen.model.camera import PAPER_CAMERA
+from markergen.model.spec import Spec
+from markergen.model.substrate import Substrate, parse_mount
+from markergen.read.outlines.boundary import parse_boundary
+from markergen.read.spec_file import spec_from_mapping
+
+QUICK = {"n": 4, "dot": "8mm", "restarts": 1, "poses": "cone:count=30"}
+
+
+def test_it_is_the_design_of_that_radius(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    spec = 'n = 4\ndot = "8mm"\nrestarts = 1\nposes = "cone:count=30"\nradius = "fit"\npaper = "A5"\n'
+    (tmp_path / "spec.toml").write_text(spec)
+    camera = io.StringIO(json.dumps(PAPER_CAMERA.as_dict()))
+    found = design(template="spec.toml", camera=camera, output="fit.pdf")
+    assert "stands on A5 (148 x 210 mm): its disk is 120 mm across" in found.written[0].notes[0]
+    assert found.marker.provenance["spec"]["boundary"] == Circle(0.06).as_dict()
+    words = ["--n=4", "--dot=8mm", "--restarts=1", "--poses=cone:count=30", "--paper=A5"]
+    assert main(["design", *words, "--radius=60mm", "-o", "explicit.pdf"]) == 0
+    for suffix in (".pdf", ".json"):
+        assert (tmp_path / f"fit{suffix}").read_bytes() == (tmp_path / f"explicit{suffix}").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("sheet", "dot", "limits"),
+    [
+        (SheetOptions("A4"), 0.036, (89, 89)),
+        (SheetOptions("A4", "landscape"), 0.036, (61, 67)),
+        (SheetOptions("A4", "landscape"), 0.01, (67, 67)),
+        (SheetOptions("letter", margin=0.005), 0.036, (93, 98)),
+    ],
+)
+def test_large_dots_need_room_for_their_quiet_zones(make_ngon, sheet, dot, limits):
+    """Between the limits, whether a page holds a marker depends on where its dots are: bisection is exact."""
+
+    def make(radius):
+        return Spec(n=5, boundary=Circle(radius / 1e3), dot=dot)
+
+    tried = {}
+
+    def find(spec):
+        tried[round(1e3 * spec.boundary.radius)] = marker = make_ngon(spec.n, spec.boundary.radius, dot)
+        return SimpleNamespace(marker=marker)
+
+    assert radius_limits(make, sheet) == limits
+    spec, found = largest_that_fits(make, limits, sheet, find)
+    radius = round(1e3 * spec.boundary.radius)
+    assert found.marker is tried[radius]
+    assert len(pages_for([found.marker], sheet)) == 1
+    assert not fits(make_ngon(5, (radius + 1) / 1e3, dot), sheet)
+
+
+def test_holes_of_a_plate_larger_than_the_disk_must_fit_too(make_ngon):
+    plate = Substrate(outline=parse_boundary("rect:200mmx20mm"), holes=parse_mount("2xM3@180mm/0"))
+
+    def find(spec):
+        return SimpleNamespace(marker=replace(make_ngon(4, spec.boundary.radius, 0.008), substrate=plate))
+
+    def make(radius):
+        return Spec(boundary=Circle(radius / 1e3))
+
+    assert largest_that_fits(make, (60, 60), SheetOptions("A4"), find)[0] == make(60)
+    with pytest.raises(InputError, match="a page of A5-portrait holds, found holes beyond its disk"):
+        largest_that_fits(make, (60, 60), SheetOptions("A5-portrait"), find)
+
+
+def test_what_cannot_fit_is_said():
+    with pytest.raises(InputError, match="a marker with relief, found --radius fit"):
+        design(**QUICK, radius="fit", relief="10mm")
+    with pytest.raises(InputError, match="fit is for markergen design"):
+        spec_from_mapping({"radius": "fit"})
+    with pytest.raises(InputError, match="a radius or a boundary"):
+        design(radius="fit", boundary="rect:0.1x0.2")
+    with pytest.raises(InputError, match="radius='fits'"):
+        design(radius="fits")

@@ -1,0 +1,25 @@
+"""Solids as cadquery's shapes, whose volumes, boxes, faces and Booleans do not depend on how they were built."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from markergen.solid import kernel
+from markergen.solid.bodies import Part
+from markergen.solid.kernel import NamedSolid
+
+
+def build(part: Part) -> NamedSolid:
+    """Build one part."""
+    return shown(kernel.build(part))
+
+
+def solids_of(parts: Sequence[Part]) -> list[NamedSolid]:
+    """Build all parts."""
+    return [shown(solid) for solid in kernel.solids_of(tuple(parts))]
+
+
+def shown(solid: NamedSolid) -> NamedSolid:
+    """The same solid for cadquery."""
+    import cadquery
+
+    return replace(solid, shape=cadquery.Shape.cast(solid.shape), marked=tuple(map(cadquery.Shape.cast, solid.marked)))
