@@ -12,6 +12,7 @@ from markergen.errors import InputError, MissingLibraryError
 from markergen.guard import read
 from markergen.model.feature import Feature
 from markergen.model.marker import ControlPoint, Marker, check_supported
+from markergen.model.openings import openings
 from markergen.model.tag import Tag
 from markergen.verification.findings import Verdict, extras, frame_findings, judge
 from markergen.verification.flat import flat_findings
@@ -295,7 +296,11 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     findings = [Finding("marks", gap) for gap in reading.gaps]
     findings += [Finding("tag", gap) for gap in reading.tag_gaps]
     findings += [Finding("solid", flaw) for flaw in reading.flaws]
-    holes = 1e3 * np.array([(hole.x, hole.y) for hole in marker.substrate.holes]).reshape(-1, 2)
+    contours = [opening.contour for opening in openings(marker)]
+    if reading.kind == "DXF":  # Where what is only told, on layer INFO, is drawn with closed circles, too.
+        contours += [contour for keep_out in marker.keep_outs for contour in keep_out.contours()]
+    rounds = [whole for contour in contours if (whole := contour.as_circle) is not None]
+    holes = 1e3 * np.array(rounds).reshape(-1, 3)[:, :2]
     count = 0
     notes = [note] if note else []
     for page in reading.pages:
