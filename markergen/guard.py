@@ -107,7 +107,7 @@ KINDS = {
 """Kinds of files and their limits."""
 
 MOST_TRIANGLES = 1_500_000
-"""Maximum number of triangles in a mesh: they take 200 MB as binary STL."""
+"""Maximum number of triangles in a mesh: they take 75 MB as binary STL."""
 
 BEGINNING = 120.0
 """Maximum startup time of a child process, in seconds: a CAD kernel may load from a cold disk."""
