@@ -86,7 +86,7 @@ def solid_findings(
     seats = seats_of(surface, dots, names, tolerance) if dots is not None else []
     if dots is not None:
         findings += _round(surface, dots, names, tolerance)
-        findings += _seated(surface, seats, dots, tolerance)
+        findings += [] if is_light_alone(surface, dots) else _seated(surface, seats, dots, tolerance)
         findings += color_findings(surface, dots, seats)
         findings += _named(surface, dots, seats)
     if surface.loose:
@@ -124,6 +124,16 @@ def seats_of(surface: Surface, dots: DotSet, names: tuple[int, ...], tolerance: 
         covered = bool((over > height + max(tolerance, FLUSH)).any())
         seats.append(Seat(name, main, kind, low, height, covered, color))
     return seats
+
+
+def is_light_alone(surface: Surface, dots: DotSet) -> bool:
+    """Tell whether rings have cores of their own but no dot has an inlay, in a file without names and colors."""
+    if surface.loose or not dots.rings.any() or any(part.name or part.color for part in surface.parts):
+        return False
+    plate = plate_of(surface)
+    middles = surface.look(dots.centers)[0]
+    rims = surface.look(dots.centers + ((dots.radii + dots.inner) / 2)[:, None] * [1.0, 0.0])[0]
+    return bool(np.isin(rims, (plate, -1)).all() and (~np.isin(middles[dots.rings], (plate, -1))).all())
 
 
 def _round(surface: Surface, dots: DotSet, names: tuple[int, ...], tolerance: float) -> list[Finding]:
