@@ -34,7 +34,7 @@ from markergen.geometry.outlines import walked
 from markergen.geometry.region import Region
 from markergen.model.boundary import Circle
 from markergen.model.findings import listed
-from markergen.model.openings import openings
+from markergen.model.openings import SHOWN, holes_beyond, openings
 
 Array = NDArray[np.float64]
 
@@ -59,11 +59,8 @@ AIR = 1.0
 TRUE = 5e-4
 """Maximum distance in mm of a closed line from its circle."""
 
-DASH, INKED, FEWEST_DASHES, FINEST = 3.0, 0.6, 6, 0.1
+DASH, INKED, FEWEST_DASHES, FINEST = 3.0, 0.6, 6, 0.25
 """Length in mm on A4 of a dash with its gap, its inked share, least number on a closed line, and steps in mm."""
-
-SHOWN = 4
-"""Maximum number of holes or keep-outs in a note."""
 
 HEADINGS = {"+x": (1, 0), "+y": (0, 1), "-x": (-1, 0), "-y": (0, -1)}
 """Unit vectors of the four axis directions."""
@@ -276,10 +273,7 @@ def _notes(figure: Figure, cut: Sequence[Line], free: Sequence[Line]) -> tuple[s
             "The line along the boundary has gaps in the quiet zones of dots; with cut:NAME in --colors it is whole, "
             "for a cutter."
         )
-    within = marker.boundary.region.filled()
-    beyond = [str(opening) for opening in openings(marker) if not within.covers(opening.region)]
-    if beyond:
-        notes.append(f"Holes of the plate beyond the boundary are on the sheet, too: {listed(beyond, SHOWN)}.")
+    notes += holes_beyond(marker)
     shown = {line.name.rpartition("-")[0] for line in free}
     hidden = [f"keep-out {k + 1}" for k in range(len(marker.keep_outs)) if f"keep-out-{k}" not in shown]
     holes = enumerate(marker.substrate.holes)

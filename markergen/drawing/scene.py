@@ -206,8 +206,10 @@ def moved(shape: Shape, dx: float, dy: float) -> Shape:
         return replace(shape, x=shape.x + dx, y=shape.y + dy)
     if isinstance(shape, Line):
         return replace(shape, points=tuple((x + dx, y + dy) for x, y in shape.points))
-    moved = ((command, tuple((x + dx, y + dy) for x, y in points)) for command, points in shape.segments)
-    return replace(shape, segments=tuple(moved))
+    return replace(
+        shape,
+        segments=tuple([(command, tuple([(x + dx, y + dy) for x, y in points])) for command, points in shape.segments]),
+    )
 
 
 def turned(outline: FilledPath, x: float, y: float) -> FilledPath:

@@ -24,7 +24,7 @@ from markergen.drawing.figure import Figure, compensated_note, drawn_box, is_dis
 from markergen.drawing.marker_artwork import GROUND, TICK, draw_artwork
 from markergen.drawing.page_grid import grid_pages
 from markergen.drawing.paper import ISO, PAPERS, Frame, Paper, SheetOptions, both_ways, find_paper
-from markergen.drawing.print_measurements import ruler_words
+from markergen.drawing.print_measurements import AIR, BAND, ruler_words
 from markergen.drawing.scene import Box, Point, Sheet, around_origin, moved_layers, scene_of
 from markergen.drawing.sheet_footer import draw_footer
 from markergen.drawing.tile_layout import Tiling, best_tiling
@@ -252,14 +252,16 @@ def _reach_of(outline: Box, quiet: Box, colors: Colors) -> _Reach:
 def _needs(frame: Frame, reach: _Reach) -> Box:
     """Required distances in mm of the origin from the paper's left, lower, right and upper edge.
 
-    Marks and a printed ground respect the margin; blank quiet zones may fill it, but not extend beyond the paper.
+    Marks and a printed ground respect the margin; blank quiet zones may fill it, but not extend beyond the paper. The
+    ruler along y stands among the marks, but beside a ground.
     """
-    ink, quiet = (tuple(side + TICK * frame.scale for side in reach.outline)), reach.quiet
+    ink, quiet, beside = (tuple(side + TICK * frame.scale for side in reach.outline)), reach.quiet, 0.0
     if reach.grounded:
         ink = tuple(max(pair) + GROUND * frame.scale for pair in zip(reach.outline, quiet, strict=True))
+        beside = (BAND + AIR) * frame.scale
     left, down, right, up = ink
     return (
-        max(frame.margin + left, quiet[0]),
+        max(frame.margin + beside + left, quiet[0]),
         frame.footer + max(down, quiet[1]),
         max(frame.margin + right, quiet[2]),
         max(frame.margin + up, quiet[3]),

@@ -51,7 +51,7 @@ def text(
     segments: list[Segment] = []
     for glyph in glyphs:
         segments += [
-            (command, tuple((pen + scale * px, y + scale * py) for px, py in points))
+            (command, tuple([(pen + scale * px, y + scale * py) for px, py in points]))
             for command, points in glyph.segments
         ]
         pen += scale * glyph.width

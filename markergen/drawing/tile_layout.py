@@ -1,6 +1,6 @@
 """Division of a figure larger than the paper into tiles, along seams that cut no dot if possible."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from markergen.drawing.figure import Figure, quiet_radius, size_words
 from markergen.drawing.marker_artwork import TICK, ground_box
 from markergen.drawing.paper import Frame, SheetOptions
-from markergen.drawing.scene import Box, Disk, Line, Point, bounds, ink_points, union
+from markergen.drawing.scene import Box, Line, Point, Shape, bounds, ink_points, union
 from markergen.errors import InputError
 
 Array = NDArray[np.float64]
@@ -278,14 +278,14 @@ def _even(low: float, high: float, number: int, count: int) -> float:
     return low + number * (high - low) / count
 
 
-def cut_dots(tiles: Tiling, dots: Sequence[Disk]) -> list[Disk]:
-    """Dots cut by a seam."""
-    return [
-        dot
-        for dot in dots
-        if any(abs(dot.x - x) < dot.radius for x in tiles.across.places)
-        or any(abs(dot.y - y) < dot.radius for y in tiles.upward.places)
-    ]
+def crossed(tiles: Tiling, shapes: Iterable[Shape]) -> list[Shape]:
+    """Shapes that a seam goes through."""
+    found = []
+    for shape in shapes:
+        left, bottom, right, top = bounds(shape)
+        if any(left < x < right for x in tiles.across.places) or any(bottom < y < top for y in tiles.upward.places):
+            found.append(shape)
+    return found
 
 
 def registration(tiles: Tiling, figure: Figure, lines: Sequence[Line], color: str) -> list[Line]:

@@ -43,7 +43,7 @@ from markergen.drawing.scene import (
     scene_of,
 )
 from markergen.drawing.text import text, text_width, wrap
-from markergen.drawing.tile_layout import CENTER, STRIP, Tile, Tiling, cut_dots, registration
+from markergen.drawing.tile_layout import CENTER, STRIP, Tile, Tiling, crossed, registration
 from markergen.model.marker import marker_name
 
 CROP = 4.0
@@ -136,14 +136,15 @@ def _page(figure: Figure, tiles: Tiling, tile: Tile, layers: Layers, page: tuple
 def _part(tiles: Tiling, tile: Tile, layers: Layers) -> dict[str, list[Shape]]:
     """Part of the artwork on a tile.
 
-    A dot is printed only on the tile that contains its center, but one cut by a seam on every tile that it overlaps.
+    Dots, tag and numbers are printed only on the tile that contains their center, but what a seam goes through on every
+    tile that it overlaps.
     """
     left, bottom, right, top = tile.box
     window = tiles.printed(tile)
-    cut = {dot.name for dot in cut_dots(tiles, [shape for shape in layers["dots"] if isinstance(shape, Disk)])}
+    cut = {shape.name for shape in crossed(tiles, [*layers["dots"], *layers["tag"]])}
     part: dict[str, list[Shape]] = {}
     for name, shapes in layers.items():
-        if name in ("dots", "text"):
+        if name in ("dots", "tag", "text"):
             part[name] = []
             for shape in shapes:
                 low_x, low_y, high_x, high_y = bounds(shape)
@@ -264,10 +265,12 @@ def _notes(
         *([f"To print it on one: {smaller}."] if smaller else []),
         "Print at 100 %, then check the rulers on every page.",
     ]
-    cut = [dot.name.removeprefix("dot-") for dot in cut_dots(tiles, figure.dots)]
-    if cut:
-        which = f"dot {cut[0]}" if len(cut) == 1 else f"dots {', '.join(cut)}"
-        notes.append(f"A seam cuts {which}: no place for the seams avoids that, use larger paper or glue with care.")
+    cut = [dot.name.removeprefix("dot-") for dot in crossed(tiles, figure.dots)]
+    which = [f"dot {cut[0]}" if len(cut) == 1 else f"dots {', '.join(cut)}"] if cut else []
+    which += ["the tag"] if crossed(tiles, figure.tag) else []
+    if which:
+        cuts = " and ".join(which)
+        notes.append(f"A seam cuts {cuts}: no place for the seams avoids that, use larger paper or glue with care.")
     return (*notes, *compensated_note(figure), *nameless_note(nameless))
 
 
@@ -314,6 +317,8 @@ def _picture(figure: Figure, tiles: Tiling, room: Box) -> tuple[list[Shape], lis
             hole = _circle(at(dot.x, dot.y), small * dot.inner_radius)[::-1]
             segments += polygon(hole, "", PALE).segments
         marks.append(FilledPath(segments, f"plan-{dot.name}", PALE))
+    squares = [bounds(shape) for shape in figure.tag]
+    marks += [rectangle((*at(*box[:2]), *at(*box[2:])), "plan-tag", PALE) for box in squares]
     edges = [
         Line(tuple(at(*point) for point in line.points), HAIRLINE, f"plan-{line.name}", LIGHT)
         for line in cut_lines(figure, BLACK_ON_WHITE)
@@ -329,7 +334,9 @@ def _picture(figure: Figure, tiles: Tiling, room: Box) -> tuple[list[Shape], lis
     # Labels avoid dots and outline.
     near = ink_points(edges)
     disks = np.array([(*at(dot.x, dot.y), small * dot.radius) for dot in figure.dots])
-    disks = np.concatenate([disks, np.column_stack([near, np.ones(len(near))])])
+    tags = [((left + right) / 2, (low + high) / 2, right - left) for left, low, right, high in squares]
+    around = [(*at(x, y), 0.6 * small * side) for x, y, side in tags]
+    disks = np.concatenate([disks, np.array(around).reshape(-1, 3), np.column_stack([near, np.ones(len(near))])])
     for number, tile in enumerate(tiles.tiles, 1):
         (x0, y0), (x1, y1) = at(*tile.box[:2]), at(*tile.box[2:])
         label = f"row {tile.row + 1}, column {tile.column + 1}"

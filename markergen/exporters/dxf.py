@@ -18,7 +18,7 @@ from markergen.geometry.contour import box as contour_box
 from markergen.model.boundary import Boundary
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker, marker_name
-from markergen.model.openings import openings
+from markergen.model.openings import holes_beyond, openings
 from markergen.solid.bodies import Prism
 from markergen.solid.dot_geometry import dots_of
 from markergen.solid.plate import plate_of
@@ -77,6 +77,7 @@ def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
     notes = (
         "DXF units are mm; the origin is the marker's, x right and y up.",
         *(f"Layer {name} has {words}." for name, words in meaning.items()),
+        *(() if engraved else holes_beyond(marker)),
         *without_paper(options),
     )
     return Output(write_laser_dxf(marker, options.fabrication) if engraved else write_dxf(marker), notes)

@@ -20,9 +20,9 @@ def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
 def write_pdf(sheets: Sequence[Sheet]) -> bytes:
     """Write sheets as the pages of a PDF, each exactly as large as its paper, with metadata from the first.
 
-    Coordinates are written with 1e-6 pt. Layers are painted in order, each as optional content of the same name,
-    initially visible. A spot color is a Separation that overprints, so that everything beneath it is preserved.
-    Programs that print it are asked for true size, and for one side of the paper.
+    Layers are painted in order, each as optional content of the same name, initially visible. A spot color is a
+    Separation that overprints, so that everything beneath it is preserved. Programs that print it are asked for true
+    size, and for one side of the paper.
     """
     from reportlab.pdfbase.pdfdoc import PDFName
 

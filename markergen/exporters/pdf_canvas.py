@@ -16,6 +16,9 @@ ARCS = 16
 (5 um on a 36 mm dot), 7e-8 for 16.
 """
 
+DIGITS = 4
+"""Decimals of coordinates in points: 35 nm, as near as the 32-bit floats of readers come on large pages."""
+
 MOST_POINTS = 14400
 """Maximum side of a page that readers must accept, 5.08 m (PDF's appendix on limits)."""
 
@@ -66,25 +69,21 @@ def metadata(title: str, subject: str, *keywords: str) -> dict[str, Any]:
 
 def draw_shape(canvas: Any, shape: Shape) -> None:
     """Paint a shape (mm): lines are stroked, all others filled; spot colors overprint."""
-    path = canvas.beginPath()
     if isinstance(shape, Line):
         canvas.setStrokeColor(pdf_color(shape.color))
         canvas.setStrokeOverprint(spot_name(shape.color) is not None)
         canvas.setLineWidth(shape.width * POINTS_PER_MM)
         points = shape.points[:-1] if shape.closed else shape.points
         end: tuple[Segment, ...] = (("Z", ()),) if shape.closed else ()
-        _trace(path, (("M", points[:1]), *(("L", (point,)) for point in points[1:]), *end))
-        canvas.drawPath(path, stroke=1, fill=0)
+        canvas.addLiteral(_path((("M", points[:1]), *(("L", (point,)) for point in points[1:]), *end)) + " S")
         return
     canvas.setFillColor(pdf_color(shape.color))
     canvas.setFillOverprint(spot_name(shape.color) is not None)
     if isinstance(shape, Disk):
-        for radius in filter(None, (shape.radius, shape.inner_radius)):
-            _trace(path, _circle(shape.x, shape.y, radius))
-        canvas.drawPath(path, stroke=0, fill=1, fillMode=0)  # even-odd: the hole is not painted
+        rings = [_path(_circle(shape.x, shape.y, radius)) for radius in (shape.radius, shape.inner_radius) if radius]
+        canvas.addLiteral(" ".join(rings) + " f*")  # even-odd: the hole is not painted
     else:
-        _trace(path, shape.segments)
-        canvas.drawPath(path, stroke=0, fill=1, fillMode=1)  # nonzero winding, as in fonts
+        canvas.addLiteral(_path(shape.segments) + " f")  # nonzero winding, as in fonts
 
 
 def _circle(x: float, y: float, radius: float) -> tuple[Segment, ...]:
@@ -103,26 +102,34 @@ def _circle(x: float, y: float, radius: float) -> tuple[Segment, ...]:
     return (("M", (at(0, 0),)), *arcs, ("Z", ()))
 
 
-def _trace(path: Any, segments: tuple[Segment, ...]) -> None:
-    """Add segments (mm) to a reportlab path (pt), quadratic curves as cubic ones: PDF has no others."""
+def _path(segments: tuple[Segment, ...]) -> str:
+    """Operators of a path of segments (mm), with quadratic curves as cubic ones: PDF has no others.
+
+    Our own, because reportlab takes half of the time to write a sheet for formatting numbers, to 7 digits.
+    """
+    words: list[str] = []
     here: Point = (0.0, 0.0)
     for command, in_mm in segments:
-        points = [(x * POINTS_PER_MM, y * POINTS_PER_MM) for x, y in in_mm]
         if command == "Z":
-            path.close()
+            words.append("h")
             continue
-        end = points[-1]
-        if command == "M":
-            path.moveTo(*end)
-        elif command == "L":
-            path.lineTo(*end)
-        elif command == "Q":
-            (cx, cy), (ex, ey) = points
+        points = in_mm
+        if command == "Q":
+            (cx, cy), (ex, ey) = in_mm
             first = here[0] + 2 / 3 * (cx - here[0]), here[1] + 2 / 3 * (cy - here[1])
-            path.curveTo(*first, ex + 2 / 3 * (cx - ex), ey + 2 / 3 * (cy - ey), ex, ey)
-        else:
-            path.curveTo(*points[0], *points[1], *end)
-        here = end
+            points = first, (ex + 2 / 3 * (cx - ex), ey + 2 / 3 * (cy - ey)), (ex, ey)
+        words += [_number(side * POINTS_PER_MM) for point in points for side in point]
+        words.append(_OPERATORS[command])
+        here = in_mm[-1]
+    return " ".join(words)
+
+
+_OPERATORS = {"M": "m", "L": "l", "C": "c", "Q": "c"}
+
+
+def _number(points: float) -> str:
+    """Number with `DIGITS` decimals, without trailing zeros."""
+    return f"{points:.{DIGITS}f}".rstrip("0").rstrip(".")
 
 
 def pdf_color(color: str) -> Any:

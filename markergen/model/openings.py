@@ -17,6 +17,9 @@ from markergen.units import format_length
 OFF = 1e-6
 """Maximum distance in m of a polygon from the arcs it approximates, to compare holes and measure gaps."""
 
+SHOWN = 4
+"""Maximum number of holes in a sentence."""
+
 
 @dataclass(frozen=True)
 class Opening:
@@ -80,6 +83,13 @@ def drawn_holes(boundary: Boundary, outline: Boundary | None = None) -> tuple[Co
     return (*kept, *more)
 
 
+def holes_beyond(marker: Marker) -> tuple[str, ...]:
+    """Return a sentence about all holes of the plate that reach beyond the boundary, where a sheet ends, if any do."""
+    within = marker.boundary.region.filled()
+    beyond = [str(opening) for opening in openings(marker) if not within.covers(opening.region)]
+    return (f"Holes of the plate beyond the boundary are drawn, too: {listed(beyond, SHOWN)}.",) if beyond else ()
+
+
 def near_holes(marker: Marker) -> tuple[str, ...]:
     """Return a sentence about all holes that reach into dots' quiet zones, if there are any."""
     designed = marker.as_designed
@@ -97,7 +107,7 @@ def near_holes(marker: Marker) -> tuple[str, ...]:
         return ()
     return (
         "holes reach into the quiet zones of dots, where a camera sees them as dark spots: "
-        f"{listed(found, 4)}; move them, or use a larger --clearance, if detection suffers",
+        f"{listed(found, SHOWN)}; move them, or use a larger --clearance, if detection suffers",
     )
 
 

@@ -13,7 +13,7 @@ from markergen.guard import read
 from markergen.model.feature import Feature
 from markergen.model.marker import ControlPoint, Marker, check_supported
 from markergen.model.tag import Tag
-from markergen.verification.findings import Finding, Verdict, extras, judge
+from markergen.verification.findings import Finding, Verdict, extras, frame_findings, judge
 from markergen.verification.made import is_light_alone, sheet_plate_findings, solid_findings
 from markergen.verification.matching import DotSet, dots_of, expected_dots
 from markergen.verification.placement import DARK, LIGHT, in_other_units, in_part, stretched, turned
@@ -290,6 +290,9 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
             here = [_made(each, marker, page.surface, None if room else found, tolerance) for each in here]
         verdicts += here
         findings += extras(found, np.concatenate([each.used for each in here]), here[0].motion, holes)
+        explained = reading.flaws or any(each.kind in UNTAGGED for each in here[0].findings)
+        if reading.placed and here[0].motion is not None and not explained:
+            findings += frame_findings(expected, here[0].motion, tolerance)
     verdicts = verdicts or [judge(expected, ids, _dots(reading.pages[0], expected), tolerance)]
     if len(verdicts) > 1:
         verdicts = _own_tags(verdicts)

@@ -36,7 +36,7 @@ class Finding:
         ``scaled``, ``sheared``, ``mirrored``, ``missing``, ``extra``, ``another marker``, ``shifted``, ``diameter``,
         ``kind``, ``height``, ``twice``, ``marks``, ``tag``, ``no dots``; of lines to cut ``outline``, ``hole``; of what
         shows ``inverted``, ``pale``, ``covered``, ``quiet``, ``hidden``, ``layer``; of solids ``turned``, ``part``,
-        ``color`` or ``solid``.
+        ``color`` or ``solid``; of models for simulators ``frame``.
     sentence : str
         What is wrong.
     remedy : str
@@ -151,6 +151,18 @@ def judge(
         distance[worst] / 1e3, int(here[worst]), scale, tuple(findings), (rotation, shift), labels.found[here],
         tuple(names),
     )  # fmt: skip
+
+
+def frame_findings(expected: DotSet, motion: tuple[Array, Array], tolerance: float) -> list[Finding]:
+    """Say how the file's frame differs from the marker's, where it moves a dot by more than the tolerance in m."""
+    rotation, shift = motion
+    off = np.linalg.norm(expected.centers @ rotation.T + shift - expected.centers, axis=-1).max()
+    if not off > 1e3 * tolerance:
+        return []
+    angle = np.degrees(np.arctan2(rotation[1, 0], rotation[0, 0]))
+    place = " and ".join(f"{axis} {value:+.4f} mm" for axis, value in zip("xy", shift, strict=True))
+    said = f"its frame is not the marker's: the marker is turned by {angle:.4f} degrees and off by {place} in it"
+    return [Finding("frame", said)]
 
 
 def extras(

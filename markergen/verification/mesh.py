@@ -96,16 +96,12 @@ def read_glb(data: bytes, name: str, marker: Marker) -> Reading:
     return _read("GLB", data, name, marker)
 
 
-@READERS.register(".sdf", ".urdf")
-def read_model(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (every reader is called alike)
-    """Refuse a simulator model; its geometry is in the GLB beside it."""
-    raise InputError(
-        f"a file with the marker's shape in {name}", "a simulator model, which refers to a mesh",
-        "verify the .glb in the folder meshes beside it",
-    )  # fmt: skip
-
-
 def _read(kind: str, data: bytes, name: str, marker: Marker) -> Reading:
+    return reading_of(kind, surface_of(triangles_of(kind, data, name), name), marker)
+
+
+def triangles_of(kind: str, data: bytes, name: str) -> list[Triangles]:
+    """Read the objects of a mesh in a child process; raises InputError if it is not a complete one."""
     start_child(PARSERS, "mesh")
     # Imported early, to load while the child starts.
     import scipy.sparse.csgraph
@@ -117,7 +113,7 @@ def _read(kind: str, data: bytes, name: str, marker: Marker) -> Reading:
         color, palette = each["color"], [(red, green, blue) for red, green, blue in each["palette"]]
         corners, paints = arrays[f"corners{k}"].astype(float), arrays.get(f"paints{k}")
         objects.append(Triangles(corners, each["name"], tuple(color) if color else None, paints, palette, each["tool"]))
-    return reading_of(kind, surface_of(objects, name), marker)
+    return objects
 
 
 def surface_of(objects: Sequence[Triangles], name: str) -> Surface:

@@ -83,6 +83,8 @@ class Reading:
         True if it is made of pixels, so that diameters are less accurate than centers.
     tagged : bool
         True if the file shows tags.
+    placed : bool
+        True if the file's frame has to be the marker's, instead of any that a rigid motion makes it.
     papers : tuple of (width, height)
         Sizes of the pages that were assembled into one, mm.
     gaps : tuple of str
@@ -100,6 +102,7 @@ class Reading:
     ordered: bool = True
     pixels: bool = False
     tagged: bool = False
+    placed: bool = False
     papers: tuple[tuple[float, float] | None, ...] = ()
     gaps: tuple[str, ...] = ()
     tag_gaps: tuple[str, ...] = ()

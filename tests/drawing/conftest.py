@@ -13,6 +13,7 @@ from markergen.drawing.scene import Disk, Line, Sheet, bounds
 
 ROUNDING = 1e-6  # mm; sums of doubles of a few hundred mm
 MM = 25.4 / 72
+LEAST = 4.0  # mm; diameter of the smallest dots
 
 
 def apart(a: tuple, b: tuple) -> bool:
@@ -51,25 +52,32 @@ def check_page():
 
 
 def paths_of(page) -> list[tuple[np.ndarray, list[int], float]]:
-    """Points (m, 2) in mm, segment types and stroke width in mm (0 if it is filled) of the paths of a PDF's page."""
+    """Points (m, 2) in mm, segment types and stroke width in mm (0 if it is filled) of the paths of a PDF's page.
+
+    Filled ones smaller than `LEAST` are left out: most are letters, which take long to read.
+    """
     found = []
     for thing in page.get_objects(filter=[pdfium.FPDF_PAGEOBJ_PATH]):
         points, kinds = [], []
+        stroke, fill = ctypes.c_int(), ctypes.c_int()
+        pdfium.FPDFPath_GetDrawMode(thing.raw, fill, stroke)
+        left, bottom, right, top = thing.get_bounds()
+        if fill.value and max(right - left, top - bottom) * MM < LEAST:
+            continue
         for index in range(pdfium.FPDFPath_CountSegments(thing.raw)):
             segment = pdfium.FPDFPath_GetPathSegment(thing.raw, index)
             x, y = ctypes.c_float(), ctypes.c_float()
             pdfium.FPDFPathSegment_GetPoint(segment, x, y)
             points.append((x.value * MM, y.value * MM))
             kinds.append(pdfium.FPDFPathSegment_GetType(segment))
-        fill, stroke, width = ctypes.c_int(), ctypes.c_int(), ctypes.c_float()
-        pdfium.FPDFPath_GetDrawMode(thing.raw, fill, stroke)
+        width = ctypes.c_float()
         pdfium.FPDFPageObj_GetStrokeWidth(thing.raw, width)
         found.append((np.array(points), kinds, width.value * MM if stroke.value else 0.0))
     return found
 
 
 def dots_of(paths) -> np.ndarray:
-    """Centers (n, 2) in mm of filled circles and rings of a radius above 2 mm."""
+    """Centers (n, 2) in mm of filled circles and rings larger than `LEAST`."""
     centers = []
     for points, kinds, stroke in paths:
         curves = np.array(kinds) == pdfium.FPDF_SEGMENT_BEZIERTO
@@ -79,7 +87,7 @@ def dots_of(paths) -> np.ndarray:
         rings = points[curves][2::3].reshape(-1, 16, 2)
         middles = rings.mean(axis=1)
         radii = np.hypot(*np.moveaxis(rings - middles[:, None], -1, 0))
-        if np.ptp(radii, axis=1).max() < 1e-3 and radii.max() > 2:
+        if np.ptp(radii, axis=1).max() < 1e-3 and radii.max() > LEAST / 2:
             centers.append(middles[0])
     return np.array(centers).reshape(-1, 2)
 

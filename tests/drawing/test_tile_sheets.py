@@ -163,14 +163,26 @@ def test_a_dot_that_no_seam_can_miss_is_named_and_put_together_whole(make_marker
     assert np.hypot(whole.centroid.x, whole.centroid.y) < 1e-3
 
 
-def test_a_tag_is_one_with_the_dots(make_ngon):
-    marker = replace(make_ngon(5, 0.15, 0.036), tag=Tag("aruco:DICT_4X4_50", 3, 0.06))
-    sheets = pages_for([marker], SheetOptions("A4"))
+@pytest.mark.parametrize(("radius", "side", "paper"), [(0.15, 60, "A4"), (0.089, 29, "A5")], ids=["apart", "near"])
+def test_a_tag_is_one_with_the_dots(make_ngon, radius, side, paper):
+    """No seam need run through it: it is whole on one tile, even if it reaches into the overlap with the next."""
+    marker = replace(make_ngon(5, radius, 0.036), tag=Tag("aruco:DICT_4X4_50", 3, side / 1e3))
+    sheets = pages_for([marker], SheetOptions(paper))
     tags = [(sheet.origins_mm[0], shape) for sheet in sheets[1:] for shape in sheet.scene["tag"]]
-    # No seam need run through it: it is whole on one tile.
     assert len(tags) == 1
     (x, y), shape = tags[0]
-    assert bounds(shape) == pytest.approx((x - 30, y - 30, x + 30, y + 30), abs=1e-6)
+    assert bounds(shape) == pytest.approx((x - side / 2, y - side / 2, x + side / 2, y + side / 2), abs=1e-6)
+    assert not any("seam cuts" in note for note in sheets[0].notes)
+    # In the plan's picture it is blank, so that nothing can take it for a tag.
+    (square,) = (shape for shape in sheets[0].scene if shape.name == "plan-tag")
+    assert len(square.segments) == 5
+
+
+def test_a_tag_that_no_seam_can_miss_is_named(make_ngon):
+    marker = replace(make_ngon(5, 0.15, 0.02), tag=Tag("aruco:DICT_4X4_50", 3, 0.15))
+    sheets = pages_for([marker], SheetOptions("A5"))
+    assert any(note.startswith("A seam cuts the tag: no place") for note in sheets[0].notes)
+    assert sum(bool(sheet.scene["tag"]) for sheet in sheets) > 1
 
 
 def test_a_cut_tag_keeps_its_area(make_marker):

@@ -120,10 +120,14 @@ def of_dxf(data: bytes) -> dict[str, list[Shape]]:
 @pytest.mark.parametrize("name", NAMES)
 def test_dxf(cases, name, process):
     case = cases[name]
-    layers = of_dxf(EXPORTERS[".dxf"]([case.marker], ExportOptions(fabrication=Fabrication(process))).data)
+    output = EXPORTERS[".dxf"]([case.marker], ExportOptions(fabrication=Fabrication(process)))
+    layers = of_dxf(output.data)
     same(layers["CUT"], case.holes + (case.plate if process == "laser" else case.sheet))
     same(layers["INFO"], case.told)
     assert set(layers) == {"CUT", "ENGRAVE", "INFO"}
+    (_, left, low, right, high), told = case.sheet[0], " ".join(output.notes)
+    beyond = [hole for hole in case.holes if hole[1] < left or hole[2] < low or hole[3] > right or hole[4] > high]
+    assert ("beyond the boundary" in told) == bool(beyond and process != "laser")
 
 
 def of_svg(data: bytes) -> dict[str, list[tuple[bool, np.ndarray]]]:
@@ -240,13 +244,13 @@ def test_meshes(cases, suffix, name):
     same([shape_of(ring[:, :2]) for ring in section.discrete], case.holes + case.plate, 0.02)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_step(cases, name, tmp_path):
+@pytest.mark.parametrize(("name", "process"), [*((name, "fdm") for name in NAMES), (NAMES[-1], "print")])
+def test_step(cases, name, process, tmp_path):
     """The lower face of the plate, as Open CASCADE reads the file: its area and the boxes of its wires."""
     from cadquery import Face, importers
 
     case = cases[name]
-    data = EXPORTERS[".step"]([case.marker], ExportOptions(fabrication=Fabrication(engrave=False))).data
+    data = EXPORTERS[".step"]([case.marker], ExportOptions(fabrication=Fabrication(process, engrave=False))).data
     (tmp_path / "m.step").write_bytes(data)
     solids = importers.importStep(str(tmp_path / "m.step")).solids().vals()
     plate = max(solids, key=lambda solid: solid.BoundingBox().xlen)

@@ -22,7 +22,7 @@ MM = 25.4 / DPI
 
 
 @pytest.fixture(
-    scope="module", params=[(5, 0.15, 0.036), (12, 0.15, 0.036), (5, 0.04, 0.012)], ids=["n5", "n12", "small"]
+    scope="module", params=[(5, 0.15, 0.036), (12, 0.08, 0.02), (5, 0.04, 0.012)], ids=["n5", "n12", "small"]
 )
 def case(make_ngon, request):
     marker = make_ngon(*request.param)

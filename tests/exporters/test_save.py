@@ -115,12 +115,12 @@ def test_the_record_comes_once():
 
 
 def test_one_page_formats_refuse_several_pages_and_write_nothing(make_ngon, tmp_path):
-    options = ExportOptions(SheetOptions(paper="A4"))
-    for name in ("m.svg", "m.png"):
-        with pytest.raises(InputError, match=r"one page for \.(svg|png), found \d+ pages on A4.*use \.pdf"):
-            save(make_ngon(5, 0.15, 0.036), [tmp_path / "m.pdf", tmp_path / name], options)
+    options, marker = ExportOptions(SheetOptions(paper="A4")), make_ngon(5, 0.1, 0.02)
+    for names in (["m.svg"], ["m.pdf", "m.png"]):
+        with pytest.raises(InputError, match=r"one page for \.(svg|png), found 3 pages on A4.*use \.pdf.*89 mm"):
+            save(marker, [tmp_path / name for name in names], options)
     assert list(tmp_path.iterdir()) == []
-    save(make_ngon(5, 0.15, 0.036), [tmp_path / "m.pdf"], options)
+    save(marker, [tmp_path / "m.pdf"], options)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """Distances of points to what is drawn, mm."""
 
+from math import hypot
+
 import numpy as np
 
 from markergen.drawing.scene import Line
@@ -15,5 +17,8 @@ def segment_distance(point: np.ndarray, line: Line) -> float:
 
 def box_distance(points: np.ndarray, box: tuple) -> float:
     """Smallest distance of points (..., 2) to a box; 0 inside."""
+    if points.ndim == 1:  # Without NumPy, which takes longer for two numbers.
+        x, y = points
+        return hypot(max(box[0] - x, x - box[2], 0.0), max(box[1] - y, y - box[3], 0.0))
     beyond = np.maximum(np.maximum(np.array(box[:2]) - points, points - np.array(box[2:])), 0)
     return float(np.min(np.hypot(beyond[..., 0], beyond[..., 1])))

@@ -133,11 +133,6 @@ def test_glb_that_lie(marker, data, tmp_path):
     assert "inconsistent parts" in said(lambda g: [n.update(matrix=["x"] * 16) for n in g["nodes"]])
 
 
-@pytest.mark.parametrize("suffix", [".sdf", ".urdf"])
-def test_models_of_simulators_name_what_to_verify(marker, tmp_path, suffix):
-    assert "verify the .glb" in refused(marker, tmp_path, suffix, b"<sdf/>")
-
-
 def test_steps_that_lie_and_what_comes_after_them(marker, data, tmp_path):
     good = data[".step"]
     assert "no header or no end" in refused(marker, tmp_path, ".step", good[: len(good) // 2])

@@ -14,7 +14,7 @@ from markergen.model.marker import Marker
 from markergen.solid.bodies import OFF, Body, Prism, cylinder
 from markergen.solid.dot_geometry import dots_of
 from markergen.solid.manufacturability import FLATTENING, ROUNDING, Tool, depth_of, found_room, gap_of, tool_of, up
-from markergen.solid.plate import Footprint, gaps, plate_of
+from markergen.solid.plate import Footprint, SolidPlate, gaps, plate_of
 from markergen.solid.processes import Cutting, Made, prepare
 
 DEPTH = 0.2
@@ -61,8 +61,7 @@ def sheet(marker: Marker, fabrication: Fabrication) -> Made:
             depth=depth,
         )
     recess = _recesses(marker, tool, depth, gap)
-    lands = marker.substrate.holes and any(each.holes for each in recess)
-    around = " Punch it where screws go through, 1 mm larger all around." if lands else ""
+    around = " Punch its holes 1 mm larger all around." if any(each.holes for each in recess) else ""
     note = f"Print the marker as .pdf at true size, cut it out along the boundary, and glue it into the recess.{around}"
     return Made(
         cut=recess,
@@ -82,11 +81,10 @@ PROCESSES.register("print")(
 
 
 def _recesses(marker: Marker, tool: Tool, depth: float, gap: float) -> tuple[Prism, ...]:
-    """Recess for each piece of the boundary, leaving lands around screws and pins; the plate's drawn holes open it."""
+    """Recess for each piece of the boundary, leaving lands around the holes in it."""
     plate = plate_of(marker)
     face = plate.face.filled()
-    drawn = [(hole, Region.of_contour(hole, (), OFF)) for _, *holes in plate.outlines for hole in holes]
-    lands = [Footprint(each.name, each.points, each.radius + LAND) for each in plate.hole_footprints]
+    lands = _lands(plate)
     found = []
     for outer, shape in _pieces(marker, gap):
         (room,) = face.clearance([shape])
@@ -101,24 +99,34 @@ def _recesses(marker: Marker, tool: Tool, depth: float, gap: float) -> tuple[Pri
                 if room > ROUNDING
                 else "use a larger --edge, or a smaller --corner-radius and --chamfer",
             )
-        grown = shape.offset(tool.wall - FLATTENING)
-        if any(hole.meets(grown) and not shape.covers(hole) for _, hole in drawn):
-            raise InputError(
-                f"holes of the plate inside the recess for the sheet, or {tool.wall:.6g} mm outside of it",
-                "one at its edge",
-                "move it, or use --process fdm",
-            )
-        inside = [land for land in lands if _lies_in(land, shape, tool.wall)]
-        _check_lands(inside, tool)
-        around = (circle(land.radius, *land.points[0], hole=True) for land in inside)
-        through = (contour for contour, hole in drawn if shape.covers(hole))
-        found.append(Prism(outer, (*through, *around), -depth, 0.0))
+        inside = [(land, around) for land, around in lands if _lies_in(land, shape, tool.wall)]
+        _check_lands([land for land, _ in inside], tool)
+        found.append(Prism(outer, tuple(around for _, around in inside), -depth, 0.0))
     return tuple(found)
+
+
+def _lands(plate: SolidPlate) -> list[tuple[Footprint, Contour]]:
+    """Lands around all holes of the plate, and their edges."""
+    found = []
+    for each in plate.hole_footprints:
+        land = Footprint(each.name, each.points, each.radius + LAND)
+        found.append((land, circle(land.radius, *land.points[0], hole=True)))
+    for contour in (hole for _, *holes in plate.outlines for hole in holes):
+        if (whole := contour.as_circle) is not None:
+            x, y, radius = whole
+            land, edge = Footprint("a drawn hole", ((x, y),), radius + LAND), circle(radius + LAND, x, y, hole=True)
+        else:
+            shape = Region.of_contour(contour, (), OFF)
+            (ring,) = shape.offset(LAND, "miter").filled().oriented().rings
+            corners = tuple(map(tuple, np.round(ring[::-1], 9).tolist()))
+            land, edge = Footprint("a drawn hole", tuple(map(tuple, shape.rings[0].tolist())), LAND), Contour(corners)
+        found.append((land, edge))
+    return found
 
 
 def _lies_in(land: Footprint, shape: Region, wall: float) -> bool:
     """Tell whether the land around a hole is within the recess; refuse one that overlaps its edge."""
-    depth = float(shape.depth(land.points[0]))
+    depth = float(shape.clearance([land.points])[0])
     least = land.radius + wall
     if abs(depth) < least - 1e-6:
         raise InputError(
