@@ -92,8 +92,8 @@ KINDS = {
     "list": Kind("a list", 10_000_000, "a thousand points have 100 kB"),
     "SVG": Kind("an SVG", 10_000_000, "a sheet has 1 MB; its text is parsed in Python", "verify the PDF"),
     "CAD": Kind(
-        "a STEP or BREP file", 100_000_000, "a marker of 1000 dots has 10 MB; Open CASCADE never ends with some files",
-        memory=8 << 30,
+        "a STEP or BREP file", 40_000_000, "a marker of 1000 dots has 10 MB; Open CASCADE never ends with some files",
+        seconds_per_byte=4e-6, memory=3 << 30,
     ),
     "mesh": Kind(
         "a mesh", 200_000_000, "1.5 million triangles of 50 bytes, as text five times as many",
