@@ -91,6 +91,10 @@ KINDS = {
     ),
     "list": Kind("a list", 10_000_000, "a thousand points have 100 kB"),
     "SVG": Kind("an SVG", 10_000_000, "a sheet has 1 MB; its text is parsed in Python", "verify the PDF"),
+    "PDF": Kind(
+        "a PDF", 100_000_000, "a family of a hundred sheets has some MB; a page may unpack to any size",
+        "print fewer pages into one file", seconds=9.0, seconds_per_byte=0.0, memory=5 << 28,
+    ),
     "CAD": Kind(
         "a STEP or BREP file", 40_000_000, "a marker of 1000 dots has 10 MB; Open CASCADE never ends with some files",
         seconds_per_byte=4e-6, memory=3 << 30,

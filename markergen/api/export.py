@@ -27,7 +27,8 @@ from markergen.read.outlines.boundary import read_room
 log = logging.getLogger(__name__)
 
 SHEET = ("paper", "orientation", "margin", "tile", "overlap", "compensate")
-MADE = ("process", "depth", "gap", "fit", "through", "tool", "dome", "draft", "foot", "engrave", "tolerance")
+MADE = ("process", "depth", "gap", "fit", "through", "tool", "dome", "draft", "foot", "engrave", "tolerance",
+        "material", "general_tolerance")  # fmt: skip
 
 
 def export(

@@ -37,7 +37,13 @@ def radius_limits(make: Make, sheet: SheetOptions) -> tuple[int, int]:
 def largest_that_fits(
     make: Make, limits: tuple[int, int], sheet: SheetOptions, find: Callable[[Spec], Design]
 ) -> tuple[Spec, Design]:
-    """Design of the largest radius within the limits that one page holds, by bisection, and its spec."""
+    """Design of the largest radius within the limits that one page holds, by bisection, and its spec.
+
+    Raises
+    ------
+    InputError
+        If holes beyond the disk do not fit on the page.
+    """
     low, high = limits
     best: tuple[Spec, Design] | None = None
     while low < high:
@@ -48,8 +54,14 @@ def largest_that_fits(
             low, best = middle, (spec, found)
         else:
             high = middle - 1
-    spec = make(low)
-    return best or (spec, find(spec))
+    spec, found = best or ((spec := make(low)), find(spec))
+    if found.marker.dot_diameter and not fits(found.marker, sheet):
+        raise InputError(
+            f"a marker that a page of {sheet.paper} holds",
+            "holes beyond its disk",
+            "use larger paper, or move the holes",
+        )
+    return spec, found
 
 
 def _beyond(spec: Spec) -> float:

@@ -1,14 +1,13 @@
-"""Drafting in mm on paper: lettering, dimensions, center lines, hatching, and callouts with unobstructed leaders."""
+"""Drafting in mm on paper: lettering, dimensions, center lines and hatching."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise, product
-from math import cos, dist, hypot, inf, pi, radians, sin, sqrt, tan
+from itertools import pairwise
+from math import cos, dist, hypot, pi, sin, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
-from markergen.drawing.fabrication_drawing import Callout, ViewFace
+from markergen.drawing.fabrication_drawing import ViewFace
 from markergen.drawing.scene import (
     BLACK,
     GRAY,
@@ -25,9 +24,7 @@ from markergen.drawing.scene import (
 )
 from markergen.drawing.text import SHIFT, text, text_width
 from markergen.geometry.contour import Contour, flattened
-from markergen.geometry.region import Region, line_distances
-
-Array = NDArray[np.float64]
+from markergen.geometry.region import Region
 
 THICK, THIN = 0.4, 0.18
 """Line widths in mm of visible edges, and of dimension, center and other thin lines (ISO 128)."""
@@ -35,20 +32,14 @@ THICK, THIN = 0.4, 0.18
 DARK = "#b9b9b9"
 """Fill of dark parts: pale enough for numbers on it, and not to be mistaken for the marker."""
 
+FILLS = {"dark": DARK, "engraved": BLACK}
+"""Fill of a face that is seen, by its material; a cut face is hatched only."""
+
 WORDS = "words"
 """Default name of text; text with a name of its own goes into the layer of texts."""
 
 CLOSE = 6.0
 """Distance in mm between dimension lines, on A4."""
-
-SLANTS = tuple(tan(radians(angle)) for angle in (30, 45, 60, 75))
-"""Slopes of leaders in front of their horizontal landing."""
-
-MOST_PLACES = 12
-"""Maximum number of identical features, nearest to the words first, to which a leader is tried."""
-
-HIT, CROSSED, BEND = 100.0, 300.0, 2.0
-"""Costs of a leader, as mm of length: crossing a feature or running along the axis, crossing a leader, and a bend."""
 
 SMOOTH = 2e-3
 """Maximum distance in mm on paper of a drawn line from its arc."""
@@ -143,8 +134,8 @@ class DrawingView:
 
 
 def drawn(face: ViewFace, view: DrawingView, hatched: bool = False, style: Style | None = None) -> list[Shape]:
-    """Draw a face with its outline and edges; a cut face is hatched instead."""
-    fill = DARK if face.material == "dark" else WHITE
+    """Draw a face with its outline and edges; a cut face is hatched instead, and letters are black all over."""
+    fill = FILLS.get(face.material, WHITE) if not hatched else WHITE
     rings = [view.trace(contour) for contour in face.contours]
     # For the nonzero fill rule a ring inside an odd number of others is a hole and must run clockwise.
     filled = (
@@ -153,6 +144,8 @@ def drawn(face: ViewFace, view: DrawingView, hatched: bool = False, style: Style
     shapes: list[Shape] = [FilledPath(tuple(s for ring in filled for s in polygon(ring, "", fill).segments), "", fill)]
     if hatched:
         return shapes + hatching(face, view, style or Style())
+    if face.material == "engraved":
+        return shapes
     width = THIN / 2 if face.fine else THICK
     shapes += [Line((*ring, ring[0]), width) for ring in rings]
     return shapes + [Line((*edge, edge[0]), THIN) for edge in map(view.trace, face.edges)]
@@ -257,10 +250,10 @@ def across(
     if beside:
         # To the right of the arrows, on an extended dimension line.
         start = x1 + (1.9 * style.head if outside else 0.0)
-        ground, written = on_white(lettering(words, start + style.scale, y + 0.7 * style.scale, style.words))
-        shapes += [ground, Line(((x1, y), (start + width + 1.5 * style.scale, y)), THIN), written]
+        ground, *written = _size(words, start + style.scale, y + 0.7 * style.scale, style)
+        shapes += [ground, Line(((x1, y), (start + width + 1.5 * style.scale, y)), THIN), *written]
     else:
-        shapes += on_white(lettering(words, (x0 + x1) / 2, y + 0.7 * style.scale, style.words, "center"))
+        shapes += _size(words, (x0 + x1) / 2, y + 0.7 * style.scale, style, "center")
     return shapes
 
 
@@ -279,11 +272,30 @@ def upright(
         # Horizontal above the upper arrow, where there is room.
         top = y1 + (1.9 * style.head if outside else 0.6 * style.scale)
         shapes.append(Line(((x, y1), (x, top + style.scale * 0.3)), THIN))
-        shapes += on_white(lettering(words, x, top + 0.9 * style.scale, style.words, "center"))
+        shapes += _size(words, x, top + 0.9 * style.scale, style, "center")
     else:
-        here = (x - 0.7 * style.scale, (y0 + y1) / 2)
-        shapes += on_white(lettering(words, *here, style.words, "center", upright=True))
+        shapes += _size(words, x - 0.7 * style.scale, (y0 + y1) / 2, style, "center", upright=True)
     return shapes
+
+
+def beside(words: str, length: float, style: Style) -> float:
+    """Half of the width that the words of an upright dimension of a length take across it."""
+    width = text_width(words, style.words)
+    return width / 2 if width > length - style.head else style.words + 0.7 * style.scale
+
+
+def _size(words: str, x: float, y: float, style: Style, align: str = "left", upright: bool = False) -> list[Shape]:
+    """Words of a dimension on white; in brackets they are theoretically exact, and in a box."""
+    exact = words.startswith("[")
+    # The box must not touch the dimension line.
+    off = 0.5 * style.scale if exact else 0.0
+    at = (x - off, y) if upright else (x, y + off)
+    word = lettering(words.strip("[]"), *at, style.words, align, upright)
+    if not exact:
+        return on_white(word)
+    left, bottom, right, top = bounds(word)
+    pad = 0.3 * style.words
+    return [*on_white(word), frame_lines((left - pad, bottom - pad, right + pad, top + pad), THIN)]
 
 
 def on_white(words: Lettering, color: str = WHITE) -> list[Shape]:
@@ -311,123 +323,6 @@ def frame_lines(box: Box, width: float) -> Line:
 def scale_words(scale: float) -> str:
     """Scale in words, such as ``1 : 2``."""
     return f"{scale:g} : 1" if scale >= 1 else f"1 : {round(1 / scale):g}"
-
-
-@dataclass(frozen=True)
-class _Leader:
-    cost: float
-    run: tuple[Point, Point, Point]
-    """Tip, elbow and end at the words."""
-    top: float
-    """Upper end of the words."""
-
-
-def place_callouts(
-    callouts: Sequence[Callout], view: DrawingView, column: Box, style: Style, marks: Sequence[Box] = ()
-) -> list[Shape]:
-    """Place the words and leaders of callouts; those with the fewest features to point at choose first.
-
-    Parameters
-    ----------
-    callouts : sequence of Callout
-    view : DrawingView
-        View that the leaders point into.
-    column : box
-        Column for the words, mm on paper; leaders start on its left.
-    style : Style
-    marks : sequence of box
-        Words on paper that leaders should avoid.
-    """
-    step, gap = 1.75 * style.words, 1.4 * style.words
-    circles = np.array([(*view.at((x, y)), view.scale * r) for each in callouts for x, y, r in each.places])
-    circles = np.concatenate([circles.reshape(-1, 3), _as_circles(marks)])
-    taken: list[tuple[float, float]] = []
-    runs: list[tuple[Point, Point, Point]] = []
-    shapes: list[Shape] = []
-    for callout in sorted(callouts, key=lambda each: len(each.places)):
-        height = step * (len(callout.lines) - 1) + style.words
-        best = _best(callout, view, column, height, gap, circles, taken, runs, style)
-        if best is None:
-            continue
-        taken.append((best.top - height, best.top))
-        runs.append(best.run)
-        shapes += leader(*best.run, style)
-        for number, line in enumerate(callout.lines):
-            base = best.top - style.words - number * step
-            shapes.append(lettering(line, column[0], base, style.words, name=f"callout-{len(taken)}-{number}"))
-    return shapes
-
-
-def _best(
-    callout: Callout,
-    view: DrawingView,
-    column: Box,
-    height: float,
-    gap: float,
-    circles: Array,
-    taken: Sequence[tuple[float, float]],
-    runs: Sequence[tuple[Point, Point, Point]],
-    style: Style,
-) -> _Leader | None:
-    """Cheapest leader over all features, heights of the words and slopes; None if there is no room for the words."""
-    left, low, _, high = column
-    tops = [
-        top
-        for top in np.arange(low + height, high + 1e-9, 2.0 * style.scale).tolist()
-        if not any(top - height < upper + gap and top > lower - gap for lower, upper in taken)
-    ]
-    end = left - 1.2 * style.scale
-    nearest = sorted(callout.places, key=lambda place: (-place[0] - place[2], -place[1]))[:MOST_PLACES]
-    best: _Leader | None = None
-    for (x, y, r), top in product(nearest, tops):
-        at, radius = view.at((x, y)), view.scale * r
-        level = top - style.words / 2
-        drop = level - at[1]
-        elbows = [end - 3.5 * style.scale, *(at[0] + abs(drop) / slant for slant in SLANTS)]
-        for number, elbow in enumerate(elbows):
-            if not at[0] + radius < elbow <= elbows[0]:
-                continue
-            away = hypot(elbow - at[0], drop)
-            if away < radius + 1.5 * style.head:
-                continue
-            tip = at[0] + radius * (elbow - at[0]) / away, at[1] + radius * drop / away
-            run = tip, (elbow, level), (end, level)
-            length = away - radius + end - elbow
-            cost = length + (BEND if number else 0.0)
-            bound = best.cost if best else inf
-            if cost < bound:
-                cost += HIT * _hits(run, circles, (*at, radius)) + CROSSED * _crossings(run, runs)
-                cost += HIT * _along_axis(run, view)
-            if cost < bound:
-                best = _Leader(cost, run, top)
-    return best
-
-
-def _hits(run: tuple[Point, Point, Point], circles: Array, own: tuple[float, float, float]) -> int:
-    """Number of circles, other than its own, that a leader crosses or passes within half a millimeter."""
-    others = circles[np.any(np.abs(circles - own) > 1e-6, axis=-1)]
-    near = np.zeros(len(others), dtype=bool)
-    for a, b in ((run[0], run[1]), (run[1], run[2])):
-        start, way = np.array(a), np.subtract(b, a)
-        share = np.clip((others[:, :2] - start) @ way / max(float(way @ way), 1e-12), 0, 1)
-        near |= np.hypot(*(others[:, :2] - start - share[:, None] * way).T) < others[:, 2] + 0.5
-    return int(near.sum())
-
-
-def _along_axis(run: tuple[Point, Point, Point], view: DrawingView) -> int:
-    """Number of segments of a leader that lie on the x axis or close to it."""
-    axis = view.at((0.0, 0.0))[1]
-    legs = ((run[0], run[1]), (run[1], run[2]))
-    return sum(max(abs(a[1] - axis), abs(b[1] - axis)) < 1.5 and abs(b[0] - a[0]) > 5 for a, b in legs)
-
-
-def _crossings(run: tuple[Point, Point, Point], others: Sequence[tuple[Point, Point, Point]]) -> int:
-    return int(np.sum(line_distances(run, others) < 0.5)) if others else 0
-
-
-def _as_circles(boxes: Sequence[Box]) -> Array:
-    """Circumscribed circles of boxes."""
-    return np.array([((a + c) / 2, (b + d) / 2, hypot(c - a, d - b) / 2) for a, b, c, d in boxes]).reshape(-1, 3)
 
 
 def _arrows(a: Point, b: Point, outside: bool, style: Style) -> list[Shape]:

@@ -4,6 +4,7 @@ Independent of the representation of solids: `markergen.solid` fills it in, `fab
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 from markergen.drawing.scene import Box, Point, union
 from markergen.geometry import contour
@@ -18,12 +19,12 @@ class ViewFace:
     ----------
     contours : tuple of Contour
         Outer contour, then the holes.
-    material : {"light", "dark", ""}
-        Material; empty for a through hole, which shows what is behind it.
+    material : {"light", "dark", "engraved", ""}
+        Material, or letters engraved in it; empty for a through hole, which shows what is behind it.
     edges : tuple of Contour
         Closed edges within the face.
     fine : bool
-        True if its outlines are drawn with thin lines, as for engraved letters.
+        True if its outlines are drawn with thin lines.
     """
 
     contours: tuple[Contour, ...]
@@ -47,21 +48,75 @@ class Dimension:
 
 
 @dataclass(frozen=True)
+class Control:
+    """Geometrical tolerance (ISO 1101), drawn as a frame of boxes.
+
+    Attributes
+    ----------
+    symbol : {"position", "flatness", "perpendicularity", "profile"}
+    zone : str
+        Width or diameter of the zone: ``\xd80.04``.
+    datums : tuple of str
+        Letters of the datums in their order.
+    of : str
+        What it applies to, written before the frame; empty if that is clear.
+    """
+
+    symbol: Literal["position", "flatness", "perpendicularity", "profile"]
+    zone: str
+    datums: tuple[str, ...] = ()
+    of: str = ""
+
+
+@dataclass(frozen=True)
+class Datum:
+    """Datum feature (ISO 5459), and what it fixes of the marker frame.
+
+    Attributes
+    ----------
+    letter : str
+    kind : {"face", "rim", "edge", "hole"}
+    words : str
+        The feature: ``face that shows the dots``.
+    place : str
+        Where it is in the marker frame: ``y = [-52]``.
+    at : (x, y)
+        Point on an edge, or the center of a hole or rim.
+    out : (x, y)
+        Outward direction of an edge.
+    """
+
+    letter: str
+    kind: Literal["face", "rim", "edge", "hole"]
+    words: str
+    place: str
+    at: Point = (0.0, 0.0)
+    out: Point = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
 class Callout:
     """Callout of identical features, which names them once and points at them.
 
     Attributes
     ----------
     lines : tuple of str
+        Words in brackets are theoretically exact: they are drawn in a box.
     places : tuple of (x, y, radius)
         Position and radius of each feature.
     pitch : float
         Radius of their pitch circle about the origin; 0 for none.
+    controls : tuple of Control
+        Tolerances drawn below the lines.
+    datum : str
+        Letter of the datum that the feature is, attached to the last control.
     """
 
     lines: tuple[str, ...]
     places: tuple[tuple[float, float, float], ...]
     pitch: float = 0.0
+    controls: tuple[Control, ...] = ()
+    datum: str = ""
 
 
 @dataclass(frozen=True)
@@ -101,7 +156,7 @@ class DrawingTable:
 
 @dataclass(frozen=True)
 class DotLabel:
-    """Number of a control point, at its dot; mm."""
+    """Number of a control point at its dot, or of a hole; mm."""
 
     words: str
     x: float
@@ -111,47 +166,88 @@ class DotLabel:
 
 
 @dataclass(frozen=True)
-class Workpiece:
-    """Complete content of a fabrication sheet.
+class BackText:
+    """Lines of text engraved on the back, in the view of the back: height of capitals, and box; mm."""
+
+    lines: tuple[str, ...]
+    height: float
+    box: Box
+
+
+@dataclass(frozen=True)
+class TitleBlock:
+    """Entries of the title block (ISO 7200); an empty one is a field to fill in by hand.
 
     Attributes
     ----------
     name, title : str
-        Name of the marker, and a short description.
-    process, materials : str
-        Entries of the title block.
-    front, side : tuple of ViewFace
-        Views from +z with y up, and from -y with z up; x is to the right in both.
-    back : tuple of ViewFace
-        View from -z with y up, so that x is to the left; empty if there is nothing to show.
-    size : (width, height)
-        Overall size in the front view.
-    round : bool
-        True if the plate is a disk, whose size is a diameter.
-    labels : tuple of DotLabel
-    callouts : tuple of Callout
-    heights : tuple of Dimension
-        Dimensions of the side view along z.
-    sections : tuple of SectionView
-    tables : tuple of DrawingTable
-    notes : tuple of str
-        Paragraphs.
+        Identification number, and a short description.
+    process, material, general, finish, edges : str
+        How it is made, of what, general tolerances, surface finish, and the state of edges.
     """
 
     name: str
     title: str
     process: str
-    materials: str
+    material: str = ""
+    general: str = ""
+    finish: str = ""
+    edges: str = ""
+
+
+@dataclass(frozen=True)
+class Workpiece:
+    """Complete content of a fabrication sheet.
+
+    Attributes
+    ----------
+    block : TitleBlock
+    front, side : tuple of ViewFace
+        Views from +z with y up, and from -y with z up; x is to the right in both.
+    back : tuple of ViewFace
+        View from -z with y up, so that x is to the left; empty if there is nothing to show.
+    engraved : tuple of BackText
+        Text on the back, whose letters are no faces of `back`.
+    size : (width, height)
+        Overall size in the front view.
+    round : bool
+        True if the plate is a disk, whose size is a diameter.
+    face : float
+        Height of the plate's upper face.
+    flatness : Control
+        Tolerance of that face.
+    datums : tuple of Datum
+        The first is that face.
+    labels : tuple of DotLabel
+    holes : tuple of DotLabel
+    callouts : tuple of Callout
+    heights : tuple of Dimension
+        Dimensions of the side view along z.
+    sections : tuple of SectionView
+    tables : tuple of DrawingTable
+    key : tuple of (material, words)
+        What fills and hatches mean: ``light`` or ``dark`` material, ``engraved``.
+    notes : tuple of str
+        Paragraphs.
+    """
+
+    block: TitleBlock
     front: tuple[ViewFace, ...]
     side: tuple[ViewFace, ...]
     back: tuple[ViewFace, ...]
+    engraved: tuple[BackText, ...]
     size: Point
     round: bool
+    face: float
+    flatness: Control
+    datums: tuple[Datum, ...]
     labels: tuple[DotLabel, ...]
+    holes: tuple[DotLabel, ...]
     callouts: tuple[Callout, ...]
     heights: tuple[Dimension, ...]
     sections: tuple[SectionView, ...]
     tables: tuple[DrawingTable, ...]
+    key: tuple[tuple[str, str], ...]
     notes: tuple[str, ...]
 
 

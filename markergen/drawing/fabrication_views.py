@@ -1,15 +1,18 @@
-"""Views of a fabrication drawing on paper: front and side with dimensions and callouts, back, and sections.
+"""Views of a fabrication drawing on paper: front and side with dimensions and callouts.
 
-+------------------------------------------+
-|      y                                   |
-|   +-----+-----+                          |
-|   |  1  |  0  |--  dimensions,           |
-|  -|- - -+- - -|- x callouts on the right |
-|   |  2  |  3  |                          |
-|   +-----+-----+                          |
-|   =============  side view               |
-|   |<- size  ->|                          |
-+------------------------------------------+
++---------------------------------------------+
+|  A   =============  side view, heights      |
+|          y                                  |
+|       +-----+-----+                         |
+|       |  1  |  0  |                         |
+| size  |- - -+- - -|- x  callouts on the     |
+|       |  2  |  3  |     right               |
+|       +-----+-----+                         |
+|       |<- size  ->|                         |
++---------------------------------------------+
+
+Seen from below, from -y, the side view is above the front view in first-angle projection, and below it in third-angle
+projection, which is used on American paper.
 """
 
 from collections.abc import Sequence
@@ -18,46 +21,30 @@ from itertools import pairwise
 from math import hypot
 
 import numpy as np
-from numpy.typing import NDArray
 
+from markergen.drawing.callouts import callout_width, place_callouts
 from markergen.drawing.drafting import (
     CLOSE,
-    DARK,
+    THIN,
     DrawingView,
     Style,
     across,
     arrow,
     center_circle,
     center_line,
-    cut_edges,
     drawn,
-    inside,
     lettering,
-    on_white,
-    place_callouts,
-    scale_words,
     upright,
 )
-from markergen.drawing.fabrication_drawing import (
-    Dimension,
-    DotLabel,
-    SectionView,
-    ViewFace,
-    Workpiece,
-    around,
-    millimeters,
-)
+from markergen.drawing.drafting_symbols import datum_letter, datum_reach, face_datum, frame_width, interrupted
+from markergen.drawing.fabrication_details import SCALES, stacked, stacked_at
+from markergen.drawing.fabrication_drawing import Workpiece, around, millimeters
 from markergen.drawing.label_placement import place_numbers
 from markergen.drawing.paper import LEAST_ROOM, PAPERS, Frame, Paper, SheetOptions, find_paper, oriented
-from markergen.drawing.scene import GRAY, WHITE, Box, Disk, Point, Shape, bounds, union
+from markergen.drawing.scene import GRAY, Box, Disk, Line, Point, Shape, bounds, ink_points, union
 from markergen.drawing.text import text_width
+from markergen.drawing.title_block import block_height, first_angle
 from markergen.errors import InputError
-from markergen.geometry.contour import flattened
-
-Array = NDArray[np.float64]
-
-SCALES = (10, 5, 2, 1, 1 / 2, 1 / 5, 1 / 10, 1 / 20, 1 / 50, 1 / 100, 1 / 200)
-"""Available scales (ISO 5455)."""
 
 LEAST_VIEW = 20.0
 """Minimum size in mm on paper of the front view, below which no detail is visible."""
@@ -74,8 +61,8 @@ USUAL = ("a4-landscape", "a4", "a3-landscape", "a3")
 GOOD = 0.5
 """Scale from which no larger paper is tried."""
 
-BLOCK = 12.0
-"""Height of the title block, mm on A4."""
+MARK = 1.5
+"""Length in mm on A4 of the center lines of a hole outside of it."""
 
 
 @dataclass(frozen=True)
@@ -109,26 +96,6 @@ class FrontPage:
     shapes: tuple[Shape, ...]
 
 
-@dataclass(frozen=True)
-class DetailView:
-    """Separate view to place among tables and notes.
-
-    Attributes
-    ----------
-    title : str
-        Subject and scale of the view.
-    width, height : float
-        Size, mm on paper.
-    shapes : tuple of Shape
-        Shapes, mm from the lower left corner; text is `Lettering`.
-    """
-
-    title: str
-    width: float
-    height: float
-    shapes: tuple[Shape, ...]
-
-
 def front_page(work: Workpiece, options: SheetOptions) -> FrontPage:
     """Draw the front and side views, with dimensions, numbers and callouts, on paper that shows them large enough.
 
@@ -143,64 +110,11 @@ def front_page(work: Workpiece, options: SheetOptions) -> FrontPage:
     return FrontPage(frame, layout.scale, (layout.front.x, layout.front.y), tuple(_draw_front(work, layout, frame)))
 
 
-def drawing_area(frame: Frame) -> Box:
-    """Area inside the border and above the title block, mm."""
+def drawing_area(frame: Frame, first: bool = True) -> Box:
+    """Area inside the border and above the title block of the first or a further sheet, mm."""
     air = 3 * frame.scale
-    return frame.margin + air, frame.margin + BLOCK * frame.scale + air, frame.right - air, frame.top - air
-
-
-def section_view(section: SectionView, width: float, height: float, style: Style) -> DetailView:
-    """Draw a section of the solid at the largest scale that suits a column of the given width and height, mm."""
-    left, bottom, right, top = section.box
-    tier = CLOSE * style.scale
-    beside, below = (0.8 + len(section.upright)) * tier, 0.8 * tier
-    low = max(min(min((face.box[1] for face in section.faces), default=bottom), top), bottom)
-
-    def lift(scale: float) -> float:
-        # Text beside short dimensions must not collide with that of the heights.
-        narrow = any(text_width(span.words, style.words) > scale * (span.end - span.start) for span in section.across)
-        return 1.5 * tier if narrow else 0.6 * tier
-
-    def fits(scale: float, room: float) -> bool:
-        tall = scale * (top - low) + lift(scale) + len(section.across) * tier + below
-        return scale * (right - left) + beside + 0.5 * tier <= width and tall <= room
-
-    # Small if that shows enough; more room if the section would be smaller than the solid.
-    rooms = min(0.45 * height, 52 * style.scale), 0.7 * height
-    scales = [next((each for each in SCALES[1:] if fits(each, room)), SCALES[-1]) for room in rooms]
-    scale = scales[0] if scales[0] >= 1 else min(scales[1], 1.0)
-    above = max(lift(scale) + len(section.across) * tier, 1.5 * tier)
-    deep = scale * (top - low) + above + below
-    view = DrawingView(0.3 * tier - scale * left, below - scale * low, scale)
-    shapes: list[Shape] = []
-    for face in section.faces:
-        shapes += drawn(face, view, True, style)
-    for face in section.faces:
-        shapes += cut_edges(face, view, section.box)
-    for axis in section.axes:
-        (x, foot), (_, head) = view.at((axis, low)), view.at((axis, top))
-        over = 2 * style.scale
-        shapes += center_line((x, foot - over), (x, head + over), style)
-    # Outer dimensions first, so that the text of the inner ones covers their extension lines.
-    for number, span in reversed(list(enumerate(section.across))):
-        line = view.at((0.0, top))[1] + lift(scale) + number * tier
-        starts = [view.at((0.0, _highest(section.faces, at, top)))[1] for at in (span.start, span.end)]
-        x0, x1 = (view.at((at, 0.0))[0] for at in (span.start, span.end))
-        shapes += across(x0, x1, line, (starts[0], starts[1]), span.words, style)
-    edge = view.at((right, 0.0))[0]
-    shapes += _stacked(section.upright, view, edge, edge + 0.9 * tier, tier, style)
-    return DetailView(f"{section.title}, {scale_words(scale)}", width, deep, tuple(shapes))
-
-
-def back_view(work: Workpiece, width: float, height: float) -> DetailView:
-    """Draw the back at the largest scale that suits a column of the given width and height, mm."""
-    left, bottom, right, top = around(work.back)
-    room = min(0.6 * height, width)
-    # Half a millimeter on each side for line widths.
-    scale = next((s for s in SCALES if s * (right - left) + 1 <= width and s * (top - bottom) <= room), SCALES[-1])
-    view = DrawingView(0.5 - scale * left, 0.5 - scale * bottom, scale)
-    shapes = tuple(shape for face in work.back for shape in drawn(face, view))
-    return DetailView(f"Seen from the back, {scale_words(scale)}", width, scale * (top - bottom) + 1, shapes)
+    low = frame.margin + block_height(frame, first) + air
+    return frame.margin + air, low, frame.right - air, frame.top - air
 
 
 def _place(work: Workpiece, options: SheetOptions) -> tuple[Frame, ViewPlacement]:
@@ -233,31 +147,62 @@ def _papers(options: SheetOptions) -> list[Paper]:
     return papers
 
 
+@dataclass(frozen=True)
+class _Around:
+    """Room in mm that annotations take around the views, and distances of the first dimension lines from them."""
+
+    left: float
+    below: float
+    above: float
+    first: float
+
+
+def _around(work: Workpiece, style: Style) -> _Around:
+    tier, height = CLOSE * style.scale, style.words
+    edges = {datum.letter: datum for datum in work.datums if datum.kind == "edge"}
+    # Datum letters are between an edge and its dimensions.
+    first = datum_reach(height) + 1.2 * tier if edges else 1.4 * tier
+    rows = [1 + ("C" in edges), (not work.round) + ("B" in edges)]
+    rim = datum_reach(height) + tier if work.round else 0.0
+    face = frame_width(work.flatness, height) + 1.2 * tier
+    left = max(first + rows[1] * tier, face, rim) if rows[1] or rim else face
+    return _Around(left, first + rows[0] * tier, 9 * style.scale, first)
+
+
 def _placement(work: Workpiece, frame: Frame, room: Box) -> ViewPlacement | None:
     """Placement at the largest scale at which both views and their annotations fit in `room`; None if there is none."""
     style = Style(frame.scale)
     left, bottom, right, top = _reach(work)
     _, foot, _, head = around(work.side)
-    wide = max([text_width(line, style.words) for callout in work.callouts for line in callout.lines], default=0.0)
+    wide = max([callout_width(callout, style) for callout in work.callouts], default=0.0)
     column = wide + 12 * frame.scale
     tiers = CLOSE * frame.scale
-    beside = 2.2 * tiers + (0.6 + len(work.heights)) * tiers
-    above, gap, below = 9 * frame.scale, 12 * frame.scale, 2.0 * tiers
+    air, below_first = _around(work, style), first_angle(frame.paper)
+    gap = 8 * frame.scale
     for scale in SCALES:
         width, height = scale * (right - left), scale * (top - bottom)
         if max(width, height) < LEAST_VIEW:
             return None
         thick = scale * (head - foot)
-        if width + beside + column > room[2] - room[0] or height + thick + above + gap + below > room[3] - room[1]:
+        heights = stacked_at(work.heights, scale, tiers, tiers, style)
+        beside = air.left + max(heights[-1][1], tiers) + tiers
+        # The tolerance of the face and its letter are above it.
+        letter = max(4.5 * style.words - scale * (head - work.face), 2.5 * style.words)
+        deep = height + thick + air.above + air.below + letter + gap
+        if width + beside + column > room[2] - room[0] or deep > room[3] - room[1]:
             continue
         # Spare room is distributed; the callouts stand beside the view, not at the far end of the page.
         group = room[0] + (room[2] - room[0] - width - beside - column) / 2
-        down = room[3] - room[1] - height - thick - above - gap - below
-        x = group + 2.2 * tiers - scale * left
-        y = room[3] - above - down * 0.4 - scale * top
-        z = y + scale * bottom - gap - down * 0.2 - scale * head
+        down = room[3] - room[1] - deep
+        x = group + air.left - scale * left
+        if below_first:
+            z = room[3] - letter - down * 0.3 - scale * head
+            y = z + scale * foot - gap - air.above - down * 0.3 - scale * top
+        else:
+            y = room[3] - air.above - down * 0.3 - scale * top
+            z = y + scale * bottom - air.below - letter - gap - down * 0.3 - scale * head
         start = group + width + beside + 10 * frame.scale
-        callouts = (start, room[1] + tiers, start + wide, room[3] - 2 * frame.scale)
+        callouts = (start, room[1] + tiers / 2, start + wide, room[3] - 2 * frame.scale)
         return ViewPlacement(scale, DrawingView(x, y, scale), DrawingView(x, z, scale), callouts)
     return None
 
@@ -268,11 +213,14 @@ def _draw_front(work: Workpiece, layout: ViewPlacement, frame: Frame) -> list[Sh
     shapes: list[Shape] = []
     for face in work.front:
         shapes += drawn(face, view)
-    shapes += _axes(work, view, style)
-    shapes += _dot_numbers(work, view, style)
-    shapes += _sizes(work, layout, style)
+    axes, numbers = _axes(work, view, style), _inner_numbers(work, view, style)
+    lines = interrupted([*axes, *_hole_marks(work, view, style)], [bounds(each) for each in numbers[1]], style.scale)
+    outside = _outer_numbers(work, view, lines, numbers[0], style)
+    sizes = [*_sizes(work, layout, style), *_datums(work, layout, style)]
+    shapes += [*lines, *numbers[1], *outside, *sizes]
     marks = [bounds(shape) for shape in shapes if shape.name]
-    return shapes + place_callouts(work.callouts, view, layout.callouts, style, marks)
+    avoided = [shape for shape in sizes if isinstance(shape, Line)]
+    return shapes + place_callouts(work.callouts, view, layout.callouts, style, marks, avoided)
 
 
 def _reach(work: Workpiece) -> Box:
@@ -282,7 +230,7 @@ def _reach(work: Workpiece) -> Box:
 
 
 def _axes(work: Workpiece, view: DrawingView, style: Style) -> list[Shape]:
-    """Marker frame: chain lines through the origin, with arrows at their positive ends."""
+    """Marker frame: chain lines through the origin, with arrows at their positive ends, and pitch circles."""
     left, bottom, right, top = view.box(_reach(work))
     x, y = view.at((0.0, 0.0))
     over = 4.5 * style.scale
@@ -295,18 +243,26 @@ def _axes(work: Workpiece, view: DrawingView, style: Style) -> list[Shape]:
         lettering("x", right + over + 0.8 * style.scale, y + 0.6 * style.scale, style.words, name="axis-x"),
         lettering("y", x + 1.2 * style.scale, top + over - style.words * 0.6, style.words, name="axis-y"),
     ]
-    for callout in work.callouts:
-        if callout.pitch:
-            # The pitch circle of holes in the corners of a plate is larger than the plate.
-            dashes = center_circle(x, y, view.scale * callout.pitch, style)
-            shapes += [dash for dash in dashes if union(bounds(dash), ends) == ends]
+    for pitch in {callout.pitch: None for callout in work.callouts if callout.pitch}:
+        # The pitch circle of holes in the corners of a plate is larger than the plate.
+        dashes = center_circle(x, y, view.scale * pitch, style)
+        shapes += [dash for dash in dashes if union(bounds(dash), ends) == ends]
     return shapes
 
 
-def _dot_numbers(work: Workpiece, view: DrawingView, style: Style) -> list[Shape]:
-    """Numbers inside their dots where they fit, otherwise beside them."""
+def _hole_marks(work: Workpiece, view: DrawingView, style: Style) -> list[Shape]:
+    """Crosses through the centers of holes."""
     shapes: list[Shape] = []
-    rest: list[tuple[str, Disk]] = []
+    for hole in work.holes:
+        (x, y), reach = view.at((hole.x, hole.y)), view.scale * hole.radius + MARK * style.scale
+        shapes += [Line(((x - reach, y), (x + reach, y)), THIN), Line(((x, y - reach), (x, y + reach)), THIN)]
+    return shapes
+
+
+def _inner_numbers(work: Workpiece, view: DrawingView, style: Style) -> tuple[set[str], list[Shape]]:
+    """Numbers that fit inside their dots, and their shapes."""
+    shapes: list[Shape] = []
+    found = set()
     for label in work.labels:
         x, y = view.at((label.x, label.y))
         room = view.scale * (label.inner_radius or label.radius)
@@ -314,31 +270,34 @@ def _dot_numbers(work: Workpiece, view: DrawingView, style: Style) -> list[Shape
         # Half the diagonal of the number, with a margin, must not exceed the circle's radius.
         height = min(style.words, 0.85 * room / (hypot(width, 1.0) / 2))
         if height >= LEAST_NUMBER * style.scale:
+            found.add(label.words)
             words = lettering(label.words, x, y - height / 2, height, "center", name=f"number-{label.words}")
-            shapes += on_white(words, _label_ground(work, label))
-        else:
-            # No quiet zone here: only the dot itself must stay clear.
-            rest.append((label.words, Disk(x, y, 0.55 * view.scale * label.radius + 0.1)))
-    if rest:
-        names, dots = [each[0] for each in rest], [each[1] for each in rest]
-        height = 1.5 * style.scale
-        outline = view.box(around(work.front))
-        places = place_numbers(
-            dots, names, height, [outline] * len(dots), view.at((0.0, 0.0)), _edge_points(work, view)
-        )
-        for name, place in zip(names, places, strict=True):
-            if place:
-                at = place[0], place[1] - height / 2
-                shapes.append(lettering(name, *at, height, "center", name=f"number-{name}"))
-    return shapes
+            shapes.append(words)
+    return found, shapes
 
 
-def _label_ground(work: Workpiece, label: DotLabel) -> str:
-    """Color under a number: that of the uppermost face there."""
-    at = label.x, label.y
-    # An odd count: inside the outer contour and outside its holes.
-    over = [face for face in work.front if sum(inside(at, flattened(ring, NEAR)) for ring in face.contours) % 2]
-    return DARK if over and over[-1].material == "dark" else WHITE
+def _outer_numbers(
+    work: Workpiece, view: DrawingView, lines: Sequence[Shape], inner: set[str], style: Style
+) -> list[Shape]:
+    """Numbers beside the dots that are too small for them, and the labels of holes."""
+    # No quiet zone here: only the dot or the hole itself must stay clear.
+    rest = [(label, 0.55 * view.scale * label.radius + 0.1) for label in work.labels if label.words not in inner]
+    rest += [(hole, 0.55 * view.scale * hole.radius + 0.5 * MARK * style.scale) for hole in work.holes]
+    if not rest:
+        return []
+    names = [label.words for label, _ in rest]
+    dots = [Disk(*view.at((label.x, label.y)), radius) for label, radius in rest]
+    height = 1.5 * style.scale
+    outline = view.box(around(work.front))
+    ink = np.concatenate([_edge_points(work, view), ink_points(lines)])
+    inside_ = [Disk(*view.at((dot.x, dot.y)), view.scale * dot.radius) for dot in work.labels if dot.words in inner]
+    boxes = [bounds(disk) for disk in inside_]
+    places = place_numbers(dots, names, height, [outline] * len(dots), view.at((0.0, 0.0)), ink, boxes)
+    return [
+        lettering(name, place[0], place[1] - height / 2, height, "center", name=f"number-{name}")
+        for name, place in zip(names, places, strict=True)
+        if place
+    ]
 
 
 def _edge_points(work: Workpiece, view: DrawingView) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
@@ -353,39 +312,52 @@ def _edge_points(work: Workpiece, view: DrawingView) -> np.ndarray[tuple[int, in
 
 
 def _sizes(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
-    """Side view, overall sizes below it and beside the front view, and heights on the right."""
+    """Side view with its heights, overall sizes of the front view, and the origin's distances from datum edges."""
     front, side = layout.front, layout.side
     shapes: list[Shape] = []
     for face in work.side:
         shapes += drawn(face, side)
     left, bottom, right, top = front.box(around(work.front))
-    low, high = (side.at((0.0, z))[1] for z in (around(work.side)[1], around(work.side)[3]))
-    width, height = work.size
-    tier = CLOSE * style.scale
+    upper = side.at((0.0, around(work.side)[3]))[1]
+    (x, y), (width, height), tier = front.at((0.0, 0.0)), work.size, CLOSE * style.scale
+    first = _around(work, style).first
+    edges = {datum.letter: datum for datum in work.datums if datum.kind == "edge"}
+    below, aside = bottom - first, left - first
+    if "C" in edges and abs(edges["C"].at[0]) > 0:
+        at = edges["C"].at[0]
+        low, high = sorted((front.at((at, 0.0))[0], x))
+        shapes += across(low, high, below, bottom, f"[{millimeters(abs(at))}]", style)
+        below -= 1.3 * tier
+    if "B" in edges and abs(edges["B"].at[1]) > 0:
+        at = edges["B"].at[1]
+        low, high = sorted((front.at((0.0, at))[1], y))
+        shapes += upright(low, high, aside, left, f"[{millimeters(abs(at))}]", style)
+        aside -= 1.3 * tier
     sign = "\xd8" if work.round else ""
-    shapes += across(left, right, low - 1.4 * tier, low, sign + millimeters(width), style)
+    shapes += across(left, right, below, (top + bottom) / 2 if work.round else bottom, sign + millimeters(width), style)
     if not work.round:
-        x = left - 1.4 * tier
-        shapes += upright(bottom, top, x, left, millimeters(height), style)
-    shapes += _stacked(work.heights, side, right, right + tier, tier, style)
-    above = high + 1.5 * style.scale, left
-    words = "seen from -y"
-    shapes.append(lettering(words, above[1], above[0], 0.8 * style.words, color=GRAY, name="side-words"))
-    return shapes
+        shapes += upright(bottom, top, aside, left, millimeters(height), style)
+    shapes += stacked(work.heights, side, right, right + tier, tier, style)
+    words = lettering("seen from -y", left, upper + 1.5 * style.scale, 0.8 * style.words, color=GRAY, name="side-words")
+    return [*shapes, words]
 
 
-def _stacked(
-    spans: Sequence[Dimension], view: DrawingView, start: float, first: float, tier: float, style: Style
-) -> list[Shape]:
-    """Dimensions along z in the given order, each one tier farther to the right."""
+def _datums(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
+    """Datum letters of the face, of edges and of a rim, and the face's flatness; those of holes are in callouts."""
+    front, side, height = layout.front, layout.side, style.words
+    left, bottom, _, _ = front.box(around(work.front))
+    first = _around(work, style).first
     shapes: list[Shape] = []
-    for number, span in enumerate(spans):
-        y0, y1 = (view.at((0.0, z))[1] for z in (span.start, span.end))
-        shapes += upright(y0, y1, first + number * tier, start, span.words, style)
+    for datum in work.datums:
+        if datum.kind == "face":
+            level = side.at((0.0, work.face))[1]
+            start = left - frame_width(work.flatness, height) - CLOSE * style.scale
+            # An extension line of the face, with the arrow of its tolerance on it.
+            shapes.append(Line(((start - style.scale, level), (left - 0.8 * style.scale, level)), THIN))
+            shapes += face_datum(datum.letter, work.flatness, (start, level), level + 2.4 * height, style)
+        elif datum.kind == "edge":
+            shapes += datum_letter(datum.letter, front.at(datum.at), datum.out, height)
+        elif datum.kind == "rim":
+            # On the line of the diameter: the datum is the axis.
+            shapes += datum_letter(datum.letter, (left, bottom - first), (-1.0, 0.0), height)
     return shapes
-
-
-def _highest(faces: Sequence[ViewFace], at: float, top: float) -> float:
-    """Start of the extension line at a position along the cut: the highest corner of the edge there."""
-    found = [z for face in faces for ring in face.contours for s, z in ring.points if abs(s - at) < 1e-3]
-    return max(found, default=top)

@@ -1,28 +1,23 @@
-"""Fabrication sheet: a dimensioned drawing of the solid, then tables, sections and notes in flowing columns.
+"""Fabrication sheet: a dimensioned drawing of the solid, then tables, sections and notes in columns.
 
-The drawing is our own vector graphics; reportlab's platypus lays out everything else across pages. Words are text in
-embedded fonts, so that they can be searched and copied.
+The drawing is our own vector graphics; reportlab's flowables set tables and paragraphs, and `_packed` puts them into
+columns. Words are text in embedded fonts, so that they can be searched and copied.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from io import BytesIO
+from math import ceil
 from typing import Any
 
-import markergen
-from markergen.drawing.drafting import THICK, THIN, Lettering, Style, frame_lines, lettering, scale_words
+from markergen.drawing.drafting import THIN, Lettering, Style, scale_words
+from markergen.drawing.fabrication_details import DetailView, back_crowded, back_view, key_view, section_view
 from markergen.drawing.fabrication_drawing import DrawingTable, Workpiece
-from markergen.drawing.fabrication_views import (
-    BLOCK,
-    DetailView,
-    FrontPage,
-    back_view,
-    drawing_area,
-    front_page,
-    section_view,
-)
-from markergen.drawing.paper import SheetOptions
-from markergen.drawing.scene import BLACK, GRAY, LIGHT, Line, Shape
+from markergen.drawing.fabrication_views import drawing_area, front_page
+from markergen.drawing.paper import Frame, SheetOptions
+from markergen.drawing.scene import BLACK, GRAY, LIGHT, Shape
 from markergen.drawing.text import FACES, font_size, text_width, written
+from markergen.drawing.title_block import title_block
 from markergen.exporters import ExportOptions, Output, only
 from markergen.exporters.pdf_canvas import POINTS_PER_MM, bare_canvas, draw_shape, metadata, page_size, pdf_color
 from markergen.exporters.solids import solid_notes
@@ -36,8 +31,14 @@ COLUMN = 105.0
 GAP = 7.0
 """Gap between columns, mm on A4."""
 
-SHORT = 12
-"""Maximum rows of a table that is kept in one piece; a longer one is split with at least two rows on either side."""
+SPACE = 5.0
+"""Space between blocks in a column, mm on A4."""
+
+DENSITIES = (1.0, 0.93, 0.86, 0.8)
+"""Sizes of text and sections to try, relative to the usual one, so that no page is nearly empty."""
+
+FULL = 0.4
+"""Minimum part of the last page that is used."""
 
 
 def export(markers: Sequence[Marker], options: ExportOptions) -> Output:
@@ -56,60 +57,136 @@ def write_fabrication_sheet(work: Workpiece, options: SheetOptions) -> tuple[byt
     InputError
         If the paper is unknown, or too small for any scale.
     """
-    front = front_page(work, options)
-    # Laid out twice: each page states the total number of pages.
-    _, count = _build(work, front, 0)
-    data, count = _build(work, front, count)
-    paper, scale = front.frame.paper, scale_words(front.scale)
-    return data, (f"The fabrication sheet has {count} pages on {paper}, drawn {scale}.",)
-
-
-def _build(work: Workpiece, front: FrontPage, pages: int) -> tuple[bytes, int]:
-    """Document as bytes, and its number of pages; `pages` is that number for the title blocks, or 0 to draw nothing."""
-    from reportlab.platypus import BaseDocTemplate, Frame, NextPageTemplate, PageBreak, PageTemplate
-
     _embed_fonts()
-    frame, style = front.frame, Style(front.frame.scale)
-    buffer = BytesIO()
-    about = f"Fabrication sheet: {work.title}, {scale_words(front.scale)} on {frame.paper}."
-    document = BaseDocTemplate(
-        buffer, pagesize=page_size(frame.paper), pageCompression=1, invariant=1, **metadata(work.name, about)
-    )
+    front = front_page(work, options)
+    frame, scale = front.frame, scale_words(front.scale)
+    pages = _best_pages(work, frame)
+    buffer, size = BytesIO(), page_size(frame.paper)
+    about = f"Fabrication sheet: {work.block.title}, {scale} on {frame.paper}."
+    canvas = bare_canvas(buffer, pagesize=size, pageCompression=1, invariant=1)
+    for name, words in metadata(work.block.name, about).items():
+        getattr(canvas, f"set{name.capitalize()}")(words)
+    count = 1 + len(pages)
+    for number, page in enumerate(((), *pages), 1):
+        canvas.setTrimBox([0.0, 0.0, *size])
+        _draw(canvas, front.shapes if number == 1 else ())
+        _draw(canvas, title_block(work.block, frame, scale, number, count))
+        for block, left, top in page:
+            y = top
+            for part, height, space in block.parts:
+                part.drawOn(canvas, *_points(left, y - height))
+                y -= height + space
+        canvas.showPage()
+    canvas.save()
+    return buffer.getvalue(), (f"The fabrication sheet has {count} pages on {frame.paper}, drawn {scale}.",)
 
-    def begin(canvas: Any, document: Any) -> None:
-        canvas.setTrimBox([0.0, 0.0, *page_size(frame.paper)])
-        if pages:
-            _draw(canvas, front.shapes if document.page == 1 else ())
-            _draw(canvas, _title_block(work, front, document.page, pages))
 
-    left, bottom, right, top = drawing_area(frame)
-    count = max(int((right - left) / (COLUMN * frame.scale)), 1)
-    gap = GAP * frame.scale
+@dataclass(frozen=True)
+class _Block:
+    """Flowables that stay together, each with its height and the space after it, mm; and how many columns they take."""
+
+    parts: tuple[tuple[Any, float, float], ...]
+    span: int = 1
+
+    @property
+    def height(self) -> float:
+        """Height of all, without the space after the last."""
+        return sum(height + space for _, height, space in self.parts) - self.parts[-1][2]
+
+
+_Page = list[tuple[_Block, float, float]]
+"""Blocks of a page with the left and upper ends of each, mm."""
+
+
+def _best_pages(work: Workpiece, frame: Frame) -> list[_Page]:
+    """Pages at the largest size of text and sections at which the last one is not nearly empty."""
+    best: tuple[float, list[_Page]] | None = None
+    for density in DENSITIES:
+        pages, used = _pages(work, frame, density)
+        if used >= FULL or len(pages) == 1:
+            return pages
+        # An emptier last page is worse than more pages; fewer pages are better than a fuller one.
+        cost = len(pages) - used
+        if best is None or cost < best[0]:
+            best = cost, pages
+    assert best is not None
+    return best[1]
+
+
+def _pages(work: Workpiece, frame: Frame, density: float) -> tuple[list[_Page], float]:
+    """Pages with everything but the front page, and which part of the last one is used."""
+    left, bottom, right, top = drawing_area(frame, first=False)
+    style = Style(frame.scale * density)
+    count = max(int((right - left) / (COLUMN * style.scale)), 1)
+    gap, space = GAP * style.scale, SPACE * style.scale
     width = (right - left - (count - 1) * gap) / count
-    columns = [
-        Frame(*_points(left + index * (width + gap), bottom, width, top - bottom), 0, 0, 0, 0, id=f"column-{index}")
-        for index in range(count)
-    ]
-    document.addPageTemplates(
-        [PageTemplate("front", columns[:1], onPage=begin), PageTemplate("further", columns, onPage=begin)]
+    full = top - bottom
+    pages: list[_Page] = []
+    free: list[float] = []
+    for block in _blocks(work, width, full, style, count, gap):
+        need, wide = block.height, block.span
+        # The first column, or columns side by side, with room for it.
+        starts = (k for k in range(len(free)) if k % count + wide <= count)
+        place = next((k for k in starts if min(free[k : k + wide]) >= need), None)
+        if place is None:
+            place = len(free)
+            pages.append([])
+            free += [full] * count
+        least = min(free[place : place + wide])
+        pages[place // count].append((block, left + place % count * (width + gap), top - full + least))
+        free[place : place + wide] = [least - need - space] * wide
+    last = free[-count:]
+    return pages, 1 - sum(max(room, 0.0) for room in last) / (count * full)
+
+
+def _blocks(work: Workpiece, width: float, height: float, style: Style, columns: int, gap: float) -> list[_Block]:
+    """Tables, sections, notes, key and back for columns of the given width and height and with a gap, in mm."""
+    pieces = [_split(table, width, height, style) for table in work.tables]
+    dots, *tables = ([_measured(_table(piece, width, style), width) for piece in some] for some in pieces)
+    sections = [_detail(section_view(section, width, height, style), width, style) for section in work.sections]
+    back = []
+    if work.back:
+        span = 2 if columns > 1 and back_crowded(work, width, height, style) else 1
+        wide = span * width + (span - 1) * gap
+        back.append(replace(_detail(back_view(work, wide, height, style), wide, style), span=span))
+    key = _detail(key_view(work, width, style), width, style)
+    notes = _notes(work.notes, width, height, style)
+    return [*dots, *sections, *(table for some in tables for table in some), *notes, key, *back]
+
+
+def _measured(flowables: Sequence[Any], width: float) -> _Block:
+    """Flowables as a block for a column of a width in mm."""
+    return _Block(
+        tuple(
+            (each, each.wrap(*_points(width, 1e4))[1] / POINTS_PER_MM, each.getSpaceAfter() / POINTS_PER_MM)
+            for each in flowables
+        )
     )
-    story = _story(work, width, top - bottom, style)
-    document.build([NextPageTemplate("further"), PageBreak(), *story], canvasmaker=bare_canvas)
-    return buffer.getvalue(), document.page
 
 
-def _story(work: Workpiece, width: float, height: float, style: Style) -> list[Any]:
-    """Flowables for columns of the given width and height in mm."""
-    tables = [_table(table, width, style) for table in work.tables]
-    sections = [_detail(section_view(section, width, height, style), style) for section in work.sections]
-    notes = _notes(work.notes, style)
-    back = [_detail(back_view(work, width, height), style)] if work.back else []
-    return [*tables[:2], *sections, *tables[2:], *notes, *back]
+def _split(table: DrawingTable, width: float, height: float, style: Style) -> list[DrawingTable]:
+    """The table, or even pieces of one that is too long for a column, each with a title of its own."""
+    whole = _measured(_table(table, width, style), width).height
+    if whole <= height:
+        return [table]
+    one = _measured(_table(replace(table, rows=table.rows[:1]), width, style), width).height
+    row = (whole - one) / (len(table.rows) - 1)
+    most = max(int((height - one) / row), 1)
+    count = ceil(len(table.rows) / most)
+    size = ceil(len(table.rows) / count)
+    return [
+        replace(
+            table,
+            title=f"{table.title} ({number} of {count})",
+            rows=table.rows[(number - 1) * size : number * size],
+        )
+        for number in range(1, count + 1)
+    ]
 
 
-def _table(table: DrawingTable, width: float, style: Style) -> Any:
-    """Table with its title and headings, which are repeated wherever it continues."""
-    from reportlab.platypus import KeepTogether, Paragraph, Table
+def _table(table: DrawingTable, width: float, style: Style) -> list[Any]:
+    """Table with its title and headings."""
+    from reportlab.platypus import Paragraph, Table
 
     size, pad = style.small, 1.6 * style.scale
     columns = list(zip(table.headings, *table.rows, strict=True))
@@ -127,9 +204,7 @@ def _table(table: DrawingTable, width: float, style: Style) -> Any:
     flowing = Table(
         [[written(table.title, "bold"), *[""] * (len(widths) - 1)], list(map(written, table.headings)), *rows],
         colWidths=_points(*widths),
-        repeatRows=2,
         hAlign="LEFT",
-        spaceAfter=_points(2.2 * size + 3)[0],
         style=[
             ("SPAN", (0, 0), (-1, 0)),
             ("FONT", (0, 0), (-1, 0), _font("bold"), *_points(font_size(title, "bold"), 1.2 * title)),
@@ -146,73 +221,41 @@ def _table(table: DrawingTable, width: float, style: Style) -> Any:
             ("VALIGN", (0, 0), (-1, -1), "TOP"),
             ("LINEBELOW", (0, 1), (-1, 1), *_points(1.4 * THIN), pdf_color(LIGHT)),
             ("LINEBELOW", (0, 2), (-1, -1), *_points(0.6 * THIN), pdf_color(LIGHT)),
-            ("NOSPLIT", (0, 0), (0, 3)),
-            ("NOSPLIT", (0, -2), (0, -1)),
         ],
     )
-    return KeepTogether([flowing]) if len(rows) <= SHORT else flowing
+    return [flowing]
 
 
-def _detail(view: DetailView, style: Style) -> Any:
-    """View with its title, in one piece."""
-    from reportlab.platypus import Flowable, KeepTogether, Paragraph
+def _detail(view: DetailView, width: float, style: Style) -> _Block:
+    """View with its title."""
+    from reportlab.platypus import Flowable, Paragraph
 
     class Detail(Flowable):  # type: ignore[misc]  # reportlab has no types
-        spaceAfter = _points(4 * style.scale)[0]
-
         def wrap(self, *_: float) -> tuple[float, ...]:
             return _points(view.width, view.height)
 
         def draw(self) -> None:
             _draw(self.canv, view.shapes)
 
-    title = Paragraph(_escaped(view.title), _paragraph_style("heading", style))
-    return KeepTogether([title, Detail()])
+    return _measured([Paragraph(_escaped(view.title), _paragraph_style("heading", style)), Detail()], width)
 
 
-def _notes(sentences: Sequence[str], style: Style) -> list[Any]:
-    """Numbered notes under their title, which stays with the first."""
+def _notes(sentences: Sequence[str], width: float, height: float, style: Style) -> list[_Block]:
+    """Numbered notes under their title; in two blocks if they are too long for one column."""
     from reportlab.platypus import Paragraph
 
     if not sentences:
         return []
-    kind = _paragraph_style("note", style)
+    kind, heading = (_paragraph_style(name, style) for name in ("note", "heading"))
     notes = [Paragraph(_escaped(words), kind, bulletText=f"{number}.") for number, words in enumerate(sentences, 1)]
-    return [Paragraph("Notes", _paragraph_style("heading", style)), *notes]
-
-
-def _title_block(work: Workpiece, front: FrontPage, number: int, pages: int) -> list[Shape]:
-    """Border, and the title block along its lower side."""
-    frame, scale = front.frame, front.frame.scale
-    high = frame.margin + BLOCK * scale
-    shapes: list[Shape] = [
-        frame_lines((frame.margin, frame.margin, frame.right, frame.top), THICK),
-        Line(((frame.margin, high), (frame.right, high)), THICK),
+    whole = _measured([Paragraph("Notes", heading), *notes], width)
+    if whole.height <= height:
+        return [whole]
+    half = len(notes) // 2
+    return [
+        _measured([Paragraph("Notes", heading), *notes[:half]], width),
+        _measured([Paragraph("Notes, continued", heading), *notes[half:]], width),
     ]
-    cells = [
-        ("name", work.name, "bold"),
-        ("what", work.title, "regular"),
-        ("process", work.process, "regular"),
-        ("materials", work.materials, "regular"),
-        ("scale", scale_words(front.scale) if number == 1 else "as given", "regular"),
-        ("lengths in", "mm", "regular"),
-        ("paper", frame.paper.name.removesuffix("-landscape"), "regular"),
-        ("page", f"{number} of {pages}", "regular"),
-        ("made with", f"markergen {markergen.__version__}", "regular"),
-    ]
-    size, small, pad = 2.0 * scale, 1.3 * scale, 1.8 * scale
-    widths = [max(text_width(head, small), text_width(value, size, face)) + 2 * pad for head, value, face in cells]
-    shrink = min(1.0, frame.width / sum(widths))
-    spare = (frame.width - shrink * sum(widths)) / len(cells)
-    left = frame.margin
-    for (head, value, face), width in zip(cells, widths, strict=True):
-        at = left + shrink * pad
-        shapes.append(lettering(head, at, high - 3.2 * scale, small * shrink, color=GRAY))
-        shapes.append(lettering(value, at, frame.margin + 3.2 * scale, size * shrink, face=face))
-        left += shrink * width + spare
-        if left < frame.right - 0.1:
-            shapes.append(Line(((left, frame.margin), (left, high)), THIN))
-    return shapes
 
 
 def _draw(canvas: Any, shapes: Sequence[Shape]) -> None:
@@ -241,9 +284,7 @@ def _paragraph_style(kind: str, style: Style) -> Any:
             fontName=_font("bold"),
             fontSize=type_size,
             leading=leading,
-            spaceBefore=2 * space,
             spaceAfter=space,
-            keepWithNext=1,
         )
     size = style.small
     type_size, leading, indent, after = _points(font_size(size), 1.85 * size, 5 * style.scale, 0.5 * size)

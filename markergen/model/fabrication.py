@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import degrees, isfinite, pi
 from typing import TYPE_CHECKING, Any, Literal
 
-from markergen.errors import InputError
+from markergen.errors import InputError, brief
 from markergen.registry import Registry
 
 if TYPE_CHECKING:
@@ -54,6 +54,12 @@ DEFAULT_PROCESS = "fdm"
 CHOICES = {"fit": "--fit", "through": "--through", "dome": "--dome"}
 """Choices that only some processes support, with their options."""
 
+GENERAL_TOLERANCE = "ISO 2768-mK"
+"""Medium for lengths and angles, K for form and position."""
+
+LONGEST_ENTRY = 60
+"""Maximum number of characters of an entry of the title block."""
+
 SMALLEST_TOLERANCE, LARGEST_TOLERANCE = 1e-7, 1e-3
 """Limits for the tolerance of a mesh in m: finer ones take endless triangles, coarser ones show no dots."""
 
@@ -86,6 +92,8 @@ class Fabrication:
         True to engrave name, spec hash, origin and x axis on the back.
     tolerance : float
         Maximum distance in m of a mesh from the true surface.
+    material, general_tolerance : str
+        Entries of the fabrication sheet's title block; an empty material leaves a field to fill in.
 
     Raises
     ------
@@ -105,6 +113,8 @@ class Fabrication:
     foot: float = 0.001
     engrave: bool = True
     tolerance: float = 5e-6
+    material: str = ""
+    general_tolerance: str = GENERAL_TOLERANCE
 
     def __post_init__(self) -> None:
         # Formats without solids need no process: the default is valid without a look-up.
@@ -127,6 +137,15 @@ class Fabrication:
             if value is not None and not (isfinite(value) and (value > 0 or (zero and value == 0))):
                 least = "of 0 or more" if zero else "above 0"
                 raise InputError(f"a {name} {least}", f"{name}={value} m", f"use --{name} {example}, for example")
+        for name, example in (("material", "EN AW-5083"), ("general_tolerance", GENERAL_TOLERANCE)):
+            words = getattr(self, name)
+            if len(words) > LONGEST_ENTRY or not (words or name == "material") or not words.isprintable():
+                option = name.replace("_", "-")
+                raise InputError(
+                    f"a {option.replace('-', ' ')} in 1 to {LONGEST_ENTRY} characters on one line",
+                    brief(words),
+                    f"use --{option} '{example}', for example",
+                )
         if not 0 <= self.draft < pi / 4:
             raise InputError("a draft of 0 to below 45 degrees", f"{degrees(self.draft):.6g}", "use --draft 3")
         if not SMALLEST_TOLERANCE <= self.tolerance <= LARGEST_TOLERANCE:

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from markergen.errors import InputError
-from markergen.geometry.contour import Contour, area, circle
+from markergen.geometry.contour import Contour, area, box, circle
 from markergen.geometry.region import Region
 from markergen.model.boundary import Boundary, filled_outline
 from markergen.model.findings import listed
@@ -66,21 +68,40 @@ def drawn_holes(boundary: Boundary, outline: Boundary | None = None) -> tuple[Co
     InputError
         If holes of both overlap otherwise.
     """
+    return _drawn_holes(boundary, outline)
+
+
+# Cached, since every file of a marker needs them.
+@lru_cache(maxsize=8)
+def _drawn_holes(boundary: Boundary, outline: Boundary | None) -> tuple[Contour, ...]:
     own, other = ([each for each in shape.contours() if area(each) < 0] if shape else [] for shape in
                   (outline, boundary))  # fmt: skip
     if not (own and other):
         return (*own, *other)
-    kept = [each for each in own if not any(_within(each, wide) and area(each) > area(wide) for wide in other)]
-    more = [each for each in other if not any(_within(each, wide) for wide in kept)]
-    crossing = [filled_outline(each) for each in more if any(_region(each).meets(_region(hole)) for hole in kept)]
-    if crossing:
-        x, y = map(format_length, crossing[0].center)
-        raise InputError(
-            "holes of the boundary inside or outside of those of --outline",
-            f"one around {x}, {y} that overlaps one",
-            "draw their union in one of the drawings",
-        )
-    return (*kept, *more)
+    within: tuple[set[int], set[int]] = set(), set()
+    for i, k in np.argwhere(_boxes_meet(own, other)).tolist():
+        ours, theirs = _region(own[i]), _region(other[k])
+        if not theirs - ours.offset(2 * OFF):
+            within[1].add(k)
+        elif not ours - theirs.offset(2 * OFF):
+            within[0].add(i)
+        elif ours.meets(theirs):
+            x, y = map(format_length, filled_outline(other[k]).center)
+            raise InputError(
+                "holes of the boundary inside or outside of those of --outline",
+                f"one around {x}, {y} that overlaps one",
+                "draw their union in one of the drawings",
+            )
+    return tuple(
+        each for holes, drop in zip((own, other), within, strict=True) for k, each in enumerate(holes) if k not in drop
+    )
+
+
+def _boxes_meet(ones: Sequence[Contour], others: Sequence[Contour]) -> NDArray[np.bool_]:
+    """True (m, k) where the bounding boxes of two contours meet."""
+    one, other = (np.array([box(each) for each in contours]) for contours in (ones, others))
+    low, high = one[:, None, :2] <= other[None, :, 2:] + OFF, other[None, :, :2] <= one[:, None, 2:] + OFF
+    return np.asarray((low & high).all(axis=-1))
 
 
 def holes_beyond(marker: Marker) -> tuple[str, ...]:
@@ -113,11 +134,6 @@ def near_holes(marker: Marker) -> tuple[str, ...]:
 
 def _some(ids: Sequence[str]) -> list[str]:
     return [*ids[:3], "others"] if len(ids) > 4 else list(ids)
-
-
-def _within(inner: Contour, outer: Contour) -> bool:
-    """True if a hole lies in another one, up to rounding of arcs."""
-    return not (_region(inner) - _region(outer).offset(2 * OFF))
 
 
 def _region(contour: Contour) -> Region:

@@ -357,6 +357,8 @@ class ExportKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         ),
     ]
     tolerance: Annotated[Length, Option(SOLID, "Maximum distance of a mesh from the true surface.", "5um")]
+    material: Annotated[str, Option(SOLID, "Material in the drawing.", otherwise="to fill in", metavar="TEXT")]
+    general_tolerance: Annotated[str, Option(SOLID, "General tolerances.", "ISO 2768-mK", metavar="TEXT")]
     boundary_unit: Annotated[
         str, Option(SOLID, "Unit of an --outline that does not specify one: mm, cm, m, in, pt, px.", metavar="UNIT")
     ]

@@ -17,6 +17,7 @@ from markergen.solid.bodies import COLORS, OTHER
 from markergen.solid.kernel import NamedSolid, import_kernel
 
 ENTITY = re.compile(r"^#(\d+) = (.*?);$", re.MULTILINE | re.DOTALL)
+REFERENCE = re.compile(r"#(\d+)")
 STRING_OR_REFERENCE = re.compile(r"'(?:[^']|'')*'|#(\d+)")
 STYLE_ROOT = "MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION"
 
@@ -142,12 +143,16 @@ def normalize(text: str, name: str) -> str:
     for root in sorted(roots, key=lambda root: _colored(entities, root)):
         place(root)
     numbers = {old: new for new, old in enumerate(order, start=1)}
+    # Most entities come before all that move, and refer to none of these.
+    still = {old for old, new in numbers.items() if old == new}
+    if not all(int(found) in still for old in still for found in REFERENCE.findall(entities[old])):
+        still = set()
     links = count(1)
     lines = []
     for old in order:
-        body = STRING_OR_REFERENCE.sub(
-            lambda match: f"#{numbers[int(match[1])]}" if match[1] else match[0], entities[old]
-        )
+        body = entities[old]
+        if old not in still:
+            body = STRING_OR_REFERENCE.sub(lambda match: f"#{numbers[int(match[1])]}" if match[1] else match[0], body)
         if body.startswith("NEXT_ASSEMBLY_USAGE_OCCURRENCE"):
             body = re.sub(r"\('\d+'", f"('{next(links)}'", body, count=1)
         lines.append(f"#{numbers[old]} = {body};\n")

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from math import hypot, pi, sqrt, tan
 
 import numpy as np
+from numpy.typing import NDArray
 
 from markergen.drawing.figure import FLAT
 from markergen.errors import InputError
@@ -13,6 +14,8 @@ from markergen.model.marker import Marker
 from markergen.model.tag import Mask, Tag, cell_outlines, to_plane
 from markergen.solid.bodies import mm
 from markergen.units import format_length
+
+Labels = NDArray[np.int64]
 
 QUARTER = tan(pi / 8)
 """Bulge of an arc of 90 degrees."""
@@ -159,13 +162,22 @@ def _piece(rings: list[tuple[Corner, ...]]) -> TagInk:
     return TagInk(outer, tuple(ring for ring in rings if ring is not outer))
 
 
-def _labels(ink: Mask) -> Mask:
-    from scipy.ndimage import label
+def _labels(ink: Mask) -> Labels:
+    """Number of each black cell's piece, connected by sides; 0 for white cells.
 
-    return np.asarray(label(ink)[0])
+    Importing scipy.ndimage takes longer than building a small solid.
+    """
+    labels = np.pad(np.where(ink, np.arange(1, ink.size + 1).reshape(ink.shape), 0), 1)
+    inner = labels[1:-1, 1:-1]
+    while True:
+        around = np.maximum.reduce([inner, labels[:-2, 1:-1], labels[2:, 1:-1], labels[1:-1, :-2], labels[1:-1, 2:]])
+        spread = np.where(ink, around, 0)
+        if np.array_equal(spread, inner):
+            return np.array(inner)
+        inner[:] = spread
 
 
-def _beside(ring: np.ndarray, labels: Mask) -> int:
+def _beside(ring: np.ndarray, labels: Labels) -> int:
     """Label of the black cells to the right of an outline's first side; rows count downward."""
     (x, y), (u, v) = ring[0], ring[1]
     length = hypot(u - x, v - y)

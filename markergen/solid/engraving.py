@@ -51,19 +51,30 @@ MOST_BULGE = 0.8
 
 
 @dataclass(frozen=True)
+class EngravedText:
+    """Lines of text, the height of their capitals, and the box that they occupy in plan view; mm."""
+
+    lines: tuple[str, ...]
+    height: float
+    box: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
 class Engraving:
-    """Bodies to cut from the back, and sentences about anything omitted."""
+    """Bodies to cut from the back, sentences about anything omitted, and what is written."""
 
     cut: tuple[Prism, ...] = ()
     notes: tuple[str, ...] = ()
+    texts: tuple[EngravedText, ...] = ()
 
 
 @dataclass(frozen=True)
 class _Block:
-    """A block to engrave: contours in plan view, outer ones counterclockwise, and the box that it occupies."""
+    """A block to engrave: contours in plan view, outer ones counterclockwise, the box it occupies, and its text."""
 
     contours: tuple[Contour, ...]
     box: tuple[float, float, float, float]
+    text: EngravedText | None = None
 
 
 def engraving(marker: Marker, plate: Region, bottom: float, cut: Sequence[Body]) -> Engraving:
@@ -105,7 +116,8 @@ def engraving(marker: Marker, plate: Region, bottom: float, cut: Sequence[Body])
         lacking.append(f"id{'s' * (len(unnamed) > 1)} {', '.join(unnamed[:5])}{more}")
     notes = (f"The back has no room for: {'; '.join(lacking)}.",) if lacking else ()
     letters = [piece for block in room.taken for piece in grouped(block.contours)]
-    return Engraving(tuple(Prism(outer, tuple(holes), bottom, bottom + DEPTH) for outer, *holes in letters), notes)
+    cuts = tuple(Prism(outer, tuple(holes), bottom, bottom + DEPTH) for outer, *holes in letters)
+    return Engraving(cuts, notes, tuple(block.text for block in room.taken if block.text))
 
 
 class _Room:
@@ -205,9 +217,8 @@ def _lines(lines: Sequence[str], x: float, y: float, height: float) -> _Block:
             # Mirroring reverses the direction of turns.
             contours.append(Contour(points, tuple(-bulge for bulge in letter.bulges)))
     # Some letters have descenders.
-    return _Block(
-        tuple(contours), (x - wide / 2, y - tall / 2 - 0.3 * height, x + wide / 2, y + tall / 2 + 0.1 * height)
-    )
+    box = x - wide / 2, y - tall / 2 - 0.3 * height, x + wide / 2, y + tall / 2 + 0.1 * height
+    return _Block(tuple(contours), box, EngravedText(tuple(lines), height, box))
 
 
 def _outlines(line: str, height: float) -> Iterator[Contour]:

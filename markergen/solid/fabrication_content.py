@@ -1,117 +1,194 @@
 """Content of the fabrication drawing: the views, sections, tables, callouts and notes that describe a marker.
 
 `workpiece` describes the parts made by a process as plain data of `markergen.drawing.fabrication_drawing`, which lays
-them out. Tables are rows of text, ready to be set.
+them out. What it says is meant to be enough: whoever has only the drawing can make the marker.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import groupby
-from math import dist, hypot
+from math import atan2, ceil, degrees, dist, hypot
 
 from markergen.drawing.fabrication_drawing import (
+    BackText,
     Callout,
+    Control,
+    Datum,
     Dimension,
     DotLabel,
-    DrawingTable,
-    SectionView,
+    TitleBlock,
     ViewFace,
     Workpiece,
     millimeters,
 )
 from markergen.drawing.figure import size_words
-from markergen.geometry.contour import Contour, area, center_of, flattened, placed, radius_of
+from markergen.drawing.scene import Box, union
+from markergen.geometry.contour import Contour, box, center_of, flattened, radius_of
 from markergen.model.fabrication import PROCESSES, Fabrication
 from markergen.model.marker import Marker, marker_name
-from markergen.model.substrate import Hole
-from markergen.solid.bodies import OFF, OTHER, SAME, Body, Part, Prism, Revolved, cylinder, mm, size_of, span_of
+from markergen.solid import engraving
+from markergen.solid.bodies import OFF, SAME, Part, Prism, cylinder, mm, size_of, span_of
 from markergen.solid.dot_geometry import SolidDot, dots_of
+from markergen.solid.fabrication_sections import (
+    MOST_KINDS,
+    alike,
+    centered,
+    recesses_of,
+    sections_of,
+    upright,
+    use_words,
+)
+from markergen.solid.fabrication_tables import ranges, tables_of
+from markergen.solid.fabrication_tolerances import (
+    DIAMETER,
+    PLUS_MINUS,
+    PROFILE,
+    PlateHole,
+    cutouts_of,
+    datum_table,
+    datums_of,
+    dot_controls,
+    fit_table,
+    flat,
+    hole_control,
+    holes_of,
+    is_rectangle,
+    letters,
+    located,
+    tolerance_table,
+)
+from markergen.solid.plate import plate_of
 from markergen.solid.processes import Made
-from markergen.solid.projection import BACK, cut_along, elevation, seen
+from markergen.solid.projection import BACK, elevation, seen
 
-DIAMETER = "\xd8"
+MOST_PLACES = 2
+"""Maximum number of holes of a kind whose places are told in their callout; the table has them all."""
 
-DRAWN = "in the outline"
-"""Use of a hole that is part of an outline from a drawing."""
+RECESS = 0.2
+"""Excess in mm of a recess's size, and diameter of its position's zone."""
 
-LONGEST_NAME = 24
-"""Maximum number of characters of the name of a screw or a pin."""
-
-MOST_KINDS = 6
-"""Maximum number of kinds of dots or holes with their own callouts and sections; more are listed in tables only."""
-
+BOXED = (
+    "Coordinates in tables and sizes in boxes are theoretically exact: the zones of the positions are centered there. "
+    "Sizes in parentheses are given elsewhere."
+)
 FRAME = (
-    "All coordinates are in the marker frame: origin and axes as drawn, z out of the face toward the viewer, z = 0 in "
-    "the plane of the dots that are not raised."
+    "Marker frame: origin and axes as drawn, z out of the face toward the viewer, z = 0 in the plane of the dots that "
+    "are not raised."
 )
 MEASURE = (
-    "Take sizes from the dimensions and tables, never from the drawing. The exact geometry is in the STEP file of the "
-    "same name."
+    "Take sizes from dimensions and tables, never from the drawing. The exact geometry is in the STEP file of the same "
+    "name."
 )
 AFTERWARDS = (
     "What counts is where the centers of the dots are. Where they were measured on the finished marker, enter them "
     "with: markergen rescale marker.json --measured-points dots.csv -o measured.json"
 )
+PATTERN = "CZ: all dots together are one pattern, which the datums leave free to turn or to move."
+REAMED = "Ream the holes for dowel pins to H7 after all else, in one setting with the dots where these are milled."
+APART = "The plates are separate: each is made by itself, and mounted so that all dots are at their coordinates."
 
 
 def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece:
     """Describe a marker as designed, and its parts from `parts_of`, for its fabrication drawing."""
-    dots, parts = dots_of(marker), made.parts
+    dots, parts, holes, datums = dots_of(marker), made.parts, holes_of(marker), datums_of(marker, made)
     plates = [part for part in parts if part.is_plate]
-    low, high = span_of(plates)
-    face = made.face
-    highest = span_of(parts)[1]
-    heights = [(low, face)]
-    if high > face + SAME:
-        heights.append((face, high))
-    if highest > high + SAME:
-        heights.append((face, highest))
-    if face < -SAME:
-        heights.append((face, 0.0))
+    sections = sections_of(marker, made, dots)
+    back = _back(made)
     return Workpiece(
-        name=marker_name(marker),
-        title=f"Fiducial marker, {len(dots)} dot{'s' * (len(dots) > 1)}, {size_words(marker.boundary)}",
-        process=PROCESSES[fabrication.process].label,
-        materials=_materials(parts),
+        block=TitleBlock(
+            name=marker_name(marker),
+            title=f"Fiducial marker, {len(dots)} dot{'s' * (len(dots) > 1)}, {size_words(marker.boundary)}",
+            process=PROCESSES[fabrication.process].label,
+            material=fabrication.material,
+            general=fabrication.general_tolerance,
+            finish=made.accuracy.finish,
+            edges=made.accuracy.edges,
+        ),
         front=(*seen(parts), *_printed(marker, dots, parts)),
         side=elevation(parts),
-        back=_back(parts),
+        back=back,
+        engraved=_back_texts(made) if back else (),
         size=size_of([body for part in parts for body in part.add]),
         round=[plate.is_disk for plate in plates] == [True],
+        face=made.face,
+        flatness=flat(made),
+        datums=datums,
         labels=tuple(DotLabel(str(dot.id), dot.x, dot.y, dot.radius, dot.inner) for dot in dots),
+        holes=tuple(DotLabel(hole.label, hole.x, hole.y, max(hole.radius, hole.sink)) for hole in holes),
         callouts=(
-            *_dot_callouts(dots, fabrication),
-            *_hole_callouts(marker.substrate.holes),
-            *_drawn_callouts(marker),
+            *_dot_callouts(dots, fabrication, made, datums),
+            *_hole_callouts(holes, made, datums, _box(marker)),
+            *_outline_callouts(marker, datums),
+            *_recess_callouts(made, datums),
             *_tag_callout(marker),
         ),
-        heights=_upright(heights),
-        sections=(*_dot_sections(dots, parts, face), *_hole_sections(marker, parts), *_edge_section(marker, made)),
-        tables=tables_of(marker, made),
-        notes=(FRAME, MEASURE, *_plate_notes(marker), *made.lines, AFTERWARDS),
+        heights=_heights(made),
+        sections=sections,
+        tables=(
+            *tables_of(marker, made),
+            *([datum_table(datums)] if datums else []),
+            tolerance_table(made, datums, fabrication.general_tolerance),
+            *fit_table(marker, made),
+        ),
+        key=_key(made, bool(back), bool(sections)),
+        notes=tuple(_notes(marker, made, datums)),
     )
 
 
-def _back(parts: Sequence[Part]) -> tuple[ViewFace, ...]:
-    """View of the back, if it shows more than the outline and the holes visible from the front."""
-    plates = [part for part in parts if part.is_plate]
+def _heights(made: Made) -> tuple[Dimension, ...]:
+    """Heights in the side view: the plate's thickness with its tolerance, and what stands on it."""
+    low, high = span_of([part for part in made.parts if part.is_plate])
+    face, highest, accuracy = made.face, span_of(made.parts)[1], made.accuracy
+    words = {(low, face): f"{millimeters(face - low)} {PLUS_MINUS}{millimeters(accuracy.thickness)}"}
+    if high > face + SAME:
+        words[face, high] = f"{millimeters(high - face)} {PLUS_MINUS}{millimeters(accuracy.height)}"
+    if highest > high + SAME:
+        words[face, highest] = f"({millimeters(highest - face)})"
+    if face < -SAME:
+        words[face, 0.0] = f"{millimeters(-face)} {PLUS_MINUS}{millimeters(accuracy.height)}"
+    return upright(words)
+
+
+def _back(made: Made) -> tuple[ViewFace, ...]:
+    """View of the back without its letters, if anything is engraved there."""
+    # Pillars are behind the plate, and would count as material below its holes.
+    plates = [replace(part, add=part.add[:1]) for part in made.parts if part.is_plate]
     blank = seen([replace(part, cut=(), marked=()) for part in plates], BACK)
-    # Letters are filled to be legible; through holes stay empty. A plate still hides what is behind it.
-    faces = [
-        replace(face, material="dark", fine=True) if face.material and face not in blank else face
-        for face in seen(plates, BACK)
-    ]
-    return tuple(faces) if any(face.material and face.fine for face in faces) else ()
+    boxes = [text.box for text in _back_texts(made)]
+    faces = []
+    for face in seen(plates, BACK):
+        left, bottom, right, top = face.box
+        x, y = (left + right) / 2, (bottom + top) / 2
+        floor = bool(face.material) and face not in blank
+        if not floor:
+            faces.append(face)
+        elif not any(box[0] <= x <= box[2] and box[1] <= y <= box[3] for box in boxes):
+            faces.append(replace(face, material="engraved"))
+    return tuple(faces) if boxes or any(face.material == "engraved" for face in faces) else ()
 
 
-def _materials(parts: Sequence[Part]) -> str:
-    kinds: dict[str, list[str]] = {}
-    for part in parts:
-        what = "core of the ring" if part.name.endswith("-core") else part.name.split("-")[0]
-        kinds.setdefault(part.material, []).append("dots" if what == "dot" else what)
-        if part.marked:
-            kinds.setdefault(OTHER[part.material], []).append("engraving")
-    return "; ".join(f"{material}: {', '.join(dict.fromkeys(names))}" for material, names in kinds.items())
+def _back_texts(made: Made) -> tuple[BackText, ...]:
+    """What is engraved, with x to the left as in the view of the back."""
+    boxes = [(text, text.box) for text in made.engraved]
+    return tuple(
+        BackText(text.lines, text.height, (-right, low, -left, high)) for text, (left, low, right, high) in boxes
+    )
+
+
+def _title(made: Made) -> engraving.EngravedText | None:
+    return next((text for text in made.engraved if text.lines[0].startswith("markergen")), None)
+
+
+def _key(made: Made, back: bool, sections: bool) -> tuple[tuple[str, str], ...]:
+    """What fills and hatches mean, of those that there are."""
+    dark = any(part.material == "dark" for part in made.parts)
+    seen_dark = "dark surface" + ("" if dark else " (engraved)" if made.marked else " (printed)")
+    return (
+        ("dark", seen_dark),
+        *((("cut-light", "light material, cut"),) if sections else ()),
+        *((("cut-dark", "dark material, cut"),) if sections and dark else ()),
+        *((("engraved", "engraved on the back"),) if back else ()),
+    )
 
 
 def _printed(marker: Marker, dots: Sequence[SolidDot], parts: Sequence[Part]) -> tuple[ViewFace, ...]:
@@ -123,7 +200,7 @@ def _printed(marker: Marker, dots: Sequence[SolidDot], parts: Sequence[Part]) ->
     printed = [
         cylinder(dot.x, dot.y, dot.radius, -1.0, 0.0, dot.inner)
         for dot in dots
-        if not any(body.span[0] < low + SAME for body in _centered(cut, dot.x, dot.y))
+        if not any(body.span[0] < low + SAME for body in centered(cut, dot.x, dot.y))
     ]
     faces = list(seen([Part("dot", "dark", tuple(printed))])) if printed else []
     if marker.tag and printed:
@@ -132,81 +209,162 @@ def _printed(marker: Marker, dots: Sequence[SolidDot], parts: Sequence[Part]) ->
     return tuple(replace(face, fine=True) for face in faces)
 
 
-def _dot_callouts(dots: Sequence[SolidDot], fabrication: Fabrication) -> list[Callout]:
+def _dot_callouts(
+    dots: Sequence[SolidDot], fabrication: Fabrication, made: Made, datums: Sequence[Datum]
+) -> list[Callout]:
     found = []
-    kinds = _alike(dots)
+    kinds, controls = alike(dots), dot_controls(made, datums)
     if len(kinds) > MOST_KINDS:
         places = tuple((dot.x, dot.y, dot.radius) for dot in dots)
-        return [Callout((f"{len(places)} dots of {len(kinds)} sizes", "see the table"), places)]
+        return [Callout((f"{len(places)} dots of {len(kinds)} sizes", "see the table"), places, controls=controls)]
+    # S stands for a sphere (ISO 129).
+    sphere = "S" if PROCESSES[fabrication.process].balls else ""
     for (radius, inner), some in kinds:
-        count = f"{len(some)}x " if len(some) > 1 else ""
-        # S stands for a sphere (ISO 129).
-        sphere = "S" if PROCESSES[fabrication.process].balls else ""
-        size = f"{sphere}{DIAMETER}{millimeters(2 * radius)}"
-        ring = f" / {DIAMETER}{millimeters(2 * inner)}" if inner else ""
-        which = "ring" if inner else "dot"
-        names = f"{which}{'s' if len(some) > 1 else ''} {ranges([dot.id for dot in some])}"
+        names = f"{'ring' if inner else 'dot'}{'s' if len(some) > 1 else ''} {ranges([dot.id for dot in some])}"
         places = tuple((dot.x, dot.y, dot.radius) for dot in some)
-        found.append(Callout((f"{count}{size}{ring}", names), places))
+        lines = _dot_lines(_times(some), f"{sphere}{DIAMETER}", radius, inner, some[0], made)
+        found.append(Callout((*lines, names), places, controls=controls))
     return found
 
 
-def _kinds(holes: Sequence[Hole]) -> list[list[Hole]]:
-    """Group holes of the same kind that are equally far from the origin."""
+def _dot_lines(times: str, sign: str, radius: float, inner: float, dot: SolidDot, made: Made) -> list[str]:
+    """Diameters of a kind of dot, with their fits or tolerances."""
+    outer, core = millimeters(2 * radius), millimeters(2 * inner)
+    fits = {(kind, round(fit.disc.diameter, 6)): fit for kind, fit in made.fits}
+    bottom = span_of(made.parts)[0]
+    through = any(body.span[0] < bottom + SAME for body in centered(made.cut, dot.x, dot.y))
+    if (fit := fits.get(("dot", round(2 * radius, 6)))) and not through:
+        bore = fits.get(("core", round(2 * inner, 6)))
+        lines = [f"{times}{sign}{outer} {fit.disc.name}" + (f" / {sign}{core} {bore.pocket.name}" if bore else "")]
+        lines.append(f"in {sign}{outer} {fit.pocket.name}" + (f", core {sign}{core} {bore.disc.name}" if bore else ""))
+        return lines
+    off = f" {PLUS_MINUS}{millimeters(made.accuracy.diameter)}" if made.accuracy.position else " printed"
+    ring = f" / {sign}{core}" if inner else ""
+    return [f"{times}{sign}{outer}{ring}{off}{' through' * through}"]
 
-    def kind(hole: Hole) -> tuple[str, str, float, float, float]:
-        return hole.use, hole.name, hole.diameter, hole.sink, round(hypot(hole.x, hole.y), 9)
 
-    return [list(group) for _, group in groupby(sorted(holes, key=kind), key=kind)]
+def _box(marker: Marker) -> Box:
+    """Box around the plates."""
+    return union(*(box(outer) for outer, *_ in plate_of(marker).outlines))
 
 
-def _hole_callouts(holes: Sequence[Hole]) -> list[Callout]:
+def _hole_callouts(holes: Sequence[PlateHole], made: Made, datums: Sequence[Datum], plate: Box) -> list[Callout]:
+    """Callouts of holes of a kind; a hole that is a datum has its own."""
+
+    def kind(hole: PlateHole) -> tuple[str, str, float, float]:
+        return hole.use, hole.name, hole.radius, hole.sink
+
+    def as_datum(hole: PlateHole) -> str:
+        return hole_control(hole, made, datums)[1]
+
     found = []
-    kinds = _kinds(holes)
-    if len(kinds) > MOST_KINDS:
-        places = tuple((mm(hole.x), mm(hole.y), mm(hole.radius)) for hole in holes)
-        return [Callout((f"{len(places)} holes through", "see the table"), places)]
-    for group in kinds:
-        first = group[0]
-        count = f"{len(group)}x " if len(group) > 1 else ""
-        pitch = mm(hypot(first.x, first.y)) if len(group) > 1 else 0.0
-        lines = [f"{count}{DIAMETER}{millimeters(mm(first.diameter))} through", use_words(first)]
-        if first.sink:
-            lines.append(f"countersunk {DIAMETER}{millimeters(mm(first.sink))} x 90\xb0")
-        if pitch:
-            lines.append(f"on a pitch circle {DIAMETER}{millimeters(2 * pitch)}")
-        places = tuple((mm(hole.x), mm(hole.y), mm(hole.radius)) for hole in group)
-        found.append(Callout(tuple(filter(None, lines)), places, pitch))
+    kinds = [list(group) for _, group in groupby(sorted(holes, key=kind), key=kind)]
+    if many := len(kinds) > MOST_KINDS:
+        places = tuple((*hole.place, max(hole.radius, hole.sink)) for hole in holes)
+        found.append(Callout((f"{len(places)} holes through", "see the table"), places))
+    for some in kinds:
+        pitch, first = _pitch(some, plate)
+        for letter, group in groupby(sorted(some, key=as_datum), key=as_datum):
+            if not many or letter:
+                found.append(_hole_callout(list(group), pitch, first, made, datums))
     return found
 
 
-def _drawn_callouts(marker: Marker) -> list[Callout]:
-    """Callouts of an outline's own round holes (diameter, pitch circle) and of its other arcs (radius)."""
-    holes: dict[tuple[float, float], list[tuple[float, float, float]]] = {}
-    for x, y, r in drawn_holes(marker):
-        holes.setdefault((round(r, 6), round(hypot(x, y), 6)), []).append((x, y, r))
+def _hole_callout(
+    group: Sequence[PlateHole], pitch: float, angle: float, made: Made, datums: Sequence[Datum]
+) -> Callout:
+    first = group[0]
+    control, letter = hole_control(first, made, datums)
+    limits = f" {first.limits.words}" if first.limits else ""
+    names = _labels([hole.label for hole in group])
+    lines = [f"{_times(group)}{DIAMETER}{millimeters(2 * first.radius)}{limits}", f"through, {use_words(first)}"]
+    if first.sink:
+        lines.append(f"countersunk {DIAMETER}{millimeters(2 * first.sink)} x 90\xb0")
+    if pitch and len(group) > 2:
+        lines += [f"{names}, on a circle [{DIAMETER}{millimeters(2 * pitch)}]", f"from [{angle:g}\xb0], evenly spaced"]
+    elif pitch:
+        lines.append(f"{names}, on a circle [{DIAMETER}{millimeters(2 * pitch)}]")
+    elif len(group) <= MOST_PLACES:
+        lines += [f"{hole.label} at x [{millimeters(hole.x)}], y [{millimeters(hole.y)}]" for hole in group]
+    else:
+        lines.append(f"{names}, places in the table")
+    places = tuple((*hole.place, max(hole.radius, hole.sink)) for hole in group)
+    return Callout(tuple(lines), places, pitch, (control,), letter)
+
+
+def _pitch(holes: Sequence[PlateHole], plate: Box) -> tuple[float, float]:
+    """Radius of the circle about the origin that holes are evenly spaced on, and the first one's angle in degrees.
+
+    Both are 0 if there is none, or if it leaves the plate: then the places are told one by one.
+    """
+    radii = [hypot(*hole.place) for hole in holes]
+    room = min(-plate[0], -plate[1], plate[2], plate[3])
+    if len(holes) < 2 or min(radii) < SAME or max(radii) - min(radii) > 1e-5 or max(radii) > room:
+        return 0.0, 0.0
+    angles = sorted(round(degrees(atan2(hole.y, hole.x)) % 360, 6) % 360 for hole in holes)
+    step = 360 / len(holes)
+    even = all(abs(angle - angles[0] - k * step) < 1e-4 for k, angle in enumerate(angles))
+    return (round(radii[0], 6), round(angles[0], 3)) if even else (0.0, 0.0)
+
+
+def _labels(names: Sequence[str]) -> str:
+    """``H1 to H4``."""
+    return ", ".join(
+        " to ".join(f"H{number}" for number in run.split(" to "))
+        for run in ranges([int(name[1:]) for name in names]).split(", ")
+    )
+
+
+def _outline_callouts(marker: Marker, datums: Sequence[Datum]) -> list[Callout]:
+    """Callouts of the radii of outlines, and of an outline or a hole that needs a table."""
+    plates = plate_of(marker).outlines
     arcs: dict[float, list[tuple[float, float, float]]] = {}
-    for contour in drawn_contours(marker):
+    for contour in (ring for plate in plates for ring in plate):
         sides = contour.sides
-        for k, side in enumerate(sides) if not contour.is_circle else ():
+        for k, side in enumerate(sides) if contour.as_circle is None else ():
             # Consecutive arcs of one circle, as for more than half a turn, count once.
             if side[2] and not (sides[k - 1][2] and dist(center_of(side), center_of(sides[k - 1])) < SAME):
                 (x, y), (u, v), bulge = side
                 middle = (x + u) / 2 + bulge / 2 * (v - y), (y + v) / 2 - bulge / 2 * (u - x), 0.0
                 arcs.setdefault(round(radius_of(side), 4), []).append(middle)
-    found = []
-    for (r, pitch), places in sorted(holes.items()):
-        pitch = pitch if len(places) > 1 else 0.0
-        circle = (f"on a pitch circle {DIAMETER}{millimeters(2 * pitch)}",) if pitch else ()
-        words = f"{_times(places)}{DIAMETER}{millimeters(2 * r)} through"
-        found.append(Callout((words, *circle), tuple(places), pitch))
-    if len(holes) > MOST_KINDS:
-        places = [place for some in holes.values() for place in some]
-        found = [Callout((f"{len(places)} holes of the outline", "see the table"), tuple(places))]
+    found = [Callout((f"{_times(some)}R{millimeters(r)}",), tuple(some)) for r, some in sorted(arcs.items())]
     if len(arcs) > MOST_KINDS:
-        places = [place for some in arcs.values() for place in some]
-        return [*found, Callout((f"{len(places)} arcs of {len(arcs)} radii", "see the STEP file"), tuple(places))]
-    return found + [Callout((f"{_times(some)}R{millimeters(r)}",), tuple(some)) for r, some in sorted(arcs.items())]
+        places = tuple(place for some in arcs.values() for place in some)
+        found = [Callout((f"{len(places)} arcs of {len(arcs)} radii", "see the tables"), places)]
+    profile = Control("profile", millimeters(PROFILE), letters(datums))
+    outer = plates[0][0]
+    if outer.as_circle is None and not is_rectangle(outer):
+        x, y = max(outer.points)
+        found.append(Callout(("outline, all around", "see the table"), ((x, y, 0.0),), controls=(profile,)))
+    for number, contour in enumerate(cutouts_of(marker), 1):
+        x, y = max(contour.points)
+        words = f"cut-out S{number}, through", "see the table"
+        found.append(Callout(words, ((x, y, 0.0),), controls=(profile,)))
+    return found
+
+
+def _recess_callouts(made: Made, datums: Sequence[Datum]) -> list[Callout]:
+    found = []
+    for recess in recesses_of(made):
+        left, bottom, right, top = recess.box
+        over = f" +{millimeters(RECESS)} / 0"
+        size = (
+            f"recess {DIAMETER}{millimeters(right - left)}{over}"
+            if recess.outer.as_circle
+            else f"recess {millimeters(right - left)} x {millimeters(top - bottom)}{over}"
+        )
+        lines = (size, f"{_deep(recess)} +{millimeters(made.accuracy.depth)} / 0 deep, floor flat")
+        control = located(RECESS, datums)
+        if not recess.outer.as_circle:
+            control = replace(control, zone=control.zone.removeprefix(DIAMETER))
+        # On the rim, away from the axes.
+        x, y = max((x, y) for x, y in flattened(recess.outer, OFF) if y <= (bottom + 3 * top) / 4)
+        found.append(Callout(lines, ((x, y, 0.0),), controls=(control,)))
+    return found
+
+
+def _deep(body: Prism) -> str:
+    return millimeters(body.top - body.bottom)
 
 
 def _times(places: Sequence[object]) -> str:
@@ -218,252 +376,48 @@ def _tag_callout(marker: Marker) -> list[Callout]:
         return []
     side = mm(marker.tag.side)
     x, y = (mm(center) for center in marker.tag.center)
-    words = (f"tag {marker.tag}", f"black square {millimeters(side)} x {millimeters(side)}")
+    words = (
+        f"tag {marker.tag}",
+        f"black square {millimeters(side)} x {millimeters(side)}",
+        f"{marker.tag.cells} x {marker.tag.cells} cells of {millimeters(side / marker.tag.cells)}",
+    )
     return [Callout(words, ((x + side / 2, y + side / 4, 0.0),))]
 
 
-def _plate_notes(marker: Marker) -> list[str]:
-    substrate = marker.substrate
-    said = []
-    if substrate.corner_radius:
-        said.append(f"corners of the plate seen from above R{millimeters(mm(substrate.corner_radius))}")
+def _notes(marker: Marker, made: Made, datums: Sequence[Datum]) -> list[str]:
+    substrate, accuracy = marker.substrate, made.accuracy
+    said = [FRAME, BOXED, MEASURE]
+    if accuracy.position:
+        off, play = (ceil(length * 1e3 - 1e-6) / 1e3 for length in (accuracy.center, accuracy.play))
+        where = f"{millimeters(accuracy.position / 2)} mm for the pocket, {millimeters(play)} mm for the play"
+        said.append(
+            f"The center of a finished dot is off by at most {millimeters(off)} mm"
+            f"{f', {where} in it' if accuracy.play else ''}; if errors are even, --print-sigma "
+            f"{millimeters(off / 2)}mm in markergen validate."
+        )
+        if len(datums) < 3:
+            said.append(PATTERN)
+    if len(plate_of(marker).outlines) > 1:
+        said.append(APART)
+    if any(hole.use == "dowel" for hole in substrate.holes):
+        said.append(REAMED)
     if substrate.chamfer:
-        said.append(f"chamfer around the face {millimeters(mm(substrate.chamfer))} x 45\xb0")
-    words = ", ".join(said)
-    return [f"{words[0].upper()}{words[1:]}."] if words else []
+        said.append(f"Chamfer around the face {millimeters(mm(substrate.chamfer))} x 45\xb0.")
+    said += made.lines
+    if made.engraved:
+        said.append(_engraved(made))
+    return [*said, AFTERWARDS]
 
 
-def _alike(dots: Iterable[SolidDot]) -> list[tuple[tuple[float, float], list[SolidDot]]]:
-    """Group dots by radius and inner radius."""
-    groups: dict[tuple[float, float], list[SolidDot]] = {}
-    for dot in dots:
-        groups.setdefault((dot.radius, dot.inner), []).append(dot)
-    return list(groups.items())
-
-
-def _dot_sections(dots: Sequence[SolidDot], parts: Sequence[Part], face: float) -> list[SectionView]:
-    """One section per kind of dot, and one through the highest raised dot."""
-    bodies = [body for part in parts for body in (*part.add, *part.cut, *part.marked)]
-    found = []
-    for (_, inner), some in _alike(dots)[:MOST_KINDS]:
-        flat = [dot for dot in some if not dot.raised]
-        raised = sorted((dot for dot in some if dot.raised), key=lambda dot: -dot.z)
-        for dot in (*flat[:1], *raised[:1]):
-            if _centered(bodies, dot.x, dot.y):
-                what = "ring" if inner else "dot"
-                found.append(_dot_section(dot, f"Section along x through {what} {dot.id}", parts, face))
-    return found
-
-
-def _dot_section(dot: SolidDot, title: str, parts: Sequence[Part], face: float) -> SectionView:
-    x, y, z, radius, inner = dot.x, dot.y, dot.z, dot.radius, dot.inner
-    plates = [part for part in parts if part.is_plate]
-    low, _ = span_of(plates)
-    pockets = _centered([body for part in plates for body in (*part.cut, *part.marked)], x, y)
-    pillars = _centered([body for part in plates for body in part.add], x, y)
-    wide = max([radius, *(b.radii[1] for b in (*pockets, *pillars) if b.span[1] > face - SAME)])
-    high = max([z, *(b.span[1] for b in _centered([body for part in parts for body in part.add], x, y))])
-    sizes = {round(radius, 6): "", round(inner, 6): ""}
-    for bodies, words in ((pockets, " pocket"), (pillars, " foot")):
-        for body in bodies:
-            sizes.setdefault(round(body.radii[1], 6), words)
-    across = [
-        Dimension(x - r, x + r, f"{DIAMETER}{millimeters(2 * r)}{words}")
-        for r, words in sorted(sizes.items())
-        if r > SAME
-    ]
-    tall = {(low, face), *((round(bottom, 6), round(top, 6)) for bottom, top in (body.span for body in pockets))}
-    if z > face + SAME:
-        tall.add((face, z))
-    if high > max(z, face) + SAME:
-        tall.add((face, high))
-    aside = wide + max(3.0, 0.2 * wide)
-    box = (x - aside, low, x + aside, high)
-    return SectionView(title, cut_along(parts, y, box), box, tuple(across), _upright(tall), (x,))
-
-
-def _hole_sections(marker: Marker, parts: Sequence[Part]) -> list[SectionView]:
-    """One section per kind of hole."""
-    found: dict[tuple[float, float], SectionView] = {}
-    low, _ = span_of([part for part in parts if part.is_plate])
-    for hole in marker.substrate.holes:
-        if (hole.diameter, hole.sink) in found or len(found) == MOST_KINDS:
-            continue
-        x, y = mm(hole.x), mm(hole.y)
-        radii = [mm(size) / 2 for size in (hole.diameter, hole.sink) if size]
-        aside = max(radii) + max(2.0, 0.6 * max(radii))
-        box = (x - aside, low, x + aside, 0.0)
-        faces = cut_along(parts, y, box)
-        top = max((face.box[3] for face in faces), default=0.0)
-        across = tuple(Dimension(x - r, x + r, f"{DIAMETER}{millimeters(2 * r)}") for r in radii)
-        found[hole.diameter, hole.sink] = SectionView(
-            f"Section through the hole {use_words(hole)}",
-            faces,
-            (box[0], low, box[2], top),
-            across,
-            _upright([(low, top)]),
-            (x,),
-        )
-    return list(found.values())
-
-
-def _edge_section(marker: Marker, made: Made) -> list[SectionView]:
-    """Section of an edge that has a chamfer, or a sheet's recess next to it."""
-    chamfer = mm(marker.substrate.chamfer)
-    plates = [part for part in made.parts if part.is_plate]
-    width, _ = size_of([body for part in plates for body in part.add])
-    recesses = [
-        body
-        for part in plates
-        for body in part.cut
-        if isinstance(body, Prism) and body.top > made.face - SAME and size_of([body])[0] > width / 2
-    ]
-    if not chamfer and not recesses:
-        return []
-    low, _ = span_of(plates)
-    outermost = max((face for face in seen(plates)), key=lambda face: face.box[2])
-    ring = flattened(outermost.contours[0], OFF)
-    right = max(x for x, _ in ring)
-    level = [y for x, y in ring if x > right - 1e-3]
-    # At the middle of the outermost edge, or the outermost point of an arc.
-    y = (min(level) + max(level)) / 2
-    left = min([right - max(6 * chamfer, 4.0), *(body.box[2] - 4.0 for body in recesses)])
-    box = (left, low, right, made.face)
-    faces = cut_along(made.parts, y, box)
-    across = (Dimension(right - chamfer, right, f"{millimeters(chamfer)} x 45\xb0"),) if chamfer else ()
-    heights = _upright({(low, made.face), *(body.span for body in recesses)})
-    return [SectionView("Section of the edge", faces, box, across, heights)] if faces else []
-
-
-def _centered(bodies: Iterable[Body], x: float, y: float) -> list[Revolved]:
-    """Bodies of revolution about the vertical axis through (x, y), within a micron."""
-    return [b for b in bodies if isinstance(b, Revolved) and abs(b.x - x) < 1e-3 and abs(b.y - y) < 1e-3]
-
-
-def _upright(heights: Iterable[tuple[float, float]]) -> tuple[Dimension, ...]:
-    """Dimensions along z, the shortest first."""
-    ordered = sorted(heights, key=lambda pair: (pair[1] - pair[0], pair))
-    return tuple(Dimension(low, high, millimeters(high - low)) for low, high in ordered)
-
-
-def tables_of(marker: Marker, made: Made) -> tuple[DrawingTable, ...]:
-    """Tables of control points, any holes, the tag's corners, parts, and tolerances."""
-    points = DrawingTable(
-        "Control points: centers of the dots, mm",
-        ("id", "x", "y", "z", "diameter", "inner"),
-        tuple(
-            (
-                str(p.id),
-                *(_fixed(value) for value in (p.x, p.y, p.z)),
-                millimeters(mm(p.feature.diameter)),
-                millimeters(mm(p.feature.inner_diameter)) if p.feature.inner_diameter else "-",
-            )
-            for p in marker.control_points
-        ),
-    )
-    tables = [points]
-    drawn = drawn_holes(marker)
-    if marker.substrate.holes or drawn:
-        rows = tuple(
-            (
-                _fixed(hole.x),
-                _fixed(hole.y),
-                millimeters(mm(hole.diameter)),
-                millimeters(mm(hole.sink)) if hole.sink else "-",
-                use_words(hole),
-            )
-            for hole in marker.substrate.holes
-        )
-        rows += tuple((f"{x:.4f}", f"{y:.4f}", millimeters(2 * r), "-", DRAWN) for x, y, r in drawn)
-        tables.append(DrawingTable("Holes through the plate, mm", ("x", "y", "diameter", "sink", "use"), rows, (4,)))
-    if marker.tag:
-        names = ("top left", "top right", "bottom right", "bottom left")
-        corners = tuple(
-            (name, _fixed(x), _fixed(y)) for name, (x, y) in zip(names, marker.tag.corners.tolist(), strict=True)
-        )
-        tables.append(
-            DrawingTable(f"Corners of the black square of {marker.tag}, mm", ("corner", "x", "y"), corners, (0,))
-        )
-    tables.append(_part_list(made.parts))
-    if made.tolerances:
-        tables.append(DrawingTable("Tolerances", ("what", "tolerance"), made.tolerances, (0, 1)))
-    return tuple(tables)
-
-
-def drawn_contours(marker: Marker) -> list[Contour]:
-    """Contours in mm of a plate outline from a drawing if it has arcs; else none."""
-    outline = marker.substrate.outline or marker.boundary
-    return [placed(contour, 1e3, digits=9) for contour in outline.contours()] if outline.has_arcs else []
-
-
-def drawn_holes(marker: Marker) -> list[tuple[float, float, float]]:
-    """Center x, y and radius in mm of the round holes that are part of the plate's outline."""
-    holes = [contour.as_circle for contour in drawn_contours(marker) if area(contour) < 0]
-    return [(x + 0.0, y + 0.0, r) for x, y, r in filter(None, holes)]
-
-
-def _part_list(parts: Sequence[Part]) -> DrawingTable:
-    groups: dict[tuple[str, str, str], list[str]] = {}
-    for part in parts:
-        key = part.material, _size(part), f"{part.volume / 1e3:.3f}"
-        groups.setdefault(key, []).append(part.name)
-    rows = tuple(
-        (str(len(names)), _names(names), material, size, volume) for (material, size, volume), names in groups.items()
-    )
-    return DrawingTable("Parts", ("pieces", "name", "material", "size, mm", "volume each, cm\xb3"), rows, (1, 2, 3))
-
-
-def _size(part: Part) -> str:
-    """Diameters and height of a round part; width, height and thickness of others."""
-    low, high = part.span
-    if len(part.add) == 1 and isinstance(part.add[0], Revolved):
-        least, most = part.add[0].radii
-        inner = f" / {DIAMETER}{millimeters(2 * least)}" if least > SAME else ""
-        return f"{DIAMETER}{millimeters(2 * most)}{inner} x {millimeters(high - low)}"
-    width, height = size_of(part.add)
-    if part.is_disk:
-        return f"{DIAMETER}{millimeters(width)} x {millimeters(high - low)}"
-    return f"{millimeters(width)} x {millimeters(height)} x {millimeters(high - low)}"
-
-
-def _names(names: Sequence[str]) -> str:
-    """Abbreviate long lists of part names: ``dot-1, dot-3 to dot-5``."""
-    stems: dict[tuple[str, str], list[int]] = {}
-    words = []
-    for name in names:
-        stem, _, rest = name.partition("-")
-        number, _, suffix = rest.partition("-")
-        if number.isdecimal():
-            stems.setdefault((stem, suffix), []).append(int(number))
-        else:
-            words.append(name)
-    for (stem, suffix), numbers in stems.items():
-        words.append(f"{stem}-{ranges(numbers)}" + (f" {suffix}" if suffix else ""))
-    return ", ".join(words)
-
-
-def ranges(numbers: Iterable[int]) -> str:
-    """Abbreviate a list of integers: ``1 to 4, 7``."""
-    runs: list[list[int]] = []
-    for number in sorted(numbers):
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1].append(number)
-        else:
-            runs.append([number])
-    words: list[str] = []
-    for run in runs:
-        words += [str(run[0])] if len(run) == 1 else [f"{run[0]} to {run[-1]}"] if len(run) > 2 else map(str, run)
-    return ", ".join(words)
-
-
-def use_words(hole: Hole) -> str:
-    """Use of a hole: ``for screw M3``, ``for a 4 mm pin``."""
-    name = hole.name[:LONGEST_NAME]
-    if hole.use == "dowel":
-        return f"for a {name or 'dowel pin'}"
-    return f"for screw {name}" if name else "for a screw"
-
-
-def _fixed(meters: float) -> str:
-    # Adding 0 turns -0 into 0.
-    return f"{round(meters * 1e3, 4) + 0.0:.4f}"
+def _engraved(made: Made) -> str:
+    title = _title(made)
+    ids = sorted({text.height for text in made.engraved if text.lines[0].isdecimal()})
+    parts = []
+    if title:
+        parts.append(f'"{" / ".join(title.lines)}" in capitals of {millimeters(title.height)} mm')
+    if ids:
+        sizes = " or ".join(millimeters(height) for height in ids)
+        parts.append(f"behind the dots their ids, {sizes} mm high")
+    if any(text.lines == ("x",) for text in made.engraved):
+        parts.append("at the origin a cross, with an arrow along x")
+    return f"Engrave the back {millimeters(engraving.DEPTH)} mm deep, to be read from behind: {'; '.join(parts)}."

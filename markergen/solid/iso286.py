@@ -1,6 +1,7 @@
-"""ISO 286 tolerances of a disc and its hole: F8/h7 for a slip fit and P7/h6 for a press fit.
+"""ISO 286 limits of discs, their pockets, and holes: F8/h7 for a slip fit and P7/h6 for a press fit.
 
-The fits are shaft-based: the disc has the nominal diameter of its dot, and the hole's deviations determine the fit.
+The fits are shaft-based: the disc has the nominal diameter of its dot, and the hole's deviations determine the fit. The
+core of a ring is the reverse, since the ring's inner edge is what is seen: H8/f7 and H7/p6, which fit alike.
 """
 
 from dataclasses import dataclass
@@ -12,7 +13,9 @@ STEPS = (3, 6, 10, 18, 30, 50, 80, 120, 180, 250, 315, 400, 500)
 
 H6 = (6, 8, 9, 11, 13, 16, 19, 22, 25, 29, 32, 36, 40)
 H7 = (10, 12, 15, 18, 21, 25, 30, 35, 40, 46, 52, 57, 63)
-"""Tolerances of a shaft h6 and h7 in um, below the nominal size, for each range."""
+H8 = (14, 18, 22, 27, 33, 39, 46, 54, 63, 72, 81, 89, 97)
+H13 = (140, 180, 220, 270, 330, 390, 460, 540, 630, 720, 810, 890, 970)
+"""Width in um of the tolerance grades 6, 7, 8 and 13, for each range."""
 
 F8 = tuple(zip((6, 10, 13, 16, 20, 25, 30, 36, 43, 50, 56, 62, 68),
                (20, 28, 35, 43, 53, 64, 76, 90, 106, 122, 137, 151, 165), strict=True))  # fmt: skip
@@ -20,23 +23,64 @@ P7 = tuple(zip((-16, -20, -24, -29, -35, -42, -51, -59, -68, -79, -88, -98, -108
                (-6, -8, -9, -11, -14, -17, -21, -24, -28, -33, -36, -41, -45), strict=True))  # fmt: skip
 """Lower and upper deviation of a hole F8 and P7 in um (ISO 286-2), for each range."""
 
+P6 = (6, 12, 15, 18, 22, 26, 32, 37, 43, 50, 56, 62, 68)
+"""Lower deviation of a shaft p6 in um, for each range."""
+
 
 @dataclass(frozen=True)
-class DiscFit:
-    """Tolerances of a disc and of its pocket at one nominal diameter.
+class Limits:
+    """Tolerance class of a diameter and its deviations; mm.
 
     Attributes
     ----------
-    disc, pocket : str
-        Tolerance class with its deviations, such as ``h7 (0 / -0.025 mm)``.
+    name : str
+        Such as ``h7``.
+    diameter : float
+        Nominal diameter, which the deviations refer to.
+    upper, lower : float
+    """
+
+    name: str
+    diameter: float
+    upper: float
+    lower: float
+
+    @property
+    def deviations(self) -> str:
+        """Both deviations: ``+0.064 / +0.025``."""
+        return f"{_signed(self.upper)} / {_signed(self.lower)}"
+
+    @property
+    def words(self) -> str:
+        """Class and deviations: ``h7 (0 / -0.025)``."""
+        return f"{self.name} ({self.deviations})"
+
+    @property
+    def least(self) -> float:
+        """Smallest diameter."""
+        return self.diameter + self.lower
+
+    @property
+    def most(self) -> float:
+        """Largest diameter."""
+        return self.diameter + self.upper
+
+
+@dataclass(frozen=True)
+class DiscFit:
+    """Limits of a disc and of its pocket at one nominal diameter.
+
+    Attributes
+    ----------
+    disc, pocket : Limits
     gap : float
         Minimum clearance on each side, mm; 0 for an interference fit.
     play : float
         Maximum distance between the centers of disc and pocket, mm.
     """
 
-    disc: str
-    pocket: str
+    disc: Limits
+    pocket: Limits
     gap: float
     play: float
 
@@ -49,16 +93,50 @@ def disc_fit(kind: str, diameter: float) -> DiscFit:
     InputError
         If the diameter exceeds 500 mm, the end of these tables.
     """
+    i = _range(diameter)
+    if kind == "press":
+        return DiscFit(_limits("h6", diameter, 0, -H6[i]), _limits("P7", diameter, P7[i][1], P7[i][0]), 0.0, 0.0)
+    low, high = F8[i]
+    return DiscFit(
+        _limits("h7", diameter, 0, -H7[i]),
+        _limits("F8", diameter, high, low),
+        low / 2e3,
+        (high + H7[i]) / 2e3,
+    )
+
+
+def core_fit(kind: str, diameter: float) -> DiscFit:
+    """Limits of a ring's light core (`disc`) and of the ring's bore (`pocket`): H8/f7 or H7/p6, see `disc_fit`."""
+    i, fit = _range(diameter), disc_fit(kind, diameter)
+    if kind == "press":
+        core, bore = _limits("p6", diameter, P6[i] + H6[i], P6[i]), _limits("H7", diameter, H7[i], 0)
+    else:
+        least = F8[i][0]
+        core, bore = _limits("f7", diameter, -least, -least - H7[i]), _limits("H8", diameter, H8[i], 0)
+    return DiscFit(core, bore, fit.gap, fit.play)
+
+
+def reamed(diameter: float) -> Limits:
+    """H7 of a hole for a dowel pin; raises as `disc_fit` does."""
+    return _limits("H7", diameter, H7[_range(diameter)], 0)
+
+
+def drilled(diameter: float) -> Limits:
+    """H13 of a clearance hole of the medium series of ISO 273; raises as `disc_fit` does."""
+    return _limits("H13", diameter, H13[_range(diameter)], 0)
+
+
+def _range(diameter: float) -> int:
     if diameter > STEPS[-1]:
         raise InputError(
             f"discs of at most {STEPS[-1]} mm for a fit of ISO 286", f"{diameter:.6g} mm", "use --process laser"
         )
-    i = next(i for i, most in enumerate(STEPS) if diameter <= most)
-    if kind == "press":
-        return DiscFit(f"h6 (0 / {_mm(-H6[i])} mm)", f"P7 ({_mm(P7[i][1])} / {_mm(P7[i][0])} mm)", 0.0, 0.0)
-    low, high = F8[i]
-    return DiscFit(f"h7 (0 / {_mm(-H7[i])} mm)", f"F8 ({_mm(high)} / {_mm(low)} mm)", low / 2e3, (high + H7[i]) / 2e3)
+    return next(i for i, most in enumerate(STEPS) if diameter <= most)
 
 
-def _mm(micrometers: int) -> str:
-    return f"{micrometers / 1e3:+.3f}"
+def _limits(name: str, diameter: float, upper: int, lower: int) -> Limits:
+    return Limits(name, diameter, upper / 1e3, lower / 1e3)
+
+
+def _signed(millimeters: float) -> str:
+    return f"{millimeters:+.3f}" if millimeters else "0"

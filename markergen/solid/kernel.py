@@ -5,6 +5,7 @@ Walls are those of the bodies, extruded or revolved; the level faces between the
 import; cadquery on top of it would take two more.
 """
 
+import gc
 import signal
 import sys
 import threading
@@ -67,10 +68,22 @@ def import_kernel() -> None:
     if sys.modules.get("OCP") is not None:
         return
     try:
-        with _interrupted_later():
+        with _interrupted_later(), _uncollected():
             import_module("OCP")
     except ImportError as error:
         raise missing_kernel("solids need", " ".join(str(error).split())) from None
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Turn garbage collection off: it would visit the kernel's 200,000 objects 300 times while they are made."""
+    on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if on:
+            gc.enable()
 
 
 @contextmanager

@@ -150,7 +150,7 @@ def _inward_step(mesh: Mesh) -> Array:
         for corner in mesh.triangles.T:
             normals[:, axis] += np.bincount(corner, faces[:, axis], len(normals))
     level = normals * [1, 1, 0]
-    upright = np.linalg.norm(level, axis=1) < 1e-3 * np.linalg.norm(normals, axis=1)
+    upright = np.linalg.norm(level, axis=1) < 1e-6 * np.linalg.norm(normals, axis=1)
     ways = np.where(upright[:, None], normals, level)
     length = np.linalg.norm(ways, axis=1, keepdims=True)
     return np.round(2 * np.divide(ways, length, out=np.zeros_like(ways), where=length > 0)) * _grid(mesh.points)

@@ -12,8 +12,10 @@ from markergen.errors import InputError, MissingLibraryError
 from markergen.guard import read
 from markergen.model.feature import Feature
 from markergen.model.marker import ControlPoint, Marker, check_supported
+from markergen.model.openings import openings
 from markergen.model.tag import Tag
-from markergen.verification.findings import Finding, Verdict, extras, frame_findings, judge
+from markergen.verification.findings import Verdict, extras, frame_findings, judge
+from markergen.verification.flat import flat_findings
 from markergen.verification.made import is_light_alone, sheet_plate_findings, solid_findings
 from markergen.verification.matching import DotSet, dots_of, expected_dots
 from markergen.verification.placement import DARK, LIGHT, in_other_units, in_part, stretched, turned
@@ -27,13 +29,18 @@ from markergen.verification.solids import (
 )  # fmt: skip
 from markergen.verification.surface import Surface
 from markergen.verification.tags import ABSENT, tag_findings
+from markergen.verification.transforms import change_findings, changes, moved
+from markergen.verification.words import MOST_LISTED, Finding
 
 Array = NDArray[np.float64]
 
 MOST_COPIES = 500
 
-UNTAGGED = ("scaled", "mirrored", "another marker")
+UNTAGGED = ("scaled", "sheared", "mirrored", "another marker")
 """Findings that imply a wrong tag, so that nothing is said about it."""
+
+LACKING = ("no dots", "missing", "another marker", "tag", "outline", "hole")
+"""Kinds of findings that hidden layers explain."""
 
 ABOUT_DOTS = ("shifted", "missing", "extra", "height", "diameter", "kind", "twice")
 
@@ -148,7 +155,10 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
         findings = tuple(Finding("tag", gap) for gap in reading.tag_gaps)
         return Check(str(path), reading.kind, tolerance=allowed, findings=findings, notes=(TAG_ALONE,))
     found = _solid(marker, reading, allowed)
-    if found.findings and (surface := reading.pages[0].surface) is not None:
+    surface = reading.pages[0].surface
+    if surface is None:
+        found = _changed(marker, reading, allowed, found)
+    elif found.findings:
         found = _placed(marker, reading, surface, found, allowed) or found
         if _is_strange(found):
             found = _as_a_part(marker, reading, surface, allowed) or found
@@ -198,6 +208,28 @@ def _for_a_sheet(marker: Marker, reading: Reading, surface: Surface, tolerance: 
     return Check(
         "", reading.kind, pages=(None,), tolerance=tolerance, findings=(*flaws, *holes), notes=(SHEET,)
     )  # fmt: skip
+
+
+def _changed(marker: Marker, reading: Reading, tolerance: float, found: Check) -> Check:
+    """Check a page that was scaled, stretched or sheared as a whole, if that explains more than `found` does."""
+    apart = sum(finding.kind == "shifted" for finding in found.findings)
+    if not _is_strange(found) and apart < min(len(marker) / 2, MOST_LISTED):
+        return found
+    expected = expected_dots(marker)
+    if any(page.of_any_size for page in reading.pages):
+        pages = (replace(page, circles=page.of_any_size()) if page.of_any_size else page for page in reading.pages)
+        reading = replace(reading, pages=tuple(pages))
+    page = max(reading.pages, key=lambda page: len(page.circles))
+    for undo, change in changes(page, expected):
+        check = _best(marker, moved(reading, undo), tolerance)
+        if _is_strange(check) or any(finding.kind in ("shifted", "scaled") for finding in check.findings):
+            continue
+        said = change_findings(change, expected, 1e3 * tolerance, reading.pixels)
+        # Lines and edges at the wrong scale mean nothing.
+        rest = tuple(each for each in check.findings if each.kind in ("mirrored", "missing", "kind", "extra"))
+        scale = (float(change[0, 0]), float(change[1, 1]))
+        return replace(check, largest=np.nan, worst=None, scale=scale, findings=(*said, *rest))
+    return found
 
 
 def _as_a_part(marker: Marker, reading: Reading, surface: Surface, tolerance: float) -> Check | None:
@@ -264,7 +296,11 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     findings = [Finding("marks", gap) for gap in reading.gaps]
     findings += [Finding("tag", gap) for gap in reading.tag_gaps]
     findings += [Finding("solid", flaw) for flaw in reading.flaws]
-    holes = 1e3 * np.array([(hole.x, hole.y) for hole in marker.substrate.holes]).reshape(-1, 2)
+    contours = [opening.contour for opening in openings(marker)]
+    if reading.kind == "DXF":  # Where what is only told, on layer INFO, is drawn with closed circles, too.
+        contours += [contour for keep_out in marker.keep_outs for contour in keep_out.contours()]
+    rounds = [whole for contour in contours if (whole := contour.as_circle) is not None]
+    holes = 1e3 * np.array(rounds).reshape(-1, 3)[:, :2]
     count = 0
     notes = [note] if note else []
     for page in reading.pages:
@@ -288,21 +324,28 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
             here = _tagged(here, marker.tag, factor, page, tolerance)
         if page.surface is not None:
             here = [_made(each, marker, page.surface, None if room else found, tolerance) for each in here]
+        elif reading.drawn:
+            here, said_of_page, remarks = flat_findings(marker, factor, page, found, here, tolerance)
+            findings += said_of_page
+            notes += remarks
         verdicts += here
         findings += extras(found, np.concatenate([each.used for each in here]), here[0].motion, holes)
         explained = reading.flaws or any(each.kind in UNTAGGED for each in here[0].findings)
         if reading.placed and here[0].motion is not None and not explained:
             findings += frame_findings(expected, here[0].motion, tolerance)
+    hidden = [layer for page in reading.pages for layer in page.hidden]
     verdicts = verdicts or [judge(expected, ids, _dots(reading.pages[0], expected), tolerance)]
     if len(verdicts) > 1:
         verdicts = _own_tags(verdicts)
     worst = max(verdicts, key=lambda each: np.nan_to_num(each.largest, nan=np.inf))
+    if hidden and any(each.kind in LACKING for v in verdicts for each in v.findings):
+        findings.insert(0, Finding("hidden", f"not everything is visible: {', '.join(hidden)}", "show all layers"))
     said = [_of_copy(finding, k, verdicts) for k, each in enumerate(verdicts) for finding in each.findings]
     return Check(
         "", reading.kind, count, sum(len(each.used) > 0 for each in verdicts), worst.largest,
         None if worst.worst is None else ids[worst.worst], worst.scale,
         reading.papers or tuple(each.size for each in reading.pages),
-        tolerance, (*said, *findings), tuple(notes),
+        tolerance, (*findings, *said), tuple(dict.fromkeys(notes)),
     )  # fmt: skip
 
 

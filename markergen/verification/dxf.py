@@ -20,24 +20,78 @@ MM = {1: 25.4, 2: 304.8, 4: 1.0, 5: 10.0, 6: 1000.0, 9: 0.0254, 13: 1e-3, 14: 10
 MOST_GROUPS = 3_000_000
 
 
+CUT = "CUT"
+"""Layer of what is to be cut."""
+
+ARC_STEP = 0.002
+"""Maximum angle in rad of a straight piece of an arc that is a line: within 0.5 um of it for a radius of 1 m."""
+
+MOST_ENTITIES = 100_000
+
+
 @READERS.register(".dxf")
 def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (every reader is called alike)
-    """Read circles in the model space: CIRCLE, full ELLIPSE and round LWPOLYLINE entities, and edges of HATCH."""
+    """Read circles in the model space: CIRCLE, full ELLIPSE and round LWPOLYLINE entities, with layers, and lines."""
     groups = _groups(data, name)
     unit = _unit(groups, name)
+    off = _switched_off(groups)
     circles: list[tuple[float, float, float]] = []
+    layers: list[str] = []
     corners: list[Array] = []
-    for kind, entity in _entities(groups):
+    lines, cut, hidden = [np.zeros((0, 2, 2))], list[bool](), set[str]()
+    for number, (kind, entity) in enumerate(_entities(groups)):
+        if number == MOST_ENTITIES:
+            raise InputError(f"at most {MOST_ENTITIES} entities in {name}", "more", "verify a smaller file")
         if kind == "INSERT":
             raise InputError(f"entities in place in {name}", "an inserted block", "explode the blocks")
+        layer = next((value for code, value in entity if code == 8), "0")
+        if layer in off:
+            hidden.add(f"the layer {brief(layer)} is switched off")
+            continue
         # An extrusion that points down mirrors the entity's plane.
         flip = -1.0 if _values(entity, 230)[:1] == [-1.0] else 1.0
         for x, y, r in _circles(kind, entity, corners, flip * unit, unit):
             circles.append((flip * unit * x, unit * y, unit * r))
+            layers.append(layer)
+        # Circles on other layers are dots or pictures of something; only lines to cut are compared.
+        if layer == CUT and len(ring := _line(kind, entity)) > 1:
+            points = ring * [flip * unit, unit]
+            lines.append(np.stack([points[:-1], points[1:]], axis=1))
+            cut += [True] * len(lines[-1])
     points = np.concatenate(corners) if corners else np.zeros((0, 2))
-    return Reading(
-        "DXF", (Page(circles_of(circles, name), None, points[np.isfinite(points).all(axis=-1)]),), tagged=True
+    found = np.array(circles, dtype=float).reshape(-1, 3)
+    good = np.isfinite(found[:, :2]).all(axis=-1) & (np.abs(found[:, :2]) < 1e7).all(axis=-1)
+    page = Page(
+        circles_of(circles, name),
+        None,
+        points[np.isfinite(points).all(axis=-1)],
+        lines=np.concatenate(lines),
+        cut=np.array(cut, dtype=np.bool_) if CUT in _names(groups) else None,
+        layers=tuple(layer for layer, kept in zip(layers, good, strict=True) if kept),
+        hidden=tuple(sorted(hidden)),
     )
+    return Reading("DXF", (page,), tagged=True)
+
+
+def _names(groups: list[Group]) -> set[str]:
+    """Names of all layers that are used or defined."""
+    return {value for code, value in groups if code in (2, 8)}
+
+
+def _switched_off(groups: list[Group]) -> set[str]:
+    """Names of layers that are off or frozen."""
+    off = set()
+    starts = [index for index, (code, _) in enumerate(groups) if code == 0]
+    for start, end in zip(starts, [*starts[1:], len(groups)], strict=True):
+        if groups[start][1] != "LAYER":
+            continue
+        entry = groups[start:end]
+        name = next((value for code, value in entry if code == 2), "")
+        # A negative color is off, the first bit of the flags is frozen.
+        if any(value < 0 for value in _values(entry, 62)) or any(int(value) & 1 for value in _values(entry, 70)
+                                                                 if abs(value) < 1e6):  # fmt: skip
+            off.add(name)
+    return off
 
 
 def _groups(data: bytes, name: str) -> list[Group]:
@@ -116,8 +170,37 @@ def _circles(
     return []
 
 
-def _polyline(entity: list[Group]) -> Array:
-    """Points of a polyline, with arcs sampled."""
+def _line(kind: str, entity: list[Group]) -> Array:
+    """Points (m, 2) along an entity that a cutter follows, in its own unit; a closed one ends at its start."""
+
+    def first(*codes: int) -> list[float]:
+        return [values[0] if (values := _values(entity, code)) else np.nan for code in codes]
+
+    def arc(start: float, sweep: float, u: Array, v: Array, center: Array) -> Array:
+        if not np.isfinite([start, sweep]).all():
+            return np.zeros((0, 2))
+        t = start + np.linspace(0, sweep, max(int(abs(sweep) / ARC_STEP), 1) + 1)[:, None]
+        return np.asarray(center + u * np.cos(t) + v * np.sin(t))
+
+    if kind == "LINE":
+        return np.array(first(10, 20, 11, 21)).reshape(2, 2)
+    if kind in ("CIRCLE", "ARC"):
+        x, y, r = first(10, 20, 40)
+        start, end = (np.radians(value) for value in first(50, 51)) if kind == "ARC" else (0.0, 2 * pi)
+        return arc(start, (end - start) % (2 * pi) or 2 * pi, np.array([r, 0.0]), np.array([0.0, r]), np.array([x, y]))
+    if kind == "ELLIPSE":
+        x, y, dx, dy, ratio, start, end = first(10, 20, 11, 21, 40, 41, 42)
+        sweep = min(max(end - start, -2 * pi), 2 * pi)
+        return arc(start, sweep, np.array([dx, dy]), ratio * np.array([-dy, dx]), np.array([x, y]))
+    if kind in ("LWPOLYLINE", "POLYLINE"):
+        points = _polyline(entity, ARC_STEP)
+        closed = any(int(value) & 1 for value in _values(entity, 70) if abs(value) < 1e6)
+        return np.concatenate([points, points[:1]]) if closed else points
+    return np.zeros((0, 2))
+
+
+def _polyline(entity: list[Group], step: float = 0.4) -> Array:
+    """Points of a polyline, with arcs sampled in steps of this angle in rad or less, 16 at least."""
     vertices: list[list[float]] = []
     for code, text in entity:
         try:
@@ -136,7 +219,8 @@ def _polyline(entity: list[Group]) -> Array:
             k = (1 - bulge**2) / (4 * bulge)
             cx, cy = (x + u) / 2 - k * (v - y), (y + v) / 2 + k * (u - x)
             sweep = 4 * float(np.arctan(bulge))
-            for step in range(1, 16):
-                c, s = cos(sweep * step / 16), sin(sweep * step / 16)
+            count = max(16, int(abs(sweep) / step))
+            for number in range(1, count):
+                c, s = cos(sweep * number / count), sin(sweep * number / count)
                 points.append((cx + c * (x - cx) - s * (y - cy), cy + s * (x - cx) + c * (y - cy)))
     return np.array(points, dtype=float).reshape(-1, 2)

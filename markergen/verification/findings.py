@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from markergen.maths.rotation import rigid_motion, scaled_motion
 from markergen.verification.matching import DotSet, Match, best_match
+from markergen.verification.words import MOST_LISTED, Finding, listed_ids, scale_finding, short_length
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -17,38 +18,14 @@ Off = Callable[[Array, Array, Mask, bool], Array]
 MOST_SUBSETS = 300
 """Maximum number of pairs or triples of dots tried as a basis for consensus."""
 
-MOST_LISTED = 8
+MIRRORED = "print or cut it without mirroring: looked at from the printed side it must read normally"
+AGAIN = "export it again, and do not edit its dots"
 
 STRANGER = 0.25
 """Share of a dot's diameter: dots farther off than that, where no scale explains it, belong to another marker."""
 
 DIAMETER = {False: 2.0, True: 4.0}
 """Ratio of the tolerance of a diameter to that of a center, by whether the file is made of pixels."""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One error in a file.
-
-    Attributes
-    ----------
-    kind : str
-        ``scaled``, ``sheared``, ``mirrored``, ``missing``, ``extra``, ``another marker``, ``shifted``, ``diameter``,
-        ``kind``, ``height``, ``twice``, ``marks``, ``tag``, ``no dots``; of lines to cut ``outline``, ``hole``; of what
-        shows ``inverted``, ``pale``, ``covered``, ``quiet``, ``hidden``, ``layer``; of solids ``turned``, ``part``,
-        ``color`` or ``solid``; of models for simulators ``frame``.
-    sentence : str
-        What is wrong.
-    remedy : str
-        What to do about it: an imperative; empty where nothing is better than to export the file again.
-    """
-
-    kind: str
-    sentence: str
-    remedy: str = ""
-
-    def __str__(self) -> str:
-        return f"{self.sentence}; {self.remedy}" if self.remedy else self.sentence
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,12 +103,12 @@ def judge(
     distance = np.linalg.norm(off, axis=-1)
     worst = int(np.argmax(distance))
     names = [ids[k] for k in here]
-    findings = [Finding("mirrored", "mirrored")] if labels.mirror else []
+    findings = [Finding("mirrored", "mirrored", MIRRORED)] if labels.mirror else []
     factor = 1.0
     if is_scaled:
         turned, by, moved = scaled_motion(source[agreed], own.centers[agreed], labels.mirror)
         factor = float(np.sqrt(by[0] * by[1]))
-        findings.append(Finding("scaled", _scaled(by, source, tol)))
+        findings.append(scale_finding(float(by[0]), float(by[1]), np.ptp(source, axis=0) / 2, tol, pixels))
         off = ((own.centers - moved) @ turned) / by - source
     apart = np.linalg.norm(off, axis=-1)
     diameter = 2 * float(expected.radii.min())
@@ -181,7 +158,7 @@ def extras(
     listed = "; ".join(f"x {x:.6g}, y {y:.6g} mm" for x, y in places[:MOST_LISTED])
     more = f" and {len(places) - MOST_LISTED} more" if len(places) > MOST_LISTED else ""
     count = "an extra dot" if len(places) == 1 else f"{len(places)} extra dots"
-    return [Finding("extra", f"{count} at {listed}{more}, marker frame")]
+    return [Finding("extra", f"{count} at {listed}{more}, marker frame", "remove what is not the marker's")]
 
 
 def _explain(source: Array, target: Array, mirror: bool, tol: float) -> tuple[Mask, tuple[float, float], bool]:
@@ -254,19 +231,6 @@ def _scaled_consensus(source: Array, target: Array, mirror: bool, tol: float) ->
     return _consensus(source, target, mirror, tol, 3, _scaled_off)
 
 
-def _scaled(by: Array, source: Array, tol: float) -> str:
-    half = np.ptp(source, axis=0) / 2
-    exact = np.abs(by - 1) * half <= tol
-    x, y = (f"{value:.5f}".rstrip("0").rstrip(".") for value in by)
-    if abs(by[0] - by[1]) * half.max() <= 2 * tol:
-        return f"scaled by {x} along x and y"
-    if exact[1]:
-        return f"scaled by {x} along x"
-    if exact[0]:
-        return f"scaled by {y} along y"
-    return f"scaled by {x} along x and by {y} along y"
-
-
 def _resized(own: DotSet, expected: DotSet, factor: float) -> bool:
     """True if the dots keep their size while the distances between them are scaled."""
     known = np.isfinite(own.radii) & (expected.radii > 0)
@@ -284,15 +248,14 @@ def _off(names: list[int], off: Array, apart: Array, tol: float) -> list[Finding
     ]
     if len(wrong) > MOST_LISTED:
         said.append(f"{len(wrong) - MOST_LISTED} more dots are off by less")
-    return [Finding("shifted", each) for each in said]
+    return [Finding("shifted", each, AGAIN) for each in said]
 
 
 def _absent(ids: list[int], labels: Match) -> list[Finding]:
     missing = [ids[k] for k in np.flatnonzero(labels.found < 0)]
     if not missing:
         return []
-    listed = ", ".join(map(str, missing[:MOST_LISTED])) + (" ..." if len(missing) > MOST_LISTED else "")
-    return [Finding("missing", f"dot {listed} is missing" if len(missing) == 1 else f"dots {listed} are missing")]
+    return [Finding("missing", f"{listed_ids(missing)} missing", AGAIN)]
 
 
 def _features(
@@ -336,8 +299,3 @@ def _features(
             way = "high" if rise[k] > 0 else "low"
             findings.append(Finding("height", f"{who} {short_length(abs(rise[k]))} too {way}"))
     return findings
-
-
-def short_length(value: float) -> str:
-    """Return a length in mm or, if short, in um."""
-    return f"{value:.4g} mm" if value >= 0.01 else f"{1e3 * value:.3g} um"

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.geometry.contour import Contour, area, box, circle, flattened, placed
-from markergen.model.boundary import Boundary
+from markergen.geometry.contour import Contour, area, backward, box, flattened, placed
 from markergen.model.marker import Marker
+from markergen.model.openings import Opening, openings
 from markergen.solid.plate import plate_of
-from markergen.verification.findings import MOST_LISTED, Finding, short_length
+from markergen.verification.words import MOST_LISTED, Finding, short_length
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -43,7 +43,7 @@ class Line:
     Attributes
     ----------
     name : str
-        Such as ``the outline`` or ``the hole M3 at x 40, y 0 mm``.
+        Such as ``the outline`` or ``the hole M3 at 40mm, 0mm``.
     contour : Contour
     hole : bool
     """
@@ -54,42 +54,35 @@ class Line:
 
 
 def sheet_lines(marker: Marker) -> list[Line]:
-    """Lines to cut out of a printed sheet: the boundary with its holes, and the plate's holes."""
-    return [*_outline(_mm(marker.boundary)), *_bores(marker)]
+    """Lines to cut out of a printed sheet: the boundary and all holes."""
+    outer = [placed(each, 1e3, digits=9) for each in marker.boundary.contours() if area(each) > 0]
+    holes = [Line(str(each), placed(each.contour, 1e3, digits=9), hole=True) for each in openings(marker)]
+    return [*_outlines(outer), *holes]
 
 
 def plate_lines(marker: Marker) -> list[Line]:
-    """Lines to cut for a plate: its outline, which is larger than a boundary with an edge, and its holes."""
-    return [*_outline([each for outline in plate_of(marker).outlines for each in outline]), *_bores(marker)]
+    """Lines to cut for a plate: its outline, which is larger than a boundary with an edge, and all holes.
+
+    Raises
+    ------
+    InputError
+        If the plate cannot be made.
+    """
+    contours = [each for outline in plate_of(marker).outlines for each in outline]
+    holes = [Line(str(each), placed(each.contour, 1e3, digits=9), hole=True) for each in openings(marker) if each.hole]
+    for inner in (each for each in contours if area(each) < 0):
+        holes.append(Line(str(Opening(placed(backward(inner), 1e-3))), inner, hole=True))
+    return [*_outlines([each for each in contours if area(each) > 0]), *holes]
 
 
-def _mm(shape: Boundary) -> list[Contour]:
-    return [placed(contour, 1e3, digits=9) for contour in shape.contours()]
-
-
-def _outline(contours: Sequence[Contour]) -> list[Line]:
+def _outlines(contours: Sequence[Contour]) -> list[Line]:
+    if len(contours) == 1:
+        return [Line("the outline", contours[0])]
     lines = []
-    outer = max((abs(area(contour)) for contour in contours), default=0.0)
     for contour in contours:
-        if abs(area(contour)) == outer:
-            lines.append(Line("the outline", contour))
-            continue
         left, bottom, right, top = box(contour)
-        whole = contour.as_circle
-        kind = f"the hole of {2 * whole[2]:.6g} mm" if whole else "the inner outline"
-        # A boundary of several pieces has more outer outlines than one.
-        kind = kind if area(contour) < 0 or whole else "the outline"
         place = f"x {_short((left + right) / 2)}, y {_short((bottom + top) / 2)} mm"
-        lines.append(Line(f"{kind} at {place}", contour, hole=True))
-    return lines
-
-
-def _bores(marker: Marker) -> list[Line]:
-    lines = []
-    for hole in marker.substrate.holes:
-        x, y, radius = 1e3 * hole.x, 1e3 * hole.y, 500 * hole.diameter
-        name = f"the hole {hole.name or f'of {2 * radius:.6g} mm'} at x {_short(x)}, y {_short(y)} mm"
-        lines.append(Line(name, circle(radius, x, y), hole=True))
+        lines.append(Line(f"the outline around {place}", contour))
     return lines
 
 
@@ -142,8 +135,8 @@ def in_picture(sample: Callable[[Array], Array], grain: float, reach: float = NE
 
     def seek(points: Array, normals: Array) -> Array:
         seen = sample((points[:, None] + steps[:, None] * normals[:, None]).reshape(-1, 2)).reshape(len(points), -1)
-        ink = np.nanmedian(seen, axis=1, keepdims=True) - seen
-        ink = np.abs(np.nan_to_num(ink, nan=0.0))
+        seen = np.where(np.isfinite(seen).any(axis=1, keepdims=True), seen, 0.0)
+        ink = np.abs(np.nan_to_num(np.nanmedian(seen, axis=1, keepdims=True) - seen))
         strength = ink.max(axis=1)
         peak = np.argmax(ink - 1e-3 * np.abs(steps), axis=1)
         # The centroid of the peak alone: ticks and digits may be near.
@@ -163,6 +156,7 @@ def line_findings(
     seek: Seek,
     tolerance: float,
     free: Callable[[Array], Mask] | None = None,
+    outliers: float = 0.0,
     remedy: str = DRAW_AGAIN,
 ) -> list[Finding]:
     """Lines that are missing, misplaced, of another size, or polygons instead of circles.
@@ -176,10 +170,12 @@ def line_findings(
         mm.
     free : callable or None
         Tells at which points (m, 2) lines have gaps by design: in the quiet zones of a printed sheet.
+    outliers : float
+        Share of each line that may be off without a word.
     """
     findings = []
     for line in wanted:
-        said = _compared(line, seek, tolerance, free)
+        said = _compared(line, seek, tolerance, free, outliers)
         findings += [Finding("hole" if line.hole else "outline", f"{line.name} {each}", remedy) for each in said]
     if len(findings) > MOST_LISTED:
         rest = len(findings) - MOST_LISTED
@@ -187,7 +183,9 @@ def line_findings(
     return findings
 
 
-def _compared(line: Line, seek: Seek, tolerance: float, free: Callable[[Array], Mask] | None) -> list[str]:
+def _compared(
+    line: Line, seek: Seek, tolerance: float, free: Callable[[Array], Mask] | None, outliers: float
+) -> list[str]:
     points, normals = sampled(line.contour)
     if free is not None:
         kept = ~free(points)
@@ -203,9 +201,10 @@ def _compared(line: Line, seek: Seek, tolerance: float, free: Callable[[Array], 
         # A drawing without any line there, or with one that has nothing to do with this.
         return ["is missing"]
     said = []
-    if (~there).mean() > GAP:
+    if (~there).mean() > GAP + outliers:
         x, y = points[~there][np.argmax(away[~there])]
         said.append(f"is not complete: nothing at x {_short(x)}, y {_short(y)} mm")
+    there &= away <= np.quantile(away[there], 1 - outliers)
     points, found, away = points[there], found[there], away[there]
     if away.max() <= tolerance:
         return said
@@ -244,19 +243,13 @@ def _of_shape(contour: Contour, points: Array, found: Array, away: Array) -> lis
     return [f"is up to {short_length(float(away[worst]))} off, {place}{size}"]
 
 
-def strange_lines(wanted: Sequence[Line], segments: Array, tolerance: float, remedy: str = DRAW_AGAIN) -> list[Finding]:
-    """What would be cut although it is none of the wanted lines, nor near a wanted one that is wrong."""
+def strays(wanted: Sequence[Line], segments: Array) -> Mask:
+    """Tell which pieces of lines (k, 2, 2) are none of the wanted lines, nor near one that is misplaced."""
     middles = segments.mean(axis=1)
     if not len(middles):
-        return []
+        return np.zeros(0, dtype=bool)
     feet = among(pieces_of([line.contour for line in wanted]))(middles, middles)
-    away = np.nan_to_num(np.linalg.norm(feet - middles, axis=1), nan=np.inf)
-    strange = middles[away > max(NEAREST, tolerance)]
-    if not len(strange):
-        return []
-    x, y = strange[np.argmin(np.linalg.norm(strange - strange.mean(axis=0), axis=1))]
-    said = f"lines are cut that are neither outline nor hole, such as at x {_short(x)}, y {_short(y)} mm"
-    return [Finding("outline", said, remedy)]
+    return np.asarray(~(np.linalg.norm(feet - middles, axis=1) < FARTHEST))
 
 
 def sampled(contour: Contour) -> tuple[Array, Array]:

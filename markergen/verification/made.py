@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from markergen.geometry.contour import area
 from markergen.geometry.region import Region
 from markergen.model.marker import Marker
-from markergen.verification.findings import MOST_LISTED, Finding, short_length
 from markergen.verification.lines import Line, among, line_findings, plate_lines
 from markergen.verification.matching import DotSet
 from markergen.verification.solids import CONTRAST, FLUSH, LUMA, hole_findings, is_dot, plate_of
 from markergen.verification.surface import Color, LevelFace, Surface
+from markergen.verification.words import MOST_LISTED, Finding, short_length
 
 Array = NDArray[np.float64]
 Motion = tuple[Array, Array]

@@ -1,39 +1,33 @@
-"""Read circles among the filled paths of every page of a PDF, by PDFium, with all transforms of the content.
+"""Read a PDF as others see it, through PDFium in a child process: exact paths, and a picture of each page.
 
 The pages of a marker larger than the paper are assembled by their registration marks: crosses on the seams, printed
 whole on both neighbors. Seams are the sides where a page is trimmed. Tiles come row by row from the top left; the first
 of a row has no seam on its left.
 """
 
-import ctypes
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
+from markergen.guard import KINDS, Content, in_child
 from markergen.model.marker import Marker
-from markergen.verification.reading import READERS, Page, Reading, circles_of, round_shape
+from markergen.verification.picture import Picture
+from markergen.verification.reading import READERS, Page, Reading
 
 Array = NDArray[np.float64]
 
-MM_PER_POINT = 25.4 / 72
+PARSER = Path(__file__).with_name("pdf_parser.py")
 
-_T = np.array([0.25, 0.5, 0.75, 1.0])[:, None]
-_WEIGHTS = (1 - _T) ** 3, 3 * _T * (1 - _T) ** 2, 3 * _T**2 * (1 - _T), _T**3
-"""Weights of the four control points at four places on a cubic curve; a sheet has thousands of curves."""
-
-MOST_PAGES, MOST_SEGMENTS, MOST_LINES, DEEPEST = 500, 3_000_000, 20_000, 20
+CUT = "cut"
+"""Name of the layer of lines to be cut."""
 
 TILE_TOLERANCE = 1e-3
 """Maximum distance in mm between the registration marks of neighboring tiles."""
-
-LEAST_ARC, LONGEST_ARM = 12, 20.0
-"""Minimum number of points of an outline with a piece of a circle; maximum length in mm of a registration mark."""
 
 ON_SEAM = 2.0
 """Maximum distance in mm of a cross from its seam: the shift due to a scale error of 1 % on large paper."""
@@ -46,8 +40,6 @@ SAME = 2.0
 
 PIECES, LEAST = 64, 6
 """Number of sectors by which that share is counted, and minimum number of points of a piece."""
-
-_USER_UNIT = re.compile(rb"/UserUnit\s+([-+.\d]+)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,150 +97,39 @@ def read_fabrication_sheet(data: bytes, name: str, marker: Marker) -> Reading:
 
 @READERS.register(".pdf")
 def read(data: bytes, name: str, marker: Marker) -> Reading:
-    """Read circles and corners on all pages of a PDF; tiles are assembled by their registration marks."""
-    import pypdfium2
-
-    if any(unit != b"1" for unit in _USER_UNIT.findall(data)):
-        raise InputError(f"points as the unit in {name}", "a UserUnit", "save the PDF without it")
-    try:
-        document = pypdfium2.PdfDocument(data)
-    except pypdfium2.PdfiumError as error:
-        raise InputError(f"a complete PDF in {name}", brief(str(error)), "export it again") from None
-    try:
-        if not 1 <= len(document) <= MOST_PAGES:
-            raise InputError(f"1 to {MOST_PAGES} pages in {name}", str(len(document)), "check the file")
-        budget = [MOST_SEGMENTS]
-        sheets = [_sheet(document, index, name, budget) for index in range(len(document))]
-    except pypdfium2.PdfiumError as error:
-        raise InputError(f"readable pages in {name}", brief(str(error)), "export it again") from None
-    finally:
-        document.close()
+    """Read circles, corners, lines and a picture of all pages of a PDF; tiles are assembled by their marks."""
+    found = in_child(
+        PARSER, "read", Content(name, data), "PDF", f"a complete PDF, read within {KINDS['PDF'].seconds:g} s, in {name}"
+    )
+    layers = found.values["layers"]
+    sheets = [_sheet(values, found.arrays, index, layers) for index, values in enumerate(found.values["pages"])]
     pages = tuple(sheet.page for sheet in sheets)
     if is_tiled(sheets):
         features = [point.feature for point in marker.control_points]
         sizes = {500 * size for feature in features for size in (feature.diameter, feature.inner_diameter) if size}
-        whole = assemble(sheets, np.array(sorted(sizes)), TILE_TOLERANCE)
-        return Reading(
-            "PDF", (whole.page,), tagged=True, papers=tuple(page.size for page in pages), gaps=tuple(whole.gaps)
-        )
+        made = [assemble(sheets, np.array(sorted(sizes)), TILE_TOLERANCE, own) for own in markers_of(sheets)]
+        gaps = tuple(gap for each in made for gap in each.gaps)
+        papers = tuple(page.size for page in pages)
+        return Reading("PDF", tuple(each.page for each in made), tagged=True, papers=papers, gaps=gaps)
     return Reading("PDF", pages, tagged=True)
 
 
-def _sheet(document: Any, index: int, name: str, budget: list[int]) -> TilePage:
-    page = document[index]
-    left, bottom, right, top = page.get_mediabox()
-    circles: list[tuple[float, float, float]] = []
-    corners: list[Array] = []
-    lines: list[Array] = []
-    for points, filled in _outlines(page.raw, name, budget):
-        found = round_shape(points) if filled else None
-        if found is not None:
-            circles.append(found)
-        elif filled and len(points) >= 3:
-            corners.append(points[np.isfinite(points).all(axis=-1)])
-        elif not filled and len(points) == 2:
-            lines.append(points)
-    size = (right - left) * MM_PER_POINT, (top - bottom) * MM_PER_POINT
-    whole = np.concatenate(corners) if corners else np.zeros((0, 2))
-    trims = [
-        MM_PER_POINT * cut if abs(cut - edge) > 1 else None
-        for cut, edge in zip(page.get_trimbox(), (left, bottom, right, top), strict=True)
-    ]
-    arcs = tuple(outline for outline in corners if len(outline) >= LEAST_ARC)
-    return TilePage(
-        Page(circles_of(circles, name), size, whole),
-        _crosses(lines),
-        (trims[0], trims[1], trims[2], trims[3]),
-        arcs if any(trim is not None for trim in trims) else (),
+def _sheet(values: Mapping[str, Any], arrays: Mapping[str, Any], index: int, layers: Sequence[str]) -> TilePage:
+    width, height = values["size"]
+    grey = arrays.get(f"picture{index}")
+    picture = Picture.of_page(grey, values["shown"], values["turn"]) if grey is not None and grey.size else None
+    lines, layer = arrays[f"lines{index}"], arrays[f"layer{index}"]
+    page = Page(
+        arrays[f"circles{index}"],
+        (width, height),
+        arrays[f"corners{index}"],
+        picture=picture,
+        lines=lines,
+        cut=layer == layers.index(CUT) if CUT in layers else None,
     )
-
-
-def _crosses(lines: list[Array]) -> Array:
-    """Middles (k, 2) of pairs of lines of equal length that bisect each other at right angles."""
-    if not 1 < len(lines) <= MOST_LINES:
-        return np.zeros((0, 2))
-    ends = np.array(lines)
-    middle, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
-    length = np.linalg.norm(along, axis=1)
-    found = []
-    order = np.lexsort((np.round(middle[:, 1], 2), np.round(middle[:, 0], 2)))
-    for a, b in pairwise(order.tolist()):
-        alike = abs(length[a] - length[b]) < 0.05 * max(length[a], 1e-9) and length[a] < LONGEST_ARM
-        square = abs(along[a] @ along[b]) < 0.01 * length[a] * length[b]
-        if alike and square and np.linalg.norm(middle[a] - middle[b]) < 0.02:
-            found.append((middle[a] + middle[b]) / 2)
-    return np.array(found).reshape(-1, 2)
-
-
-def _outlines(page: Any, name: str, budget: list[int]) -> Iterator[tuple[Array, bool]]:
-    """Outlines (m, 2) in mm of all paths, also in form objects, and whether they are filled."""
-    import pypdfium2.raw as pdfium
-
-    def objects(holder: Any, count: int, get: Any, matrix: Array, depth: int) -> Iterator[tuple[Array, bool]]:
-        for index in range(count):
-            item = get(holder, index)
-            kind = pdfium.FPDFPageObj_GetType(item)
-            budget[0] -= 1
-            if budget[0] < 0 or depth > DEEPEST:
-                raise InputError(f"at most {MOST_SEGMENTS} lines and curves in {name}", "more", "verify a smaller file")
-            own = pdfium.FS_MATRIX()
-            if not pdfium.FPDFPageObj_GetMatrix(item, own):
-                continue
-            here = matrix @ np.array([[own.a, own.c, own.e], [own.b, own.d, own.f], [0, 0, 1]])
-            if kind == pdfium.FPDF_PAGEOBJ_PATH:
-                yield from _paths(item, here, name, budget)
-            elif kind == pdfium.FPDF_PAGEOBJ_FORM:
-                yield from objects(
-                    item, pdfium.FPDFFormObj_CountObjects(item), pdfium.FPDFFormObj_GetObject, here, depth + 1
-                )
-
-    yield from objects(page, pdfium.FPDFPage_CountObjects(page), pdfium.FPDFPage_GetObject, np.eye(3), 0)
-
-
-def _paths(item: Any, matrix: Array, name: str, budget: list[int]) -> Iterator[tuple[Array, bool]]:
-    import pypdfium2.raw as pdfium
-
-    mode, stroke = ctypes.c_int(), pdfium.FPDF_BOOL()
-    if not pdfium.FPDFPath_GetDrawMode(item, mode, stroke):
-        return
-    filled = mode.value != pdfium.FPDF_FILLMODE_NONE
-    count = pdfium.FPDFPath_CountSegments(item)
-    budget[0] -= count
-    if budget[0] < 0:
-        raise InputError(f"at most {MOST_SEGMENTS} lines and curves in {name}", "more", "verify a smaller file")
-    x, y = ctypes.c_float(), ctypes.c_float()
-    run: list[tuple[float, float]] = []
-    bezier: list[tuple[float, float]] = []
-    for index in range(count):
-        segment = pdfium.FPDFPath_GetPathSegment(item, index)
-        kind = pdfium.FPDFPathSegment_GetType(segment)
-        pdfium.FPDFPathSegment_GetPoint(segment, x, y)
-        point = (x.value, y.value)
-        if kind == pdfium.FPDF_SEGMENT_MOVETO:
-            if len(run) > 1:
-                yield _mapped(run, matrix), filled
-            run, bezier = [point], []
-        elif kind == pdfium.FPDF_SEGMENT_LINETO:
-            run.append(point)
-        elif kind == pdfium.FPDF_SEGMENT_BEZIERTO and run:
-            bezier.append(point)
-            if len(bezier) == 3:
-                run += _curve(np.array([run[-1], *bezier]))
-                bezier = []
-    if len(run) > 1:
-        yield _mapped(run, matrix), filled
-
-
-def _curve(points: Array) -> list[tuple[float, float]]:
-    """Points along a cubic curve (4, 2), including its end."""
-    first, second, third, last = _WEIGHTS
-    a, b, c, d = points
-    return list(map(tuple, (first * a + second * b + third * c + last * d).tolist()))
-
-
-def _mapped(run: list[tuple[float, float]], matrix: Array) -> Array:
-    points = np.array(run)
-    return np.asarray(MM_PER_POINT * (points @ matrix[:2, :2].T + matrix[:2, 2]))
+    left, bottom, right, top = values["trim"]
+    arcs = np.split(arrays[f"arcs{index}"], arrays[f"arc_ends{index}"][:-1]) if len(arrays[f"arcs{index}"]) else []
+    return TilePage(page, arrays[f"crosses{index}"], (left, bottom, right, top), tuple(arcs))
 
 
 def is_tiled(sheets: Sequence[TilePage]) -> bool:
@@ -256,7 +137,15 @@ def is_tiled(sheets: Sequence[TilePage]) -> bool:
     return any(place is not None for sheet in sheets for place in sheet.trim)
 
 
-def assemble(sheets: Sequence[TilePage], radii: Array, tolerance: float) -> Assembly:
+def markers_of(sheets: Sequence[TilePage]) -> list[range]:
+    """Ranges of pages with the tiles of one marker each: the first one has seams neither on its left nor above."""
+    tiles = [index for index, sheet in enumerate(sheets) if any(place is not None for place in sheet.trim)]
+    starts = [index for index in tiles if sheets[index].trim[0] is None and sheets[index].trim[3] is None]
+    starts = sorted({tiles[0], *starts})
+    return [range(start, end) for start, end in zip(starts, [*starts[1:], len(sheets)], strict=True)]
+
+
+def assemble(sheets: Sequence[TilePage], radii: Array, tolerance: float, pages: range | None = None) -> Assembly:
     """Assemble all tiles into one page, each shifted so that its marks lie on those of its neighbors.
 
     Parameters
@@ -265,10 +154,13 @@ def assemble(sheets: Sequence[TilePage], radii: Array, tolerance: float) -> Asse
         Radii of the circles whose pieces are sought on several pages, mm.
     tolerance : float
         Distance in mm between marks of neighbors beyond which they are reported.
+    pages : range or None
+        Indices of the pages of one marker; None for all.
     """
     grid: Grid = {}
     row, column = -1, 0
-    for index, sheet in enumerate(sheets):
+    for index in range(len(sheets)) if pages is None else pages:
+        sheet = sheets[index]
         if any(place is not None for place in sheet.trim):
             row, column = (row + 1, 0) if sheet.trim[0] is None or row < 0 else (row, column + 1)
             grid[row, column] = (index, sheet)
@@ -284,16 +176,31 @@ def assemble(sheets: Sequence[TilePage], radii: Array, tolerance: float) -> Asse
     for key, (index, sheet) in grid.items():
         for side, there in enumerate(_neighbors(key)):
             if side >= 2 and there in grid and len(sheet.marks(side)) != len(grid[there][1].marks(side - 2)):
-                pages = f"pages {index + 1} and {grid[there][0] + 1}"
-                gaps.append(f"{pages} differ in the number of registration marks on their seam")
+                both = f"pages {index + 1} and {grid[there][0] + 1}"
+                gaps.append(f"{both} differ in the number of registration marks on their seam")
         off = float(np.linalg.norm(_ties(grid, key, shifts) - shifts[key], axis=1).max(initial=0.0))
         if off > tolerance:
             gaps.append(f"the registration marks of page {index + 1} and its neighbors are {1e3 * off:.3g} um apart")
     circles = [sheet.page.circles + [*shifts[key], 0.0] for key, (_, sheet) in grid.items()]
     corners = [sheet.page.corners + shifts[key] for key, (_, sheet) in grid.items()]
+    tiles = [(sheet.page.lines, sheet.page.cut, shifts[key]) for key, (_, sheet) in grid.items()]
+    lines = [each + shift for each, _, shift in tiles if each is not None]
+    cut = [np.zeros(len(each), dtype=np.bool_) if some is None else some for each, some, _ in tiles if each is not None]
+    shown = [(shifts[key], sheet) for key, (_, sheet) in grid.items()]
     arcs = [arc + shifts[key] for key, (_, sheet) in grid.items() for arc in sheet.arcs]
     whole = np.concatenate([*circles, _joined(arcs, radii)])
-    return Assembly(Page(whole, None, np.concatenate(corners)), gaps)
+    page = Page(
+        whole, None, np.concatenate(corners), picture=Picture.of_tiles([_kept(*each) for each in shown]),
+        lines=np.concatenate(lines), cut=np.concatenate(cut) if np.concatenate(cut).any() else None,
+    )  # fmt: skip
+    return Assembly(page, gaps)
+
+
+def _kept(shift: Array, sheet: TilePage) -> tuple[Picture | None, Array, tuple[float, ...]]:
+    """Picture of a tile, its shift, and the box that remains after trimming, on the tile."""
+    sides = (-np.inf, -np.inf, np.inf, np.inf)
+    box = tuple(far if cut is None else cut for cut, far in zip(sheet.trim, sides, strict=True))
+    return sheet.page.picture, shift, box
 
 
 def _neighbors(key: tuple[int, int]) -> tuple[tuple[int, int], ...]:

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from markergen.errors import InputError
 from markergen.geometry.contour import box
 from markergen.model.marker import Marker
-from markergen.verification.findings import Finding, short_length
 from markergen.verification.made import faces_of
 from markergen.verification.matching import expected_dots
 from markergen.verification.reading import Reading
 from markergen.verification.solids import UNITS, dots_of_surface, in_unit, mapped, round_edges
 from markergen.verification.surface import Surface
+from markergen.verification.words import Finding, short_length
 
 Array = NDArray[np.float64]
 

@@ -15,10 +15,18 @@ from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
 from markergen.read.images import opened
 from markergen.verification.matching import ALIKE
+from markergen.verification.picture import Picture
 from markergen.verification.reading import FLATTEST, PRINTABLE, READERS, ROUND, Page, Reading, circles_of
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
+Blob = tuple[tuple[int, int, int, int], bool]
+
+WITH_ALPHA = (4, 6)
+"""Color types of a PNG with transparency."""
+
+GREY = 0
+"""Flag of OpenCV to decode as grey levels."""
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 MOST_PIXELS = 1_000_000_000
@@ -39,6 +47,9 @@ CORE, RIM = 0.93, 1.3
 """Shares of a dot's radius: inside the first is ink or a ring's hole, outside the second is not part of the dot."""
 
 MOST_BLOBS = 2000
+
+SEARCHED, LEAST_BLOB = 4_000_000, 8
+"""Pixels of the reduced image that is searched for blobs of any size, and their minimum size in its pixels."""
 
 
 CHARACTERS = "1245679aefghkprtyFGJKLPRQ"
@@ -75,39 +86,21 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:
     grey = _decode(data, (height, width), name)
     sizes = np.array([1e3 * size for p in marker.control_points for size in
                       (p.feature.diameter, p.feature.inner_diameter) if size])  # fmt: skip
-    circles = []
-    if len(sizes):
-        for box, dark in _blobs(grey, scale, sizes, _least_gap(marker)):
-            found = _measure(grey, box, dark, scale)
-            if found is not None:
-                circles.append(found)
+
+    def circles(wanted: Array | None) -> Array:
+        measured = [_measure(grey, box, dark, scale) for box, dark in _blobs(grey, scale, wanted, _least_gap(marker))]
+        return circles_of([each for each in measured if each is not None], name)
+
     size = width / scale[0], height / scale[1]
     page = Page(
-        circles_of(circles, name),
+        circles(sizes),
         size,
+        of_any_size=partial(circles, None),
         upright=partial(reads_upright, grey, scale),
-        sample=partial(_sample, grey, scale),
+        picture=Picture.of_pixels(grey, np.diag(scale * [1, -1]), np.full(2, -0.5), measured=True),
     )
     tolerance = max(PRINTABLE, 1e-3 * TOLERANCE_PX / float(scale.mean()))
     return Reading("PNG", (page,), tolerance, ordered=False, pixels=True, tagged=True)
-
-
-def _sample(grey: Grey, scale: Array, points: Array) -> Array:
-    """Interpolated grey levels at points in mm, y up from the image's top edge; white outside."""
-    import cv2
-
-    places = (points * [1, -1] * scale - 0.5).astype(np.float32)
-    low = np.floor(places.min(axis=0)).astype(int) - 1
-    high = np.ceil(places.max(axis=0)).astype(int) + 2
-    low, high = np.maximum(low, 0), np.minimum(high, grey.shape[::-1])
-    if (high <= low).any():
-        return np.full(len(points), 255.0)
-    # cv2.remap takes images of up to 32767 pixels a side, and as many points per row.
-    window = grey[low[1] : high[1], low[0] : high[0]].astype(np.float32)
-    x, y = (places - low).astype(np.float32).T
-    if max(window.shape) > 32000:
-        return np.full(len(points), 255.0)
-    return np.asarray(cv2.remap(window, x[:, None], y[:, None], cv2.INTER_LINEAR, borderValue=255.0)[:, 0], dtype=float)
 
 
 def _header(data: bytes, name: str) -> tuple[int, int, Array]:
@@ -143,7 +136,7 @@ def _decode(data: bytes, shape: tuple[int, int], name: str) -> Grey:
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        grey = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+        grey = _on_white(data) if data[25] in WITH_ALPHA else cv2.imdecode(np.frombuffer(data, np.uint8), GREY)
     except (cv2.error, MemoryError) as error:
         raise InputError(f"a PNG that can be decoded in {name}", brief(str(error)), "export it again") from None
     finally:
@@ -151,6 +144,20 @@ def _decode(data: bytes, shape: tuple[int, int], name: str) -> Grey:
     if grey is None or grey.shape != shape:
         raise InputError(f"a PNG that can be decoded in {name}", "damaged pixels", "export it again")
     return np.asarray(grey, dtype=np.uint8)
+
+
+def _on_white(data: bytes) -> Grey | None:
+    """Decode a PNG with transparency as it shows on white paper."""
+    import cv2
+
+    found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if found is None or found.ndim != 3:
+        return None if found is None else cv2.imdecode(np.frombuffer(data, np.uint8), GREY)
+    largest = np.iinfo(found.dtype).max
+    opacity = found[..., -1].astype(np.float32) / largest
+    color = found[..., :-1]
+    grey = cv2.cvtColor(color, cv2.COLOR_BGR2GRAY) if color.shape[2] == 3 else color[..., 0]
+    return np.asarray(np.rint(255 * (opacity * (grey / np.float32(largest)) + 1 - opacity)), dtype=np.uint8)
 
 
 def _least_gap(marker: Marker) -> float:
@@ -161,11 +168,19 @@ def _least_gap(marker: Marker) -> float:
     return 1e3 * float(gaps.min(initial=np.inf))
 
 
-def _blobs(grey: Grey, scale: Array, sizes: Array, gap: float) -> Iterator[tuple[tuple[int, int, int, int], bool]]:
-    """Bounding boxes (left, top, right, bottom), px, of blobs that may be dots or holes of rings, and whether dark."""
+def _blobs(grey: Grey, scale: Array, sizes: Array | None, gap: float) -> Iterator[Blob]:
+    """Boxes (left, top, right, bottom), px, of blobs that may be dots or holes of rings, and whether they are dark.
+
+    Blobs may have any size if `sizes` is None.
+    """
     import cv2
 
-    step = int(np.clip(min(sizes.min() / COARSE, gap / GAP) * scale.min(), 1, 32))
+    if sizes is not None and not len(sizes):
+        return
+    if sizes is None:
+        step = max(int(np.sqrt(grey.size / SEARCHED)), 1)
+    else:
+        step = int(np.clip(min(sizes.min() / COARSE, gap / GAP) * scale.min(), 1, 32))
     height, width = (side // step for side in grey.shape)
     if min(height, width) < 4:
         return
@@ -179,7 +194,10 @@ def _blobs(grey: Grey, scale: Array, sizes: Array, gap: float) -> Iterator[tuple
         _, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
         sides = stats[1:, 2:4] * step / scale
         size = np.sqrt(sides.prod(axis=1))
-        near = np.abs(np.log(size[:, None] / sizes)).min(axis=1) < np.log(1.2 * ALIKE)
+        if sizes is None:
+            near = stats[1:, 2:4].min(axis=1) >= LEAST_BLOB
+        else:
+            near = np.abs(np.log(size[:, None] / sizes)).min(axis=1) < np.log(1.2 * ALIKE)
         even = sides.min(axis=1) > 0.7 * sides.max(axis=1)
         share = stats[1:, 4] / (np.pi / 4 * stats[1:, 2:4].prod(axis=1))
         for left, top, across, down, _ in stats[1:][near & even & (share > 0.15) & (share < 1.2)].tolist():

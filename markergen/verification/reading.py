@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from markergen.errors import InputError
 from markergen.model.marker import Marker
 from markergen.registry import Registry
+from markergen.verification.picture import Picture
 from markergen.verification.surface import Surface
 
 Array = NDArray[np.float64]
@@ -46,10 +47,20 @@ class Page:
         Corners of the other outlines, mm, for tags.
     heights : array (m,) or None
         z of each circle, mm, in formats that have it.
+    of_any_size : callable or None
+        Returns such circles of any size, where only those that may be dots are listed.
     upright : callable or None
         Returns whether the page apart from the dots is unmirrored, None if that is unknown.
-    sample : callable or None
-        Maps points (k, 2) in mm to grey levels, on a page of pixels.
+    picture : Picture or None
+        What shows of the page.
+    lines : array (k, 2, 2) or None
+        Thin lines as straight pieces, mm; None if the format has none of its own.
+    cut : array (k,) of bool or None
+        Which of these lines are to be cut; None if the file does not say.
+    layers : tuple of str
+        Layer of each circle, in formats whose layers say how things are made.
+    hidden : tuple of str
+        Layers that are switched off.
     surface : Surface or None
         Plan view of a solid; the circles of its dots are not listed in `circles`.
     """
@@ -58,8 +69,13 @@ class Page:
     size: tuple[float, float] | None = None
     corners: Array = field(default_factory=lambda: _empty(2))
     heights: Array | None = None
+    of_any_size: Callable[[], Array] | None = None
     upright: Callable[[], bool | None] | None = None
-    sample: Callable[[Array], Array] | None = None
+    picture: Picture | None = None
+    lines: Array | None = None
+    cut: NDArray[np.bool_] | None = None
+    layers: tuple[str, ...] = ()
+    hidden: tuple[str, ...] = ()
     surface: Surface | None = None
 
 

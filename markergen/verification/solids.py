@@ -14,10 +14,10 @@ from markergen.geometry.region import Region
 from markergen.model.boundary import Boundary, Circle
 from markergen.model.marker import Marker
 from markergen.model.substrate import Hole
-from markergen.verification.findings import MOST_LISTED, Finding, short_length
 from markergen.verification.matching import ALIKE, CONCENTRIC, DotSet
 from markergen.verification.reading import PRINTABLE, Page, Reading, round_shape
 from markergen.verification.surface import Ball, Color, LevelFace, SolidPart, Surface, edge_of, out_of_round
+from markergen.verification.words import MOST_LISTED, Finding, short_length
 
 Array = NDArray[np.float64]
 

@@ -1,49 +1,99 @@
-"""Read circles of an SVG with all transforms and units, by the outline reader, which shares no code with the writer."""
+"""Read an SVG with all transforms, units and paint, by the outline reader, which shares no code with the writer."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.drawing.colors import luma
 from markergen.errors import InputError
 from markergen.guard import Content, check_size
 from markergen.model.marker import Marker
 from markergen.read.outlines.curves import Arc, Bezier, Curve
-from markergen.read.outlines.formats import OUTLINE_FORMATS, OutlineFile
+from markergen.read.outlines.formats import OUTLINE_FORMATS, Look, OutlineFile, Piece
 from markergen.read.outlines.svg import parse
+from markergen.read.outlines.svg_shapes import fraction
+from markergen.verification.lines import Seek, among
+from markergen.verification.picture import WHITE, Picture
 from markergen.verification.reading import READERS, Page, Reading, circles_of, round_shape
 
 Array = NDArray[np.float64]
 
-PATIENCE = 30
+PATIENCE = 10
 """Factor by which path data may exceed that of an outline: sheets contain text converted to outlines."""
+
+CUT = "cut"
+"""Name of the layer of lines to be cut; that of a spot color may follow."""
+
+OFF = 5e-4
+"""Maximum distance in mm of the polygons that stand for curves."""
+
+ROUGH = 0.6
+"""Minimum ratio of the sides of the box around the control points of an outline that may be round."""
+
+UNKNOWN = 128.0
+"""Grey level of what is not evaluated: gradients and patterns."""
+
+MOST_PRODUCTS = 4_000_000
+"""Number of pairs of a place and a side that are compared at once."""
 
 _ALONG = np.linspace(0, 1, 5)[:-1, None, None]
 """Parameters of the points sampled on a Bezier curve; computed once, since a sheet has thousands of curves."""
 
+_EFFECT = re.compile(rb"(?:filter|mix-blend-mode)\s*(?:=\s*[\"']|:)\s*(?!none|normal)[a-z]")
+
 
 @READERS.register(".svg")
 def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (every reader is called alike)
-    """Read the circles and corners of an SVG."""
+    """Read the circles, corners and lines of an SVG, and what shows of it."""
     check_size(Content(name, data), "SVG")
     file = OutlineFile(name, data, PATIENCE)
+    if _EFFECT.search(data):
+        raise InputError(f"shapes drawn as they are in {name}", "a filter or a blend mode", "save it without effects")
     with np.errstate(all="ignore"):
         drawing = OUTLINE_FORMATS["svg"].read(file, None)
         if drawing.scale is None:
             raise InputError(f"a width and height with units in {name}", "none", "save it with its size in mm")
-        factor = np.array([1e3, -1e3]) * drawing.scale
-        circles, corners = [], []
+        scale = 1e3 * drawing.scale
+        factor = np.array([scale, -scale])
+        circles, corners, lines, cut = [], [], [np.zeros((0, 2, 2))], []
         for piece in drawing.pieces:
-            points = np.concatenate([_points(curve) for curve in piece.curves]) * factor
-            found = round_shape(points)
-            if found:
+            assert piece.look is not None
+            if piece.look.style["fill"] == "none":
+                points = np.concatenate([curve.flatten(OFF / scale) for curve in piece.curves]) * factor
+                ends = np.concatenate([points[1:], points[:1]])
+                pieces = np.stack([points, ends], axis=1)
+                lines.append(pieces if piece.closed else pieces[:-1])
+                on_cut = any(layer.split(" (")[0] == CUT for layer in piece.look.layers)
+                cut += [on_cut] * len(lines[-1])
+            points = np.concatenate([curve.sketch() for curve in piece.curves]) * factor
+            sides = np.ptp(points, axis=0)
+            found = None
+            if sides.min() > ROUGH * sides.max():
+                points = np.concatenate([_points(curve) for curve in piece.curves]) * factor
+                found = round_shape(points)
+            if found and (piece.look.style["fill"] != "none" or not any(cut[-1:])):
                 circles.append(found)
             elif len(points) >= 3:
                 corners.append(points)
+        painted = [_Painted.of(list(pieces), scale) for _, pieces in groupby(drawing.pieces, _shape_of)]
     root = parse(file)
-    return Reading(
-        "SVG",
-        (Page(circles_of(circles, name), _size(root.get("width"), root.get("height")), _joined(corners)),),
-        tagged=True,
-    )
+    size = _size(root.get("width"), root.get("height"))
+    is_cut = np.array(cut, dtype=np.bool_)
+    page = Page(
+        circles_of(circles, name), size, _joined(corners), lines=np.concatenate(lines),
+        cut=is_cut if is_cut.any() else None, picture=_picture(painted, _shown(root.get("viewBox"), size, scale)),
+        hidden=("some shapes are hidden",) if "hidden shapes" in drawing.others else (),
+    )  # fmt: skip
+    return Reading("SVG", (page,), tagged=True)
+
+
+def _shape_of(piece: Piece) -> int:
+    return piece.look.shape if piece.look else 0
 
 
 def _points(curve: Curve) -> Array:
@@ -73,3 +123,147 @@ def _size(width: str | None, height: str | None) -> tuple[float, float] | None:
     except (ValueError, TypeError, AttributeError):
         return None
     return (found[0], found[1]) if np.isfinite(found).all() else None
+
+
+def _shown(view_box: str | None, size: tuple[float, float] | None, scale: float) -> Array:
+    """Left, bottom, right and top in mm of the visible part, y up."""
+    everything = np.array([-np.inf, -np.inf, np.inf, np.inf])
+    if size is None:
+        return everything
+    try:
+        x, y, width, height = (float(text) * scale for text in (view_box or "").replace(",", " ").split())
+    except ValueError:
+        x, y, (width, height) = 0.0, 0.0, size
+    # A page of another shape shows more on both sides.
+    wide, high = (max(both) - own for both, own in zip(zip((width, height), size, strict=True), (width, height),
+                                                       strict=True))  # fmt: skip
+    return np.array([x - wide / 2, -y - height - high / 2, x + width + wide / 2, -y + high / 2])
+
+
+@dataclass(frozen=True, eq=False)
+class _Painted:
+    """One shape as it is painted.
+
+    Attributes
+    ----------
+    pieces : sequence of Piece
+    scale : float
+        mm per unit of the pieces.
+    fill, stroke : (grey level, opacity); opacity 0 for none
+    width : float
+        Of the stroke, mm.
+    odd : bool
+        True for the even-odd rule.
+    box : array (4,)
+        Left, bottom, right and top, with the stroke.
+    """
+
+    pieces: Sequence[Piece]
+    scale: float
+    fill: tuple[float, float]
+    stroke: tuple[float, float]
+    width: float
+    odd: bool
+    box: Array
+
+    @staticmethod
+    def of(pieces: Sequence[Piece], scale: float) -> "_Painted":
+        look = pieces[0].look
+        assert look is not None
+        hull = np.concatenate([curve.sketch() for piece in pieces for curve in piece.curves]) * [scale, -scale]
+        width = _number(look.style["stroke-width"]) * look.scale * scale
+        fill, stroke = (_paint(look, kind) for kind in ("fill", "stroke"))
+        spread = width / 2 if stroke[1] else 0.0
+        box = np.concatenate([hull.min(axis=0) - spread, hull.max(axis=0) + spread])
+        odd = look.style["fill-rule"] == "evenodd"
+        return _Painted(pieces, scale, fill, stroke, width, odd, box)
+
+    @cached_property
+    def rings(self) -> list[Array]:
+        """Points (m, 2) along each piece, mm, y up."""
+        factor = np.array([self.scale, -self.scale])
+        off = OFF / self.scale
+        return [np.concatenate([curve.flatten(off) for curve in piece.curves]) * factor for piece in self.pieces]
+
+    def over(self, points: Array, seen: Array) -> Array:
+        """Grey levels (k,) at points (k, 2) after painting over what was seen there."""
+        if self.fill[1]:
+            level, opacity = self.fill
+            inside = self._inside(points)
+            seen = np.where(inside, opacity * level + (1 - opacity) * seen, seen)
+        if self.stroke[1] and self.width > 0:
+            level, opacity = self.stroke
+            seen = np.where(self._on_line(points), opacity * level + (1 - opacity) * seen, seen)
+        return seen
+
+    def _inside(self, points: Array) -> NDArray[np.bool_]:
+        wound = np.zeros(len(points), dtype=np.int64)
+        for ring in self.rings:
+            start, end = ring, np.roll(ring, -1, axis=0)
+            step = max(MOST_PRODUCTS // len(ring), 1)
+            for k in range(0, len(points), step):
+                x, y = points[k : k + step].T[..., None]
+                below, above = start[:, 1] <= y, end[:, 1] <= y
+                left = (end[:, 0] - start[:, 0]) * (y - start[:, 1]) - (x - start[:, 0]) * (end[:, 1] - start[:, 1])
+                crossed = (below & ~above & (left < 0)).astype(np.int64) - (~below & above & (left > 0))
+                wound[k : k + step] += crossed.sum(axis=1)
+        return np.asarray(wound % 2 == 1 if self.odd else wound != 0)
+
+    @cached_property
+    def _line(self) -> Seek:
+        rings = zip(self.rings, (piece.closed for piece in self.pieces), strict=True)
+        ends = [(ring, np.roll(ring, -1, axis=0)) if closed else (ring[:-1], ring[1:]) for ring, closed in rings]
+        return among(np.concatenate([np.stack(pair, axis=1) for pair in ends]))
+
+    def _on_line(self, points: Array) -> NDArray[np.bool_]:
+        return np.asarray(np.linalg.norm(self._line(points, points) - points, axis=1) < self.width / 2)
+
+
+def _number(text: str) -> float:
+    found = re.match(r"[-+.\deE]+", text.strip())
+    try:
+        return float(found[0]) if found else 0.0
+    except ValueError:
+        return 0.0
+
+
+def _paint(look: Look, kind: str) -> tuple[float, float]:
+    """Grey level and opacity of a fill or a stroke."""
+    from svgelements import Color
+
+    value = look.style[kind]
+    if value in ("none", "transparent"):
+        return WHITE, 0.0
+    opacity = look.opacity * fraction(look.style[f"{kind}-opacity"])
+    try:
+        color = Color(value)
+        text = "#000000" if value == "currentColor" else f"#{color.red:02x}{color.green:02x}{color.blue:02x}"
+        return luma(text), opacity * float(color.opacity)
+    except (ValueError, TypeError, AttributeError):
+        return UNKNOWN, opacity
+
+
+def _picture(painted: Sequence[_Painted], shown: Array) -> Picture:
+    """What shows of shapes that are painted one after the other."""
+    good = [each for each in painted if np.isfinite(each.box).all() and (each.fill[1] or each.stroke[1])]
+    boxes = np.array([each.box for each in good]).reshape(-1, 4)
+
+    def sample(points: Array) -> Array:
+        seen = np.full(len(points), WHITE)
+        low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
+        touched = (boxes[:, :2] <= high).all(axis=1) & (boxes[:, 2:] >= low).all(axis=1)
+        for index in np.flatnonzero(touched):
+            box = boxes[index]
+            own = np.flatnonzero(((points >= box[:2]) & (points <= box[2:])).all(axis=1))
+            if len(own):
+                seen[own] = good[index].over(points[own], seen[own])
+        seen[~((points >= shown[:2]) & (points <= shown[2:])).all(axis=1)] = np.nan
+        return seen
+
+    inset = 0.015 * (shown[2:] - shown[:2])
+    paper = WHITE
+    if np.isfinite(inset).all():
+        low, high = shown[:2] + inset, shown[2:] - inset
+        places = np.array([low, high, [low[0], high[1]], [high[0], low[1]]])
+        paper = float(np.nanmedian(sample(places)))
+    return Picture(sample, 0.0, paper)

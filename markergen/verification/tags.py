@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.model.tag import Tag
-from markergen.verification.findings import Finding
 from markergen.verification.reading import Page
 from markergen.verification.solids import is_ink, straight_edges
 from markergen.verification.surface import Surface
+from markergen.verification.words import Finding
 
 Array = NDArray[np.float64]
 Map = Callable[[Array], Array]
@@ -35,11 +35,19 @@ def tag_findings(tag: Tag, page: Page, to_page: Map, tolerance: float) -> list[F
     tolerance : float
         Tolerance in mm.
     """
-    if page.sample is not None:
-        return _in_pixels(tag, page.sample, to_page, tolerance)
     if page.surface is not None:
         return _in_solid(tag, page.surface, to_page, tolerance)
-    return _in_outlines(tag, page.corners, to_page, tolerance)
+    measured = page.picture is not None and page.picture.measured
+    # A seam between tiles adds corners of its own.
+    tiled = page.picture is not None and not page.picture.whole
+    found = [] if measured or tiled else _in_outlines(tag, page.corners, to_page, tolerance)
+    if page.picture is None or found:
+        return found
+    found = _in_pixels(tag, page.picture.sample, to_page, tolerance if measured else None)
+    if not found or measured or tiled:
+        return found
+    remedy = "show all layers, remove what covers it, and print the whole page"
+    return [Finding("tag", f"the tag {tag} does not show as it should", remedy)]
 
 
 def _in_outlines(tag: Tag, found: Array, to_page: Map, tolerance: float) -> list[Finding]:
@@ -63,16 +71,22 @@ def _in_outlines(tag: Tag, found: Array, to_page: Map, tolerance: float) -> list
     return _off(corners, nearest, tolerance)
 
 
-def _in_pixels(tag: Tag, sample: Map, to_page: Map, tolerance: float) -> list[Finding]:
+def _in_pixels(tag: Tag, seen_at: Map, to_page: Map, tolerance: float | None) -> list[Finding]:
+    def sample(points: Array) -> Array:
+        return np.nan_to_num(seen_at(points), nan=255.0)
+
     cells = tag.cells
     grid = (np.arange(-1, cells + 1) + 0.5) / cells - 0.5
     x, y = np.meshgrid(grid, -grid)
-    seen = sample(to_page(tag.side * np.stack([x.ravel(), y.ravel()], axis=-1) + tag.center)).reshape(x.shape)
+    middles = to_page(tag.side * np.stack([x.ravel(), y.ravel()], axis=-1) + tag.center)
+    seen = sample(middles).reshape(x.shape)
     level = (seen.min() + seen.max()) / 2
     ink = np.pad(tag.ink, 1)
     dark = seen < level
     if np.ptp(seen) < 32 or not (np.array_equal(dark, ink) or np.array_equal(~dark, ink)):
         return [_not_there(tag)]
+    if tolerance is None:
+        return []
     corners = to_page(tag.corners)
     return _off(corners, _edges(corners, sample, cells), tolerance)
 

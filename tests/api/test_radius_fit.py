@@ -2,6 +2,7 @@
 
 import io
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -15,6 +16,8 @@ from markergen.errors import InputError
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.spec import Spec
+from markergen.model.substrate import Substrate, parse_mount
+from markergen.read.outlines.boundary import parse_boundary
 from markergen.read.spec_file import spec_from_mapping
 
 QUICK = {"n": 4, "dot": "8mm", "restarts": 1, "poses": "cone:count=30"}
@@ -61,6 +64,20 @@ def test_large_dots_need_room_for_their_quiet_zones(make_ngon, sheet, dot, limit
     assert found.marker is tried[radius]
     assert len(pages_for([found.marker], sheet)) == 1
     assert not fits(make_ngon(5, (radius + 1) / 1e3, dot), sheet)
+
+
+def test_holes_of_a_plate_larger_than_the_disk_must_fit_too(make_ngon):
+    plate = Substrate(outline=parse_boundary("rect:200mmx20mm"), holes=parse_mount("2xM3@180mm/0"))
+
+    def find(spec):
+        return SimpleNamespace(marker=replace(make_ngon(4, spec.boundary.radius, 0.008), substrate=plate))
+
+    def make(radius):
+        return Spec(boundary=Circle(radius / 1e3))
+
+    assert largest_that_fits(make, (60, 60), SheetOptions("A4"), find)[0] == make(60)
+    with pytest.raises(InputError, match="a page of A5-portrait holds, found holes beyond its disk"):
+        largest_that_fits(make, (60, 60), SheetOptions("A5-portrait"), find)
 
 
 def test_what_cannot_fit_is_said():

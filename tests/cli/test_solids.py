@@ -204,7 +204,7 @@ def test_without_the_kernel_every_solid_is_one_line_and_all_else_works(here):
     drawn = [suffix for suffix in EXPORTERS if not EXPORTERS[suffix].kernel and suffix != ".apriltag.yaml"]
     made = [suffix for suffix in EXPORTERS if EXPORTERS[suffix].kernel]
     assert {".fab.pdf", ".stl", ".3mf", ".glb", ".sdf", ".urdf"} <= set(drawn)
-    beside = {"m-light.stl", "m-dark.stl", "model.config", "meshes"}
+    beside = {"m-light.stl", "m-dark.stl", "m-parts.3mf", "model.config", "meshes"}
     lines = [
         *(f"export marker.json -o m{suffix}" for suffix in drawn),
         *(f"export marker.json -o other.json -o m{suffix}" for suffix in made),

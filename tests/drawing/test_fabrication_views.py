@@ -1,5 +1,6 @@
 """The first page of a fabrication sheet, looked at as shapes."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -12,6 +13,7 @@ from markergen.drawing.paper import SheetOptions
 from markergen.drawing.scene import FilledPath, Line, bounds
 from markergen.errors import InputError
 from markergen.model.boundary import Polygon
+from markergen.model.feature import Feature
 from markergen.model.substrate import Hole
 
 
@@ -41,10 +43,18 @@ def test_all_ink_is_inside_of_the_border(front):
     check_inside(front[1])
 
 
-def test_a_pitch_circle_larger_than_the_plate_ends_at_its_edges():
+RECTANGLE = Polygon((((-0.16, -0.1), (0.16, -0.1), (0.16, 0.1), (-0.16, 0.1)),))
+
+
+def test_holes_by_place_have_places_and_no_circle_off_the_page():
     corners = tuple(Hole(0.15 * x, 0.09 * y, 0.0043, use="mount", name="M4") for x in (-1, 1) for y in (-1, 1))
-    plate = Polygon((((-0.16, -0.1), (0.16, -0.1), (0.16, 0.1), (-0.16, 0.1)),))
-    check_inside(front_of(case(ngon(5, 0.05), plate, 0.018, holes=corners)))
+    pair = tuple(Hole(0.15 * x, 0.0, 0.004, use="dowel", name="4 mm pin") for x in (-1, 1))
+    for holes in (corners, pair):
+        front = front_of(case(ngon(5, 0.05), RECTANGLE, 0.018, holes=holes))
+        check_inside(front)
+        written = " ".join(shape.words for shape in texts(front))
+        assert "circle" not in written
+        assert "places in the table" in written or "H1 at x -150 , y 0" in " ".join(written.split())
 
 
 def test_no_two_texts_touch(front):
@@ -57,10 +67,11 @@ def test_every_dot_has_its_number_and_every_callout_its_words(front):
     marker, page = front
     names = [shape.name for shape in texts(page)]
     numbers = [name for name in names if name.startswith("number-")]
-    assert sorted(numbers) == sorted(f"number-{point.id}" for point in marker.control_points)
-    kinds = len({(p.feature.diameter, p.feature.inner_diameter) for p in marker.control_points})
-    kinds += len({hole.diameter for hole in marker.substrate.holes}) + (marker.tag is not None)
-    assert len([name for name in names if name.startswith("callout-") and name.endswith("-0")]) == kinds
+    holes = [f"number-H{number}" for number, _ in enumerate(marker.substrate.holes, 1)]
+    assert sorted(numbers) == sorted([*(f"number-{point.id}" for point in marker.control_points), *holes])
+    work = described(marker)
+    assert len([name for name in names if name.startswith("callout-") and name.endswith("-0")]) == len(work.callouts)
+    assert [name for name in names if name.startswith("datum-")] != []
 
 
 def test_words_lie_where_their_outlines_do(front):
@@ -86,6 +97,56 @@ def test_the_front_view_is_true_to_its_scale(front):
         place = np.array([x + 1e3 * page.scale * point.x, y + 1e3 * page.scale * point.y])
         # Polygons within 2 um of their circles.
         assert np.hypot(*(middles - place).T).min() < 4e-3 * max(page.scale, 1)
+
+
+def test_sizes_on_the_drawing_are_those_of_the_plate():
+    page = front_of(case(ngon(5, 0.05), RECTANGLE, 0.018, edge=0.003))
+    written = [shape.words for shape in texts(page)]
+    # 320 x 200 mm with an edge of 3 mm; the origin is in the middle, in boxes, from the edges B and C.
+    assert {"326", "206", "163", "103", "4 \xb10.2"} <= set(written)
+    view = {shape.words: bounds(shape) for shape in texts(page)}
+    boxes = [bounds(shape) for shape in page.shapes if isinstance(shape, Line) and len(shape.points) == 5]
+    for words in ("163", "103"):
+        around = [b for b in boxes if np.all(np.abs(np.subtract(b, view[words])) < 1.5)]
+        assert around, f"{words} is theoretically exact, and in a box"
+    for words in ("326", "206"):
+        assert not [b for b in boxes if np.all(np.abs(np.subtract(b, view[words])) < 1.5)]
+    # An arrow at either end of the overall width, as far apart as the plate is wide at this scale.
+    x, _ = page.origin
+    ends = [x + sign * 163 * page.scale for sign in (-1, 1)]
+    paths = [shape for shape in page.shapes if isinstance(shape, FilledPath) and not isinstance(shape, Lettering)]
+    tips = [shape.segments[0][1][0][0] for shape in paths if len(shape.segments) == 4]
+    assert all(min(abs(tip - end) for tip in tips) < 1e-6 for end in ends)
+
+
+@pytest.mark.parametrize(("paper", "above"), [("A3-landscape", True), ("tabloid-landscape", False)])
+def test_the_view_from_below_is_above_in_first_angle_projection(paper, above):
+    page = front_of(MARKERS["disk"], SheetOptions(paper))
+    (side,) = [bounds(shape) for shape in page.shapes if shape.name == "side-words"]
+    assert (side[1] > page.origin[1] + 166 * page.scale) == above
+
+
+def test_center_lines_end_at_numbers(front):
+    _, page = front
+    numbers = [bounds(shape) for shape in page.shapes if shape.name.startswith("number-")]
+    lines = [shape for shape in page.shapes if isinstance(shape, Line) and len(shape.points) == 2]
+    for left, bottom, right, top in numbers:
+        for line in lines:
+            points = np.linspace(*line.points, 50)
+            within = np.all((points > (left, bottom)) & (points < (right, top)), axis=-1)
+            assert not within.any()
+
+
+def test_too_many_callouts_are_smaller_and_all_there():
+    points = [(0.03 * k - 0.105, 0.02 * (-1) ** k) for k in range(8)]
+    marker = case(points, RECTANGLE, 0.01, corner_radius=0.004)
+    kinds = tuple(Hole(0.03 * k - 0.09, 0.06, 0.003 + k / 2000, use="mount", name="") for k in range(6))
+    places = [replace(p, feature=Feature(0.01 + k % 6 / 1000)) for k, p in enumerate(marker.control_points)]
+    plate = replace(marker.substrate, holes=kinds)
+    front = front_of(replace(marker, control_points=tuple(places), substrate=plate), SheetOptions("A4"), process="cnc")
+    check_inside(front)
+    names = {shape.name for shape in front.shapes}
+    assert {f"callout-{number}-0" for number in range(1, 13)} <= names
 
 
 def test_leaders_keep_off_dots_where_they_can():

@@ -22,6 +22,7 @@ from markergen.model.boundary import Circle, polygon_from
 from markergen.model.fabrication import Fabrication
 from markergen.model.substrate import Substrate, parse_dowel, parse_mount
 from markergen.model.tag import Tag
+from markergen.verification.check import verify
 
 MM = 25.4 / 72
 
@@ -118,7 +119,7 @@ def of_dxf(data: bytes) -> dict[str, list[Shape]]:
 
 @pytest.mark.parametrize("process", ["fdm", "print", "laser"])
 @pytest.mark.parametrize("name", NAMES)
-def test_dxf(cases, name, process):
+def test_dxf(cases, name, process, tmp_path):
     case = cases[name]
     output = EXPORTERS[".dxf"]([case.marker], ExportOptions(fabrication=Fabrication(process)))
     layers = of_dxf(output.data)
@@ -128,6 +129,9 @@ def test_dxf(cases, name, process):
     (_, left, low, right, high), told = case.sheet[0], " ".join(output.notes)
     beyond = [hole for hole in case.holes if hole[1] < left or hole[2] < low or hole[3] > right or hole[4] > high]
     assert ("beyond the boundary" in told) == bool(beyond and process != "laser")
+    # Holes and keep-outs as large as dots are no dots.
+    (tmp_path / "m.dxf").write_bytes(output.data)
+    assert verify(case.marker, tmp_path / "m.dxf").findings == ()
 
 
 def of_svg(data: bytes) -> dict[str, list[tuple[bool, np.ndarray]]]:
@@ -252,6 +256,7 @@ def test_step(cases, name, process, tmp_path):
     case = cases[name]
     data = EXPORTERS[".step"]([case.marker], ExportOptions(fabrication=Fabrication(process, engrave=False))).data
     (tmp_path / "m.step").write_bytes(data)
+    assert process == "print" or verify(case.marker, tmp_path / "m.step").findings == ()
     solids = importers.importStep(str(tmp_path / "m.step")).solids().vals()
     plate = max(solids, key=lambda solid: solid.BoundingBox().xlen)
     (face,) = [face for face in plate.Faces() if face.BoundingBox().zmax < plate.BoundingBox().zmin + 1e-6]

@@ -1,18 +1,22 @@
 """Markers of all kinds as STL, 3MF and GLB: closed, as large as they should be, and with their dots where they are."""
 
+import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from io import BytesIO
+from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 from markergen.exporters import EXPORTERS, ExportOptions, Output
-from markergen.exporters.meshes import Meshed, meshed
+from markergen.exporters.meshes import MATERIALS, VOLUMES, Meshed, meshed
 from markergen.model.fabrication import Fabrication
 from markergen.model.marker import Marker
 from markergen.model.substrate import Substrate, parse_mount
 from markergen.model.tag import Tag
+from markergen.solid.bodies import OTHER
 
 PLACE = 5e-3
 """mm: what is asked of dot centers in meshes."""
@@ -85,39 +89,65 @@ def test_stl_is_watertight_as_a_whole_and_by_material(kind):
 
 
 def test_3mf_is_read_without_a_warning(kind):
+    output, parts = written(kind, ".3mf"), kind[2].parts
+    several = len({part.material for part in parts}) > 1
+    assert list(output.beside) == (["marker-parts.3mf"] if several else [])
+    (whole,) = meshes_of_3mf(output.data)
+    paints = [triangle.PropertyIDs[0] for triangle in whole.GetAllTriangleProperties()]
+    first = 0
+    for volume, part in zip(volumes_of_3mf(output.data), parts, strict=True):
+        about = {each.get("key"): each.get("value") for each in volume.iter("metadata")}
+        assert about == {"name": part.name, "extruder": str(1 + MATERIALS.index(part.material))}
+        last = int(volume.get("lastid"))
+        assert (int(volume.get("firstid")), last - first + 1) == (first, len(part.mesh.triangles))
+        # Indices of materials in lib3mf begin at 1.
+        own, other = 1 + MATERIALS.index(part.material), 1 + MATERIALS.index(OTHER[part.material])
+        np.testing.assert_array_equal(paints[first : last + 1], np.where(part.mesh.marked, other, own))
+        first = last + 1
+    assert first == len(paints)
+    for data in output.beside.values():
+        assert [mesh.GetName() for mesh in meshes_of_3mf(data)] == [part.name for part in parts]
+
+
+def meshes_of_3mf(data: bytes) -> list[Any]:
+    """Meshes of lib3mf, from a file with which it has no quarrel."""
     import lib3mf
 
     model = lib3mf.get_wrapper().CreateModel()
     reader = model.QueryReader("3mf")
     reader.SetStrictModeActive(True)
-    reader.ReadFromBuffer(written(kind, ".3mf").data)
+    reader.ReadFromBuffer(data)
     assert reader.GetWarningCount() == 0
-    meshes, names = model.GetMeshObjects(), []
+    meshes, found = model.GetMeshObjects(), []
     while meshes.MoveNext():
-        mesh = meshes.GetCurrentMeshObject()
-        assert mesh.IsManifoldAndOriented()
-        names.append(mesh.GetName())
-    assert names == [part.name for part in kind[2].parts]
+        found.append(meshes.GetCurrentMeshObject())
+        assert found[-1].IsManifoldAndOriented()
+    return found
+
+
+def volumes_of_3mf(data: bytes) -> list[ElementTree.Element]:
+    """What PrusaSlicer reads about the parts."""
+    with zipfile.ZipFile(BytesIO(data)) as package:
+        return ElementTree.fromstring(package.read(VOLUMES)).findall("object/volume")
 
 
 def test_dots_are_where_they_are_in_stl_3mf_and_glb(kind):
     """Through what other programs read, from the points at a dot's edge, or on its ball."""
-    import lib3mf
     import trimesh
 
     marker, options, _ = kind
     if options.fabrication.process == "print":
         return  # has a recess, and no dots
-    model = lib3mf.get_wrapper().CreateModel()
-    model.QueryReader("3mf").ReadFromBuffer(written(kind, ".3mf").data)
-    meshes, packed = model.GetMeshObjects(), []
-    while meshes.MoveNext():
-        packed += [list(vertex.Coordinates) for vertex in meshes.GetCurrentMeshObject().GetVertices()]
+    output = written(kind, ".3mf")
+    packed = [
+        np.array([list(vertex.Coordinates) for mesh in meshes_of_3mf(data) for vertex in mesh.GetVertices()])
+        for data in (output.data, *output.beside.values())
+    ]
     scene = trimesh.load_scene(BytesIO(written(kind, ".glb").data), file_type="glb")
     # glTF has y up and m.
     x, up, back = 1e3 * np.concatenate([mesh.vertices for mesh in scene.dump()]).T
     stl = trimesh.load_mesh(BytesIO(written(kind, ".stl").data), file_type="stl").vertices
-    for points in (stl, np.array(packed), np.stack([x, -back, up], axis=-1)):
+    for points in (stl, *packed, np.stack([x, -back, up], axis=-1)):
         for dot in marker.control_points:
             center, radius = 1e3 * np.array([dot.x, dot.y, dot.z]), 500 * dot.feature.diameter
             offsets = points - center

@@ -180,10 +180,13 @@ def test_fits_are_those_of_the_standard(make):
     marker = make(5)
     slip, press = (PROCESSES["cnc"](marker, Fabrication("cnc", fit=fit)) for fit in ("slip", "press"))
     # 36 mm: F8 is +25 to +64 um of the diameter, h7 0 to -25 um, P7 -42 to -17 um, h6 0 to -16 um; 18 mm: F8 +16 um.
-    assert dict(slip.tolerances)["disc of 36 mm"] == "h7 (0 / -0.025 mm)"
-    assert dict(slip.tolerances)["its pocket of 36 mm"] == "F8 (+0.064 / +0.025 mm)"
-    assert dict(press.tolerances)["disc of 36 mm"] == "h6 (0 / -0.016 mm)"
-    assert dict(press.tolerances)["its pocket of 36 mm"] == "P7 (-0.017 / -0.042 mm)"
+    (_, loose), (_, tight) = slip.fits[0], press.fits[0]
+    assert (loose.disc.words, loose.pocket.words) == ("h7 (0 / -0.025)", "F8 (+0.064 / +0.025)")
+    assert (tight.disc.words, tight.pocket.words) == ("h6 (0 / -0.016)", "P7 (-0.017 / -0.042)")
+    assert [(what, fit.disc.diameter) for what, fit in slip.fits] == [("dot", 36), ("core", 18)]
+    # Half of the zone for the pocket, and all of the play: (64 + 25) / 2 um.
+    assert slip.accuracy.center == pytest.approx(0.02 + 0.0445)
+    assert press.accuracy.center == pytest.approx(0.02)
     pockets = [{round(max(r for r, _ in body.profile.points), 6) for body in made.cut} for made in (slip, press)]
     assert pockets == [{18.0125}, {18.0}]
     assert {max(r for r, _ in part.add[0].profile.points) for part in slip.parts} == {18.0, 8.992}
@@ -209,7 +212,9 @@ def test_a_sheet_with_nothing_but_holes_may_be_thin_and_has_no_words_about_discs
     assert plate.volume == pytest.approx((pi * plate_of(thin).outlines[0][0].as_circle[2] ** 2 - dots) * 0.2)
     check_solids(thin, Fabrication("cnc", through=True))
     made = PROCESSES["cnc"](thin, Fabrication("cnc", through=True))
-    assert [what for what, _ in made.tolerances] == ["dot centers, from the origin"]
+    assert not made.tolerances
+    assert not made.fits
+    assert made.accuracy.play == 0
     assert not any("disc" in line or "pocket" in line for line in made.lines)
     with pytest.raises(InputError, match="for pockets"):
         PROCESSES["cnc"](replace(marker, substrate=thin.substrate), Fabrication("cnc", through=True))
@@ -335,7 +340,7 @@ def test_every_process_has_words_for_the_workshop(make):
     for name in PROCESSES:
         made = PROCESSES[name](make(5), Fabrication(name))
         assert made.lines
-        assert made.tolerances
+        assert made.accuracy.position or made.tolerances
         assert made.depth > 0
         assert all(line.endswith(".") for line in (*made.lines, *made.notes))
         assert all(isinstance(body, Prism | Revolved) for body in (*made.cut, *made.marked, *made.add))

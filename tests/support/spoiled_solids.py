@@ -62,12 +62,15 @@ def model(data):
         return package.read("3D/3dmodel.model").decode()
 
 
-def with_model(data, text):
-    """The 3MF with another model."""
+def with_model(data, text, path="3D/3dmodel.model"):
+    """The 3MF with another model, or another file; without that file if there is no text."""
     out = BytesIO()
     with zipfile.ZipFile(BytesIO(data)) as package, zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as changed:
         for name in package.namelist():
-            changed.writestr(name, text if name == "3D/3dmodel.model" else package.read(name))
+            if name != path:
+                changed.writestr(name, package.read(name))
+            elif text:
+                changed.writestr(name, text)
     return out.getvalue()
 
 
@@ -86,7 +89,8 @@ def _glb(data, x, y, z):
 
 def _3mf(data, x, y, z):
     text = model(data)
-    changed = re.sub(r"(<item [^>]*?)/>", rf'\1 transform="{x} 0 0 0 {y} 0 0 0 {z} 0 0 0"/>', text)
+    moved = rf'\1 transform="{x} 0 0 0 {y} 0 0 0 {z} 0 0 0"/>'
+    changed = re.sub(r'(<item objectid="\d+")[^>]*/>', moved, text)
     assert changed != text
     return with_model(data, changed)
 

@@ -143,28 +143,28 @@ def change(path, motion):
     path.write_bytes(stl(motion(triangles(path.read_bytes()))))
 
 
-def test_meshes_that_are_themselves_elsewhere(suffix, here, marker):
+def test_meshes_that_are_themselves_elsewhere(here, marker):
     """The pose of each visual says nothing about it."""
     for name in ("light", "dark"):
         change(here / "meshes" / f"m-{name}.stl", lambda corners: corners + [0.001, 0, 0])
-    (finding,) = verify(marker, here / f"m{suffix}").findings
+    (finding,) = verify(marker, here / "m.urdf").findings
     assert finding.kind == "frame"
     assert "degrees and off by x +1.0000 mm and y " in finding.sentence
     for name in ("light", "dark"):
         change(here / "meshes" / f"m-{name}.stl", lambda corners: (corners - [0.001, 0, 0]) * [-1, -1, 1])
-    (finding,) = verify(marker, here / f"m{suffix}").findings
+    (finding,) = verify(marker, here / "m.urdf").findings
     assert re.search(r"turned by -?180.0000 degrees", finding.sentence)
     for name in ("light", "dark"):
         change(here / "meshes" / f"m-{name}.stl", lambda corners: corners * [-1, -1, 1] + [0, 0, 0.001])
-    assert {finding.kind for finding in verify(marker, here / f"m{suffix}").findings} == {"height"}
+    assert {finding.kind for finding in verify(marker, here / "m.urdf").findings} == {"height"}
 
 
-def test_meshes_of_another_marker(suffix, here, written, marker):
+def test_meshes_of_another_marker(here, written, marker):
     shutil.copytree(written / "other" / "meshes", here / "meshes", dirs_exist_ok=True)
-    assert not verify(marker, here / f"m{suffix}").passed
+    assert not verify(marker, here / "m.urdf").passed
 
 
-def test_a_dot_is_missing(suffix, here, marker):
+def test_a_dot_is_missing(here, marker):
     point = marker.control_points[2]
 
     def without(corners):
@@ -172,7 +172,7 @@ def test_a_dot_is_missing(suffix, here, marker):
         return corners[away > point.feature.diameter]
 
     change(here / "meshes" / "m-dark.stl", without)
-    assert "dot 2" in " ".join(sentences(verify(marker, here / f"m{suffix}")))
+    assert "dot 2" in " ".join(sentences(verify(marker, here / "m.urdf")))
 
 
 def test_sites_that_are_elsewhere(here, marker):

@@ -1,6 +1,7 @@
 """What stands in files of solids, and one line about those that lie."""
 
 import json
+import re
 import struct
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from spoiled_solids import glb, gltf, model, stl, with_model
 from markergen import guard
 from markergen.errors import InputError, MissingLibraryError
 from markergen.exporters import ExportOptions
+from markergen.exporters.meshes import VOLUMES
 from markergen.exporters.saving import save
 from markergen.geometry.contour import area
 from markergen.model.fabrication import Fabrication
@@ -40,7 +42,7 @@ def data(marker, tmp_path_factory):
     folder = tmp_path_factory.mktemp("data")
     suffixes = (".step", ".brep", ".stl", ".3mf", ".glb")
     save(marker, [folder / f"a{suffix}" for suffix in suffixes], ExportOptions(fabrication=SMALL))
-    return {suffix: (folder / f"a{suffix}").read_bytes() for suffix in suffixes}
+    return {suffix: (folder / f"a{suffix}").read_bytes() for suffix in (*suffixes, "-parts.3mf")}
 
 
 def test_names_colors_and_volumes_of_a_step(marker, data):
@@ -105,10 +107,32 @@ def test_3mf_that_lie(marker, data, tmp_path):
     assert "numbers" in said(text.replace('v1="', 'v1="x', 1))
     assert "a corner that is missing" in said(text.replace('v1="', 'v1="99999', 1))
     assert "found object '99" in said(text.replace('<item objectid="', '<item objectid="99'))
-    whole = text.split('<item objectid="')[1].split('"')[0]
     # An object of itself.
-    circle = f'<component objectid="{whole}"/><component objectid='
-    assert "objects that exist" in said(text.replace("<component objectid=", circle, 1))
+    circle = '<components><component objectid="2"/></components></object>'
+    assert "objects that exist" in said(re.sub("<mesh>.*</mesh></object>", circle, text, flags=re.DOTALL))
+
+
+def test_3mf_whose_parts_are_others_in_prusaslicer(marker, data, tmp_path):
+    with zipfile.ZipFile(BytesIO(data[".3mf"])) as package:
+        text = package.read(VOLUMES).decode()
+
+    def said(changed):
+        assert changed != text
+        (tmp_path / "a.3mf").write_bytes(with_model(data[".3mf"], changed, VOLUMES))
+        return [finding.sentence for finding in verify(marker, tmp_path / "a.3mf").findings]
+
+    assert "dot 3 has no inlay: its pocket is empty" in said(re.sub(r"<volume.*\n(?=</object>)", "", text))
+    same = "dots and plate are printed by the same extruder"
+    assert same in said(text.replace('"extruder" value="2"', '"extruder" value="1"', 1))
+    bad = with_model(data[".3mf"], text.replace("firstid", "first"), VOLUMES)
+    assert "numbers" in refused(marker, tmp_path, ".3mf", bad)
+
+
+def test_3mf_of_parts_and_of_other_programs_is_read(marker, data, tmp_path):
+    (tmp_path / "bare.3mf").write_bytes(with_model(data[".3mf"], "", VOLUMES))
+    (tmp_path / "parts.3mf").write_bytes(data["-parts.3mf"])
+    for name in ("bare.3mf", "parts.3mf"):
+        assert verify(marker, tmp_path / name).passed
 
 
 def test_glb_that_lie(marker, data, tmp_path):

@@ -3,7 +3,7 @@
 from markergen.model.fabrication import Fabrication, Process
 from markergen.model.marker import Marker
 from markergen.solid.manufacturability import depth_of, tool_of
-from markergen.solid.processes import Cutting, Made, marks, prepare
+from markergen.solid.processes import Accuracy, Cutting, Made, marks, prepare
 
 DEPTH, FINEST = 0.05, 0.05
 """Depth of the etching, and minimum line width of the mask, mm."""
@@ -19,7 +19,7 @@ def etch(marker: Marker, fabrication: Fabrication) -> Made:
         add=ground.pillars,
         notes=ground.notes,
         lines=(f"Etch the dots {cutting.depth:.6g} mm deep and fill them with black lacquer.",),
-        tolerances=(("dot centers, from each other", "+/- 0.01 mm"),),
+        accuracy=Accuracy(position=0.02, diameter=0.02, depth=0.02, finish="as coated"),
         depth=cutting.depth,
     )
 

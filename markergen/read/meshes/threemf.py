@@ -249,8 +249,10 @@ class _Model:
         self._bounded(len(self.items), "items to build")
 
     def built(self, volumes: dict[str, list[_Volume]]) -> list[MeshObject]:
-        """Triangles in mm of all build items."""
+        """Triangles in mm of all build items; of a single one without its shift, which is its place on the bed."""
         placed: list[tuple[str, Array]] = []
+        if len(self.items) == 1:
+            self.items[0][1][3, :3] = 0
         for key, transform in self.items:
             self._place(placed, key, transform, 0)
         total = sum(len(self.objects[key].triangles) for key, _ in placed) // 3

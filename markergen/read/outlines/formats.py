@@ -1,6 +1,6 @@
 """Outline formats, the file that their readers take, and the drawing that they return."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -31,11 +31,39 @@ class Piece:
     curves : tuple of Curve
     closed : bool
         True if the last end is joined to the first start, by a line if they are apart.
+    look : Look or None
+        How it is painted, in formats that say it.
     """
 
     name: str
     curves: tuple[Curve, ...]
     closed: bool
+    look: "Look | None" = None
+
+
+@dataclass(frozen=True)
+class Look:
+    """How the pieces of one shape are painted.
+
+    Attributes
+    ----------
+    shape : int
+        Number of the shape, in the order of painting; the pieces of one shape are filled together.
+    style : mapping
+        Values of properties such as ``fill``.
+    opacity : float
+        Opacity of the shape with the groups around it.
+    layers : tuple of str
+        Names of the groups around it, outermost first.
+    scale : float
+        Ratio of the drawing's lengths to the shape's own, for the width of its stroke.
+    """
+
+    shape: int
+    style: Mapping[str, str]
+    opacity: float
+    layers: tuple[str, ...]
+    scale: float
 
 
 @dataclass(frozen=True)

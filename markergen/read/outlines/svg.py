@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import count
 from typing import NoReturn
 from xml.etree.ElementTree import Element, TreeBuilder
@@ -14,8 +14,27 @@ from numpy.typing import NDArray
 from markergen.errors import brief
 from markergen.geometry.region import Region
 from markergen.read.outlines.curves import MOST_POINTS, Curve
-from markergen.read.outlines.formats import MOST_PIECES, OUTLINE_FORMATS, Drawing, OutlineFile, OutlineFormat, Piece
-from markergen.read.outlines.svg_shapes import INITIAL, PX, Shapes, Sheet, Style, gone, seen, sheet_of, style_of
+from markergen.read.outlines.formats import (
+    MOST_PIECES,
+    OUTLINE_FORMATS,
+    Drawing,
+    Look,
+    OutlineFile,
+    OutlineFormat,
+    Piece,
+)
+from markergen.read.outlines.svg_shapes import (
+    INITIAL,
+    PX,
+    Shapes,
+    Sheet,
+    Style,
+    fraction,
+    gone,
+    seen,
+    sheet_of,
+    style_of,
+)
 
 Array = NDArray[np.float64]
 Viewport = tuple[float, float]
@@ -122,13 +141,17 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
 
 @dataclass(frozen=True)
 class _Place:
-    """Inherited state of an element: map to the root's units, style, viewport, whether its layer is wanted, depth."""
+    """Inherited state of an element: map to the root's units, style, viewport, whether its layer is wanted, depth,
+    opacity, and the names of the groups around it.
+    """
 
     matrix: Array
     style: Style
     viewport: Viewport
     wanted: bool
     depth: int
+    opacity: float = 1.0
+    layers: tuple[str, ...] = ()
 
 
 @dataclass
@@ -158,7 +181,7 @@ class _SvgReader:
         if kind not in (*SHAPES, *GROUPS, "svg", "use"):
             return
         number = next(self._numbers)
-        most = MOST_PIECES * self.file.patience
+        most = MOST_PIECES * min(self.file.patience, 4)
         if number > most:
             raise self.file.too_much(f"at most {most} elements")
         if place.depth > DEEPEST:
@@ -170,7 +193,9 @@ class _SvgReader:
             return
         name = f"{kind} {brief(element.get('id'))}" if element.get("id") else f"{kind} number {number}"
         matrix = _times(place.matrix, self._shapes.matrix(element, name))
-        here = _Place(matrix, style, place.viewport, place.wanted or chosen, place.depth + 1)
+        opacity = place.opacity * fraction(style["opacity"])
+        layers = (*place.layers, *_names(element)[:1]) if kind == "g" else place.layers
+        here = _Place(matrix, style, place.viewport, place.wanted or chosen, place.depth + 1, opacity, layers)
         before = len(self.pieces)
         if kind in GROUPS:
             self.children(element, here)
@@ -183,9 +208,11 @@ class _SvgReader:
         self._refuse_cuts(style, self.pieces[before:], here, name)
 
     def _shape(self, element: Element, place: _Place, name: str) -> None:
+        scale = float(np.sqrt(abs(np.linalg.det(place.matrix[:, :2]))))
+        look = Look(next(self._numbers), place.style, place.opacity, place.layers, scale)
         for piece in self._shapes.pieces(element, name, place.viewport):
             curves = tuple(curve.mapped(place.matrix) for curve in piece.curves)
-            self.pieces.append(Piece(name, curves, piece.closed))
+            self.pieces.append(Piece(name, curves, piece.closed, look))
 
     def _use(self, element: Element, place: _Place, name: str) -> None:
         target = self.by_id.get(_reference(element).removeprefix("#"))
@@ -210,9 +237,9 @@ class _SvgReader:
         box = _view_box(element, self._shapes, name)
         if box is not None and width > 0 and height > 0:
             fit = _fit(box, viewport, element.get("preserveAspectRatio", ""))
-            place = _Place(_times(place.matrix, fit), place.style, box[2:], place.wanted, place.depth)
+            place = replace(place, matrix=_times(place.matrix, fit), viewport=box[2:])
         else:
-            place = _Place(place.matrix, place.style, viewport, place.wanted, place.depth)
+            place = replace(place, viewport=viewport)
         if width > 0 and height > 0:
             self.children(element, place)
 
@@ -340,7 +367,7 @@ def _fit(box: tuple[float, float, float, float], viewport: Viewport, aspect: str
 
 def _moved(place: _Place, offset: tuple[float, ...]) -> _Place:
     matrix = _times(place.matrix, np.array([[1.0, 0.0, offset[0]], [0.0, 1.0, offset[1]]]))
-    return _Place(matrix, place.style, place.viewport, place.wanted, place.depth)
+    return replace(place, matrix=matrix)
 
 
 def _times(a: Array, b: Array) -> Array:

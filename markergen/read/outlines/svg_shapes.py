@@ -25,7 +25,7 @@ LARGEST_SHEET = 300_000
 
 INITIAL: Style = {
     "visibility": "visible", "fill": "black", "stroke": "none", "fill-opacity": "1", "stroke-opacity": "1",
-    "stroke-width": "1",
+    "stroke-width": "1", "fill-rule": "nonzero",
 }  # fmt: skip
 """Inherited properties and their initial values."""
 
@@ -52,6 +52,9 @@ _NUMBER = r"(?>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 _LENGTH = re.compile(rf"\s*+({_NUMBER})\s*+([a-zA-Z]*+|%)\s*+")
 _NO_NUMBERS = re.compile(r"[^\s,]")
 _NO_PATH = re.compile(r"[^\s,MmZzLlHhVvCcSsQqTtAa]")
+_PLAIN = re.compile(r"\s*+M[MLQCZ\s,\d.eE+-]*+")
+_STEP = re.compile(r"([MLQCZ])([^MLQCZ]*+)")
+_NUMBERS = re.compile(_NUMBER)
 _TRANSFORMS = re.compile(r"[\s,]*+(?:(?:matrix|translate|scale|rotate|skewX|skewY)\s*+\([^()]*+\)[\s,]*+)*+")
 _TRANSFORM = re.compile(r"(\w+)\s*\(([^)]*)\)")
 
@@ -173,6 +176,9 @@ class Shapes:
             raise self.file.unreadable(
                 f"path data with at most {MOST_CLOSES} closes after a move", f"more in {name}", "correct the path"
             )
+        if (plain := _plain_path(data, name)) is not None:
+            self.segments += sum(len(piece.curves) for piece in plain)
+            return plain
         try:
             segments = list(Path(data))
         except Exception:  # The parser raises errors of all kinds.
@@ -193,6 +199,41 @@ class Shapes:
         if curves:
             pieces.append(Piece(name, tuple(curves), False))
         return pieces
+
+
+def _plain_path(data: str, name: str) -> list[Piece] | None:
+    """Pieces of path data of absolute lines and curves, as of text; None for all others.
+
+    svgelements takes ten times as long, and a sheet has thousands of curves.
+    """
+    if not _PLAIN.fullmatch(data):
+        return None
+    pieces: list[Piece] = []
+    curves: list[Curve] = []
+    start = here = np.zeros(2)
+    for command, text in _STEP.findall(data):
+        if command == "Z":
+            pieces += [Piece(name, tuple(curves), True)] if curves else []
+            curves, here = [], start
+            continue
+        points = np.array(_NUMBERS.findall(text), dtype=float)
+        degree = {"M": 1, "L": 1, "Q": 2, "C": 3}[command]
+        if not len(points) or len(points) % (2 * degree):
+            return None
+        points = points.reshape(-1, 2)
+        if command == "M":
+            pieces += [Piece(name, tuple(curves), False)] if curves else []
+            start, curves = points[0], []
+            if len(points) > 1:
+                curves.append(Polyline(points))
+        elif command == "L":
+            curves.append(Polyline(np.concatenate([here[None], points])))
+        else:
+            ends = np.concatenate([here[None], points[degree - 1 :: degree]])
+            for k in range(len(points) // degree):
+                curves.append(Bezier(np.concatenate([ends[k : k + 1], points[degree * k : degree * (k + 1)]])))
+        here = points[-1]
+    return pieces + ([Piece(name, tuple(curves), False)] if curves else [])
 
 
 def _curve(segment: Any) -> Curve:
@@ -306,6 +347,15 @@ def seen(style: Style) -> bool:
     filled = style["fill"] not in _CLEAR and not _zero(style["fill-opacity"])
     stroked = style["stroke"] not in _CLEAR and not _zero(style["stroke-opacity"]) and not _zero(style["stroke-width"])
     return style["visibility"] == "visible" and (filled or stroked)
+
+
+def fraction(value: str) -> float:
+    """Opacity as a number from 0 to 1; 1 for what is none."""
+    try:
+        found = float(value.removesuffix("%")) / (100 if value.endswith("%") else 1)
+    except ValueError:
+        return 1.0
+    return min(max(found, 0.0), 1.0)
 
 
 def gone(style: Style) -> bool:

@@ -15,10 +15,49 @@ from markergen.model.marker import Marker
 from markergen.model.substrate_checks import check_holes
 from markergen.solid.bodies import Body, Part, Prism, cylinder
 from markergen.solid.dot_geometry import SolidDot, dots_of, tag_ink
-from markergen.solid.engraving import engraving
+from markergen.solid.engraving import EngravedText, engraving
+from markergen.solid.iso286 import DiscFit
 from markergen.solid.manufacturability import Tool, check_apart, check_bores, check_dots, check_tag
 from markergen.solid.plate import Footprint, plate_of
 from markergen.solid.relief import PILLAR, designed_poses, pillars_of
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """What a process keeps to, for the tolerances on the fabrication drawing; mm.
+
+    Attributes
+    ----------
+    position : float
+        Diameter of the zone for the axes of what is cut or marked for the dots; 0 if the process makes no dots.
+    play : float
+        Maximum distance of a dot's center from the axis of its pocket; 0 if they are one.
+    diameter : float
+        Deviation of a dot's diameter to either side, where no fit says more.
+    depth : float
+        Maximum excess of the depth of pockets or a recess; 0 if the depth is a maximum.
+    thickness, height : float
+        Deviations of the plate's thickness and of the heights of pillars to either side.
+    flatness : float
+        Flatness of the plate's face.
+    finish, edges : str
+        Surface finish, and the state of edges.
+    """
+
+    position: float = 0.0
+    play: float = 0.0
+    diameter: float = 0.1
+    depth: float = 0.1
+    thickness: float = 0.2
+    height: float = 0.1
+    flatness: float = 0.2
+    finish: str = "Ra 3.2"
+    edges: str = "broken 0.1 to 0.3, rims of dots sharp"
+
+    @property
+    def center(self) -> float:
+        """Maximum distance of a finished dot's center from its true position."""
+        return self.position / 2 + self.play
 
 
 @dataclass(frozen=True)
@@ -41,8 +80,14 @@ class Made:
         Sentences for the user, shown on the screen.
     lines : tuple of str
         Sentences for the workshop, on the fabrication sheet.
+    accuracy : Accuracy
+        Tolerances for the fabrication sheet.
     tolerances : tuple of (what, how much)
-        Rows for the fabrication sheet, such as ``("disc 36 mm", "h7: +0 / -0.025 mm")``.
+        Further rows for the fabrication sheet, such as ``("inlays, from the face", "0 / -0.05 mm")``.
+    fits : tuple of (what, DiscFit)
+        Fits of discs in pockets, the largest first, and of rings' cores in rings: ``"dot"`` or ``"core"``.
+    engraved : tuple of EngravedText
+        What `parts_of` engraves on the back.
     depth : float
         Depth of pockets, engraving or recess below the plane of their dots.
     face : float
@@ -55,7 +100,10 @@ class Made:
     add: tuple[Body, ...] = ()
     notes: tuple[str, ...] = ()
     lines: tuple[str, ...] = ()
+    accuracy: Accuracy = Accuracy()
     tolerances: tuple[tuple[str, str], ...] = ()
+    fits: tuple[tuple[str, DiscFit], ...] = ()
+    engraved: tuple[EngravedText, ...] = ()
     depth: float = 0.0
     face: float = 0.0
 
@@ -109,13 +157,13 @@ def parts_of(marker: Marker, fabrication: Fabrication) -> Made:
     plate = plate_of(marker)
     check_holes(marker, plate.face.mapped(lambda mm: mm / 1e3))
     made: Made = PROCESSES[fabrication.process](marker, fabrication)
-    cut, notes = made.cut, made.notes
+    cut, notes, texts = made.cut, made.notes, made.engraved
     if fabrication.engrave:
         under = [*plate.bores(made.face), *cut, *made.marked]
         engraved = engraving(marker, plate.outline, plate.bottom(made.face), under)
-        cut, notes = (*cut, *engraved.cut), (*notes, *engraved.notes)
+        cut, notes, texts = (*cut, *engraved.cut), (*notes, *engraved.notes), engraved.texts
     plates = plate.parts(made.face, cut, made.marked, made.add)
-    return replace(made, parts=(*plates, *made.parts), notes=notes)
+    return replace(made, parts=(*plates, *made.parts), notes=notes, engraved=texts)
 
 
 def prepare(

@@ -7,9 +7,9 @@ from markergen.model.fabrication import PROCESSES, Fabrication, Process
 from markergen.model.marker import Marker
 from markergen.solid.bodies import Body, Part, cylinder, mm
 from markergen.solid.dot_geometry import SolidDot, cell_of, dots_of
-from markergen.solid.iso286 import DiscFit, disc_fit
+from markergen.solid.iso286 import DiscFit, core_fit, disc_fit
 from markergen.solid.manufacturability import depth_of, gap_of, tool_of
-from markergen.solid.processes import Cutting, Made, inlay, prepare, tag_inlays
+from markergen.solid.processes import Accuracy, Cutting, Made, inlay, prepare, tag_inlays
 from markergen.units import format_length
 
 DEPTH = 1.0
@@ -17,6 +17,9 @@ DEPTH = 1.0
 
 MILLS = (3.0, 2.0, 1.5, 1.0, 0.8, 0.5)
 """Diameters in mm of common end mills; by default the largest that makes every feature is used."""
+
+POSITION = 0.04
+"""Diameter in mm of the zone for the axes of pockets and holes."""
 
 WALL = 0.5
 """Minimum wall in mm between pockets that does not deflect under the mill."""
@@ -70,11 +73,23 @@ def cnc(marker: Marker, fabrication: Fabrication) -> Made:
         add=ground.pillars,
         notes=(*ground.notes, *_notes(marker, fabrication, parts)),
         lines=_lines(marker, fabrication, cutting, fits, bool(parts or in_tag)),
-        tolerances=(
-            ("dot centers, from the origin", "+/- 0.02 mm"),
-            *((f"disc of {size:.6g} mm", each.disc) for size, each in fits.items()),
-            *((f"its pocket of {size:.6g} mm", each.pocket) for size, each in fits.items()),
-            *((("inlays, from the face", "0 / -0.05 mm"),) if parts or in_tag else ()),
+        accuracy=Accuracy(
+            position=POSITION,
+            play=max((each.play for each in fits.values()), default=gap if parts else 0.0),
+            diameter=0.05,
+            depth=0.03,
+            thickness=0.1,
+            height=0.03,
+            flatness=0.1,
+            finish="Ra 1.6",
+        ),
+        # Together with the excess depth of the pockets.
+        tolerances=(("thickness of inlays", "0 / -0.02 mm"), ("inlays, from the face", "0 / -0.05 mm"))
+        if parts or in_tag
+        else (),
+        fits=(
+            *(("dot", each) for each in fits.values()),
+            *(("core", core_fit(kind, bore)) for bore in sorted({2 * dot.inner for dot in inlaid if by_iso} - {0.0})),
         ),
         depth=-bottom if fabrication.through else depth,
     )

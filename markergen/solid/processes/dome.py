@@ -10,7 +10,7 @@ from markergen.solid.bodies import Body, Part, Revolved, cylinder
 from markergen.solid.dot_geometry import SolidDot, dots_of
 from markergen.solid.manufacturability import check_apart, check_dots, depth_of, gap_of, tool_of
 from markergen.solid.plate import Footprint, plate_of
-from markergen.solid.processes import Cutting, Made, prepare, tag_inlays
+from markergen.solid.processes import Accuracy, Cutting, Made, prepare, tag_inlays
 from markergen.solid.relief import balls_hide, designed_poses
 
 DEPTH = 2.0
@@ -50,7 +50,9 @@ def dome(marker: Marker, fabrication: Fabrication) -> Made:
             *made.lines,
             "Balls dark, plate and core light, all matte. A key dot is a dark ring on a light core: glue both.",
         ),
-        tolerances=(("ball centers, from the origin", "+/- 0.02 mm"), ("ball diameters", "+/- 0.02 mm")),
+        accuracy=Accuracy(
+            position=0.04, play=gap, diameter=0.02, thickness=0.1, height=0.03, flatness=0.1, finish="Ra 1.6"
+        ),
         depth=depth,
         face=made.face,
     )

@@ -4,7 +4,7 @@ from markergen.model.fabrication import PROCESSES, Fabrication, Process
 from markergen.model.marker import Marker
 from markergen.solid.dot_geometry import dots_of
 from markergen.solid.manufacturability import depth_of, gap_of, tool_of
-from markergen.solid.processes import Cutting, Made, inlaid, prepare
+from markergen.solid.processes import Accuracy, Cutting, Made, inlaid, prepare
 
 DEPTH = 0.6
 """Depth of the inlays in mm: three layers of 0.2 mm, enough to be opaque."""
@@ -43,7 +43,15 @@ def fdm(marker: Marker, fabrication: Fabrication) -> Made:
             "a divisor of the depth.",
             "Both materials matte. Do not scale the parts; print a measured length, and correct it in the slicer.",
         ),
-        tolerances=(("dot centers, from each other", "+/- 0.1 mm"), ("dot diameters", "+/- 0.1 mm")),
+        accuracy=Accuracy(
+            position=0.2,
+            play=gap,
+            thickness=0.2,
+            height=0.2,
+            flatness=0.3,
+            finish="as printed, matte",
+            edges="as printed, no burrs",
+        ),
         depth=cutting.depth,
     )
 

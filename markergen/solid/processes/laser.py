@@ -3,7 +3,7 @@
 from markergen.model.fabrication import PROCESSES, Fabrication, Process
 from markergen.model.marker import Marker
 from markergen.solid.manufacturability import depth_of, tool_of
-from markergen.solid.processes import Cutting, Made, marks, prepare
+from markergen.solid.processes import Accuracy, Cutting, Made, marks, prepare
 
 DEPTH = 0.1
 """Depth of the engraving in mm."""
@@ -29,7 +29,7 @@ def laser(marker: Marker, fabrication: Fabrication) -> Made:
         add=ground.pillars,
         notes=ground.notes,
         lines=tuple(lines),
-        tolerances=(("dot centers, from each other", "+/- 0.05 mm"), ("dot diameters", "+/- 0.1 mm")),
+        accuracy=Accuracy(position=0.1, depth=0.0, height=0.05, finish="as supplied, matte"),
         depth=cutting.depth,
     )
 

@@ -15,7 +15,7 @@ from markergen.solid.bodies import OFF, Body, Prism, cylinder
 from markergen.solid.dot_geometry import dots_of
 from markergen.solid.manufacturability import FLATTENING, ROUNDING, Tool, depth_of, found_room, gap_of, tool_of, up
 from markergen.solid.plate import Footprint, SolidPlate, gaps, plate_of
-from markergen.solid.processes import Cutting, Made, prepare
+from markergen.solid.processes import Accuracy, Cutting, Made, prepare
 
 DEPTH = 0.2
 """Depth of the recess in mm: paper or film of 0.1 mm, and glue."""
@@ -39,7 +39,7 @@ def sheet(marker: Marker, fabrication: Fabrication) -> Made:
     # The size of the dots does not matter for a single sheet.
     gap = gap_of(fabrication, GAP / 4, dots) if raised else gap_of(fabrication, GAP, ())
     cutting = Cutting(tool, depth, gap=lambda _: gap)
-    tolerances = (("recess", "+0.1 / 0 mm all around"), ("dot centers", "as the sheet was printed"))
+    tolerances = (("recess", "+0.1 / 0 mm all around"), ("dot centers in the sheet", "as it was printed"))
     if raised:
         around = _mm(marker.tag.quiet_zone.outlines()[0]).tolist() if marker.tag else []
         printed = [Footprint("the recess for the tag", tuple(map(tuple, around)), gap)] if around else []
@@ -57,6 +57,7 @@ def sheet(marker: Marker, fabrication: Fabrication) -> Made:
             add=ground.pillars,
             notes=(*ground.notes, f"{how}, and glue each into its own recess: dots stand at different heights."),
             lines=(f"{how}, glue each into its recess, {depth:.6g} mm deep, and press it down flush.",),
+            accuracy=Accuracy(position=0.1, play=gap, depth=0.05),
             tolerances=tolerances,
             depth=depth,
         )
@@ -70,6 +71,7 @@ def sheet(marker: Marker, fabrication: Fabrication) -> Made:
             f"The recess is {depth:.6g} mm deep and {gap:.6g} mm larger than the sheet all around; its floor is flat.",
             note,
         ),
+        accuracy=Accuracy(depth=0.05),
         tolerances=tolerances,
         depth=depth,
     )

@@ -1,0 +1,124 @@
+"""What shows of a page: its grey level at any point, from pixels, several tiles, or painted shapes."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+WHITE = 255.0
+
+CORNER = 0.015
+"""Distance of the places at which the bare paper is looked at from the page's sides, as a share of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Grey levels of a page.
+
+    Attributes
+    ----------
+    sample : callable
+        Maps points (k, 2) in mm, y up, to grey levels from 0 (black) to 255; nan where nothing is shown.
+    grain : float
+        Size of a pixel in mm; 0 if edges are exact.
+    paper : float
+        Grey level of the page near its corners, where nothing is printed.
+    whole : bool
+        False if it is put together from tiles, with lines along their seams.
+    measured : bool
+        True if the dots were measured in this picture rather than read from paths.
+    """
+
+    sample: Callable[[Array], Array]
+    grain: float
+    paper: float = WHITE
+    whole: bool = True
+    measured: bool = False
+
+    @staticmethod
+    def of_pixels(grey: NDArray[np.uint8], matrix: Array, shift: Array, measured: bool = False) -> "Picture":
+        """Picture of an image; a point p is at the pixel matrix p + shift, with pixel centers at integers."""
+        size = np.array(grey.shape[::-1])
+        inset = np.maximum((CORNER * size).astype(int), 1)
+        corners = [grey[y, x] for x in (inset[0], -inset[0] - 1) for y in (inset[1], -inset[1] - 1)]
+        grain = float(1 / np.sqrt(abs(np.linalg.det(matrix))))
+
+        def sample(points: Array) -> Array:
+            return _interpolated(grey, points @ matrix.T + shift)
+
+        return Picture(sample, grain, float(np.median(corners)), measured=measured)
+
+    @staticmethod
+    def of_page(grey: NDArray[np.uint8], shown: Sequence[float], turn: int) -> "Picture":
+        """Picture of a page as viewers show it.
+
+        Parameters
+        ----------
+        grey : array (h, w)
+        shown : (left, bottom, right, top)
+            Part of the page that it shows, mm.
+        turn : int
+            Number of quarter turns clockwise by which viewers turn the page.
+        """
+        height, width = grey.shape
+        left, bottom, right, top = shown
+        across, up = right - left, top - bottom
+        if turn % 2:
+            matrix = np.array([[0.0, width / up], [height / across, 0.0]])
+            shift = np.array([-bottom * width / up, -left * height / across])
+        else:
+            matrix = np.array([[width / across, 0.0], [0.0, -height / up]])
+            shift = np.array([-left * width / across, top * height / up])
+        if turn in (2, 3):
+            matrix, shift = -matrix, np.array([width, height]) - shift
+        return Picture.of_pixels(grey, matrix, shift - 0.5)
+
+    @staticmethod
+    def of_tiles(tiles: Sequence[tuple["Picture | None", Array, Sequence[float]]]) -> "Picture":
+        """Picture of tiles, each given with its shift and the box (left, bottom, right, top) left after trimming."""
+
+        def sample(points: Array) -> Array:
+            seen = np.full(len(points), np.nan)
+            for picture, shift, (left, bottom, right, top) in tiles:
+                x, y = (points - shift).T
+                own = (x >= left) & (x <= right) & (y >= bottom) & (y <= top)
+                if picture is not None and own.any():
+                    seen[own] = picture.sample(points[own] - shift)
+            return seen
+
+        pictures = [picture for picture, _, _ in tiles if picture is not None]
+        grain = max((picture.grain for picture in pictures), default=0.0)
+        return Picture(sample, grain, min((picture.paper for picture in pictures), default=WHITE), whole=False)
+
+
+def _interpolated(grey: NDArray[np.uint8], places: Array) -> Array:
+    """Grey levels between pixels; nan outside."""
+    import cv2
+
+    seen = np.full(len(places), np.nan)
+    size = np.array(grey.shape[::-1])
+    inside = ((places > -0.5) & (places < size - 0.5)).all(axis=1)
+    if not inside.any():
+        return seen
+    places = places[inside]
+    low = np.maximum(np.floor(places.min(axis=0)).astype(int) - 1, 0)
+    high = np.minimum(np.ceil(places.max(axis=0)).astype(int) + 2, size)
+    # cv2.remap takes images and rows of points of up to 32767 pixels.
+    if (high - low).max() > 32000:
+        near = np.clip(np.rint(places).astype(int), 0, size - 1)
+        seen[inside] = grey[near[:, 1], near[:, 0]]
+        return seen
+    window = grey[low[1] : high[1], low[0] : high[0]]
+    x, y = (places - low).astype(np.float32).T
+    # In rows, so that any number of points fits.
+    count = -(-len(x) // 1024) * 1024
+    x, y = (np.resize(each, count).reshape(-1, 1024) for each in (x, y))
+    levels = [
+        cv2.remap(window, x[k : k + 16000], y[k : k + 16000], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        for k in range(0, len(x), 16000)
+    ]
+    seen[inside] = np.concatenate(levels).ravel()[: inside.sum()]
+    return seen

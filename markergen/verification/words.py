@@ -1,0 +1,100 @@
+"""Findings: what is wrong with a file in the user's words, and what to do about it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+MOST_LISTED = 8
+
+FIT_TO_PAGE = "print or save it at 100 %, without fitting it to the page"
+
+KNOWN = {
+    25.4: ("inches are taken for mm", "save it in mm"),
+    1 / 25.4: ("mm are taken for inches", "open it in mm, or save it with its unit"),
+    72 / 25.4: ("points are taken for mm", "save it in mm"),
+    25.4 / 72: ("mm are taken for points", "open it in mm"),
+    96 / 25.4: ("pixels of 96 dpi are taken for mm", "save it in mm"),
+    25.4 / 96: ("mm are taken for pixels of 96 dpi", "open it in mm"),
+    96 / 72: ("pixels of 72 dpi instead of 96", "open it with 96 dpi"),
+    72 / 96: ("pixels of 96 dpi instead of 72", "open it with 72 dpi"),
+    96 / 90: ("pixels of 90 dpi instead of 96", "open it with 96 dpi"),
+    90 / 96: ("pixels of 96 dpi instead of 90", "open it with 90 dpi"),
+    10.0: ("cm are taken for mm", "save it in mm"),
+    0.1: ("mm are taken for cm", "open it in mm"),
+    1000.0: ("m are taken for mm", "save it in mm"),
+    1e-3: ("mm are taken for m", "open it in mm"),
+}
+"""Ratios of lengths that mistaken units explain, in words, with the remedy."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One error in a file.
+
+    Attributes
+    ----------
+    kind : str
+        ``scaled``, ``sheared``, ``mirrored``, ``missing``, ``extra``, ``another marker``, ``shifted``, ``diameter``,
+        ``kind``, ``height``, ``twice``, ``marks``, ``tag``, ``no dots``; of lines to cut ``outline``, ``hole``; of what
+        shows ``inverted``, ``pale``, ``covered``, ``quiet``, ``hidden``, ``layer``; of solids ``turned``, ``part``,
+        ``color`` or ``solid``; of models for simulators ``frame``.
+    sentence : str
+        What is wrong.
+    remedy : str
+        What to do about it: an imperative; empty where nothing is better than to export the file again.
+    """
+
+    kind: str
+    sentence: str
+    remedy: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.sentence}; {self.remedy}" if self.remedy else self.sentence
+
+
+def scale_finding(x: float, y: float, half: Array, tolerance: float, pixels: bool = False) -> Finding:
+    """Finding about a scale along x and y.
+
+    Parameters
+    ----------
+    half : array (2,)
+        Half the width and height of the layout, mm.
+    tolerance : float
+        mm.
+    pixels : bool
+        True if the scale is that of an image's resolution.
+    """
+    exact = np.abs(np.array([x, y]) - 1) * half <= tolerance
+    both = abs(x - y) * half.max() <= 2 * tolerance
+    shown = [f"{value:.5f}".rstrip("0").rstrip(".") if value < 10 else f"{value:.6g}" for value in (x, y)]
+    if both:
+        said = f"scaled by {shown[0]} along x and y"
+    elif exact[1] or exact[0]:
+        said = f"scaled by {shown[0]} along x" if exact[1] else f"scaled by {shown[1]} along y"
+    else:
+        said = f"scaled by {shown[0]} along x and by {shown[1]} along y"
+    ratio = (x * y) ** 0.5
+    near = min(KNOWN, key=lambda known: abs(np.log(ratio / known)))
+    if both and abs(np.log(ratio / near)) < 2e-3:
+        why, remedy = KNOWN[near]
+        return Finding("scaled", f"{said}: {why}", remedy)
+    if pixels:
+        return Finding("scaled", said, "print it at its full size; export it again if its resolution was changed")
+    if both and ratio < 0.99:
+        return Finding("scaled", f"{said}, perhaps fitted to smaller paper", FIT_TO_PAGE)
+    return Finding("scaled", said, FIT_TO_PAGE)
+
+
+def listed_ids(ids: Sequence[int]) -> str:
+    """Return dots as the beginning of a sentence: ``dot 3 is`` or ``dots 1, 2 are``."""
+    listed = ", ".join(map(str, ids[:MOST_LISTED])) + (" ..." if len(ids) > MOST_LISTED else "")
+    return f"dot {listed} is" if len(ids) == 1 else f"dots {listed} are"
+
+
+def short_length(value: float) -> str:
+    """Return a length in mm or, if short, in um."""
+    return f"{value:.4g} mm" if value >= 0.01 else f"{1e3 * value:.3g} um"
