@@ -324,13 +324,19 @@ def plate_findings(marker: Marker, surface: Surface, motion: Motion, tolerance: 
     """Errors of the outline and the holes, in the face and through to the back; mm."""
     rotation, shift = motion
     holes = hole_findings(surface, marker.substrate.holes, motion, tolerance)
-    told = [each.sentence.partition(" mm ")[0] for each in holes]
+    # A hole that is wrong in the face is wrong in the back, too.
+    places = [f" at x {1e3 * hole.x:.6g}, y {1e3 * hole.y:.6g} mm" for hole in marker.substrate.holes]
+    told = tuple(
+        str(hole)
+        for hole, place in zip(marker.substrate.holes, places, strict=True)
+        if any(place in each.sentence for each in holes)
+    )
     back = back_of(surface)
     wanted = plate_lines(marker)
     rings = [(ring - shift) @ rotation for ring in back.rings]
     pieces = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings if len(ring)]
     lines = line_findings(wanted, among(np.concatenate(pieces) if pieces else np.zeros((0, 2, 2))), tolerance)
-    lines = [each for each in lines if not any(each.sentence.startswith(said) for said in told)]
+    lines = [each for each in lines if not (told and each.sentence.startswith(told))]
     return [*lines, *holes, *_rough(wanted, surface, motion), *_strange(marker, wanted, back, motion)]
 
 

@@ -84,7 +84,7 @@ def in_other_units(marker: Marker, reading: Reading) -> Iterator[Placement]:
                 (factor / UNITS[own], f"{unit} taken for {own}", f"export it in {own}"),
                 (UNITS[own] / factor, f"{own} taken for {unit}", f"open it in {own} where it was saved last"),
             ):
-                if round(times, 9) in seen or not 1 / ROUGHLY < size * times < ROUGHLY:
+                if round(times, 9) in seen or (size != 1.0 and not 1 / ROUGHLY < size * times < ROUGHLY):
                     continue
                 seen.add(round(times, 9))
                 try:
@@ -99,8 +99,9 @@ def _size(reading: Reading, marker: Marker) -> float:
     """Size of a solid as a multiple of the marker's."""
     surface = reading.pages[0].surface
     boxes = np.array([part.box for part in surface.parts] if surface else [])
-    if not len(boxes):
-        return np.nan
+    if surface is None or surface.mapped is None or not len(boxes):
+        # The kernel's boxes of a CAD file that is too small for it mean nothing.
+        return 1.0
     return float(np.ptp(boxes.reshape(-1, 2), axis=0).max() / (2e3 * marker.boundary.radius))
 
 
