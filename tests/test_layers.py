@@ -4,6 +4,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from importlib import import_module
 from inspect import Parameter, signature
 from pathlib import Path
@@ -37,14 +38,10 @@ PATHS = {
 }
 
 
-def imported(path: Path) -> set[str]:
-    """Top-level parts of markergen that a module imports, wherever in it."""
-    return imports(ast.parse(path.read_text()))
-
-
 def doors(path: Path) -> Iterator[tuple[tuple[str, str], str]]:
     """Calls of `door` in a module: the method that it is in, and what it names."""
-    for kind in ast.parse(path.read_text()).body:
+    text = path.read_text()
+    for kind in ast.parse(text).body if "door(" in text else ():
         for method in getattr(kind, "body", []):
             for node in ast.walk(method):
                 if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "door":
@@ -59,16 +56,24 @@ class WithoutTypes(ast.NodeTransformer):
         return None if isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING" else node
 
 
-def imports(tree: ast.Module) -> set[str]:
+@cache
+def import_statements(path: Path) -> list[ast.Import | ast.ImportFrom]:
+    """What a module imports when it runs, wherever in it."""
+    tree = WithoutTypes().visit(ast.parse(path.read_text()))
+    return [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
+
+
+def imported(path: Path) -> set[str]:
+    """Top-level parts of markergen that a module imports."""
     found = set()
-    for node in ast.walk(WithoutTypes().visit(tree)):
+    for node in import_statements(path):
         if isinstance(node, ast.ImportFrom):
             assert not node.level, "imports are absolute"
             if node.module == "markergen":
                 found.update(alias.name for alias in node.names if alias.name in LEVEL)
             elif (node.module or "").startswith("markergen."):
                 found.add(node.module.split(".")[1])
-        elif isinstance(node, ast.Import):
+        else:
             found.update(alias.name.split(".")[1] for alias in node.names if alias.name.startswith("markergen."))
     return found
 
@@ -76,7 +81,7 @@ def imports(tree: ast.Module) -> set[str]:
 def needed(name: str, path: Path) -> set[str]:
     """Modules that a module imports, also within its functions."""
     found = set()
-    for node in ast.walk(WithoutTypes().visit(ast.parse(path.read_text()))):
+    for node in import_statements(path):
         if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "markergen":
             parts = {f"{node.module}.{alias.name}" for alias in node.names}
             found |= {each if each in PATHS else str(node.module) for each in parts}
@@ -141,9 +146,11 @@ def test_modules_stay_small(path):
 )
 def test_what_belongs_in_one_place_stays_there(call, only_in):
     def used(path):
-        names = {node.attr for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Attribute)}
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ImportFrom):
+        text, names = path.read_text(), set()
+        for node in ast.walk(ast.parse(text)) if call in text else ():
+            if isinstance(node, ast.Attribute):
+                names.add(node.attr)
+            elif isinstance(node, ast.ImportFrom):
                 names.add((node.module or "").split(".")[0])
             elif isinstance(node, ast.Import):
                 names.update(alias.name.split(".")[0] for alias in node.names)

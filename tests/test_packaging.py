@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 EXTRAS = PROJECT["project"]["optional-dependencies"]
 DISTRIBUTIONS = {
-    "OCP": "cadquery-ocp", "PIL": "pillow", "cv2": "opencv-contrib-python-headless", "distributed": "dask",
+    "OCP": "cadquery", "PIL": "pillow", "cv2": "opencv-contrib-python-headless", "distributed": "dask",
     "fontTools": "fonttools", "skimage": "scikit-image", "yaml": "pyyaml",
 }  # fmt: skip
 """Distributions of modules that are not named as they are."""

@@ -1,9 +1,9 @@
 """Callouts: words and tolerance frames in a column, with leaders into a view that keep clear of what is drawn there."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise, product
-from math import hypot, inf, radians, tan
+from math import hypot, radians, tan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,6 +115,9 @@ def _placed(
             break
         # What got the worst place chooses first the next time.
         orders.append([callout for callout, _ in sorted(placed, key=lambda each: -each[1].cost)])
+    if found and max((best.cost for _, best in found[-1]), default=0.0) >= HIT:
+        column_order = _stacked(callouts, view, column, gap, obstacles, style)
+        found += [column_order] if column_order else []
     return min(found, key=lambda each: sum(best.cost for _, best in each), default=None)
 
 
@@ -166,7 +169,8 @@ def _direct(callout: Callout, view: DrawingView, left: float, top: float, style:
     elbow = end[0] - 1.5 * style.scale, end[1]
     away = max(hypot(elbow[0] - at[0], elbow[1] - at[1]), 1e-9)
     tip = at[0] + radius * (elbow[0] - at[0]) / away, at[1] + radius * (elbow[1] - at[1]) / away
-    return _Leader(0.0, (tip, elbow, end), top)
+    # Not chosen where anything else is possible.
+    return _Leader(CROSSED, (tip, elbow, end), top)
 
 
 def callout_width(callout: Callout, style: Style) -> float:
@@ -220,7 +224,7 @@ def _best(
     """Cheapest leader over all features, heights of the words and slopes; None if there is none."""
     end = left - 1.2 * style.scale
     nearest = sorted(callout.places, key=lambda place: (-place[0] - place[2], -place[1]))[:MOST_PLACES]
-    best: _Leader | None = None
+    candidates: list[tuple[float, _Leader, tuple[float, float, float]]] = []
     for (x, y, r), top in product(nearest, tops):
         at, radius = view.at((x, y)), view.scale * r
         level = top - style.words / 2
@@ -234,14 +238,17 @@ def _best(
                 continue
             tip = at[0] + radius * (elbow - at[0]) / away, at[1] + radius * drop / away
             run = tip, (elbow, level), (end, level)
-            length = away - radius + end - elbow
-            cost = length + (BEND if number else 0.0)
-            bound = best.cost if best else inf
-            if cost < bound:
-                cost += HIT * _hits(run, obstacles, (*at, radius)) + CROSSED * _crossings(run, runs)
-                cost += HIT * _along_axis(run, view)
-            if cost < bound:
-                best = _Leader(cost, run, top)
+            length = away - radius + end - elbow + (BEND if number else 0.0)
+            candidates.append((length, _Leader(length, run, top), (*at, radius)))
+    best: _Leader | None = None
+    # What a leader hits is only looked for if it may still be the best: the shortest come first.
+    for length, each, own in sorted(candidates, key=lambda candidate: candidate[0]):
+        if best and length >= best.cost:
+            break
+        cost = length + HIT * _along_axis(each.run, view) + CROSSED * _crossings(each.run, runs)
+        cost += HIT * _hits(each.run, obstacles, own)
+        if best is None or cost < best.cost:
+            best = replace(each, cost=cost)
     return best
 
 

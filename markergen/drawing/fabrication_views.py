@@ -61,6 +61,9 @@ USUAL = ("a4-landscape", "a4", "a3-landscape", "a3")
 GOOD = 0.5
 """Scale from which no larger paper is tried."""
 
+SHORT = 0.01
+"""Distance in mm of the origin from an edge below which it is not dimensioned."""
+
 MARK = 1.5
 """Length in mm on A4 of the center lines of a hole outside of it."""
 
@@ -162,7 +165,7 @@ def _around(work: Workpiece, style: Style) -> _Around:
     edges = {datum.letter: datum for datum in work.datums if datum.kind == "edge"}
     # Datum letters are between an edge and its dimensions.
     first = datum_reach(height) + 1.2 * tier if edges else 1.4 * tier
-    rows = [1 + ("C" in edges), (not work.round) + ("B" in edges)]
+    rows = [1, 0] if work.round else [2, 2]
     rim = datum_reach(height) + tier if work.round else 0.0
     face = frame_width(work.flatness, height) + 1.2 * tier
     left = max(first + rows[1] * tier, face, rim) if rows[1] or rim else face
@@ -323,16 +326,20 @@ def _sizes(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
     first = _around(work, style).first
     edges = {datum.letter: datum for datum in work.datums if datum.kind == "edge"}
     below, aside = bottom - first, left - first
-    if "C" in edges and abs(edges["C"].at[0]) > 0:
-        at = edges["C"].at[0]
-        low, high = sorted((front.at((at, 0.0))[0], x))
-        shapes += across(low, high, below, bottom, f"[{millimeters(abs(at))}]", style)
-        below -= 1.3 * tier
-    if "B" in edges and abs(edges["B"].at[1]) > 0:
-        at = edges["B"].at[1]
-        low, high = sorted((front.at((0.0, at))[1], y))
-        shapes += upright(low, high, aside, left, f"[{millimeters(abs(at))}]", style)
-        aside -= 1.3 * tier
+    if not work.round:
+        # The origin's distances from datum edges, exactly; or else from the lower and the left end.
+        low, foot = around(work.front)[:2]
+        for letter, axis, end in (("C", 0, low), ("B", 1, foot)):
+            at = edges[letter].at[axis] if letter in edges else end
+            size = f"[{millimeters(abs(at))}]" if letter in edges else millimeters(abs(at))
+            if abs(at) < SHORT:
+                continue
+            if letter == "C":
+                shapes += across(*_ordered(front.at((at, 0.0))[0], x), below, bottom, size, style)
+                below -= 1.3 * tier
+            else:
+                shapes += upright(*_ordered(front.at((0.0, at))[1], y), aside, left, size, style)
+                aside -= 1.3 * tier
     sign = "\xd8" if work.round else ""
     shapes += across(left, right, below, (top + bottom) / 2 if work.round else bottom, sign + millimeters(width), style)
     if not work.round:
@@ -340,6 +347,10 @@ def _sizes(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
     shapes += stacked(work.heights, side, right, right + tier, tier, style)
     words = lettering("seen from -y", left, upper + 1.5 * style.scale, 0.8 * style.words, color=GRAY, name="side-words")
     return [*shapes, words]
+
+
+def _ordered(a: float, b: float) -> tuple[float, float]:
+    return min(a, b), max(a, b)
 
 
 def _datums(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:

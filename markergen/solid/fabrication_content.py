@@ -239,7 +239,7 @@ def _dot_lines(times: str, sign: str, radius: float, inner: float, dot: SolidDot
         lines.append(f"in {sign}{outer} {fit.pocket.name}" + (f", core {sign}{core} {bore.disc.name}" if bore else ""))
         return lines
     off = f" {PLUS_MINUS}{millimeters(made.accuracy.diameter)}" if made.accuracy.position else " printed"
-    ring = f" / {sign}{core}" if inner else ""
+    ring = f" / {DIAMETER}{core}" if inner else ""
     return [f"{times}{sign}{outer}{ring}{off}{' through' * through}"]
 
 

@@ -237,7 +237,8 @@ def tolerance_table(made: Made, datums: Sequence[Datum], general: str) -> Drawin
     if any(body.span[0] > span_bottom(made) + SAME for body in made.cut):
         rows.append(("depth of pockets or recess", f"+{millimeters(accuracy.depth)} / 0"))
     elif made.marked:
-        rows.append(("depth of the engraved dots", "maximum" if not accuracy.depth else _over(accuracy.depth)))
+        deep = _over(accuracy.depth) if accuracy.depth else f"at most {millimeters(made.depth)}"
+        rows.append(("depth of the engraved dots", deep))
     if made.add:
         rows.append(("tops of pillars above A", f"{PLUS_MINUS}{millimeters(accuracy.height)}"))
     if made.engraved:

@@ -23,10 +23,10 @@ MOST_GROUPS = 3_000_000
 CUT = "CUT"
 """Layer of what is to be cut."""
 
-ARC_STEP = 0.002
-"""Maximum angle in rad of a straight piece of an arc that is a line: within 0.5 um of it for a radius of 1 m."""
+ARC_STEP = 0.006
+"""Maximum angle in rad of a straight piece of an arc to be cut: within 0.7 um of it for a radius of 150 mm."""
 
-MOST_ENTITIES = 100_000
+MOST_ENTITIES, MOST_PIECES = 100_000, 500_000
 
 
 @READERS.register(".dxf")
@@ -58,6 +58,8 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (e
             points = ring * [flip * unit, unit]
             lines.append(np.stack([points[:-1], points[1:]], axis=1))
             cut += [True] * len(lines[-1])
+            if len(cut) > MOST_PIECES:
+                raise InputError(f"at most {MOST_PIECES} pieces of lines to cut in {name}", "more", "simplify it")
     points = np.concatenate(corners) if corners else np.zeros((0, 2))
     found = np.array(circles, dtype=float).reshape(-1, 3)
     good = np.isfinite(found[:, :2]).all(axis=-1) & (np.abs(found[:, :2]) < 1e7).all(axis=-1)

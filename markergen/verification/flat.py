@@ -35,6 +35,9 @@ QUIET = 2.2
 CROSSED = 0.05
 """Share of a line where ticks and other lines that cross it may mislead its measurement in pixels."""
 
+COARSEST = 0.2
+"""Size in mm of pixels that show no hairlines, so that lines to cut cannot be compared."""
+
 DOTS_ON = "ENGRAVE"
 """Layer of a DXF on which dots are made as dots."""
 
@@ -159,6 +162,8 @@ def _lines(
         sample, grain = page.picture.sample, page.picture.grain
         seek = in_picture(lambda points: sample(_to_page(points, motion, factor)), grain)
         allowed = max(tol, grain / 2)
+    if page.lines is None and page.picture is not None and page.picture.grain > COARSEST:
+        return [], kinds[0]
     gaps = None if page.layers else free
     outliers = 0.0 if page.lines is not None else CROSSED
     results = [(line_findings(wanted, seek, allowed, gaps, outliers), wanted) for wanted in kinds]

@@ -138,7 +138,9 @@ def in_picture(sample: Callable[[Array], Array], grain: float, reach: float = NE
         seen = np.where(np.isfinite(seen).any(axis=1, keepdims=True), seen, 0.0)
         ink = np.abs(np.nan_to_num(np.nanmedian(seen, axis=1, keepdims=True) - seen))
         strength = ink.max(axis=1)
-        peak = np.argmax(ink - 1e-3 * np.abs(steps), axis=1)
+        # The nearest line, as there may be others beside it, and of its pixels the darkest.
+        near = np.argmin(np.where(ink >= strength[:, None] / 2, np.abs(steps), np.inf), axis=1)
+        peak = np.argmax(np.where(np.abs(steps - steps[near, None]) <= 2 * grain, ink, -1.0), axis=1)
         # The centroid of the peak alone: ticks and digits may be near.
         ink[np.abs(steps - steps[peak, None]) > 2 * grain] = 0.0
         off = ink @ steps / np.maximum(ink.sum(axis=1), 1e-9)

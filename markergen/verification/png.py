@@ -29,7 +29,7 @@ GREY = 0
 """Flag of OpenCV to decode as grey levels."""
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
-MOST_PIXELS = 1_000_000_000
+MOST_PIXELS = 600_000_000
 
 COARSE = 14
 """Pixels across the smallest dot in the reduced image that is searched for dots."""

@@ -290,7 +290,8 @@ def test_ctrl_c_ends_cleanly(marker, arguments):
     # As a terminal does: to the whole group, workers included.
     os.killpg(process.pid, signal.SIGINT)
     out, err = process.communicate(timeout=20)
-    assert process.returncode == 130, err
+    # Python itself makes it the latter, which shells also call 130, if code in a string was running.
+    assert process.returncode in (130, -signal.SIGINT), err
     assert err.splitlines()[-1] == "markergen: error: interrupted"
     assert "Traceback" not in err
     assert "wrote" not in out

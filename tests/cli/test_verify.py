@@ -72,7 +72,7 @@ def test_standard_output_is_json_alone(here, capsys):
     [
         (["marker.json", "none.svg"], "No such file"),
         (["none.json", "marker.svg"], "none.json"),
-        (["marker.json", "marker.jpg"], "Known: .3mf, .brep, .csv"),
+        (["marker.json", "marker.jpg"], "Known: .3mf, .apriltag.yaml, .b"),
         (["marker.json", "broken.pdf"], "complete PDF"),
         (["marker.json", "empty.svg"], "empty"),
         (["marker.json", "marker.svg", "--tolerance", "0"], "tolerance above 0"),

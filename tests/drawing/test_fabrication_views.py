@@ -111,6 +111,10 @@ def test_sizes_on_the_drawing_are_those_of_the_plate():
         assert around, f"{words} is theoretically exact, and in a box"
     for words in ("326", "206"):
         assert not [b for b in boxes if np.all(np.abs(np.subtract(b, view[words])) < 1.5)]
+    # From dowels the distances of the edges are sizes like others.
+    pins = tuple(Hole(0.15 * x, 0.0, 0.004, use="dowel", name="4 mm pin") for x in (-1, 1))
+    other = front_of(case(ngon(5, 0.05), RECTANGLE, 0.018, edge=0.003, holes=pins))
+    assert {"326", "206", "163", "103"} <= {shape.words for shape in texts(other)}
     # An arrow at either end of the overall width, as far apart as the plate is wide at this scale.
     x, _ = page.origin
     ends = [x + sign * 163 * page.scale for sign in (-1, 1)]

@@ -3,6 +3,7 @@
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache
 from io import BytesIO
 from typing import Any
 from xml.etree import ElementTree
@@ -59,7 +60,12 @@ def kind(request, make) -> tuple[Marker, ExportOptions, Meshed]:
 
 
 def written(kind: tuple[Marker, ExportOptions, Meshed], suffix: str) -> Output:
-    return EXPORTERS[suffix]([kind[0]], kind[1])
+    return output_of(kind[0], kind[1], suffix)
+
+
+@lru_cache(maxsize=3)
+def output_of(marker: Marker, options: ExportOptions, suffix: str) -> Output:
+    return EXPORTERS[suffix]([marker], options)
 
 
 def test_parts_have_their_volumes(kind):
@@ -109,6 +115,7 @@ def test_3mf_is_read_without_a_warning(kind):
         assert [mesh.GetName() for mesh in meshes_of_3mf(data)] == [part.name for part in parts]
 
 
+@lru_cache(maxsize=2)
 def meshes_of_3mf(data: bytes) -> list[Any]:
     """Meshes of lib3mf, from a file with which it has no quarrel."""
     import lib3mf

@@ -1,0 +1,128 @@
+"""Damage that sheets take in other hands is named; what only looks like damage passes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from damaged_sheets import DAMAGE, DPI, drawn, grey, pages
+
+from markergen.drawing.colors import parse_colors
+from markergen.drawing.paper import SheetOptions
+from markergen.errors import InputError
+from markergen.exporters import ExportOptions
+from markergen.exporters.saving import save
+from markergen.model.fabrication import Fabrication
+from markergen.model.substrate import Substrate, parse_mount
+from markergen.model.tag import Tag
+from markergen.verification import verify
+
+TABLE = [(suffix, damage) for suffix, table in DAMAGE.items() for damage in table]
+
+
+@pytest.fixture(scope="module")
+def marker(make_ngon):
+    holes = Substrate(holes=parse_mount("4xM3@94mm"))
+    return replace(make_ngon(5, 0.05, 0.012), tag=Tag("apriltag:36h11", 3, 0.02), substrate=holes)
+
+
+@pytest.fixture(scope="module")
+def sheets(marker, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sheets")
+    save(marker, [folder / f"a{suffix}" for suffix in DAMAGE], ExportOptions(dpi=DPI))
+    return {suffix: (folder / f"a{suffix}").read_bytes() for suffix in DAMAGE}
+
+
+def verified(marker, folder, suffix, data):
+    path = folder / f"file{suffix}"
+    path.write_bytes(data)
+    return verify(marker, path)
+
+
+@pytest.mark.parametrize(("suffix", "damage"), TABLE)
+def test_every_damage_is_named_with_its_remedy(marker, sheets, tmp_path, suffix, damage):
+    change, kind, words = DAMAGE[suffix][damage]
+    data = sheets[suffix]
+    changed = change(data.decode()).encode() if suffix == ".svg" else change(data)
+    assert changed != data
+    check = verified(marker, tmp_path, suffix, changed)
+    named = [finding for finding in check.findings if finding.kind == kind]
+    assert named, check.findings
+    assert words in named[0].sentence
+    assert named[0].remedy or kind == "tag"
+    assert not any(finding.kind == "another marker" for finding in check.findings)
+
+
+CLEAN = {
+    "turned view": (".pdf", pages(lambda page: page.set_rotation(270))),
+    "cropped margin": (".pdf", pages(lambda page: page.set_cropbox(20, 20, 400, 575))),
+    "by PDFium": (".pdf", pages(lambda page: None)),
+    "by ezdxf": (".dxf", drawn(lambda document, space: None)),
+    "by OpenCV": (".png", grey(lambda levels: levels)),
+}
+
+
+@pytest.mark.parametrize("name", CLEAN)
+def test_a_rewritten_file_passes(marker, sheets, tmp_path, name):
+    suffix, change = CLEAN[name]
+    check = verified(marker, tmp_path, suffix, change(sheets[suffix]))
+    assert check.passed, check.findings
+    assert check.largest < 2e-6
+
+
+@pytest.mark.parametrize("suffix", [".pdf", ".svg", ".png"])
+@pytest.mark.parametrize("colors", ["inverted", "#003366,#ffee99", "black,cut:CutContour"])
+def test_colors_that_were_asked_for_pass(marker, tmp_path, colors, suffix):
+    path = tmp_path / f"a{suffix}"
+    save(marker, [path], ExportOptions(dpi=DPI, sheet=SheetOptions(colors=parse_colors(colors))))
+    check = verify(marker, path)
+    assert check.passed, check.findings
+    assert any("--colors inverted" in note for note in check.notes) == (colors == "inverted")
+
+
+def test_the_drawing_of_a_plate_for_a_laser_passes(marker, tmp_path):
+    path = tmp_path / "a.dxf"
+    save(marker, [path], ExportOptions(fabrication=Fabrication("laser")))
+    assert verify(marker, path).passed
+
+
+def test_a_family_on_tiles_passes(make_ngon, tmp_path):
+    marker, path = make_ngon(6, 0.15, 0.036), tmp_path / "a.pdf"
+    family = [replace(marker, tag=Tag("apriltag:36h11", number, 0.05)) for number in range(2)]
+    save(family, [path], ExportOptions(sheet=SheetOptions("A4")))
+    check = verify(family[1], path)
+    assert check.passed, check.findings
+    assert check.copies == 2
+    assert not verify(replace(marker, tag=Tag("apriltag:36h11", 7, 0.05)), path).passed
+
+
+def test_a_pdf_that_unpacks_to_gigabytes_is_refused(marker, sheets, tmp_path, monkeypatch):
+    import zlib
+
+    from markergen import guard
+
+    monkeypatch.setitem(guard.KINDS, "PDF", replace(guard.KINDS["PDF"], seconds=1.5))
+    packer = zlib.compressobj(9)
+    packed = b"".join(packer.compress(b"1 1 l\n" * (1 << 20)) for _ in range(40)) + packer.flush()
+    objects = [
+        b"<< /Type /Catalog /Pages 2 0 R >>",
+        b"<< /Type /Pages /Count 1 /Kids [3 0 R] >>",
+        b"<< /Type /Page /Parent 2 0 R /MediaBox [0 0 420 595] /Contents 4 0 R >>",
+        b"<< /Length %d /Filter /FlateDecode >>\nstream\n" % len(packed) + packed + b"\nendstream",
+    ]
+    data = b"%PDF-1.5\n" + b"".join(b"%d 0 obj\n" % k + each + b"\nendobj\n" for k, each in enumerate(objects, 1))
+    data += b"trailer << /Root 1 0 R /Size 5 >>\n%%EOF"
+    with pytest.raises(InputError, match=r"read within|at most"):
+        verified(marker, tmp_path, ".pdf", data)
+    # The process that reads the next file is a new one.
+    assert verified(marker, tmp_path, ".pdf", sheets[".pdf"]).passed
+
+
+def test_the_figures_are_those_of_the_damage(marker, tmp_path):
+    points = list(marker.control_points)
+    for off, passed in ((15e-6, True), (30e-6, False)):
+        moved = replace(points[2], x=points[2].x + off)
+        save(replace(marker, control_points=(*points[:2], moved, *points[3:])), [tmp_path / "a.dxf"])
+        check = verify(marker, tmp_path / "a.dxf")
+        assert check.passed == passed
+        # The best motion of all dots takes a part of a small error.
+        np.testing.assert_allclose(check.largest, off, rtol=0.4)
