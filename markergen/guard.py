@@ -96,18 +96,18 @@ KINDS = {
         "print fewer pages into one file", seconds=9.0, seconds_per_byte=0.0, memory=5 << 28,
     ),
     "CAD": Kind(
-        "a STEP or BREP file", 100_000_000, "a marker of 1000 dots has 10 MB; Open CASCADE never ends with some files",
-        memory=8 << 30,
+        "a STEP or BREP file", 40_000_000, "a marker of 1000 dots has 10 MB; Open CASCADE never ends with some files",
+        seconds_per_byte=4e-6, memory=3 << 30,
     ),
     "mesh": Kind(
-        "a mesh", 1 << 30, "4 million triangles of 50 bytes, as text five times as many; trimesh loads for a second",
-        seconds=60.0, seconds_per_byte=1e-6,
+        "a mesh", 200_000_000, "1.5 million triangles of 50 bytes, as text five times as many",
+        seconds=20.0, seconds_per_byte=2e-7, memory=3 << 29,
     ),
 }  # fmt: skip
 """Kinds of files and their limits."""
 
 MOST_TRIANGLES = 1_500_000
-"""Maximum number of triangles in a mesh: they take 200 MB as binary STL."""
+"""Maximum number of triangles in a mesh: they take 75 MB as binary STL."""
 
 BEGINNING = 120.0
 """Maximum startup time of a child process, in seconds: a CAD kernel may load from a cold disk."""

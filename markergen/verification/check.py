@@ -16,7 +16,7 @@ from markergen.model.openings import openings
 from markergen.model.tag import Tag
 from markergen.verification.findings import Verdict, extras, frame_findings, judge
 from markergen.verification.flat import flat_findings
-from markergen.verification.made import sheet_plate_findings, solid_findings
+from markergen.verification.made import is_light_alone, sheet_plate_findings, solid_findings
 from markergen.verification.matching import DotSet, dots_of, expected_dots
 from markergen.verification.placement import DARK, LIGHT, in_other_units, in_part, stretched, turned
 from markergen.verification.reading import Page, Reading, reader_of
@@ -314,6 +314,8 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
         here = _copies(recesses(expected, room, cored) if room else expected, ids, found, tolerance, reading, page)
         if page.surface is not None and page.surface.loose:
             notes.append(DARK)
+        if page.surface is not None and not room and is_light_alone(page.surface, found):
+            notes.append(LIGHT)
         if cored:
             notes.append(f"{LIGHT}; there are {1e3 * room:.4g} um of room around these")
         elif room:

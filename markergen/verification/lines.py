@@ -43,7 +43,7 @@ class Line:
     Attributes
     ----------
     name : str
-        Such as ``the outline`` or ``the hole M3 at 40mm, 0mm``.
+        Such as ``the outline`` or ``the hole M3 at x 40, y 0 mm``.
     contour : Contour
     hole : bool
     """
@@ -56,7 +56,7 @@ class Line:
 def sheet_lines(marker: Marker) -> list[Line]:
     """Lines to cut out of a printed sheet: the boundary and all holes."""
     outer = [placed(each, 1e3, digits=9) for each in marker.boundary.contours() if area(each) > 0]
-    holes = [Line(str(each), placed(each.contour, 1e3, digits=9), hole=True) for each in openings(marker)]
+    holes = [Line(_called(each), placed(each.contour, 1e3, digits=9), hole=True) for each in openings(marker)]
     return [*_outlines(outer), *holes]
 
 
@@ -69,10 +69,21 @@ def plate_lines(marker: Marker) -> list[Line]:
         If the plate cannot be made.
     """
     contours = [each for outline in plate_of(marker).outlines for each in outline]
-    holes = [Line(str(each), placed(each.contour, 1e3, digits=9), hole=True) for each in openings(marker) if each.hole]
+    holes = [
+        Line(_called(each), placed(each.contour, 1e3, digits=9), hole=True) for each in openings(marker) if each.hole
+    ]
     for inner in (each for each in contours if area(each) < 0):
         holes.append(Line(str(Opening(placed(backward(inner), 1e-3))), inner, hole=True))
     return [*_outlines([each for each in contours if area(each) > 0]), *holes]
+
+
+def _called(opening: Opening) -> str:
+    hole = opening.hole
+    return (
+        f"the hole {hole.name}".rstrip() + f" at x {1e3 * hole.x:.6g}, y {1e3 * hole.y:.6g} mm"
+        if hole
+        else str(opening)
+    )
 
 
 def _outlines(contours: Sequence[Contour]) -> list[Line]:

@@ -86,8 +86,9 @@ def solid_findings(
     seats = seats_of(surface, dots, names, tolerance) if dots is not None else []
     if dots is not None:
         findings += _round(surface, dots, names, tolerance)
-        findings += _seated(surface, seats, dots, tolerance)
+        findings += [] if is_light_alone(surface, dots) else _seated(surface, seats, dots, tolerance)
         findings += color_findings(surface, dots, seats)
+        findings += _tag_inlays(marker, surface, motion, seats)
         findings += _named(surface, dots, seats)
     if surface.loose:
         # Without names and colors it is a file of the dark parts alone, as is written beside an STL.
@@ -124,6 +125,16 @@ def seats_of(surface: Surface, dots: DotSet, names: tuple[int, ...], tolerance: 
         covered = bool((over > height + max(tolerance, FLUSH)).any())
         seats.append(Seat(name, main, kind, low, height, covered, color))
     return seats
+
+
+def is_light_alone(surface: Surface, dots: DotSet) -> bool:
+    """Tell whether rings have cores of their own but no dot has an inlay, in a file without names and colors."""
+    if surface.loose or not dots.rings.any() or any(part.name or part.color for part in surface.parts):
+        return False
+    plate = plate_of(surface)
+    middles = surface.look(dots.centers)[0]
+    rims = surface.look(dots.centers + ((dots.radii + dots.inner) / 2)[:, None] * [1.0, 0.0])[0]
+    return bool(np.isin(rims, (plate, -1)).all() and (~np.isin(middles[dots.rings], (plate, -1))).all())
 
 
 def _round(surface: Surface, dots: DotSet, names: tuple[int, ...], tolerance: float) -> list[Finding]:
@@ -185,6 +196,20 @@ def _seated(surface: Surface, seats: list[Seat], dots: DotSet, tolerance: float)
             some = [seat for seat, each in zip(seats, dots.rings, strict=True) if seat.kind == kind and each == ring]
             findings += _thinner(some, tolerance)
     return findings[:MOST_LISTED]
+
+
+def _tag_inlays(marker: Marker, surface: Surface, motion: Motion, seats: list[Seat]) -> list[Finding]:
+    """Pockets of a tag without the inlays that dots have; colors or the lack of them do not show this."""
+    tag = marker.tag
+    if tag is None or surface.loose or not any(seat.kind in ("part", "ball") for seat in seats):
+        return []
+    row, column = np.nonzero(tag.ink)
+    cells = np.stack([(column + 0.5) / tag.cells - 0.5, 0.5 - (row + 0.5) / tag.cells], axis=-1)
+    rotation, shift = motion
+    seen = surface.look(1e3 * (tag.side * cells + tag.center) @ rotation.T + shift)[0]
+    if (seen != plate_of(surface)).any():
+        return []
+    return [Finding("tag", "the tag has no inlays: its pockets are empty", WHOLE)]
 
 
 def _flatness(surface: Surface, seat: Seat) -> float:
@@ -314,13 +339,19 @@ def plate_findings(marker: Marker, surface: Surface, motion: Motion, tolerance: 
     """Errors of the outline and the holes, in the face and through to the back; mm."""
     rotation, shift = motion
     holes = hole_findings(surface, marker.substrate.holes, motion, tolerance)
-    told = [each.sentence.partition(" mm ")[0] for each in holes]
+    # A hole that is wrong in the face is wrong in the back, too.
+    places = [f" at x {1e3 * hole.x:.6g}, y {1e3 * hole.y:.6g} mm" for hole in marker.substrate.holes]
+    told = tuple(
+        str(hole)
+        for hole, place in zip(marker.substrate.holes, places, strict=True)
+        if any(place in each.sentence for each in holes)
+    )
     back = back_of(surface)
     wanted = plate_lines(marker)
     rings = [(ring - shift) @ rotation for ring in back.rings]
     pieces = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings if len(ring)]
     lines = line_findings(wanted, among(np.concatenate(pieces) if pieces else np.zeros((0, 2, 2))), tolerance)
-    lines = [each for each in lines if not any(each.sentence.startswith(said) for said in told)]
+    lines = [each for each in lines if not (told and each.sentence.startswith(told))]
     return [*lines, *holes, *_rough(wanted, surface, motion), *_strange(marker, wanted, back, motion)]
 
 

@@ -39,6 +39,9 @@ STEEPEST, FLATTEST = 0.02, 0.9995
 BALL = 1e-3
 """Maximum deviation of corners from a ball, as a share of its radius."""
 
+SLANT = 0.8
+"""Minimum cosine of the angle between a triangle's normal and that of its ball."""
+
 FLATTEST_BALL = 0.02
 """Minimum ratio of the height of a squashed ball to its width."""
 
@@ -387,6 +390,11 @@ def _balls(corners: Array, color: Color | None) -> tuple[Ball, ...]:
     if fitted is None:
         return ()
     center, radius, flatness = fitted
+    # Through the rims of a tilted disk there are balls too.
+    outward = (corners[chosen].mean(axis=1) - center) / np.array([1, 1, flatness**2])
+    slant = np.sum(outward * normal[chosen], axis=1) / (np.linalg.norm(outward, axis=1) * size[chosen])
+    if slant.min() < SLANT:
+        return ()
     top = (float(points[:, 2].max()) - center[2]) / flatness
     bottom = max((float(points[:, 2].min()) - center[2]) / flatness, 0.0)
     if top <= 0:

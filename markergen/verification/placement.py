@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 STRAIGHT = np.radians(0.01)
 """Angle in rad below which an axis is an axis."""
 
+ROUGHLY = 4.0
+"""Maximum ratio of the size of a plate to that of its marker, for a guess at its unit."""
+
 NEAR = 2.0
 """Maximum distance in mm of a part or pocket of a dot from its place, beyond which it belongs to something else."""
 
@@ -74,13 +77,14 @@ def _direction(way: Array, kind: str) -> Finding:
 def in_other_units(marker: Marker, reading: Reading) -> Iterator[Placement]:
     """The solid if it was written in one unit and read in another."""
     seen = {1.0}
+    size = _size(reading, marker)
     for own in ("m", "mm") if reading.kind == "GLB" else ("mm",):
         for unit, factor in UNITS.items():
             for times, said, remedy in (
                 (factor / UNITS[own], f"{unit} taken for {own}", f"export it in {own}"),
                 (UNITS[own] / factor, f"{own} taken for {unit}", f"open it in {own} where it was saved last"),
             ):
-                if round(times, 9) in seen:
+                if round(times, 9) in seen or (size != 1.0 and not 1 / ROUGHLY < size * times < ROUGHLY):
                     continue
                 seen.add(round(times, 9))
                 try:
@@ -89,6 +93,16 @@ def in_other_units(marker: Marker, reading: Reading) -> Iterator[Placement]:
                     continue  # Larger than any marker.
                 sentence = f"scaled by {1 / times:.6g} along x, y and z: {said}"
                 yield Placement(Finding("scaled", sentence, remedy), other, times)
+
+
+def _size(reading: Reading, marker: Marker) -> float:
+    """Size of a solid as a multiple of the marker's."""
+    surface = reading.pages[0].surface
+    boxes = np.array([part.box for part in surface.parts] if surface else [])
+    if surface is None or surface.mapped is None or not len(boxes):
+        # The kernel's boxes of a CAD file that is too small for it mean nothing.
+        return 1.0
+    return float(np.ptp(boxes.reshape(-1, 2), axis=0).max() / (2e3 * marker.boundary.radius))
 
 
 def stretched(marker: Marker, reading: Reading, surface: Surface) -> Iterator[Placement]:

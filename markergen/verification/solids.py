@@ -220,9 +220,10 @@ def _is_loose(surface: Surface, radius: float) -> bool:
         if (part.balls or any(face.edges[0].as_circle for face in part.faces))
         and max(boxes[k, 2] - boxes[k, 0], boxes[k, 3] - boxes[k, 1]) < 2 * ALIKE * radius
     ]
-    # In strips, since there may be thousands.
+    # A ring lies around its core.
+    around = np.delete(boxes, own, axis=0)
     inside = [
-        np.sum((boxes[:, :2] < boxes[k, :2]).all(axis=1) & (boxes[:, 2:] > boxes[k, 2:]).all(axis=1)) for k in own
+        np.sum((around[:, :2] < boxes[k, :2]).all(axis=1) & (around[:, 2:] > boxes[k, 2:]).all(axis=1)) for k in own
     ]
     return bool(own) and not any(inside)
 

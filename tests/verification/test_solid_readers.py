@@ -157,6 +157,42 @@ def test_glb_that_lie(marker, data, tmp_path):
     assert "inconsistent parts" in said(lambda g: [n.update(matrix=["x"] * 16) for n in g["nodes"]])
 
 
+def test_3mf_and_glb_that_grow(marker, data, tmp_path):
+    text = model(data[".3mf"])
+    head, tail = text[: text.index("<resources>") + 11], "</resources><build>{}</build></model>"
+    mesh = (
+        '<object id="0"><mesh><vertices><vertex x="0" y="0" z="0"/><vertex x="9" y="0" z="0"/>'
+        '<vertex x="0" y="9" z="1"/></vertices><triangles><triangle v1="0" v2="1" v3="2"/></triangles></mesh></object>'
+    )
+    ten = "".join(
+        f'<object id="{k + 1}"><components>{f"<component objectid={chr(34)}{k}{chr(34)}/>" * 10}</components></object>'
+        for k in range(9)
+    )
+
+    def said(resources, build=""):
+        return refused(marker, tmp_path, ".3mf", with_model(data[".3mf"], head + resources + tail.format(build)))
+
+    start = time.process_time()
+    assert "objects that exist" in said(mesh + ten, '<item objectid="9"/>')
+    assert "at most 20000 items" in said(mesh, '<item objectid="0"/>' * 20_001)
+    bases = '<base name="a" displaycolor="#FFFFFF"/>' * 20_001
+    assert "at most 20000 materials" in said(f'<basematerials id="1">{bases}</basematerials>')
+    assert "without an end" in said(f'<object id="1" name="{"x" * 1_000_000}"/>')
+    many = BytesIO()
+    with zipfile.ZipFile(many, "w") as package:
+        for k in range(1001):
+            package.writestr(str(k), "")
+    assert "at most 1000 files" in refused(marker, tmp_path, ".3mf", many.getvalue())
+
+    document, rest = gltf(data[".glb"])
+    drawn = next(k for k, node in enumerate(document["nodes"]) if "mesh" in node)
+    document["scenes"][0]["nodes"] = [drawn] * 19_999
+    assert "triangles" in refused(marker, tmp_path, ".glb", glb(document, rest))
+    document["extras"] = [[]] * 3_000_000
+    assert "at most 10 MB of text" in refused(marker, tmp_path, ".glb", glb(document, rest))
+    assert time.process_time() - start < 10
+
+
 def test_steps_that_lie_and_what_comes_after_them(marker, data, tmp_path):
     good = data[".step"]
     assert "no header or no end" in refused(marker, tmp_path, ".step", good[: len(good) // 2])

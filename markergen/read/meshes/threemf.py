@@ -29,7 +29,7 @@ VOLUMES = "metadata/slic3r_pe_model.config"
 UNITS = {"micron": 1e-3, "millimeter": 1.0, "centimeter": 10.0, "inch": 25.4, "foot": 304.8, "meter": 1000.0}
 """Units of a model, in mm."""
 
-LARGEST = 400_000_000
+LARGEST = 200_000_000
 """Maximum size of the unpacked model, in bytes."""
 
 PIECE = 1 << 18
@@ -41,7 +41,8 @@ MOST_ENTRIES = 1_000
 DEEPEST = 10
 """Maximum depth of components in components."""
 
-MOST_CORNERS = 3 * MOST_TRIANGLES
+MOST_CORNERS = MOST_TRIANGLES
+"""A closed mesh has half as many corners as triangles."""
 
 
 @dataclass

@@ -1,0 +1,275 @@
+"""Every kind of damage to a solid, in every format that can carry it, is called by its name."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import rewritten_solids as rewritten
+
+from markergen.exporters import ExportOptions
+from markergen.exporters.saving import save
+from markergen.model.boundary import polygon_from
+from markergen.model.fabrication import Fabrication
+from markergen.model.substrate import Hole, Substrate
+from markergen.model.tag import Tag
+from markergen.solid.cad_files import write_step
+from markergen.solid.kernel import solids_of
+from markergen.solid.processes import parts_of
+from markergen.verification import verify
+
+FABRICATION = Fabrication(engrave=False, foot=0.0, tolerance=1e-5)
+MESHES, NAMED = (".stl", ".3mf", ".glb"), (".3mf", ".glb")
+EVERY, CAD = (*MESHES, ".step"), (".step",)
+
+
+def rectangle(width, height):
+    return polygon_from([np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [width / 2, height / 2]], "file")
+
+
+HOLES = (Hole(-0.022, -0.008, 0.0034, name="M3"), Hole(0.016, -0.024, 0.0034, 0.0065, name="M3"))
+PLATE = Substrate(thickness=0.004, holes=HOLES, outline=rectangle(0.12, 0.11))
+
+
+@dataclass(frozen=True)
+class Damage:
+    """Damage to a file: another marker or fabrication that it is made from, or what is done to its parts.
+
+    `said` are parts of the sentences and remedies of a finding of `kind`.
+    """
+
+    kind: str
+    said: str
+    formats: tuple[str, ...] = EVERY
+    marker: Callable = lambda marker: marker
+    parts: Callable = lambda parts: parts
+    process: Fabrication = FABRICATION
+
+
+def plate(**changes):
+    return lambda marker: replace(marker, substrate=replace(marker.substrate, **changes))
+
+
+def one(name, change):
+    """Change the part of a name, or leave it out."""
+
+    def changed(parts):
+        assert any(part.name == name for part in parts)
+        return [new for part in parts if (new := change(part) if part.name == name else part) is not None]
+
+    return changed
+
+
+def by(matrix, shift=(0.0, 0.0, 0.0)):
+    """Move a part."""
+    return lambda part: moved(part, np.asarray(matrix, dtype=float), shift)
+
+
+def every(matrix):
+    return lambda parts: [by(matrix)(part) for part in parts]
+
+
+def moved(part, matrix, shift):
+    if isinstance(part, rewritten.Piece):
+        return part.mapped(matrix, shift)
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_Transform
+    from OCP.gp import gp_Trsf
+
+    move = gp_Trsf()
+    rows = [value for row, by in zip(matrix.tolist(), shift, strict=True) for value in (*row, float(by))]
+    move.SetValues(*rows)
+    return replace(part, shape=BRepBuilderAPI_Transform(part.shape, move, True).Shape())
+
+
+def swapped(parts):
+    """Light and dark."""
+    if isinstance(parts[0], rewritten.Piece):
+        return [replace(part, dark=not part.dark) for part in parts]
+    return [replace(part, material="dark" if part.material == "light" else "light") for part in parts]
+
+
+def renamed(one, other):
+    names = {one: other, other: one}
+    return lambda parts: [replace(part, name=names.get(part.name, part.name)) for part in parts]
+
+
+def gray(part):
+    return replace(part, dark=False) if isinstance(part, rewritten.Piece) else replace(part, material="light")
+
+
+TURNED = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+OVER = np.diag([1, -1, -1])
+LEANING = [[1, 0, 0], [0, np.cos(0.1), -np.sin(0.1)], [0, np.sin(0.1), np.cos(0.1)]]
+SPHERES = Fabrication("dome", engrave=False, tolerance=1e-5)
+
+
+def middle(part):
+    points = part.corners.reshape(-1, 3)
+    return (points.min(axis=0) + points.max(axis=0)) / 2
+
+
+def filled(parts):
+    """A dot in place of the ring and its core."""
+    disk = next(part for part in parts if part.name == "dot-1")
+    shift = next(middle(part) for part in parts if part.name == "dot-0") - middle(disk)
+    kept = [part for part in parts if not part.name.startswith("dot-0")]
+    return [*kept, replace(disk, name="dot-0", corners=disk.corners + shift)]
+
+
+def polygon(part):
+    """A prism of 24 sides in place of a disk."""
+    from trimesh.creation import cylinder
+
+    x, y, z = middle(part)
+    return replace(part, corners=np.asarray(cylinder(6.0, 0.6, sections=24).triangles) + [x, y, z])
+
+
+def lifted(parts):
+    return [by(np.eye(3), (0, 0, 5.0))(part) for part in parts]
+
+
+def untagged(parts):
+    return [part for part in parts if not part.name.startswith("tag")]
+
+
+def opened(part):
+    return replace(part, corners=part.corners[1:])
+
+
+DAMAGES = {
+    "a dot moved": Damage("shifted", "dot 3 is 0.2 mm off", parts=one("dot-3", by(np.eye(3), (0.2, 0, 0)))),
+    "a dot raised": Damage("height", "dot 3 is 0.2 mm too high", parts=one("dot-3", by(np.eye(3), (0, 0, 0.2)))),
+    "a dot sunk": Damage("height", "dot 3 is 0.2 mm too low", parts=one("dot-3", by(np.eye(3), (0, 0, -0.2)))),
+    "an inlay missing": Damage(
+        "missing", "dot 3 has no inlay: its pocket is empty", parts=one("dot-3", lambda _: None)
+    ),
+    "a dot flattened": Damage(
+        "thickness", "dot 3 is 0.3 mm thick, the others 0.6 mm", MESHES, parts=one("dot-3", by(np.diag([1, 1, 0.5])))
+    ),
+    "a ball flattened": Damage(
+        "height",
+        "dot 3 is a ball flattened to 50 %",
+        MESHES,
+        parts=one("dot-3", by(np.diag([1, 1, 0.5]))),
+        process=SPHERES,
+    ),
+    "a ball moved": Damage(
+        "shifted", "dot 3 is 0.2 mm off", parts=one("dot-3", by(np.eye(3), (0, 0.2, 0))), process=SPHERES
+    ),
+    "a ball missing": Damage("missing", "dot 3 is missing", parts=one("dot-3", lambda _: None), process=SPHERES),
+    "a core missing": Damage("kind", "dot 0 is a dot, not a ring", MESHES, parts=filled),
+    "a dot as a polygon": Damage(
+        "diameter",
+        "dot 3 is not round: its sides are up to 0.05133 mm off",
+        MESHES,
+        parts=one("dot-3", lambda part: polygon(part)),
+    ),
+    "a smaller outline": Damage(
+        "outline", "it is 118 x 110 mm, not 120 x 110 mm", marker=plate(outline=rectangle(0.118, 0.11))
+    ),
+    "rounded corners": Damage("outline", "the outline is up to 2.07", marker=plate(corner_radius=0.005)),
+    "a hole missing": Damage("hole", "the hole M3 at x -22, y -8 mm is missing", marker=plate(holes=HOLES[1:])),
+    "a hole moved": Damage(
+        "hole", "the hole M3 at x -22, y -8 mm is 1 mm off", marker=plate(holes=(replace(HOLES[0], x=-0.021), HOLES[1]))
+    ),
+    "a hole too large": Damage(
+        "hole",
+        "has a diameter of 3.6 mm, not 3.4 mm",
+        marker=plate(holes=(replace(HOLES[0], diameter=0.0036), HOLES[1])),
+    ),
+    "no countersink": Damage(
+        "hole", "the hole M3 at x 16, y -24 mm is missing", marker=plate(holes=(HOLES[0], replace(HOLES[1], sink=0.0)))
+    ),
+    "another hole": Damage(
+        "hole",
+        "a hole at x 40, y 40 mm that the marker does not have",
+        marker=plate(holes=(*HOLES, Hole(0.04, 0.04, 0.004))),
+    ),
+    "a thinner plate": Damage("thickness", "the plate is 3 mm thick, not 4 mm", marker=plate(thickness=0.003)),
+    "the plate missing": Damage("part", "the plate is missing", (*NAMED, *CAD), parts=one("plate", lambda _: None)),
+    "the plate raised": Damage(
+        "height",
+        "the plate's face is 0.3 mm above the plane of the dots",
+        parts=one("plate", by(np.eye(3), (0, 0, 0.3))),
+    ),
+    "everything raised": Damage("height", "all dots are 5 mm too high", parts=lifted),
+    "a tag missing": Damage("tag", "the tag", parts=untagged),
+    "light and dark swapped": Damage("inverted", "light and dark are swapped", (*NAMED, *CAD), parts=swapped),
+    "a dot in the plate's color": Damage(
+        "color", "dot 3 has the color of the plate", (*NAMED, *CAD), parts=one("dot-3", gray)
+    ),
+    "names swapped": Damage(
+        "part", "the part called 'dot-1' is dot 3", (*NAMED, *CAD), parts=renamed("dot-1", "dot-3")
+    ),
+    "ring and core swapped": Damage(
+        "part", "the part called 'dot-0-core' is dot 0", (*NAMED, *CAD), parts=renamed("dot-0", "dot-0-core")
+    ),
+    "mirrored": Damage("mirrored", "mirrored", parts=every(np.diag([-1, 1, 1]))),
+    "y up": Damage("turned", "its face points along -y instead of z", parts=every(TURNED)),
+    "face down": Damage("turned", "turned over: its face points down", parts=every(OVER)),
+    "tilted": Damage("turned", "tilted: its face leans 5.73 degrees", parts=every(LEANING)),
+    "sheared sideways": Damage(
+        "sheared", "its face lies 0.4 mm beside its back", MESHES, parts=every([[1, 0, 0.1], [0, 1, 0], [0, 0, 1]])
+    ),
+    "half as high": Damage(
+        "scaled", "scaled by 0.5 along z", MESHES, parts=every(np.diag([1, 1, 0.5])), process=SPHERES
+    ),
+    "inches": Damage("scaled", "inch taken for mm", MESHES, parts=every(np.eye(3) / 25.4)),
+    "meters": Damage("scaled", "m taken for mm", MESHES, parts=every(np.eye(3) / 1e3)),
+    "printed at 98 %": Damage("scaled", "scaled by 0.98 along x and y", parts=every(0.98 * np.eye(3))),
+    "open": Damage("solid", "has open edges", MESHES, parts=one("plate", opened)),
+}
+
+
+CASES = [(name, suffix) for name, damage in DAMAGES.items() for suffix in damage.formats]
+# Each damage in one format, in turn, and every format in `make test-long`.
+QUICK = {(name, damage.formats[k % len(damage.formats)]) for k, (name, damage) in enumerate(DAMAGES.items())}
+TABLE = [case if case in QUICK else pytest.param(*case, marks=pytest.mark.long) for case in CASES]
+
+
+@pytest.fixture(scope="module")
+def marker(make_marker):
+    points = np.array([[0.03, 0.02], [-0.035, 0.018], [-0.01, -0.03], [0.036, -0.012], [0.0, 0.035]])
+    return replace(make_marker(points, 0.05, 0.012), substrate=PLATE, tag=Tag("aruco:DICT_4X4_50", 7, 0.02))
+
+
+@pytest.fixture(scope="module")
+def parts(tmp_path_factory):
+    """Parts of a marker as triangles or as solids, made once for each way."""
+    folder, known = tmp_path_factory.mktemp("parts"), {}
+
+    def get(marker, process, suffix):
+        key = (marker, process, suffix == ".step")
+        if key not in known:
+            path = folder / f"{len(known)}.glb"
+            if suffix != ".step":
+                save(marker, [path], ExportOptions(fabrication=process))
+            solids = suffix == ".step"
+            known[key] = list(solids_of(parts_of(marker, process).parts)) if solids else rewritten.pieces(path)
+        return known[key]
+
+    return get
+
+
+def written(path, some):
+    if path.suffix == ".step":
+        path.write_bytes(write_step(some, "damaged"))
+    else:
+        rewritten.write(path, some)
+    return path
+
+
+@pytest.mark.parametrize(("name", "suffix"), TABLE)
+def test_damage_is_named(marker, parts, tmp_path, name, suffix):
+    damage = DAMAGES[name]
+    path = tmp_path / f"a{suffix}"
+    check = verify(marker, written(path, damage.parts(parts(damage.marker(marker), damage.process, suffix))))
+    said = [str(finding) for finding in check.findings if finding.kind == damage.kind]
+    assert any(damage.said in each for each in said), check.findings
+
+
+@pytest.mark.parametrize("suffix", EVERY)
+def test_what_was_not_damaged_passes(marker, parts, tmp_path, suffix):
+    for process in (FABRICATION, SPHERES):
+        check = verify(marker, written(tmp_path / f"a{suffix}", parts(marker, process, suffix)))
+        assert check.passed, check.findings
