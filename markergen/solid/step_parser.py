@@ -5,7 +5,7 @@ other programs: a single part without an assembly, or an assembly with two parts
 """
 
 import importlib
-from math import pi
+from math import ceil, pi, sqrt
 from typing import Any
 
 from markergen.guard import as_file
@@ -17,7 +17,13 @@ SAME = 1e-6
 """Maximum difference in mm between arcs of one circle."""
 
 STEPS = 16
-"""Number of points on a curved edge; a closed one has four times as many."""
+"""Minimum number of points on a curved edge; a closed one has four times as many."""
+
+MOST_STEPS = 1024
+"""Maximum number of points on an arc."""
+
+SAGITTA = 1e-3
+"""Maximum distance in mm of an arc from the lines between its points, as far as that number allows."""
 
 MOST_FACES = 200_000
 
@@ -294,6 +300,10 @@ def _loop(wire: Any, face: Any) -> Json:
             bent = False
         straight = straight or curve.GetType() == GeomAbs_Line
         steps = 1 if curve.GetType() == GeomAbs_Line else 4 * STEPS if curve.IsClosed() else STEPS
+        if curve.GetType() == GeomAbs_Circle and not curve.IsClosed():
+            # The lines of a drawn hole are compared with the drawing's.
+            step = sqrt(8 * SAGITTA / curve.Circle().Radius())
+            steps = min(max(steps, ceil(abs(last - first) / step)), MOST_STEPS)
         for k in range(steps):
             point = curve.Value(first + (last - first) * k / steps)
             points.append((point.X(), point.Y()))
