@@ -188,4 +188,5 @@ def _reading(kind: str, rows: Sequence[Sequence[Any]], name: str, tag_gaps: tupl
         raise InputError(f"coordinates in m in {name}", "none, or numbers that are not finite", "export it again")
     bare = np.column_stack([places[:, :2], np.full(len(places), np.nan)])
     circles = circles_of([tuple(row) for row in bare.tolist()], name)
-    return Reading(kind, (Page(circles, heights=places[:, 2]),), TOLERANCE, drawn=False, tag_gaps=tag_gaps)
+    pages = (Page(circles, heights=places[:, 2]),)
+    return Reading(kind, pages, TOLERANCE, drawn=False, placed=True, tag_gaps=tag_gaps)
