@@ -129,7 +129,8 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
     """Read a file back and compare every dot in it with a marker.
 
     The dots are aligned with the marker's by the best rotation and translation only: scaling and mirroring are reported
-    as findings. The file's own origin and labels are ignored.
+    as findings. The origin of the file counts in lists of points and models for
+    simulators only; labels are ignored.
 
     Parameters
     ----------
@@ -295,6 +296,7 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     verdicts: list[Verdict] = []
     findings = [Finding("marks", gap) for gap in reading.gaps]
     findings += [Finding("tag", gap) for gap in reading.tag_gaps]
+    findings += [Finding("ids", gap, "export it again") for gap in reading.id_gaps]
     findings += [Finding("solid", flaw) for flaw in reading.flaws]
     contours = [opening.contour for opening in openings(marker)]
     rounds = [whole for contour in contours if (whole := contour.as_circle) is not None]

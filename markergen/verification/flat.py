@@ -38,6 +38,9 @@ CROSSED = 0.05
 COARSEST = 0.2
 """Size in mm of pixels that show no hairlines, so that lines to cut cannot be compared."""
 
+THIN = 0.05
+"""Accuracy in mm with which a hairline is found in pixels, however fine they are: half of its width."""
+
 DOTS_ON = "ENGRAVE"
 """Layer of a DXF on which dots are made as dots."""
 
@@ -167,6 +170,7 @@ def _unread(page: Page, marker: Marker, motion: tuple[Array, Array], factor: tup
         dots = f"dot{'s' * (len(near) > 1)} {', '.join(map(str, near[:MOST_LISTED]))}" if near else ""
         covered = " and ".join(part for part in (dots, "the tag" if over else "") if part) or "the marker"
         remedy = "convert it to paths, or move it away" if name.startswith("the text") else "move it away"
+        remedy = f"explode it, or move it to the layer {TOLD_ON}" if page.layers else remedy
         findings.append(Finding("covered", f"{name} is not read, and may cover {covered}", remedy))
     return findings
 
@@ -197,7 +201,7 @@ def _lines(
         assert page.picture is not None
         sample, grain = page.picture.sample, page.picture.grain
         seek = in_picture(lambda points: sample(_to_page(points, motion, factor)), grain)
-        allowed = max(tol, grain / 2)
+        allowed = max(tol, grain / 2, THIN)
     if page.lines is None and page.picture is not None and page.picture.grain > COARSEST:
         return [], kinds[0]
     gaps = None if page.layers else free

@@ -110,6 +110,8 @@ class Reading:
         Errors in the fit between these pages.
     tag_gaps : tuple of str
         Errors of the tag in a list of points.
+    id_gaps : tuple of str
+        Errors of the ids in a list of points.
     flaws : tuple of str
         Defects of the solids themselves.
     """
@@ -125,6 +127,7 @@ class Reading:
     papers: tuple[tuple[float, float] | None, ...] = ()
     gaps: tuple[str, ...] = ()
     tag_gaps: tuple[str, ...] = ()
+    id_gaps: tuple[str, ...] = ()
     flaws: tuple[str, ...] = ()
 
 

@@ -249,6 +249,8 @@ def _paint(look: Look, kind: str) -> tuple[float, float]:
     if value in ("none", "transparent"):
         return WHITE, 0.0
     opacity = look.opacity * fraction(look.style[f"{kind}-opacity"])
+    if value.startswith("url"):
+        return UNKNOWN, opacity
     try:
         color = Color(value)
         text = "#000000" if value == "currentColor" else f"#{color.red:02x}{color.green:02x}{color.blue:02x}"

@@ -219,7 +219,17 @@ def unit(document, space):
     document.header["$INSUNITS"] = 1
 
 
+def word(document, space):
+    space.add_text("A", dxfattribs={"layer": "CUT"})
+
+
+def invisible(document, space):
+    circles(space, "ENGRAVE", 6)[2].dxf.invisible = 1
+
+
 DXF = {
+    "word to cut": (drawn(word), "covered", "the 'TEXT' on the layer CUT is not read"),
+    "invisible": (drawn(invisible), "hidden", "an entity is invisible"),
     "dot on CUT": (drawn(one_cut), "layer", "dot 2 is on the layer CUT and would be cut out"),
     "dots on CUT": (drawn(cut_dots), "layer", "dots 0, 1, 2, 3, 4 are on the layer CUT"),
     "hole missing": (drawn(without_hole), "hole", "is missing"),

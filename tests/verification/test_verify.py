@@ -203,6 +203,9 @@ def test_a_list_in_another_frame_is_named(markers, tmp_path, suffix):
         (finding,) = verify(marker, path).findings
         assert finding.kind == "frame"
         assert f"the marker is {said} in it" in finding.sentence
+    a, b, *rest = marker.control_points
+    save(replace(marker, control_points=(replace(a, x=b.x, y=b.y), replace(b, x=a.x, y=a.y), *rest)), [path])
+    assert "dots 0, 1 are at the place of another" in [finding.sentence for finding in verify(marker, path).findings]
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
