@@ -212,6 +212,8 @@ class Workpiece:
         Overall size in the front view.
     round : bool
         True if the plate is a disk, whose size is a diameter.
+    listed : bool
+        True if tables describe the outline: then overall sizes are auxiliary, in parentheses.
     face : float
         Height of the plate's upper face.
     flatness : Control
@@ -238,6 +240,7 @@ class Workpiece:
     engraved: tuple[BackText, ...]
     size: Point
     round: bool
+    listed: bool
     face: float
     flatness: Control
     datums: tuple[Datum, ...]

@@ -326,12 +326,16 @@ def _sizes(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
     first = _around(work, style).first
     edges = {datum.letter: datum for datum in work.datums if datum.kind == "edge"}
     below, aside = bottom - first, left - first
+
+    def said(size: float) -> str:
+        return f"({millimeters(size)})" if work.listed else millimeters(size)
+
     if not work.round:
         # The origin's distances from datum edges, exactly; or else from the lower and the left end.
         low, foot = around(work.front)[:2]
         for letter, axis, end in (("C", 0, low), ("B", 1, foot)):
             at = edges[letter].at[axis] if letter in edges else end
-            size = f"[{millimeters(abs(at))}]" if letter in edges else millimeters(abs(at))
+            size = f"[{millimeters(abs(at))}]" if letter in edges else said(abs(at))
             if abs(at) < SHORT:
                 continue
             if letter == "C":
@@ -341,9 +345,9 @@ def _sizes(work: Workpiece, layout: ViewPlacement, style: Style) -> list[Shape]:
                 shapes += upright(*_ordered(front.at((0.0, at))[1], y), aside, left, size, style)
                 aside -= 1.3 * tier
     sign = "\xd8" if work.round else ""
-    shapes += across(left, right, below, (top + bottom) / 2 if work.round else bottom, sign + millimeters(width), style)
+    shapes += across(left, right, below, (top + bottom) / 2 if work.round else bottom, sign + said(width), style)
     if not work.round:
-        shapes += upright(bottom, top, aside, left, millimeters(height), style)
+        shapes += upright(bottom, top, aside, left, said(height), style)
     shapes += stacked(work.heights, side, right, right + tier, tier, style)
     words = lettering("seen from -y", left, upper + 1.5 * style.scale, 0.8 * style.words, color=GRAY, name="side-words")
     return [*shapes, words]

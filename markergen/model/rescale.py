@@ -208,7 +208,7 @@ def _nominal(name: str, measured: float, given: float | None, stated: float | No
             raise InputError(
                 f"a length along {name} within {100 * MOST_OFF:g} % of a sheet's ruler, {known}",
                 format_length(measured),
-                f"check the unit; or give --nominal-{name}, the length printed beside the ruler, and --force",
+                f"check the unit; or give --nominal-{name}, the length stated on the sheet, and --force if it is off",
             )
         return near[0]
     scale = measured / nominal

@@ -293,6 +293,12 @@ def opened(data: bytes, formats: tuple[str, ...]) -> "Iterator[PillowImage]":
         Pillow.MAX_IMAGE_PIXELS = limit
 
 
+def _depth(image: "PillowImage") -> int:
+    """Bits of a channel in the file, 8 or 16; Pillow's mode has 8 for color of 16."""
+    coded = [each.args if isinstance(each.args, str) else each.args[0] for each in vars(image).get("tile", ())]
+    return 16 if any("16" in str(mode) for mode in (image.mode, *coded)) else 8
+
+
 def _examine(path: Path, data: bytes) -> _Header:
     """Read an image to its end and return its header; raises if it is damaged or of an unsuitable size."""
     from PIL import UnidentifiedImageError
@@ -306,7 +312,7 @@ def _examine(path: Path, data: bytes) -> _Header:
                     f"{width}x{height} px",
                     "crop the image, or scale it and its calibration down",
                 )
-            channels, depth = len(image.getbands()), 16 if "16" in f"{image.mode} {vars(image).get('tile')}" else 8
+            channels, depth = len(image.getbands()), _depth(image)
             if width * height * channels * depth // 8 > LARGEST_BYTES:
                 raise InputError(
                     f"at most {LARGEST_BYTES // 1_000_000} MB of pixels in {path}",

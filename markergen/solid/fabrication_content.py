@@ -38,13 +38,12 @@ from markergen.solid.fabrication_sections import (
     upright,
     use_words,
 )
-from markergen.solid.fabrication_tables import ranges, tables_of
+from markergen.solid.fabrication_tables import is_plain, listed_outlines, ranges, tables_of
 from markergen.solid.fabrication_tolerances import (
     DIAMETER,
     PLUS_MINUS,
     PROFILE,
     PlateHole,
-    cutouts_of,
     datum_table,
     datums_of,
     dot_controls,
@@ -52,7 +51,6 @@ from markergen.solid.fabrication_tolerances import (
     flat,
     hole_control,
     holes_of,
-    is_rectangle,
     letters,
     located,
     tolerance_table,
@@ -83,7 +81,10 @@ AFTERWARDS = (
     "What counts is where the centers of the dots are. Where they were measured on the finished marker, enter them "
     "with: markergen rescale marker.json --measured-points dots.csv -o measured.json"
 )
-PATTERN = "CZ: all dots together are one pattern, which the datums leave free to turn or to move."
+PATTERN = (
+    "CZ: all zones to the same datums together are one pattern (SIM, ISO 5458), which the datums leave free to turn or "
+    "to move."
+)
 REAMED = "Ream the holes for dowel pins to H7 after all else, in one setting with the dots where these are milled."
 APART = "The plates are separate: each is made by itself, and mounted so that all dots are at their coordinates."
 
@@ -94,6 +95,13 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
     plates = [part for part in parts if part.is_plate]
     sections = sections_of(marker, made, dots)
     back = _back(made)
+    callouts = (
+        *_dot_callouts(dots, fabrication, made, datums),
+        *_hole_callouts(holes, made, datums, _box(marker)),
+        *_outline_callouts(marker, made, datums),
+        *_recess_callouts(made, datums),
+        *_tag_callout(marker),
+    )
     return Workpiece(
         block=TitleBlock(
             name=marker_name(marker),
@@ -110,18 +118,13 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
         engraved=_back_texts(made) if back else (),
         size=size_of([body for part in parts for body in part.add]),
         round=[plate.is_disk for plate in plates] == [True],
+        listed=any(each.plate for each in listed_outlines(marker, made)),
         face=made.face,
         flatness=flat(made),
         datums=datums,
         labels=tuple(DotLabel(str(dot.id), dot.x, dot.y, dot.radius, dot.inner) for dot in dots),
         holes=tuple(DotLabel(hole.label, hole.x, hole.y, max(hole.radius, hole.sink)) for hole in holes),
-        callouts=(
-            *_dot_callouts(dots, fabrication, made, datums),
-            *_hole_callouts(holes, made, datums, _box(marker)),
-            *_outline_callouts(marker, datums),
-            *_recess_callouts(made, datums),
-            *_tag_callout(marker),
-        ),
+        callouts=callouts,
         heights=_heights(made),
         sections=sections,
         tables=(
@@ -131,7 +134,7 @@ def workpiece(marker: Marker, fabrication: Fabrication, made: Made) -> Workpiece
             *fit_table(marker, made),
         ),
         key=_key(made, bool(back), bool(sections)),
-        notes=tuple(_notes(marker, made, datums)),
+        notes=tuple(_notes(marker, made, callouts, back)),
     )
 
 
@@ -260,19 +263,25 @@ def _hole_callouts(holes: Sequence[PlateHole], made: Made, datums: Sequence[Datu
     found = []
     kinds = [list(group) for _, group in groupby(sorted(holes, key=kind), key=kind)]
     if many := len(kinds) > MOST_KINDS:
-        places = tuple((*hole.place, max(hole.radius, hole.sink)) for hole in holes)
-        found.append(Callout((f"{len(places)} holes through", "see the table"), places))
+        rest = [hole for hole in holes if not as_datum(hole)]
+        places = tuple((*hole.place, max(hole.radius, hole.sink)) for hole in rest)
+        zones: dict[Control, list[str]] = {}
+        for hole in rest:
+            zones.setdefault(hole_control(hole, made, datums)[0], []).append(hole.label)
+        controls = [replace(each, of=_labels(names) if len(zones) > 1 else "") for each, names in zones.items()]
+        found.append(Callout((f"{len(places)} holes through", "see the table"), places, controls=tuple(controls)))
     for some in kinds:
         pitch, first = _pitch(some, plate)
         for letter, group in groupby(sorted(some, key=as_datum), key=as_datum):
             if not many or letter:
-                found.append(_hole_callout(list(group), pitch, first, made, datums))
+                found.append(_hole_callout(list(group), len(some), pitch, first, made, datums))
     return found
 
 
 def _hole_callout(
-    group: Sequence[PlateHole], pitch: float, angle: float, made: Made, datums: Sequence[Datum]
+    group: Sequence[PlateHole], count: int, pitch: float, angle: float, made: Made, datums: Sequence[Datum]
 ) -> Callout:
+    """Callout of holes, which may be some of the `count` that are evenly spaced on their pitch circle."""
     first = group[0]
     control, letter = hole_control(first, made, datums)
     limits = f" {first.limits.words}" if first.limits else ""
@@ -280,10 +289,15 @@ def _hole_callout(
     lines = [f"{_times(group)}{DIAMETER}{millimeters(2 * first.radius)}{limits}", f"through, {use_words(first)}"]
     if first.sink:
         lines.append(f"countersunk {DIAMETER}{millimeters(2 * first.sink)} x 90\xb0")
-    if pitch and len(group) > 2:
-        lines += [f"{names}, on a circle [{DIAMETER}{millimeters(2 * pitch)}]", f"from [{angle:g}\xb0], evenly spaced"]
-    elif pitch:
-        lines.append(f"{names}, on a circle [{DIAMETER}{millimeters(2 * pitch)}]")
+    if pitch:
+        on = f"on a circle [{DIAMETER}{millimeters(2 * pitch)}]"
+        if len(group) <= MOST_PLACES:
+            at = ", ".join(f"[{round(_angle(hole), 3):g}\xb0]" for hole in group)
+            lines += [f"{names}, {on}", f"at {at}"]
+        elif len(group) == count:
+            lines += [f"{names}, {on}", f"from [{angle:g}\xb0], evenly spaced"]
+        else:
+            lines += [f"{names} of {count} evenly spaced", f"from [{angle:g}\xb0], {on}"]
     elif len(group) <= MOST_PLACES:
         lines += [f"{hole.label} at x [{millimeters(hole.x)}], y [{millimeters(hole.y)}]" for hole in group]
     else:
@@ -301,10 +315,15 @@ def _pitch(holes: Sequence[PlateHole], plate: Box) -> tuple[float, float]:
     room = min(-plate[0], -plate[1], plate[2], plate[3])
     if len(holes) < 2 or min(radii) < SAME or max(radii) - min(radii) > 1e-5 or max(radii) > room:
         return 0.0, 0.0
-    angles = sorted(round(degrees(atan2(hole.y, hole.x)) % 360, 6) % 360 for hole in holes)
+    angles = sorted(map(_angle, holes))
     step = 360 / len(holes)
     even = all(abs(angle - angles[0] - k * step) < 1e-4 for k, angle in enumerate(angles))
     return (round(radii[0], 6), round(angles[0], 3)) if even else (0.0, 0.0)
+
+
+def _angle(hole: PlateHole) -> float:
+    """Direction of a hole from the origin, from 0 to below 360 degrees."""
+    return round(degrees(atan2(hole.y, hole.x)) % 360, 6) % 360
 
 
 def _labels(names: Sequence[str]) -> str:
@@ -315,7 +334,7 @@ def _labels(names: Sequence[str]) -> str:
     )
 
 
-def _outline_callouts(marker: Marker, datums: Sequence[Datum]) -> list[Callout]:
+def _outline_callouts(marker: Marker, made: Made, datums: Sequence[Datum]) -> list[Callout]:
     """Callouts of the radii of outlines, and of an outline or a hole that needs a table."""
     plates = plate_of(marker).outlines
     arcs: dict[float, list[tuple[float, float, float]]] = {}
@@ -332,20 +351,20 @@ def _outline_callouts(marker: Marker, datums: Sequence[Datum]) -> list[Callout]:
         places = tuple(place for some in arcs.values() for place in some)
         found = [Callout((f"{len(places)} arcs of {len(arcs)} radii", "see the tables"), places)]
     profile = Control("profile", millimeters(PROFILE), letters(datums))
-    outer = plates[0][0]
-    if outer.as_circle is None and not is_rectangle(outer):
-        x, y = max(outer.points)
-        found.append(Callout(("outline, all around", "see the table"), ((x, y, 0.0),), controls=(profile,)))
-    for number, contour in enumerate(cutouts_of(marker), 1):
-        x, y = max(contour.points)
-        words = f"cut-out S{number}, through", "see the table"
-        found.append(Callout(words, ((x, y, 0.0),), controls=(profile,)))
+    for each in listed_outlines(marker, made):
+        x, y = max(flattened(each.contour, OFF))
+        words, control = [each.words, "see the table"], profile
+        if each.recess:
+            words.append(_depth_words(each.recess, made))
+            # The zone is outside of the outline, by which the recess may only be larger.
+            control = replace(profile, zone=f"{millimeters(RECESS / 2)} UZ-{millimeters(RECESS / 4)}")
+        found.append(Callout(tuple(words), ((x, y, 0.0),), controls=(control,)))
     return found
 
 
 def _recess_callouts(made: Made, datums: Sequence[Datum]) -> list[Callout]:
     found = []
-    for recess in recesses_of(made):
+    for recess in filter(is_plain, recesses_of(made)):
         left, bottom, right, top = recess.box
         over = f" +{millimeters(RECESS)} / 0"
         size = (
@@ -353,7 +372,9 @@ def _recess_callouts(made: Made, datums: Sequence[Datum]) -> list[Callout]:
             if recess.outer.as_circle
             else f"recess {millimeters(right - left)} x {millimeters(top - bottom)}{over}"
         )
-        lines = (size, f"{_deep(recess)} +{millimeters(made.accuracy.depth)} / 0 deep, floor flat")
+        middle = (left + right) / 2, (bottom + top) / 2
+        at = (f"center at x [{millimeters(middle[0])}], y [{millimeters(middle[1])}]",) if hypot(*middle) > SAME else ()
+        lines = (size, *at, _depth_words(recess, made))
         control = located(RECESS, datums)
         if not recess.outer.as_circle:
             control = replace(control, zone=control.zone.removeprefix(DIAMETER))
@@ -363,8 +384,8 @@ def _recess_callouts(made: Made, datums: Sequence[Datum]) -> list[Callout]:
     return found
 
 
-def _deep(body: Prism) -> str:
-    return millimeters(body.top - body.bottom)
+def _depth_words(recess: Prism, made: Made) -> str:
+    return f"{millimeters(recess.top - recess.bottom)} +{millimeters(made.accuracy.depth)} / 0 deep, floor flat"
 
 
 def _times(places: Sequence[object]) -> str:
@@ -384,7 +405,7 @@ def _tag_callout(marker: Marker) -> list[Callout]:
     return [Callout(words, ((x + side / 2, y + side / 4, 0.0),))]
 
 
-def _notes(marker: Marker, made: Made, datums: Sequence[Datum]) -> list[str]:
+def _notes(marker: Marker, made: Made, callouts: Sequence[Callout], back: Sequence[ViewFace]) -> list[str]:
     substrate, accuracy = marker.substrate, made.accuracy
     said = [FRAME, BOXED, MEASURE]
     if accuracy.position:
@@ -395,8 +416,8 @@ def _notes(marker: Marker, made: Made, datums: Sequence[Datum]) -> list[str]:
             f"{f', {where} in it' if accuracy.play else ''}; if errors are even, --print-sigma "
             f"{millimeters(off / 2)}mm in markergen validate."
         )
-        if len(datums) < 3:
-            said.append(PATTERN)
+    if any("CZ" in control.zone for callout in callouts for control in callout.controls):
+        said.append(PATTERN)
     if len(plate_of(marker).outlines) > 1:
         said.append(APART)
     if any(hole.use == "dowel" for hole in substrate.holes):
@@ -405,19 +426,23 @@ def _notes(marker: Marker, made: Made, datums: Sequence[Datum]) -> list[str]:
         said.append(f"Chamfer around the face {millimeters(mm(substrate.chamfer))} x 45\xb0.")
     said += made.lines
     if made.engraved:
-        said.append(_engraved(made))
+        # What is engraved besides letters is the cross at the origin.
+        cross = any(face.material == "engraved" for face in back)
+        said.append(_engraved(made, cross, len(marker.control_points)))
     return [*said, AFTERWARDS]
 
 
-def _engraved(made: Made) -> str:
+def _engraved(made: Made, cross: bool, dots: int) -> str:
     title = _title(made)
+    names = [int(text.lines[0]) for text in made.engraved if text.lines[0].isdecimal()]
     ids = sorted({text.height for text in made.engraved if text.lines[0].isdecimal()})
     parts = []
     if title:
         parts.append(f'"{" / ".join(title.lines)}" in capitals of {millimeters(title.height)} mm')
     if ids:
         sizes = " or ".join(millimeters(height) for height in ids)
-        parts.append(f"behind the dots their ids, {sizes} mm high")
-    if any(text.lines == ("x",) for text in made.engraved):
+        behind = "the dots their ids" if len(names) == dots else f"dots {ranges(names)} their ids"
+        parts.append(f"behind {behind}, {sizes} mm high")
+    if cross:
         parts.append("at the origin a cross, with an arrow along x")
     return f"Engrave the back {millimeters(engraving.DEPTH)} mm deep, to be read from behind: {'; '.join(parts)}."

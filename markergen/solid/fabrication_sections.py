@@ -6,9 +6,10 @@ Sizes that are given elsewhere, with their tolerances, are in parentheses (auxil
 from collections.abc import Iterable, Sequence
 
 from markergen.drawing.fabrication_drawing import Dimension, SectionView, millimeters
+from markergen.drawing.scene import union
 from markergen.geometry.contour import flattened
 from markergen.model.marker import Marker
-from markergen.solid.bodies import OFF, SAME, Body, Part, Prism, Revolved, size_of, span_of
+from markergen.solid.bodies import OFF, SAME, Body, Part, Prism, Revolved, span_of
 from markergen.solid.dot_geometry import SolidDot
 from markergen.solid.fabrication_tolerances import DIAMETER, PLUS_MINUS, PlateHole, holes_of
 from markergen.solid.iso286 import DiscFit
@@ -17,6 +18,9 @@ from markergen.solid.projection import cut_along, seen
 
 MOST_KINDS = 6
 """Maximum number of kinds of dots or holes with their own callouts and sections; more are listed in tables only."""
+
+NEAR = 30.0
+"""Maximum distance in mm of a recess from an edge to be in its section."""
 
 
 def sections_of(marker: Marker, made: Made, dots: Sequence[SolidDot]) -> tuple[SectionView, ...]:
@@ -78,16 +82,16 @@ def _diameters(dot: SolidDot, made: Made, pockets: Sequence[Revolved], pillars: 
         )
 
     fit, core = fitted("dot", dot.radius), fitted("core", dot.inner)
+    most = f" {PLUS_MINUS}{millimeters(made.accuracy.diameter)}" if made.accuracy.position else ""
     sizes: dict[float, str] = {}
     if fit and not fit.gap:
         sizes[round(dot.radius, 6)] = f"{DIAMETER}{millimeters(2 * dot.radius)} {fit.pocket.name}/{fit.disc.name}"
     elif fit:
         sizes[round(dot.radius, 6)] = f"{DIAMETER}{millimeters(2 * dot.radius)} {fit.disc.words}"
     else:
-        most = f" {PLUS_MINUS}{millimeters(made.accuracy.diameter)}" if made.accuracy.position else ""
         sizes[round(dot.radius, 6)] = f"{DIAMETER}{millimeters(2 * dot.radius)}{most}"
     if dot.inner:
-        bore = f" {core.pocket.words}" if core else ""
+        bore = f" {core.pocket.words}" if core else most
         sizes[round(dot.inner, 6)] = f"{DIAMETER}{millimeters(2 * dot.inner)}{bore}"
     for body in pockets:
         r = round(body.radii[1], 6)
@@ -149,14 +153,16 @@ def use_words(hole: PlateHole) -> str:
 
 
 def recesses_of(made: Made) -> list[Prism]:
-    """Recesses for a printed sheet: more than half as wide as the plate, and open to its face."""
+    """Recesses for printed sheets: open to the face of the plate, without inlays."""
     plates = [part for part in made.parts if part.is_plate]
-    width, _ = size_of([body for part in plates for body in part.add])
+    inlays = [body.box for part in made.parts if not part.is_plate for body in part.add]
     return [
         body
         for part in plates
         for body in part.cut
-        if isinstance(body, Prism) and body.top > made.face - SAME and size_of([body])[0] > width / 2
+        if isinstance(body, Prism)
+        and body.top > made.face - SAME
+        and not any(union(body.box, inlay) == body.box for inlay in inlays)
     ]
 
 
@@ -164,13 +170,13 @@ def _edge_section(marker: Marker, made: Made) -> list[SectionView]:
     """Section of an edge that has a chamfer, or a sheet's recess next to it."""
     chamfer = round(1e3 * marker.substrate.chamfer, 9)
     plates = [part for part in made.parts if part.is_plate]
-    recesses = recesses_of(made)
-    if not chamfer and not recesses:
-        return []
     low, _ = span_of(plates)
     outermost = max((face for face in seen(plates)), key=lambda face: face.box[2])
     ring = flattened(outermost.contours[0], OFF)
     right = max(x for x, _ in ring)
+    recesses = [body for body in recesses_of(made) if right - body.box[2] < NEAR]
+    if not chamfer and not recesses:
+        return []
     level = [y for x, y in ring if x > right - 1e-3]
     # At the middle of the outermost edge, or the outermost point of an arc.
     y = (min(level) + max(level)) / 2

@@ -1,14 +1,15 @@
 """Tables of the fabrication drawing: dots, holes, outline, tag, pillars and parts as rows of text."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from math import atan2, degrees, tan
 
 from markergen.drawing.fabrication_drawing import DrawingTable, millimeters
 from markergen.geometry.contour import Contour, box, radius_of
 from markergen.model.marker import Marker
-from markergen.solid.bodies import SAME, Body, Part, Revolved, mm, size_of
+from markergen.solid.bodies import SAME, Body, Part, Prism, Revolved, mm, size_of
 from markergen.solid.dot_geometry import dots_of
-from markergen.solid.fabrication_sections import centered, use_words
+from markergen.solid.fabrication_sections import centered, recesses_of, use_words
 from markergen.solid.fabrication_tolerances import (
     DIAMETER,
     PlateHole,
@@ -59,7 +60,7 @@ def tables_of(marker: Marker, made: Made) -> tuple[DrawingTable, ...]:
                 (0, 3, 5),
             )
         )
-    tables += _outlines(marker)
+    tables += _outlines(marker, made)
     if pillars := _pillars(marker, made.add):
         headings = ("under dots", "height above A", "top", "base", "draft", "fillet")
         tables.append(DrawingTable("Pillars, mm: diameters without the fillet", headings, pillars, (0,)))
@@ -77,16 +78,49 @@ def _diameter(hole: PlateHole) -> str:
     return f"{DIAMETER}{millimeters(2 * hole.radius)}" + (f" {hole.limits.name}" if hole.limits else "")
 
 
-def _outlines(marker: Marker) -> list[DrawingTable]:
-    """Corners of outlines that a size and a radius do not describe, and of holes that are not round."""
-    found = []
+@dataclass(frozen=True)
+class ListedOutline:
+    """Outline that a table describes: title of the table, words of the callout, and whose it is."""
+
+    title: str
+    words: str
+    contour: Contour
+    plate: bool = False
+    recess: Prism | None = None
+
+
+def is_plain(recess: Prism) -> bool:
+    """True for a recess that a diameter, or width and height, and a place describe."""
+    return recess.outer.as_circle is not None or is_rectangle(recess.outer)
+
+
+def listed_outlines(marker: Marker, made: Made) -> list[ListedOutline]:
+    """Outlines that a size and a radius do not describe: of plates, of holes that are not round, and of recesses."""
     plates = [outer for outer, *_ in plate_of(marker).outlines]
-    for number, outer in enumerate(plates, 1):
-        if outer.as_circle is None and not (is_rectangle(outer) and len(plates) == 1):
-            found.append((f"Outline of the plate{f' {number}' if len(plates) > 1 else ''}", outer))
-    found += [(f"Cut-out S{number}", contour) for number, contour in enumerate(cutouts_of(marker), 1)]
+    found = []
+    if len(plates) > 1:
+        for number, outer in enumerate(plates, 1):
+            found.append(ListedOutline(f"Outline of plate {number}", f"plate {number}, all around", outer, True))
+    elif plates[0].as_circle is None and not is_rectangle(plates[0]):
+        found.append(ListedOutline("Outline of the plate", "outline, all around", plates[0], True))
+    for number, contour in enumerate(cutouts_of(marker), 1):
+        found.append(ListedOutline(f"Cut-out S{number}", f"cut-out S{number}, through", contour))
+    for number, recess in enumerate(recesses_of(made), 1):
+        if not is_plain(recess):
+            found.append(ListedOutline(f"Recess {number}", f"recess {number}", recess.outer, recess=recess))
+    return found
+
+
+def _outlines(marker: Marker, made: Made) -> list[DrawingTable]:
+    """Corners of outlines, or the center of a round one."""
     tables = []
-    for title, contour in found:
+    for each in listed_outlines(marker, made):
+        title, contour = each.title, each.contour
+        if circle := contour.as_circle:
+            x, y, radius = circle
+            row = _fixed(x), _fixed(y), f"{DIAMETER}{millimeters(2 * radius)}"
+            tables.append(DrawingTable(f"{title}, mm", ("center x", "center y", "diameter"), (row,)))
+            continue
         left, bottom, right, top = box(contour)
         size = f"{millimeters(right - left)} x {millimeters(top - bottom)} mm"
         if len(contour.points) > MOST_CORNERS:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from markergen.drawing.figure import size_words
 from markergen.errors import InputError
-from markergen.geometry.contour import Contour, Point, area, circle, offset, placed, turns_of
+from markergen.geometry.contour import Contour, Point, area, circle, flattened, offset, placed, turns_of
 from markergen.geometry.fillet import filleted, largest_fillet
 from markergen.geometry.region import Region, distances
 from markergen.model.boundary import Boundary, Circle
@@ -218,8 +218,8 @@ def _plate(substrate: Substrate, boundary: Boundary, disk: float) -> SolidPlate:
             contours = [placed(offset(each, -edge), 1.0, digits=9) for each in contours]
         corner = mm(substrate.corner_radius)
         outlines = [tuple(_rounded(each, corner) for each in piece) for piece in _separate(contours)]
-    for outer, *_ in outlines:
-        _check_chamfer(outer, chamfer)
+    for outer, *holes in outlines:
+        _check_chamfer(outer, holes, chamfer)
     return SolidPlate(tuple(outlines), mm(substrate.thickness), chamfer, substrate.holes)
 
 
@@ -257,8 +257,8 @@ def _rounded(contour: Contour, radius: float) -> Contour:
     return found
 
 
-def _check_chamfer(outer: Contour, chamfer: float) -> None:
-    """Refuse a chamfer that consumes a side of the outline."""
+def _check_chamfer(outer: Contour, holes: Sequence[Contour], chamfer: float) -> None:
+    """Refuse a chamfer that consumes a side of the outline, or cuts into a hole of it."""
     if not chamfer:
         return
     sides = outer.sides
@@ -279,6 +279,16 @@ def _check_chamfer(outer: Contour, chamfer: float) -> None:
             f"a chamfer below {room:.4g} mm for this outline",
             f"chamfer={format_length(chamfer / 1e3)}",
             f"use --chamfer {np.floor(room * 99) / 100:g}mm, or a corner radius above the chamfer",
+        )
+    rings = [flattened(hole, OFF) for hole in holes]
+    if holes and min(Region.of_contour(offset(outer, chamfer), (), OFF).clearance(rings)) < 2 * OFF:
+        land = float(min(Region.of_contour(outer, (), OFF).clearance(rings)))
+        # At a corner that turns right, the chamfer reaches farther in than its width.
+        most = np.floor(land * np.cos(min(0.0, *turns_of(outer)) / 2) * 99) / 100
+        raise InputError(
+            "a chamfer that ends before the holes in the outline",
+            f"chamfer={format_length(chamfer / 1e3)}, and a hole {land:.4g} mm from the edge",
+            f"{f'use --chamfer {most:g}mm' if most else 'leave out --chamfer'}, or move the hole inward",
         )
 
 

@@ -88,6 +88,7 @@ def solid_findings(
         findings += _round(surface, dots, names, tolerance)
         findings += [] if is_light_alone(surface, dots) else _seated(surface, seats, dots, tolerance)
         findings += color_findings(surface, dots, seats)
+        findings += _tag_inlays(marker, surface, motion, seats)
         findings += _named(surface, dots, seats)
     if surface.loose:
         # Without names and colors it is a file of the dark parts alone, as is written beside an STL.
@@ -195,6 +196,20 @@ def _seated(surface: Surface, seats: list[Seat], dots: DotSet, tolerance: float)
             some = [seat for seat, each in zip(seats, dots.rings, strict=True) if seat.kind == kind and each == ring]
             findings += _thinner(some, tolerance)
     return findings[:MOST_LISTED]
+
+
+def _tag_inlays(marker: Marker, surface: Surface, motion: Motion, seats: list[Seat]) -> list[Finding]:
+    """Pockets of a tag without the inlays that dots have; colors or the lack of them do not show this."""
+    tag = marker.tag
+    if tag is None or surface.loose or not any(seat.kind in ("part", "ball") for seat in seats):
+        return []
+    row, column = np.nonzero(tag.ink)
+    cells = np.stack([(column + 0.5) / tag.cells - 0.5, 0.5 - (row + 0.5) / tag.cells], axis=-1)
+    rotation, shift = motion
+    seen = surface.look(1e3 * (tag.side * cells + tag.center) @ rotation.T + shift)[0]
+    if (seen != plate_of(surface)).any():
+        return []
+    return [Finding("tag", "the tag has no inlays: its pockets are empty", WHOLE)]
 
 
 def _flatness(surface: Surface, seat: Seat) -> float:

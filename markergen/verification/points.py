@@ -132,7 +132,7 @@ def _bundle_gaps(
         return (f"its tags are of the family {family}, not {own}",)
     if tag.id not in ids:
         return (f"its tag is {', '.join(map(str, ids[:5])) or 'missing'}, not {tag.id}",)
-    gaps = [f"it has {len(ids) - 1} more tags than the marker"] if len(ids) > 1 else []
+    gaps = [f"it has {len(ids)} tags, and the marker one"] if len(ids) > 1 else []
     size, *place = numbers[ids.index(tag.id)]
     wanted = tag.side * (marker.print_scale[0] * marker.print_scale[1]) ** 0.5
     if abs(size - wanted) > TOLERANCE:

@@ -59,6 +59,14 @@ def read(tmp_path):
     return read
 
 
+def empty_png(width: int, height: int, depth: int, color: int) -> bytes:
+    parts = [(b"IHDR", struct.pack(">IIBBBBB", width, height, depth, color, 0, 0, 0)), (b"IDAT", zlib.compress(b""))]
+    chunks = [
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in parts
+    ]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
+
+
 def refused(read, data, name="image.png"):
     with pytest.raises(InputError) as caught:
         read(data, name)
@@ -142,12 +150,12 @@ def test_strips_of_a_transparent_image_have_no_seams(monkeypatch):
 
 @pytest.mark.parametrize(("depth", "color", "words"), [(16, 6, "4 channels with 16 bits"), (16, 2, "3 channels")])
 def test_more_memory_than_a_photograph_takes_is_refused_before_decoding(read, depth, color, words):
-    parts = [(b"IHDR", struct.pack(">IIBBBBB", 10_000, 10_000, depth, color, 0, 0, 0)), (b"IDAT", zlib.compress(b""))]
-    chunks = [
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in parts
-    ]
-    assert "at most 500 MB of pixels" in (message := refused(read, b"\x89PNG\r\n\x1a\n" + b"".join(chunks)))
+    assert "at most 500 MB of pixels" in (message := refused(read, empty_png(10_000, 10_000, depth, color)))
     assert f"10000x10000 px of {words}" in message
+
+
+def test_only_the_depth_counts_not_a_width_that_looks_like_one(read):
+    assert "MB of pixels" not in refused(read, empty_png(11_600, 8_000, 8, 2))
 
 
 def test_transparent_tiff_is_refused(read):

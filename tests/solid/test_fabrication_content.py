@@ -118,6 +118,51 @@ def test_holes_and_arcs_of_an_outline_are_called_out_and_listed():
     assert work.round
 
 
+def test_a_datum_among_evenly_spaced_holes_leaves_their_angles():
+    marker = make(tag=False)
+    work, _ = described(replace(marker, substrate=Substrate(0.005, holes=parse_mount("4xM3@60mm"))))
+    datum, rest = sorted((each for each in work.callouts if each.pitch), key=lambda each: len(each.places))
+    assert (datum.datum, datum.lines[-2:]) == ("C", ("H1, on a circle [\xd860]", "at [45\xb0]"))
+    # Three holes evenly spaced would be 120 degrees apart.
+    assert rest.lines[-2:] == ("H2 to H4 of 4 evenly spaced", "from [45\xb0], on a circle [\xd860]")
+
+
+def pair_of_disks() -> Marker:
+    outline = polygon_from([placed(circle(60, x, 0), 1e-3) for x in (-80, 80)])
+    points = np.array([(-0.1, 0.02, 0), (-0.06, -0.02, 0), (0.1, 0.02, 0), (0.06, -0.02, 0), (0.08, 0.04, 0)])
+    return build_marker(points, outline, 0.01, 0.001)
+
+
+def test_each_of_several_plates_has_its_outline_described():
+    work, _ = described(pair_of_disks())
+    tables = {table.title: table.rows for table in work.tables}
+    assert tables["Outline of plate 1, mm"] == (("-80.0000", "0.0000", "\xd8120"),)
+    assert tables["Outline of plate 2, mm"] == (("80.0000", "0.0000", "\xd8120"),)
+    words = [each for each in work.callouts if each.lines[0].endswith("all around")]
+    assert [each.lines[0] for each in words] == ["plate 1, all around", "plate 2, all around"]
+    assert all(each.controls[0].symbol == "profile" for each in words)
+    # The size over both plates is no size of either.
+    assert work.listed
+
+
+def test_every_recess_has_its_size_place_and_depth():
+    board = Polygon((((-0.15, -0.07), (0.15, -0.07), (0.15, 0.07), (-0.15, 0.07)),))
+    work, _ = described(replace(pair_of_disks(), substrate=Substrate(0.003, outline=board)), process="print")
+    recesses = [each for each in work.callouts if each.lines[0].startswith("recess")]
+    assert [each.lines[0] for each in recesses] == ["recess 1", "recess 2"]
+    assert all("0.2 +0.05 / 0 deep" in each.lines[2] and each.controls[0].symbol == "profile" for each in recesses)
+    assert len([table for table in work.tables if table.title.startswith("Recess")]) == 2
+    left, right = (((x - 0.05, -0.05), (x + 0.05, -0.05), (x + 0.05, 0.05), (x - 0.05, 0.05)) for x in (-0.08, 0.08))
+    halves = Polygon((left, right))
+    marker = replace(pair_of_disks(), boundary=halves, substrate=Substrate(0.003, outline=board))
+    work, _ = described(marker, process="print")
+    recesses = [each for each in work.callouts if each.lines[0].startswith("recess")]
+    assert {each.lines[0] for each in recesses} == {"recess 100.4 x 100.4 +0.2 / 0"}
+    assert {each.lines[1] for each in recesses} == {f"center at x [{x}], y [0]" for x in (-80, 80)}
+    # An inlaid tag fills its pocket.
+    assert not [each for each in described(make())[0].callouts if each.lines[0].startswith("recess")]
+
+
 def test_an_outline_that_is_no_rectangle_has_its_corners_listed():
     skew = Polygon((((-0.2, -0.2), (0.2, -0.2), (0.3, 0.2), (-0.2, 0.2)),))
     work, _ = described(make(tag=False, corner_radius=0.01, outline=skew))
@@ -176,7 +221,9 @@ def test_many_sizes_of_holes_and_arcs_of_an_outline_are_left_to_the_table():
     outline = polygon_from([placed(each, 1e-3) for each in (circle(100), *bores, *slots)])
     work, _ = described(make(tag=False, outline=outline))
     lines = [callout.lines for callout in work.callouts]
-    assert ("14 holes through", "see the table") in lines
+    # The dowels are datums and told by themselves; screws and drawn holes have zones of the same size.
+    (rest,) = [callout for callout in work.callouts if callout.lines == ("12 holes through", "see the table")]
+    assert [(control.zone, control.datums) for control in rest.controls] == [("\xd80.2", ("A", "B", "C"))]
     assert ("16 arcs of 8 radii", "see the tables") in lines
     assert len([table for table in work.tables if table.title.startswith("Cut-out")]) == 8
 
@@ -189,7 +236,7 @@ def test_many_kinds_of_dots_and_holes_are_left_to_the_tables():
     marker = replace(marker, control_points=(*points, *more), substrate=replace(marker.substrate, holes=holes))
     work, _ = described(marker)
     first, second, datum = (callout.lines for callout in work.callouts)
-    assert (first, second) == (("7 dots of 7 sizes", "see the table"), ("7 holes through", "see the table"))
+    assert (first, second) == (("7 dots of 7 sizes", "see the table"), ("6 holes through", "see the table"))
     # A hole that keeps the marker from turning is told by itself.
     assert datum[-1] == "H2 at x [27], y [2]"
     assert len(work.sections) == 12
@@ -270,6 +317,8 @@ def test_the_engraving_is_told_in_words():
     work, made = described(make())
     (note,) = [note for note in work.notes if note.startswith("Engrave the back")]
     title, _ = made.engraved[-1].lines, made.engraved
+    assert "behind the dots their ids" in note
+    assert note.endswith("at the origin a cross, with an arrow along x.")
     assert "0.3 mm deep" in note
     assert all(line in note for text in work.engraved for line in text.lines if line.startswith(("markergen", "april")))
     assert len(title) > 0

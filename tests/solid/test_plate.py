@@ -91,6 +91,18 @@ def test_corners_and_chamfers_that_do_not_fit_are_told(shapes, make_in, make_ngo
         plate_of(replace(make_ngon(4, 0.01, 0.002), substrate=Substrate(thickness=0.02, chamfer=0.015)))
 
 
+def test_a_chamfer_that_reaches_a_hole_of_the_outline_is_told(make_ngon):
+    square = [(-60, -60), (60, -60), (60, 60), (-60, 60)]
+    bend = [(-60, -60), (60, -60), (60, 0), (0, 0), (0, 60), (-60, 60)]
+    # Around a bend the chamfer is wider by sqrt(2).
+    for corners, x, y, most in [(square, -58.2, 20, 0.79), (bend, -1.4, -1.4, 0.68)]:
+        drawn = [placed(each, 1e-3) for each in (Contour(tuple(corners)), circle(1, x, y, hole=True))]
+        marker = replace(make_ngon(5, 0.05, 0.01), boundary=polygon_from(drawn, "file"))
+        with pytest.raises(InputError, match=f"ends before the holes .* use --chamfer {most}mm, or move the hole"):
+            plate_of(made(marker, chamfer=0.001))
+        build(plate_of(made(marker, chamfer=1e-3 * most)).parts()[0])
+
+
 def test_the_upper_face_is_within_the_chamfer(make_ngon):
     outlines = plate_of(make_ngon(5, 0.15, 0.002)).outlines
     # Polygons are 2 um off their arcs at most.

@@ -45,7 +45,7 @@ OTHER = "{id: 7, size: 1, x: 0, y: 0, z: 0, qw: 1, qx: 0, qy: 0, qz: 0}\n"
         ("qw: 0.0", "qw: 1.0", "turned by 90 degrees"),
         ("qx: 0.0", "qx: 1.0", "turned by 90 degrees"),
         ("'tag36h11'", "'tag25h9'", "its tags are of the family 25h9, not 36h11"),
-        ("layout:\n", "layout:\n  - " + OTHER, "1 more tag"),
+        ("layout:\n", "layout:\n  - " + OTHER, "2 tags, and the marker one"),
     ],
 )
 def test_a_wrong_value_is_named(marker, tmp_path, old, new, said):

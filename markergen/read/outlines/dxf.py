@@ -227,7 +227,7 @@ def _repaired(text: str, file: OutlineFile, error: Exception) -> "Document":
     lines = [line.strip() for line in text.splitlines()]
     written = Counter(value for code, value in zip(lines[::2], lines[1::2], strict=False) if code == "0")
     found = Counter(entity.dxftype() for entity in document.entitydb.values())
-    if audit.errors or any(written[kind] != found[kind] for kind in CURVES):
+    if audit.errors or any(written[kind] != found[kind] for kind in (*CURVES, "VERTEX", "INSERT")):
         raise file.damaged("DXF", _reason(error))
     return document
 

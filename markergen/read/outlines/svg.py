@@ -218,7 +218,7 @@ class _SvgReader:
 
     def _shape(self, element: Element, place: _Place, name: str) -> None:
         scale = float(np.sqrt(abs(np.linalg.det(place.matrix[:, :2]))))
-        look = Look(next(self._numbers), place.style, place.opacity, place.layers, scale)
+        look = Look(len(self.pieces), place.style, place.opacity, place.layers, scale)
         for piece in self._shapes.pieces(element, name, place.viewport):
             curves = tuple(curve.mapped(place.matrix) for curve in piece.curves)
             self.pieces.append(Piece(name, curves, piece.closed, look))

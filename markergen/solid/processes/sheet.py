@@ -69,6 +69,7 @@ def sheet(marker: Marker, fabrication: Fabrication) -> Made:
         notes=(note,),
         lines=(
             f"The recess is {depth:.6g} mm deep and {gap:.6g} mm larger than the sheet all around; its floor is flat.",
+            *([f"Leave a land {LAND:g} mm wide around each hole in the recess."] if around else []),
             note,
         ),
         accuracy=Accuracy(depth=0.05),

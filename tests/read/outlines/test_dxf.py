@@ -236,6 +236,13 @@ def test_what_would_be_guessed_is_refused(refused, old, new):
     assert "DXF" in (message := refused(text.replace(old, new), unit="mm")) or "found none for CIRCLE" in message
 
 
+def test_a_repair_that_would_drop_a_block_is_refused(refused):
+    insert = "0\nINSERT\n8\n0\n2\nHOLE\n10\n0\n20\n0\n"
+    text = f"0\nSECTION\n2\nENTITIES\n{CIRCLE}{insert}0\nENDSEC\n0\nEOF\n"
+    assert "found an INSERT of 'HOLE', which is missing" in refused(text, unit="mm")
+    assert "expected DXF" in refused(text.replace("4D", "zz"), unit="mm")
+
+
 def test_every_cut_of_a_dxf_is_refused(write, refused):
     text = (DATA / "librecad.dxf").read_bytes()
     for share in np.linspace(0.01, 0.99, 40):

@@ -122,3 +122,8 @@ def test_bombs_of_uses_and_entities_are_refused(refused):
     entities = "".join(f'<!ENTITY e{i} "{f"&e{i - 1};" * 10}">' for i in range(1, 12))
     doctype = f'<!DOCTYPE svg [<!ENTITY e0 "aaaaaaaaaa">{entities}]>'
     assert "entity declarations" in refused(doctype + svg("<text>&e11;</text>"))
+
+
+def test_a_shape_without_an_id_is_named_by_its_number_in_the_file(refused):
+    shapes = '<rect width="90" height="90"/><circle cx="40" cy="40" r="5"/><circle cx="20" cy="20" r="-5"/>'
+    assert "found -5 for circle number 3;" in refused(svg(shapes))
