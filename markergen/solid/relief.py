@@ -181,7 +181,8 @@ def _check_room(
         heights = pillar.dot.z + next((p.dot.z for p in bare if PILLAR + p.dot.name == neighbor), 0.0)
         both = 2 if heights > pillar.dot.z else 1
         most = np.degrees(np.arctan(max(0.0, both * straight) / heights))
-        remedy = f"use --draft {np.floor(most * 10) / 10:g} or less"
+        least = np.floor(most * 10) / 10
+        remedy = f"use --draft {least:g} or less" if least else "leave out --draft"
     elif neighbor == EDGE:
         remedy = "use a larger --edge or --outline"
     elif neighbor in {hole.name for hole in plate.hole_footprints}:

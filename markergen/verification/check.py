@@ -15,7 +15,7 @@ from markergen.model.marker import ControlPoint, Marker, check_supported
 from markergen.model.openings import openings
 from markergen.model.tag import Tag
 from markergen.verification.findings import Verdict, extras, frame_findings, judge
-from markergen.verification.flat import flat_findings
+from markergen.verification.flat import flat_findings, only_told
 from markergen.verification.made import is_light_alone, sheet_plate_findings, solid_findings
 from markergen.verification.matching import DotSet, dots_of, expected_dots
 from markergen.verification.placement import DARK, LIGHT, in_other_units, in_part, stretched, turned
@@ -129,7 +129,8 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
     """Read a file back and compare every dot in it with a marker.
 
     The dots are aligned with the marker's by the best rotation and translation only: scaling and mirroring are reported
-    as findings. The file's own origin and labels are ignored.
+    as findings. The origin of the file counts in lists of points and models for
+    simulators only; labels are ignored.
 
     Parameters
     ----------
@@ -295,10 +296,9 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     verdicts: list[Verdict] = []
     findings = [Finding("marks", gap) for gap in reading.gaps]
     findings += [Finding("tag", gap) for gap in reading.tag_gaps]
+    findings += [Finding("ids", gap, "export it again") for gap in reading.id_gaps]
     findings += [Finding("solid", flaw) for flaw in reading.flaws]
     contours = [opening.contour for opening in openings(marker)]
-    if reading.kind == "DXF":  # Where what is only told, on layer INFO, is drawn with closed circles, too.
-        contours += [contour for keep_out in marker.keep_outs for contour in keep_out.contours()]
     rounds = [whole for contour in contours if (whole := contour.as_circle) is not None]
     holes = 1e3 * np.array(rounds).reshape(-1, 3)[:, :2]
     count = 0
@@ -329,7 +329,8 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
             findings += said_of_page
             notes += remarks
         verdicts += here
-        findings += extras(found, np.concatenate([each.used for each in here]), here[0].motion, holes)
+        known = np.concatenate([*(each.used for each in here), only_told(page, found)])
+        findings += extras(found, known, here[0].motion, holes)
         explained = reading.flaws or any(each.kind in UNTAGGED for each in here[0].findings)
         if reading.placed and here[0].motion is not None and not explained:
             findings += frame_findings(expected, here[0].motion, tolerance)

@@ -20,8 +20,11 @@ MM = {1: 25.4, 2: 304.8, 4: 1.0, 5: 10.0, 6: 1000.0, 9: 0.0254, 13: 1e-3, 14: 10
 MOST_GROUPS = 3_000_000
 
 
-CUT = "CUT"
-"""Layer of what is to be cut."""
+CUT, ENGRAVE = "CUT", "ENGRAVE"
+"""Layers of what is made."""
+
+READ = ("CIRCLE", "ELLIPSE", "ARC", "LINE", "LWPOLYLINE", "POLYLINE", "VERTEX", "SEQEND", "POINT")
+"""Kinds of entities that are read; a machine would make others too."""
 
 ARC_STEP = 0.006
 """Maximum angle in rad of a straight piece of an arc to be cut: within 0.7 um of it for a radius of 150 mm."""
@@ -39,12 +42,18 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (e
     layers: list[str] = []
     corners: list[Array] = []
     lines, cut, hidden = [np.zeros((0, 2, 2))], list[bool](), set[str]()
+    unread: list[tuple[str, Array]] = []
     for number, (kind, entity) in enumerate(_entities(groups)):
         if number == MOST_ENTITIES:
             raise InputError(f"at most {MOST_ENTITIES} entities in {name}", "more", "verify a smaller file")
         if kind == "INSERT":
             raise InputError(f"entities in place in {name}", "an inserted block", "explode the blocks")
         layer = next((value for code, value in entity if code == 8), "0")
+        if (60, "1") in entity:
+            hidden.add("an entity is invisible")
+            continue
+        if layer in (CUT, ENGRAVE) and kind not in READ:
+            unread.append((f"the {brief(kind)} on the layer {layer}", np.full((4, 2), np.nan)))
         if layer in off:
             hidden.add(f"the layer {brief(layer)} is switched off")
             continue
@@ -71,6 +80,7 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (e
         cut=np.array(cut, dtype=np.bool_) if CUT in _names(groups) else None,
         layers=tuple(layer for layer, kept in zip(layers, good, strict=True) if kept),
         hidden=tuple(sorted(hidden)),
+        unread=tuple(dict(unread).items()),
     )
     return Reading("DXF", (page,), tagged=True)
 

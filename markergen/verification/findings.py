@@ -137,8 +137,10 @@ def frame_findings(expected: DotSet, motion: tuple[Array, Array], tolerance: flo
     if not off > 1e3 * tolerance:
         return []
     angle = np.degrees(np.arctan2(rotation[1, 0], rotation[0, 0]))
-    place = " and ".join(f"{axis} {value:+.4f} mm" for axis, value in zip("xy", shift, strict=True))
-    said = f"its frame is not the marker's: the marker is turned by {angle:.4f} degrees and off by {place} in it"
+    ways = [f"turned by {angle:.4g} degrees"] if abs(angle) > 1e-5 else []
+    axes = [f"{axis} {value:+.4g} mm" for axis, value in zip("xy", shift, strict=True) if abs(value) > tolerance * 100]
+    ways += [f"off by {' and '.join(axes)}"] if axes else []
+    said = f"its frame is not the marker's: the marker is {' and '.join(ways) or 'not in its place'} in it"
     return [Finding("frame", said)]
 
 

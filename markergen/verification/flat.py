@@ -24,7 +24,7 @@ from markergen.verification.lines import (
 from markergen.verification.matching import CONCENTRIC, DotSet, expected_dots
 from markergen.verification.picture import Picture
 from markergen.verification.reading import Page
-from markergen.verification.words import Finding, listed_ids
+from markergen.verification.words import MOST_LISTED, Finding, listed_ids
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -38,8 +38,14 @@ CROSSED = 0.05
 COARSEST = 0.2
 """Size in mm of pixels that show no hairlines, so that lines to cut cannot be compared."""
 
+THIN = 0.05
+"""Accuracy in mm with which a hairline is found in pixels, however fine they are: half of its width."""
+
 DOTS_ON = "ENGRAVE"
 """Layer of a DXF on which dots are made as dots."""
+
+TOLD_ON = "INFO"
+"""Layer of a DXF of what is only told."""
 
 STILL_TRUE = {"shifted", "missing", "diameter", "kind", "twice", "tag"}
 """Kinds of findings that leave the rest of the page comparable."""
@@ -88,6 +94,7 @@ def flat_findings(
             )  # fmt: skip
             said += shown
             notes.update(dict.fromkeys(remarks))
+        said += _unread(page, marker, verdict.motion, factor)
         misplaced = any(each.kind == "layer" for each in said)
         if page.cut is not None and page.lines is not None and not misplaced:
             own = strays(wanted, _to_marker(page.lines[page.cut], verdict.motion, factor))
@@ -122,9 +129,7 @@ def _on_layers(page: Page, dots: DotSet, names: Sequence[int]) -> list[Finding]:
         return []
     wrong: dict[str, list[int]] = {}
     for k, name in enumerate(names):
-        near = np.linalg.norm(page.circles[:, :2] - dots.centers[k], axis=1) < CONCENTRIC * dots.radii[k]
-        size = np.abs(page.circles[:, 2] / dots.radii[k] - 1) < 0.05
-        on = {page.layers[index] for index in np.flatnonzero(near & size)}
+        on = _layers_of(page, dots, k)
         if DOTS_ON not in on:
             wrong.setdefault(sorted(on)[0] if on else "", []).append(name)
     findings = []
@@ -132,6 +137,41 @@ def _on_layers(page: Page, dots: DotSet, names: Sequence[int]) -> list[Finding]:
         effect = " and would be cut out" if layer == "CUT" else ""
         remedy = f"move {'it' if len(ids) == 1 else 'them'} to the layer {DOTS_ON}"
         findings.append(Finding("layer", f"{listed_ids(ids)} on the layer {layer}{effect}", remedy))
+    return findings
+
+
+def only_told(page: Page, dots: DotSet) -> NDArray[np.intp]:
+    """Indices of dots that are only drawn where nothing is made, such as keep-outs of their size."""
+    told = [k for k in range(len(dots)) if _layers_of(page, dots, k) == {TOLD_ON}] if TOLD_ON in page.layers else []
+    return np.array(told, dtype=np.intp)
+
+
+def _layers_of(page: Page, dots: DotSet, k: int) -> set[str]:
+    near = np.linalg.norm(page.circles[:, :2] - dots.centers[k], axis=1) < CONCENTRIC * dots.radii[k]
+    size = np.abs(page.circles[:, 2] / dots.radii[k] - 1) < 0.05
+    return {page.layers[index] for index in np.flatnonzero(near & size)}
+
+
+def _unread(page: Page, marker: Marker, motion: tuple[Array, Array], factor: tuple[float, float]) -> list[Finding]:
+    """Text, images and so on that may be over a dot or its quiet zone, or over the tag."""
+    expected, findings = expected_dots(marker), []
+    places = _to_page(expected.centers, motion, factor)
+    ids = np.array([point.id for point in marker.control_points])
+    tag = marker.tag
+    for name, corners in page.unread:
+        bounded = np.isfinite(corners).all()
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        away = np.linalg.norm(places - np.clip(places, low, high), axis=1)
+        near = ids[~(away >= 2 * expected.radii)].tolist() if bounded else []
+        square = _to_page(1e3 * tag.corners[:, :2], motion, factor) if tag else np.zeros((0, 2))
+        over = bounded and len(square) and (square.min(axis=0) <= high).all() and (square.max(axis=0) >= low).all()
+        if bounded and not near and not over:
+            continue
+        dots = f"dot{'s' * (len(near) > 1)} {', '.join(map(str, near[:MOST_LISTED]))}" if near else ""
+        covered = " and ".join(part for part in (dots, "the tag" if over else "") if part) or "the marker"
+        remedy = "convert it to paths, or move it away" if name.startswith("the text") else "move it away"
+        remedy = f"explode it, or move it to the layer {TOLD_ON}" if page.layers else remedy
+        findings.append(Finding("covered", f"{name} is not read, and may cover {covered}", remedy))
     return findings
 
 
@@ -161,7 +201,7 @@ def _lines(
         assert page.picture is not None
         sample, grain = page.picture.sample, page.picture.grain
         seek = in_picture(lambda points: sample(_to_page(points, motion, factor)), grain)
-        allowed = max(tol, grain / 2)
+        allowed = max(tol, grain / 2, THIN)
     if page.lines is None and page.picture is not None and page.picture.grain > COARSEST:
         return [], kinds[0]
     gaps = None if page.layers else free

@@ -12,6 +12,7 @@ from markergen.guard import Content, check_size, text_of
 from markergen.model.marker import Marker
 from markergen.model.tag import FAMILIES
 from markergen.verification.reading import READERS, Page, Reading, circles_of
+from markergen.verification.words import listed_ids
 
 Told = tuple[object, object, object]
 """Family, id and corners of a tag as the file states them."""
@@ -27,18 +28,19 @@ APRILTAG = "apriltag:"
 
 
 @READERS.register(".csv")
-def read_csv(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (every reader is called alike)
+def read_csv(data: bytes, name: str, marker: Marker) -> Reading:
     """Read points from a table with the columns x_m, y_m, z_m."""
     lines = [line for line in _text(data, name).splitlines() if line.strip() and not line.startswith("#")]
     header = [word.strip() for word in lines[0].split(",")] if lines else []
     try:
         columns = [header.index(key) for key in ("x_m", "y_m", "z_m")]
         rows = [[line.split(",")[column] for column in columns] for line in lines[1:]]
+        ids = [line.split(",")[header.index("id")] for line in lines[1:]] if "id" in header else None
     except (ValueError, IndexError):
         raise InputError(
             f"columns x_m, y_m and z_m in {name}", brief(lines[0] if lines else ""), "export it again"
         ) from None
-    return _reading("CSV", rows, name)
+    return _reading("CSV", rows, name, gaps=_id_gaps(marker, ids, rows))
 
 
 @READERS.register(".json")
@@ -47,12 +49,14 @@ def read_json(data: bytes, name: str, marker: Marker) -> Reading:
     try:
         content = json.loads(_text(data, name))
         rows = [[point[key] for key in "xyz"] for point in content["control_points"]]
+        ids = [point["id"] for point in content["control_points"]]
         tag = content.get("tag")
         told = tag and (tag["family"], tag["id"], [corner[:2] for corner in tag["corners"]])
     except (ValueError, RecursionError, KeyError, TypeError):
         raise InputError(f"a marker.json in {name}", "something else", "export it again") from None
     # The file's tag is the designed one, regardless of any measurement of a print.
-    return _reading("JSON", rows, name, _tag_gaps(marker.as_designed, marker.tag.family if marker.tag else None, told))
+    gaps = _tag_gaps(marker.as_designed, marker.tag.family if marker.tag else None, told)
+    return _reading("JSON", rows, name, gaps, _id_gaps(marker, ids, rows))
 
 
 @READERS.register(".opencv.yaml")
@@ -70,17 +74,19 @@ def read_opencv(data: bytes, name: str, marker: Marker) -> Reading:
         else None
     )
     gaps = _tag_gaps(marker, FAMILIES[marker.tag.family] if marker.tag else None, told)
-    return _reading("OpenCV", [values[k : k + 3] for k in range(0, len(values), 3)], name, gaps)
+    rows = [values[k : k + 3] for k in range(0, len(values), 3)]
+    return _reading("OpenCV", rows, name, gaps, _id_gaps(marker, _matrix(text, "ids"), rows))
 
 
 @READERS.register(".kalibr.yaml")
-def read_kalibr(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001
+def read_kalibr(data: bytes, name: str, marker: Marker) -> Reading:
     """Read the points of a target in the style of Kalibr."""
     try:
-        rows = [[point[key] for key in "xyz"] for point in _yaml(data, name)["points"]]
-    except (KeyError, TypeError):
+        points = _yaml(data, name)["points"]
+        rows, ids = [[point[key] for key in "xyz"] for point in points], [point.get("id") for point in points]
+    except (KeyError, TypeError, AttributeError):
         raise InputError(f"points with x, y and z in {name}", "something else", "export it again") from None
-    return _reading("Kalibr", rows, name)
+    return _reading("Kalibr", rows, name, gaps=_id_gaps(marker, ids, rows))
 
 
 @READERS.register(".ros2.yaml")
@@ -94,7 +100,8 @@ def read_ros2(data: bytes, name: str, marker: Marker) -> Reading:
         told = tag and (tag["family"], tag["id"], list(zip(tag["corner_x"], tag["corner_y"], strict=True)))
     except (KeyError, TypeError, ValueError, AttributeError):
         raise InputError(f"landmarks with x, y and z in {name}", "something else", "export it again") from None
-    return _reading("ROS 2", rows, name, _tag_gaps(marker, marker.tag.family if marker.tag else None, told))
+    gaps = _tag_gaps(marker, marker.tag.family if marker.tag else None, told)
+    return _reading("ROS 2", rows, name, gaps, _id_gaps(marker, landmarks["ids"], rows))
 
 
 @READERS.register(".apriltag.yaml")
@@ -179,7 +186,28 @@ def _yaml(data: bytes, name: str) -> Any:
         raise InputError(f"complete YAML in {name}", brief(str(error)), "export it again") from None
 
 
-def _reading(kind: str, rows: Sequence[Sequence[Any]], name: str, tag_gaps: tuple[str, ...] = ()) -> Reading:
+def _id_gaps(marker: Marker, told: object, rows: Sequence[Sequence[Any]]) -> tuple[str, ...]:
+    """Dots that have the ids of others; another number of rows is told elsewhere."""
+    wanted = {point.id: np.array([point.x, point.y]) for point in marker.control_points}
+    if not isinstance(told, list) or not told:
+        return ()
+    try:
+        ids = [int(each) for each in told]
+        places = np.array([[float(value) for value in row[:2]] for row in rows])
+    except (ValueError, TypeError, OverflowError):
+        return ("its ids are not whole numbers",)
+    if len(ids) != len(places) or len(set(ids)) != len(ids) or not set(ids) <= wanted.keys():
+        return ("its ids are not the marker's",)
+    names, centers = list(wanted), np.array(list(wanted.values()))
+    off = np.linalg.norm(places[:, None] - centers, axis=2)
+    near = [names[k] for k in off.argmin(axis=1)]
+    wrong = [each for each, here, away in zip(ids, near, off.min(axis=1), strict=True) if each != here and away < 1e-4]
+    return (f"{listed_ids(wrong)} at the place of another",) if wrong else ()
+
+
+def _reading(
+    kind: str, rows: Sequence[Sequence[Any]], name: str, tag_gaps: tuple[str, ...] = (), gaps: tuple[str, ...] = ()
+) -> Reading:
     try:
         places = 1e3 * np.array([[float(value) for value in row] for row in rows], dtype=float).reshape(-1, 3)
     except (ValueError, TypeError, OverflowError):
@@ -188,4 +216,5 @@ def _reading(kind: str, rows: Sequence[Sequence[Any]], name: str, tag_gaps: tupl
         raise InputError(f"coordinates in m in {name}", "none, or numbers that are not finite", "export it again")
     bare = np.column_stack([places[:, :2], np.full(len(places), np.nan)])
     circles = circles_of([tuple(row) for row in bare.tolist()], name)
-    return Reading(kind, (Page(circles, heights=places[:, 2]),), TOLERANCE, drawn=False, tag_gaps=tag_gaps)
+    pages = (Page(circles, heights=places[:, 2]),)
+    return Reading(kind, pages, TOLERANCE, drawn=False, placed=True, tag_gaps=tag_gaps, id_gaps=gaps)

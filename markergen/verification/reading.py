@@ -61,6 +61,8 @@ class Page:
         Layer of each circle, in formats whose layers say how things are made.
     hidden : tuple of str
         Layers that are switched off.
+    unread : tuple of (name, corners (4, 2))
+        What shows but is not read, such as text and images, and boxes that hold it, mm; nan if these are unknown.
     surface : Surface or None
         Plan view of a solid; the circles of its dots are not listed in `circles`.
     """
@@ -76,6 +78,7 @@ class Page:
     cut: NDArray[np.bool_] | None = None
     layers: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
+    unread: tuple[tuple[str, Array], ...] = ()
     surface: Surface | None = None
 
 
@@ -107,6 +110,8 @@ class Reading:
         Errors in the fit between these pages.
     tag_gaps : tuple of str
         Errors of the tag in a list of points.
+    id_gaps : tuple of str
+        Errors of the ids in a list of points.
     flaws : tuple of str
         Defects of the solids themselves.
     """
@@ -122,6 +127,7 @@ class Reading:
     papers: tuple[tuple[float, float] | None, ...] = ()
     gaps: tuple[str, ...] = ()
     tag_gaps: tuple[str, ...] = ()
+    id_gaps: tuple[str, ...] = ()
     flaws: tuple[str, ...] = ()
 
 

@@ -35,6 +35,9 @@ OFF = 5e-4
 ROUGH = 0.6
 """Minimum ratio of the sides of the box around the control points of an outline that may be round."""
 
+MOST_ROUGH = 10_000
+"""Maximum number of such outlines, each of which takes a fraction of a millisecond."""
+
 UNKNOWN = 128.0
 """Grey level of what is not evaluated: gradients and patterns."""
 
@@ -44,7 +47,10 @@ MOST_PRODUCTS = 4_000_000
 _ALONG = np.linspace(0, 1, 5)[:-1, None, None]
 """Parameters of the points sampled on a Bezier curve; computed once, since a sheet has thousands of curves."""
 
-_EFFECT = re.compile(rb"(?:filter|mix-blend-mode)\s*(?:=\s*[\"']|:)\s*(?!none|normal)[a-z]")
+_EFFECT = re.compile(
+    rb"(?:filter|mix-blend-mode)\s*(?:=\s*[\"']|:)\s*(?!none|normal)[a-z]|marker(?:-\w+)?\s*(?:=\s*[\"']|:)\s*url"
+    rb"|<(?:\w+:)?(?:animate\w*|set)\b"
+)
 
 
 @READERS.register(".svg")
@@ -53,14 +59,18 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (e
     check_size(Content(name, data), "SVG")
     file = OutlineFile(name, data, PATIENCE)
     if _EFFECT.search(data):
-        raise InputError(f"shapes drawn as they are in {name}", "a filter or a blend mode", "save it without effects")
+        raise InputError(
+            f"shapes drawn as they are in {name}",
+            "a filter, a blend mode, line ends or animation",
+            "save it without effects",
+        )
     with np.errstate(all="ignore"):
         drawing = OUTLINE_FORMATS["svg"].read(file, None)
         if drawing.scale is None:
             raise InputError(f"a width and height with units in {name}", "none", "save it with its size in mm")
         scale = 1e3 * drawing.scale
         factor = np.array([scale, -scale])
-        circles, corners, lines, cut = [], [], [np.zeros((0, 2, 2))], []
+        circles, corners, lines, cut, rough = [], [], [np.zeros((0, 2, 2))], [], 0
         for piece in drawing.pieces:
             assert piece.look is not None
             if piece.look.style["fill"] == "none":
@@ -74,6 +84,9 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (e
             sides = np.ptp(points, axis=0)
             found = None
             if sides.min() > ROUGH * sides.max():
+                rough += 1
+                if rough > MOST_ROUGH:
+                    raise InputError(f"at most {MOST_ROUGH} shapes as wide as high in {name}", "more", "verify the PDF")
                 points = np.concatenate([_points(curve) for curve in piece.curves]) * factor
                 found = round_shape(points)
             if found and (piece.look.style["fill"] != "none" or not any(cut[-1:])):
@@ -88,6 +101,7 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (e
         circles_of(circles, name), size, _joined(corners), lines=np.concatenate(lines),
         cut=is_cut if is_cut.any() else None, picture=_picture(painted, _shown(root.get("viewBox"), size, scale)),
         hidden=("some shapes are hidden",) if "hidden shapes" in drawing.others else (),
+        unread=tuple((each, corners * factor) for each, corners in drawing.unread),
     )  # fmt: skip
     return Reading("SVG", (page,), tagged=True)
 
@@ -235,6 +249,8 @@ def _paint(look: Look, kind: str) -> tuple[float, float]:
     if value in ("none", "transparent"):
         return WHITE, 0.0
     opacity = look.opacity * fraction(look.style[f"{kind}-opacity"])
+    if value.startswith("url"):
+        return UNKNOWN, opacity
     try:
         color = Color(value)
         text = "#000000" if value == "currentColor" else f"#{color.red:02x}{color.green:02x}{color.blue:02x}"

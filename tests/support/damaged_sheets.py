@@ -45,12 +45,6 @@ def layer_off(name):
     return lambda text: text.replace(f'<g id="{name}"', f'<g id="{name}" style="display:none"')
 
 
-def mapped(transform):
-    return lambda text: re.sub(r"(<svg[^>]*>)", rf'\1<g transform="{transform}">', text, count=1).replace(
-        "</svg>", "</g></svg>"
-    )
-
-
 def inverted(text):
     return text.replace("#000000", "#x").replace("#ffffff", "#000000").replace("#x", "#ffffff")
 
@@ -63,13 +57,17 @@ def line(name, change):
     return lambda text: re.sub(rf'(<poly\w+ id="{name}[-"][^>]*)/>', change, text)
 
 
+def with_unread(element):
+    return on_dot(lambda dot, x, y: dot + element.format(x=x, y=y))
+
+
 SVG = {
-    "white": (painted("#000000", "#ffffff"), "pale", "dot 2 is invisible"),
+    "text": (with_unread('<text x="{x}" y="{y}" font-size="4">A</text>'), "covered", "the text 'A' is not read"),
+    "image": (with_unread('<image id="i" x="{x}" y="{y}" width="9" height="9"/>'), "covered", "image 'i' is not read"),
+    "foreign": (with_unread('<foreignObject x="{x}" y="{y}"/>'), "covered", "the foreign object without a name"),
     "grey": (painted("#000000", "#888888"), "pale", "dot 2 is grey: 47 %"),
     "half opaque": (painted("/>", ' opacity="0.5"/>'), "pale", "dot 2 is grey: 50 %"),
-    "covered": (with_rectangle(-8, 16), "pale", "dot 2 is invisible"),
     "half covered": (with_rectangle(0, 16), "covered", "50 % of dot 2"),
-    "stroke": (painted("/>", ' stroke="#000" stroke-width="0.5"/>'), "diameter", "12.5 mm, not 12 mm: it has a stroke"),
     "speck": (
         on_dot(lambda dot, x, y: dot + f'<circle cx="{x + 9}" cy="{y}" r="1"/>'), "quiet", "quiet zone of dot 2"
     ),
@@ -81,10 +79,6 @@ SVG = {
     "hole missing": (line("hole-1", ""), "hole", "is missing"),
     "hole moved": (line("hole-1", r'\1 transform="translate(1 0)"/>'), "hole", "is 1 mm off"),
     "outline small": (line("boundary", r'\1 transform="translate(1 0) scale(.9866)"/>'), "outline", "the outline "),
-    "smaller paper": (mapped("scale(.7071)"), "scaled", "scaled by 0.7071 along x and y, perhaps fitted"),
-    "inches": (mapped("scale(25.4)"), "scaled", "inches are taken for mm"),
-    "sheared": (mapped("skewX(2)"), "sheared", "sheared by 2 degrees"),
-    "mirrored": (mapped("translate(148 0) scale(-1 1)"), "mirrored", "mirrored"),
 }  # fmt: skip
 
 
@@ -225,7 +219,17 @@ def unit(document, space):
     document.header["$INSUNITS"] = 1
 
 
+def word(document, space):
+    space.add_text("A", dxfattribs={"layer": "CUT"})
+
+
+def invisible(document, space):
+    circles(space, "ENGRAVE", 6)[2].dxf.invisible = 1
+
+
 DXF = {
+    "word to cut": (drawn(word), "covered", "the 'TEXT' on the layer CUT is not read"),
+    "invisible": (drawn(invisible), "hidden", "an entity is invisible"),
     "dot on CUT": (drawn(one_cut), "layer", "dot 2 is on the layer CUT and would be cut out"),
     "dots on CUT": (drawn(cut_dots), "layer", "dots 0, 1, 2, 3, 4 are on the layer CUT"),
     "hole missing": (drawn(without_hole), "hole", "is missing"),

@@ -11,6 +11,7 @@ from markergen.drawing.paper import SheetOptions
 from markergen.errors import InputError
 from markergen.exporters import ExportOptions
 from markergen.exporters.saving import save
+from markergen.model.boundary import Circle
 from markergen.model.fabrication import Fabrication
 from markergen.model.substrate import Substrate, parse_mount
 from markergen.model.tag import Tag
@@ -52,7 +53,14 @@ def test_every_damage_is_named_with_its_remedy(marker, sheets, tmp_path, suffix,
     assert not any(finding.kind == "another marker" for finding in check.findings)
 
 
+def below_the_marker(text):
+    style = "font-size:4px;letter-spacing:0px;stroke:none"
+    label = f'<text x="20" y="200" style="{style}"><tspan x="20" y="196">A</tspan></text>'
+    return text.decode().replace("</svg>", f"{label}</svg>").encode()
+
+
 CLEAN = {
+    "label": (".svg", below_the_marker),
     "turned view": (".pdf", pages(lambda page: page.set_rotation(270))),
     "cropped margin": (".pdf", pages(lambda page: page.set_cropbox(20, 20, 400, 575))),
     "by PDFium": (".pdf", pages(lambda page: None)),
@@ -69,14 +77,14 @@ def test_a_rewritten_file_passes(marker, sheets, tmp_path, name):
     assert check.largest < 2e-6
 
 
-@pytest.mark.parametrize("suffix", [".pdf", ".svg", ".png"])
 @pytest.mark.parametrize("colors", ["inverted", "#003366,#ffee99", "black,cut:CutContour"])
-def test_colors_that_were_asked_for_pass(marker, tmp_path, colors, suffix):
-    path = tmp_path / f"a{suffix}"
-    save(marker, [path], ExportOptions(dpi=DPI, sheet=SheetOptions(colors=parse_colors(colors))))
-    check = verify(marker, path)
-    assert check.passed, check.findings
-    assert any("--colors inverted" in note for note in check.notes) == (colors == "inverted")
+def test_colors_that_were_asked_for_pass(marker, tmp_path, colors):
+    paths = [tmp_path / f"a{suffix}" for suffix in (".pdf", ".svg", ".png")]
+    save(marker, paths, ExportOptions(dpi=DPI, sheet=SheetOptions(colors=parse_colors(colors))))
+    for path in paths:
+        check = verify(marker, path)
+        assert check.passed, check.findings
+        assert any("--colors inverted" in note for note in check.notes) == (colors == "inverted")
 
 
 def test_the_drawing_of_a_plate_for_a_laser_passes(marker, tmp_path):
@@ -85,14 +93,24 @@ def test_the_drawing_of_a_plate_for_a_laser_passes(marker, tmp_path):
     assert verify(marker, path).passed
 
 
+def test_an_extra_dot_in_a_keep_out_is_told(make_ngon, tmp_path):
+    kept = replace(make_ngon(5, 0.05, 0.012), keep_outs=(Circle(0.006),))
+    save(kept, [tmp_path / "a.dxf"])
+    data = (tmp_path / "a.dxf").read_bytes()
+    assert verify(kept, tmp_path / "a.dxf").passed
+    more = drawn(lambda document, space: space.add_circle((0, 0), 6, dxfattribs={"layer": "ENGRAVE"}))
+    (finding,) = verified(kept, tmp_path, ".dxf", more(data)).findings
+    assert finding.kind == "extra"
+
+
 def test_a_family_on_tiles_passes(make_ngon, tmp_path):
-    marker, path = make_ngon(6, 0.15, 0.036), tmp_path / "a.pdf"
-    family = [replace(marker, tag=Tag("apriltag:36h11", number, 0.05)) for number in range(2)]
-    save(family, [path], ExportOptions(sheet=SheetOptions("A4")))
+    marker, path = make_ngon(6, 0.1, 0.024), tmp_path / "a.pdf"
+    family = [replace(marker, tag=Tag("apriltag:36h11", number, 0.03)) for number in range(2)]
+    save(family, [path], ExportOptions(sheet=SheetOptions("A5")))
     check = verify(family[1], path)
     assert check.passed, check.findings
     assert check.copies == 2
-    assert not verify(replace(marker, tag=Tag("apriltag:36h11", 7, 0.05)), path).passed
+    assert not verify(replace(marker, tag=Tag("apriltag:36h11", 7, 0.03)), path).passed
 
 
 def test_a_pdf_that_unpacks_to_gigabytes_is_refused(marker, sheets, tmp_path, monkeypatch):

@@ -193,6 +193,21 @@ def test_a_dot_out_of_place_is_named(markers, tmp_path, name, suffix):
     assert check.largest == pytest.approx(2e-4, abs=2e-6)
 
 
+@pytest.mark.parametrize("suffix", [".csv", ".json", ".opencv.yaml", ".ros2.yaml", ".kalibr.yaml"])
+def test_a_list_in_another_frame_is_named(markers, tmp_path, suffix):
+    marker, path = markers["5 alike"], tmp_path / f"a{suffix}"
+    for turn, shift, said in ((1, 1e-3, "off by x +1 mm"), (1j, 0.0, "turned by 90 degrees")):
+        places = [turn * complex(p.x, p.y) + shift for p in marker.control_points]
+        points = [replace(p, x=z.real, y=z.imag) for p, z in zip(marker.control_points, places, strict=True)]
+        save(replace(marker, control_points=tuple(points)), [path])
+        (finding,) = verify(marker, path).findings
+        assert finding.kind == "frame"
+        assert f"the marker is {said} in it" in finding.sentence
+    a, b, *rest = marker.control_points
+    save(replace(marker, control_points=(replace(a, x=b.x, y=b.y), replace(b, x=a.x, y=a.y), *rest)), [path])
+    assert "dots 0, 1 are at the place of another" in [finding.sentence for finding in verify(marker, path).findings]
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_dot_of_another_size_or_kind_is_named(markers, tmp_path, suffix):
     marker = markers["5 skew"]

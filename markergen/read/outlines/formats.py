@@ -4,6 +4,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from markergen.errors import InputError, brief
 from markergen.guard import read
 from markergen.read.outlines.curves import Curve
@@ -78,6 +81,8 @@ class Drawing:
     y_down : bool
     others : list of str
         Kinds of contents that are not outlines (text, images), for the message that there are none.
+    unread : list of (name, corners (4, 2))
+        Visible contents that are not outlines, and boxes that hold them; nan if their extent is unknown.
     pixels : float
         px per unit of the coordinates, for a file in px.
     hint : str
@@ -88,6 +93,7 @@ class Drawing:
     scale: float | None
     y_down: bool = False
     others: list[str] = field(default_factory=list)
+    unread: list[tuple[str, NDArray[np.float64]]] = field(default_factory=list)
     pixels: float = 1.0
     hint: str = ""
 

@@ -179,8 +179,8 @@ def closed_contours(tracks: Sequence[Track], tolerance: float, source: str) -> l
     """Join tracks into closed contours, in the order of their first tracks, and merge arcs of one circle.
 
     Ends within `tolerance` (m) of each other are joined; points much closer than that are merged. `source` names the
-    file in messages. Beside closed contours, shapes of zero area and lone straight lines that lie within a contour are
-    left out with a warning.
+    file in messages. Beside closed contours, shapes of zero area and lone straight lines that cross a contour are left
+    out with a warning.
 
     Raises
     ------
@@ -203,7 +203,7 @@ def closed_contours(tracks: Sequence[Track], tolerance: float, source: str) -> l
     contours = [contour for _, contour in found if contour is not None]
     flat = [track for track, contour in found if contour is None]
     lines = [open_tracks[k][1] for k in sorted(lone)]
-    if lines and not _within(lines, contours):
+    if lines and not _cross(lines, contours):
         _joined(open_tracks, tolerance, source)  # Raises the error about their ends.
     if flat and not contours:
         raise InputError(
@@ -239,11 +239,15 @@ def _lone_lines(tracks: list[Track], tolerance: float) -> set[int]:
     return lone
 
 
-def _within(lines: list[Track], contours: list[Contour]) -> bool:
-    """Tell whether the middle of each line is inside one of the contours."""
-    middles = [(line.points[0] + line.points[-1]) / 2 for line in lines]
-    inside = [Region.of_contour(contour, (), TOLERANCE).contains(middles) for contour in contours]
-    return bool(np.any(inside, axis=0).all())
+def _cross(lines: list[Track], contours: list[Contour]) -> bool:
+    """Tell whether each line has its middle inside a contour and an end outside, as center lines have."""
+    ends = np.array([line.points[[0, -1]] for line in lines])
+    regions = [Region.of_contour(contour, (), TOLERANCE) for contour in contours]
+    crossed = [
+        region.contains(ends.mean(axis=1)) & ~(region.contains(ends[:, 0]) & region.contains(ends[:, 1]))
+        for region in regions
+    ]
+    return bool(np.any(crossed, axis=0).all())
 
 
 def _joined(tracks: list[tuple[int, Track]], tolerance: float, source: str) -> list[tuple[int, Track]]:

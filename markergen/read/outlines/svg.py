@@ -50,10 +50,17 @@ _W3C = "-//W3C//DTD SVG "
 SHAPES = ("path", "rect", "circle", "ellipse", "line", "polygon", "polyline")
 GROUPS = ("g", "a", "switch")
 MOST_CLIPS = 16
+UNREAD = {"text": "text", "image": "image", "foreignObject": "foreign object"}
 OTHERS = {"text": "text", "image": "images", "foreignObject": "foreign objects"}
 
 _PHYSICAL = re.compile(r"\s*([-+.\deE]+?)\s*(mm|cm|in|pt|pc|q)\s*", re.IGNORECASE)
 _PIXELS = re.compile(r"\s*+((?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?)\s*+(?:px)?\s*+", re.IGNORECASE)
+_SIZE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+))(|px|mm|cm|in|pt|pc)", re.IGNORECASE)
+_SHAPED = re.compile(
+    r"'(?:dx|dy|rotate|textLength)'|shape-inside|inline-size|text-(?:indent|shadow)|'transform-|font:"
+    r"|(?:letter|word)-spacing\W+(?!0|normal)|baseline-shift\W+(?!0|baseline)|writing-mode\W+(?!lr|horizontal)"
+)
+"""What moves or widens letters."""
 _OLD_INKSCAPE = re.compile(r"0\.(?:[0-8]\d|91|9\b)")
 _OUTSIDE = re.compile(r"@import[^;]{0,100}|url\(\s*+(?:'\s*+|\"\s*+)?+(?!#|data:)[^)]{0,100}")
 _FONTS = re.compile(r"@font-face\s*+\{[^}]*+\}")
@@ -136,7 +143,7 @@ def _read(file: OutlineFile, layer: str | None) -> Drawing:
     style = style_of(root, INITIAL, sheet)
     if not gone(style) or layer is not None:
         reader.children(root, _Place(stretch, style, viewport, reader.layers is None, 0))
-    return Drawing(reader.pieces, scale, y_down=True, others=reader.others, pixels=pixels)
+    return Drawing(reader.pieces, scale, True, reader.others, reader.unread, pixels)
 
 
 @dataclass(frozen=True)
@@ -163,6 +170,7 @@ class _SvgReader:
     """Identities of the elements of the wanted layer; None for all."""
     pieces: list[Piece] = field(default_factory=list)
     others: list[str] = field(default_factory=list)
+    unread: list[tuple[str, Array]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._shapes = Shapes(self.file)
@@ -178,6 +186,7 @@ class _SvgReader:
         kind = str(element.tag)
         if kind in OTHERS:
             self.others.append(OTHERS[kind])
+            self._unread(element, place, kind)
         if kind not in (*SHAPES, *GROUPS, "svg", "use"):
             return
         number = next(self._numbers)
@@ -213,6 +222,51 @@ class _SvgReader:
         for piece in self._shapes.pieces(element, name, place.viewport):
             curves = tuple(curve.mapped(place.matrix) for curve in piece.curves)
             self.pieces.append(Piece(name, curves, piece.closed, look))
+
+    def _unread(self, element: Element, place: _Place, kind: str) -> None:
+        """Note where visible text, an image or a foreign object is."""
+        style = style_of(element, place.style, self.sheet)
+        words = " ".join("".join(element.itertext()).split())
+        shown = place.wanted and style["visibility"] == "visible" and not gone(style)
+        if not shown or (kind == "text" and not words):
+            return
+        label = words if kind == "text" else element.get("id")
+        name = f"the {UNREAD[kind]} {brief(label)}" if label else f"the {UNREAD[kind]} without a name"
+        matrix = _times(place.matrix, self._shapes.matrix(element, name))
+        x, y, right, bottom = self._text_box(element, style) if kind == "text" else self._box(element, place, name)
+        corners = np.array([[x, y], [right, y], [right, bottom], [x, bottom]])
+        self.unread.append((name, corners @ matrix[:, :2].T + matrix[:, 2]))
+
+    def _box(self, element: Element, place: _Place, name: str) -> tuple[float, ...]:
+        """Left, top, right and bottom of an image or a foreign object; nan if its contents give its size."""
+        if "overflow" in str(element.attrib) or not {"width", "height"} <= element.attrib.keys():
+            return (np.nan,) * 4
+        x, y, width, height = self._lengths(element, place, name)
+        return x, y, x + width, y + height
+
+    def _text_box(self, element: Element, style: Style) -> tuple[float, ...]:
+        """Left, top, right and bottom of a box that holds the lines of a text; nan if more than sizes shapes them."""
+        lines = list(element.iter())
+        styles = [style_of(line, style, self.sheet) for line in lines[1:]]
+        sizes = [_SIZE.fullmatch(each["font-size"]) for each in (style, *styles)]
+        if any(
+            line.tag not in ("text", "tspan", "title", "desc") or _SHAPED.search(f"{line.attrib}") or each["font"]
+            for line, each in zip(lines, (style, *styles), strict=True)
+        ) or not all(sizes):
+            return (np.nan,) * 4
+        size = max(float(each[1]) * PX[each[2].lower()] for each in sizes if each)
+        anchors = [float(line.get(key, "nan")) if _SIZE.fullmatch(line.get(key, "0")) else np.nan
+                   for line in lines for key in ("x", "y")]  # fmt: skip
+        at = np.array(anchors).reshape(-1, 2)
+        at = at[np.isfinite(at).all(axis=1)] if len(lines) > 1 else np.nan_to_num(at)
+        if not len(at):
+            return (np.nan,) * 4
+        # No letter is wider than 1.5 of its size, nor higher, from whichever line it is measured.
+        strokes = [each["stroke-width"] for each in (style, *styles) if each["stroke"] != "none"]
+        size += max((_pixels(width) or np.nan for width in strokes), default=0.0)
+        wide = 1.5 * size * max(len("".join(line.itertext())) for line in lines)
+        (left, top), (right, bottom) = at.min(axis=0), at.max(axis=0)
+        return left - wide, top - 1.5 * size, right + wide, bottom + 1.5 * size
 
     def _use(self, element: Element, place: _Place, name: str) -> None:
         target = self.by_id.get(_reference(element).removeprefix("#"))

@@ -25,7 +25,7 @@ LARGEST_SHEET = 300_000
 
 INITIAL: Style = {
     "visibility": "visible", "fill": "black", "stroke": "none", "fill-opacity": "1", "stroke-opacity": "1",
-    "stroke-width": "1", "fill-rule": "nonzero",
+    "stroke-width": "1", "fill-rule": "nonzero", "font-size": "", "font": "",
 }  # fmt: skip
 """Inherited properties and their initial values."""
 

@@ -109,6 +109,7 @@ def sliver(document, model):
         lambda m: m.add_line((100, 0), (100, 60)),  # Beside the plate: it may be a side of another part.
         lambda m: m.add_lwpolyline([(10, 10), (20, 30), (30, 10)]),
         lambda m: [m.add_line(*ends) for ends in SLOT],
+        lambda m: [m.add_line((20, y), (70, y)) for y in (20, 40)],  # A slot without its ends.
     ],
 )
 def test_lines_that_may_bound_something_are_not_left_out(refused, draw):
