@@ -82,7 +82,7 @@ def write_fabrication_sheet(work: Workpiece, options: SheetOptions) -> tuple[byt
 
 
 @dataclass(frozen=True)
-class _Block:
+class _Item:
     """Flowables that stay together, each with its height and the space after it, mm; and how many columns they take."""
 
     parts: tuple[tuple[Any, float, float], ...]
@@ -94,7 +94,7 @@ class _Block:
         return sum(height + space for _, height, space in self.parts) - self.parts[-1][2]
 
 
-_Page = list[tuple[_Block, float, float]]
+_Page = list[tuple[_Item, float, float]]
 """Blocks of a page with the left and upper ends of each, mm."""
 
 
@@ -139,7 +139,7 @@ def _pages(work: Workpiece, frame: Frame, density: float) -> tuple[list[_Page], 
     return pages, 1 - sum(max(room, 0.0) for room in last) / (count * full)
 
 
-def _blocks(work: Workpiece, width: float, height: float, style: Style, columns: int, gap: float) -> list[_Block]:
+def _blocks(work: Workpiece, width: float, height: float, style: Style, columns: int, gap: float) -> list[_Item]:
     """Tables, sections, notes, key and back for columns of the given width and height and with a gap, in mm."""
     pieces = [_split(table, width, height, style) for table in work.tables]
     dots, *tables = ([_measured(_table(piece, width, style), width) for piece in some] for some in pieces)
@@ -154,9 +154,9 @@ def _blocks(work: Workpiece, width: float, height: float, style: Style, columns:
     return [*dots, *sections, *(table for some in tables for table in some), *notes, key, *back]
 
 
-def _measured(flowables: Sequence[Any], width: float) -> _Block:
+def _measured(flowables: Sequence[Any], width: float) -> _Item:
     """Flowables as a block for a column of a width in mm."""
-    return _Block(
+    return _Item(
         tuple(
             (each, each.wrap(*_points(width, 1e4))[1] / POINTS_PER_MM, each.getSpaceAfter() / POINTS_PER_MM)
             for each in flowables
@@ -226,7 +226,7 @@ def _table(table: DrawingTable, width: float, style: Style) -> list[Any]:
     return [flowing]
 
 
-def _detail(view: DetailView, width: float, style: Style) -> _Block:
+def _detail(view: DetailView, width: float, style: Style) -> _Item:
     """View with its title."""
     from reportlab.platypus import Flowable, Paragraph
 
@@ -240,7 +240,7 @@ def _detail(view: DetailView, width: float, style: Style) -> _Block:
     return _measured([Paragraph(_escaped(view.title), _paragraph_style("heading", style)), Detail()], width)
 
 
-def _notes(sentences: Sequence[str], width: float, height: float, style: Style) -> list[_Block]:
+def _notes(sentences: Sequence[str], width: float, height: float, style: Style) -> list[_Item]:
     """Numbered notes under their title; in two blocks if they are too long for one column."""
     from reportlab.platypus import Paragraph
 

@@ -23,7 +23,7 @@ import numpy as np
 from markergen.errors import MissingLibraryError, OutputError
 from markergen.geometry.contour import Contour, Side, backward, center_of, offset
 from markergen.solid.bodies import COLORS, Body, Part, Prism
-from markergen.solid.level_faces import LevelFace, level_faces, signed_bodies
+from markergen.solid.level_faces import PlanarFace, level_faces, signed_bodies
 
 NEAR = 1e-6
 """Distance in mm below which edges are sewn together."""
@@ -222,7 +222,7 @@ class _Rims:
         return [self._wires[self._owners[k]] for k in nearest]
 
 
-def _level(level: LevelFace, rims: _Rims) -> Any:
+def _level(level: PlanarFace, rims: _Rims) -> Any:
     """TopoDS_Face of a level face, with its outside where it should be."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
     from OCP.gp import gp_Dir, gp_Pln, gp_Pnt

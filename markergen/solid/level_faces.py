@@ -50,7 +50,7 @@ class Rim:
 
 
 @dataclass(frozen=True)
-class LevelFace:
+class PlanarFace:
     """A level face of a part.
 
     Attributes
@@ -77,7 +77,7 @@ def signed_bodies(part: Part) -> Iterator[tuple[Body, int, bool]]:
     yield from ((body, -1, True) for body in part.marked)
 
 
-def level_faces(part: Part) -> list[LevelFace]:
+def level_faces(part: Part) -> list[PlanarFace]:
     """Level faces of a part, the lowest first.
 
     Raises
@@ -108,7 +108,7 @@ def _rims(body: Body, sign: int, marked: bool) -> Iterator[Rim]:
                     yield Rim(z, rim, side, rim, sign > 0, marked and u > r)
 
 
-def _faces(rims: Sequence[Rim]) -> Iterator[LevelFace]:
+def _faces(rims: Sequence[Rim]) -> Iterator[PlanarFace]:
     """Yield the faces of one level: regions between nested rims, in which the caps do not cancel each other."""
     around = parents([flattened(rim.contour, OFF) for rim in rims]) if len(rims) > 1 else [-1]
     if around is None:
@@ -129,4 +129,4 @@ def _faces(rims: Sequence[Rim]) -> Iterator[LevelFace]:
             raise ValueError(f"bodies that overlap at z = {rim.z:.6g} mm")
         if added + cut:
             holes = [rims[j] for j, parent in enumerate(around) if parent == k]
-            yield LevelFace(rim.z, added + cut > 0, (rim, *holes), rim.floor)
+            yield PlanarFace(rim.z, added + cut > 0, (rim, *holes), rim.floor)

@@ -17,7 +17,7 @@ from markergen.errors import OutputError
 from markergen.geometry.contour import Contour, Side, center_of, chord_counts, divided, offset
 from markergen.geometry.region import Region
 from markergen.solid.bodies import SAME, Part, Prism, Revolved
-from markergen.solid.level_faces import LevelFace, level_faces, signed_bodies
+from markergen.solid.level_faces import PlanarFace, level_faces, signed_bodies
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -282,7 +282,7 @@ def _stitches(low: int, high: int) -> Indices:
     return np.array(found, dtype=np.int64)
 
 
-def _filled(face: LevelFace, tolerance: float) -> Array:
+def _filled(face: PlanarFace, tolerance: float) -> Array:
     """Triangles (m, 3, 3) of a level face."""
     outer, *holes = (_ring(rim.contour, rim.like, tolerance) for rim in face.rims)
     region = Region.polygon(outer, holes)

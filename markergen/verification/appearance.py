@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from markergen.drawing.colors import LEAST_CONTRAST
 from markergen.verification.matching import DotSet
-from markergen.verification.picture import Picture
+from markergen.verification.picture import PagePicture
 from markergen.verification.words import MOST_LISTED, Finding, listed_ids
 
 Array = NDArray[np.float64]
@@ -47,7 +47,12 @@ PRINT_ALL = "export it again, and print the whole page with all layers"
 
 
 def shown_findings(
-    dots: DotSet, names: Sequence[int], picture: Picture, motion: tuple[Array, Array], tolerance: float, around: Array
+    dots: DotSet,
+    names: Sequence[int],
+    picture: PagePicture,
+    motion: tuple[Array, Array],
+    tolerance: float,
+    around: Array,
 ) -> tuple[list[Finding], list[str]]:
     """Findings and notes about how a marker's dots show.
 
@@ -57,7 +62,7 @@ def shown_findings(
         The marker's dots as found, mm.
     names : sequence of int
         Their ids.
-    picture : Picture
+    picture : PagePicture
     motion : (rotation (2, 2), shift (2,))
         From the marker frame to the page, mm.
     tolerance : float
@@ -126,7 +131,7 @@ def _cut_off(names: list[int]) -> list[Finding]:
     return [Finding("hidden", said, PRINT_ALL)]
 
 
-def _contrasts(contrast: Array, names: list[int], picture: Picture) -> tuple[list[Finding], list[str], Mask]:
+def _contrasts(contrast: Array, names: list[int], picture: PagePicture) -> tuple[list[Finding], list[str], Mask]:
     """Findings about dots that do not show, are pale, or inverted; notes; and a mask of the others."""
     strength = np.abs(contrast)
     unseen = strength < UNSEEN
@@ -182,7 +187,7 @@ def _covers(
 
 
 def damaged_findings(
-    expected: DotSet, names: Sequence[int], picture: Picture, motion: tuple[Array, Array]
+    expected: DotSet, names: Sequence[int], picture: PagePicture, motion: tuple[Array, Array]
 ) -> dict[int, Finding]:
     """Findings, by index, about dots that were not found although something shows at their places, or nothing can.
 
@@ -214,7 +219,7 @@ def damaged_findings(
     return findings
 
 
-def lines_hidden(found: Array, picture: Picture) -> bool:
+def lines_hidden(found: Array, picture: PagePicture) -> bool:
     """Tell whether most of points (m, 2) on thin lines do not show."""
     reach = np.linspace(-LINE, LINE, 9)
     cross = np.concatenate([np.stack([reach, 0 * reach], axis=-1), np.stack([0 * reach, reach], axis=-1)])
@@ -223,7 +228,9 @@ def lines_hidden(found: Array, picture: Picture) -> bool:
     return bool(len(seen) and (np.ptp(seen, axis=1) < FAINTEST).mean() > 0.5)
 
 
-def _edges(name: int, dot: DotSet, picture: Picture, levels: tuple[float, float], tolerance: float) -> list[Finding]:
+def _edges(
+    name: int, dot: DotSet, picture: PagePicture, levels: tuple[float, float], tolerance: float
+) -> list[Finding]:
     """Finding about a dot whose edge shows elsewhere than its outline is: it has a stroke."""
     radius, center = float(dot.radii[0]), dot.centers[0]
     width = min(max(4 * picture.grain, ACROSS), 0.18 * radius)

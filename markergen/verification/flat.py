@@ -12,7 +12,7 @@ from markergen.model.marker import Marker
 from markergen.verification.appearance import damaged_findings, lines_hidden, shown_findings
 from markergen.verification.findings import AGAIN, Verdict
 from markergen.verification.lines import (
-    Line,
+    CutLine,
     among,
     in_picture,
     line_findings,
@@ -22,7 +22,7 @@ from markergen.verification.lines import (
     strays,
 )
 from markergen.verification.matching import CONCENTRIC, DotSet, expected_dots
-from markergen.verification.picture import Picture
+from markergen.verification.picture import PagePicture
 from markergen.verification.reading import Page
 from markergen.verification.words import MOST_LISTED, Finding, listed_ids
 
@@ -109,7 +109,7 @@ def flat_findings(
     return judged, extra, list(notes)
 
 
-def _explained(verdict: Verdict, marker: Marker, picture: Picture) -> Verdict:
+def _explained(verdict: Verdict, marker: Marker, picture: PagePicture) -> Verdict:
     """Replace the findings about missing dots where something shows at their places, or they are cropped."""
     ids = [point.id for point in marker.control_points]
     absent = [k for k, name in enumerate(ids) if name not in set(verdict.names)]
@@ -176,9 +176,9 @@ def _unread(page: Page, marker: Marker, motion: tuple[Array, Array], factor: tup
 
 
 def _lines(
-    kinds: Sequence[list[Line]], page: Page, motion: tuple[Array, Array], expected: DotSet,
+    kinds: Sequence[list[CutLine]], page: Page, motion: tuple[Array, Array], expected: DotSet,
     factor: tuple[float, float], tol: float,
-) -> tuple[list[Finding], list[Line]]:  # fmt: skip
+) -> tuple[list[Finding], list[CutLine]]:  # fmt: skip
     """Findings about outline and holes, and the lines that are wanted: those of a sheet or of a plate."""
     if page.lines is None and page.picture is None:
         return [], kinds[0]
@@ -216,7 +216,7 @@ def _lines(
 
 
 def _around(
-    marker: Marker, wanted: Sequence[Line], motion: tuple[Array, Array], factor: tuple[float, float], spare: float
+    marker: Marker, wanted: Sequence[CutLine], motion: tuple[Array, Array], factor: tuple[float, float], spare: float
 ) -> Array:
     """Circles (m, 3) on the page that cover the tag and all lines to cut, which may be in quiet zones."""
     points = [sampled(line.contour)[0] for line in wanted]

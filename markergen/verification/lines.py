@@ -37,7 +37,7 @@ DRAW_AGAIN = "export it again, or correct the line in the drawing"
 
 
 @dataclass(frozen=True)
-class Line:
+class CutLine:
     """A closed line that a marker should have; mm, marker frame.
 
     Attributes
@@ -53,14 +53,14 @@ class Line:
     hole: bool = False
 
 
-def sheet_lines(marker: Marker) -> list[Line]:
+def sheet_lines(marker: Marker) -> list[CutLine]:
     """Lines to cut out of a printed sheet: the boundary and all holes."""
     outer = [placed(each, 1e3, digits=9) for each in marker.boundary.contours() if area(each) > 0]
-    holes = [Line(_called(each), placed(each.contour, 1e3, digits=9), hole=True) for each in openings(marker)]
+    holes = [CutLine(_called(each), placed(each.contour, 1e3, digits=9), hole=True) for each in openings(marker)]
     return [*_outlines(outer), *holes]
 
 
-def plate_lines(marker: Marker) -> list[Line]:
+def plate_lines(marker: Marker) -> list[CutLine]:
     """Lines to cut for a plate: its outline, which is larger than a boundary with an edge, and all holes.
 
     Raises
@@ -70,10 +70,10 @@ def plate_lines(marker: Marker) -> list[Line]:
     """
     contours = [each for outline in plate_of(marker).outlines for each in outline]
     holes = [
-        Line(_called(each), placed(each.contour, 1e3, digits=9), hole=True) for each in openings(marker) if each.hole
+        CutLine(_called(each), placed(each.contour, 1e3, digits=9), hole=True) for each in openings(marker) if each.hole
     ]
     for inner in (each for each in contours if area(each) < 0):
-        holes.append(Line(str(Opening(placed(backward(inner), 1e-3))), inner, hole=True))
+        holes.append(CutLine(str(Opening(placed(backward(inner), 1e-3))), inner, hole=True))
     return [*_outlines([each for each in contours if area(each) > 0]), *holes]
 
 
@@ -86,14 +86,14 @@ def _called(opening: Opening) -> str:
     )
 
 
-def _outlines(contours: Sequence[Contour]) -> list[Line]:
+def _outlines(contours: Sequence[Contour]) -> list[CutLine]:
     if len(contours) == 1:
-        return [Line("the outline", contours[0])]
+        return [CutLine("the outline", contours[0])]
     lines = []
     for contour in contours:
         left, bottom, right, top = box(contour)
         place = f"x {_short((left + right) / 2)}, y {_short((bottom + top) / 2)} mm"
-        lines.append(Line(f"the outline around {place}", contour))
+        lines.append(CutLine(f"the outline around {place}", contour))
     return lines
 
 
@@ -165,7 +165,7 @@ FAINT = 24.0
 
 
 def line_findings(
-    wanted: Sequence[Line],
+    wanted: Sequence[CutLine],
     seek: Seek,
     tolerance: float,
     free: Callable[[Array], Mask] | None = None,
@@ -176,7 +176,7 @@ def line_findings(
 
     Parameters
     ----------
-    wanted : sequence of Line
+    wanted : sequence of CutLine
     seek : callable
         See `among` and `in_picture`.
     tolerance : float
@@ -197,7 +197,7 @@ def line_findings(
 
 
 def _compared(
-    line: Line, seek: Seek, tolerance: float, free: Callable[[Array], Mask] | None, outliers: float
+    line: CutLine, seek: Seek, tolerance: float, free: Callable[[Array], Mask] | None, outliers: float
 ) -> list[str]:
     points, normals = sampled(line.contour)
     if free is not None:
@@ -256,7 +256,7 @@ def _of_shape(contour: Contour, points: Array, found: Array, away: Array) -> lis
     return [f"is up to {short_length(float(away[worst]))} off, {place}{size}"]
 
 
-def strays(wanted: Sequence[Line], segments: Array) -> Mask:
+def strays(wanted: Sequence[CutLine], segments: Array) -> Mask:
     """Tell which pieces of lines (k, 2, 2) are none of the wanted lines, nor near one that is misplaced."""
     middles = segments.mean(axis=1)
     if not len(middles):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from markergen.geometry.contour import area
 from markergen.geometry.region import Region
 from markergen.model.marker import Marker
-from markergen.verification.lines import Line, among, line_findings, plate_lines
+from markergen.verification.lines import CutLine, among, line_findings, plate_lines
 from markergen.verification.matching import DotSet
 from markergen.verification.solids import CONTRAST, FLUSH, LUMA, hole_findings, is_dot, plate_of
 from markergen.verification.surface import Color, LevelFace, Surface
@@ -340,12 +340,7 @@ def plate_findings(marker: Marker, surface: Surface, motion: Motion, tolerance: 
     rotation, shift = motion
     holes = hole_findings(surface, marker.substrate.holes, motion, tolerance)
     # A hole that is wrong in the face is wrong in the back, too.
-    places = [f" at x {1e3 * hole.x:.6g}, y {1e3 * hole.y:.6g} mm" for hole in marker.substrate.holes]
-    told = tuple(
-        str(hole)
-        for hole, place in zip(marker.substrate.holes, places, strict=True)
-        if any(place in each.sentence for each in holes)
-    )
+    told = tuple(each.sentence.partition(" mm ")[0] for each in holes)
     back = back_of(surface)
     wanted = plate_lines(marker)
     rings = [(ring - shift) @ rotation for ring in back.rings]
@@ -360,7 +355,7 @@ def back_of(surface: Surface) -> Region:
     return Region.union([face.region for part in surface.parts for face in part.backs], GRID)
 
 
-def _rough(wanted: list[Line], surface: Surface, motion: Motion) -> list[Finding]:
+def _rough(wanted: list[CutLine], surface: Surface, motion: Motion) -> list[Finding]:
     """Round lines of the plate that are polygons with few sides."""
     rotation, shift = motion
     findings = []
@@ -382,7 +377,7 @@ def _rough(wanted: list[Line], surface: Surface, motion: Motion) -> list[Finding
     return findings
 
 
-def _strange(marker: Marker, wanted: list[Line], back: Region, motion: Motion) -> list[Finding]:
+def _strange(marker: Marker, wanted: list[CutLine], back: Region, motion: Motion) -> list[Finding]:
     """Holes through the plate that the marker does not have."""
     rotation, shift = motion
     known = [Region.of_contour(line.contour, (), FLUSH) for line in wanted if line.hole]

@@ -30,7 +30,7 @@ ANGLE, DISTANCE = 1e-6, 1e-9
 
 
 @dataclass(frozen=True)
-class Shown:
+class ShownMesh:
     """A mesh as a model shows it: its path, its color, and its place in the frame of the link, m."""
 
     path: str
@@ -65,7 +65,7 @@ def read_mjcf(data: bytes, name: str, marker: Marker) -> Reading:
 
 
 def _read(
-    kind: str, data: bytes, name: str, marker: Marker, shown_in: Callable[[Element], list[Shown]],
+    kind: str, data: bytes, name: str, marker: Marker, shown_in: Callable[[Element], list[ShownMesh]],
     more: Callable[[Element], list[str]] = lambda _: [],
 ) -> Reading:  # fmt: skip
     check_size(Content(name, data), "list")
@@ -91,7 +91,7 @@ def _read(
     return replace(read, placed=True, flaws=(*_pose_flaws(shown), *flaws, *read.flaws))
 
 
-def _corners(shown: Shown, path: Path) -> Array:
+def _corners(shown: ShownMesh, path: Path) -> Array:
     """Triangles (m, 3, 3) of a mesh in mm, in the frame of the link."""
     inner = shown.path
     for scheme in ("package://", "model://"):
@@ -107,7 +107,7 @@ def _corners(shown: Shown, path: Path) -> Array:
     return 1e3 * (mesh.corners * shown.scale @ shown.turn.T + shown.shift)
 
 
-def _pose_flaws(shown: Sequence[Shown]) -> list[str]:
+def _pose_flaws(shown: Sequence[ShownMesh]) -> list[str]:
     from scipy.spatial.transform import Rotation
 
     flaws = []
@@ -135,7 +135,7 @@ def _site_flaws(root: Element, marker: Marker) -> list[str]:
     return flaws
 
 
-def _of_urdf(root: Element) -> list[Shown]:
+def _of_urdf(root: Element) -> list[ShownMesh]:
     named = {each.get("name"): each.find("color") for each in root.findall("material")}
     shown = []
     for visual in _link(root, "link").findall("visual"):
@@ -149,7 +149,7 @@ def _of_urdf(root: Element) -> list[Shown]:
     return shown
 
 
-def _of_sdf(root: Element) -> list[Shown]:
+def _of_sdf(root: Element) -> list[ShownMesh]:
     shown = []
     for visual in _link(root, "link").findall("visual"):
         mesh, pose = _mesh(visual), visual.find("pose")
@@ -161,7 +161,7 @@ def _of_sdf(root: Element) -> list[Shown]:
     return shown
 
 
-def _of_mjcf(root: Element) -> list[Shown]:
+def _of_mjcf(root: Element) -> list[ShownMesh]:
     from scipy.spatial.transform import Rotation
 
     compiler = root.find("compiler")
@@ -181,7 +181,7 @@ def _of_mjcf(root: Element) -> list[Shown]:
         color = _color(colors.get(geom.get("material")) or geom.get("rgba"))
         path = f"{folder}/{mesh.attrib['file']}" if folder else mesh.attrib["file"]
         shift, scale = _numbers(geom.get("pos"), 3), _numbers(mesh.get("scale"), 3, 1.0)
-        shown.append(Shown(path, color, turn.as_matrix(), shift, scale))
+        shown.append(ShownMesh(path, color, turn.as_matrix(), shift, scale))
     return shown
 
 
@@ -199,11 +199,11 @@ def _mesh(visual: Element) -> Element:
     return found
 
 
-def _shown(path: str, color: str | None, pose: list[float], scale: Array) -> Shown:
+def _shown(path: str, color: str | None, pose: list[float], scale: Array) -> ShownMesh:
     """Make it of a pose x, y, z, roll, pitch, yaw: turns about the fixed axes x, y, z in this order."""
     from scipy.spatial.transform import Rotation
 
-    return Shown(path, _color(color), Rotation.from_euler("xyz", pose[3:]).as_matrix(), np.array(pose[:3]), scale)
+    return ShownMesh(path, _color(color), Rotation.from_euler("xyz", pose[3:]).as_matrix(), np.array(pose[:3]), scale)
 
 
 def _get(element: Element | None, key: str) -> str | None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from markergen.errors import InputError, brief
 from markergen.guard import KINDS, Content, in_child
 from markergen.model.marker import Marker
-from markergen.verification.picture import Picture
+from markergen.verification.picture import PagePicture
 from markergen.verification.reading import READERS, Page, Reading
 
 Array = NDArray[np.float64]
@@ -117,7 +117,7 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:
 def _sheet(values: Mapping[str, Any], arrays: Mapping[str, Any], index: int, layers: Sequence[str]) -> TilePage:
     width, height = values["size"]
     grey = arrays.get(f"picture{index}")
-    picture = Picture.of_page(grey, values["shown"], values["turn"]) if grey is not None and grey.size else None
+    picture = PagePicture.of_page(grey, values["shown"], values["turn"]) if grey is not None and grey.size else None
     lines, layer = arrays[f"lines{index}"], arrays[f"layer{index}"]
     page = Page(
         arrays[f"circles{index}"],
@@ -190,13 +190,13 @@ def assemble(sheets: Sequence[TilePage], radii: Array, tolerance: float, pages: 
     arcs = [arc + shifts[key] for key, (_, sheet) in grid.items() for arc in sheet.arcs]
     whole = np.concatenate([*circles, _joined(arcs, radii)])
     page = Page(
-        whole, None, np.concatenate(corners), picture=Picture.of_tiles([_kept(*each) for each in shown]),
+        whole, None, np.concatenate(corners), picture=PagePicture.of_tiles([_kept(*each) for each in shown]),
         lines=np.concatenate(lines), cut=np.concatenate(cut) if np.concatenate(cut).any() else None,
     )  # fmt: skip
     return Assembly(page, gaps)
 
 
-def _kept(shift: Array, sheet: TilePage) -> tuple[Picture | None, Array, tuple[float, ...]]:
+def _kept(shift: Array, sheet: TilePage) -> tuple[PagePicture | None, Array, tuple[float, ...]]:
     """Picture of a tile, its shift, and the box that remains after trimming, on the tile."""
     sides = (-np.inf, -np.inf, np.inf, np.inf)
     box = tuple(far if cut is None else cut for cut, far in zip(sheet.trim, sides, strict=True))

@@ -15,7 +15,7 @@ CORNER = 0.015
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class PagePicture:
     """Grey levels of a page.
 
     Attributes
@@ -39,7 +39,7 @@ class Picture:
     measured: bool = False
 
     @staticmethod
-    def of_pixels(grey: NDArray[np.uint8], matrix: Array, shift: Array, measured: bool = False) -> "Picture":
+    def of_pixels(grey: NDArray[np.uint8], matrix: Array, shift: Array, measured: bool = False) -> "PagePicture":
         """Picture of an image; a point p is at the pixel matrix p + shift, with pixel centers at integers."""
         size = np.array(grey.shape[::-1])
         inset = np.maximum((CORNER * size).astype(int), 1)
@@ -49,10 +49,10 @@ class Picture:
         def sample(points: Array) -> Array:
             return _interpolated(grey, points @ matrix.T + shift)
 
-        return Picture(sample, grain, float(np.median(corners)), measured=measured)
+        return PagePicture(sample, grain, float(np.median(corners)), measured=measured)
 
     @staticmethod
-    def of_page(grey: NDArray[np.uint8], shown: Sequence[float], turn: int) -> "Picture":
+    def of_page(grey: NDArray[np.uint8], shown: Sequence[float], turn: int) -> "PagePicture":
         """Picture of a page as viewers show it.
 
         Parameters
@@ -74,10 +74,10 @@ class Picture:
             shift = np.array([-left * width / across, top * height / up])
         if turn in (2, 3):
             matrix, shift = -matrix, np.array([width, height]) - shift
-        return Picture.of_pixels(grey, matrix, shift - 0.5)
+        return PagePicture.of_pixels(grey, matrix, shift - 0.5)
 
     @staticmethod
-    def of_tiles(tiles: Sequence[tuple["Picture | None", Array, Sequence[float]]]) -> "Picture":
+    def of_tiles(tiles: Sequence[tuple["PagePicture | None", Array, Sequence[float]]]) -> "PagePicture":
         """Picture of tiles, each given with its shift and the box (left, bottom, right, top) left after trimming."""
 
         def sample(points: Array) -> Array:
@@ -91,7 +91,7 @@ class Picture:
 
         pictures = [picture for picture, _, _ in tiles if picture is not None]
         grain = max((picture.grain for picture in pictures), default=0.0)
-        return Picture(sample, grain, min((picture.paper for picture in pictures), default=WHITE), whole=False)
+        return PagePicture(sample, grain, min((picture.paper for picture in pictures), default=WHITE), whole=False)
 
 
 def _interpolated(grey: NDArray[np.uint8], places: Array) -> Array:

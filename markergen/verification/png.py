@@ -15,7 +15,7 @@ from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
 from markergen.read.images import opened
 from markergen.verification.matching import ALIKE
-from markergen.verification.picture import Picture
+from markergen.verification.picture import PagePicture
 from markergen.verification.reading import FLATTEST, PRINTABLE, READERS, ROUND, Page, Reading, circles_of
 
 Array = NDArray[np.float64]
@@ -97,7 +97,7 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:
         size,
         of_any_size=partial(circles, None),
         upright=partial(reads_upright, grey, scale),
-        picture=Picture.of_pixels(grey, np.diag(scale * [1, -1]), np.full(2, -0.5), measured=True),
+        picture=PagePicture.of_pixels(grey, np.diag(scale * [1, -1]), np.full(2, -0.5), measured=True),
     )
     tolerance = max(PRINTABLE, 1e-3 * TOLERANCE_PX / float(scale.mean()))
     return Reading("PNG", (page,), tolerance, ordered=False, pixels=True, tagged=True)

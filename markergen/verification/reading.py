@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from markergen.errors import InputError
 from markergen.model.marker import Marker
 from markergen.registry import Registry
-from markergen.verification.picture import Picture
+from markergen.verification.picture import PagePicture
 from markergen.verification.surface import Surface
 
 Array = NDArray[np.float64]
@@ -51,7 +51,7 @@ class Page:
         Returns such circles of any size, where only those that may be dots are listed.
     upright : callable or None
         Returns whether the page apart from the dots is unmirrored, None if that is unknown.
-    picture : Picture or None
+    picture : PagePicture or None
         What shows of the page.
     lines : array (k, 2, 2) or None
         Thin lines as straight pieces, mm; None if the format has none of its own.
@@ -73,7 +73,7 @@ class Page:
     heights: Array | None = None
     of_any_size: Callable[[], Array] | None = None
     upright: Callable[[], bool | None] | None = None
-    picture: Picture | None = None
+    picture: PagePicture | None = None
     lines: Array | None = None
     cut: NDArray[np.bool_] | None = None
     layers: tuple[str, ...] = ()

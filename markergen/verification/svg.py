@@ -18,7 +18,7 @@ from markergen.read.outlines.formats import OUTLINE_FORMATS, Look, OutlineFile, 
 from markergen.read.outlines.svg import parse
 from markergen.read.outlines.svg_shapes import fraction
 from markergen.verification.lines import Seek, among
-from markergen.verification.picture import WHITE, Picture
+from markergen.verification.picture import WHITE, PagePicture
 from markergen.verification.reading import READERS, Page, Reading, circles_of, round_shape
 
 Array = NDArray[np.float64]
@@ -259,7 +259,7 @@ def _paint(look: Look, kind: str) -> tuple[float, float]:
         return UNKNOWN, opacity
 
 
-def _picture(painted: Sequence[_Painted], shown: Array) -> Picture:
+def _picture(painted: Sequence[_Painted], shown: Array) -> PagePicture:
     """What shows of shapes that are painted one after the other."""
     good = [each for each in painted if np.isfinite(each.box).all() and (each.fill[1] or each.stroke[1])]
     boxes = np.array([each.box for each in good]).reshape(-1, 4)
@@ -282,4 +282,4 @@ def _picture(painted: Sequence[_Painted], shown: Array) -> Picture:
         low, high = shown[:2] + inset, shown[2:] - inset
         places = np.array([low, high, [low[0], high[1]], [high[0], low[1]]])
         paper = float(np.nanmedian(sample(places)))
-    return Picture(sample, 0.0, paper)
+    return PagePicture(sample, 0.0, paper)
