@@ -16,7 +16,7 @@ from markergen.model.openings import openings
 from markergen.model.tag import Tag
 from markergen.verification.findings import Verdict, extras, frame_findings, judge
 from markergen.verification.flat import flat_findings, only_told
-from markergen.verification.made import is_light_alone, sheet_plate_findings, solid_findings
+from markergen.verification.made import REMARK, is_light_alone, sheet_plate_findings, solid_findings
 from markergen.verification.matching import DotSet, dots_of, expected_dots
 from markergen.verification.placement import DARK, LIGHT, in_other_units, in_part, stretched, turned
 from markergen.verification.reading import Page, Reading, reader_of
@@ -205,10 +205,14 @@ def _for_a_sheet(marker: Marker, reading: Reading, surface: Surface, tolerance: 
     if not holds_sheet(surface, marker.boundary):
         return None
     flaws = [Finding("solid", flaw) for flaw in reading.flaws]
-    holes = sheet_plate_findings(marker.as_designed, surface, 1e3 * tolerance)
-    return Check(
-        "", reading.kind, pages=(None,), tolerance=tolerance, findings=(*flaws, *holes), notes=(SHEET,)
-    )  # fmt: skip
+    errors, remarks = _sorted_out([*flaws, *sheet_plate_findings(marker.as_designed, surface, 1e3 * tolerance)])
+    return Check("", reading.kind, pages=(None,), tolerance=tolerance, findings=errors, notes=(SHEET, *remarks))
+
+
+def _sorted_out(findings: Sequence[Finding]) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
+    """Separate errors from remarks."""
+    errors = tuple(each for each in findings if each.kind != REMARK)
+    return errors, tuple(each.sentence for each in findings if each.kind == REMARK)
 
 
 def _changed(marker: Marker, reading: Reading, tolerance: float, found: Check) -> Check:
@@ -342,11 +346,12 @@ def _against(wanted: Wanted, reading: Reading, tolerance: float) -> Check:
     if hidden and any(each.kind in LACKING for v in verdicts for each in v.findings):
         findings.insert(0, Finding("hidden", f"not everything is visible: {', '.join(hidden)}", "show all layers"))
     said = [_of_copy(finding, k, verdicts) for k, each in enumerate(verdicts) for finding in each.findings]
+    errors, told = _sorted_out([*findings, *said])
     return Check(
         "", reading.kind, count, sum(len(each.used) > 0 for each in verdicts), worst.largest,
         None if worst.worst is None else ids[worst.worst], worst.scale,
         reading.papers or tuple(each.size for each in reading.pages),
-        tolerance, (*findings, *said), tuple(dict.fromkeys(notes)),
+        tolerance, errors, tuple(dict.fromkeys([*notes, *told])),
     )  # fmt: skip
 
 

@@ -21,6 +21,8 @@ Motion = tuple[Array, Array]
 
 WHOLE = "export it again with all of its parts"
 AGAIN = "export it again from its marker.json"
+REMARK = "remark"
+"""Kind of a finding that is no error: `export --thickness` makes a plate of another thickness."""
 FINER = "export it with a finer tolerance, or with circles that are circles"
 
 ROUGHEST = 0.1
@@ -201,13 +203,14 @@ def _seated(surface: Surface, seats: list[Seat], dots: DotSet, tolerance: float)
 def _tag_inlays(marker: Marker, surface: Surface, motion: Motion, seats: list[Seat]) -> list[Finding]:
     """Pockets of a tag without the inlays that dots have; colors or the lack of them do not show this."""
     tag = marker.tag
-    if tag is None or surface.loose or not any(seat.kind in ("part", "ball") for seat in seats):
+    face, _ = faces_of(surface)
+    if tag is None or surface.loose or face is None or not any(seat.kind in ("part", "ball") for seat in seats):
         return []
     row, column = np.nonzero(tag.ink)
     cells = np.stack([(column + 0.5) / tag.cells - 0.5, 0.5 - (row + 0.5) / tag.cells], axis=-1)
     rotation, shift = motion
-    seen = surface.look(1e3 * (tag.side * cells + tag.center) @ rotation.T + shift)[0]
-    if (seen != plate_of(surface)).any():
+    seen, heights, _ = surface.look(1e3 * (tag.side * cells + tag.center) @ rotation.T + shift)
+    if (seen != plate_of(surface)).any() or (heights > face.z - FLUSH).any():
         return []
     return [Finding("tag", "the tag has no inlays: its pockets are empty", WHOLE)]
 
@@ -314,7 +317,8 @@ def _layers(marker: Marker, surface: Surface, seats: list[Seat], tolerance: floa
     found, wanted = face.z - back.z, 1e3 * marker.substrate.thickness
     findings = []
     if abs(found - wanted) > tolerance:
-        findings.append(Finding("thickness", f"the plate is {found:.5g} mm thick, not {wanted:.6g} mm", AGAIN))
+        said = f"the plate is {found:.5g} mm thick, where marker.json says {wanted:.6g} mm"
+        findings.append(Finding(REMARK, said))
     rise = {point.id: 1e3 * point.z for point in marker.control_points}
     flat = [seat.height - rise[seat.name] for seat in seats if seat.kind in ("part", "floor", "flush")]
     if len(flat) >= 3 and np.ptp(flat) < tolerance and abs(off := face.z - float(np.median(flat))) > tolerance:

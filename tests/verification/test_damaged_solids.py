@@ -185,7 +185,6 @@ DAMAGES = {
         "a hole at x 40, y 40 mm that the marker does not have",
         marker=plate(holes=(*HOLES, Hole(0.04, 0.04, 0.004))),
     ),
-    "a thinner plate": Damage("thickness", "the plate is 3 mm thick, not 4 mm", marker=plate(thickness=0.003)),
     "the plate missing": Damage("part", "the plate is missing", (*NAMED, *CAD), parts=one("plate", lambda _: None)),
     "the plate raised": Damage(
         "height",
@@ -266,6 +265,14 @@ def test_damage_is_named(marker, parts, tmp_path, name, suffix):
     check = verify(marker, written(path, damage.parts(parts(damage.marker(marker), damage.process, suffix))))
     said = [str(finding) for finding in check.findings if finding.kind == damage.kind]
     assert any(damage.said in each for each in said), check.findings
+
+
+def test_another_thickness_is_told_and_no_error(marker, parts, tmp_path):
+    """`export --thickness` makes such a plate."""
+    thinner = replace(marker, substrate=replace(marker.substrate, thickness=0.003))
+    check = verify(marker, written(tmp_path / "a.stl", parts(thinner, FABRICATION, ".stl")))
+    assert check.passed
+    assert "the plate is 3 mm thick, where marker.json says 4 mm" in check.notes
 
 
 @pytest.mark.parametrize("suffix", EVERY)
