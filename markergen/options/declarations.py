@@ -256,8 +256,8 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         str,
         Option(
             DOTS,
-            "A family of markers with one layout and these ids instead of the tag's own: 0-9, or 0,3,7; on pages of one "
-            ".pdf, with <stem>-<id>.json for each.",
+            "A family of markers with one layout and these ids instead of the tag's own: 0-9, or 0,3,7; on pages of "
+            "one .pdf, with <stem>-<id>.json for each.",
             metavar="LIST",
         ),
     ]
