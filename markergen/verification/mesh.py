@@ -1,7 +1,6 @@
 """Read meshes in a child process and reduce them to a plan view: shells, level faces, circles, balls."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 from markergen.errors import InputError
 from markergen.guard import MOST_TRIANGLES, Content, in_child, start_child
 from markergen.model.marker import Marker
+from markergen.read.meshes import MeshObject
 from markergen.verification.reading import READERS, Reading
 from markergen.verification.solids import level_face, reading_of
 from markergen.verification.surface import (
@@ -49,35 +49,6 @@ MOST_PARTS, MOST_LEVEL, MOST_SHARED = 20_000, 100_000, 200_000
 """Maximum numbers of shells, of level faces, and of triangles' sides at edges where more than two triangles meet."""
 
 
-@dataclass(frozen=True, eq=False)
-class Triangles:
-    """Triangles of one object of a file, in mm, with z pointing out of the printed face.
-
-    Attributes
-    ----------
-    corners : array (m, 3, 3)
-        Counterclockwise seen from outside.
-    name : str
-    color : (red, green, blue) or None
-    paints : array (m,) of int
-        Index of each triangle's own color in `palette`, or -1 for the object's color.
-    palette : sequence of colors
-    tool : str
-        Number of the extruder that prints it, if the file has it.
-    """
-
-    corners: Array
-    name: str = ""
-    color: Color | None = None
-    paints: NDArray[np.int64] | None = None
-    palette: Sequence[Color] = ()
-    tool: str = ""
-
-    def mapped(self, matrix: Array) -> "Triangles":
-        """Map linearly by a matrix (3, 3) of positive determinant."""
-        return replace(self, corners=self.corners @ matrix.T)
-
-
 @READERS.register(".stl")
 def read_stl(data: bytes, name: str, marker: Marker) -> Reading:
     """Read the triangles of an STL in mm."""
@@ -100,7 +71,7 @@ def _read(kind: str, data: bytes, name: str, marker: Marker) -> Reading:
     return reading_of(kind, surface_of(triangles_of(kind, data, name), name), marker)
 
 
-def triangles_of(kind: str, data: bytes, name: str) -> list[Triangles]:
+def triangles_of(kind: str, data: bytes, name: str) -> list[MeshObject]:
     """Read the objects of a mesh in a child process; raises InputError if it is not a complete one."""
     start_child(PARSERS, "mesh")
     # Imported early, to load while the child starts.
@@ -112,11 +83,13 @@ def triangles_of(kind: str, data: bytes, name: str) -> list[Triangles]:
     for k, each in enumerate(values["objects"]):
         color, palette = each["color"], [(red, green, blue) for red, green, blue in each["palette"]]
         corners, paints = arrays[f"corners{k}"].astype(float), arrays.get(f"paints{k}")
-        objects.append(Triangles(corners, each["name"], tuple(color) if color else None, paints, palette, each["tool"]))
+        objects.append(
+            MeshObject(corners, each["name"], tuple(color) if color else None, paints, palette, each["tool"])
+        )
     return objects
 
 
-def surface_of(objects: Sequence[Triangles], name: str) -> Surface:
+def surface_of(objects: Sequence[MeshObject], name: str) -> Surface:
     """Surface of the objects of a file, with each shell as a separate part.
 
     Raises
@@ -149,7 +122,7 @@ def surface_of(objects: Sequence[Triangles], name: str) -> Surface:
     return Surface(tuple(parts), views, mapped)
 
 
-def _widest(objects: Sequence[Triangles]) -> list[Array]:
+def _widest(objects: Sequence[MeshObject]) -> list[Array]:
     """Unit normals of the largest area of parallel triangles, and the opposite one: the two faces of a plate."""
     areas = np.concatenate([np.cross(each.corners[:, 1] - each.corners[:, 0], each.corners[:, 2] - each.corners[:, 0])
                             for each in objects])  # fmt: skip
@@ -167,7 +140,7 @@ def _widest(objects: Sequence[Triangles]) -> list[Array]:
     return [way, -way]
 
 
-def _parts(each: Triangles, most: int, name: str) -> list[SolidPart]:
+def _parts(each: MeshObject, most: int, name: str) -> list[SolidPart]:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

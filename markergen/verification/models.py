@@ -15,7 +15,8 @@ from markergen.errors import InputError, brief
 from markergen.guard import Content, check_size
 from markergen.guard import read as read_content
 from markergen.model.marker import Marker
-from markergen.verification.mesh import Triangles, surface_of, triangles_of
+from markergen.read.meshes import MeshObject
+from markergen.verification.mesh import surface_of, triangles_of
 from markergen.verification.reading import READERS, Reading
 from markergen.verification.solids import reading_of
 from markergen.verification.surface import Color
@@ -86,7 +87,7 @@ def _read(
     colors = [each.color for each in shown]
     widths = [float(np.ptp(each[..., 0])) if len(each) else 0.0 for each in corners]
     color = colors[int(np.argmax(widths))]
-    whole = Triangles(np.concatenate(corners), color=color, paints=paints, palette=colors)
+    whole = MeshObject(np.concatenate(corners), color=color, paints=paints, palette=colors)
     read = reading_of(kind, surface_of([whole], name), marker)
     return replace(read, placed=True, flaws=(*_pose_flaws(shown), *flaws, *read.flaws))
 

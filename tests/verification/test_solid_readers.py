@@ -21,10 +21,11 @@ from markergen.exporters.meshes import VOLUMES
 from markergen.exporters.saving import save
 from markergen.geometry.contour import area
 from markergen.model.fabrication import Fabrication
+from markergen.read.meshes import MeshObject
 from markergen.solid.processes import parts_of
 from markergen.verification import step, verify
 from markergen.verification.check import verify_all
-from markergen.verification.mesh import Triangles, surface_of
+from markergen.verification.mesh import surface_of
 from markergen.verification.step import read_brep, read_step
 from markergen.verification.surface import Ball, LevelFace, SolidPart, Surface, edge_of
 
@@ -281,11 +282,11 @@ def test_shells_of_a_mesh_are_told_apart_where_they_touch():
         matrix = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
         some = rng.permutation(corners @ matrix.T)
         # The same corner is the same number in every triangle.
-        surface = surface_of([Triangles(np.round(some, 6))], "boxes")
+        surface = surface_of([MeshObject(np.round(some, 6))], "boxes")
         assert sorted(part.volume for part in surface.parts) == pytest.approx([4, 4, 4], rel=1e-5)
         assert all(part.closed and part.valid for part in surface.parts)
         assert sorted(len(part.faces) for part in surface.parts) == [1, 1, 1]
-    inside_out = surface_of([Triangles(corners[:12, ::-1])], "box")
+    inside_out = surface_of([MeshObject(corners[:12, ::-1])], "box")
     assert [(part.closed, part.valid) for part in inside_out.parts] == [(True, False)]
-    opened = surface_of([Triangles(corners[1:12])], "box")
+    opened = surface_of([MeshObject(corners[1:12])], "box")
     assert not opened.parts[0].closed

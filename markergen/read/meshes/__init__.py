@@ -4,7 +4,8 @@ GLB and 3MF are parsed here, not by trimesh: it would unpack whatever a file dec
 colors of base materials, which distinguish a dot from the plate, and take as long to import as most files take to read.
 """
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,14 +30,18 @@ class MeshObject(NamedTuple):
     color : (red, green, blue) or None
     paints : array (m,) of int
         Index of each triangle's own color in `palette`, or -1 for the object's color.
-    palette : list of colors
+    palette : sequence of colors
     tool : str
         Number of the extruder that prints it, if the file has it.
     """
 
-    corners: NDArray[np.floating]
+    corners: NDArray[Any]
     name: str = ""
     color: Color | None = None
     paints: NDArray[np.int64] | None = None
-    palette: list[Color] = []  # noqa: RUF012  (never changed)
+    palette: Sequence[Color] = ()
     tool: str = ""
+
+    def mapped(self, matrix: NDArray[np.floating]) -> "MeshObject":
+        """Map linearly by a matrix (3, 3) of positive determinant."""
+        return self._replace(corners=self.corners @ matrix.T)
