@@ -44,6 +44,11 @@ class Blobs:
         return len(self.center)
 
 
+def as_dark(image: Image, light: bool) -> Image:
+    """Return an image with dark dots: unchanged, or, if they are light, the highest grey level of its type minus it."""
+    return ~image if light else image
+
+
 def detect_dots(image: Image) -> Blobs:
     """Find dark elliptic dots on a lighter ground.
 
