@@ -1,6 +1,7 @@
 """Connected components of dark pixels, at all sizes: what could be a dot, by area and second moments alone."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,8 +81,9 @@ class Components:
 
     def take(self, index: NDArray[np.bool_] | Indices) -> "Components":
         """Return a subset."""
-        values = (getattr(self, field.name) for field in fields(self))
-        return Components(*(value[index] if isinstance(value, np.ndarray) else value for value in values))
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        rows: dict[str, Any] = {name: each[index] for name, each in values.items() if isinstance(each, np.ndarray)}
+        return replace(self, **rows)
 
 
 def find_components(image: Image) -> Components:
@@ -111,9 +113,7 @@ def find_components(image: Image) -> Components:
         if min(level.shape) < 2 * _MIN_SIDE:
             break
         scale, level = 2 * scale, np.asarray(_shrunk(level, 2), dtype=np.uint8)
-    return _shaped(
-        np.concatenate(found), np.concatenate(scales), np.concatenate(shapes), range_ / 255, coarsest
-    )
+    return _shaped(np.concatenate(found), np.concatenate(scales), np.concatenate(shapes), range_ / 255, coarsest)
 
 
 def _shaped(found: Integers, scale: Integers, shape: Integers, unit: float, coarsest: int) -> Components:
@@ -130,7 +130,7 @@ def _shaped(found: Integers, scale: Integers, shape: Integers, unit: float, coar
     shift = (factor - 1) / 2
     box = found[good, 6:10]
     limit = shape[good, ::-1] - 1
-    border = ((box[:, :2] <= 0) | (box[:, 2:] >= limit)).any(axis=1)
+    border = np.any((box[:, :2] <= 0) | (box[:, 2:] >= limit), axis=1)
     center = np.stack([x[good] + box[:, 0], y[good] + box[:, 1]], axis=-1)
     spread = np.stack([xx[good], xy[good], xy[good], yy[good]], axis=-1).reshape(-1, 2, 2)
     return Components(
@@ -171,12 +171,12 @@ def _dark_components(image: Eight, step: int, least: int) -> Integers:
     Returns
     -------
     array (k, 11)
-        Pixels; sums of x, y, x^2, xy, y^2 relative to its box; the box's left, top, right and bottom; place of the first
-        pixel.
+        Pixels; sums of x, y, x^2, xy, y^2 relative to its box; the box's left, top, right and bottom; place of the
+        first pixel.
     """
     import cv2
 
-    height, width = image.shape
+    width = image.shape[1]
     mean = cv2.blur(image, (_WINDOW, _WINDOW), borderType=cv2.BORDER_REPLICATE)
     dark = cv2.threshold(cv2.subtract(mean, image), step, 1, cv2.THRESH_BINARY)[1]
     labels, stats = cv2.connectedComponentsWithStats(dark, connectivity=8)[1:3]
@@ -208,7 +208,7 @@ def _dark_components(image: Eight, step: int, least: int) -> Integers:
     s = first + last - 2 * left[of]
 
     def total(values: Integers) -> Array:
-        return np.bincount(of, values, len(stats))
+        return np.asarray(np.bincount(of, values, len(stats)), dtype=float)
 
     sums = [
         total(n * s) / 2, total(n * y), total(n * (3 * s * s + n * n - 1)) / 12, total(n * s * y) / 2, total(n * y * y),

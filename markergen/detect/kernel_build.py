@@ -44,9 +44,10 @@ def build(folder: Path | None = None) -> Path:
         If there is no compiler, or it fails: the message is one line. An older library stays.
     """
     target = (folder or SOURCE.parent) / LIBRARY
-    compiler = shlex.split(os.environ.get("CC", "")) or [
-        path for path in map(shutil.which, ("cc", "gcc", "clang")) if path
-    ][:1]
+    compiler = (
+        shlex.split(os.environ.get("CC", ""))
+        or [path for path in map(shutil.which, ("cc", "gcc", "clang")) if path][:1]
+    )
     if not compiler:
         raise OSError("no C compiler found: none of cc, gcc and clang, and CC is not set")
     with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
