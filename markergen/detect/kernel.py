@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from markergen.detect.kernel_build import LIBRARY, SOURCE, build, digest
 
+Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Eight = NDArray[np.uint8]
 
@@ -58,6 +59,8 @@ def _declare(loaded: ctypes.CDLL) -> None:
         address, whole, whole, whole, ctypes.c_int, whole, address, whole,
     ]  # fmt: skip
     loaded.dark_components.restype = whole
+    loaded.refine_poses.argtypes = [whole, whole, *[address] * 7, whole, ctypes.c_double, address]
+    loaded.refine_poses.restype = ctypes.c_int
 
 
 def dark_components(image: Eight, step: int, least: int) -> Integers:
@@ -92,6 +95,45 @@ def dark_components(image: Eight, step: int, least: int) -> Integers:
         if count <= capacity:
             return found[:count]
         capacity = count
+
+
+def refine_poses(
+    points: Array,
+    radii: Array,
+    seen: Array,
+    weight: Array,
+    rotation: Array,
+    translation: Array,
+    steps: int,
+    tolerance: float,
+    damping: tuple[float, ...],
+) -> tuple[Array, Array, Array]:
+    """Refine k poses: see kernel.c, and the twin in conic_projection.py.
+
+    Parameters
+    ----------
+    points, radii, seen, weight, rotation, translation, steps, tolerance
+        As for `conic_projection.refine_poses`.
+    damping : tuple
+        Start, least, slack, ridge and factor of the damping.
+    """
+    loaded = library()
+    assert loaded is not None
+    k, n = len(rotation), len(points)
+    fixed = [
+        np.ascontiguousarray(np.broadcast_to(each, shape), dtype=float)
+        for each, shape in ((points, (n, 3)), (radii, (n,)), (seen, (k, n, 2)), (weight, (k, n, 2, 2)))
+    ]
+    refined = [
+        np.array(each, dtype=float, order="C").reshape(k, *shape)
+        for each, shape in ((rotation, (3, 3)), (translation, (3,)))
+    ]
+    chi2 = np.empty(k)
+    schedule = np.array(damping)
+    addresses = [each.ctypes.data for each in (*fixed, *refined, chi2)]
+    if loaded.refine_poses(k, n, *addresses, steps, tolerance, schedule.ctypes.data):
+        raise MemoryError("no memory for residuals")
+    return refined[0], refined[1], chi2
 
 
 def _rows(image: Eight) -> Eight:
