@@ -1,4 +1,4 @@
-"""The compiled part of detection, which is optional: `python -m markergen.detect.kernel` builds it."""
+"""The compiled part of detection, which is optional: `python -m markergen.detect.kernel_build` builds it."""
 
 import ctypes
 import functools
@@ -7,8 +7,6 @@ import sys
 
 import numpy as np
 from numpy.typing import NDArray
-
-from markergen.detect.kernel_build import LIBRARY, SOURCE, build, digest
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -36,9 +34,12 @@ def missing() -> str | None:
 
 @functools.cache
 def _loaded() -> tuple[ctypes.CDLL | None, str | None]:
+    # Not imported with this package, so that it can be run as a module.
+    from markergen.detect.kernel_build import LIBRARY, SOURCE, digest
+
     if os.environ.get(VARIABLE, "").lower() == "off":
         return None, f"detection runs without its compiled part, several times slower: {VARIABLE} is off"
-    remedy = f"with a C compiler, `{os.path.basename(sys.executable)} -m markergen.detect.kernel` builds it"  # noqa: PTH119
+    remedy = f"with a C compiler, `{os.path.basename(sys.executable)} -m markergen.detect.kernel_build` builds it"  # noqa: PTH119
     path = SOURCE.with_name(LIBRARY)
     if not path.is_file():
         return None, f"detection runs without its compiled part, several times slower; {remedy}"
@@ -141,10 +142,3 @@ def _rows(image: Eight) -> Eight:
     if image.dtype != np.uint8 or image.ndim != 2:
         raise ValueError(f"an image of 8 bits is needed, not {image.shape} of {image.dtype}")
     return image if image.strides[1] == 1 and image.strides[0] >= 0 else np.ascontiguousarray(image)
-
-
-if __name__ == "__main__":
-    try:
-        print(f"built {build()}")
-    except OSError as failure:
-        sys.exit(f"the compiled part of detection was not built: {failure}")
