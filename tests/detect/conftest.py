@@ -2,7 +2,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from plain_blobs import plain_blobs
 
+from markergen.detect import kernel
 from markergen.detect.blobs import Blobs
 from markergen.detect.conic_projection import outlines
 from markergen.detect.pose_hypotheses import layout_of
@@ -67,7 +69,7 @@ def look(marker, pose, camera=PAPER_CAMERA, hidden=(), strangers=0, noise=0.02, 
     order = rng.permutation(len(center))
     covariance = np.broadcast_to(noise**2 * np.eye(2), (len(center), 2, 2))
     return Sight(
-        Blobs(center[order], semi[order], angle[order], ring[order], covariance),
+        plain_blobs(center[order], semi[order], angle[order], ring[order], covariance),
         np.concatenate([kept, np.full(strangers, -1)])[order],
         camera.project(marker.xyz, rotation, translation)[0],
         rotation[0],
@@ -101,3 +103,13 @@ def irregular():
 def sight():
     """Blobs of a marker from a pose, without an image: sight(marker, pose, hidden=..., strangers=..., noise=...)."""
     return look
+
+
+@pytest.fixture(params=["compiled", "numpy"])
+def path(request, monkeypatch):
+    """Run a test with the compiled part of detection, if it is there, and without it."""
+    if request.param == "numpy":
+        monkeypatch.setattr(kernel, "library", lambda: None)
+    elif kernel.library() is None:
+        pytest.skip(kernel.missing())
+    return request.param
