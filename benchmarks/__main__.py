@@ -1,9 +1,9 @@
 """Print every quick benchmark: `python -m benchmarks`.
 
 First the times, ours beside a peer or a floor for the same work, with the ratio to the fastest in brackets; then the
-start of an interpreter beside that of numpy; detection beside that of tags and grids; solids beside the CAD kernel alone; the trials of `validate`, whose
-workers are measured together; and how reliably the search finds what is best. What follows
-`python -m benchmarks` goes to pytest, such as `-k descent`. `python -m benchmarks.optima` and the full
+start of an interpreter beside that of numpy; detection beside that of tags and grids; solids beside the CAD kernel
+alone; the trials of `validate`, whose workers are measured together; and how reliably the search finds what is best.
+What follows `python -m benchmarks` goes to pytest, such as `-k descent`. `python -m benchmarks.optima` and the full
 `benchmarks.shapes`, `benchmarks.trials` and `benchmarks.detection` take minutes and are run by name, as are
 `benchmarks.detection_quality`, how accurate and how often wrong detection is, and `benchmarks.detection_photos`.
 """

@@ -227,34 +227,29 @@ def judge(results: Sequence[mg.Found], scene: Scene) -> Verdict:
 
 
 def print_table(title: str, rows: Rows, before: Mapping[str, Mapping[str, Any]] | None = None) -> None:
-    """Print a table; with an earlier run, every cell that it has too as ``before > now``."""
+    """Print a table; with an earlier run, numbers that have changed as ``before > now``."""
     columns = list(dict.fromkeys(name for row in rows.values() for name in row))
     lines = [[title, *columns]]
     for label, row in rows.items():
-        old = (before or {}).get(label, {})
-        lines.append(
-            [label, *(f"{_cell(old[c])} > {_cell(row.get(c))}" if c in old else _cell(row.get(c)) for c in columns)]
-        )
+        now = [_cell(row.get(column)) for column in columns]
+        old = [_cell((before or {}).get(label, {}).get(column)) for column in columns]
+        changed = [
+            a not in ("-", b) and not isinstance(row.get(c), str) for a, b, c in zip(old, now, columns, strict=True)
+        ]
+        lines.append([label, *(f"{a} > {b}" if new else b for a, b, new in zip(old, now, changed, strict=True))])
     widths = [max(len(line[k]) for line in lines) for k in range(len(columns) + 1)]
     for line in lines:
-        cells = [
-            line[0].ljust(widths[0]),
-            *(cell.rjust(width) for cell, width in zip(line[1:], widths[1:], strict=True)),
-        ]
-        print("  ".join(cells).rstrip())
+        cells = (cell.rjust(width) for cell, width in zip(line[1:], widths[1:], strict=True))
+        print("  ".join([line[0].ljust(widths[0]), *cells]).rstrip())
     print(flush=True)
 
 
 def _cell(value: Any) -> str:
     if value is None or value != value:
         return "-"
-    return (
-        f"{value:.3g}"
-        if isinstance(value, float) and abs(value) < 100
-        else f"{value:.0f}"
-        if isinstance(value, float)
-        else str(value)
-    )
+    if isinstance(value, float):
+        return f"{value:.3g}" if abs(value) < 100 else f"{value:.0f}"
+    return str(value)
 
 
 def load_run(path: str | None) -> dict[str, Rows]:
