@@ -30,7 +30,7 @@ _MIN_STEP, _STEP_SIGMA = 6.0, 3.5
 _SMOOTH_ABOVE = 3.0
 """Noise above which the image is smoothed first, grey levels; smoothing closes gaps of a pixel or two."""
 
-_LEAST = 5
+_LEAST = 7
 """Minimum number of pixels."""
 
 _MAX_ELONGATION = 12.0
@@ -179,7 +179,7 @@ def _dark_components(image: Eight, step: int, least: int) -> Integers:
     width = image.shape[1]
     mean = cv2.blur(image, (_WINDOW, _WINDOW), borderType=cv2.BORDER_REPLICATE)
     dark = cv2.threshold(cv2.subtract(mean, image), step, 1, cv2.THRESH_BINARY)[1]
-    labels, stats = cv2.connectedComponentsWithStats(dark, connectivity=8)[1:3]
+    labels, stats = cv2.connectedComponentsWithStats(dark, connectivity=4)[1:3]
     # A column of zeros behind each row ends its last run.
     flat = cv2.copyMakeBorder(dark, 0, 0, 1, 0, cv2.BORDER_CONSTANT, value=0).reshape(-1)
     change = np.flatnonzero(flat[1:] != flat[:-1])
