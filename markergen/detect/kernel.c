@@ -279,6 +279,25 @@ int64_t dark_components(const uint8_t *image, int64_t height, int64_t width, int
 }
 
 /* ------------------------------------------------------------------------------------------------------------------
+   difference_squares: sums of squared differences of neighbors in pieces of 32 pixels of a row
+   (twin: components.py, _difference_squares). width: a multiple of 32; sums (height, width / 32). */
+
+void difference_squares(const uint8_t *image, int64_t height, int64_t width, int64_t stride, int64_t *sums)
+{
+    enum { PIECE = 32 };
+    for (int64_t y = 0; y < height; y++)
+        for (int64_t x = 0; x < width; x += PIECE) {
+            const uint8_t *p = image + y * stride + x;
+            int32_t sum = 0;
+            for (int i = 0; i < PIECE - 1; i++) {
+                const int16_t difference = (int16_t)(p[i + 1] - p[i]);
+                sum += difference * difference;
+            }
+            *sums++ = sum;
+        }
+}
+
+/* ------------------------------------------------------------------------------------------------------------------
    refine_poses: Levenberg-Marquardt on the weighted distances between measured and predicted centers of the ellipses of
    disks (twin: conic_projection.py, EllipseCenters with maths/levenberg_marquardt.py, whose steps these are one by one).
 
