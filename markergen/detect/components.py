@@ -35,12 +35,12 @@ _LEAST = 7
 _MAX_ELONGATION = 12.0
 _MAX_HOLLOW = 1.0
 _HOLLOW_LEAST, _HOLLOW_GROWTH = 0.25, 0.04
-"""Maximum of k^2, where k is the size of the hole relative to the outline: at all, and for small ones, plus a growth per
-pixel of the outline's mean semi-axis. Thin lines that are not closed have more; the blurred holes of small rings fill up."""
+"""Maximum of k^2, where k is the size of the hole relative to the outline: at all, and for small ones, with its growth
+per pixel of the mean semi-axis. Thin lines that are not closed have more; the blurred holes of small rings fill up."""
 
 _BOX_PX, _BOX_SHARE = 0.5, 0.12
-"""Maximum distance of the box's sides from those of the outline, px and as a share of its half width. Disks and bands with
-a fifth of their outline hidden have less, squares up to 0.22."""
+"""Maximum distance of the box's sides from the outline's, px and as a share of its half width. Disks and bands with a
+fifth of their outline hidden have less, squares up to 0.22."""
 
 _PIECE = 32
 _PIECE_ROWS = 64
@@ -97,7 +97,7 @@ def find_components(image: Image) -> Components:
     coarsest = 1
     while image.size > _MAX_PIXELS * coarsest**2:
         coarsest *= 2
-    scale, level = coarsest, _eight_bits(_shrunk(image, coarsest), low, range_)
+    level = _eight_bits(_shrunk(image, coarsest), low, range_)
     found, levels = [], []
     while True:
         found.append(_of_level(level))
@@ -108,8 +108,8 @@ def find_components(image: Image) -> Components:
     center, spread, index = _dots(np.concatenate(found))
     finest = coarsest.bit_length() - 1
     of_level = np.repeat(np.arange(finest, finest + len(levels)), list(map(len, found)))[index]
-    scale = np.ldexp(1.0, of_level)[:, None]
-    center, spread = scale * center + (scale - 1) / 2, scale[..., None] ** 2 * spread
+    side = np.ldexp(1.0, of_level)[:, None]
+    center, spread = side * center + (side - 1) / 2, side[..., None] ** 2 * spread
     return Components(center, spread, of_level, low, range_ / 255, tuple(levels), coarsest)
 
 
@@ -254,7 +254,7 @@ def grey_noise(image: Image) -> float:
     """
     pieces = image[:: max(8, len(image) // _PIECE_ROWS), : image.shape[1] // _PIECE * _PIECE]
     if kernel.library() is not None and pieces.dtype == np.uint8:
-        sums = kernel.difference_squares(pieces)
+        sums = kernel.difference_squares(np.asarray(pieces, dtype=np.uint8))
     else:
         sums = _difference_squares(pieces)
     # Saturated pieces show no noise.

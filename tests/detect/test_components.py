@@ -30,8 +30,8 @@ def scene(dots, shape=(240, 320), light=190, dark=50, noise=2.0, blur=0.7, seed=
 def nearest(found, center, semi):
     """Distance and relative error of the semi-axes, beyond what blur may add, of the component most like an ellipse.
 
-    A threshold little below the mean of the surroundings lets dots grow by the width of their blurred edge, which is less
-    than a pixel of the component's level.
+    A threshold little below the mean of the surroundings lets dots grow by the width of their blurred edge, which is
+    less than a pixel of the component's level.
     """
     outline = np.sqrt(np.linalg.eigvalsh(found.spread))[:, ::-1]
     beyond = np.maximum(np.abs(outline - semi) - 0.9 * 2.0 ** found.level[:, None], 0)

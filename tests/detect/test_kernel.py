@@ -34,7 +34,9 @@ def test_what_was_built_is_used_and_what_was_built_of_another_source_is_not(buil
     assert {path.name for path in built.parent.iterdir()} == {built.name, "kernel.c"}
 
 
-@pytest.mark.parametrize(("content", "said"), [(None, "without its compiled part,"), (b"no library", "cannot be loaded")])
+@pytest.mark.parametrize(
+    ("content", "said"), [(None, "without its compiled part,"), (b"no library", "cannot be loaded")]
+)
 def test_what_is_not_there_or_no_library_is_told_in_one_line(tmp_path, monkeypatch, content, said):
     monkeypatch.delenv(kernel.VARIABLE, raising=False)
     monkeypatch.setattr(kernel_build, "SOURCE", tmp_path / "kernel.c")
