@@ -1,4 +1,4 @@
-"""Tracking: the markers of the frame before, sought where they were; any doubt is left to a search of the whole frame."""
+"""Tracking: markers are sought where they were in the frame before; doubt is left to a search of the whole frame."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +15,6 @@ from markergen.detect.ellipse_fit import fit_blobs
 from markergen.detect.fiducials import CONFIRMS, NO_TAGS, Sightings, look_for_tags
 from markergen.detect.identification import EDGE_PX, Search, ambiguity, search
 from markergen.detect.labeling_hypotheses import LEAST_DOTS, Planes, Poses
-from markergen.detect.pose_hypotheses import DotLayout
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
 from markergen.model.tag import Tag
@@ -43,7 +42,7 @@ _NEAR, _NEAR_PX = 0.3, 1.0
 its place by the affine map that fits all of them."""
 
 _TAG_QUIET, _TAG_MARGIN, _TAG_PX = 0.6, 0.25, 160.0
-"""Of a tag's window, in sides of the tag: its quiet zones, at most, and the margin for motion; maximum side in it, px."""
+"""Of a tag's window, in its sides: quiet zones, at most, and the margin for motion; maximum side of the tag, px."""
 
 
 def track(
@@ -70,7 +69,7 @@ def track(
     """
     height, width = frame.shape[:2]
     eye = camera or made_up_camera(width, height)
-    found = []
+    found = list[Detection]()
     for each in near:
         again = _again(frame, each, sought, eye, camera is not None, errors)
         if again is None or any(_same_place(again, other) for other in found):
@@ -88,9 +87,7 @@ def _again(
     predicted = None if model is None else _predicted(model.outlines(layout), camera)
     if model is None or predicted is None:
         return None
-    blobs = _dots(frame, predicted)
-    if len(blobs) < LEAST_DOTS:
-        return None
+    blobs, _ = _dots(frame, predicted)
     ellipses = undo_lens(blobs, camera)
     if len(ellipses) < LEAST_DOTS:
         return None
@@ -108,8 +105,8 @@ def _again(
 def _doubtful(result: Search, index: int, sought: Sought) -> bool:
     """Return whether the labels may be others, or the marker another one of those sought."""
     # Dots of another labeling may be outside of the windows.
-    blind = replace(result, missing=np.zeros_like(result.missing))
-    if ambiguity(blind):
+    alone = result.alone and replace(result.alone, missing=np.zeros_like(result.alone.missing))
+    if ambiguity(replace(result, missing=np.zeros_like(result.missing), alone=alone)):
         return True
     alike = sum(layout is sought.layouts[index] for layout in sought.layouts) > 1
     return alike and result.tags[0] != CONFIRMS
@@ -127,10 +124,13 @@ class _Predicted:
 
     Attributes
     ----------
+    dots : array (n,) of int
+        Which of the marker's dots they are.
     center : array (n, 2), px of the image as taken
     semi : array (n, 2), px, longest first
     """
 
+    dots: Indices
     center: Array
     semi: Array
 
@@ -138,8 +138,10 @@ class _Predicted:
 def _model(before: Detection, camera: Camera, calibrated: bool) -> Poses | Planes | None:
     """Return the pose of the frame before, or without a camera the homography, to normalized coordinates."""
     if calibrated:
-        return before.pose and Poses(before.pose.rotation[None], before.pose.translation[None])
-    return None if before.homography is None else Planes(np.linalg.solve(camera.matrix, before.homography)[None])
+        return None if before.pose is None else Poses(before.pose.rotation[None], before.pose.translation[None])
+    if before.homography is None:
+        return None
+    return Planes(np.asarray(np.linalg.solve(camera.matrix, before.homography)[None], dtype=float))
 
 
 def _predicted(drawn: Outlines, camera: Camera) -> _Predicted | None:
@@ -156,11 +158,11 @@ def _predicted(drawn: Outlines, camera: Camera) -> _Predicted | None:
     values = np.linalg.eigvalsh(stretch @ drawn.shape[0, usable] @ stretch.swapaxes(-1, -2))
     if not np.isfinite(values).all() or not (values > 0).all():
         return None
-    return _Predicted(center[usable], np.sqrt(values[:, ::-1]))
+    return _Predicted(np.flatnonzero(usable), center[usable], np.sqrt(values[:, ::-1]))
 
 
-def _dots(frame: NDArray[Any], predicted: _Predicted) -> Blobs:
-    """Return the dots, fitted, that moved together from where they are predicted; at most one for each of those."""
+def _dots(frame: NDArray[Any], predicted: _Predicted) -> tuple[Blobs, Indices]:
+    """Return blobs, fitted, that moved together from where dots are predicted, and which of the marker's each is."""
     diameter = 2 * predicted.semi[:, 0]
     margin = np.maximum(_LEAST_MARGIN, diameter)
     factor = np.maximum(diameter // _COARSE_PX, 1).astype(int)
@@ -171,8 +173,9 @@ def _dots(frame: NDArray[Any], predicted: _Predicted) -> Blobs:
     blobs, owner = blobs.take(alike), owner[alike]
     chosen = _moved_together(blobs.center, owner, predicted.center, diameter)
     blobs, owner = blobs.take(chosen), owner[chosen]
+    dots = predicted.dots[owner]
     if len(blobs) < LEAST_DOTS:
-        return blobs
+        return blobs, dots
     if (factor > 1).any():
         diameter = 2 * blobs.semi[:, 0]
         factor = np.ceil(diameter / _FINE_PX).astype(int)
@@ -184,9 +187,8 @@ def _dots(frame: NDArray[Any], predicted: _Predicted) -> Blobs:
         order = order[away[order] < 1]
         _, first = np.unique(owner[order], return_index=True)
         blobs, owner = fine.take(order[first]), owner[order[first]]
-        if len(blobs) < LEAST_DOTS:
-            return blobs
-    return windows.fit(blobs, owner)
+        dots = dots[owner]
+    return windows.fit(blobs, owner), dots
 
 
 def _moved_together(center: Array, owner: Indices, predicted: Array, diameter: Array) -> Indices:
@@ -206,7 +208,7 @@ def _moved_together(center: Array, owner: Indices, predicted: Array, diameter: A
     if len(center) < LEAST_DOTS:
         return none
     order = np.argsort(owner, kind="stable")
-    places, start = np.unique(owner[order], return_index=True)
+    start = np.unique(owner[order], return_index=True)[1]
     offset = (center - predicted[owner])[order]
 
     def nearest(away: Array) -> tuple[Array, Indices]:
@@ -304,7 +306,7 @@ def _look(frame: NDArray[Any], center: Array, width: Array, factor: Indices, ave
     side = max(_LEAST_SIDE, int(np.ceil((width / factor).max())) + 1)
     height, breadth = frame.shape[:2]
     first = np.rint(center - factor[:, None] * (side - 1) / 2).astype(int)
-    tiles = []
+    tiles = list[Any]()
     for (x, y), step in zip(first.tolist(), factor.tolist(), strict=True):
         reach, stride = side * step, 1 if average else step
         if x >= 0 and y >= 0 and x + reach <= breadth and y + reach <= height:
