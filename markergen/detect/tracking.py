@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.blobs import Blobs, Image, undo_lens
+from markergen.detect.blobs import Blobs, Image, as_dark, undo_lens
 from markergen.detect.candidates import find_blobs
 from markergen.detect.conic_projection import Outlines
 from markergen.detect.detection import Detection, Sought, finish, made_up_camera
@@ -17,7 +17,7 @@ from markergen.detect.identification import EDGE_PX, Search, ambiguity, search
 from markergen.detect.labeling_hypotheses import LEAST_DOTS, Planes, Poses
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
-from markergen.model.tag import Tag
+from markergen.model.marker import Marker
 from markergen.read.images import grey_frame
 
 Array = NDArray[np.float64]
@@ -87,11 +87,11 @@ def _again(
     predicted = None if model is None else _predicted(model.outlines(layout), camera)
     if model is None or predicted is None:
         return None
-    blobs, _ = _dots(frame, predicted)
+    blobs, _ = _dots(frame, predicted, marker.light)
     ellipses = undo_lens(blobs, camera)
     if len(ellipses) < LEAST_DOTS:
         return None
-    tags = _tags(frame, model, marker.tag, sought, camera)
+    tags = _tags(frame, model, marker, sought, camera)
     result = search(ellipses, layout, camera, calibrated, errors.print_sigma, marker.tag, tags)
     if result.reason or _doubtful(result, before.marker, sought):
         return None
@@ -108,7 +108,9 @@ def _doubtful(result: Search, index: int, sought: Sought) -> bool:
     alone = result.alone and replace(result.alone, missing=np.zeros_like(result.alone.missing))
     if ambiguity(replace(result, missing=np.zeros_like(result.missing), alone=alone)):
         return True
-    alike = sum(layout is sought.layouts[index] for layout in sought.layouts) > 1
+    marker, layout = sought.markers[index], sought.layouts[index]
+    pairs = zip(sought.markers, sought.layouts, strict=True)
+    alike = sum(other is layout and each.light == marker.light for each, other in pairs) > 1
     return alike and result.tags[0] != CONFIRMS
 
 
@@ -161,12 +163,12 @@ def _predicted(drawn: Outlines, camera: Camera) -> _Predicted | None:
     return _Predicted(np.flatnonzero(usable), center[usable], np.sqrt(values[:, ::-1]))
 
 
-def _dots(frame: NDArray[Any], predicted: _Predicted) -> tuple[Blobs, Indices]:
+def _dots(frame: NDArray[Any], predicted: _Predicted, light: bool) -> tuple[Blobs, Indices]:
     """Return blobs, fitted, that moved together from where dots are predicted, and which of the marker's each is."""
     diameter = 2 * predicted.semi[:, 0]
     margin = np.maximum(_LEAST_MARGIN, diameter)
     factor = np.maximum(diameter // _COARSE_PX, 1).astype(int)
-    windows = _look(frame, predicted.center, diameter + 2 * margin, factor, average=False)
+    windows = _look(frame, predicted.center, diameter + 2 * margin, factor, light)
     blobs, owner = windows.find()
     size = np.log(np.sqrt(blobs.semi.prod(axis=-1)) / np.sqrt(predicted.semi.prod(axis=-1))[owner])
     alike = np.abs(size) < np.log(_SIZE_RATIO)
@@ -179,7 +181,7 @@ def _dots(frame: NDArray[Any], predicted: _Predicted) -> tuple[Blobs, Indices]:
     if (factor > 1).any():
         diameter = 2 * blobs.semi[:, 0]
         factor = np.ceil(diameter / _FINE_PX).astype(int)
-        windows = _look(frame, blobs.center, diameter + 2 * _BAND * factor, factor, average=True)
+        windows = _look(frame, blobs.center, diameter + 2 * _BAND * factor, factor, light, average=True)
         fine, owner = windows.find()
         away = np.linalg.norm(fine.center - blobs.center[owner], axis=-1) / (0.2 * diameter[owner] + 1)
         # The nearest to the middle of each window.
@@ -291,7 +293,9 @@ class _Windows:
         )
 
 
-def _look(frame: NDArray[Any], center: Array, width: Array, factor: Indices, average: bool) -> _Windows:
+def _look(
+    frame: NDArray[Any], center: Array, width: Array, factor: Indices, light: bool, average: bool = False
+) -> _Windows:
     """Cut windows out of a frame and convert them to grey; beyond its edge, its last pixels are repeated.
 
     Parameters
@@ -300,6 +304,8 @@ def _look(frame: NDArray[Any], center: Array, width: Array, factor: Indices, ave
         Middle and minimum side.
     factor : array (n,) of int
         Every how many pixels are taken, or averaged.
+    light : bool
+        True for light dots, which become dark.
     """
     import cv2
 
@@ -314,7 +320,7 @@ def _look(frame: NDArray[Any], center: Array, width: Array, factor: Indices, ave
         else:
             rows, columns = (np.arange(start, start + reach, stride) for start in (y, x))
             tile = frame[np.clip(rows, 0, height - 1)[:, None], np.clip(columns, 0, breadth - 1)]
-        grey = grey_frame(tile)
+        grey = as_dark(grey_frame(tile), light)
         if average and step > 1:
             grey = np.asarray(cv2.resize(grey, (side, side), interpolation=cv2.INTER_AREA))
         tiles.append(grey)
@@ -322,18 +328,19 @@ def _look(frame: NDArray[Any], center: Array, width: Array, factor: Indices, ave
     return _Windows(np.concatenate(tiles), origin, factor, np.array([breadth, height]))
 
 
-def _tags(frame: NDArray[Any], model: Poses | Planes, tag: Tag | None, sought: Sought, camera: Camera) -> Sightings:
+def _tags(frame: NDArray[Any], model: Poses | Planes, marker: Marker, sought: Sought, camera: Camera) -> Sightings:
     """Read the tags near where the marker's own is predicted."""
-    if tag is None:
+    if marker.tag is None:
         return NO_TAGS
     with np.errstate(invalid="ignore"):
-        pixels = camera.to_pixels(model.project(np.column_stack([tag.corners, np.zeros(4)]))[0])
+        pixels = camera.to_pixels(model.project(np.column_stack([marker.tag.corners, np.zeros(4)]))[0])
     if not (np.isfinite(pixels) & (np.abs(pixels) < 1e6)).all():
         return NO_TAGS
     low, high = pixels.min(axis=0), pixels.max(axis=0)
     side = float((high - low).max())
     factor = np.array([int(np.ceil(side / _TAG_PX))])
     width = side * (1 + _TAG_QUIET) + 2 * max(_LEAST_MARGIN, _TAG_MARGIN * side)
-    window = _look(frame, ((low + high) / 2)[None], np.array([width]), factor, average=True)
-    tags = look_for_tags(window.image, sought.families)
+    window = _look(frame, ((low + high) / 2)[None], np.array([width]), factor, marker.light, average=True)
+    own, _ = sought.by_polarity[marker.light]
+    tags = look_for_tags(window.image, own.families)
     return Sightings(tags.names, tags.pixels * factor[0] + window.origin)
