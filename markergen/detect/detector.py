@@ -413,7 +413,7 @@ class Detector:
         They are dark dots, light dots, or both, as the markers have them, the dark ones first. They are not corrected
         for perspective, which would take the pose. Takes and raises the same as `__call__`.
         """
-self._check(frame)
+        self._check(frame)
         grey = grey_frame(frame)
         return np.concatenate([detect_dots(as_dark(grey, light)).center for light in self._sought.by_polarity])
 
