@@ -71,7 +71,10 @@ def track(
     eye = camera or made_up_camera(width, height)
     found = list[Detection]()
     for each in near:
-        again = _again(frame, each, sought, eye, camera is not None, errors)
+        again, hurried = _again(frame, each, sought, eye, camera is not None, errors)
+        if again is not None and hurried:
+            more, _ = _again(frame, again, sought, eye, camera is not None, errors)
+            again = again if more is None or len(more.ids) < len(again.ids) else more
         if again is None or any(_same_place(again, other) for other in found):
             return None
         found.append(again)
@@ -80,26 +83,38 @@ def track(
 
 def _again(
     frame: NDArray[Any], before: Detection, sought: Sought, camera: Camera, calibrated: bool, errors: ErrorSources
-) -> Detection | None:
-    """Find one marker again."""
+) -> tuple[Detection | None, bool]:
+    """Find one marker again; also return whether some of its dots may have left their windows, or entered the image."""
+    lost = None, False
     marker, layout = sought.markers[before.marker], sought.layouts[before.marker]
     model = _model(before, camera, calibrated)
     predicted = None if model is None else _predicted(model.outlines(layout), camera)
     if model is None or predicted is None:
-        return None
+        return lost
     blobs, _ = _dots(frame, predicted, marker.light)
     ellipses = undo_lens(blobs, camera)
     if len(ellipses) < LEAST_DOTS:
-        return None
+        return lost
     tags = _tags(frame, model, marker, sought, camera)
     result = search(ellipses, layout, camera, calibrated, errors.print_sigma, marker.tag, tags)
     if result.reason or _doubtful(result, before.marker, sought):
-        return None
+        return lost
     detection = finish(result, blobs, ellipses, marker, camera, calibrated, errors)
     if not detection.found:
-        return None
+        return lost
     corners = tags.pixels[result.sighting[0]] if result.tags[0] == CONFIRMS else None
-    return replace(detection, marker=before.marker, tag=corners)
+    now = _predicted(result.candidates.predicted.take(np.arange(1)), camera)
+    hurried = now is not None and _hurried(np.flatnonzero(result.blobs < 0), predicted, now)
+    return replace(detection, marker=before.marker, tag=corners), hurried
+
+
+def _hurried(missing: Indices, before: "_Predicted", now: "_Predicted") -> bool:
+    """Return whether missing dots are now where their windows may not have shown them."""
+    looked = np.full((max(before.dots.max(), now.dots.max()) + 1, 2), np.inf)
+    looked[before.dots] = before.center
+    with np.errstate(invalid="ignore"):
+        away = np.linalg.norm(now.center - looked[now.dots], axis=-1) > 0.5 * now.margin
+    return bool((away & np.isin(now.dots, missing)).any())
 
 
 def _doubtful(result: Search, index: int, sought: Sought) -> bool:
@@ -136,6 +151,11 @@ class _Predicted:
     center: Array
     semi: Array
 
+    @property
+    def margin(self) -> Array:
+        """How far (n,) dots may have moved to be seen, px."""
+        return np.maximum(_LEAST_MARGIN, 2 * self.semi[:, 0])
+
 
 def _model(before: Detection, camera: Camera, calibrated: bool) -> Poses | Planes | None:
     """Return the pose of the frame before, or without a camera the homography, to normalized coordinates."""
@@ -166,9 +186,8 @@ def _predicted(drawn: Outlines, camera: Camera) -> _Predicted | None:
 def _dots(frame: NDArray[Any], predicted: _Predicted, light: bool) -> tuple[Blobs, Indices]:
     """Return blobs, fitted, that moved together from where dots are predicted, and which of the marker's each is."""
     diameter = 2 * predicted.semi[:, 0]
-    margin = np.maximum(_LEAST_MARGIN, diameter)
     factor = np.maximum(diameter // _COARSE_PX, 1).astype(int)
-    windows = _look(frame, predicted.center, diameter + 2 * margin, factor, light)
+    windows = _look(frame, predicted.center, diameter + 2 * predicted.margin, factor, light)
     blobs, owner = windows.find()
     size = np.log(np.sqrt(blobs.semi.prod(axis=-1)) / np.sqrt(predicted.semi.prod(axis=-1))[owner])
     alike = np.abs(size) < np.log(_SIZE_RATIO)
