@@ -60,8 +60,12 @@ def _declare(loaded: ctypes.CDLL) -> None:
         address, whole, whole, whole, ctypes.c_int, whole, address, whole,
     ]  # fmt: skip
     loaded.dark_components.restype = whole
+    loaded.elliptic.argtypes = [whole, *[address] * 5]
+    loaded.elliptic.restype = whole
     loaded.difference_squares.argtypes = [address, whole, whole, whole, address]
     loaded.difference_squares.restype = None
+    loaded.disk_outlines.argtypes = [whole, whole, *[address] * 8]
+    loaded.disk_outlines.restype = None
     loaded.refine_poses.argtypes = [whole, whole, *[address] * 7, whole, ctypes.c_double, address]
     loaded.refine_poses.restype = ctypes.c_int
 
@@ -100,6 +104,25 @@ def dark_components(image: Eight, step: int, least: int) -> Integers:
         capacity = count
 
 
+def elliptic(found: Integers, limits: Array) -> tuple[Array, Array, Integers]:
+    """Return centers, spreads and indices of components like ellipses: see kernel.c, and the twin in components.py.
+
+    Parameters
+    ----------
+    found : array (k, 11)
+    limits : array (6,)
+    """
+    loaded = library()
+    assert loaded is not None
+    found = np.ascontiguousarray(found)
+    if found.shape != (len(found), _FIELDS) or found.dtype != np.int64 or limits.shape != (6,):
+        raise ValueError(f"components of {_FIELDS} numbers and 6 limits are needed, not {found.shape}, {limits.shape}")
+    index, center, spread = np.empty(len(found), np.int64), np.empty((len(found), 2)), np.empty((len(found), 2, 2))
+    arrays = found, np.ascontiguousarray(limits, dtype=float), index, center, spread
+    count: int = loaded.elliptic(len(found), *(each.ctypes.data for each in arrays))
+    return center[:count], spread[:count], index[:count]
+
+
 def difference_squares(pieces: Eight) -> Integers:
     """Return the sums of squared differences of neighbors in pieces of 32 px of rows (h, 32 m), an array (h m,)."""
     loaded = library()
@@ -111,6 +134,22 @@ def difference_squares(pieces: Eight) -> Integers:
     sums = np.empty(pieces.size // 32, dtype=np.int64)
     loaded.difference_squares(pieces.ctypes.data, height, width, pieces.strides[0], sums.ctypes.data)
     return sums
+
+
+def disk_outlines(
+    points: Array, radii: Array, rotation: Array, translation: Array
+) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Return centers, images of the middles, shapes and visibility of disks: see kernel.c, and `outlines`."""
+    loaded = library()
+    assert loaded is not None
+    k, n = len(rotation), len(points)
+    given = (
+        _shaped(points, n, 3), _shaped(radii, n), _shaped(rotation, k, 3, 3), _shaped(translation, k, 3),
+    )  # fmt: skip
+    center, point, shape = np.empty((k, n, 2)), np.empty((k, n, 2)), np.empty((k, n, 2, 2))
+    seen = np.empty((k, n), dtype=np.bool_)
+    loaded.disk_outlines(k, n, *(each.ctypes.data for each in (*given, center, point, shape, seen)))
+    return center, point, shape, seen
 
 
 def refine_poses(
@@ -136,10 +175,7 @@ def refine_poses(
     loaded = library()
     assert loaded is not None
     k, n = len(rotation), len(points)
-    fixed = [
-        np.ascontiguousarray(np.broadcast_to(each, shape), dtype=float)
-        for each, shape in ((points, (n, 3)), (radii, (n,)), (seen, (k, n, 2)), (weight, (k, n, 2, 2)))
-    ]
+    fixed = _shaped(points, n, 3), _shaped(radii, n), _shaped(seen, k, n, 2), _shaped(weight, k, n, 2, 2)
     refined = [
         np.array(each, dtype=float, order="C").reshape(k, *shape)
         for each, shape in ((rotation, (3, 3)), (translation, (3,)))
@@ -150,6 +186,12 @@ def refine_poses(
     if loaded.refine_poses(k, n, *addresses, steps, tolerance, schedule.ctypes.data):
         raise MemoryError("no memory for residuals")
     return refined[0], refined[1], chi2
+
+
+def _shaped(values: Array, *shape: int) -> Array:
+    """Return a contiguous array of numbers with this shape."""
+    values = np.ascontiguousarray(values, dtype=float)
+    return values if values.shape == shape else np.ascontiguousarray(np.broadcast_to(values, shape))
 
 
 def _rows(image: Eight) -> Eight:
