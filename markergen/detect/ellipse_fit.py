@@ -104,7 +104,7 @@ class EllipseDescent:
         self.step = np.full(count, np.inf)
         # From the last evaluation of the model:
         self.normal, self.gradient = np.zeros((count, COUNT, COUNT)), np.zeros((count, COUNT))
-        self.sums, self.white = np.zeros((count, SECTORS, 7)), np.zeros(count)
+        self.sums, self.white = np.zeros((count, SECTORS, 8)), np.zeros(count)
         self.tips = np.zeros((2, len(pixels.x)))
         self.weight, self.residual = np.ones(len(pixels.x)), np.zeros(len(pixels.x))
         self.sector = np.zeros(len(pixels.x), dtype=np.intp)
@@ -151,7 +151,7 @@ class EllipseDescent:
             self.normal[dot] = weighted[:, a:b] @ jacobian[:, a:b].T
             self.gradient[dot] = weighted[:, a:b] @ residual[a:b]
         sector = sector_of(direction)
-        self.sums[dots] = sector_sums(owner * SECTORS + sector, slope, model, residual, half).reshape(-1, SECTORS, 7)
+        self.sums[dots] = sector_sums(owner * SECTORS + sector, slope, model, residual, half).reshape(-1, SECTORS, 8)
         self.residual[at], self.silent[at], self.sector[at], self.tips[:, at] = residual, silent, sector, tips
 
     def model(self, dots: Indices, counts: Indices, x: Array, y: Array, tips: Array | None) -> tuple[Array, ...]:

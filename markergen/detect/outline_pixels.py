@@ -107,6 +107,7 @@ _SHIFT_PX, _SHIFT_SHARE, _HEIGHT, _SIGMAS = 0.05, 0.004, 0.3, 4.0
 """Maximum deviations of the edge in a sector: its shift in px, or in blurs if these exceed a px, plus a share of the
 longer semi-axis, for print and lens; its height as a share of the contrast; both plus a multiple of their error."""
 
+RANK = 3
 _EVEN = 4.0
 """Additional multiple if the opposite sector is off as well."""
 
@@ -153,9 +154,10 @@ def sector_of(direction: Array) -> NDArray[np.intp]:
 
 
 def sector_sums(sector: NDArray[np.intp], slope: Array, model: Array, residual: Array, half: Array) -> Array:
-    """Return the sums that `strangeness` takes, over the pixels of each sector: (sectors, 7).
+    """Return the sums that `strangeness` takes, over the pixels of each sector: (sectors, 8).
 
-    They are of 1, slope^2, slope r, r, model, model^2 and model r; in the third, r is clipped at half the contrast.
+    They are of 1, slope^2, slope r, r, model, model^2, model r and r^2; in the third and the last, r is clipped at half
+    the contrast.
 
     Parameters
     ----------
@@ -169,7 +171,7 @@ def sector_sums(sector: NDArray[np.intp], slope: Array, model: Array, residual: 
     """
     limit = np.repeat(half, SECTORS)[sector]
     clipped = np.clip(residual, -limit, limit)
-    terms = None, slope * slope, slope * clipped, residual, model, model * model, model * residual
+    terms = None, slope * slope, slope * clipped, residual, model, model * model, model * residual, clipped * clipped
     return np.stack([np.bincount(sector, term, SECTORS * len(half)) for term in terms], axis=-1)
 
 
@@ -181,12 +183,13 @@ def strangeness(sums: Array, contrast: Array, blur: Array, size: Array, noise: A
 
     Parameters
     ----------
-    sums : array (SECTORS B, 7)
+    sums : array (SECTORS B, 8)
         See `sector_sums`.
     contrast, blur, size, noise : arrays (B,)
         Light minus dark, width of the edge in px, longer semi-axis in px, grey noise.
     """
-    count, information, moved, residual, model, square, product = sums.reshape(-1, SECTORS, 7).transpose(2, 0, 1)
+    count, information, moved, residual, model, square, product, misfit = sums.reshape(-1, SECTORS, 8).transpose(2, 0, 1)
+    noise = np.maximum(noise, np.sqrt(np.sort(misfit / np.maximum(count, 1), axis=-1)[:, RANK]))
     information = np.maximum(information, _TINY)
     shift = moved / information
     # Blur other than the model's moves opposite edges alike, and does not move the center.
