@@ -22,6 +22,10 @@ nothing, and would divide zero by zero."""
 
 _TINY = 1e-12
 
+CONSTANTS = [_SHARP, BOXED, _LEAST_SIDE, _LEAST_LENS, _TINY]
+"""What the compiled fit takes from here, in its order; further below, the quadrature's nodes and weights."""
+QUADRATURE = [*_NODES, *_WEIGHTS]
+
 
 def pixel_edge(depth: Array, normal: tuple[Array, Array], blur: Array) -> tuple[Array, Array, Array]:
     """Return the share of ink that square pixels see of a straight edge through a Gaussian blur, and its derivatives.

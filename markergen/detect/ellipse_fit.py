@@ -1,10 +1,13 @@
 """Fit of dots' ellipses to the grey levels around their outlines, batched."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.detect import edge_psf, kernel
+from markergen.detect import outline_pixels as outline_pixels_
 from markergen.detect.blobs import Blobs
 from markergen.detect.candidates import grey_noise
 from markergen.detect.edge_psf import blurred_ellipse
@@ -40,9 +43,6 @@ left out from the first step below the third on."""
 _STEPS, _ROUNDS = 16, 4
 """Maximum number of steps, and of times that a dot's pixels are chosen anew."""
 
-_FRESH = 0, 2, 5, 8, 11, 14
-"""Steps at which the shape of the tips is computed anew; it is held between them."""
-
 _LONGEST_STEP_PX, _LONGEST_SCALE_STEP = 2.0, 0.1
 _MIN_BLUR, _MAX_BLUR = 0.28, 6.0
 """Range of the blur in px, including the pixel's own area, which alone is 0.29."""
@@ -71,6 +71,12 @@ edges leave 0.08."""
 _MIN_MAJOR_PX, _MAX_ELONGATION, _MAX_SIGMA_PX = 1.0, 10.0, 0.5
 _HOLE_SCALES = 0.15, 0.85
 
+_ROUGH_PX = 0.2
+"""Standard deviation along each axis of the center of a dot whose fit is refused."""
+
+_PER_UNIT = 64
+"""Places of the compiled fit's table of the normal distribution per standard deviation."""
+
 _SATURATION = tuple(2**bits - 1 for bits in range(8, 17))
 
 
@@ -87,15 +93,14 @@ class EllipseDescent:
         Initial values.
     ring : array (B,) of bool
     noise : float, grey levels
-        Noise of plain image areas.
-    top : int
-        The image's highest grey level, to detect saturation.
+        Maximum noise: in a small dot, all pixels are near an edge, and a misfit looks like noise.
+    saturation : float
+        Grey level above which the image shows none.
     """
 
-    def __init__(self, pixels: OutlinePixels, unknowns: Array, ring: Bools, noise: float, top: int) -> None:
+    def __init__(self, pixels: OutlinePixels, unknowns: Array, ring: Bools, noise: float, saturation: float) -> None:
         count = len(unknowns)
-        self.pixels, self.ring, self.image_noise = pixels, ring, noise
-        self.saturation = float(top) if top in _SATURATION else np.inf
+        self.pixels, self.ring, self.most_noise, self.saturation = pixels, ring, noise, saturation
         self.unknowns, self.origin = unknowns.copy(), unknowns[:, CENTER].copy()
         trace, root = _eigenvalues(unknowns)
         self.size = 2 / (trace[:, None] + root[:, None] * [-1, 1])
@@ -122,7 +127,8 @@ class EllipseDescent:
             if not active.any():
                 return
             calm = active & (self.step < _JUDGED_PX)
-            self.evaluate(active, step in _FRESH)
+            # The shape of the tips is computed anew at steps 0, 2, 5...: it is expensive, and changes little between.
+            self.evaluate(active, step == 0 or step % 3 == 2)
             changed = self.leave_out(calm & (rounds < _ROUNDS))
             rounds += changed
             # The equations of those whose pixels changed are not of these pixels.
@@ -194,23 +200,12 @@ class EllipseDescent:
         jacobian[8], jacobian[9] = level * across, level * down
         return level * lit, jacobian, steep, direction, made
 
-    def equations(self, dots: Bools) -> tuple[Array, Array]:
-        """Return normal matrices (k, 13, 13) and gradients (k, 13) of the chosen dots, with their priors."""
-        normal, gradient, ring = self.normal[dots], self.gradient[dots], self.ring[dots]
-        # A disk has no hole to move. If the blur is as wide as a ring's ink, a darker and thinner ring looks the same:
-        # a half is the usual size.
-        normal[:, range(10, COUNT), range(10, COUNT)] += ~ring[:, None]
-        prior = ring * (_SCALE_NOISE * self.contrast[dots] / _SCALE_SIGMA) ** 2
-        normal[:, SCALE, SCALE] += prior
-        gradient[:, SCALE] += prior * (0.5 - self.unknowns[dots, SCALE])
-        return normal, gradient
-
     def move(self, chosen: Bools) -> None:
         """Take the step of the chosen dots, within limits."""
         at = np.flatnonzero(chosen)
         if not len(at):
             return
-        normal, gradient = self.equations(chosen)
+        normal, gradient = _equations(self.normal[at], self.gradient[at], self.unknowns[at], self.ring[at])
         scale = np.maximum(np.einsum("bii->bi", normal), 1e-12) ** -0.5
         scaled = normal * scale[:, :, None] * scale[:, None, :]
         # A ridge of rounding's size keeps the matrices of outlines that are not ellipses from being singular.
@@ -232,6 +227,13 @@ class EllipseDescent:
         self.unknowns[at[sane]] = moved[sane]
         self.step[at] = np.abs(step[:, CENTER]).max(axis=-1)
         self.alive[at[~sane]] = False
+
+    def inverse(self) -> Array:
+        """Return the inverses (B, 13, 13) of the normal matrices with their priors."""
+        normal, _ = _equations(self.normal, self.gradient, self.unknowns, self.ring)
+        scale = np.maximum(np.einsum("bii->bi", normal), 1e-12) ** -0.5
+        scaled = normal * scale[:, :, None] * scale[:, None, :] + 1e-12 * np.eye(COUNT)
+        return np.asarray(np.linalg.inv(scaled) * scale[:, :, None] * scale[:, None, :])
 
     def leave_out(self, chosen: Bools) -> Bools:
         """Give zero weight to foreign pixels and sectors; return for which dots (B,) this changed anything."""
@@ -255,13 +257,13 @@ class EllipseDescent:
         self.alive &= self.left_out.sum(axis=-1) <= _MAX_LEFT_OUT
         return np.asarray(changed & self.alive)
 
-    def complete(self) -> Bools:
+    def complete(self, noise: Array) -> Bools:
         """Return whether (B,) the fit has converged and every edge that was not left out belongs to the dot."""
         owner = self.pixels.owner
         trimmed = (self.weight == 0) & ~self.left_out.ravel()[owner * SECTORS + self.sector]
         count = np.diff(self.pixels.start)
         few = np.bincount(owner, trimmed, len(count)) <= _MAX_TRIMMED * count
-        strange = self.strangeness(self.noise())
+        strange = self.strangeness(noise)
         return np.asarray(self.alive & (self.step < _SETTLED_PX) & few & ((strange <= 1) | self.left_out).all(axis=-1))
 
     def strangeness(self, noise: Array) -> Array:
@@ -269,12 +271,8 @@ class EllipseDescent:
         return strangeness(self.sums, self.contrast, self.unknowns[:, BLUR], self.size[:, 0], noise)
 
     def noise(self) -> Array:
-        """Return the standard deviation (B,) of the grey noise in the band, limited by the image's noise.
-
-        In a small dot, all pixels are near an edge, and a misfit looks like noise.
-        """
-        most = max(_MOST_NOISE * self.image_noise + 0.5, np.sqrt(QUANTIZATION))
-        return np.minimum(white_noise(self.pixels, self.residual), most)
+        """Return the standard deviation (B,) of the grey noise in the band."""
+        return np.minimum(white_noise(self.pixels, self.residual), self.most_noise)
 
     def variance(self) -> Array:
         """Return the variance (B,) of the pixels that count, grey levels squared, at least that of rounding."""
@@ -290,6 +288,32 @@ def _eigenvalues(unknowns: Array) -> tuple[Array, Array]:
     """Return the sum and the difference of M's eigenvalues."""
     m11, m12, m22 = unknowns[:, SHAPE].T
     return m11 + m22, np.sqrt((m11 - m22) ** 2 + 4 * m12 * m12)
+
+
+def _equations(normal: Array, gradient: Array, unknowns: Array, ring: Bools) -> tuple[Array, Array]:
+    """Add the priors to normal matrices (B, 13, 13) and gradients (B, 13)."""
+    normal, gradient = normal.copy(), gradient.copy()
+    # A disk has no hole to move. If the blur is as wide as a ring's ink, a darker and thinner ring looks the same:
+    # a half is the usual size.
+    normal[:, range(10, COUNT), range(10, COUNT)] += ~ring[:, None]
+    prior = ring * (_SCALE_NOISE / _SCALE_SIGMA * (unknowns[:, LIGHT] - unknowns[:, DARK])) ** 2
+    normal[:, SCALE, SCALE] += prior
+    gradient[:, SCALE] += prior * (0.5 - unknowns[:, SCALE])
+    return normal, gradient
+
+
+@dataclass(frozen=True, eq=False)
+class Fits:
+    """Result of B fits: unknowns (B, 13), the inverses of their normal matrices, variance and noise of the grey levels.
+
+    `complete` (B,) tells whether the fit has converged, and every edge that was not left out belongs to the dot.
+    """
+
+    unknowns: Array
+    inverse: Array
+    variance: Array
+    noise: Array
+    complete: Bools
 
 
 def fit_blobs(image: Image, blobs: Blobs) -> Blobs:
@@ -319,24 +343,22 @@ def fit_blobs(image: Image, blobs: Blobs) -> Blobs:
     """
     if not len(blobs):
         return blobs
-    descent = _descent(image, blobs)
-    descent.run()
-    good = _accepted(descent)
-    step, covariance = _shrink_slope(descent, good)
-    unknowns = descent.unknowns + step
+    fits = fit_unknowns(image, blobs)
+    good = _accepted(fits, blobs.ring)
+    step, covariance = _shrink_slope(fits, blobs.ring, good)
+    unknowns = fits.unknowns + step
+    good &= covariance[:, 0, 0] + covariance[:, 1, 1] < _MAX_SIGMA_PX**2
     trace, root = _eigenvalues(unknowns)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        semi = 2 / (trace[:, None] + root[:, None] * [-1, 1])
-    good &= np.einsum("bii->b", covariance) < _MAX_SIGMA_PX**2
-    # M's larger eigenvalue belongs to the shorter axis.
+    # M's smaller eigenvalue belongs to the longer axis.
+    semi = 2 / (trace[:, None] + root[:, None] * [-1, 1])
     angle = 0.5 * np.arctan2(-2 * unknowns[:, 3], unknowns[:, 4] - unknowns[:, 2])
-    wide = blobs.covariance + _REFUSED_PX**2 * np.eye(2)
+    rough = np.maximum((blobs.covariance[:, 0, 0] + blobs.covariance[:, 1, 1]) / 2, _ROUGH_PX**2)[:, None, None] * np.eye(2)
     return replace(
         blobs,
         center=np.where(good[:, None], unknowns[:, CENTER], blobs.center),
         semi=np.where(good[:, None], semi, blobs.semi),
         angle=np.where(good, angle, blobs.angle),
-        covariance=np.where(good[:, None, None], covariance, wide),
+        covariance=np.where(good[:, None, None], covariance, rough),
         light=np.where(good, unknowns[:, LIGHT], blobs.light),
         dark=np.where(good, unknowns[:, DARK], blobs.dark),
         blur=np.where(good, unknowns[:, BLUR], blobs.blur),
@@ -344,10 +366,8 @@ def fit_blobs(image: Image, blobs: Blobs) -> Blobs:
     )
 
 
-_REFUSED_PX = 0.2
-
-
-def _descent(image: Image, blobs: Blobs) -> EllipseDescent:
+def fit_unknowns(image: Image, blobs: Blobs) -> Fits:
+    """Run the fits of `fit_blobs`, compiled or in NumPy."""
     unknowns = np.zeros((len(blobs), COUNT))
     unknowns[:, CENTER] = unknowns[:, HOLE] = blobs.center
     cosine, sine = np.cos(blobs.angle), np.sin(blobs.angle)
@@ -358,50 +378,75 @@ def _descent(image: Image, blobs: Blobs) -> EllipseDescent:
     unknowns[:, BLUR] = np.clip(blobs.blur, 0.5, _MAX_BLUR)
     unknowns[:, SCALE] = 0.5
     band = np.clip(_BAND_BLURS * blobs.blur, _MIN_BAND_PX, _MAX_BAND_PX)
+    # Rows enough to see the noise, and no more in larger images.
+    plain = grey_noise(image[:: max(1, len(image) // 240)])
+    noise = max(_MOST_NOISE * plain + 0.5, np.sqrt(QUANTIZATION))
+    top = 255 if image.dtype == np.uint8 else int(image.max(initial=0))
+    saturation = float(top) if top in _SATURATION else np.inf
+    if kernel.library() is not None:
+        return Fits(
+            *kernel.fit_dots(
+                image, blobs.semi, blobs.angle, band, blobs.ring, noise, saturation, *_constants(), unknowns
+            )
+        )
     pixels = outline_pixels(image, blobs.center, blobs.semi, blobs.angle, band, blobs.ring)
-    return EllipseDescent(pixels, unknowns, blobs.ring, grey_noise(image), int(image.max(initial=0)))
+    descent = EllipseDescent(pixels, unknowns, blobs.ring, noise, saturation)
+    descent.run()
+    white = descent.noise()
+    return Fits(descent.unknowns, descent.inverse(), descent.variance(), white, descent.complete(white))
 
 
-def _accepted(descent: EllipseDescent) -> Bools:
+@cache
+def _constants() -> tuple[Array, Array]:
+    """Return what the compiled fit takes from here: the constants, in the order of kernel_fit.c, and F and f."""
+    from scipy.special import ndtr
+
+    settings = np.concatenate(
+        [
+            [_CONVERGED_PX, _SETTLED_PX, _JUDGED_PX, _STEPS, _ROUNDS, _LONGEST_STEP_PX, _LONGEST_SCALE_STEP],
+            [_MIN_BLUR, _MAX_BLUR, MIN_SEMI_PX, _OUTLIER_SHARE, _OUTLIER_SIGMA, _OUTLIER_SPREAD],
+            [_MAX_LEFT_OUT, _MAX_TRIMMED, _SCALE_NOISE / _SCALE_SIGMA],
+            edge_psf.CONSTANTS,
+            outline_pixels_.CONSTANTS,
+            edge_psf.QUADRATURE,
+        ]
+    )
+    place = np.arange(-8 * _PER_UNIT, 8 * _PER_UNIT + 1) / _PER_UNIT
+    table = np.stack([ndtr(place), np.exp(-0.5 * place * place) / np.sqrt(2 * np.pi)], axis=-1)
+    return np.concatenate([settings, [place[0], _PER_UNIT, len(place)]]), table
+
+
+def _accepted(fits: Fits, ring: Bools) -> Bools:
     """Return which dots (B,) have the outline of a dot nearly all around."""
-    noise, contrast, unknowns = descent.noise(), descent.contrast, descent.unknowns
-    trace, root = _eigenvalues(unknowns)
-    good = descent.complete() & (noise < _MAX_NOISE * contrast)
-    good &= descent.variance() < (_NOISE_SLACK * noise) ** 2 + (_MAX_MISFIT * contrast) ** 2
+    contrast = fits.unknowns[:, LIGHT] - fits.unknowns[:, DARK]
+    trace, root = _eigenvalues(fits.unknowns)
+    good = fits.complete & (fits.noise < _MAX_NOISE * contrast)
+    good &= fits.variance < (_NOISE_SLACK * fits.noise) ** 2 + (_MAX_MISFIT * contrast) ** 2
     good &= (trace - root < 2 / _MIN_MAJOR_PX) & (trace + root < 2 / MIN_SEMI_PX)
     good &= trace + root < _MAX_ELONGATION * (trace - root)
-    scale = unknowns[:, SCALE]
-    return np.asarray(good & (~descent.ring | ((scale > _HOLE_SCALES[0]) & (scale < _HOLE_SCALES[1]))))
+    scale = fits.unknowns[:, SCALE]
+    return np.asarray(good & (~ring | ((scale > _HOLE_SCALES[0]) & (scale < _HOLE_SCALES[1]))))
 
 
-def _shrink_slope(descent: EllipseDescent, good: Bools) -> tuple[Array, Array]:
+def _shrink_slope(fits: Fits, ring: Bools, good: Bools) -> tuple[Array, Array]:
     """Return the last step (B, 13) and the centers' covariance (B, 2, 2), with slopes of the light shrunk to zero.
 
     A free slope costs a third of the center's information; without a slope, uneven light displaces the center. So the
     slope has a normal prior about zero with the variance of all slopes of the image beyond their own errors
     (DerSimonian and Laird's estimate): none in even light, as much as needed in other light.
     """
-    step, covariance = np.zeros(descent.unknowns.shape), np.full((len(good), 2, 2), np.nan)
+    step, covariance = np.zeros(fits.unknowns.shape), np.full((len(good), 2, 2), np.nan)
     if not good.any():
         return step, covariance
-    variance, slope = descent.variance()[good], descent.unknowns[good, SLOPE]
-    normal, _ = descent.equations(good)
-    free = variance[:, None, None] * _inverse(normal)[:, SLOPE, SLOPE]
-    own = np.einsum("bii->b", free) / 2
+    free = fits.variance[good, None, None] * fits.inverse[good]
+    slope, errors = fits.unknowns[good, SLOPE], free[:, SLOPE, SLOPE]
+    own = np.einsum("bii->b", errors) / 2
     weight = np.maximum(own, 1e-15) ** -2
-    between = np.sum(weight * (np.sum(slope**2, axis=-1) / 2 - own)) / np.sum(weight)
-    prior = variance / max(float(between), 1e-12)
-    normal[:, [8, 9], [8, 9]] += prior[:, None]
-    inverse = _inverse(normal)
-    step[good] = -np.einsum("bij,bj->bi", inverse[:, :, SLOPE], prior[:, None] * slope)
-    centers = variance[:, None, None] * inverse[:, CENTER, CENTER]
+    between = float(np.sum(weight * (np.sum(slope**2, axis=-1) / 2 - own)) / np.sum(weight))
+    # The gain of a measurement of both slopes as zero, with this variance.
+    gain = free[:, :, SLOPE] @ np.linalg.inv(errors + max(between, 1e-12) * np.eye(2))
+    step[good] = -(gain @ slope[..., None])[..., 0]
+    centers = free[:, CENTER, CENTER] - gain[:, CENTER] @ free[:, SLOPE, CENTER]
     # On some processors its product is symmetric only up to rounding.
     covariance[good] = (centers + centers.swapaxes(-1, -2)) / 2
     return step, covariance
-
-
-def _inverse(normal: Array) -> Array:
-    """Invert normal matrices (B, 13, 13), scaled to a diagonal of ones and with a ridge of rounding's size."""
-    scale = np.maximum(np.einsum("bii->bi", normal), 1e-12) ** -0.5
-    scaled = normal * scale[:, :, None] * scale[:, None, :] + 1e-12 * np.eye(COUNT)
-    return np.asarray(np.linalg.inv(scaled) * scale[:, :, None] * scale[:, None, :])

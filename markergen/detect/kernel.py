@@ -12,6 +12,7 @@ from markergen.detect.kernel_build import LIBRARY, SOURCE, build, digest
 
 Integers = NDArray[np.int64]
 Eight = NDArray[np.uint8]
+Reals = NDArray[np.float64]
 
 VARIABLE = "MARKERGEN_KERNEL"
 """Environment variable; `off` switches the compiled part off. Read at its first use."""
@@ -58,6 +59,10 @@ def _declare(loaded: ctypes.CDLL) -> None:
         address, whole, whole, whole, ctypes.c_int, whole, address, whole,
     ]  # fmt: skip
     loaded.dark_components.restype = whole
+    loaded.fit_dots.argtypes = [
+        address, whole, whole, whole, ctypes.c_int, whole, *[address] * 4, ctypes.c_double, ctypes.c_double, *[address] * 5,
+    ]  # fmt: skip
+    loaded.fit_dots.restype = whole
 
 
 def dark_components(image: Eight, step: int, least: int) -> Integers:
@@ -92,6 +97,59 @@ def dark_components(image: Eight, step: int, least: int) -> Integers:
         if count <= capacity:
             return found[:count]
         capacity = count
+
+
+def fit_dots(
+    image: Eight | NDArray[np.uint16],
+    semi: Reals,
+    angle: Reals,
+    band: Reals,
+    ring: NDArray[np.bool_],
+    noise: float,
+    saturation: float,
+    settings: Reals,
+    table: Reals,
+    unknowns: Reals,
+) -> tuple[Reals, Reals, Reals, Reals, NDArray[np.bool_]]:
+    """Fit dots to grey levels: see kernel_fit.c, and the twin in ellipse_fit.py.
+
+    Parameters
+    ----------
+    image : array (h, w) of uint8 or uint16
+    semi, angle, band : arrays (B, 2), (B,), (B,)
+        Rough ellipses, and half the width of the bands along their outlines, px.
+    ring : array (B,)
+    noise, saturation : float, grey levels
+        Maximum noise, and the level above which the image shows none.
+    settings, table : arrays
+        Constants in the order of kernel_fit.c, and the normal distribution and its density.
+    unknowns : array (B, 13)
+
+    Returns
+    -------
+    unknowns (B, 13), inverse normal matrices (B, 13, 13), variance (B,), noise (B,), complete (B,) of bool
+    """
+    loaded = library()
+    assert loaded is not None
+    if image.dtype not in (np.uint8, np.uint16) or image.ndim != 2:
+        raise ValueError(f"an image of 8 or 16 bits is needed, not {image.shape} of {image.dtype}")
+    if image.strides[1] != image.itemsize or image.strides[0] < 0:
+        image = np.ascontiguousarray(image)
+    count, (height, width) = len(unknowns), image.shape
+    unknowns, inverse, facts = unknowns.copy(), np.empty((count, 13, 13)), np.empty((count, 3))
+    inputs = [np.ascontiguousarray(each, dtype=float) for each in (semi, angle, band)]
+    rings = np.ascontiguousarray(ring, dtype=np.uint8)
+    sizes = [each.size for each in (*inputs, rings, unknowns)]
+    if sizes != [2 * count, count, count, count, 13 * count]:
+        raise ValueError(f"arrays of {count} dots do not have {sizes} numbers")
+    arrays = settings, table, unknowns, inverse, facts
+    status = loaded.fit_dots(
+        image.ctypes.data, height, width, image.strides[0], image.itemsize == 2, count,
+        *(each.ctypes.data for each in (*inputs, rings)), noise, saturation, *(each.ctypes.data for each in arrays),
+    )  # fmt: skip
+    if status < 0:
+        raise MemoryError("no memory for the pixels of a dot")
+    return unknowns, inverse, facts[:, 0], facts[:, 1], facts[:, 2] > 0
 
 
 def _rows(image: Eight) -> Eight:

@@ -9,8 +9,8 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
-_ENOUGH = 20_000
-"""Maximum number of pixels per ellipse. Larger ones are subsampled by rows, to no fewer than 64 rows."""
+_ENOUGH, _ROWS = 20_000, 64
+"""Maximum number of pixels per ellipse. Larger ones are subsampled by rows, to no fewer than the second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ def outline_pixels(
     top = np.clip(np.ceil(center[:, 1] - reach), 0, height).astype(int)
     bottom = np.clip(np.floor(center[:, 1] + reach), -1, height - 1).astype(int)
     area = np.pi * (outer[:, 0] * outer[:, 1] - hollow * inner[:, 0] * inner[:, 1])
-    stride = np.clip(np.minimum(area / _ENOUGH, (bottom - top) / 64).astype(int), 1, None)
+    stride = np.clip(np.minimum(area / _ENOUGH, (bottom - top) / _ROWS).astype(int), 1, None)
     rows = np.maximum((bottom - top) // stride + 1, 0)
     owner = np.repeat(np.arange(len(center)), rows)
     y = top[owner] + stride[owner] * _count_up(rows)
@@ -107,7 +107,6 @@ _SHIFT_PX, _SHIFT_SHARE, _HEIGHT, _SIGMAS = 0.05, 0.004, 0.3, 4.0
 """Maximum deviations of the edge in a sector: its shift in px, or in blurs if these exceed a px, plus a share of the
 longer semi-axis, for print and lens; its height as a share of the contrast; both plus a multiple of their error."""
 
-RANK = 3
 _EVEN = 4.0
 """Additional multiple if the opposite sector is off as well."""
 
@@ -115,6 +114,8 @@ QUANTIZATION = 1 / 12
 """Variance of rounding to whole grey levels: no image has less noise."""
 
 _TINY = 1e-12
+CONSTANTS = [_SHIFT_PX, _SHIFT_SHARE, _HEIGHT, _SIGMAS, _EVEN, QUANTIZATION, _ENOUGH, _ROWS]
+"""What the compiled fit takes from here, in its order."""
 _EIGHTH = float(np.tan(np.pi / 8))
 
 
@@ -189,7 +190,7 @@ def strangeness(sums: Array, contrast: Array, blur: Array, size: Array, noise: A
         Light minus dark, width of the edge in px, longer semi-axis in px, grey noise.
     """
     count, information, moved, residual, model, square, product, misfit = sums.reshape(-1, SECTORS, 8).transpose(2, 0, 1)
-    noise = np.maximum(noise, np.sqrt(np.sort(misfit / np.maximum(count, 1), axis=-1)[:, RANK]))
+    noise = np.maximum(noise, np.sqrt(np.sort(misfit / np.maximum(count, 1), axis=-1)[:, SECTORS // 4 - 1]))
     information = np.maximum(information, _TINY)
     shift = moved / information
     # Blur other than the model's moves opposite edges alike, and does not move the center.
