@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache, cached_property, lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.blobs import Blobs, Ellipses, Image, undo_lens
+from markergen.detect.blobs import Blobs, Ellipses, Image, as_dark, undo_lens
 from markergen.detect.candidates import find_blobs
 from markergen.detect.conic_projection import correct_centers, outlines
 from markergen.detect.ellipse_fit import fit_blobs
@@ -17,8 +17,8 @@ from markergen.detect.labeling_hypotheses import Poses, find_labelings
 from markergen.detect.pose import DEFAULT_ERRORS, PoseEstimate, fit_pose, outlier
 from markergen.detect.pose_hypotheses import DotLayout, layout_of
 from markergen.errors import InputError
-from markergen.estimators import ESTIMATORS, Correspondences, HomographyEstimator
 from markergen.estimators.budget import ErrorSources
+from markergen.maths.dlt import estimate_homography, four_in_general_position
 from markergen.maths.projection import plane_homography
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker, check_supported
@@ -114,13 +114,25 @@ class Sought:
     markers : tuple of Marker
     layouts : tuple of DotLayout
         One layout for each marker; the markers of a family share a layout and its search results.
-    families : frozenset of str
-        Families of their tags.
     """
 
     markers: tuple[Marker, ...]
     layouts: tuple[DotLayout, ...]
-    families: frozenset[str]
+
+    @property
+    def families(self) -> frozenset[str]:
+        """Families of the markers' tags."""
+        return frozenset(marker.tag.family for marker in self.markers if marker.tag)
+
+    @cached_property
+    def by_polarity(self) -> "dict[bool, tuple[Sought, list[int]]]":
+        """The markers with dark dots (False) and those with light ones (True), with their indices among all."""
+        parts = {}
+        for light in sorted({marker.light for marker in self.markers}):
+            chosen = [k for k, marker in enumerate(self.markers) if marker.light == light]
+            own = Sought(tuple(self.markers[k] for k in chosen), tuple(self.layouts[k] for k in chosen))
+            parts[light] = own, chosen
+        return parts
 
 
 def prepare(markers: Sequence[Marker], calibrated: bool) -> Sought:
@@ -139,7 +151,7 @@ def prepare(markers: Sequence[Marker], calibrated: bool) -> Sought:
     layouts = tuple(layout_by_points[marker.control_points] for marker in markers)
     if not calibrated and not all(layout.flat for layout in layouts):
         raise InputError("a camera for a marker with relief", "none", "give the camera's calibration")
-    return Sought(tuple(markers), layouts, frozenset(marker.tag.family for marker in markers if marker.tag))
+    return Sought(tuple(markers), layouts)
 
 
 def detect(
@@ -206,8 +218,20 @@ def find_all(
     errors: ErrorSources = DEFAULT_ERRORS,
     copies: int = MAX_COPIES,
 ) -> list[Detection]:
-    """Run `detect_all` for prepared markers, in an image of the camera's size."""
+    """Run `detect_all` for prepared markers, in an image of the camera's size; light dots as dark ones, inverted."""
     _check(image)
+    found = []
+    for light, (own, indices) in sought.by_polarity.items():
+        for each in _find_dark(as_dark(image, light), own, camera, errors, copies):
+            rival = None if each.rival is None else indices[each.rival]
+            found.append(replace(each, marker=indices[each.marker], rival=rival))
+    return sorted(found, key=lambda each: -len(each.ids)) if len(sought.by_polarity) > 1 else found
+
+
+def _find_dark(
+    image: Image, sought: Sought, camera: Camera | None, errors: ErrorSources, copies: int
+) -> list[Detection]:
+    """Run `find_all` for markers with dark dots."""
     height, width = image.shape
     tags = look_for_tags(image, sought.families)
     eye = camera or made_up_camera(width, height)
@@ -438,12 +462,13 @@ def _pose(
 
 def _homography(points: Array, corrected: Array, camera: Camera, pose: PoseEstimate) -> Array:
     """Return the homography from marker plane to ideal px, by DLT, or from the pose if the points are degenerate."""
-    height = points[0, 2]
-    solver = ESTIMATORS["dlt"]
-    assert isinstance(solver, HomographyEstimator)
-    ideal = camera.ideal.to_pixels(corrected)
-    found = Correspondences(points[:, :2], ideal[None], camera.ideal).once(solver)[0]
-    if np.isfinite(found).all():
-        return found
-    origin = pose.translation + height * pose.rotation[:, 2]
+    if _in_general_position(points[:, :2].tobytes()):
+        return np.asarray(estimate_homography(points[:, :2], camera.ideal.to_pixels(corrected)), dtype=float)
+    origin = pose.translation + points[0, 2] * pose.rotation[:, 2]
     return plane_homography(pose.rotation[None], origin[None], camera.matrix)[0]
+
+
+@lru_cache(maxsize=256)
+def _in_general_position(points: bytes) -> bool:
+    """Return whether points (n, 2), as bytes, determine a homography."""
+    return bool(four_in_general_position(np.frombuffer(points).reshape(-1, 2)))

@@ -71,6 +71,9 @@ edges leave 0.08."""
 _MIN_MAJOR_PX, _MAX_ELONGATION, _MAX_SIGMA_PX = 1.0, 10.0, 0.5
 _HOLE_SCALES = 0.15, 0.85
 
+_DISK_BELOW, _RING_ABOVE = 0.15, 0.7
+"""Levels in the middle of certain disks and certain rings."""
+
 _ROUGH_PX = 0.2
 """Standard deviation along each axis of the center of a dot whose fit is refused."""
 
@@ -326,7 +329,8 @@ def fit_blobs(image: Image, blobs: Blobs) -> Blobs:
 
     Parts of the outline without an edge, or with one elsewhere (an occluder, a touching neighbor), are found sector by
     sector and left out. A fifth of the outline may be missing; with more the fit is refused, since half an ellipse also
-    fits other ellipses, with other centers.
+    fits other ellipses, with other centers. What is neither dark nor light in the middle is also tried as the other
+    kind, disk or ring, if it does not fit as the one that it is given as.
 
     Parameters
     ----------
@@ -343,22 +347,35 @@ def fit_blobs(image: Image, blobs: Blobs) -> Blobs:
     """
     if not len(blobs):
         return blobs
+    fitted = _fit(image, blobs)
+    # What is neither dark nor light in the middle may be of the other kind.
+    doubtful = np.flatnonzero((blobs.middle > _DISK_BELOW) & (blobs.middle < _RING_ABOVE) & ~fitted.fitted)
+    if not len(doubtful):
+        return fitted
+    other = _fit(image, replace(blobs.take(doubtful), ring=~blobs.ring[doubtful]))
+    chosen = np.arange(len(blobs))
+    chosen[doubtful[other.fitted]] = len(blobs) + np.flatnonzero(other.fitted)
+    return fitted.joined(other).take(chosen)
+
+
+def _fit(image: Image, blobs: Blobs) -> Blobs:
+    """Run `fit_blobs` for blobs whose kind is known."""
     fits = fit_unknowns(image, blobs)
     good = _accepted(fits, blobs.ring)
-    step, covariance = _shrink_slope(fits, blobs.ring, good)
+    step, covariance = _shrink_slope(fits, good)
     unknowns = fits.unknowns + step
     good &= covariance[:, 0, 0] + covariance[:, 1, 1] < _MAX_SIGMA_PX**2
     trace, root = _eigenvalues(unknowns)
     # M's smaller eigenvalue belongs to the longer axis.
     semi = 2 / (trace[:, None] + root[:, None] * [-1, 1])
     angle = 0.5 * np.arctan2(-2 * unknowns[:, 3], unknowns[:, 4] - unknowns[:, 2])
-    rough = np.maximum((blobs.covariance[:, 0, 0] + blobs.covariance[:, 1, 1]) / 2, _ROUGH_PX**2)[:, None, None] * np.eye(2)
+    rough = np.maximum((blobs.covariance[:, 0, 0] + blobs.covariance[:, 1, 1]) / 2, _ROUGH_PX**2)
     return replace(
         blobs,
         center=np.where(good[:, None], unknowns[:, CENTER], blobs.center),
         semi=np.where(good[:, None], semi, blobs.semi),
         angle=np.where(good, angle, blobs.angle),
-        covariance=np.where(good[:, None, None], covariance, rough),
+        covariance=np.where(good[:, None, None], covariance, rough[:, None, None] * np.eye(2)),
         light=np.where(good, unknowns[:, LIGHT], blobs.light),
         dark=np.where(good, unknowns[:, DARK], blobs.dark),
         blur=np.where(good, unknowns[:, BLUR], blobs.blur),
@@ -428,7 +445,7 @@ def _accepted(fits: Fits, ring: Bools) -> Bools:
     return np.asarray(good & (~ring | ((scale > _HOLE_SCALES[0]) & (scale < _HOLE_SCALES[1]))))
 
 
-def _shrink_slope(fits: Fits, ring: Bools, good: Bools) -> tuple[Array, Array]:
+def _shrink_slope(fits: Fits, good: Bools) -> tuple[Array, Array]:
     """Return the last step (B, 13) and the centers' covariance (B, 2, 2), with slopes of the light shrunk to zero.
 
     A free slope costs a third of the center's information; without a slope, uneven light displaces the center. So the
