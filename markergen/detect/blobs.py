@@ -61,9 +61,7 @@ class Blobs:
 
     def joined(self, other: "Blobs") -> "Blobs":
         """Return these blobs, then the others."""
-        return Blobs(
-            *(np.concatenate([getattr(self, each.name), getattr(other, each.name)]) for each in fields(self))
-        )
+        return Blobs(*(np.concatenate([getattr(self, each.name), getattr(other, each.name)]) for each in fields(self)))
 
 
 def as_dark(image: Image, light: bool) -> Image:

@@ -1,6 +1,6 @@
 """Fit of dots' ellipses to the grey levels around their outlines, batched."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache
 
 import numpy as np
@@ -70,9 +70,13 @@ _MAX_MISFIT, _MAX_NOISE = 0.12, 0.2
 edges leave 0.08."""
 _MIN_MAJOR_PX, _MAX_ELONGATION, _MAX_SIGMA_PX = 1.0, 10.0, 0.5
 _HOLE_SCALES = 0.15, 0.85
+_MAX_MOVE_PX, _MAX_MOVE = 0.7, 0.03
+"""Maximum distance from the rough center, px plus a share of the longer semi-axis: what covers a dot can pull the fit
+off by more."""
 
-_DISK_BELOW, _RING_ABOVE = 0.15, 0.7
-"""Levels in the middle of certain disks and certain rings."""
+_DISK_BELOW, _RING_ABOVE, _RING_GAIN = 0.3, 0.7, 20.0
+"""Levels in the middle of certain disks, glossy ones included, and certain rings; minimum gain of a doubtful ring in
+twice the log-likelihood."""
 
 _ROUGH_PX = 0.2
 """Standard deviation along each axis of the center of a dot whose fit is refused."""
@@ -286,6 +290,11 @@ class EllipseDescent:
         freedom = np.bincount(owner, weight, count) - np.where(self.ring, COUNT, COUNT - 3)
         return np.asarray(np.maximum(squares / np.maximum(freedom, 1), QUANTIZATION))
 
+    def misfit(self) -> Array:
+        """Return twice the negative log-likelihood (B,) of all pixels, each clipped at half the contrast."""
+        squares, count = self.sums[:, :, 7].sum(axis=-1), np.diff(self.pixels.start)
+        return np.asarray(count * np.log(np.maximum(squares / np.maximum(count, 1), 1e-12)))
+
 
 def _eigenvalues(unknowns: Array) -> tuple[Array, Array]:
     """Return the sum and the difference of M's eigenvalues."""
@@ -309,7 +318,8 @@ def _equations(normal: Array, gradient: Array, unknowns: Array, ring: Bools) -> 
 class Fits:
     """Result of B fits: unknowns (B, 13), the inverses of their normal matrices, variance and noise of the grey levels.
 
-    `complete` (B,) tells whether the fit has converged, and every edge that was not left out belongs to the dot.
+    `complete` (B,) tells whether the fit has converged, and every edge that was not left out belongs to the dot;
+    `misfit` (B,) is twice the negative log-likelihood, up to a constant that all fits to the same pixels share.
     """
 
     unknowns: Array
@@ -317,6 +327,11 @@ class Fits:
     variance: Array
     noise: Array
     complete: Bools
+    misfit: Array
+
+    def take(self, index: Indices) -> "Fits":
+        """Return a subset."""
+        return Fits(*(getattr(self, each.name)[index] for each in fields(self)))
 
 
 def fit_blobs(image: Image, blobs: Blobs) -> Blobs:
@@ -329,8 +344,8 @@ def fit_blobs(image: Image, blobs: Blobs) -> Blobs:
 
     Parts of the outline without an edge, or with one elsewhere (an occluder, a touching neighbor), are found sector by
     sector and left out. A fifth of the outline may be missing; with more the fit is refused, since half an ellipse also
-    fits other ellipses, with other centers. What is neither dark nor light in the middle is also tried as the other
-    kind, disk or ring, if it does not fit as the one that it is given as.
+    fits other ellipses, with other centers. What is neither dark nor light in the middle is fitted as a disk and as a
+    ring, and is a ring only if that is clearly better.
 
     Parameters
     ----------
@@ -347,24 +362,27 @@ def fit_blobs(image: Image, blobs: Blobs) -> Blobs:
     """
     if not len(blobs):
         return blobs
-    fitted = _fit(image, blobs)
-    # What is neither dark nor light in the middle may be of the other kind.
-    doubtful = np.flatnonzero((blobs.middle > _DISK_BELOW) & (blobs.middle < _RING_ABOVE) & ~fitted.fitted)
-    if not len(doubtful):
-        return fitted
-    other = _fit(image, replace(blobs.take(doubtful), ring=~blobs.ring[doubtful]))
-    chosen = np.arange(len(blobs))
-    chosen[doubtful[other.fitted]] = len(blobs) + np.flatnonzero(other.fitted)
-    return fitted.joined(other).take(chosen)
+    count = len(blobs)
+    doubtful = (blobs.middle > _DISK_BELOW) & (blobs.middle < _RING_ABOVE)
+    index = np.concatenate([np.arange(count), np.flatnonzero(doubtful)])
+    kinds = blobs.take(index)
+    kinds.ring[count:] ^= True
+    # Both kinds are fitted to the same pixels.
+    fits = fit_unknowns(image, kinds, kinds.ring | doubtful[index])
+    good = _accepted(fits, kinds)
+    chosen = np.arange(count)
+    for other in count + np.flatnonzero(good[count:] | good[index[count:]]):
+        ring, disk = sorted((other, int(index[other])), key=lambda k: not kinds.ring[k])
+        better = fits.misfit[disk] - fits.misfit[ring] > _RING_GAIN if good[ring] == good[disk] else good[ring]
+        chosen[index[other]] = ring if better else disk
+    return _fitted(kinds.take(chosen), fits.take(chosen), good[chosen])
 
 
-def _fit(image: Image, blobs: Blobs) -> Blobs:
-    """Run `fit_blobs` for blobs whose kind is known."""
-    fits = fit_unknowns(image, blobs)
-    good = _accepted(fits, blobs.ring)
+def _fitted(blobs: Blobs, fits: Fits, good: Bools) -> Blobs:
+    """Return blobs with the results of the good fits."""
     step, covariance = _shrink_slope(fits, good)
     unknowns = fits.unknowns + step
-    good &= covariance[:, 0, 0] + covariance[:, 1, 1] < _MAX_SIGMA_PX**2
+    good = good & (covariance[:, 0, 0] + covariance[:, 1, 1] < _MAX_SIGMA_PX**2)
     trace, root = _eigenvalues(unknowns)
     # M's smaller eigenvalue belongs to the longer axis.
     semi = 2 / (trace[:, None] + root[:, None] * [-1, 1])
@@ -383,8 +401,8 @@ def _fit(image: Image, blobs: Blobs) -> Blobs:
     )
 
 
-def fit_unknowns(image: Image, blobs: Blobs) -> Fits:
-    """Run the fits of `fit_blobs`, compiled or in NumPy."""
+def fit_unknowns(image: Image, blobs: Blobs, filled: Bools) -> Fits:
+    """Run the fits of `fit_blobs`, compiled or in NumPy; `filled` (B,) is true where the inside counts as well."""
     unknowns = np.zeros((len(blobs), COUNT))
     unknowns[:, CENTER] = unknowns[:, HOLE] = blobs.center
     cosine, sine = np.cos(blobs.angle), np.sin(blobs.angle)
@@ -403,14 +421,15 @@ def fit_unknowns(image: Image, blobs: Blobs) -> Fits:
     if kernel.library() is not None:
         return Fits(
             *kernel.fit_dots(
-                image, blobs.semi, blobs.angle, band, blobs.ring, noise, saturation, *_constants(), unknowns
+                image, blobs.semi, blobs.angle, band, blobs.ring, filled, noise, saturation, *_constants(), unknowns
             )
         )
-    pixels = outline_pixels(image, blobs.center, blobs.semi, blobs.angle, band, blobs.ring)
+    pixels = outline_pixels(image, blobs.center, blobs.semi, blobs.angle, band, filled)
     descent = EllipseDescent(pixels, unknowns, blobs.ring, noise, saturation)
     descent.run()
     white = descent.noise()
-    return Fits(descent.unknowns, descent.inverse(), descent.variance(), white, descent.complete(white))
+    complete = descent.complete(white)
+    return Fits(descent.unknowns, descent.inverse(), descent.variance(), white, complete, descent.misfit())
 
 
 @cache
@@ -433,16 +452,18 @@ def _constants() -> tuple[Array, Array]:
     return np.concatenate([settings, [place[0], _PER_UNIT, len(place)]]), table
 
 
-def _accepted(fits: Fits, ring: Bools) -> Bools:
-    """Return which dots (B,) have the outline of a dot nearly all around."""
+def _accepted(fits: Fits, blobs: Blobs) -> Bools:
+    """Return which dots (B,) have the outline of a dot nearly all around, near the rough one."""
     contrast = fits.unknowns[:, LIGHT] - fits.unknowns[:, DARK]
     trace, root = _eigenvalues(fits.unknowns)
     good = fits.complete & (fits.noise < _MAX_NOISE * contrast)
     good &= fits.variance < (_NOISE_SLACK * fits.noise) ** 2 + (_MAX_MISFIT * contrast) ** 2
     good &= (trace - root < 2 / _MIN_MAJOR_PX) & (trace + root < 2 / MIN_SEMI_PX)
     good &= trace + root < _MAX_ELONGATION * (trace - root)
+    moved = np.linalg.norm(fits.unknowns[:, CENTER] - blobs.center, axis=-1)
+    good &= moved < _MAX_MOVE_PX + _MAX_MOVE * blobs.semi[:, 0]
     scale = fits.unknowns[:, SCALE]
-    return np.asarray(good & (~ring | ((scale > _HOLE_SCALES[0]) & (scale < _HOLE_SCALES[1]))))
+    return np.asarray(good & (~blobs.ring | ((scale > _HOLE_SCALES[0]) & (scale < _HOLE_SCALES[1]))))
 
 
 def _shrink_slope(fits: Fits, good: Bools) -> tuple[Array, Array]:

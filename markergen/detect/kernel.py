@@ -55,13 +55,13 @@ def _loaded() -> tuple[ctypes.CDLL | None, str | None]:
 
 
 def _declare(loaded: ctypes.CDLL) -> None:
-    whole, address = ctypes.c_int64, ctypes.c_void_p
+    whole, real, address = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
     loaded.dark_components.argtypes = [
         address, whole, whole, whole, ctypes.c_int, whole, address, whole,
     ]  # fmt: skip
     loaded.dark_components.restype = whole
     loaded.fit_dots.argtypes = [
-        address, whole, whole, whole, ctypes.c_int, whole, *[address] * 4, ctypes.c_double, ctypes.c_double, *[address] * 5,
+        address, whole, whole, whole, ctypes.c_int, whole, *[address] * 4, real, real, *[address] * 5,
     ]  # fmt: skip
     loaded.fit_dots.restype = whole
     loaded.refine_poses.argtypes = [whole, whole, *[address] * 7, whole, ctypes.c_double, address]
@@ -108,12 +108,13 @@ def fit_dots(
     angle: Array,
     band: Array,
     ring: NDArray[np.bool_],
+    filled: NDArray[np.bool_],
     noise: float,
     saturation: float,
     settings: Array,
     table: Array,
     unknowns: Array,
-) -> tuple[Array, Array, Array, Array, NDArray[np.bool_]]:
+) -> tuple[Array, Array, Array, Array, NDArray[np.bool_], Array]:
     """Fit dots to grey levels: see kernel_fit.c, and the twin in ellipse_fit.py.
 
     Parameters
@@ -121,7 +122,8 @@ def fit_dots(
     image : array (h, w) of uint8 or uint16
     semi, angle, band : arrays (B, 2), (B,), (B,)
         Rough ellipses, and half the width of the bands along their outlines, px.
-    ring : array (B,)
+    ring, filled : arrays (B,)
+        True for rings, and where the inside of the outline counts as well.
     noise, saturation : float, grey levels
         Maximum noise, and the level above which the image shows none.
     settings, table : arrays
@@ -130,29 +132,29 @@ def fit_dots(
 
     Returns
     -------
-    unknowns (B, 13), inverse normal matrices (B, 13, 13), variance (B,), noise (B,), complete (B,) of bool
+    unknowns (B, 13), inverse normal matrices (B, 13, 13), variance (B,), noise (B,), complete (B,) of bool, misfit (B,)
     """
     loaded = library()
     assert loaded is not None
     if image.dtype not in (np.uint8, np.uint16) or image.ndim != 2:
         raise ValueError(f"an image of 8 or 16 bits is needed, not {image.shape} of {image.dtype}")
     if image.strides[1] != image.itemsize or image.strides[0] < 0:
-        image = np.ascontiguousarray(image)
+        image = image.copy()
     count, (height, width) = len(unknowns), image.shape
-    unknowns, inverse, facts = unknowns.copy(), np.empty((count, 13, 13)), np.empty((count, 3))
+    unknowns, inverse, facts = unknowns.copy(), np.empty((count, 13, 13)), np.empty((count, 4))
     inputs = [np.ascontiguousarray(each, dtype=float) for each in (semi, angle, band)]
-    rings = np.ascontiguousarray(ring, dtype=np.uint8)
-    sizes = [each.size for each in (*inputs, rings, unknowns)]
+    kinds = np.asarray(ring + 2 * filled, dtype=np.uint8)
+    sizes = [each.size for each in (*inputs, kinds, unknowns)]
     if sizes != [2 * count, count, count, count, 13 * count]:
         raise ValueError(f"arrays of {count} dots do not have {sizes} numbers")
     arrays = settings, table, unknowns, inverse, facts
     status = loaded.fit_dots(
         image.ctypes.data, height, width, image.strides[0], image.itemsize == 2, count,
-        *(each.ctypes.data for each in (*inputs, rings)), noise, saturation, *(each.ctypes.data for each in arrays),
+        *(each.ctypes.data for each in (*inputs, kinds)), noise, saturation, *(each.ctypes.data for each in arrays),
     )  # fmt: skip
     if status < 0:
         raise MemoryError("no memory for the pixels of a dot")
-    return unknowns, inverse, facts[:, 0], facts[:, 1], facts[:, 2] > 0
+    return unknowns, inverse, facts[:, 0], facts[:, 1], facts[:, 2] > 0, facts[:, 3]
 
 
 def refine_poses(

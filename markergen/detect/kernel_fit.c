@@ -17,7 +17,7 @@
 #define INSIDE static inline
 #endif
 
-enum { COUNT = 13, WIDTH = 16, NARROW = 12, BLOCK = 32, DISK = 10, LIGHT = 5, DARK = 6, BLUR = 7, SCALE = 12, SECTORS = 16, SUMS = 8, NODES = 5 };
+enum { COUNT = 13, WIDTH = 16, NARROW = 12, BLOCK = 32, DISK = 10, LIGHT = 5, DARK = 6, BLUR = 7, SCALE = 12, SECTORS = 16, SUMS = 8, NODES = 5, FACTS = 4 };
 
 /* In this order in kernel.py. */
 typedef struct {
@@ -25,7 +25,7 @@ typedef struct {
     double outlier_share, outlier_sigma, outlier_spread, left_out, trimmed;
     double scale_prior; /* noise per contrast over the standard deviation of a hole's size */
     double sharp, boxed, least_side, least_lens, tiny;
-    double shift, shift_share, height, sigmas, even, quantization;
+    double shift, shift_share, height, sigmas, even, misfit, unseen, quantization;
     double enough, rows;
     double nodes[NODES], weights[NODES];
     double from, per_unit, entries; /* of the table of the normal distribution: its first place, places per 1, number */
@@ -48,7 +48,7 @@ typedef struct {
     uint8_t *weight, *silent, *sector;
     double p[COUNT], origin[2], size[2], step; /* the longer semi-axis first */
     double normal[COUNT][COUNT], gradient[COUNT], sums[SECTORS][SUMS];
-    int ring, alive, left_out[SECTORS];
+    int ring, filled, alive, left_out[SECTORS];
     double image_noise, saturation;
     const Settings *set;
     const double *table;
@@ -243,7 +243,7 @@ static int collect(Dot *dot, const uint8_t *image, int64_t height, int64_t width
     const double pi = 3.14159265358979323846, center_x = dot->origin[0], center_y = dot->origin[1];
     const double a = semi[0] + band, b = semi[1] + band;
     const double c = larger(semi[0] - band, 1e-3), d = larger(semi[1] - band, 1e-3);
-    const int hollow = semi[1] > band + 1 && !dot->ring;
+    const int hollow = semi[1] > band + 1 && !dot->filled;
     const RowForm outer = row_form(a, b, angle), inner = row_form(c, d, angle);
     const int64_t top = (int64_t)within(ceil(center_y - outer.reach), 0, (double)height);
     const int64_t bottom = (int64_t)within(floor(center_y + outer.reach), -1, (double)(height - 1));
@@ -352,7 +352,7 @@ static void strangeness(const Dot *dot, double noise, double *strange)
             square[i - 1] = swapped;
         }
     }
-    noise = larger(noise, sqrt(square[SECTORS / 4 - 1]));
+    noise = larger(noise, smaller(sqrt(square[SECTORS / 4 - 1]), set->misfit * (dot->p[LIGHT] - dot->p[DARK])));
     for (int k = 0; k < SECTORS; k++) {
         const double *sums = dot->sums[k], information = larger(sums[1], set->tiny), size = fabs(shift[k]);
         const double opposite = larger((shift[k] > 0 ? 1 : shift[k] < 0 ? -1 : 0) * shift[(k + SECTORS / 2) % SECTORS], 0);
@@ -362,6 +362,8 @@ static void strangeness(const Dot *dot, double noise, double *strange)
         const double height = (sums[6] - mean * sums[3]) / power;
         strange[k] = larger(uneven / (allowed + set->sigmas * noise / sqrt(information)),
                             fabs(height) / (set->height + set->sigmas * noise / sqrt(power)));
+        if (!(sums[0] > 0))
+            strange[k] = set->unseen;
     }
 }
 
@@ -604,11 +606,19 @@ static int complete(Dot *dot, double noise)
     return 1;
 }
 
+static double misfit_of(const Dot *dot)
+{
+    double squares = 0;
+    for (int k = 0; k < SECTORS; k++)
+        squares += dot->sums[k][7];
+    return (double)dot->count * log(larger(squares / larger((double)dot->count, 1), dot->set->tiny));
+}
+
 /* Fits `count` dots, each from the unknowns (count, 13), which it replaces. `wide` is true for pixels of 16 bits;
-   `noise` is the largest noise that a dot may have. Writes the inverses of the normal matrices (count, 13, 13) and for
-   each dot the variance, the noise, and 1 or 0 for a complete outline. Returns 0, or -1 without memory. */
+   `kind` is 1 for rings, plus 2 where the inside of the outline counts as well; `noise` is the largest noise that a dot may have. Writes the inverses of the normal matrices (count, 13, 13) and for
+   each dot the variance, the noise, 1 or 0 for a complete outline, and the misfit. Returns 0, or -1 without memory. */
 int64_t fit_dots(const uint8_t *image, int64_t height, int64_t width, int64_t stride, int wide, int64_t count,
-                 const double *semi, const double *angle, const double *band, const uint8_t *ring, double noise,
+                 const double *semi, const double *angle, const double *band, const uint8_t *kind, double noise,
                  double saturation, const Settings *set, const double *table, double *unknowns, double *inverted,
                  double *facts)
 {
@@ -625,7 +635,8 @@ int64_t fit_dots(const uint8_t *image, int64_t height, int64_t width, int64_t st
         eigenvalues(dot.p, &trace, &root);
         dot.size[0] = 2 / (trace - root);
         dot.size[1] = 2 / (trace + root);
-        dot.ring = ring[k];
+        dot.ring = kind[k] & 1;
+        dot.filled = kind[k] & 2;
         dot.alive = 1;
         dot.step = INFINITY;
         memset(dot.left_out, 0, sizeof dot.left_out);
@@ -637,9 +648,10 @@ int64_t fit_dots(const uint8_t *image, int64_t height, int64_t width, int64_t st
         run(&dot);
         memcpy(unknowns + COUNT * k, dot.p, sizeof dot.p);
         inverse(&dot, inverted + COUNT * COUNT * k);
-        facts[3 * k] = variance_of(&dot);
-        facts[3 * k + 1] = noise_of(&dot);
-        facts[3 * k + 2] = complete(&dot, facts[3 * k + 1]);
+        facts[FACTS * k] = variance_of(&dot);
+        facts[FACTS * k + 1] = noise_of(&dot);
+        facts[FACTS * k + 2] = complete(&dot, facts[FACTS * k + 1]);
+        facts[FACTS * k + 3] = misfit_of(&dot);
     }
     free(dot.x);
     free(dot.y);

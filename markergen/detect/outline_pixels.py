@@ -110,11 +110,17 @@ longer semi-axis, for print and lens; its height as a share of the contrast; bot
 _EVEN = 4.0
 """Additional multiple if the opposite sector is off as well."""
 
+_MISFIT = 0.025
+"""Maximum share of the contrast by which the edge may be off all around: with more, covered dots fit, too."""
+
+_UNSEEN = 1e9
+"""Deviation of a sector without pixels, beyond the image's edge."""
+
 QUANTIZATION = 1 / 12
 """Variance of rounding to whole grey levels: no image has less noise."""
 
 _TINY = 1e-12
-CONSTANTS = [_SHIFT_PX, _SHIFT_SHARE, _HEIGHT, _SIGMAS, _EVEN, QUANTIZATION, _ENOUGH, _ROWS]
+CONSTANTS = [_SHIFT_PX, _SHIFT_SHARE, _HEIGHT, _SIGMAS, _EVEN, _MISFIT, _UNSEEN, QUANTIZATION, _ENOUGH, _ROWS]
 """What the compiled fit takes from here, in its order."""
 _EIGHTH = float(np.tan(np.pi / 8))
 
@@ -189,8 +195,11 @@ def strangeness(sums: Array, contrast: Array, blur: Array, size: Array, noise: A
     contrast, blur, size, noise : arrays (B,)
         Light minus dark, width of the edge in px, longer semi-axis in px, grey noise.
     """
-    count, information, moved, residual, model, square, product, misfit = sums.reshape(-1, SECTORS, 8).transpose(2, 0, 1)
-    noise = np.maximum(noise, np.sqrt(np.sort(misfit / np.maximum(count, 1), axis=-1)[:, SECTORS // 4 - 1]))
+    sums = sums.reshape(-1, SECTORS, 8).transpose(2, 0, 1)
+    count, information, moved, residual, model, square, product, misfit = sums
+    # Edges that the camera sharpened are off all around: a quarter of the sectors tells by how much.
+    misfit = np.sqrt(np.sort(misfit / np.maximum(count, 1), axis=-1)[:, SECTORS // 4 - 1])
+    noise = np.maximum(noise, np.minimum(misfit, _MISFIT * contrast))
     information = np.maximum(information, _TINY)
     shift = moved / information
     # Blur other than the model's moves opposite edges alike, and does not move the center.
@@ -202,6 +211,5 @@ def strangeness(sums: Array, contrast: Array, blur: Array, size: Array, noise: A
     mean = model / np.maximum(count, 1)
     power = np.maximum(square - mean * model, _TINY)
     height = (product - mean * residual) / power
-    return np.asarray(
-        np.maximum(uneven / allowed, np.abs(height) / (_HEIGHT + _SIGMAS * noise[:, None] / np.sqrt(power)))
-    )
+    strange = np.maximum(uneven / allowed, np.abs(height) / (_HEIGHT + _SIGMAS * noise[:, None] / np.sqrt(power)))
+    return np.where(count > 0, strange, _UNSEEN)
