@@ -147,11 +147,15 @@ def prepare(markers: Sequence[Marker], calibrated: bool) -> Sought:
         raise InputError("one marker or more", "none", "say what to look for")
     for marker in markers:
         check_supported(marker, "to detect")
-    layout_by_points = {marker.control_points: layout_of(marker) for marker in markers}
+    layout_by_points = {marker.control_points: _layout(marker) for marker in markers}
     layouts = tuple(layout_by_points[marker.control_points] for marker in markers)
     if not calibrated and not all(layout.flat for layout in layouts):
         raise InputError("a camera for a marker with relief", "none", "give the camera's calibration")
     return Sought(tuple(markers), layouts)
+
+
+_layout = lru_cache(maxsize=64)(layout_of)
+"""Calls of `detect`, one for each image, prepare a marker once."""
 
 
 def detect(
@@ -350,7 +354,7 @@ def identify(
                         rivals[k] = rival
         else:
             corners = tags.pixels[chosen.sighting[0]] if chosen.tags[0] == CONFIRMS else None
-            detection = _finish(chosen, own, alone, markers[best], camera, calibrated, errors)
+            detection = finish(chosen, own, alone, markers[best], camera, calibrated, errors)
             found.append(replace(detection, marker=best, tag=corners if detection.found else None))
             left[best] -= 1
             if not left[best]:
@@ -388,7 +392,7 @@ def _unlabeled(chosen: Search, blobs: Blobs, ellipses: Ellipses, camera: Camera)
     return Unlabeled(camera.to_pixels(corrected), blobs.covariance[index], blobs.center[index])
 
 
-def _finish(
+def finish(
     chosen: Search,
     blobs: Blobs,
     ellipses: Ellipses,

@@ -371,10 +371,13 @@ def fit_blobs(image: Image, blobs: Blobs) -> Blobs:
     fits = fit_unknowns(image, kinds, kinds.ring | doubtful[index])
     good = _accepted(fits, kinds)
     chosen = np.arange(count)
-    for other in count + np.flatnonzero(good[count:] | good[index[count:]]):
-        ring, disk = sorted((other, int(index[other])), key=lambda k: not kinds.ring[k])
-        better = fits.misfit[disk] - fits.misfit[ring] > _RING_GAIN if good[ring] == good[disk] else good[ring]
-        chosen[index[other]] = ring if better else disk
+    for other in range(count, len(index)):
+        own = int(index[other])
+        ring, disk = (own, other) if kinds.ring[own] else (other, own)
+        if good[own] and good[other]:
+            chosen[own] = ring if fits.misfit[disk] - fits.misfit[ring] > _RING_GAIN else disk
+        elif good[other]:
+            chosen[own] = other
     return _fitted(kinds.take(chosen), fits.take(chosen), good[chosen])
 
 

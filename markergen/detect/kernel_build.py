@@ -30,7 +30,7 @@ def digest() -> str:
 
 
 def build(folder: Path | None = None) -> Path:
-    """Compile kernel.c and return the library's path.
+    """Compile the sources and return the library's path.
 
     The compiler is that of the environment variable CC, or the first of cc, gcc and clang that is there.
 
