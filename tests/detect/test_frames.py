@@ -129,8 +129,10 @@ def scene(pentagon, irregular, ngon):
 def test_what_is_in_the_frame_is_found(scene, name, light):
     here = scene(name, light)
     assert np.isin([0, 255], here.frame).any() == (name == "saturated")
-    found = Detector(here.sought, CAMERA)(here.frame)
+    detector = Detector(here.sought, CAMERA)
+    found = detector(here.frame)
     here.check(found)
+    here.check(detector(here.frame, near=[each for each in found if each.ok]))
     for each in found:
         if each.ok:
             assert each.covariance.shape == (6, 6)
