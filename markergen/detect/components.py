@@ -59,8 +59,10 @@ class Components:
         Level of the pyramid; 2^level is the side of its pixels in px of the image.
     border : array (K,) of bool
         True if it touches the image's edge.
-    unit : float
-        Step in the image's grey levels that counts as one of 255.
+    low, unit : float
+        Grey level of the image that is 0 in `levels`, and the step that is 1 there.
+    levels : tuple of arrays (h, w)
+        The pyramid, finest first, with 8 bits.
     coarsest : int
         Side of the squares of pixels that the finest level averages: 1, or more for images of over 40 megapixels, where
         dots smaller than 3.5 times that are not looked for.
@@ -73,7 +75,9 @@ class Components:
     box: Array
     level: NDArray[np.int64]
     border: NDArray[np.bool_]
+    low: float
     unit: float
+    levels: tuple[Eight, ...]
     coarsest: int
 
     def __len__(self) -> int:
@@ -104,19 +108,29 @@ def find_components(image: Image) -> Components:
     while image.size > _MAX_PIXELS * coarsest**2:
         coarsest *= 2
     scale, level = coarsest, _eight_bits(_shrunk(image, coarsest), low, range_)
-    found, scales, shapes = [], [], []
+    found, scales, levels = [], [], []
     while True:
         rows = _of_level(level)
         found.append(rows)
         scales.append(np.full(len(rows), scale))
-        shapes.append(np.broadcast_to(level.shape, (len(rows), 2)))
+        levels.append(level)
         if min(level.shape) < 2 * _MIN_SIDE:
             break
         scale, level = 2 * scale, np.asarray(_shrunk(level, 2), dtype=np.uint8)
-    return _shaped(np.concatenate(found), np.concatenate(scales), np.concatenate(shapes), range_ / 255, coarsest)
+    shapes = np.repeat([level.shape for level in levels], [len(rows) for rows in found], axis=0)
+    rest = low, range_ / 255, tuple(levels), coarsest
+    return _shaped(np.concatenate(found), np.concatenate(scales), shapes, *rest)
 
 
-def _shaped(found: Integers, scale: Integers, shape: Integers, unit: float, coarsest: int) -> Components:
+def _shaped(
+    found: Integers,
+    scale: Integers,
+    shape: Integers,
+    low: float,
+    unit: float,
+    levels: tuple[Eight, ...],
+    coarsest: int,
+) -> Components:
     """Select components whose moments are those of an elliptic disk or ring."""
     n, x, y, xx, xy, yy = (np.asarray(column, dtype=float) for column in found.T[:6])
     x, y = x / n, y / n
@@ -141,7 +155,9 @@ def _shaped(found: Integers, scale: Integers, shape: Integers, unit: float, coar
         (box + [-0.5, -0.5, 0.5, 0.5]) * factor[:, None] + shift[:, None],
         np.rint(np.log2(factor)).astype(np.int64),
         border,
+        low,
         unit,
+        levels,
         coarsest,
     )
 
