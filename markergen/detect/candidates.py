@@ -1,6 +1,5 @@
 """Candidate dots: dark regions with an even edge from dark to light all around, and their rough ellipses."""
 
-from dataclasses import fields
 from typing import NamedTuple
 
 import numpy as np
@@ -19,11 +18,10 @@ Indices = NDArray[np.intp]
 CENTER, AXES, LIGHT, STEP, UNEVEN, RMS, SLOPE, MIDDLE, INVERSE = slice(0, 2), slice(2, 5), 5, 6, 7, 8, 9, 10, slice(11, 14)
 COLUMNS = 14
 
-# The numbers from here to _SOFT, and the angles, stand in kernel.c too.
 _SECTORS = 24
 _OFFSETS = np.array([-5.0, -3, -2, -1, 0, 1, 2, 3, 5])
 _ZERO = 4
-"""Places across the outline where its profile is sampled, px, and the index of the outline's own."""
+"""Places across the outline where its profile is sampled, px, as in kernel.c, and the index of the outline's own."""
 
 _INSIDE, _OUTSIDE = -2.0, 1.5
 _LEAST_STEP, _STEP_SHARE = 6.0, 0.3
@@ -52,6 +50,14 @@ _LEAST_SCALE, _SOFT = 0.04, 2.5
 _TURNS = 2 * np.pi * np.arange(_SECTORS) / _SECTORS
 _CIRCLE = np.stack([np.cos(_TURNS), np.sin(_TURNS)])
 _MIDDLE_SHARE = 0.2
+
+_LIMITS = np.array(
+    [
+        _INSIDE, _OUTSIDE, _LEAST_STEP, _STEP_SHARE, _LEAST_EIGHTHS, _MIN_SECTORS, _MIN_STEP, _ALIKE, *_MAX_UNEVEN,
+        *_MAX_RMS[0], *_MAX_RMS[1], *_ROUNDS, _MIN_SEMI, _MAX_ELONGATION, _LEAST_SCALE, _SOFT, _MIDDLE_SHARE,
+    ]
+)  # fmt: skip
+"""In the order of kernel.c."""
 
 _MIN_COARSE = 3.0
 """Minimum shorter semi-axis of a component of a coarser level than the finest: the finer level has seen smaller dots
@@ -103,34 +109,31 @@ def find_blobs(image: Image) -> Blobs:
         the ellipse.
     """
     components = find_components(image)
-    finest = int(np.log2(components.coarsest))
-    parts, doubts, scales = [], [], []
-    for level, grey in enumerate(components.levels, finest):
-        scale = 2.0**level
-        of_level = components.level == level
-        rough = _outlines(components.center[of_level], components.spread[of_level], scale)
-        if level > finest:
-            rough = rough[_least(rough[:, AXES]) > _MIN_COARSE]
-        edges = even_edges(grey, rough)
-        parts.append(_blobs(edges, scale, components))
-        doubts.append(_doubt(edges))
-        scales.append(scale)
-    columns = ([getattr(part, each.name) for part in parts] for each in fields(Blobs))
-    blobs, doubt = Blobs(*map(np.concatenate, columns)), np.concatenate(doubts)
-    kept = _distinct(blobs, np.repeat(scales, list(map(len, parts))))
-    return blobs.take(kept[np.argsort(doubt[kept], kind="stable")])
+    scale = 2.0**components.level
+    rough = _outlines(components, scale)
+    finest = components.level.min(initial=99)
+    sought = (components.level == finest) | (_least(rough[:, AXES]) > _MIN_COARSE)
+    parts, scales = [np.zeros((0, COLUMNS))], [np.zeros(0)]
+    for level, grey in enumerate(components.levels, int(np.log2(components.coarsest))):
+        of_level = sought & (components.level == level)
+        parts.append(even_edges(grey, rough[of_level]))
+        scales.append(np.full(len(parts[-1]), 2.0**level))
+    edges, scale = np.concatenate(parts), np.concatenate(scales)
+    blobs = _blobs(edges, scale, components)
+    kept = _distinct(blobs, scale)
+    return blobs.take(kept[np.argsort(_doubt(edges[kept]), kind="stable")])
 
 
-def _outlines(center: Array, spread: Array, scale: float) -> Array:
+def _outlines(components: Components, scale: Array) -> Array:
     """Return center and axes (k, 5) of components in pixels of their level.
 
     Axes are the symmetric matrix A (a11, a12, a22) whose product with the unit circle is the outline: the root of Q.
     """
-    xx, xy, yy = (spread[:, [0, 0, 1], [0, 1, 1]] / scale**2).T
+    xx, xy, yy = (components.spread[:, row, column] / scale**2 for row, column in ((0, 0), (0, 1), (1, 1)))
     determinant = np.sqrt(np.maximum(xx * yy - xy * xy, 1e-12))
     root = np.sqrt(xx + yy + 2 * determinant)
-    center = (center - (scale - 1) / 2) / scale
-    return np.stack([*center.T, (xx + determinant) / root, xy / root, (yy + determinant) / root], axis=-1)
+    x, y = (components.center.T - (scale - 1) / 2) / scale
+    return np.stack([x, y, (xx + determinant) / root, xy / root, (yy + determinant) / root], axis=-1)
 
 
 def _least(axes: Array) -> Array:
@@ -151,7 +154,9 @@ def even_edges(image: Eight, rough: Array) -> Array:
     """
     if not len(rough):
         return np.zeros((0, COLUMNS))
-    return kernel.even_edges(image, rough) if kernel.library() is not None else _even_edges(image, rough)
+    if kernel.library() is None:
+        return _even_edges(image, rough)
+    return kernel.even_edges(image, rough, _CIRCLE, _LIMITS, COLUMNS)
 
 
 def _even_edges(image: Eight, rough: Array) -> Array:
@@ -276,33 +281,34 @@ def _doubt(edges: Array) -> Array:
     return np.asarray(uneven**2 + off**2 + faint**2)
 
 
-def _blobs(edges: Array, scale: float, components: Components) -> Blobs:
-    """Return the blobs of edges of a level whose pixels have `scale` times the side of the image's."""
+def _blobs(edges: Array, scale: Array, components: Components) -> Blobs:
+    """Return the blobs of edges (k, 14) of levels whose pixels have `scale` (k,) times the side of the image's."""
     a, b, c = edges[:, AXES].T
     shorter = _least(edges[:, AXES])
     longer = a + c - shorter
-    longest = np.arctan2(2 * b, a - c) / 2
     slope = edges[:, SLOPE] / edges[:, STEP]
     middle = 1 - (edges[:, LIGHT] - edges[:, MIDDLE]) / edges[:, STEP]
-    disk, ring = (_unblurred(longer, shorter, slope, hollow) for hollow in (False, True))
+    best = _unblurred(longer, shorter, slope, False)
     # A blurred hole is less light, relative to the ink around it, than a wide one.
-    middle = middle / np.maximum(ring.middle, _LEAST_MIDDLE)
+    open_ = np.flatnonzero(middle > _RING_ABOVE * _LEAST_MIDDLE)
+    ring = _unblurred(longer[open_], shorter[open_], slope[open_], True)
+    middle[open_] /= np.maximum(ring.middle, _LEAST_MIDDLE)
     hollow = middle > _RING_ABOVE
-    semi = np.where(hollow, ring.semi, disk.semi)
-    blur, depth = np.where(hollow, ring.blur, disk.blur), np.where(hollow, ring.depth, disk.depth)
+    for whole, part in zip(best, ring, strict=True):
+        whole[..., hollow] = part[..., hollow[open_]]
     # Finer pixels are a part of this level's, and so is their share of the blur.
-    blur = scale**2 * (blur**2 - _BILINEAR - _PIXEL) + _PIXEL
-    variance = np.maximum(edges[:, RMS], _CROSSING_PX)[:, None, None] ** 2
-    covariance = variance * edges[:, [11, 12, 12, 13]].reshape(-1, 2, 2) + _CENTER_PX**2 * np.eye(2)
+    blur = scale**2 * (best.blur**2 - _BILINEAR - _PIXEL) + _PIXEL
+    variance = np.maximum(edges[:, RMS], _CROSSING_PX) ** 2
+    covariance = edges[:, INVERSE] * variance[:, None] + _CENTER_PX**2 * np.array([1, 0, 1])
     light = components.low + components.unit * edges[:, LIGHT]
     return Blobs(
-        center=scale * edges[:, CENTER] + (scale - 1) / 2,
-        semi=scale * np.maximum(semi, _MIN_SEMI).T,
-        angle=longest,
+        center=scale[:, None] * edges[:, CENTER] + (scale[:, None] - 1) / 2,
+        semi=(scale * np.maximum(best.semi, _MIN_SEMI)).T,
+        angle=np.arctan2(2 * b, a - c) / 2,
         ring=hollow,
-        covariance=scale**2 * covariance,
+        covariance=(scale[:, None] ** 2 * covariance)[:, [0, 1, 1, 2]].reshape(-1, 2, 2),
         light=light,
-        dark=light - components.unit * edges[:, STEP] / depth,
+        dark=light - components.unit * edges[:, STEP] / best.depth,
         blur=np.sqrt(np.maximum(blur, _LEAST_BLUR**2)),
         middle=middle,
         fitted=np.zeros(len(edges), dtype=bool),

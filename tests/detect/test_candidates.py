@@ -2,7 +2,8 @@ import cv2
 import numpy as np
 import pytest
 
-from markergen.detect.candidates import MAX_REGIONS, find_blobs, grey_noise
+from markergen.detect.candidates import find_blobs
+from markergen.detect.components import grey_noise
 
 
 def scene(ellipses, shape=(300, 400), light=200, noise=2.0, blur=0.7, seed=0):
