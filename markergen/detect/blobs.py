@@ -60,6 +60,11 @@ class Blobs:
         return Blobs(*(getattr(self, each.name)[index] for each in fields(self)))
 
 
+def as_dark(image: Image, light: bool) -> Image:
+    """Return an image with dark dots: unchanged, or, if they are light, the highest grey level of its type minus it."""
+    return ~image if light else image
+
+
 _SAMPLES = 32
 _STEPS = 3
 """Samples of an outline and Gauss-Newton steps of its fit: with more, centers change by less than 1e-5 px."""

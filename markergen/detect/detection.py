@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, lru_cache, partial
+from functools import cache, cached_property, lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.blobs import Blobs, Ellipses, Image, undo_lens
+from markergen.detect.blobs import Blobs, Ellipses, Image, as_dark, undo_lens
 from markergen.detect.candidates import find_blobs
 from markergen.detect.conic_projection import correct_centers, outlines
 from markergen.detect.ellipse_fit import fit_blobs
@@ -114,13 +114,25 @@ class Sought:
     markers : tuple of Marker
     layouts : tuple of DotLayout
         One layout for each marker; the markers of a family share a layout and its search results.
-    families : frozenset of str
-        Families of their tags.
     """
 
     markers: tuple[Marker, ...]
     layouts: tuple[DotLayout, ...]
-    families: frozenset[str]
+
+    @property
+    def families(self) -> frozenset[str]:
+        """Families of the markers' tags."""
+        return frozenset(marker.tag.family for marker in self.markers if marker.tag)
+
+    @cached_property
+    def by_polarity(self) -> "dict[bool, tuple[Sought, list[int]]]":
+        """The markers with dark dots (False) and those with light ones (True), with their indices among all."""
+        parts = {}
+        for light in sorted({marker.light for marker in self.markers}):
+            chosen = [k for k, marker in enumerate(self.markers) if marker.light == light]
+            own = Sought(tuple(self.markers[k] for k in chosen), tuple(self.layouts[k] for k in chosen))
+            parts[light] = own, chosen
+        return parts
 
 
 def prepare(markers: Sequence[Marker], calibrated: bool) -> Sought:
@@ -139,7 +151,7 @@ def prepare(markers: Sequence[Marker], calibrated: bool) -> Sought:
     layouts = tuple(layout_by_points[marker.control_points] for marker in markers)
     if not calibrated and not all(layout.flat for layout in layouts):
         raise InputError("a camera for a marker with relief", "none", "give the camera's calibration")
-    return Sought(tuple(markers), layouts, frozenset(marker.tag.family for marker in markers if marker.tag))
+    return Sought(tuple(markers), layouts)
 
 
 def detect(
@@ -206,8 +218,20 @@ def find_all(
     errors: ErrorSources = DEFAULT_ERRORS,
     copies: int = MAX_COPIES,
 ) -> list[Detection]:
-    """Run `detect_all` for prepared markers, in an image of the camera's size."""
+    """Run `detect_all` for prepared markers, in an image of the camera's size; light dots as dark ones, inverted."""
     _check(image)
+    found = []
+    for light, (own, indices) in sought.by_polarity.items():
+        for each in _find_dark(as_dark(image, light), own, camera, errors, copies):
+            rival = None if each.rival is None else indices[each.rival]
+            found.append(replace(each, marker=indices[each.marker], rival=rival))
+    return sorted(found, key=lambda each: -len(each.ids)) if len(sought.by_polarity) > 1 else found
+
+
+def _find_dark(
+    image: Image, sought: Sought, camera: Camera | None, errors: ErrorSources, copies: int
+) -> list[Detection]:
+    """Run `find_all` for markers with dark dots."""
     height, width = image.shape
     tags = look_for_tags(image, sought.families)
     eye = camera or made_up_camera(width, height)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.detect.blobs import as_dark
 from markergen.detect.detection import MAX_COPIES, Detection, detect_dots, find_all, prepare
 from markergen.detect.photometric import check_refinement, refine
 from markergen.detect.pose import PoseEstimate
@@ -369,9 +370,11 @@ class Detector:
     def dots(self, frame: NDArray[Any]) -> Array:
         """Return the centers (m, 2) in px of the image ellipses of all dots in a frame, unlabeled, of a marker or not.
 
-        They are not corrected for perspective, which would take the pose. Takes and raises the same as `__call__`.
+        They are dark dots, light dots, or both, as the markers have them, the dark ones first. They are not corrected
+        for perspective, which would take the pose. Takes and raises the same as `__call__`.
         """
-        return detect_dots(self._grey(frame)).center
+        grey = self._grey(frame)
+        return np.concatenate([detect_dots(as_dark(grey, light)).center for light in self._sought.by_polarity])
 
     def __repr__(self) -> str:
         names = ", ".join(self._names[:3]) + (f" and {len(self._names) - 3} more" if len(self._names) > 3 else "")

@@ -60,6 +60,8 @@ def _declare(loaded: ctypes.CDLL) -> None:
         address, whole, whole, whole, ctypes.c_int, whole, address, whole,
     ]  # fmt: skip
     loaded.dark_components.restype = whole
+    loaded.difference_squares.argtypes = [address, whole, whole, whole, address]
+    loaded.difference_squares.restype = None
     loaded.refine_poses.argtypes = [whole, whole, *[address] * 7, whole, ctypes.c_double, address]
     loaded.refine_poses.restype = ctypes.c_int
     loaded.even_edges.argtypes = [address, whole, whole, whole, address, whole, *[address] * 3]
@@ -98,6 +100,19 @@ def dark_components(image: Eight, step: int, least: int) -> Integers:
         if count <= capacity:
             return found[:count]
         capacity = count
+
+
+def difference_squares(pieces: Eight) -> Integers:
+    """Return the sums of squared differences of neighbors in pieces of 32 px of rows (h, 32 m), an array (h m,)."""
+    loaded = library()
+    assert loaded is not None
+    pieces = _rows(pieces)
+    height, width = pieces.shape
+    if width % 32:
+        raise ValueError(f"rows of {width} px are not made of pieces of 32")
+    sums = np.empty(pieces.size // 32, dtype=np.int64)
+    loaded.difference_squares(pieces.ctypes.data, height, width, pieces.strides[0], sums.ctypes.data)
+    return sums
 
 
 def refine_poses(
