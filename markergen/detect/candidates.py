@@ -71,16 +71,20 @@ _LEAST_BLUR = 0.28
 _RING_ABOVE = 0.5
 _LEAST_MIDDLE = 0.15
 """Least level in the middle of a ring, relative to the step at its outline, that counts in telling it from a disk."""
-_MAX_SHARE, _LEAST_DEPTH = 0.954, 0.25
+_MAX_SHARE, _LEAST_DEPTH = 0.954, 0.5
 """Limits for the share of the step within 1 px of the edge, which is less even for the sharpest, and for the share of the
 ink's darkness that is left of a small dot."""
+_MAX_INWARD = 1.0
 _STEPS = 4
 
 _SAME_PLACE, _SAME_SIZE = 0.5, 0.3
 _BLURRED_PX = 1.0
 """Outlines whose centers and semi-axes differ by less than these shares of the shorter semi-axis are of one dot; of
 coarser levels, also if the semi-axes differ by a pixel of the level."""
-_CROSSING_PX, _CENTER_PX = 0.05, 0.02
+_MISFIT = 1.6
+"""Variance of the crossings relative to the weighted mean square of their distances from the ellipse: five of 24 degrees of
+freedom went into it, and the largest distances count less."""
+_CROSSING_PX, _CENTER_PX = 0.04, 0.015
 """Least standard deviation of a crossing, and of a center beyond what follows from the crossings, in pixels of the level:
 edges are neither straight nor of one width, and pixels are squares."""
 
@@ -298,7 +302,7 @@ def _blobs(edges: Array, scale: Array, components: Components) -> Blobs:
         whole[..., hollow] = part[..., hollow[open_]]
     # Finer pixels are a part of this level's, and so is their share of the blur.
     blur = scale**2 * (best.blur**2 - _BILINEAR - _PIXEL) + _PIXEL
-    variance = np.maximum(edges[:, RMS], _CROSSING_PX) ** 2
+    variance = np.maximum(_MISFIT * edges[:, RMS] ** 2, _CROSSING_PX**2)
     covariance = edges[:, INVERSE] * variance[:, None] + _CENTER_PX**2 * np.array([1, 0, 1])
     light = components.low + components.unit * edges[:, LIGHT]
     return Blobs(
@@ -341,30 +345,46 @@ def _unblurred(longer: Array, shorter: Array, slope: Array, ring: bool) -> _Unbl
     """
     from scipy.special import ndtr, ndtri
 
-    width = longer * shorter / np.sqrt((longer**2 + shorter**2) / 2) / 2 if ring else None
-    depth, behind = np.ones_like(longer), 0.0
+    mean = longer * shorter / np.sqrt((longer**2 + shorter**2) / 2)
+    depth, lost, outside = np.ones_like(longer), 0.0, np.zeros_like(longer)
     for _ in range(_STEPS):
-        blur = 1 / ndtri((1 + np.clip(slope * depth + behind, 0.05, _MAX_SHARE)) / 2)
-        if width is None:
-            depth = _darkness(longer, shorter, blur)
+        blur = 1 / ndtri((1 + np.clip(slope * depth + lost, 0.05, _MAX_SHARE)) / 2)
+        if ring:
+            width = (mean - outside) / 2
+            depth = np.maximum(2 * ndtr(width / (2 * blur)) - 1, _LEAST_DEPTH)
+            outside = -blur * ndtri(np.clip(depth / 2 + ndtr(-(width + outside) / blur), 1e-3, 0.5))
+            # Between these places is not the steepest part, and the rise to the level of the hole begins.
+            inner, outer = (1 - outside) / blur, (-1 - outside) / blur
+            lost = 2 * ndtr(1 / blur) - 1 - ndtr(inner) + ndtr(outer)
+            lost += ndtr(inner - width / blur) - ndtr(outer - width / blur)
         else:
-            depth = 2 * ndtr(width / (2 * blur)) - 1
-            # The rise to the hole's level on the other side of the ink.
-            behind = ndtr((1 - width) / blur) - ndtr((-1 - width) / blur)
-        depth = np.maximum(depth, _LEAST_DEPTH)
-    outside = np.zeros_like(longer)
-    for _ in range(_STEPS - 1):
-        beyond = 0.0 if width is None else ndtr(-(width + outside) / blur)
-        outside = -blur * ndtri(np.clip(depth / 2 + beyond, 1e-3, 0.5))
-    inward = blur * np.minimum(blur * np.stack([longer / shorter**2, shorter / longer**2]) / 2, 1)
-    semi = np.stack([longer, shorter]) - outside + inward
-    if width is None:
+            depth = np.maximum(_darkness(longer, shorter, blur), _LEAST_DEPTH)
+            outside = -blur * ndtri(depth / 2)
+    semi = np.stack([longer, shorter]) - outside + _moved_inward(longer, shorter, blur)
+    if not ring:
         return _Unblurred(semi, blur, depth, np.zeros_like(longer))
     left = _darkness(*semi, blur) - _darkness(*semi / 2, blur)
     return _Unblurred(semi, blur, depth, 1 - left / depth)
 
 
-_EIGHTHS = np.cos((np.arange(6) + 0.5) / 12 * np.pi) ** 2
+_QUARTER = np.cos((np.arange(12) + 0.5) / 24 * np.pi) ** 2
+"""Squared cosines of an ellipse's parameter over a quarter of it."""
+
+
+def _moved_inward(longer: Array, shorter: Array, blur: Array) -> Array:
+    """Return by how much (2, k) the semi-axes of the ellipse through the half-level are too short.
+
+    The half-level is moved inward by k s^2 / 2, k = a b / D^3 with D^2 = b^2 cos^2 + a^2 sin^2, which no ellipse follows:
+    near sharp tips it has the least squares of distances along the normal. These change by b cos^2 / D with the longer
+    semi-axis, and by a sin^2 / D with the shorter one.
+    """
+    a, b, s = longer[:, None], shorter[:, None], blur[:, None]
+    along, across = b * _QUARTER, a * (1 - _QUARTER)
+    square = b * along + a * across
+    inward = s * np.minimum(s * a * b / (2 * square**1.5), _MAX_INWARD)
+    aa, ab, bb = ((each / square).sum(axis=1) for each in (along * along, along * across, across * across))
+    x, y = ((each * inward / np.sqrt(square)).sum(axis=1) for each in (along, across))
+    return np.asarray(np.stack([bb * x - ab * y, aa * y - ab * x]) / (aa * bb - ab * ab))
 
 
 def _darkness(longer: Array, shorter: Array, blur: Array) -> Array:
@@ -373,7 +393,7 @@ def _darkness(longer: Array, shorter: Array, blur: Array) -> Array:
     The integral of a normal distribution out to the distance r in every direction is the mean of 1 - exp(-r^2 / 2 s^2)
     over directions; at equal steps of the ellipse's parameter, a direction counts by its angle, a b / r^2.
     """
-    square = np.outer(longer**2, _EIGHTHS) + np.outer(shorter**2, 1 - _EIGHTHS)
+    square = np.outer(longer**2, _QUARTER) + np.outer(shorter**2, 1 - _QUARTER)
     inside = -np.expm1(-square / (2 * blur[:, None] ** 2))
     return np.asarray(longer * shorter * (inside / square).mean(axis=1))
 
