@@ -350,7 +350,7 @@ def identify(
                         rivals[k] = rival
         else:
             corners = tags.pixels[chosen.sighting[0]] if chosen.tags[0] == CONFIRMS else None
-            detection = _finish(chosen, own, alone, markers[best], camera, calibrated, errors)
+            detection = finish(chosen, own, alone, markers[best], camera, calibrated, errors)
             found.append(replace(detection, marker=best, tag=corners if detection.found else None))
             left[best] -= 1
             if not left[best]:
@@ -388,7 +388,7 @@ def _unlabeled(chosen: Search, blobs: Blobs, ellipses: Ellipses, camera: Camera)
     return Unlabeled(camera.to_pixels(corrected), blobs.covariance[index], blobs.center[index])
 
 
-def _finish(
+def finish(
     chosen: Search,
     blobs: Blobs,
     ellipses: Ellipses,

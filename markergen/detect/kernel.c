@@ -149,8 +149,8 @@ static void mark_dark(uint8_t *dark, const uint16_t *sums, const uint8_t *row, i
     }
 }
 
-/* Columns where ones begin and where they end, in turn; `dark` has at least 8 zeros behind its end. Returns their number,
-   which is even. In rows with texture every other branch would be mispredicted, so there is one for eight pixels. */
+/* Columns where ones begin and where they end, in turn; returns their number, which is even. `dark` has at least 8 zeros
+   behind its end. In rows with texture every other branch would be mispredicted, so there is one for eight pixels. */
 static int32_t find_changes(int32_t *changes, const uint8_t *dark, int64_t width)
 {
     int32_t count = 0;
@@ -177,7 +177,7 @@ int64_t dark_components(const uint8_t *image, int64_t height, int64_t width, int
     uint16_t *sums = malloc(((size_t)width + 2 * HALF) * sizeof *sums);
     uint8_t *dark = calloc((size_t)width + 16, 1);
     int32_t *changes = malloc((2 * most + 8) * sizeof *changes);
-    Run *above = malloc(most * sizeof *above), *here = malloc(most * sizeof *here);
+    Run *above = malloc((most + 1) * sizeof *above), *here = malloc((most + 1) * sizeof *here);
     /* Those of two rows, since a joined one stays until the end of its row. */
     Component *all = malloc(2 * most * sizeof *all);
     int32_t above_count = 0, free_one = -1, used = 0;
@@ -197,14 +197,14 @@ int64_t dark_components(const uint8_t *image, int64_t height, int64_t width, int
             mark_dark(dark, sums, image + y * stride, width, step);
             here_count = find_changes(changes, dark, width) / 2;
         }
+        /* First to which components the runs belong, without the sums, so that mispredicted branches cost little. */
+        above[above_count] = (Run){INT32_MAX, INT32_MAX, -1};
         for (int32_t j = 0; j < here_count; j++) {
             const int32_t a = changes[2 * j], b = changes[2 * j + 1] - 1;
-            const uint64_t n = (uint64_t)(b - a) + 1, s = (uint64_t)a + (uint64_t)b, v = (uint64_t)y;
-            Component *c;
             int32_t own = -1;
-            while (i < above_count && above[i].last < a)
+            while (above[i].last < a)
                 i++;
-            for (int32_t k = i; k < above_count && above[k].first <= b; k++) {
+            for (int32_t k = i; above[k].first <= b; k++) {
                 const int32_t other = final(all, above[k].component);
                 if (own < 0)
                     own = other;
@@ -223,27 +223,24 @@ int64_t dark_components(const uint8_t *image, int64_t height, int64_t width, int
                     free_one = all[own].into;
                 } else
                     own = used++;
-                c = all + own;
-                memset(c, 0, sizeof *c);
-                c->into = own;
-                c->first = y * width + a;
-                c->left = a;
-                c->right = b;
-                c->top = (int32_t)y;
+                all[own] = (Component){.first = y * width + a, .left = a, .right = b, .top = (int32_t)y, .into = own};
             }
-            c = all + own;
+            here[j] = (Run){a, b, own};
+        }
+        for (int32_t j = 0; j < here_count; j++) {
+            const int32_t a = here[j].first, b = here[j].last, own = final(all, here[j].component);
+            const uint64_t n = (uint64_t)(b - a) + 1, s = (uint64_t)a + (uint64_t)b, v = (uint64_t)y;
+            Component *c = all + own;
             c->pixels += n;
             c->x2 += n * s;
             c->y += n * v;
             c->xx12 += n * (3 * s * s + n * n - 1);
             c->xy2 += n * s * v;
             c->yy += n * v * v;
-            if (a < c->left)
-                c->left = a;
-            if (b > c->right)
-                c->right = b;
+            c->left = a < c->left ? a : c->left;
+            c->right = b > c->right ? b : c->right;
             c->bottom = (int32_t)y;
-            here[j] = (Run){a, b, own};
+            here[j].component = own;
         }
         for (int32_t k = 0; k < above_count; k++) {
             const int32_t own = final(all, above[k].component);
@@ -256,8 +253,6 @@ int64_t dark_components(const uint8_t *image, int64_t height, int64_t width, int
             c->left = joined;
             joined = own;
         }
-        for (int32_t j = 0; j < here_count; j++)
-            here[j].component = final(all, here[j].component);
         while (joined >= 0) {
             const int32_t next = all[joined].left;
             all[joined].into = free_one;
@@ -275,6 +270,46 @@ int64_t dark_components(const uint8_t *image, int64_t height, int64_t width, int
     free(above);
     free(here);
     free(all);
+    return count;
+}
+
+/* ------------------------------------------------------------------------------------------------------------------
+   elliptic: which components have the moments and the box of an elliptic disk, ring or band, with their outlines
+   (twin: components.py, _elliptic, which says more).
+
+   found (k, FIELDS); limits: trace^2 / determinant of the covariance; k^2 of small ones, its growth, and at all; distance
+   of the box's sides, px and share. index (k), center (k, 2), spread (k, 2, 2). Returns their number. */
+
+static int touches(double place, double side, double half, const double *limits)
+{
+    const double slack = limits[4] + limits[5] * half;
+    return fabs(place + 0.5 - half) < slack && fabs(side + 0.5 - place - half) < slack;
+}
+
+int64_t elliptic(int64_t k, const int64_t *found, const double *limits, int64_t *index, double *center, double *spread)
+{
+    const double pi = 3.14159265358979323846;
+    int64_t count = 0;
+    for (int64_t i = 0; i < k; i++) {
+        const int64_t *f = found + FIELDS * i;
+        const double n = (double)f[0], x = (double)f[1] / n, y = (double)f[2] / n;
+        const double xx = (double)f[3] / n - x * x + 1. / 12, xy = (double)f[4] / n - x * y;
+        const double yy = (double)f[5] / n - y * y + 1. / 12, determinant = xx * yy - xy * xy;
+        const double mean = 4 * pi * sqrt(determinant), outline = (n + mean) / 2, hollow = mean / outline;
+        const double small = limits[1] + limits[2] * sqrt(outline / pi);
+        if (!((xx + yy) * (xx + yy) < limits[0] * determinant && hollow < 1 + fmin(small, limits[3])))
+            continue;
+        if (!touches(x, (double)(f[8] - f[6]), 2 * sqrt(xx / hollow), limits) ||
+            !touches(y, (double)(f[9] - f[7]), 2 * sqrt(yy / hollow), limits))
+            continue;
+        double *c = center + 2 * count, *s = spread + 4 * count;
+        c[0] = x + (double)f[6];
+        c[1] = y + (double)f[7];
+        s[0] = xx * (4 / hollow);
+        s[1] = s[2] = xy * (4 / hollow);
+        s[3] = yy * (4 / hollow);
+        index[count++] = i;
+    }
     return count;
 }
 

@@ -99,4 +99,6 @@ def test_arrays_that_do_not_fit_are_refused():
         kernel.dark_components(image, 256, 7)
     with pytest.raises(ValueError, match="pieces of 32"):
         kernel.difference_squares(image)
+    with pytest.raises(ValueError, match="11 numbers"):
+        kernel.elliptic(np.zeros((3, 10), np.int64), np.zeros(6))
     assert kernel.dark_components(image[:0], 6, 7).shape == (0, 11)
