@@ -15,7 +15,17 @@ Eight = NDArray[np.uint8]
 Indices = NDArray[np.intp]
 
 # Columns of the rows that describe an edge, in pixels and grey levels of a level of the pyramid; see `_even_edges`.
-CENTER, AXES, LIGHT, STEP, UNEVEN, RMS, SLOPE, MIDDLE, INVERSE = slice(0, 2), slice(2, 5), 5, 6, 7, 8, 9, 10, slice(11, 14)
+CENTER, AXES, LIGHT, STEP, UNEVEN, RMS, SLOPE, MIDDLE, INVERSE = (
+    slice(0, 2),
+    slice(2, 5),
+    5,
+    6,
+    7,
+    8,
+    9,
+    10,
+    slice(11, 14),
+)
 COLUMNS = 14
 
 _SECTORS = 24
@@ -72,8 +82,8 @@ _RING_ABOVE = 0.5
 _LEAST_MIDDLE = 0.15
 """Least level in the middle of a ring, relative to the step at its outline, that counts in telling it from a disk."""
 _MAX_SHARE, _LEAST_DEPTH = 0.954, 0.5
-"""Limits for the share of the step within 1 px of the edge, which is less even for the sharpest, and for the share of the
-ink's darkness that is left of a small dot."""
+"""Limits for the share of the step within 1 px of the edge, which is less even for the sharpest, and for the share of
+the ink's darkness that is left of a small dot."""
 _MAX_INWARD = 1.0
 _STEPS = 4
 
@@ -82,11 +92,11 @@ _BLURRED_PX = 1.0
 """Outlines whose centers and semi-axes differ by less than these shares of the shorter semi-axis are of one dot; of
 coarser levels, also if the semi-axes differ by a pixel of the level."""
 _MISFIT = 1.6
-"""Variance of the crossings relative to the weighted mean square of their distances from the ellipse: five of 24 degrees of
-freedom went into it, and the largest distances count less."""
+"""Variance of the crossings relative to the weighted mean square of their distances from the ellipse: five of 24
+degrees of freedom went into it, and the largest distances count less."""
 _CROSSING_PX, _CENTER_PX = 0.04, 0.015
-"""Least standard deviation of a crossing, and of a center beyond what follows from the crossings, in pixels of the level:
-edges are neither straight nor of one width, and pixels are squares."""
+"""Least standard deviation of a crossing, and of a center beyond what follows from the crossings, in pixels of the
+level: edges are neither straight nor of one width, and pixels are squares."""
 
 
 def find_blobs(image: Image) -> Blobs:
@@ -113,7 +123,7 @@ def find_blobs(image: Image) -> Blobs:
         the ellipse.
     """
     components = find_components(image)
-    scale = 2.0**components.level
+    scale = np.ldexp(1.0, components.level)
     rough = _outlines(components, scale)
     finest = components.level.min(initial=99)
     sought = (components.level == finest) | (_least(rough[:, AXES]) > _MIN_COARSE)
@@ -121,7 +131,7 @@ def find_blobs(image: Image) -> Blobs:
     for level, grey in enumerate(components.levels, int(np.log2(components.coarsest))):
         of_level = sought & (components.level == level)
         parts.append(even_edges(grey, rough[of_level]))
-        scales.append(np.full(len(parts[-1]), 2.0**level))
+        scales.append(np.full(len(parts[-1]), float(1 << level)))
     edges, scale = np.concatenate(parts), np.concatenate(scales)
     blobs = _blobs(edges, scale, components)
     kept = _distinct(blobs, scale)
@@ -233,9 +243,7 @@ def _at_crossings(image: Eight, ellipses: Array, max_uneven: float, max_rms: tup
     good &= (step > _ALIKE * median[:, None]) & (_ALIKE * step < median[:, None])
     odd = _SECTORS // 8
     uneven = np.std(np.sort(step, axis=1)[:, odd:-odd], axis=1)
-    chosen = np.flatnonzero(
-        (good.sum(axis=1) >= _MIN_SECTORS) & (median >= _MIN_STEP) & (uneven < max_uneven * median)
-    )
+    chosen = np.flatnonzero((good.sum(axis=1) >= _MIN_SECTORS) & (median >= _MIN_STEP) & (uneven < max_uneven * median))
     good, median, grey = good[chosen], median[chosen], grey[chosen]
     away, normal = np.where(good, away[chosen], 0), normal[:, chosen]
     count = good.sum(axis=1)
@@ -321,7 +329,8 @@ def _blobs(edges: Array, scale: Array, components: Components) -> Blobs:
 
 class _Unblurred(NamedTuple):
     """Semi-axes (2, k), longest first; blur (k,), px, with that of sampling; depth of the step (k,) as a share of the
-    difference between paper and ink; and level in the middle (k,) relative to that step."""
+    difference between paper and ink; and level in the middle (k,) relative to that step.
+    """
 
     semi: Array
     blur: Array
@@ -332,8 +341,8 @@ class _Unblurred(NamedTuple):
 def _unblurred(longer: Array, shorter: Array, slope: Array, ring: bool) -> _Unblurred:
     """Return what disks or rings would be whose outline at half of the visible step has these semi-axes (k,).
 
-    With the normal distribution F, a straight edge blurred by s has the level F(e/s) at the distance e outside of it, so
-    F(1/s) - F(-1/s) is the share of the step within 1 px of it. The darkest place is not as dark as the ink: in the
+    With the normal distribution F, a straight edge blurred by s has the level F(e/s) at the distance e outside of it,
+    so F(1/s) - F(-1/s) is the share of the step within 1 px of it. The darkest place is not as dark as the ink: in the
     middle of a disk, by the mean of 1 - exp(-r^2 / 2 s^2) over the directions to its outline at r; in a ring's ink of
     width w, a quarter of the diameter, by 2 F(w / 2 s) - 1. So the half of what is visible lies outside of the edge.
     Curvature k moves the half-level inward by k s^2 / 2.
@@ -358,12 +367,12 @@ def _unblurred(longer: Array, shorter: Array, slope: Array, ring: bool) -> _Unbl
             lost = 2 * ndtr(1 / blur) - 1 - ndtr(inner) + ndtr(outer)
             lost += ndtr(inner - width / blur) - ndtr(outer - width / blur)
         else:
-            depth = np.maximum(_darkness(longer, shorter, blur), _LEAST_DEPTH)
+            depth = np.maximum(_darkness(np.stack([longer, shorter]), blur), _LEAST_DEPTH)
             outside = -blur * ndtri(depth / 2)
     semi = np.stack([longer, shorter]) - outside + _moved_inward(longer, shorter, blur)
     if not ring:
         return _Unblurred(semi, blur, depth, np.zeros_like(longer))
-    left = _darkness(*semi, blur) - _darkness(*semi / 2, blur)
+    left = _darkness(semi, blur) - _darkness(semi / 2, blur)
     return _Unblurred(semi, blur, depth, 1 - left / depth)
 
 
@@ -374,9 +383,9 @@ _QUARTER = np.cos((np.arange(12) + 0.5) / 24 * np.pi) ** 2
 def _moved_inward(longer: Array, shorter: Array, blur: Array) -> Array:
     """Return by how much (2, k) the semi-axes of the ellipse through the half-level are too short.
 
-    The half-level is moved inward by k s^2 / 2, k = a b / D^3 with D^2 = b^2 cos^2 + a^2 sin^2, which no ellipse follows:
-    near sharp tips it has the least squares of distances along the normal. These change by b cos^2 / D with the longer
-    semi-axis, and by a sin^2 / D with the shorter one.
+    The half-level is moved inward by k s^2 / 2, k = a b / D^3 with D^2 = b^2 cos^2 + a^2 sin^2, which no ellipse
+    follows: near sharp tips it has the least squares of distances along the normal. These change by b cos^2 / D with
+    the longer semi-axis, and by a sin^2 / D with the shorter one.
     """
     a, b, s = longer[:, None], shorter[:, None], blur[:, None]
     along, across = b * _QUARTER, a * (1 - _QUARTER)
@@ -387,12 +396,13 @@ def _moved_inward(longer: Array, shorter: Array, blur: Array) -> Array:
     return np.asarray(np.stack([bb * x - ab * y, aa * y - ab * x]) / (aa * bb - ab * ab))
 
 
-def _darkness(longer: Array, shorter: Array, blur: Array) -> Array:
-    """Return how dark the middle (k,) of blurred ellipses is, from 0 to 1.
+def _darkness(semi: Array, blur: Array) -> Array:
+    """Return how dark the middle (k,) of blurred ellipses with semi-axes (2, k) is, from 0 to 1.
 
     The integral of a normal distribution out to the distance r in every direction is the mean of 1 - exp(-r^2 / 2 s^2)
     over directions; at equal steps of the ellipse's parameter, a direction counts by its angle, a b / r^2.
     """
+    longer, shorter = semi
     square = np.outer(longer**2, _QUARTER) + np.outer(shorter**2, 1 - _QUARTER)
     inside = -np.expm1(-square / (2 * blur[:, None] ** 2))
     return np.asarray(longer * shorter * (inside / square).mean(axis=1))

@@ -161,13 +161,15 @@ def test_the_compiled_part_gives_the_same_numbers():
     if kernel.library() is None:
         pytest.skip(kernel.missing())
     rng = np.random.default_rng(0)
-    dots = [(center, np.exp(rng.uniform(0.5, 2.3, 2)), rng.uniform(0, 180), rng.choice([0, 0.5])) for center in grid(32)]
+    dots = [
+        (center, np.exp(rng.uniform(0.5, 2.3, 2)), rng.uniform(0, 180), rng.choice([0, 0.5])) for center in grid(32)
+    ]
     image = scene(dots, (480, 640), noise=8)
     image[:, ::70] = 20
     components = find_components(image)
     for level, grey in enumerate(components.levels):
         of_level = components.level == level
-        rough = candidates._outlines(components, 2.0**components.level)[of_level]
+        rough = candidates._outlines(components, np.ldexp(1.0, components.level))[of_level]
         ours, compiled = candidates._even_edges(grey, rough), candidates.even_edges(grey, rough)
         # Sums in another order: the rounding of numbers up to 640, times the condition of small systems.
         np.testing.assert_allclose(compiled, ours, rtol=1e-9, atol=1e-9)

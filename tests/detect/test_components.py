@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from markergen.detect import components, kernel
 from markergen.detect.components import find_components, grey_noise
 
+
 def nearest(found, center, semi):
     """Distance and relative error of the semi-axes, beyond what blur may add, of the component most like an ellipse.
 
