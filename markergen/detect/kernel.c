@@ -333,6 +333,39 @@ void difference_squares(const uint8_t *image, int64_t height, int64_t width, int
 }
 
 /* ------------------------------------------------------------------------------------------------------------------
+   disk_outlines: image ellipses of n disks of radii r about P = R X + t with the normal N = R e_z, for k poses
+   (twin: conic_projection.py, outlines, which says more).
+
+   The dual conic is D = r^2 (I - N N') - P P'; with the last entry made 1, its last column is the center c, and the
+   shape is c c' minus the rest.
+
+   points (n, 3), radii (n); rotation (k, 3, 3), translation (k, 3); center, point (k, n, 2), shape (k, n, 2, 2),
+   seen (k, n). */
+
+void disk_outlines(int64_t k, int64_t n, const double *points, const double *radii, const double *rotation,
+                   const double *translation, double *center, double *point, double *shape, uint8_t *seen)
+{
+    for (int64_t i = 0; i < k * n; i++) {
+        const double *R = rotation + 9 * (i / n), *t = translation + 3 * (i / n), *X = points + 3 * (i % n);
+        const double square = radii[i % n] * radii[i % n], a = R[2], b = R[5], c = R[8];
+        const double x = R[0] * X[0] + R[1] * X[1] + R[2] * X[2] + t[0];
+        const double y = R[3] * X[0] + R[4] * X[1] + R[5] * X[2] + t[1];
+        const double z = R[6] * X[0] + R[7] * X[1] + R[8] * X[2] + t[2];
+        const double level = z * z - square * (1 - c * c);
+        double *m = center + 2 * i, *E = shape + 4 * i;
+        m[0] = (x * z + square * a * c) / level;
+        m[1] = (y * z + square * b * c) / level;
+        E[0] = m[0] * m[0] - (x * x - square * (1 - a * a)) / level;
+        E[1] = E[2] = m[0] * m[1] - (x * y + square * a * b) / level;
+        E[3] = m[1] * m[1] - (y * y - square * (1 - b * b)) / level;
+        point[2 * i] = x / z;
+        point[2 * i + 1] = y / z;
+        /* Below zero the rim reaches the plane of the camera's center. */
+        seen[i] = x * a + y * b + z * c < 0 && z > 0 && level > 0;
+    }
+}
+
+/* ------------------------------------------------------------------------------------------------------------------
    refine_poses: Levenberg-Marquardt on the weighted distances between measured and predicted centers of the ellipses of
    disks (twin: conic_projection.py, EllipseCenters with maths/levenberg_marquardt.py, whose steps these are one by one).
 
