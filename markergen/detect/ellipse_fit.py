@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect.blobs import Blobs
-from markergen.detect.candidates import grey_noise
+from markergen.detect.components import grey_noise
 from markergen.detect.edge_psf import blurred_ellipse
 from markergen.detect.outline_pixels import (
     QUANTIZATION,

@@ -68,6 +68,8 @@ def _declare(loaded: ctypes.CDLL) -> None:
     loaded.disk_outlines.restype = None
     loaded.refine_poses.argtypes = [whole, whole, *[address] * 7, whole, ctypes.c_double, address]
     loaded.refine_poses.restype = ctypes.c_int
+    loaded.even_edges.argtypes = [address, whole, whole, whole, address, whole, *[address] * 3]
+    loaded.even_edges.restype = whole
 
 
 def dark_components(image: Eight, step: int, least: int) -> Integers:
@@ -186,6 +188,33 @@ def refine_poses(
     if loaded.refine_poses(k, n, *addresses, steps, tolerance, schedule.ctypes.data):
         raise MemoryError("no memory for residuals")
     return refined[0], refined[1], chi2
+
+
+def even_edges(image: Eight, rough: Array, circle: Array, limits: Array, columns: int) -> Array:
+    """Return the even edges near rough outlines: see kernel.c, and the twin in candidates.py.
+
+    Parameters
+    ----------
+    image : array (h, w), of at least 2 x 2 px
+    rough : array (k, 5)
+    circle : array (2, 24)
+        Points of the unit circle.
+    limits : array
+        Those of the twin, in the order of kernel.c.
+    columns : int
+        Numbers for each edge.
+    """
+    loaded = library()
+    assert loaded is not None
+    image = _rows(image)
+    height, width = image.shape
+    rough, circle, limits = (np.ascontiguousarray(each, dtype=float) for each in (rough, circle, limits))
+    found = np.empty((len(rough) + 1, columns))
+    addresses = [each.ctypes.data for each in (circle, limits, found)]
+    count = loaded.even_edges(
+        image.ctypes.data, height, width, image.strides[0], rough.ctypes.data, len(rough), *addresses
+    )
+    return found[:count]
 
 
 def _shaped(values: Array, *shape: int) -> Array:
