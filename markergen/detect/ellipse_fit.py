@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from markergen.detect import edge_psf, kernel
 from markergen.detect import outline_pixels as outline_pixels_
 from markergen.detect.blobs import Blobs
-from markergen.detect.candidates import grey_noise
+from markergen.detect.components import grey_noise
 from markergen.detect.edge_psf import blurred_ellipse
 from markergen.detect.outline_pixels import (
     QUANTIZATION,

@@ -68,8 +68,12 @@ def _declare(loaded: ctypes.CDLL) -> None:
     loaded.elliptic.restype = whole
     loaded.difference_squares.argtypes = [address, whole, whole, whole, address]
     loaded.difference_squares.restype = None
+    loaded.disk_outlines.argtypes = [whole, whole, *[address] * 8]
+    loaded.disk_outlines.restype = None
     loaded.refine_poses.argtypes = [whole, whole, *[address] * 7, whole, ctypes.c_double, address]
     loaded.refine_poses.restype = ctypes.c_int
+    loaded.even_edges.argtypes = [address, whole, whole, whole, address, whole, *[address] * 3]
+    loaded.even_edges.restype = whole
 
 
 def dark_components(image: Eight, step: int, least: int) -> Integers:
@@ -193,6 +197,22 @@ def difference_squares(pieces: Eight) -> Integers:
     return sums
 
 
+def disk_outlines(
+    points: Array, radii: Array, rotation: Array, translation: Array
+) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Return centers, images of the middles, shapes and visibility of disks: see kernel.c, and `outlines`."""
+    loaded = library()
+    assert loaded is not None
+    k, n = len(rotation), len(points)
+    given = (
+        _shaped(points, n, 3), _shaped(radii, n), _shaped(rotation, k, 3, 3), _shaped(translation, k, 3),
+    )  # fmt: skip
+    center, point, shape = np.empty((k, n, 2)), np.empty((k, n, 2)), np.empty((k, n, 2, 2))
+    seen = np.empty((k, n), dtype=np.bool_)
+    loaded.disk_outlines(k, n, *(each.ctypes.data for each in (*given, center, point, shape, seen)))
+    return center, point, shape, seen
+
+
 def refine_poses(
     points: Array,
     radii: Array,
@@ -216,10 +236,7 @@ def refine_poses(
     loaded = library()
     assert loaded is not None
     k, n = len(rotation), len(points)
-    fixed = [
-        np.ascontiguousarray(np.broadcast_to(each, shape), dtype=float)
-        for each, shape in ((points, (n, 3)), (radii, (n,)), (seen, (k, n, 2)), (weight, (k, n, 2, 2)))
-    ]
+    fixed = _shaped(points, n, 3), _shaped(radii, n), _shaped(seen, k, n, 2), _shaped(weight, k, n, 2, 2)
     refined = [
         np.array(each, dtype=float, order="C").reshape(k, *shape)
         for each, shape in ((rotation, (3, 3)), (translation, (3,)))
@@ -230,6 +247,39 @@ def refine_poses(
     if loaded.refine_poses(k, n, *addresses, steps, tolerance, schedule.ctypes.data):
         raise MemoryError("no memory for residuals")
     return refined[0], refined[1], chi2
+
+
+def even_edges(image: Eight, rough: Array, circle: Array, limits: Array, columns: int) -> Array:
+    """Return the even edges near rough outlines: see kernel.c, and the twin in candidates.py.
+
+    Parameters
+    ----------
+    image : array (h, w), of at least 2 x 2 px
+    rough : array (k, 5)
+    circle : array (2, 24)
+        Points of the unit circle.
+    limits : array
+        Those of the twin, in the order of kernel.c.
+    columns : int
+        Numbers for each edge.
+    """
+    loaded = library()
+    assert loaded is not None
+    image = _rows(image)
+    height, width = image.shape
+    rough, circle, limits = (np.ascontiguousarray(each, dtype=float) for each in (rough, circle, limits))
+    found = np.empty((len(rough) + 1, columns))
+    addresses = [each.ctypes.data for each in (circle, limits, found)]
+    count = loaded.even_edges(
+        image.ctypes.data, height, width, image.strides[0], rough.ctypes.data, len(rough), *addresses
+    )
+    return found[:count]
+
+
+def _shaped(values: Array, *shape: int) -> Array:
+    """Return a contiguous array of numbers with this shape."""
+    values = np.ascontiguousarray(values, dtype=float)
+    return values if values.shape == shape else np.ascontiguousarray(np.broadcast_to(values, shape))
 
 
 def _rows(image: Eight) -> Eight:

@@ -232,6 +232,12 @@ def test_a_disk_that_is_full(folder, monkeypatch):
         watch(overlay="seen.mp4")
     assert (folder / "seen.mp4").read_bytes() == b"before"
     assert not [each for each in folder.iterdir() if each.name.startswith(".")]
+    monkeypatch.setattr(cv2, "VideoWriter", VIDEO_WRITER)
+    monkeypatch.setattr(video.shutil, "disk_usage", lambda path: SimpleNamespace(free=19e6))
+    with pytest.raises(OutputError, match=r"expected space for seen.mp4, found 19 MB; it ends at frame 0"):
+        watch(overlay="seen.mp4")
+    # What there is has its end.
+    assert len(read_video("seen.mp4")) == 1
     with pytest.raises(OutputError, match="expected to write /dev/full, found: No space left on device at frame 0"):
         watch(json="/dev/full")
 
