@@ -29,6 +29,10 @@ CODECS = {".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".mkv": "mp4v", ".avi"
 LEAST_FREE = 20_000_000
 """Free space in bytes below which no more is written to an annotated video: its end still has to fit."""
 
+SECONDS_BETWEEN_WHOLE = 1.0
+"""Time in s after which a whole frame is searched, although all markers were found where they had been: for copies of
+them that have come in."""
+
 USUAL_RATE = 25.0
 """Frames per second of an annotated video whose source states none."""
 
@@ -148,10 +152,11 @@ def detect_video(
         sinks = _sinks(video, json, overlay, window, tell, warn)
         for sink in sinks:
             at_the_end.enter_context(sink)
-        start = None
+        start, found, whole = None, list[Found](), -np.inf
         for frame in video:
             start = monotonic() if start is None else start
-            found = detector(frame.image)
+            whole = frame.time if frame.time >= whole + SECONDS_BETWEEN_WHOLE else whole
+            found = detector(frame.image, near=found if frame.time > whole else None)
             smoothed = smoother(frame.time, found) if smoother else None
             watched.frames += 1
             watched.found += any(each.ok for each in found)
@@ -320,10 +325,8 @@ class _Overlay(_Sink):
         while self._live and self._written < round(look.frame.time * self._rate):
             self._write(self._last)
         self._write(image)
-        if (
-            look.watched.frames % 100 == 1
-            and (free := shutil.disk_usage(self._path.resolve().parent).free) < LEAST_FREE
-        ):
+        folder = self._path.resolve().parent
+        if look.watched.frames % 100 == 1 and (free := shutil.disk_usage(folder).free) < LEAST_FREE:
             raise OutputError(
                 f"expected space for {self._path}, found {free / 1e6:.0f} MB; it ends at frame {look.frame.number}, "
                 "free some space or choose another place"
