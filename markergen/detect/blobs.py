@@ -59,6 +59,10 @@ class Blobs:
         """Return a subset."""
         return Blobs(*(getattr(self, each.name)[index] for each in fields(self)))
 
+    def joined(self, other: "Blobs") -> "Blobs":
+        """Return these blobs, then the others."""
+        return Blobs(*(np.concatenate([getattr(self, each.name), getattr(other, each.name)]) for each in fields(self)))
+
 
 def as_dark(image: Image, light: bool) -> Image:
     """Return an image with dark dots: unchanged, or, if they are light, the highest grey level of its type minus it."""
