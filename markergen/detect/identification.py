@@ -20,13 +20,14 @@ from markergen.detect.labeling_hypotheses import (
     misfits,
 )
 from markergen.detect.pose_hypotheses import DotLayout
+from markergen.detect.rival_labelings import rival_labelings
 from markergen.model.camera import Camera
 from markergen.model.tag import Tag
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-MAX_BLOBS = 256
+MAX_BLOBS = 2256
 """Maximum number of blobs among which labels are sought."""
 
 ACCEPT_PX, ACCEPT_SHARE = 0.6, 0.005
@@ -142,7 +143,7 @@ def search(
         )
     if len(ellipses) > MAX_BLOBS:
         return _failed(layout, f"found {len(ellipses)} dots: too many to tell the marker's from the others")
-    candidates = find(ellipses, layout, px, calibrated)
+    candidates = find(ellipses, layout, px, calibrated, judge=_judge(ellipses, layout, camera, px, print_sigma))
     if not len(candidates) or candidates.count[0] < LEAST_DOTS:
         return _failed(layout, _how_far(ellipses, layout, candidates, camera))
 
@@ -169,13 +170,27 @@ def search(
         return _failed(layout, f"{said}: the best labeling fits {fits}")
     if found.rings[0]:
         return _failed(layout, f"{said}: there is a ring in the place of a dot")
-    # Clutter around the marker may have spoiled the search for other labelings of the same dots.
+    # Other labelings of the same dots.
     ringed = not layout.rings.any() or bool((found.blobs[layout.rings] >= 0).any())
-    own = ellipses.take(found.blobs[found.blobs >= 0])
-    if ringed and len(own) == len(ellipses):
+    lack = int(UNIQUE_RATIO * misfit + UNIQUE_PX * (1 + found.missing[0]))
+    rivals = rival_labelings(found.candidates, lack, ellipses, layout, px, ringed)
+    if not len(rivals):
         return found
-    lone = ranked(find_labelings(own, layout, px, calibrated, rings_tell=ringed), own)
+    lone = ranked(rivals, ellipses)
     return replace(found, alone=lone.take(np.flatnonzero(lone.tags != REFUTES)))
+
+
+def _judge(ellipses, layout, camera, px, print_sigma):
+    def judge(candidates):
+        if not len(candidates):
+            return np.zeros((2, 0), dtype=bool)
+        absent = candidates.blobs < 0
+        missing = np.sum(_expected(candidates, camera) & absent, axis=-1)
+        bound = _bound(candidates, missing, ellipses, px, _printing(candidates, px, print_sigma))
+        whole = (missing == 0) & (4 * candidates.count > 3 * len(layout)) & (candidates.misfit <= 0.5 * bound)
+        return candidates.misfit <= bound, whole
+
+    return judge
 
 
 def _ranked(
@@ -227,9 +242,6 @@ def contender(chosen: Search, others: Search, same_marker: bool) -> int | None:
     Labelings that share no blob are other copies; those that agree on their common blobs are parts of one labeling.
     """
     best, labelings = chosen.blobs, others.candidates.blobs
-    if others is chosen.alone:
-        # These blobs have a numbering of their own.
-        best = np.where(best >= 0, np.cumsum(best >= 0) - 1, -1)
     shared = np.isin(labelings, best[best >= 0]).any(axis=-1)
     if same_marker:
         same = labelings == best

@@ -1,6 +1,7 @@
 """Candidate labelings of blobs: guessed poses, the blobs near the dots that they predict, and the fit to those."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -25,11 +26,14 @@ LEAST_DOTS = 4
 """Minimum number of dots: fewer do not determine pose and labels."""
 
 MAX_LABELINGS = 600
-"""Maximum number of fitted labelings times the marker's dots; those with the most dots first."""
+"""Maximum number of fitted labelings of a batch times the marker's dots; those with the most dots first."""
+
+_BATCHES = (8, 32, 216)
+"""Numbers of guesses of a round that are tried at a time."""
 
 ROUNDS, TRIM_PX, MAX_TRIMMED = 3, 1.0, 60
-"""Maximum number of refinement rounds; misfit above which a round leaves dots out; maximum number of labelings that
-leaving out may add."""
+"""Maximum number of refinement rounds; misfit above which the last ones leave dots out; maximum number of labelings
+that leaving out may add."""
 
 SPREAD = 0.2
 """Maximum logarithm of a common factor of all outlines that is ignored."""
@@ -81,6 +85,9 @@ class Labelings:
         return Labelings(self.blobs[chosen], self.misfit[chosen], self.model.take(chosen), self.predicted.take(chosen))
 
 
+Judge = Callable[[Labelings], tuple[NDArray[np.bool_], NDArray[np.bool_]]]
+
+
 class Model(Protocol):
     """K hypotheses of the mapping from marker to image."""
 
@@ -98,6 +105,9 @@ class Model(Protocol):
 
     def mirrored(self, layout: DotLayout) -> "Model | None":
         """Return the model with nearly the same image that leads to another minimum; None if there is none."""
+
+    def turned(self, angle: Array, origin: Array, target: Array) -> "Model":
+        """Return models (K) that show the marker turned by angles (K,) in its plane, a point (K, 2) at another one."""
 
     def fitted(self, blobs: Indices, ellipses: Ellipses, layout: DotLayout, px: float) -> "Model":
         """Fit to labelings (K, n) by least squares."""
@@ -133,6 +143,13 @@ class Poses:
         return Poses(
             np.concatenate([self.rotation, other.rotation]), np.concatenate([self.translation, other.translation])
         )
+
+    def turned(self, angle: Array, origin: Array, target: Array) -> "Poses":
+        """Return the first pose with the marker turned in its plane."""
+        turn = _turns(angle, origin, target)
+        shift = np.column_stack([turn[:, :2, 2], np.zeros(len(turn))])
+        turn[:, :2, 2] = 0
+        return Poses(self.rotation[0] @ turn, self.translation[0] + shift @ self.rotation[0].T)
 
     def fitted(self, blobs: Indices, ellipses: Ellipses, layout: DotLayout, px: float) -> "Poses":
         """Fit to labelings (K, n) by least squares."""
@@ -176,6 +193,10 @@ class Planes:
         assert isinstance(other, Planes)
         return Planes(np.concatenate([self.homography, other.homography]))
 
+    def turned(self, angle: Array, origin: Array, target: Array) -> "Planes":
+        """Return the first homography with the marker turned in its plane."""
+        return Planes(self.homography[0] @ _turns(angle, origin, target))
+
     def fitted(self, blobs: Indices, ellipses: Ellipses, layout: DotLayout, px: float) -> "Planes":  # noqa: ARG002
         """Fit each labeling (K, n) by DLT, corrected for the offset between centers of ellipses and of dots."""
         homography = self.homography.copy()
@@ -188,10 +209,28 @@ class Planes:
         return Planes(homography)
 
 
+def _turns(angle: Array, origin: Array, target: Array) -> Array:
+    """Return rotations (K, 3, 3) of the plane, homogeneous, that take a point (K, 2) to another one."""
+    turn = np.zeros((len(angle), 3, 3))
+    turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angle)
+    turn[:, 1, 0] = np.sin(angle)
+    turn[:, 0, 1] = -turn[:, 1, 0]
+    turn[:, :2, 2] = target - (turn[:, :2, :2] @ origin[..., None])[..., 0]
+    turn[:, 2, 2] = 1
+    return turn
+
+
 def find_labelings(
-    ellipses: Ellipses, layout: DotLayout, px: float, calibrated: bool = True, rings_tell: bool = True
+    ellipses: Ellipses,
+    layout: DotLayout,
+    px: float,
+    calibrated: bool = True,
+    rings_tell: bool = True,
+    judge: Judge | None = None,
 ) -> Labelings:
     """Find and fit labelings of `LEAST_DOTS` or more dots; if there are none, the best of fewer, for messages.
+
+    Guesses that start from a ring come first; if these give a good labeling, no others are tried.
 
     Parameters
     ----------
@@ -201,22 +240,90 @@ def find_labelings(
         True to fit poses, False to fit homographies.
     rings_tell : bool
         True if rings match only rings, and disks only disks.
+    judge : callable
+        Tells which labelings (A,) are good, and which are so good that the search ends; by default, none.
     """
-    guesses = _guesses(ellipses, layout, px, calibrated, rings_tell)
-    drawn = guesses.outlines(layout)
+    judge = judge or _never
+    pool = none(layout, Poses(np.zeros((0, 3, 3)), np.zeros((0, 3))) if calibrated else Planes(np.zeros((0, 3, 3))))
+    ringed = rings_tell and bool(layout.rings.any() and ellipses.ring.any())
+    for phase in (True, False) if ringed else (False,):
+        for seeds, start in _guesses(ellipses, layout, px, calibrated, rings_tell, phase):
+            done = 0
+            for size in _BATCHES:
+                batch = np.arange(done, min(done + size, len(start)))
+                done += size
+                if not len(batch):
+                    break
+                fresh = _followed(seeds.take(batch), start[batch], ellipses, layout, px, rings_tell)
+                pool = joined(pool, fresh)
+                if judge(fresh)[1].any():
+                    return pool.take(_distinct(pool.blobs, pool.misfit))
+        if not len(pool):
+            continue
+        pool = pool.take(_distinct(pool.blobs, pool.misfit))
+        enough = np.flatnonzero(pool.count >= LEAST_DOTS)
+        best = pool.take(enough[np.argsort(pool.misfit[enough] - pool.count[enough], kind="stable")][:MAX_TRIMMED])
+        for _ in range(ROUNDS if len(best) else 0):
+            labelings, origin = _next(best, ellipses, layout, px, rings_tell, trim=True)
+            if not len(labelings):
+                break
+            fresh = _fitted(labelings, best.model.take(origin), ellipses, layout, px)
+            pool, best = joined(pool, fresh), joined(best, fresh)
+        pool = pool.take(_distinct(pool.blobs, pool.misfit))
+        if judge(pool)[0].any():
+            break
+    enough = pool.count >= LEAST_DOTS
+    return pool.take(np.flatnonzero(enough) if enough.any() else np.arange(min(1, len(pool))))
+
+
+def _never(candidates: Labelings) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    none = np.zeros(len(candidates), dtype=bool)
+    return none, none
+
+
+def none(layout: DotLayout, model: Model) -> Labelings:
+    """Return no labelings, of the model's kind."""
+    model = model.take(np.zeros(0, dtype=np.intp))
+    return Labelings(np.zeros((0, len(layout)), dtype=np.intp), np.zeros(0), model, model.outlines(layout))
+
+
+def _followed(
+    model: Model, start: Indices, ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool
+) -> Labelings:
+    """Return the distinct labelings to which guesses lead, fitted; only the first of fewer than four dots."""
+    few, count = max(8, MAX_LABELINGS // len(layout)), len(layout)
+    drawn = model.outlines(layout)
+    if layout.near.shape[1] < count - 1:
+        # Far from where a guess starts, it is not good enough to tell dots from their neighbors.
+        close = np.zeros(drawn.seen.shape, dtype=bool)
+        np.put_along_axis(close, np.column_stack([start, layout.near[start]]), True, axis=1)  # noqa: FBT003
+        near = replace(drawn, seen=drawn.seen & close)
+        blobs, distance = assign(near, ellipses, layout, layout.reach, GUESS_PX / px, rings_tell)
+        chosen = _distinct(blobs, distance)
+        chosen = chosen[np.sum(blobs[chosen] >= 0, axis=-1) >= LEAST_DOTS][:few]
+        model = model.take(chosen).fitted(blobs[chosen], ellipses, layout, px)
+        drawn = model.outlines(layout)
     blobs, distance = assign(drawn, ellipses, layout, layout.reach, GUESS_PX / px, rings_tell)
     chosen = _distinct(blobs, distance)
-    enough = chosen[np.sum(blobs[chosen] >= 0, axis=-1) >= LEAST_DOTS][: max(24, MAX_LABELINGS // len(layout))]
+    enough = chosen[np.sum(blobs[chosen] >= 0, axis=-1) >= LEAST_DOTS][:few]
     if not len(enough):
         chosen = chosen[:1]
-        return Labelings(blobs[chosen], np.full(len(chosen), np.inf), guesses.take(chosen), drawn.take(chosen))
-    candidates = _fitted(blobs[enough], guesses.take(enough), ellipses, layout, px)
+        return Labelings(blobs[chosen], np.full(len(chosen), np.inf), model.take(chosen), drawn.take(chosen))
+    return fit_labelings(blobs[enough], model.take(enough), ellipses, layout, px, rings_tell)
+
+
+def fit_labelings(
+    blobs: Indices, model: Model, ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool
+) -> Labelings:
+    """Fit labelings (K, n) of four dots or more, and those of the blobs that are where a fit predicts the dots."""
+    pool = fresh = _fitted(blobs, model, ellipses, layout, px)
     for _ in range(ROUNDS):
-        labelings, start = _next(candidates, ellipses, layout, px, rings_tell)
+        labelings, origin = _next(fresh, ellipses, layout, px, rings_tell)
         if not len(labelings):
             break
-        candidates = _joined(candidates, _fitted(labelings, candidates.model.take(start), ellipses, layout, px))
-    return candidates.take(_distinct(candidates.blobs, candidates.misfit))
+        fresh = _fitted(labelings, fresh.model.take(origin), ellipses, layout, px)
+        pool = joined(pool, fresh)
+    return pool
 
 
 def misfits(predicted: Outlines, ellipses: Ellipses, blobs: Indices, px: float) -> Array:
@@ -254,18 +361,18 @@ def _fitted(blobs: Indices, start: Model, ellipses: Ellipses, layout: DotLayout,
 
 
 def _next(
-    candidates: Labelings, ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool
+    candidates: Labelings, ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool, trim: bool = False
 ) -> tuple[Indices, Indices]:
     """Return labelings (k, n) derived from fitted ones and not fitted yet, and the index of the one each comes from.
 
-    The fitted pose is used for another assignment: dots that the guess missed are added, wrong ones removed. If nothing
-    fits better, each dot in turn is left out, in case a foreign blob near its place was taken for it.
+    The fitted pose is used for another assignment: dots that the guess missed are added, wrong ones removed. With
+    `trim`, if nothing fits better, each dot in turn is left out, in case a foreign blob near its place was taken for it.
     """
     old = candidates.blobs
     near, _ = assign(candidates.predicted, ellipses, layout, NEAR_REACH, NEAR_PX / px, rings_tell)
     count = candidates.count
     good = count[candidates.misfit < TRIM_PX].max(initial=LEAST_DOTS - 1)
-    poor = np.flatnonzero((candidates.misfit >= TRIM_PX) & (count - 1 > good))
+    poor = np.flatnonzero((candidates.misfit >= TRIM_PX) & (count - 1 > good) & trim)
     poor = poor[np.lexsort((candidates.misfit[poor], -count[poor]))][: max(1, MAX_TRIMMED // len(layout))]
     row, dot = np.nonzero(old[poor] >= 0)
     row = poor[row]
@@ -279,18 +386,20 @@ def _next(
     return labelings[fresh], start[fresh]
 
 
-def _guesses(ellipses: Ellipses, layout: DotLayout, px: float, calibrated: bool, rings_tell: bool) -> Model:
+def _guesses(
+    ellipses: Ellipses, layout: DotLayout, px: float, calibrated: bool, rings_tell: bool, ringed: bool
+) -> Iterator[tuple[Model, Indices]]:
+    """Return rounds of guesses, with the control point that each starts from."""
     if calibrated:
-        seeds = guess_poses(ellipses, layout, px, rings_tell)
-        return Poses(seeds.rotation, seeds.translation)
-    planes = []
+        for seeds in guess_poses(ellipses, layout, px, rings_tell, ringed):
+            yield Poses(seeds.rotation, seeds.translation), seeds.start
+        return
     for factor in FOCAL_FACTORS:
         scaled = Ellipses(ellipses.center / factor, ellipses.shape / factor**2, ellipses.ring, ellipses.index)
-        seeds = guess_poses(scaled, layout, px * factor, rings_tell)
-        origin = seeds.translation + layout.points[0, 2] * seeds.rotation[:, :, 2]
-        homography = np.concatenate([seeds.rotation[:, :, :2], origin[..., None]], axis=-1)
-        planes.append(np.diag([factor, factor, 1.0]) @ homography)
-    return Planes(np.concatenate(planes))
+        for seeds in guess_poses(scaled, layout, px * factor, rings_tell, ringed):
+            origin = seeds.translation + layout.points[0, 2] * seeds.rotation[:, :, 2]
+            homography = np.concatenate([seeds.rotation[:, :, :2], origin[..., None]], axis=-1)
+            yield Planes(np.diag([factor, factor, 1.0]) @ homography), seeds.start
 
 
 def assign(
@@ -338,7 +447,8 @@ def _distinct(blobs: Indices, error: Array) -> Indices:
     return order[np.sort(first)]
 
 
-def _joined(first: Labelings, second: Labelings) -> Labelings:
+def joined(first: Labelings, second: Labelings) -> Labelings:
+    """Concatenate labelings."""
     return Labelings(
         np.concatenate([first.blobs, second.blobs]),
         np.concatenate([first.misfit, second.misfit]),
