@@ -8,13 +8,13 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-docs test-long test-outside test-package lint bench docs clean
 
-demo: $(VENV)/installed
+demo: $(VENV)/installed $(VENV)/kernel
 	@PATH="$(CURDIR)/$(BIN):$$PATH" sh examples/demo.sh out
 
-test: lint
+test: lint $(VENV)/kernel
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not long and not package and not outside"
 
-test-long: $(VENV)/developed
+test-long: $(VENV)/developed $(VENV)/kernel
 	$(BIN)/python -m pytest -m long
 
 # What is generated, linked and shown to readers; part of `make test`.
@@ -34,7 +34,7 @@ lint: $(VENV)/developed
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench: $(VENV)/developed
+bench: $(VENV)/developed $(VENV)/kernel
 	$(BIN)/python -m benchmarks
 
 docs: $(VENV)/developed
@@ -53,6 +53,11 @@ $(VENV)/installed: $(VENV)/python pyproject.toml constraints.txt
 	@echo "Installing markergen and what it needs (about 2.5 GB the first time, a few minutes)..."
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[all]'
 	touch $@
+
+# The compiled part of detection, once more after a change; without a compiler one line says so, and all goes on.
+$(VENV)/kernel: $(VENV)/installed markergen/detect/kernel.c markergen/detect/kernel_build.py
+	@$(BIN)/python -m markergen.detect.kernel || true
+	@touch $@
 
 $(VENV)/developed: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --group dev

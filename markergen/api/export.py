@@ -21,7 +21,8 @@ from markergen.model.openings import near_holes
 from markergen.model.substrate import parse_dowel, parse_mount
 from markergen.model.substrate_checks import check_edge, check_holes
 from markergen.options import MarkerLike, as_list, declared, given, signature_of
-from markergen.options.declarations import ExportKeywords, PlateKeywords
+from markergen.options.declarations import ExportKeywords
+from markergen.options.shared import PlateKeywords
 from markergen.read.outlines.boundary import read_room
 
 log = logging.getLogger(__name__)

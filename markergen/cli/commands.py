@@ -308,6 +308,7 @@ def detect(
     Example:
       markergen detect photos/ --marker marker.json --camera camera.yaml --json found.json --overlay seen
     """
+    from markergen.detect import kernel
     from markergen.detect.batch import detect_files
 
     # While the progress bar is shown, it replaces the stream.
@@ -326,6 +327,8 @@ def detect(
             warn=console.complain,
             **options,
         )
+    if missing := kernel.missing():
+        console.complain(f"markergen: note: {missing}")
     raise typer.Exit(outcomes.status)
 
 

@@ -1,6 +1,7 @@
 """Detection in many image files: an unreadable file is reported and does not stop the others."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from json import dumps
 from pathlib import Path
@@ -11,6 +12,7 @@ from markergen.detect.presentation import overlay as drawn_over
 from markergen.errors import InputError, OutputError
 from markergen.files import check_outputs, make_folder, write_atomic
 from markergen.options import CameraLike, MarkerLike, Progress, as_list
+from markergen.pool import workers_for
 from markergen.read.images import Image, find_images, read_image
 
 
@@ -30,6 +32,8 @@ class Outcome:
         Results, in the order of `Detector`.
     error : str
         Why the image could not be used; empty otherwise.
+    unwritten : str
+        Why its overlay could not be written; empty otherwise.
     """
 
     path: Path
@@ -38,6 +42,7 @@ class Outcome:
     notes: tuple[str, ...]
     markers: tuple[Found, ...]
     error: str = ""
+    unwritten: str = ""
 
     @property
     def found(self) -> bool:
@@ -81,12 +86,9 @@ class Outcomes:
     ----------
     images : tuple of Outcome
         Outcomes in the order of the images, without the images themselves.
-    unwritten : int
-        Number of overlays that could not be written.
     """
 
     images: tuple[Outcome, ...]
-    unwritten: int = 0
 
     def __len__(self) -> int:
         return len(self.images)
@@ -108,7 +110,7 @@ class Outcomes:
     @property
     def status(self) -> int:
         """Exit status: 0 if every image has a marker, 1 if one has none, 2 if one could not be used or written."""
-        if self.unwritten or any(each.error for each in self):
+        if any(each.error or each.unwritten for each in self):
             return 2
         return 0 if all(each.found for each in self) else 1
 
@@ -125,6 +127,7 @@ def detect_files(
     camera_covariance: CovarianceSource = None,
     print_sigma: str | float = "0.1mm",
     refine: str = "none",
+    workers: int | None = None,
     json: str | Path | TextIO | None = None,
     overlay: str | Path | None = None,
     progress: Progress | None = None,
@@ -134,7 +137,7 @@ def detect_files(
     """Find markers in image files.
 
     A file that cannot be used, or an overlay that cannot be written, does not stop the others. The results are written
-    as JSON at the end, even if the work is interrupted.
+    as JSON at the end, even if the work is interrupted; they do not depend on the number of workers.
 
     Parameters
     ----------
@@ -142,6 +145,8 @@ def detect_files(
         Files, folders of them, or patterns such as ``*.png``.
     markers, camera, camera_covariance, print_sigma, refine
         As for `Detector`.
+    workers : int or None
+        Number of threads, each with one image at a time; None is one for each processor.
     json
         File or text stream for the results.
     overlay
@@ -161,6 +166,7 @@ def detect_files(
     sought = as_list(markers)
     detector = Detector(sought, camera, camera_covariance=camera_covariance, print_sigma=print_sigma, refine=refine)
     paths = find_images(as_list(images))
+    at_once = workers_for(workers, len(paths))
     sources = [*sought, camera, camera_covariance]
     inputs = [*paths, *(Path(each) for each in sources if isinstance(each, str | Path))]
     drawings = [Path(overlay) / name for name in overlay_names(paths)] if overlay else []
@@ -168,27 +174,29 @@ def detect_files(
     if overlay:
         make_folder(Path(overlay))
     check_outputs([*([target] if target else []), *drawings], inputs)
-    done, unwritten = list[Outcome](), 0
+    futures = list[Future[Outcome]]()
+    pool = ThreadPoolExecutor(at_once)
     try:
-        for number, path in enumerate(paths):
+        # Threads: reading and most of a detection leave Python's lock, and processes take a second or two to start.
+        futures += [
+            pool.submit(_look_and_draw, detector, path, drawings[number] if overlay else None)
+            for number, path in enumerate(paths)
+        ]
+        for number, future in enumerate(futures):
             if progress:
                 progress("detecting", number, len(paths))
-            outcome = look_at(detector, path)
+            outcome = future.result()
             for line in outcome.lines():
                 (warn if outcome.error else tell)(line)
-            if overlay and (drawn := outcome.overlay()):
-                try:
-                    write_atomic(drawings[number], drawn)
-                except OutputError as error:
-                    warn(f"{path}: {error}")
-                    unwritten += 1
-            # Drop the image itself: a whole folder of images would not fit into memory.
-            done.append(outcome.without_image())
+            if outcome.unwritten:
+                warn(f"{outcome.path}: {outcome.unwritten}")
         if progress:
             progress("detecting", len(paths), len(paths))
     finally:
+        pool.shutdown(cancel_futures=True)
         # Written even after an interruption, so that the results so far are not lost.
-        outcomes = Outcomes(tuple(done), unwritten)
+        whole = [each for each in futures if each.done() and not each.cancelled() and not each.exception()]
+        outcomes = Outcomes(tuple(each.result() for each in whole))
         if target:
             write_atomic(target, outcomes.to_json().encode())
             tell(f"wrote {target}")
@@ -206,6 +214,17 @@ def look_at(detector: Detector, path: Path) -> Outcome:
         return Outcome(path, image, image.grey.shape[::-1], image.notes, tuple(detector(image.grey)))
     except InputError as error:
         return Outcome(path, None, None, (), (), str(error))
+
+
+def _look_and_draw(detector: Detector, path: Path, drawing: Path | None) -> Outcome:
+    """Detect in one file, write its overlay, and drop the image: a whole folder of them would not fit into memory."""
+    outcome = look_at(detector, path)
+    try:
+        if drawing and (drawn := outcome.overlay()):
+            write_atomic(drawing, drawn)
+    except OutputError as error:
+        outcome = replace(outcome, unwritten=str(error))
+    return outcome.without_image()
 
 
 def overlay_names(paths: Sequence[Path]) -> list[str]:

@@ -5,22 +5,15 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.candidate_regions import find_regions, grey_noise
-from markergen.detect.ellipse_fit import FittedDots, fit_dots
-from markergen.errors import InputError
 from markergen.model.camera import Camera
-from markergen.read.images import LARGEST_FRAME
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
-_SAME_PLACE, _SAME_SIZE = 0.5, 1.5
-"""Share of the short semi-axis, and ratio of the semi-axes, within which two fits are of the same dot."""
-
 
 @dataclass(frozen=True, eq=False)
 class Blobs:
-    """B candidate dots of one image.
+    """B candidate dots of one image, rough or fitted to grey levels.
 
     Attributes
     ----------
@@ -31,7 +24,14 @@ class Blobs:
     ring : array (B,) of bool
         True if the middle is bright.
     covariance : array (B, 2, 2), px^2
-        Covariance of the center, from the grey noise estimated by the fit.
+        Covariance of the center.
+    light, dark : arrays (B,), grey levels outside and inside
+    blur : array (B,), px
+        Width of the edge as the standard deviation of a normal distribution.
+    middle : array (B,)
+        Level in the middle, from 0 where it is dark to 1 where it is light.
+    fitted : array (B,) of bool
+        True if fitted to grey levels, false if from a few points of the edge alone.
     """
 
     center: Array
@@ -39,58 +39,25 @@ class Blobs:
     angle: Array
     ring: NDArray[np.bool_]
     covariance: Array
+    light: Array
+    dark: Array
+    blur: Array
+    middle: Array
+    fitted: NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.center)
 
+    @property
+    def axes(self) -> Array:
+        """Semi-axes (B, 2, 2) as columns, px, longest first."""
+        turn = np.stack([np.cos(self.angle), np.sin(self.angle)], axis=-1)
+        across = np.stack([-turn[:, 1], turn[:, 0]], axis=-1)
+        return np.stack([turn * self.semi[:, :1], across * self.semi[:, 1:]], axis=-1)
 
-def detect_dots(image: Image) -> Blobs:
-    """Find dark elliptic dots on a lighter ground.
-
-    Regions that are darker than their surroundings (`find_regions`) initialize a fit of ellipse, grey levels and blur
-    to the image's grey levels (`fit_dots`).
-
-    Parameters
-    ----------
-    image : array (h, w) of uint8 or uint16
-
-    Returns
-    -------
-    Blobs
-        Empty for images without contrast. Dots cut off by the image's edge are left out.
-
-    Raises
-    ------
-    InputError
-        If the image is not a grey image of uint8 or uint16, or has more than LARGEST_FRAME pixels.
-    """
-    if image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
-        raise InputError(
-            "a grey image (h, w) of uint8 or uint16", f"{image.shape} of {image.dtype}", "convert the image to grey"
-        )
-    if image.size > LARGEST_FRAME:
-        raise InputError(
-            f"an image of at most {LARGEST_FRAME // 10**6} megapixels",
-            f"{image.shape[1]}x{image.shape[0]} px",
-            "reduce its size, or cut out the part with the marker",
-        )
-    dots = fit_dots(image, find_regions(image), grey_noise(image))
-    dots = dots.take(_distinct(dots))
-    return Blobs(dots.center, dots.semi, dots.angle, dots.ring, dots.covariance)
-
-
-def _distinct(dots: FittedDots) -> NDArray[np.intp]:
-    """Return the indices of distinct dots: fits that began in different regions can end in the same dot.
-
-    Of dots that lie in each other's middle and are of about the same size, the one with the most precise center stays.
-    """
-    kept: list[int] = []
-    for i in np.argsort(np.trace(dots.covariance, axis1=-2, axis2=-1), kind="stable"):
-        apart = np.linalg.norm(dots.center[kept] - dots.center[i], axis=-1) > _SAME_PLACE * dots.semi[i, 1]
-        other_size = np.abs(np.log(dots.semi[kept] / dots.semi[i])).max(axis=-1) > np.log(_SAME_SIZE)
-        if np.all(apart | other_size):
-            kept.append(int(i))
-    return np.sort(np.array(kept, dtype=np.intp))
+    def take(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> "Blobs":
+        """Return a subset."""
+        return Blobs(*(getattr(self, each.name)[index] for each in fields(self)))
 
 
 _SAMPLES = 32
@@ -132,10 +99,7 @@ def undo_lens(blobs: Blobs, camera: Camera) -> Ellipses:
     outline are undistorted, and an ellipse is fitted to the results. Blobs with points that no ray reaches are left
     out.
     """
-    turn = np.stack([np.cos(blobs.angle), np.sin(blobs.angle)], axis=-1)
-    across = np.stack([-turn[:, 1], turn[:, 0]], axis=-1)
-    # The columns are the semi-axes.
-    axes = np.stack([turn * blobs.semi[:, :1], across * blobs.semi[:, 1:]], axis=-1)
+    axes = blobs.axes
     if camera == camera.ideal:
         center = camera.from_pixels(blobs.center)
         axes = axes / camera.focal[:, None]

@@ -1,14 +1,16 @@
 """Complete detection, from an image to labeled centers and a pose, with a reason if it fails."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.blobs import Blobs, Ellipses, Image, detect_dots, undo_lens
+from markergen.detect.blobs import Blobs, Ellipses, Image, undo_lens
+from markergen.detect.candidates import find_blobs
 from markergen.detect.conic_projection import correct_centers, outlines
+from markergen.detect.ellipse_fit import fit_blobs
 from markergen.detect.fiducials import CONFIRMS, NO_TAGS, Sightings, look_for_tags
 from markergen.detect.identification import Search, ambiguity, contender, search
 from markergen.detect.labeling_hypotheses import Poses, find_labelings
@@ -20,6 +22,7 @@ from markergen.estimators.budget import ErrorSources
 from markergen.maths.projection import plane_homography
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker, check_supported
+from markergen.read.images import LARGEST_FRAME
 
 Array = NDArray[np.float64]
 
@@ -204,10 +207,45 @@ def find_all(
     copies: int = MAX_COPIES,
 ) -> list[Detection]:
     """Run `detect_all` for prepared markers, in an image of the camera's size."""
-    blobs = detect_dots(image)
+    _check(image)
     height, width = image.shape
     tags = look_for_tags(image, sought.families)
-    return identify(blobs, sought, camera or made_up_camera(width, height), camera is not None, errors, copies, tags)
+    eye = camera or made_up_camera(width, height)
+    return identify(find_blobs(image), sought, eye, camera is not None, errors, copies, tags, partial(fit_blobs, image))
+
+
+def detect_dots(image: Image) -> Blobs:
+    """Find all dark elliptic dots on a lighter ground, of a marker or not, and fit them to the grey levels.
+
+    Parameters
+    ----------
+    image : array (h, w) of uint8 or uint16
+
+    Returns
+    -------
+    Blobs
+        Empty for images without contrast. Dots cut off by the image's edge are left out.
+
+    Raises
+    ------
+    InputError
+        If the image is not a grey image of uint8 or uint16, or has more than LARGEST_FRAME pixels.
+    """
+    _check(image)
+    return fit_blobs(image, find_blobs(image))
+
+
+def _check(image: Image) -> None:
+    if image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
+        raise InputError(
+            "a grey image (h, w) of uint8 or uint16", f"{image.shape} of {image.dtype}", "convert the image to grey"
+        )
+    if image.size > LARGEST_FRAME:
+        raise InputError(
+            f"an image of at most {LARGEST_FRAME // 10**6} megapixels",
+            f"{image.shape[1]}x{image.shape[0]} px",
+            "reduce its size, or cut out the part with the marker",
+        )
 
 
 def identify(
@@ -218,11 +256,17 @@ def identify(
     errors: ErrorSources = DEFAULT_ERRORS,
     copies: int = MAX_COPIES,
     tags: Sightings = NO_TAGS,
+    fit: Callable[[Blobs], Blobs] | None = None,
 ) -> list[Detection]:
     """Run `detect_all` on the dots and tags of an image.
 
+    Labels are sought among rough blobs. The best labeling's own blobs are then fitted to the grey levels, and the
+    search among these alone has the last word: a labeling must be the only one that fits them.
+
     Parameters
     ----------
+    fit : callable or None
+        Fits a labeling's blobs, such as `fit_blobs`; None if all are fitted already.
     calibrated : bool
         False if the camera is made up from the image's size.
     """
@@ -234,7 +278,17 @@ def identify(
     while left:
         find = cache(find_labelings)
         searches = {
-            k: search(ellipses, layouts[k], camera, calibrated, errors.print_sigma, markers[k].tag, tags, find)
+            k: search(
+                ellipses,
+                layouts[k],
+                camera,
+                calibrated,
+                errors.print_sigma,
+                markers[k].tag,
+                tags,
+                find,
+                fit is not None,
+            )
             for k in left
         }
         for k, each in searches.items():
@@ -245,11 +299,25 @@ def identify(
         if not open_searches:
             break
         best = min(open_searches, key=lambda k: open_searches[k].rank)
+        claimed = np.isin(np.arange(len(ellipses)), open_searches[best].blobs)
+        own, alone = blobs, ellipses
+        if fit is not None:
+            own = fit(blobs.take(ellipses.index[claimed]))
+            alone = undo_lens(own, camera)
+            open_searches = {
+                k: search(alone, layouts[k], camera, calibrated, errors.print_sigma, markers[k].tag, tags)
+                for k in open_searches
+            }
+        # An ambiguous detection also claims its blobs, exclusively.
+        ellipses = ellipses.take(~claimed)
         chosen = open_searches[best]
+        if chosen.reason:
+            reasons.setdefault(best, chosen.reason)
+            continue
         doubt = ambiguity(chosen)
         claims = {} if doubt else _claims(best, open_searches)
         if doubt or claims:
-            dots = _unlabeled(chosen, blobs, ellipses, camera)
+            dots = _unlabeled(chosen, own, alone, camera)
             for k, rival in ({best: best} if doubt else claims).items():
                 if k not in reasons:
                     unlabeled[k] = dots
@@ -258,13 +326,11 @@ def identify(
                         rivals[k] = rival
         else:
             corners = tags.pixels[chosen.sighting[0]] if chosen.tags[0] == CONFIRMS else None
-            detection = _finish(chosen, blobs, ellipses, markers[best], camera, calibrated, errors)
+            detection = _finish(chosen, own, alone, markers[best], camera, calibrated, errors)
             found.append(replace(detection, marker=best, tag=corners if detection.found else None))
             left[best] -= 1
             if not left[best]:
                 del left[best]
-        # An ambiguous detection also claims its blobs, exclusively.
-        ellipses = ellipses.take(~np.isin(np.arange(len(ellipses)), chosen.blobs))
     seen = {each.marker for each in found}
     return found + [
         Detection(False, reason=reasons[k], marker=k, rival=rivals.get(k), unlabeled=unlabeled.get(k))

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.blobs import detect_dots
-from markergen.detect.detection import MAX_COPIES, Detection, find_all, prepare
+from markergen.detect.detection import MAX_COPIES, Detection, detect_dots, find_all, prepare
 from markergen.detect.photometric import check_refinement, refine
 from markergen.detect.pose import PoseEstimate
 from markergen.detect.presentation import as_dict, draw, in_words, reason

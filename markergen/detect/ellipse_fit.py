@@ -6,7 +6,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.candidate_regions import Regions
+from markergen.detect.blobs import Blobs
+from markergen.detect.candidates import grey_noise
 from markergen.detect.edge_psf import blurred_ellipse
 from markergen.detect.outline_pixels import (
     QUANTIZATION,
@@ -32,7 +33,7 @@ MIN_SEMI_PX = 0.6
 
 _CONVERGED_PX, _SETTLED_PX = 1e-3, 0.02
 """The iteration ends when every center moves by less than the first: the next step would be under 4e-4 px, a tenth of
-the best standard deviation. Regions that still take steps above the second at the end are not dots."""
+the best standard deviation. Blobs that still take steps above the second at the end are not dots."""
 
 _LONGEST_STEP_PX, _LONGEST_SCALE_STEP = 2.0, 0.1
 _MIN_BLUR, _MAX_BLUR = 0.28, 6.0
@@ -359,7 +360,26 @@ class FittedDots:
         return FittedDots(*(getattr(self, field.name)[index] for field in fields(self)))
 
 
-def fit_dots(image: Image, regions: Regions, noise: float) -> FittedDots:
+_ROUGH_SIGMA_PX = 0.3
+"""Standard deviation along each axis of the center of a dot that the fit refuses, px."""
+
+
+def fit_blobs(image: Image, blobs: Blobs) -> Blobs:
+    """Fit blobs to the grey levels; those that the fit refuses keep their rough ellipse, with a wide covariance.
+
+    Same length and order as `blobs`. See `fit_dots`.
+    """
+    dots = fit_dots(image, blobs, grey_noise(image))
+    result = blobs.take(np.arange(len(blobs)))
+    result.covariance[:] = _ROUGH_SIGMA_PX**2 * np.eye(2)
+    result.fitted[:] = False
+    for name in ("center", "covariance", "semi", "angle", "ring", "blur"):
+        getattr(result, name)[dots.index] = getattr(dots, name)
+    result.fitted[dots.index] = True
+    return result
+
+
+def fit_dots(image: Image, regions: Blobs, noise: float) -> FittedDots:
     """Fit blurred dark ellipses or elliptic rings to grey levels by least squares; drop regions that are not dots.
 
     Model: (1 + g'x) (light - (light - dark) (D - D_hole)), with D the share of ink (`blurred_ellipse`) and g the
@@ -374,7 +394,7 @@ def fit_dots(image: Image, regions: Regions, noise: float) -> FittedDots:
     Parameters
     ----------
     image : array (h, w)
-    regions : Regions
+    regions : Blobs
     noise : float, grey levels
         Noise of plain image areas, to distinguish noise from misfit.
 
@@ -398,11 +418,13 @@ def fit_dots(image: Image, regions: Regions, noise: float) -> FittedDots:
     return dots.take(_better(dots))
 
 
-def _descent(image: Image, regions: Regions, ring: Bools, filled: Bools, noise: float) -> EllipseDescent:
-    values, vectors = np.linalg.eigh(regions.spread)
+def _descent(image: Image, regions: Blobs, ring: Bools, filled: Bools, noise: float) -> EllipseDescent:
+    axes = regions.axes
+    spread = axes @ axes.swapaxes(-1, -2)
+    values, vectors = np.linalg.eigh(spread)
     shape = np.einsum("bik,bk,bjk->bij", vectors, values**-0.5, vectors)
     band = np.clip(_BAND_BLURS * regions.blur, _MIN_BAND_PX, _MAX_BAND_PX)
-    pixels = outline_pixels(image, regions.center, regions.spread, band, filled)
+    pixels = outline_pixels(image, regions.center, spread, band, filled)
     top = int(image.max(initial=0))
     return EllipseDescent(pixels, regions.center, shape, regions.light, regions.dark, regions.blur, ring, noise, top)
 

@@ -50,6 +50,9 @@ MISSING_PX, WRONG_KIND_PX = 1.0, 3.0
 """Penalties added to the misfit when labelings are compared: for a dot that should be visible and is missing, and for a
 ring in place of a disk or vice versa."""
 
+ROUGH_PX = 1.0
+"""Additional misfit accepted of ellipses that are not fitted yet."""
+
 EDGE_PX = 3.0
 """Margin in px: a dot is expected if it is predicted inside the image, by more than this plus its size."""
 
@@ -118,6 +121,7 @@ def search(
     tag: Tag | None = None,
     sightings: Sightings = NO_TAGS,
     find: Callable[..., Labelings] = find_labelings,
+    rough: bool = False,
 ) -> Search:
     """Find the labelings of blobs that are consistent with the camera, best first.
 
@@ -135,6 +139,8 @@ def search(
         The marker's tag, and the tags in the image: labelings that put another tag in its place are left out.
     find : callable
         `find_labelings`, or a version that caches its results.
+    rough : bool
+        True for ellipses that are not fitted yet: a labeling found may be wrong, and its rivals are not sought.
     """
     px = float(np.sqrt(camera.fx * camera.fy))
     if len(ellipses) < LEAST_DOTS:
@@ -148,7 +154,7 @@ def search(
         return _failed(layout, _how_far(ellipses, layout, candidates, camera))
 
     def ranked(candidates: Labelings, own: Ellipses) -> Search:
-        return _ranked(candidates, own, layout, camera, px, print_sigma, tag, sightings)
+        return _ranked(candidates, own, layout, camera, px, print_sigma, tag, sightings, rough)
 
     everything = ranked(candidates, ellipses)
     found = everything.take(np.flatnonzero(everything.tags != REFUTES))
@@ -170,6 +176,8 @@ def search(
         return _failed(layout, f"{said}: the best labeling fits {fits}")
     if found.rings[0]:
         return _failed(layout, f"{said}: there is a ring in the place of a dot")
+    if rough:
+        return found
     # Other labelings of the same dots.
     ringed = not layout.rings.any() or bool((found.blobs[layout.rings] >= 0).any())
     lack = int(UNIQUE_RATIO * misfit + UNIQUE_PX * (1 + found.missing[0]))
@@ -202,6 +210,7 @@ def _ranked(
     print_sigma: float,
     tag: Tag | None,
     seen: Sightings,
+    rough: bool = False,
 ) -> Search:
     """Rank labelings with the evidence against them: first those with their tag, then by misfit and missing dots.
 
@@ -211,6 +220,8 @@ def _ranked(
     missing = np.sum(_expected(candidates, camera) & absent, axis=-1)
     printing = _printing(candidates, px, print_sigma)
     bound = _bound(candidates, missing, ellipses, px, printing)
+    if rough:
+        bound = np.where(candidates.count > missing, np.hypot(bound, ROUGH_PX), -1.0)
     # In a coarse print, leaving out any dot may improve the fit: if all dots are acceptable, keep them all.
     lack = np.hypot(MISSING_PX, printing) * (len(layout) - candidates.count)
     tags, sighting = np.zeros((2, len(candidates)), dtype=np.intp)

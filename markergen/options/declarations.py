@@ -29,102 +29,15 @@ from markergen.options import (
     Poses,
     Shape,
     Shapes,
-    Texts,
 )
-
-
-class SheetKeywords(TypedDict, total=False):
-    """Options for the sheet that a marker is printed on."""
-
-    paper: Annotated[
-        str,
-        Option(
-            SHEET,
-            "A0..A5, letter, legal, tabloid, or a size such as 300x400mm.",
-            otherwise="the smallest ISO size that holds it",
-            metavar="NAME|WxH",
-        ),
-    ]
-    orientation: Annotated[
-        str,
-        Option(SHEET, "portrait or landscape.", otherwise="portrait unless only landscape holds it", metavar="NAME"),
-    ]
-    margin: Annotated[
-        Length, Option(SHEET, "Margin that the printer leaves white.", otherwise="10 to 24 mm, depending on the paper")
-    ]
-    tile: Annotated[
-        bool,
-        Option(
-            SHEET,
-            "Spread a marker that is larger than the paper over several sheets.",
-            True,
-            flags="--tile/--no-tile",
-        ),
-    ]
-    overlap: Annotated[Length, Option(SHEET, "Width of the strip that neighboring sheets both print.", "10mm")]
-    dpi: Annotated[int, Option(SHEET, "Resolution of a .png in pixels per inch.", 600, metavar="N")]
-    colors: Annotated[
-        str,
-        Option(
-            SHEET,
-            "black, inverted, or two colors as #rrggbb,#rrggbb; append ,cut:NAME for a spot color of the cut lines, "
-            "such as black,cut:CutContour.",
-            "black",
-            metavar="NAME|INK,PAPER",
-        ),
-    ]
-
-
-class PlateKeywords(TypedDict, total=False):
-    """Options for the plate that carries the dots of a solid."""
-
-    thickness: Annotated[Length, Option(SOLID, "Thickness of the plate.", "3mm")]
-    edge: Annotated[
-        Length,
-        Option(SOLID, "Minimum width of the plate around a disk or rectangle; a drawing is the plate itself.", "2mm"),
-    ]
-    corner_radius: Annotated[Length, Option(SOLID, "Radius of the plate's corners, in plan view.", "0mm")]
-    chamfer: Annotated[Length, Option(SOLID, "Chamfer around the plate's upper face, at 45 degrees.", "0mm")]
-    outline: Annotated[
-        Shape,
-        Option(
-            SOLID,
-            "Outline of the plate with its holes, instead of the boundary's: rect:0.3x0.2, or a drawing in "
-            "the marker frame, which moves with the boundary that --boundary takes from one.",
-            metavar="SHAPE|FILE[#LAYER]",
-        ),
-    ]
-    mount: Annotated[
-        Texts,
-        Option(
-            SOLID,
-            "Mounting holes: 4xM3@120mm on a pitch circle, 4xM3@120mm/0 with the first one at 0 degrees, 4xM3c@120mm "
-            "countersunk, 4x3.4mm@120mm by diameter, or M3:40mm,-20mm;-40mm,-20mm; may be repeated.",
-            metavar="HOLES",
-        ),
-    ]
-    dowel: Annotated[
-        Texts,
-        Option(
-            SOLID,
-            "Holes for dowel pins on the x axis: 2x4mm@130mm, or in the forms of --mount; may be repeated.",
-            metavar="HOLES",
-        ),
-    ]
-
-
-class ProcessKeyword(TypedDict, total=False):
-    """Option for the manufacturing process of a solid."""
-
-    process: Annotated[
-        str,
-        Option(
-            SOLID,
-            "Manufacturing process of solids: one of those that markergen export --help lists.",
-            "fdm",
-            metavar="NAME",
-        ),
-    ]
+from markergen.options.shared import (
+    Calibrated,
+    PlateKeywords,
+    Printed,
+    ProcessKeyword,
+    SheetKeywords,
+    Workers,
+)
 
 
 class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
@@ -400,15 +313,10 @@ class ValidateKeywords(TypedDict, total=False):
         bool,
         Option(IMAGES, "Repeat the views with blur, noise, low light, a hidden dot, clutter.", False, flags="--stress"),
     ]
-    print_sigma: Annotated[
-        Length, Option(ERRORS, "Standard deviation of a printed dot's position along each axis.", "0.1mm")
-    ]
-    camera_covariance: Annotated[
-        File,
-        Option(ERRORS, "Covariance, or a row of standard deviations, of fx, fy, cx, cy, ...", metavar="FILE"),
-    ]
+    print_sigma: Printed
+    camera_covariance: Calibrated
     seed: Annotated[int, Option(RUN, "Seed for the noise; the same seed gives the same results.", 0)]
-    workers: Annotated[int, Option(RUN, "Number of processes.", otherwise="one for each processor", metavar="N")]
+    workers: Workers
 
 
 class CompareKeywords(TypedDict, total=False):
@@ -428,7 +336,7 @@ class CompareKeywords(TypedDict, total=False):
         Length, Option(ERRORS, "Standard deviation of a printed dot's or corner's position along each axis.", "0mm")
     ]
     seed: Annotated[int, Option(RUN, "Seed for noise and poses; the same seed gives the same results.", 0)]
-    workers: Annotated[int, Option(RUN, "Number of processes.", otherwise="one for each processor", metavar="N")]
+    workers: Workers
 
 
 class VerifyKeywords(TypedDict, total=False):
@@ -440,20 +348,21 @@ class VerifyKeywords(TypedDict, total=False):
     ]
 
 
-class DetectKeywords(TypedDict, total=False):
+class DetectorKeywords(TypedDict, total=False):
     """Options of a detector, besides the markers and the camera."""
 
-    camera_covariance: Annotated[
-        File,
-        Option(ERRORS, "Covariance, or a row of standard deviations, of fx, fy, cx, cy, ...", metavar="FILE"),
-    ]
-    print_sigma: Annotated[
-        Length, Option(ERRORS, "Standard deviation of a printed dot's position along each axis.", "0.1mm")
-    ]
+    camera_covariance: Calibrated
+    print_sigma: Printed
     refine: Annotated[
         str,
         Option(RUN, "none, or photometric: align the rendered model with the image.", "none", metavar="NAME"),
     ]
+
+
+class DetectKeywords(DetectorKeywords, total=False):
+    """Options of a detection in images, videos and cameras."""
+
+    workers: Workers
 
 
 NEAR = "200, 150, 100, 50 or 20mm, if within 5 %"
@@ -480,7 +389,7 @@ class RescaleKeywords(TypedDict, total=False):
 class StudyKeywords(TypedDict, total=False):
     """Options for running a study."""
 
-    workers: Annotated[int, Option(RUN, "Number of processes.", otherwise="one for each processor", metavar="N")]
+    workers: Workers
     scheduler: Annotated[
         str,
         Option(RUN, "Compute on a running Dask cluster instead, such as tcp://10.0.0.1:8786.", metavar="ADDRESS"),

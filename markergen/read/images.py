@@ -3,9 +3,10 @@
 import glob
 import io
 import os
+import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,6 +44,7 @@ STRIP = 256
 _FORMATS = ("BMP", "JPEG", "PNG", "PPM", "TIFF", "WEBP")
 _KNOWN = "PNG, JPEG, TIFF, BMP, WebP or PGM"
 _ORIENTATION = 0x0112
+_PILLOW = threading.Lock()
 
 _UNDO: dict[int, Callable[[NDArray[Any]], NDArray[Any]]] = {
     1: lambda image: image,
@@ -100,7 +102,7 @@ def read_image(path: Path) -> Image:
     """
     data = _content(path)
     try:
-        with _quiet():
+        with quiet:
             header = _examine(path, data)
             pixels = _decode(data)
     except InputError:
@@ -284,13 +286,15 @@ def opened(data: bytes, formats: tuple[str, ...]) -> "Iterator[PillowImage]":
     """Open an image with Pillow, which reads the header; the caller limits its size."""
     from PIL import Image as Pillow
 
-    # Pillow's own limit would raise before the size is known.
-    limit, Pillow.MAX_IMAGE_PIXELS = Pillow.MAX_IMAGE_PIXELS, None
-    try:
-        with Pillow.open(io.BytesIO(data), formats=formats) as image:
-            yield image
-    finally:
-        Pillow.MAX_IMAGE_PIXELS = limit
+    with _PILLOW:
+        # Its own limit, which is that of the whole process, would raise before the size is known.
+        limit, Pillow.MAX_IMAGE_PIXELS = Pillow.MAX_IMAGE_PIXELS, None
+        try:
+            opened = Pillow.open(io.BytesIO(data), formats=formats)
+        finally:
+            Pillow.MAX_IMAGE_PIXELS = limit
+    with opened as image:
+        yield image
 
 
 def _depth(image: "PillowImage") -> int:
@@ -364,23 +368,50 @@ def _transparent(pixels: NDArray[Any]) -> bool:
     return pixels.ndim == 3 and pixels.shape[2] in (2, 4) and bool((pixels[..., -1] < np.iinfo(pixels.dtype).max).any())
 
 
+class _Quiet:
+    """Suppresses warnings, including those that the decoders' libraries write directly to standard error.
+
+    Both belong to the whole process: of several threads, the first one in switches them off, and the last one out on.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._inside = 0
+        self._undo = ExitStack()
+
+    def __enter__(self) -> None:
+        with self._lock:
+            self._inside += 1
+            if self._inside == 1:
+                self._undo.enter_context(warnings.catch_warnings())
+                warnings.simplefilter("ignore")
+                self._undo.enter_context(_standard_error_nowhere())
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._inside -= 1
+            if not self._inside:
+                self._undo.close()
+
+
 @contextmanager
-def _quiet() -> Iterator[None]:
-    """Suppress warnings, including those that the decoders' libraries write directly to standard error."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            kept = os.dup(2)
-        except OSError:  # Standard error is closed.
-            yield
-            return
-        try:
-            with open(os.devnull, "wb") as nowhere:  # noqa: PTH123 - a device
-                os.dup2(nowhere.fileno(), 2)
-            yield
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
+def _standard_error_nowhere() -> Iterator[None]:
+    try:
+        kept = os.dup(2)
+    except OSError:  # Standard error is closed.
+        yield
+        return
+    try:
+        with open(os.devnull, "wb") as nowhere:  # noqa: PTH123 - a device
+            os.dup2(nowhere.fileno(), 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+
+
+quiet = _Quiet()
+"""The context in which decoders say nothing."""
 
 
 def _brief(error: Exception) -> str:

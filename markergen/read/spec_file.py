@@ -31,7 +31,8 @@ from markergen.model.shape_file import BoundaryFile, HoleFile, SubstrateFile, bu
 from markergen.model.spec import ImageNoise, Spec
 from markergen.model.substrate import Hole, parse_dowel, parse_mount
 from markergen.options import Option, declared
-from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords, PlateKeywords
+from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
+from markergen.options.shared import PlateKeywords
 from markergen.read.cameras import load_camera
 from markergen.read.outlines.boundary import drawn_plate, is_drawing, parse_boundary, read_room
 from markergen.read.poses import settled

@@ -2,6 +2,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from plain_blobs import plain_blobs
 
 from markergen.detect.blobs import Blobs
 from markergen.detect.conic_projection import outlines
@@ -67,7 +68,7 @@ def look(marker, pose, camera=PAPER_CAMERA, hidden=(), strangers=0, noise=0.02, 
     order = rng.permutation(len(center))
     covariance = np.broadcast_to(noise**2 * np.eye(2), (len(center), 2, 2))
     return Sight(
-        Blobs(center[order], semi[order], angle[order], ring[order], covariance),
+        plain_blobs(center[order], semi[order], angle[order], ring[order], covariance),
         np.concatenate([kept, np.full(strangers, -1)])[order],
         camera.project(marker.xyz, rotation, translation)[0],
         rotation[0],

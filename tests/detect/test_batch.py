@@ -1,5 +1,6 @@
 import io
 import json
+import os
 
 import cv2
 import numpy as np
@@ -128,12 +129,36 @@ def test_files_from_python(detector, photo, tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+def test_the_number_of_workers_does_not_show(detector, photo, tmp_path):
+    """Neither in the results, nor in their order, nor in what is left of standard error."""
+    image, before = cv2.imread(str(photo)), os.fstat(2)
+    (tmp_path / "shots").mkdir()
+    for number in range(6):
+        # The first ones take longest.
+        cv2.imwrite(str(tmp_path / "shots" / f"{number}.png"), np.roll(image, 5 * number) if number < 3 else 0 * image)
+    (tmp_path / "shots" / "3.png").write_bytes(photo.read_bytes()[:300])
+    written, told = [], []
+    for workers in (1, 4):
+        stream, lines = io.StringIO(), []
+        options = {"workers": workers, "json": stream, "overlay": tmp_path / f"{workers}"}
+        detect_files(tmp_path / "shots", tmp_path / "marker.json", PAPER_CAMERA, tell=lines.append, **options)
+        told.append(lines)
+        written.append([stream.getvalue(), *(each.read_bytes() for each in sorted(options["overlay"].iterdir()))])
+    assert told[0] == told[1]
+    assert written[0] == written[1]
+    assert len(written[0]) == 6
+    assert os.path.samestat(os.fstat(2), before)
+
+
 def test_what_cannot_begin_is_refused(detector, photo, tmp_path):
     marker = tmp_path / "marker.json"
     with pytest.raises(InputError, match="none or photometric"):
         detect_files(photo, marker, refine="magic")
     with pytest.raises(InputError, match="--camera"):
         detect_files(photo, marker, camera_covariance=tmp_path / "c.txt")
+    with pytest.raises(InputError, match="1 to 256 workers"):
+        detect_files(photo, marker, workers=0, overlay=tmp_path / "seen")
+    assert not (tmp_path / "seen").exists()
     with pytest.raises(InputError, match="one or more images"):
         detect_files([], marker)
     with pytest.raises(OutputError, match="one of the inputs"):

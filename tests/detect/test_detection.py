@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from markergen.detect import detect, detect_all
-from markergen.detect.blobs import Blobs, detect_dots
-from markergen.detect.detection import identify, made_up_camera
+from markergen.detect.blobs import Blobs
+from markergen.detect.detection import detect_dots, identify, made_up_camera
 from markergen.detect.presentation import as_dict, reason
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources

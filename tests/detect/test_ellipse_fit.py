@@ -2,7 +2,8 @@ import cv2
 import numpy as np
 import pytest
 
-from markergen.detect.candidate_regions import Regions, find_regions
+from markergen.detect.blobs import Blobs
+from markergen.detect.candidates import find_blobs
 from markergen.detect.ellipse_fit import BLUR, CENTER, COUNT, SCALE, SHAPE, SLOPE, EllipseDescent, fit_dots
 from markergen.detect.outline_pixels import OutlinePixels
 
@@ -32,10 +33,11 @@ def expose(ink, blur=0.7, noise=0.0, seed=0, dark=30, light=225, psf=None, shade
 
 
 def outline(center, semi, angle=0.0, middle=0.0, blur=0.8, light=225, dark=30):
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    spread = turn @ np.diag(np.array(semi, dtype=float) ** 2) @ turn.T
     levels = (np.array([float(each)]) for each in (light, dark, blur, middle))
-    return Regions(np.array([center], dtype=float), spread[None], *levels)
+    if semi[0] < semi[1]:
+        semi, angle = semi[::-1], angle + np.pi / 2
+    center, semi, angle = (np.array([each], dtype=float) for each in (center, semi, angle))
+    return Blobs(center, semi, angle, np.array([middle > 0.5]), np.eye(2)[None], *levels, np.array([False]))
 
 
 def fit(image, center=MIDDLE, semi=(10, 10), angle=0.0, off=(0.3, -0.3), grown=0.3, noise=2.0, **start):
@@ -214,7 +216,7 @@ def test_many_at_once_are_what_they_are_alone():
     centers = [(20.2, 20.7), (60.4, 22.1), (30.5, 58.3), (70.8, 55.6)]
     ink = sum(inside(center, (9, 6), k) for k, center in enumerate(centers))
     image = expose(ink, noise=1)
-    outlines = find_regions(image)
+    outlines = find_blobs(image)
     together = fit_dots(image, outlines, 1.0)
     assert len(together) == 4
     for k, i in enumerate(together.index):

@@ -5,7 +5,7 @@ import pytest
 
 from markergen.detect.blobs import undo_lens
 from markergen.detect.conic_projection import outlines
-from markergen.detect.pose_hypotheses import MAX_PAIRS, MAX_POSES, circle_poses, guess_poses, layout_of
+from markergen.detect.pose_hypotheses import MAX_POSES, circle_poses, guess_poses, layout_of
 from markergen.errors import InputError
 from markergen.maths.rotation import angle_between
 from markergen.model.boundary import Circle

@@ -21,6 +21,7 @@ from markergen.options.declarations import (
     CompareKeywords,
     DesignKeywords,
     DetectKeywords,
+    DetectorKeywords,
     ExportKeywords,
     RescaleKeywords,
     StudyKeywords,
@@ -100,14 +101,14 @@ def test_functions_show_the_keywords_that_are_declared(table):
     import markergen
 
     name = table.__name__.removesuffix("Keywords").lower()
-    function = markergen.Detector if name == "detect" else getattr(markergen, name)
+    function = detect_files if name == "detect" else getattr(markergen, name)
     parameters = inspect.signature(function).parameters
     assert set(declared(table)) <= set(parameters)
     assert not any(each.kind is each.VAR_KEYWORD for each in parameters.values())
 
 
-@pytest.mark.parametrize("function", [Detector, detect_files])
-def test_a_detector_has_the_defaults_that_are_declared(function):
+@pytest.mark.parametrize(("function", "table"), [(Detector, DetectorKeywords), (detect_files, DetectKeywords)])
+def test_a_detector_has_the_defaults_that_are_declared(function, table):
     parameters = inspect.signature(function).parameters
-    for name, option in declared(DetectKeywords).items():
+    for name, option in declared(table).items():
         assert parameters[name].default == option.default, name

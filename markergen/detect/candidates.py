@@ -1,14 +1,13 @@
 """Candidate regions for dots: dark, elliptic, with an edge all around that stands out from the image's noise."""
 
-from dataclasses import dataclass, fields
-
 import numpy as np
 from numpy.typing import NDArray
+
+from markergen.detect.blobs import Blobs, Image
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Eight = NDArray[np.uint8]
-Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 MAX_REGIONS = 128
 """Maximum number of regions, those with the most even edges first: the rest are clutter, and each costs time."""
@@ -45,41 +44,13 @@ _MAX_UNEVEN = 0.6
 """Maximum standard deviation of the step over the outline, without its most deviant quarter, as a share of its median.
 Dots have less than 0.25, with a noise of a tenth of the contrast."""
 _MIN_CONTRAST = 12.0
+_RING_ABOVE = 0.4
+_ROUGH_PX = 0.2
+"""Standard deviation of a rough center along each axis, px."""
 
 
-@dataclass(frozen=True, eq=False)
-class Regions:
-    """Rough outlines of B dark regions, as initial values for the fit.
-
-    Attributes
-    ----------
-    center : array (B, 2), px
-    spread : array (B, 2, 2), px^2
-        Q of the ellipse x'Q^-1 x = 1 about the center: four times the covariance of its area.
-    light, dark : arrays (B,), grey levels outside and inside
-    blur : array (B,), px
-        Width of the edge as the standard deviation of a normal distribution.
-    middle : array (B,)
-        Level in the middle, from 0 where it is dark to 1 where it is light.
-    """
-
-    center: Array
-    spread: Array
-    light: Array
-    dark: Array
-    blur: Array
-    middle: Array
-
-    def __len__(self) -> int:
-        return len(self.center)
-
-    def take(self, index: NDArray[np.bool_] | Indices) -> "Regions":
-        """Return a subset."""
-        return Regions(*(getattr(self, field.name)[index] for field in fields(self)))
-
-
-def find_regions(image: Image) -> Regions:
-    """Find outlines of dark regions that could be dots, those with the most even edges first.
+def find_blobs(image: Image) -> Blobs:
+    """Find dark regions that could be dots, with rough ellipses, those with the most even edges first.
 
     Pixels below the mean of a small window are dark; the levels of an image pyramid provide windows of all sizes and
     average the noise away. So the result does not depend on the light's level or slope, or on dark objects beside a
@@ -211,7 +182,7 @@ def _ellipses(contours: list[NDArray[np.int32]]) -> tuple[Array, Array]:
     return center[shaped[good]], np.einsum("bik,bk,bjk->bij", vectors[good], grown, vectors[good])
 
 
-def _with_edges(image: Image, unit: float, center: Array, spread: Array) -> tuple[Regions, Array]:
+def _with_edges(image: Image, unit: float, center: Array, spread: Array) -> tuple[Blobs, Array]:
     """Select outlines with an edge from dark to light all around; also return how uneven each edge is, 0 for even.
 
     Pixels are sampled on the normals of the outline. A large share of the outline must have a step near the median;
@@ -255,18 +226,30 @@ def _with_edges(image: Image, unit: float, center: Array, spread: Array) -> tupl
     # Position of the half-level by area: thresholds below the mean make small and blurred regions too large.
     edge = _OFFSETS[-1] - np.trapezoid(share, _OFFSETS, axis=1)
     semi = np.maximum(semi[good] + edge[:, None], 0.4 * semi[good])
-    spread = np.einsum("bik,bk,bjk->bij", vectors[good], semi**2, vectors[good])
     # In a ring, the middle of the hole, which is half as wide as the ring, is light.
     around = center[good, None] + np.concatenate([np.zeros((len(light), 1, 2)), 0.15 * along[good, ::3]], axis=1)
     around = np.rint(around).astype(int)
     middle = image[around[..., 1], around[..., 0]].mean(axis=1)
     middle = (middle - dark) / np.maximum(light - dark, unit)
-    return Regions(center[good], spread, light, dark, blur, middle), uneven[good]
+    longest = vectors[good][:, :, 1]
+    rough = Blobs(
+        center[good],
+        semi[:, ::-1],
+        np.arctan2(longest[:, 1], longest[:, 0]),
+        middle > _RING_ABOVE,
+        np.tile(_ROUGH_PX**2 * np.eye(2), (len(light), 1, 1)),
+        light,
+        dark,
+        blur,
+        middle,
+        np.zeros(len(light), dtype=bool),
+    )
+    return rough, uneven[good]
 
 
-def _distinct(outlines: Regions) -> Indices:
+def _distinct(outlines: Blobs) -> Indices:
     """Return the first of each group of nearly equal outlines."""
-    size = np.linalg.det(outlines.spread) ** 0.25
+    size = np.sqrt(outlines.semi.prod(axis=-1))
     taken = np.zeros(0, dtype=np.intp)
     for i in range(len(outlines)):
         near = np.linalg.norm(outlines.center[taken] - outlines.center[i], axis=-1) < 1 + 0.25 * size[i]

@@ -1,0 +1,278 @@
+/* What detection does with many small steps per pixel or per dot, compiled: kernel_build.py builds it, kernel.py loads it.
+
+   Plain C99 without dependencies and without state, so any number of threads may call it. Every function has a twin in
+   NumPy and OpenCV, named in its comment, and gives the same numbers. Images are rows of pixels, `stride` bytes from one
+   row to the next; arrays are contiguous. Sizes are checked by kernel.py. */
+
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#ifndef SOURCE
+#define SOURCE "unknown"
+#endif
+
+/* Digest of the source that this was built from: kernel.py uses no other. */
+const char *kernel_source(void) { return SOURCE; }
+
+/* ------------------------------------------------------------------------------------------------------------------
+   dark_components: connected components of the pixels that are darker than the mean of their surroundings
+   (twin: components.py, _dark_components).
+
+   A pixel p is dark if round(sum / 225) - p > step, with the sum over the 15 x 15 pixels around it, those beyond the
+   image's edge repeated from the edge. Without division: sum + 112 - 225 p >= 225 (step + 1). Dark pixels that touch,
+   at a corner too, are of one component.
+
+   One pass, row by row. A row's runs of dark pixels join the components of the runs that they touch in the row above.
+   A component without a run in a row is complete: if it has `least` pixels, it is written, and its place is used again.
+   So memory is that of a few rows, whatever the image shows.
+
+   Moments are sums over runs from column a to b, with n = b - a + 1 and s = a + b:
+       2 sum x = n s    12 sum x^2 = n (3 s^2 + n^2 - 1)    2 sum xy = n s y
+   modulo 2^64; relative to the corner of the component's box, they are exact again for boxes of up to 2^15 pixels' side.
+   Larger ones are left out.
+
+   Each component takes FIELDS numbers in `found`: pixels; sums of x, y, x^2, xy, y^2 relative to its box; the box's left,
+   top, right and bottom column and row; and the place of its first pixel, by which the caller sorts.
+   Returns their number, of which at most `capacity` were written, or -1 without memory. */
+
+enum { HALF = 7, WINDOW = 2 * HALF + 1, AREA = WINDOW * WINDOW, FIELDS = 11, LARGEST = 1 << 15 };
+
+typedef struct {
+    int32_t first, last, component;
+} Run;
+
+typedef struct {
+    uint64_t pixels, x2, y, xx12, xy2, yy;
+    int64_t first;
+    int32_t left, right, top, bottom;
+    int32_t into; /* itself, or the component that it was joined to; the next free one */
+} Component;
+
+static int32_t final(const Component *all, int32_t i)
+{
+    while (all[i].into != i)
+        i = all[i].into;
+    return i;
+}
+
+static void join(Component *a, const Component *b)
+{
+    a->pixels += b->pixels;
+    a->x2 += b->x2;
+    a->y += b->y;
+    a->xx12 += b->xx12;
+    a->xy2 += b->xy2;
+    a->yy += b->yy;
+    if (b->first < a->first)
+        a->first = b->first;
+    if (b->left < a->left)
+        a->left = b->left;
+    if (b->right > a->right)
+        a->right = b->right;
+    if (b->top < a->top)
+        a->top = b->top;
+    if (b->bottom > a->bottom)
+        a->bottom = b->bottom;
+}
+
+static int written(const Component *c, int64_t *to)
+{
+    const uint64_t n = c->pixels, x = (uint64_t)c->left, y = (uint64_t)c->top;
+    const uint64_t sum_x = c->x2 / 2 - n * x, sum_y = c->y - n * y;
+    if (c->right - c->left >= LARGEST || c->bottom - c->top >= LARGEST)
+        return 0;
+    if (!to)
+        return 1;
+    to[0] = (int64_t)n;
+    to[1] = (int64_t)sum_x;
+    to[2] = (int64_t)sum_y;
+    to[3] = (int64_t)((c->xx12 - 12 * x * (2 * sum_x + n * x)) / 12);
+    to[4] = (int64_t)((c->xy2 - 2 * (x * sum_y + y * sum_x + n * x * y)) / 2);
+    to[5] = (int64_t)(c->yy - y * (2 * sum_y + n * y));
+    to[6] = c->left;
+    to[7] = c->top;
+    to[8] = c->right;
+    to[9] = c->bottom;
+    to[10] = c->first;
+    return 1;
+}
+
+/* Columns' sums of the 15 rows around row y, from those of the row before; `sums` has HALF more at either end. */
+static void move_down(uint16_t *sums, const uint8_t *image, int64_t height, int64_t width, int64_t stride, int64_t y)
+{
+    uint16_t *middle = sums + HALF;
+    if (y == 0) {
+        for (int64_t x = 0; x < width; x++)
+            middle[x] = 0;
+        for (int64_t i = -HALF; i <= HALF; i++) {
+            const uint8_t *row = image + stride * (i < 0 ? 0 : i < height ? i : height - 1);
+            for (int64_t x = 0; x < width; x++)
+                middle[x] = (uint16_t)(middle[x] + row[x]);
+        }
+    } else {
+        const uint8_t *in = image + stride * (y + HALF < height ? y + HALF : height - 1);
+        const uint8_t *out = image + stride * (y - HALF - 1 > 0 ? y - HALF - 1 : 0);
+        for (int64_t x = 0; x < width; x++)
+            middle[x] = (uint16_t)(middle[x] + in[x] - out[x]);
+    }
+    for (int64_t i = 0; i < HALF; i++) {
+        sums[i] = middle[0];
+        middle[width + i] = middle[width - 1];
+    }
+}
+
+/* 1 where a pixel is dark, else 0. The sum of 15 is that of 8, 4, 2 and 1 neighbors, in blocks that stay in the cache. */
+static void mark_dark(uint8_t *dark, const uint16_t *sums, const uint8_t *row, int64_t width, int step)
+{
+    enum { BLOCK = 1024 };
+    uint16_t two[BLOCK + 14], four[BLOCK + 12], eight[BLOCK];
+    const uint16_t least = (uint16_t)(AREA * (step + 1));
+    for (int64_t from = 0; from < width; from += BLOCK) {
+        const int m = width - from < BLOCK ? (int)(width - from) : BLOCK;
+        const uint16_t *s = sums + from;
+        const uint8_t *p = row + from;
+        uint8_t *d = dark + from;
+        for (int x = 0; x < m + 13; x++)
+            two[x] = (uint16_t)(s[x] + s[x + 1]);
+        for (int x = 0; x < m + 11; x++)
+            four[x] = (uint16_t)(two[x] + two[x + 2]);
+        for (int x = 0; x < m; x++)
+            eight[x] = (uint16_t)(four[x] + four[x + 4]);
+        for (int x = 0; x < m; x++) {
+            const uint16_t sum = (uint16_t)(eight[x] + four[x + 8] + two[x + 12] + s[x + 14] + AREA / 2);
+            const uint16_t own = (uint16_t)(AREA * p[x]);
+            const uint16_t over = (uint16_t)(sum > own ? sum - own : 0);
+            d[x] = over >= least;
+        }
+    }
+}
+
+/* Runs of ones; `dark` has at least 8 zeros behind its end. */
+static int32_t find_runs(Run *runs, const uint8_t *dark, int64_t width)
+{
+    int32_t count = 0;
+    uint8_t before = 0;
+    for (int64_t x = 0; x <= width; x += 8) {
+        uint64_t word, same;
+        memcpy(&word, dark + x, 8);
+        same = before ? UINT64_C(0x0101010101010101) : 0;
+        if (word == same)
+            continue;
+        for (int i = 0; i < 8; i++)
+            if (dark[x + i] != before) {
+                if (before)
+                    runs[count++].last = (int32_t)(x + i - 1);
+                else
+                    runs[count].first = (int32_t)(x + i);
+                before = dark[x + i];
+            }
+    }
+    return count;
+}
+
+int64_t dark_components(const uint8_t *image, int64_t height, int64_t width, int64_t stride, int step, int64_t least,
+                        int64_t *found, int64_t capacity)
+{
+    const size_t most = (size_t)width / 2 + 1; /* runs in a row */
+    uint16_t *sums = malloc(((size_t)width + 2 * HALF) * sizeof *sums);
+    uint8_t *dark = calloc((size_t)width + 16, 1);
+    Run *above = malloc(most * sizeof *above), *here = malloc(most * sizeof *here);
+    /* Those of two rows, since a joined one stays until the end of its row. */
+    Component *all = malloc(2 * most * sizeof *all);
+    int32_t above_count = 0, free_one = -1, used = 0;
+    int64_t count = 0;
+
+    if (!sums || !dark || !above || !here || !all) {
+        count = -1;
+        height = 0;
+    }
+    if (width == 0)
+        height = 0;
+    /* One row more, without a dark pixel, completes what is left. */
+    for (int64_t y = 0; y <= height && count >= 0 && height; y++) {
+        int32_t here_count = 0, i = 0, joined = -1;
+        if (y < height) {
+            move_down(sums, image, height, width, stride, y);
+            mark_dark(dark, sums, image + y * stride, width, step);
+            here_count = find_runs(here, dark, width);
+        }
+        for (int32_t j = 0; j < here_count; j++) {
+            const int32_t a = here[j].first, b = here[j].last;
+            const uint64_t n = (uint64_t)(b - a) + 1, s = (uint64_t)a + (uint64_t)b, v = (uint64_t)y;
+            Component *c;
+            int32_t own = -1;
+            while (i < above_count && above[i].last < a - 1)
+                i++;
+            for (int32_t k = i; k < above_count && above[k].first <= b + 1; k++) {
+                const int32_t other = final(all, above[k].component);
+                if (own < 0)
+                    own = other;
+                else if (other != own) {
+                    join(all + own, all + other);
+                    all[other].into = own;
+                    all[other].pixels = 0;
+                    /* Kept until no run refers to it; its number of the next such one is in `left`. */
+                    all[other].left = joined;
+                    joined = other;
+                }
+            }
+            if (own < 0) {
+                if (free_one >= 0) {
+                    own = free_one;
+                    free_one = all[own].into;
+                } else
+                    own = used++;
+                c = all + own;
+                memset(c, 0, sizeof *c);
+                c->into = own;
+                c->first = y * width + a;
+                c->left = a;
+                c->right = b;
+                c->top = (int32_t)y;
+            }
+            c = all + own;
+            c->pixels += n;
+            c->x2 += n * s;
+            c->y += n * v;
+            c->xx12 += n * (3 * s * s + n * n - 1);
+            c->xy2 += n * s * v;
+            c->yy += n * v * v;
+            if (a < c->left)
+                c->left = a;
+            if (b > c->right)
+                c->right = b;
+            c->bottom = (int32_t)y;
+            here[j].component = own;
+        }
+        for (int32_t k = 0; k < above_count; k++) {
+            const int32_t own = final(all, above[k].component);
+            Component *c = all + own;
+            if (c->bottom == y || !c->pixels)
+                continue;
+            if (c->pixels >= (uint64_t)least)
+                count += written(c, count < capacity ? found + FIELDS * count : NULL);
+            c->pixels = 0; /* once, although several runs may refer to it */
+            c->left = joined;
+            joined = own;
+        }
+        for (int32_t j = 0; j < here_count; j++)
+            here[j].component = final(all, here[j].component);
+        while (joined >= 0) {
+            const int32_t next = all[joined].left;
+            all[joined].into = free_one;
+            free_one = joined;
+            joined = next;
+        }
+        Run *swapped = above;
+        above = here;
+        here = swapped;
+        above_count = here_count;
+    }
+    free(sums);
+    free(dark);
+    free(above);
+    free(here);
+    free(all);
+    return count;
+}

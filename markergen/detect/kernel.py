@@ -1,0 +1,108 @@
+"""The compiled part of detection, which is optional: `python -m markergen.detect.kernel` builds it."""
+
+import ctypes
+import functools
+import os
+import sys
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.detect.kernel_build import LIBRARY, SOURCE, build, digest
+
+Integers = NDArray[np.int64]
+Eight = NDArray[np.uint8]
+
+VARIABLE = "MARKERGEN_KERNEL"
+"""Environment variable; `off` switches the compiled part off. Read at its first use."""
+
+_FIELDS = 11
+
+
+def library() -> ctypes.CDLL | None:
+    """Return the compiled library, or None where it is missing, outdated or switched off.
+
+    Where it is None, callers take their twin in NumPy; tests replace this function. Calls free the global interpreter
+    lock.
+    """
+    return _loaded()[0]
+
+
+def missing() -> str | None:
+    """Return None if the compiled part is there, else one line that says why not and what to do."""
+    return _loaded()[1]
+
+
+@functools.cache
+def _loaded() -> tuple[ctypes.CDLL | None, str | None]:
+    if os.environ.get(VARIABLE, "").lower() == "off":
+        return None, f"detection runs without its compiled part, several times slower: {VARIABLE} is off"
+    remedy = f"with a C compiler, `{os.path.basename(sys.executable)} -m markergen.detect.kernel` builds it"  # noqa: PTH119
+    path = SOURCE.with_name(LIBRARY)
+    if not path.is_file():
+        return None, f"detection runs without its compiled part, several times slower; {remedy}"
+    try:
+        loaded = ctypes.CDLL(str(path))
+        loaded.kernel_source.restype = ctypes.c_char_p
+        if loaded.kernel_source() != digest().encode():
+            return None, f"detection runs without its compiled part, which is of another version; {remedy}"
+        _declare(loaded)
+    except (OSError, AttributeError) as error:
+        return None, f"detection runs without its compiled part, which cannot be loaded ({error}); {remedy}"
+    return loaded, None
+
+
+def _declare(loaded: ctypes.CDLL) -> None:
+    whole, address = ctypes.c_int64, ctypes.c_void_p
+    loaded.dark_components.argtypes = [
+        address, whole, whole, whole, ctypes.c_int, whole, address, whole,
+    ]  # fmt: skip
+    loaded.dark_components.restype = whole
+
+
+def dark_components(image: Eight, step: int, least: int) -> Integers:
+    """Return the connected components of dark pixels: see kernel.c, and the twin in components.py.
+
+    Parameters
+    ----------
+    image : array (h, w)
+    step : int, 0 to 255
+        Least depth below the mean of the surroundings, grey levels.
+    least : int
+        Minimum number of pixels.
+
+    Returns
+    -------
+    array (k, 11), in no particular order
+    """
+    loaded = library()
+    assert loaded is not None
+    image = _rows(image)
+    height, width = image.shape
+    if max(height, width) >= 1 << 30 or not 0 <= step <= 255:
+        raise ValueError(f"an image of {width} x {height} px, or a step of {step}, is out of range")
+    capacity = 1024 + image.size // 256
+    while True:
+        found = np.empty((capacity, _FIELDS), dtype=np.int64)
+        count: int = loaded.dark_components(
+            image.ctypes.data, height, width, image.strides[0], step, max(least, 1), found.ctypes.data, capacity
+        )
+        if count < 0:
+            raise MemoryError("no memory for rows of dark pixels")
+        if count <= capacity:
+            return found[:count]
+        capacity = count
+
+
+def _rows(image: Eight) -> Eight:
+    """Return an image whose rows are contiguous, which need not be each behind the other."""
+    if image.dtype != np.uint8 or image.ndim != 2:
+        raise ValueError(f"an image of 8 bits is needed, not {image.shape} of {image.dtype}")
+    return image if image.strides[1] == 1 and image.strides[0] >= 0 else np.ascontiguousarray(image)
+
+
+if __name__ == "__main__":
+    try:
+        print(f"built {build()}")
+    except OSError as failure:
+        sys.exit(f"the compiled part of detection was not built: {failure}")

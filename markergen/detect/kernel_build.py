@@ -1,0 +1,65 @@
+"""Building the compiled part of detection, kernel.c: at installation and by hand.
+
+The build hook loads this file by its path, before the package is installed, so it imports the standard library alone.
+"""
+
+import hashlib
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+SOURCE = Path(__file__).with_name("kernel.c")
+
+LIBRARY = "libkernel.dll" if sys.platform == "win32" else "libkernel.so"
+"""Name of the compiled library, in the same folder. Python would import a `kernel.so` instead of kernel.py."""
+
+_FLAGS = ["-O3", "-std=c99", "-shared", "-fPIC", "-ffp-contract=off"]
+"""No instructions that other computers of the kind lack, and every operation rounded: the same numbers everywhere."""
+
+_PATIENCE_S = 120
+
+
+def digest() -> str:
+    """Return the digest of kernel.c, which a library carries that was built from it."""
+    return hashlib.sha256(SOURCE.read_bytes()).hexdigest()[:16]
+
+
+def build(folder: Path | None = None) -> Path:
+    """Compile kernel.c and return the library's path.
+
+    The compiler is that of the environment variable CC, or the first of cc, gcc and clang that is there.
+
+    Parameters
+    ----------
+    folder : path, optional
+        Where the library goes; by default beside kernel.c, where it is looked for.
+
+    Raises
+    ------
+    OSError
+        If there is no compiler, or it fails: the message is one line. An older library stays.
+    """
+    target = (folder or SOURCE.parent) / LIBRARY
+    compiler = (
+        shlex.split(os.environ.get("CC", ""))
+        or [path for path in map(shutil.which, ("cc", "gcc", "clang")) if path][:1]
+    )
+    if not compiler:
+        raise OSError("no C compiler found: none of cc, gcc and clang, and CC is not set")
+    with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
+        made = Path(scratch) / LIBRARY
+        command = [*compiler, *_FLAGS, f'-DSOURCE="{digest()}"', "-o", str(made), str(SOURCE), "-lm"]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE_S)
+        except subprocess.TimeoutExpired as late:
+            raise OSError(f"{compiler[0]} took more than {_PATIENCE_S} s") from late
+        if done.returncode or not made.is_file():
+            said = (done.stderr.strip() or "no message").splitlines()[0]
+            raise OSError(f"{compiler[0]} failed with status {done.returncode}: {said}")
+        # Processes that use the library now keep the old one.
+        made.replace(target)
+    return target
