@@ -56,7 +56,7 @@ $(VENV)/installed: $(VENV)/python pyproject.toml constraints.txt
 
 # The compiled part of detection, once more after a change; without a compiler one line says so, and all goes on.
 $(VENV)/kernel: $(VENV)/installed markergen/detect/kernel.c markergen/detect/kernel_build.py
-	@$(BIN)/python -m markergen.detect.kernel || true
+	@$(BIN)/python -m markergen.detect.kernel_build || true
 	@touch $@
 
 $(VENV)/developed: $(VENV)/installed

@@ -9,14 +9,24 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.detect import kernel
 from markergen.maths.dlt import estimate_homography
 from markergen.maths.information import mirrored_rotation
-from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, Mask, levenberg_marquardt
+from markergen.maths.levenberg_marquardt import (
+    FACTOR,
+    Arrays,
+    Attempt,
+    Damping,
+    LeastSquares,
+    Mask,
+    levenberg_marquardt,
+)
 
 Array = NDArray[np.float64]
 
 DAMPING = Damping(start=1e-4, least=1e-12, slack=1e-12, ridge=1e-14)
 """Damping; the ridge holds the direction that collinear dots leave free."""
+_SCHEDULE = DAMPING.start, DAMPING.least, DAMPING.slack, DAMPING.ridge, FACTOR
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +162,8 @@ def refine_poses(
     rotation (k, 3, 3), translation (k, 3), chi2 (k,)
         chi2 is inf for a pose that does not see all weighted dots from the front.
     """
+    if kernel.library() is not None:
+        return kernel.refine_poses(points, radii, seen, weight, rotation, translation, steps, tolerance, _SCHEDULE)
     problems = EllipseCenters(points, radii, seen, weight, np.asarray(weight.any(axis=(-2, -1))), tolerance)
     (rotation, translation), chi2 = levenberg_marquardt(problems, (rotation, translation), DAMPING, steps)
     return rotation, translation, chi2

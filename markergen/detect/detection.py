@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,8 @@ from markergen.detect.labeling_hypotheses import Poses, find_labelings
 from markergen.detect.pose import DEFAULT_ERRORS, PoseEstimate, fit_pose, outlier
 from markergen.detect.pose_hypotheses import DotLayout, layout_of
 from markergen.errors import InputError
-from markergen.estimators import ESTIMATORS, Correspondences, HomographyEstimator
 from markergen.estimators.budget import ErrorSources
+from markergen.maths.dlt import estimate_homography, four_in_general_position
 from markergen.maths.projection import plane_homography
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker, check_supported
@@ -438,12 +438,13 @@ def _pose(
 
 def _homography(points: Array, corrected: Array, camera: Camera, pose: PoseEstimate) -> Array:
     """Return the homography from marker plane to ideal px, by DLT, or from the pose if the points are degenerate."""
-    height = points[0, 2]
-    solver = ESTIMATORS["dlt"]
-    assert isinstance(solver, HomographyEstimator)
-    ideal = camera.ideal.to_pixels(corrected)
-    found = Correspondences(points[:, :2], ideal[None], camera.ideal).once(solver)[0]
-    if np.isfinite(found).all():
-        return found
-    origin = pose.translation + height * pose.rotation[:, 2]
+    if _in_general_position(points[:, :2].tobytes()):
+        return np.asarray(estimate_homography(points[:, :2], camera.ideal.to_pixels(corrected)), dtype=float)
+    origin = pose.translation + points[0, 2] * pose.rotation[:, 2]
     return plane_homography(pose.rotation[None], origin[None], camera.matrix)[0]
+
+
+@lru_cache(maxsize=256)
+def _in_general_position(points: bytes) -> bool:
+    """Return whether points (n, 2), as bytes, determine a homography."""
+    return bool(four_in_general_position(np.frombuffer(points).reshape(-1, 2)))

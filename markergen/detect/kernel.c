@@ -4,6 +4,7 @@
    NumPy and OpenCV, named in its comment, and gives the same numbers. Images are rows of pixels, `stride` bytes from one
    row to the next; arrays are contiguous. Sizes are checked by kernel.py. */
 
+#include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
@@ -275,4 +276,155 @@ int64_t dark_components(const uint8_t *image, int64_t height, int64_t width, int
     free(here);
     free(all);
     return count;
+}
+
+/* ------------------------------------------------------------------------------------------------------------------
+   refine_poses: Levenberg-Marquardt on the weighted distances between measured and predicted centers of the ellipses of
+   disks (twin: conic_projection.py, EllipseCenters with maths/levenberg_marquardt.py, whose steps these are one by one).
+
+   A disk of radius r with normal N = R e_z about P = R X + t has the image center
+       c = (P_xy P_z + r^2 N_z N_xy) / (P_z^2 - r^2 (1 - N_z^2)),
+   and is seen if P_z > 0, the denominator is positive and P'N < 0. The derivative is that of the image of P with respect
+   to (w, dt): R <- exp([w]x) R, t <- t + dt. All poses step until none needs another step.
+
+   points (n, 3), radii (n); seen (k, n, 2); weight (k, n, 2, 2), zero for disks that do not count; rotation (k, 3, 3) and
+   translation (k, 3) are overwritten; chi2 (k). damping: start, least, slack, ridge, factor. */
+
+static double center_residuals(int64_t n, const double *points, const double *radii, const double *seen,
+                               const double *weight, const double *R, const double *t, double *residual)
+{
+    double chi2 = 0;
+    int visible = 1;
+    for (int64_t i = 0; i < n; i++) {
+        const double *X = points + 3 * i, *W = weight + 4 * i;
+        double *r = residual + 2 * i;
+        r[0] = r[1] = 0;
+        if (W[0] == 0 && W[1] == 0 && W[2] == 0 && W[3] == 0)
+            continue;
+        double x = R[0] * X[0] + R[1] * X[1] + R[2] * X[2] + t[0];
+        double y = R[3] * X[0] + R[4] * X[1] + R[5] * X[2] + t[1];
+        double z = R[6] * X[0] + R[7] * X[1] + R[8] * X[2] + t[2];
+        double square = radii[i] * radii[i], level = z * z - square * (1 - R[8] * R[8]);
+        if (!(z > 0 && level > 0 && x * R[2] + y * R[5] + z * R[8] < 0))
+            visible = 0;
+        r[0] = seen[2 * i] - (x * z + square * R[8] * R[2]) / level;
+        r[1] = seen[2 * i + 1] - (y * z + square * R[8] * R[5]) / level;
+        chi2 += (W[0] * r[0] + W[1] * r[1]) * r[0] + (W[2] * r[0] + W[3] * r[1]) * r[1];
+    }
+    return visible && chi2 < INFINITY ? chi2 : INFINITY;
+}
+
+/* J'WJ (6, 6) and J'Wr (6). */
+static void center_equations(int64_t n, const double *points, const double *weight, const double *R, const double *t,
+                             const double *residual, double *normal, double *gradient)
+{
+    memset(normal, 0, 36 * sizeof *normal);
+    memset(gradient, 0, 6 * sizeof *gradient);
+    for (int64_t i = 0; i < n; i++) {
+        const double *X = points + 3 * i, *W = weight + 4 * i, *r = residual + 2 * i;
+        if (W[0] == 0 && W[1] == 0 && W[2] == 0 && W[3] == 0)
+            continue;
+        double a = R[0] * X[0] + R[1] * X[1] + R[2] * X[2];
+        double b = R[3] * X[0] + R[4] * X[1] + R[5] * X[2];
+        double c = R[6] * X[0] + R[7] * X[1] + R[8] * X[2];
+        double s = 1 / (c + t[2]), x = s * (a + t[0]), y = s * (b + t[1]);
+        a *= s, b *= s, c *= s;
+        const double u[6] = {-x * b, c + x * a, -b, s, 0, -x * s}, v[6] = {-y * b - c, y * a, a, 0, s, -y * s};
+        for (int p = 0; p < 6; p++) {
+            double wu = W[0] * u[p] + W[1] * v[p], wv = W[2] * u[p] + W[3] * v[p];
+            gradient[p] += (W[0] * r[0] + W[1] * r[1]) * u[p] + (W[2] * r[0] + W[3] * r[1]) * v[p];
+            for (int q = 0; q <= p; q++)
+                normal[6 * p + q] += wu * u[q] + wv * v[q];
+        }
+    }
+}
+
+/* Solves N s = g by Cholesky, in the lower triangle of N; a matrix that is not positive gives nan. */
+static void solve_six(double *N, double *s)
+{
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j <= i; j++) {
+            double sum = N[6 * i + j];
+            for (int k = 0; k < j; k++)
+                sum -= N[6 * i + k] * N[6 * j + k];
+            N[6 * i + j] = i == j ? sqrt(sum) : sum / N[6 * j + j];
+        }
+    for (int i = 0; i < 6; i++) {
+        for (int k = 0; k < i; k++)
+            s[i] -= N[6 * i + k] * s[k];
+        s[i] /= N[6 * i + i];
+    }
+    for (int i = 5; i >= 0; i--) {
+        for (int k = i + 1; k < 6; k++)
+            s[i] -= N[6 * k + i] * s[k];
+        s[i] /= N[6 * i + i];
+    }
+}
+
+/* exp([w]x) R. */
+static void turned(const double *w, const double *R, double *result)
+{
+    double angle = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) + 1e-150;
+    double half = sin(angle / 2) / angle, sine = sin(angle) / angle, square = 2 * half * half;
+    double norm = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
+    for (int j = 0; j < 3; j++) {
+        double v[3] = {R[j], R[3 + j], R[6 + j]};
+        double cross[3] = {w[1] * v[2] - w[2] * v[1], w[2] * v[0] - w[0] * v[2], w[0] * v[1] - w[1] * v[0]};
+        double along = w[0] * v[0] + w[1] * v[1] + w[2] * v[2];
+        for (int i = 0; i < 3; i++)
+            result[3 * i + j] = v[i] + sine * cross[i] + square * (w[i] * along - norm * v[i]);
+    }
+}
+
+/* Returns 0, or -1 without memory. */
+int refine_poses(int64_t k, int64_t n, const double *points, const double *radii, const double *seen,
+                 const double *weight, double *rotation, double *translation, double *chi2, int64_t steps,
+                 double tolerance, const double *damping)
+{
+    const double start = damping[0], least = damping[1], slack = damping[2], ridge = damping[3], factor = damping[4];
+    double *residual = malloc(sizeof(double) * (size_t)(2 * k * n + 2 * n + k + 1));
+    if (!residual)
+        return -1;
+    double *fresh = residual + 2 * k * n, *strength = fresh + 2 * n;
+    for (int64_t i = 0; i < k; i++) {
+        strength[i] = start;
+        chi2[i] = center_residuals(n, points, radii, seen + 2 * n * i, weight + 4 * n * i, rotation + 9 * i,
+                                   translation + 3 * i, residual + 2 * n * i);
+    }
+    int going = k > 0;
+    for (int64_t step = 0; step < steps && going; step++) {
+        going = 0;
+        for (int64_t i = 0; i < k; i++) {
+            double *R = rotation + 9 * i, *t = translation + 3 * i, *r = residual + 2 * n * i;
+            const double *own = weight + 4 * n * i;
+            double normal[36], move[6], tried[9], place[3], most = 0;
+            center_equations(n, points, own, R, t, r, normal, move);
+            for (int p = 0; p < 6; p++)
+                most = fmax(most, normal[7 * p]);
+            for (int p = 0; p < 6; p++)
+                normal[7 * p] += normal[7 * p] * strength[i] + ridge * most + 1e-300;
+            solve_six(normal, move);
+            turned(move, R, tried);
+            for (int p = 0; p < 3; p++)
+                place[p] = t[p] + move[3 + p];
+            double before = chi2[i];
+            double after = center_residuals(n, points, radii, seen + 2 * n * i, own, tried, place, fresh);
+            int good = after <= before * (1 + slack);
+            if (good) {
+                memcpy(R, tried, sizeof tried);
+                memcpy(t, place, sizeof place);
+                memcpy(r, fresh, sizeof(double) * (size_t)(2 * n));
+                chi2[i] = after;
+                strength[i] = fmax(strength[i] / factor, least);
+            } else
+                strength[i] *= factor;
+            double far = sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2]), moved = 0;
+            for (int p = 0; p < 3; p++)
+                moved = fmax(moved, fmax(fabs(move[p]), fabs(move[3 + p]) / far));
+            int settled = good && after >= before * (1 - tolerance);
+            going |= moved > tolerance && !settled && chi2[i] < INFINITY;
+        }
+    }
+    free(residual);
+    return 0;
 }

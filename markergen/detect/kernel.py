@@ -1,4 +1,4 @@
-"""The compiled part of detection, which is optional: `python -m markergen.detect.kernel` builds it."""
+"""The compiled part of detection, which is optional: `python -m markergen.detect.kernel_build` builds it."""
 
 import ctypes
 import functools
@@ -8,8 +8,7 @@ import sys
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.kernel_build import LIBRARY, SOURCE, build, digest
-
+Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Eight = NDArray[np.uint8]
 
@@ -35,9 +34,12 @@ def missing() -> str | None:
 
 @functools.cache
 def _loaded() -> tuple[ctypes.CDLL | None, str | None]:
+    # Not imported with this package, so that it can be run as a module.
+    from markergen.detect.kernel_build import LIBRARY, SOURCE, digest
+
     if os.environ.get(VARIABLE, "").lower() == "off":
         return None, f"detection runs without its compiled part, several times slower: {VARIABLE} is off"
-    remedy = f"with a C compiler, `{os.path.basename(sys.executable)} -m markergen.detect.kernel` builds it"  # noqa: PTH119
+    remedy = f"with a C compiler, `{os.path.basename(sys.executable)} -m markergen.detect.kernel_build` builds it"  # noqa: PTH119
     path = SOURCE.with_name(LIBRARY)
     if not path.is_file():
         return None, f"detection runs without its compiled part, several times slower; {remedy}"
@@ -58,6 +60,8 @@ def _declare(loaded: ctypes.CDLL) -> None:
         address, whole, whole, whole, ctypes.c_int, whole, address, whole,
     ]  # fmt: skip
     loaded.dark_components.restype = whole
+    loaded.refine_poses.argtypes = [whole, whole, *[address] * 7, whole, ctypes.c_double, address]
+    loaded.refine_poses.restype = ctypes.c_int
 
 
 def dark_components(image: Eight, step: int, least: int) -> Integers:
@@ -94,15 +98,47 @@ def dark_components(image: Eight, step: int, least: int) -> Integers:
         capacity = count
 
 
+def refine_poses(
+    points: Array,
+    radii: Array,
+    seen: Array,
+    weight: Array,
+    rotation: Array,
+    translation: Array,
+    steps: int,
+    tolerance: float,
+    damping: tuple[float, ...],
+) -> tuple[Array, Array, Array]:
+    """Refine k poses: see kernel.c, and the twin in conic_projection.py.
+
+    Parameters
+    ----------
+    points, radii, seen, weight, rotation, translation, steps, tolerance
+        As for `conic_projection.refine_poses`.
+    damping : tuple
+        Start, least, slack, ridge and factor of the damping.
+    """
+    loaded = library()
+    assert loaded is not None
+    k, n = len(rotation), len(points)
+    fixed = [
+        np.ascontiguousarray(np.broadcast_to(each, shape), dtype=float)
+        for each, shape in ((points, (n, 3)), (radii, (n,)), (seen, (k, n, 2)), (weight, (k, n, 2, 2)))
+    ]
+    refined = [
+        np.array(each, dtype=float, order="C").reshape(k, *shape)
+        for each, shape in ((rotation, (3, 3)), (translation, (3,)))
+    ]
+    chi2 = np.empty(k)
+    schedule = np.array(damping)
+    addresses = [each.ctypes.data for each in (*fixed, *refined, chi2)]
+    if loaded.refine_poses(k, n, *addresses, steps, tolerance, schedule.ctypes.data):
+        raise MemoryError("no memory for residuals")
+    return refined[0], refined[1], chi2
+
+
 def _rows(image: Eight) -> Eight:
     """Return an image whose rows are contiguous, which need not be each behind the other."""
     if image.dtype != np.uint8 or image.ndim != 2:
         raise ValueError(f"an image of 8 bits is needed, not {image.shape} of {image.dtype}")
     return image if image.strides[1] == 1 and image.strides[0] >= 0 else np.ascontiguousarray(image)
-
-
-if __name__ == "__main__":
-    try:
-        print(f"built {build()}")
-    except OSError as failure:
-        sys.exit(f"the compiled part of detection was not built: {failure}")

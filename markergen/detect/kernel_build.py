@@ -63,3 +63,10 @@ def build(folder: Path | None = None) -> Path:
         # Processes that use the library now keep the old one.
         made.replace(target)
     return target
+
+
+if __name__ == "__main__":
+    try:
+        print(f"built {build()}")
+    except OSError as failure:
+        sys.exit(f"the compiled part of detection was not built: {failure}")

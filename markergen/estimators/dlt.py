@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.estimators import ESTIMATORS, Correspondences, HomographyEstimator
-from markergen.maths.dlt import condition, estimate_homography, normalization
+from markergen.maths.dlt import estimate_homography, four_in_general_position
 
 Array = NDArray[np.float64]
 
@@ -19,18 +19,10 @@ class Dlt(HomographyEstimator):
         homography = np.full((len(batch.image_points), 3, 3), np.nan)
         usable = batch.solvable.copy()
         if usable.any():
-            usable[usable] = _four_in_general_position(batch.of(usable)[..., :2])
+            usable[usable] = four_in_general_position(batch.of(usable)[..., :2])
         if usable.any():
             homography[usable] = estimate_homography(batch.of(usable)[..., :2], batch.image_points[usable])
         return homography
-
-
-def _four_in_general_position(points: Array) -> NDArray[np.bool_]:
-    """True (...) if some four of the points (..., n, 2), not all collinear, have no three on a line."""
-    center, scale = normalization(points)
-    normalized = (points - center) * scale
-    # This holds exactly if the DLT matrix of the identity has rank 8.
-    return np.isfinite(condition(normalized, normalized))
 
 
 DLT = Dlt()

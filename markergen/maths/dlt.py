@@ -109,6 +109,14 @@ def normalization(points: Array) -> tuple[Array, Array]:
     return center, np.sqrt(2 / mean_square)
 
 
+def four_in_general_position(points: Array) -> NDArray[np.bool_]:
+    """Return true (...) if some four of the points (..., n, 2), not all collinear, have no three on a line."""
+    center, scale = normalization(points)
+    normalized = (points - center) * scale
+    # This holds exactly if the DLT matrix of the identity has rank 8.
+    return np.isfinite(condition(normalized, normalized))
+
+
 def estimate_homography(object_points: Array, image_points: Array) -> Array:
     """Normalized DLT estimate of H (..., 3, 3), scaled to H[2, 2] = 1, from n >= 4 points (Hartley 1997).
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from plain_blobs import plain_blobs
 
+from markergen.detect import kernel
 from markergen.detect.blobs import Blobs
 from markergen.detect.conic_projection import outlines
 from markergen.detect.pose_hypotheses import layout_of
@@ -102,3 +103,13 @@ def irregular():
 def sight():
     """Blobs of a marker from a pose, without an image: sight(marker, pose, hidden=..., strangers=..., noise=...)."""
     return look
+
+
+@pytest.fixture(params=["compiled", "numpy"])
+def path(request, monkeypatch):
+    """Run a test with the compiled part of detection, if it is there, and without it."""
+    if request.param == "numpy":
+        monkeypatch.setattr(kernel, "library", lambda: None)
+    elif kernel.library() is None:
+        pytest.skip(kernel.missing())
+    return request.param

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from markergen.detect import kernel
 from markergen.detect.conic_projection import _turn, correct_centers, outlines, plane_outlines, pose_rows, refine_poses
 from markergen.maths.information import pose_jacobian
 from markergen.maths.projection import apply_homography, circle_image, plane_homography, project
@@ -55,6 +56,7 @@ def test_turn_is_the_exponential():
     np.testing.assert_allclose(_turn(vectors), exponential(vectors), rtol=0, atol=1e-14)
 
 
+@pytest.mark.usefixtures("path")
 def test_refinement_comes_back_from_a_few_degrees_and_percent():
     rng = np.random.default_rng(2)
     rotation, translation = POSES.rotation[::5], POSES.translation[::5]
@@ -73,6 +75,7 @@ def test_refinement_comes_back_from_a_few_degrees_and_percent():
     assert chi2.max() < 1e-10
 
 
+@pytest.mark.usefixtures("path")
 def test_hopeless_starts_end_without_a_warning():
     rotation = np.stack([np.eye(3), POSES.rotation[0]])
     seen = np.zeros((2, 7, 2))
@@ -80,6 +83,26 @@ def test_hopeless_starts_end_without_a_warning():
     _, _, chi2 = refine_poses(POINTS, RADII, seen, weight, rotation, np.array([[0, 0, -1.0], [0, 0, 1.0]]))
     assert np.isinf(chi2[0])
     assert np.isfinite(chi2[1])
+
+
+def test_compiled_refinement_takes_the_same_steps(monkeypatch):
+    if kernel.library() is None:
+        pytest.skip(kernel.missing())
+    rng = np.random.default_rng(3)
+    rotation, translation = POSES.rotation[::10], POSES.translation[::10]
+    seen = outlines(POINTS, RADII, rotation, translation).center + 1e-3 * rng.normal(size=(40, 7, 2))
+    factor = rng.normal(size=(40, 7, 2, 2))
+    weight = 1e6 * (factor @ factor.swapaxes(-1, -2) + 0.1 * np.eye(2)) * (rng.random((40, 7)) < 0.8)[..., None, None]
+    start = exponential(0.3 * rng.normal(size=(40, 3))) @ rotation, translation * (1 + 0.1 * rng.normal(size=(40, 1)))
+    for steps, tolerance in ((1, 1e-10), (3, 1e-10), (20, 1e-3)):
+        compiled = refine_poses(POINTS, RADII, seen, weight, *start, steps, tolerance)
+        with monkeypatch.context() as without:
+            without.setattr(kernel, "library", lambda: None)
+            plain = refine_poses(POINTS, RADII, seen, weight, *start, steps, tolerance)
+        assert np.isfinite(plain[2]).sum() > 30
+        for one, other in zip(compiled, plain, strict=True):
+            # Rounding grows with the condition of the normal equations, some 1e6.
+            np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-9)
 
 
 HOMOGRAPHY = plane_homography(POSES.rotation, POSES.translation, PAPER_CAMERA.matrix)
