@@ -244,7 +244,7 @@ def find_labelings(
         Tells which labelings (A,) are good, and which are so good that the search ends; by default, none.
     """
     judge = judge or _never
-    pool = none(layout, Poses(np.zeros((0, 3, 3)), np.zeros((0, 3))) if calibrated else Planes(np.zeros((0, 3, 3))))
+    pool = none(layout, calibrated)
     ringed = rings_tell and bool(layout.rings.any() and ellipses.ring.any())
     for phase in (True, False) if ringed else (False,):
         for seeds, start in _guesses(ellipses, layout, px, calibrated, rings_tell, phase):
@@ -257,10 +257,10 @@ def find_labelings(
                 fresh = _followed(seeds.take(batch), start[batch], ellipses, layout, px, rings_tell)
                 pool = joined(pool, fresh)
                 if judge(fresh)[1].any():
-                    return pool.take(_distinct(pool.blobs, pool.misfit))
+                    return pool.take(distinct(pool.blobs, pool.misfit))
         if not len(pool):
             continue
-        pool = pool.take(_distinct(pool.blobs, pool.misfit))
+        pool = pool.take(distinct(pool.blobs, pool.misfit))
         enough = np.flatnonzero(pool.count >= LEAST_DOTS)
         best = pool.take(enough[np.argsort(pool.misfit[enough] - pool.count[enough], kind="stable")][:MAX_TRIMMED])
         for _ in range(ROUNDS if len(best) else 0):
@@ -269,7 +269,7 @@ def find_labelings(
                 break
             fresh = _fitted(labelings, best.model.take(origin), ellipses, layout, px)
             pool, best = joined(pool, fresh), joined(best, fresh)
-        pool = pool.take(_distinct(pool.blobs, pool.misfit))
+        pool = pool.take(distinct(pool.blobs, pool.misfit))
         if judge(pool)[0].any():
             break
     enough = pool.count >= LEAST_DOTS
@@ -281,9 +281,9 @@ def _never(candidates: Labelings) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]
     return none, none
 
 
-def none(layout: DotLayout, model: Model) -> Labelings:
-    """Return no labelings, of the model's kind."""
-    model = model.take(np.zeros(0, dtype=np.intp))
+def none(layout: DotLayout, calibrated: bool) -> Labelings:
+    """Return no labelings."""
+    model: Model = Poses(np.zeros((0, 3, 3)), np.zeros((0, 3))) if calibrated else Planes(np.zeros((0, 3, 3)))
     return Labelings(np.zeros((0, len(layout)), dtype=np.intp), np.zeros(0), model, model.outlines(layout))
 
 
@@ -299,12 +299,12 @@ def _followed(
         np.put_along_axis(close, np.column_stack([start, layout.near[start]]), True, axis=1)  # noqa: FBT003
         near = replace(drawn, seen=drawn.seen & close)
         blobs, distance = assign(near, ellipses, layout, layout.reach, GUESS_PX / px, rings_tell)
-        chosen = _distinct(blobs, distance)
+        chosen = distinct(blobs, distance)
         chosen = chosen[np.sum(blobs[chosen] >= 0, axis=-1) >= LEAST_DOTS][:few]
         model = model.take(chosen).fitted(blobs[chosen], ellipses, layout, px)
         drawn = model.outlines(layout)
     blobs, distance = assign(drawn, ellipses, layout, layout.reach, GUESS_PX / px, rings_tell)
-    chosen = _distinct(blobs, distance)
+    chosen = distinct(blobs, distance)
     enough = chosen[np.sum(blobs[chosen] >= 0, axis=-1) >= LEAST_DOTS][:few]
     if not len(enough):
         chosen = chosen[:1]
@@ -380,7 +380,7 @@ def _next(
     trimmed[np.arange(len(row)), dot] = -1
     labelings = np.concatenate([old, near, trimmed])
     # Labelings that are already fitted come first among equals, and are not fitted again.
-    fresh = _distinct(labelings, (np.arange(len(labelings)) >= len(old)).astype(float))
+    fresh = distinct(labelings, (np.arange(len(labelings)) >= len(old)).astype(float))
     fresh = fresh[(fresh >= len(old)) & (np.sum(labelings[fresh] >= 0, axis=-1) >= LEAST_DOTS)]
     start = np.concatenate([np.arange(len(old)), np.arange(len(old)), row])
     return labelings[fresh], start[fresh]
@@ -395,7 +395,7 @@ def _guesses(
             yield Poses(seeds.rotation, seeds.translation), seeds.start
         return
     for factor in FOCAL_FACTORS:
-        scaled = Ellipses(ellipses.center / factor, ellipses.shape / factor**2, ellipses.ring, ellipses.index)
+        scaled = replace(ellipses, center=ellipses.center / factor, shape=ellipses.shape / factor**2)
         for seeds in guess_poses(scaled, layout, px * factor, rings_tell, ringed):
             origin = seeds.translation + layout.points[0, 2] * seeds.rotation[:, :, 2]
             homography = np.concatenate([seeds.rotation[:, :, :2], origin[..., None]], axis=-1)
@@ -414,7 +414,7 @@ def assign(
     factor = np.linalg.cholesky(gate)
     strange = np.zeros((len(layout), len(ellipses)), dtype=bool)
     if rings_tell:
-        strange = layout.rings[:, None] != ellipses.ring
+        strange = ellipses.strange(layout.rings)
     n = len(layout)
     center = np.where(predicted.seen[..., None], predicted.center, np.inf)
     blobs, total = np.empty((len(center), n), dtype=np.intp), np.empty(len(center))
@@ -438,7 +438,7 @@ def assign(
     return blobs, total
 
 
-def _distinct(blobs: Indices, error: Array) -> Indices:
+def distinct(blobs: Indices, error: Array) -> Indices:
     """Return indices of distinct labelings (A, n), most dots first, then by error; of equal ones the best."""
     order = np.lexsort((error, -np.sum(blobs >= 0, axis=-1)))
     # A random linear form tells rows apart: exact in integers up to overflow, which wraps around the same way.

@@ -204,6 +204,7 @@ class _Shown:
         half = 0.5 * (shape[:, 0, 0] + shape[:, 1, 1])
         short = np.sqrt(np.maximum(half - np.sqrt(np.maximum(half**2 - self.area**2, 0)), 1e-300))
         self.slack = _SLACK + _SLACK_PX / (px * short)
+        self.strange = ellipses.strange(np.array([False, True]))
         self.ray = np.concatenate([ellipses.center, np.ones((len(ellipses), 1))], axis=-1)
 
 
@@ -220,8 +221,8 @@ def _round(
     allowed = np.hypot(shown.slack[first], shown.slack[second])
     fits = (toward < 0) & (_elongation(ellipses.shape[second], ellipses.center[second], n) < allowed)
     if rings_tell:
-        kinds = np.unique(layout.rings[pairs] @ [2, 1])
-        fits &= np.isin(2 * ellipses.ring[first] + ellipses.ring[second], kinds)
+        kinds = np.unique(layout.rings[pairs], axis=0).astype(int)
+        fits &= np.any([~shown.strange[i, first] & ~shown.strange[j, second] for i, j in kinds], axis=0)
     first, second, p, n, ray, toward, allowed = (each[fits] for each in (first, second, p, n, ray, toward, allowed))
 
     a, b = pairs.T
@@ -249,7 +250,8 @@ def _round(
             growth = 0.5 * np.log(layout.radii[b] ** 2 * -toward[:, None] / (depth**2 * shown.area[second][:, None]))
         good = (depth > 0) & (np.maximum(np.abs(stretch), np.abs(growth)) < 1.5 * allowed[:, None])
     if rings_tell:
-        good &= (ellipses.ring[first][:, None] == layout.rings[a]) & (ellipses.ring[second][:, None] == layout.rings[b])
+        ring_a, ring_b = layout.rings[a].astype(int), layout.rings[b].astype(int)
+        good &= ~shown.strange[ring_a][:, first].T & ~shown.strange[ring_b][:, second].T
     m, q = np.nonzero(good)
     stretch = stretch[m, q]
     quality = np.hypot(stretch, growth[m, q]) / allowed[m]
@@ -268,7 +270,8 @@ def _round(
     )
     votes = _votes(seeds, shown, layout)
     order = np.lexsort((quality, -votes))
-    return seeds.take(order[: np.count_nonzero(votes >= LEAST_VOTES)])
+    # If none has enough, the best one tells how far it goes.
+    return seeds.take(order[: max(1, np.count_nonzero(votes >= LEAST_VOTES))])
 
 
 def _votes(seeds: PoseHypotheses, shown: _Shown, layout: DotLayout) -> Indices:
@@ -339,7 +342,7 @@ def _neighbors(shown: _Shown, layout: DotLayout, ringed: bool) -> tuple[Indices,
     most = 2 * np.linalg.norm(lateral, axis=-1).max() / layout.radii.min()
     if not layout.flat:
         most += 2 * np.ptp(layout.points[:, 2]) / layout.radii.min()
-    chosen = np.flatnonzero(ellipses.ring) if ringed else np.arange(len(ellipses))
+    chosen = np.flatnonzero(~shown.strange[1]) if ringed else np.arange(len(ellipses))
     dx, dy = (ellipses.center[:, i] - ellipses.center[chosen, None, i] for i in (0, 1))
     xx, xy, yy = (ellipses.shape[chosen, i, j, None] for i, j in ((0, 0), (0, 1), (1, 1)))
     distance = (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / (shown.area[chosen] ** 2)[:, None]

@@ -5,13 +5,14 @@ takes dots to other dots: for few dots any affine mapping near a rotation, since
 roughly; for many a rotation. Rivals that label nearly all of the blobs are found from a few of them.
 """
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect.blobs import Ellipses
-from markergen.detect.labeling_hypotheses import GUESS_PX, LEAST_DOTS, Labelings, assign, fit_labelings, joined, none
+from markergen.detect.labeling_hypotheses import GUESS_PX, LEAST_DOTS, Labelings, assign, fit_labelings, joined
 from markergen.detect.pose_hypotheses import DotLayout
 
 Array = NDArray[np.float64]
@@ -52,7 +53,7 @@ def rival_labelings(
     short = px * np.sqrt(np.linalg.eigvalsh(own.shape)[:, 0])
     limit = STRETCH + STRETCH_PX / float(np.median(short))
     linear, origin, target = (_affine if len(layout) <= FEW_DOTS else _rigid)(layout, used, lack, limit)
-    strange = rings_tell & (layout.rings[:, None] != own.ring)
+    strange = rings_tell & own.strange(layout.rings)
     nearest = _nearest(linear, origin, target, layout, used, short, strange)
     count = np.count_nonzero(nearest >= 0, axis=-1)
     turn = np.arctan2(linear[:, 1, 0] - linear[:, 0, 1], linear[:, 0, 0] + linear[:, 1, 1])
@@ -62,9 +63,11 @@ def rival_labelings(
     _, first = np.unique(nearest[kept], axis=0, return_index=True)
     kept = kept[first]
     model = chosen.model.turned(turn[kept], origin[kept], target[kept])
-    rivals = fit_labelings(nearest[kept], model, own, layout, px, rings_tell) if len(kept) else none(layout, model)
-    blobs = np.where(rivals.blobs >= 0, index[rivals.blobs], -1)
-    rivals = Labelings(blobs, rivals.misfit, rivals.model, rivals.predicted)
+    if len(kept):
+        rivals = fit_labelings(nearest[kept], model, own, layout, px, rings_tell)
+        rivals = replace(rivals, blobs=np.where(rivals.blobs >= 0, index[rivals.blobs], -1))
+    else:
+        rivals = chosen.take(kept)
     if len(used) == len(layout) or len(ellipses) == len(used):
         return rivals
     # Of a part of a regular grid, a rival may be shifted by a row.
