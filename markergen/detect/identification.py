@@ -384,8 +384,8 @@ def _how_far(ellipses: Ellipses, candidates: Labelings, view: View) -> str:
     if not len(candidates) or candidates.count[0] < 2:
         return f"{found}, but not in the marker's layout"
     fit = f"{found}, of which at most {candidates.count[0]} fit the marker's layout of {len(layout)}"
-    absent = candidates.blobs[0] < 0
-    cut_off = (candidates.predicted.seen[0] & ~_expected(candidates, view.camera)[0])[absent].all()
+    beyond = candidates.predicted.seen & ~_expected(candidates, view.camera)
+    cut_off = (beyond | (candidates.blobs >= 0)).all(axis=-1).any()
     return f"{fit}; the others may be cut off by the image's edge" if cut_off else fit
 
 

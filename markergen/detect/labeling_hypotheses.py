@@ -273,7 +273,7 @@ def find_labelings(
         if judge(pool)[0].any():
             break
     enough = pool.count >= LEAST_DOTS
-    return pool.take(np.flatnonzero(enough) if enough.any() else np.arange(min(1, len(pool))))
+    return pool.take(np.flatnonzero(enough | (pool.count == pool.count[:1].max(initial=0))))
 
 
 def _never(candidates: Labelings) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -290,7 +290,7 @@ def none(layout: DotLayout, calibrated: bool) -> Labelings:
 def _followed(
     model: Model, start: Indices, ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool
 ) -> Labelings:
-    """Return the distinct labelings to which guesses lead, fitted; only the first of fewer than four dots."""
+    """Return the distinct labelings to which guesses lead, fitted; of fewer than four dots, only if there are no others."""
     few, count = max(8, MAX_LABELINGS // len(layout)), len(layout)
     drawn = model.outlines(layout)
     if layout.near.shape[1] < count - 1:
@@ -307,7 +307,7 @@ def _followed(
     chosen = distinct(blobs, distance)
     enough = chosen[np.sum(blobs[chosen] >= 0, axis=-1) >= LEAST_DOTS][:few]
     if not len(enough):
-        chosen = chosen[:1]
+        chosen = chosen[:few]
         return Labelings(blobs[chosen], np.full(len(chosen), np.inf), model.take(chosen), drawn.take(chosen))
     return fit_labelings(blobs[enough], model.take(enough), ellipses, layout, px, rings_tell)
 

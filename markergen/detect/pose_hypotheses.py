@@ -270,8 +270,8 @@ def _round(
     )
     votes = _votes(seeds, shown, layout)
     order = np.lexsort((quality, -votes))
-    # If none has enough, the best one tells how far it goes.
-    return seeds.take(order[: max(1, np.count_nonzero(votes >= LEAST_VOTES))])
+    # If none has enough, the best ones tell how far they go.
+    return seeds.take(order[: max(8, np.count_nonzero(votes >= LEAST_VOTES))])
 
 
 def _votes(seeds: PoseHypotheses, shown: _Shown, layout: DotLayout) -> Indices:
