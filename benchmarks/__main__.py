@@ -1,10 +1,11 @@
 """Print every quick benchmark: `python -m benchmarks`.
 
 First the times, ours beside a peer or a floor for the same work, with the ratio to the fastest in brackets; then the
-start of an interpreter beside that of numpy; solids beside the CAD kernel alone; the trials of `validate`, whose
-workers are measured together; and how reliably the search finds what is best. What follows
-`python -m benchmarks` goes to pytest, such as `-k descent`. `python -m benchmarks.optima` and the full
-`benchmarks.shapes` and `benchmarks.trials` take minutes and are run by name.
+start of an interpreter beside that of numpy; detection beside that of tags and grids; solids beside the CAD kernel
+alone; the trials of `validate`, whose workers are measured together; and how reliably the search finds what is best.
+What follows `python -m benchmarks` goes to pytest, such as `-k descent`. `python -m benchmarks.optima` and the full
+`benchmarks.shapes`, `benchmarks.trials` and `benchmarks.detection` take minutes and are run by name, as are
+`benchmarks.detection_quality`, how accurate and how often wrong detection is, and `benchmarks.detection_photos`.
 """
 
 import subprocess
@@ -21,6 +22,12 @@ subprocess.run(
     check=True,
 )
 if not chosen:
-    for module, arguments in (("loading", []), ("solids", []), ("trials", ["--poses", "40"]), ("shapes", SHAPES)):
+    for module, arguments in (
+        ("loading", []),
+        ("detection", ["--sizes", "640x480", "--views", "5"]),
+        ("solids", []),
+        ("trials", ["--poses", "40"]),
+        ("shapes", SHAPES),
+    ):
         print(f"\n== {module} ==", flush=True)
         subprocess.run([sys.executable, "-m", f"benchmarks.{module}", *arguments], check=True)

@@ -199,12 +199,36 @@ def _stage(target: Path, data: bytes) -> Path:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        # mkstemp makes files private; an output gets the default mode of a new file, or keeps its own.
-        temporary.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask())
+        _open_up(temporary, target)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
     return temporary
+
+
+def temporary_beside(path: Path) -> Path:
+    """Make an empty file with the same suffix beside `path`, for a program that writes it; see `put_in_place`."""
+    target = path.resolve()
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{target.stem}.", suffix=target.suffix, dir=target.parent)
+    except OSError as error:
+        raise _cannot_write(path, error.strerror or str(error)) from error
+    os.close(handle)
+    return Path(name)
+
+
+def put_in_place(temporary: Path, path: Path) -> None:
+    """Rename a finished temporary file over `path`; raises as `write_atomic` does."""
+    try:
+        _open_up(temporary, path.resolve())
+        temporary.replace(path.resolve())
+    except OSError as error:
+        raise _cannot_write(path, error.strerror or str(error)) from error
+
+
+def _open_up(temporary: Path, target: Path) -> None:
+    # mkstemp makes files private; an output gets the default mode of a new file, or keeps its own.
+    temporary.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask())
 
 
 def _restore(target: Path, before: bytes | None) -> None:

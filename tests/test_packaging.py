@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import markergen
+from markergen.detect.kernel_build import LIBRARY
 from markergen.files import schemas, shipped_folder
 
 ROOT = Path(__file__).parents[1]
@@ -74,6 +75,14 @@ def test_every_schema_goes_into_the_wheel():
     for path in published:
         assert inside[f"docs/{path.name}"] == f"markergen/schemas/{path.name}"
     assert [path.name for path in schemas().values()] == [path.name for path in published]
+
+
+def test_the_compiled_part_is_built_by_a_hook_that_needs_what_builds_the_package():
+    assert PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["hooks"]["custom"] == {}
+    # hatchling itself requires packaging.
+    assert third_party(ROOT / "hatch_build.py") == {"hatchling", "packaging"}
+    # What is built in a checkout is of this computer, and goes neither into git nor by itself into a distribution.
+    assert LIBRARY in (ROOT / ".gitignore").read_text().splitlines()
 
 
 def test_the_papers_study_is_installed_and_found_in_a_checkout():

@@ -16,7 +16,7 @@ from markergen.exporters.saving import check_outputs, save
 from markergen.files import Written
 from markergen.files import check_outputs as check_files
 from markergen.model.fabrication import CHOICES, DEFAULT_PROCESS, Fabrication, check_choice
-from markergen.model.marker import LIGHT_DOTS, Marker
+from markergen.model.marker import Marker
 from markergen.model.openings import near_holes
 from markergen.model.substrate import parse_dowel, parse_mount
 from markergen.model.substrate_checks import check_edge, check_holes
@@ -91,14 +91,14 @@ export.__signature__ = signature_of(export, ExportKeywords)  # type: ignore[attr
 
 
 def _warnings(markers: Sequence[Marker], formats: Sequence[Exporter], choices: ExportOptions) -> Iterator[str]:
-    """Yield what to know before the files are used: light dots, and holes near dots."""
+    """Yield what to know before the files are used: dots of the other polarity, and holes near dots."""
     inverted = choices.sheet.colors.inverted
-    if any(each.sheet for each in formats):
-        if inverted:
-            yield f"{LIGHT_DOTS}: markergen detect does not find this print"
-        if any(marker.light != inverted for marker in markers):
-            one, other = ("dark", "light") if inverted else ("light", "dark")
-            yield f"the dots are {one} in marker.json, and {other} on the sheet: --colors does not change marker.json"
+    if any(each.sheet for each in formats) and any(marker.light != inverted for marker in markers):
+        one, other = ("dark", "light") if inverted else ("light", "dark")
+        yield (
+            f"the dots are {one} in marker.json, and {other} on the sheet, where markergen detect does not find "
+            "them: --colors does not change marker.json"
+        )
     if any(each.holds != "points" for each in formats):
         yield from dict.fromkeys(sentence for marker in markers for sentence in near_holes(marker))
 

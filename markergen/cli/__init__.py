@@ -65,6 +65,11 @@ def _run(arguments: list[str]) -> int:
     except typer.BadParameter.__base__ as error:  # type: ignore[misc]
         command = error.ctx.command_path if error.ctx else "markergen"
         raise MarkergenError(f"{error.format_message().rstrip('.')}; see {command} --help") from error
+    except SystemExit as end:
+        # Click ends the program itself where the reader of our output has closed the pipe.
+        if isinstance(end.__context__, BrokenPipeError):
+            raise end.__context__ from None
+        raise
     finally:
         logging.getLogger("markergen").removeHandler(WARNINGS)
 

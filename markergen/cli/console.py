@@ -51,6 +51,24 @@ def progress_bar() -> Iterator["Progress"]:
 
 
 @contextmanager
+def status_line(first: str) -> Iterator[Callable[[str], None]]:
+    """Yield a callback for a line that is shown on stderr until the next one comes; nothing is shown in a log."""
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _silent
+        return
+
+    def shown(line: str) -> Text:
+        return Text(line, overflow="ellipsis", no_wrap=True)
+
+    with console.status(shown(first)) as status:
+        yield lambda line: status.update(shown(line))
+
+
+@contextmanager
 def cells_progress() -> Iterator[Callable[[int, int, float], None]]:
     """Yield a callback ``(done, total, seconds left)`` for a study: a bar, or an occasional line in a log."""
     from rich.console import Console
@@ -94,6 +112,10 @@ def busy(words: str) -> Iterator[None]:
             yield
     else:
         yield
+
+
+def _silent(line: str) -> None:
+    """Show nothing."""
 
 
 def complain(line: str) -> None:

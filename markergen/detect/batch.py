@@ -14,6 +14,7 @@ from markergen.files import check_outputs, make_folder, write_atomic
 from markergen.options import CameraLike, MarkerLike, Progress, as_list
 from markergen.pool import workers_for
 from markergen.read.images import Image, find_images, read_image
+from markergen.read.videos import SUFFIXES
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +129,8 @@ def detect_files(
     print_sigma: str | float = "0.1mm",
     refine: str = "none",
     workers: int | None = None,
+    window: bool | None = None,
+    smooth: str | Sequence[float] | None = None,
     json: str | Path | TextIO | None = None,
     overlay: str | Path | None = None,
     progress: Progress | None = None,
@@ -147,6 +150,8 @@ def detect_files(
         As for `Detector`.
     workers : int or None
         Number of threads, each with one image at a time; None is one for each processor.
+    window, smooth
+        For videos alone.
     json
         File or text stream for the results.
     overlay
@@ -163,6 +168,10 @@ def detect_files(
         If a file cannot be written, or an output is also an input.
     """
     tell, warn = tell or _silent, warn or _silent
+    if window or smooth is not None:
+        raise InputError(f"a video or camera for --{'window' if window else 'smooth'}", "images", "leave it out")
+    if overlay and Path(overlay).suffix.lower() in SUFFIXES:
+        raise InputError("a folder for overlays of images", f"the video {overlay}", "give such an --overlay")
     sought = as_list(markers)
     detector = Detector(sought, camera, camera_covariance=camera_covariance, print_sigma=print_sigma, refine=refine)
     paths = find_images(as_list(images))

@@ -85,6 +85,11 @@ def _hole(blobs: Blobs) -> Array:
     return 0.5 + (share - 0.5) * np.minimum(1, gap / 0.3)
 
 
+def as_dark(image: Image, light: bool) -> Image:
+    """Return an image with dark dots: unchanged, or, if they are light, the highest grey level of its type minus it."""
+    return ~image if light else image
+
+
 _SAMPLES = 32
 _STEPS = 3
 """Samples of an outline and Gauss-Newton steps of its fit: with more, centers change by less than 1e-5 px."""

@@ -2,26 +2,17 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.blobs import Blobs, Ellipses, Image, undo_lens
+from markergen.detect.blobs import Blobs, Ellipses, Image, as_dark, undo_lens
 from markergen.detect.candidates import find_blobs
 from markergen.detect.conic_projection import correct_centers, outlines
 from markergen.detect.ellipse_fit import fit_blobs
 from markergen.detect.fiducials import NO_TAGS, REFUTES, Sightings, TagReader
-from markergen.detect.identification import (
-    REFUSED_PX,
-    ROUGH_PX,
-    Search,
-    View,
-    ambiguity,
-    confirm,
-    contender,
-    search,
-)
+from markergen.detect.identification import REFUSED_PX, ROUGH_PX, Search, View, ambiguity, confirm, contender, search
 from markergen.detect.labeling_hypotheses import Poses
 from markergen.detect.pose import DEFAULT_ERRORS, PoseEstimate, fit_pose, outlier
 from markergen.detect.pose_hypotheses import DotLayout, layout_of
@@ -123,13 +114,25 @@ class Sought:
     markers : tuple of Marker
     layouts : tuple of DotLayout
         One layout for each marker; the markers of a family share a layout and its search results.
-    families : frozenset of str
-        Families of their tags.
     """
 
     markers: tuple[Marker, ...]
     layouts: tuple[DotLayout, ...]
-    families: frozenset[str]
+
+    @property
+    def families(self) -> frozenset[str]:
+        """Families of the markers' tags."""
+        return frozenset(marker.tag.family for marker in self.markers if marker.tag)
+
+    @cached_property
+    def by_polarity(self) -> "dict[bool, tuple[Sought, list[int]]]":
+        """The markers with dark dots (False) and those with light ones (True), with their indices among all."""
+        parts = {}
+        for light in sorted({marker.light for marker in self.markers}):
+            chosen = [k for k, marker in enumerate(self.markers) if marker.light == light]
+            own = Sought(tuple(self.markers[k] for k in chosen), tuple(self.layouts[k] for k in chosen))
+            parts[light] = own, chosen
+        return parts
 
 
 def prepare(markers: Sequence[Marker], calibrated: bool) -> Sought:
@@ -148,7 +151,7 @@ def prepare(markers: Sequence[Marker], calibrated: bool) -> Sought:
     layouts = tuple(layout_by_points[marker.control_points] for marker in markers)
     if not calibrated and not all(layout.flat for layout in layouts):
         raise InputError("a camera for a marker with relief", "none", "give the camera's calibration")
-    return Sought(tuple(markers), layouts, frozenset(marker.tag.family for marker in markers if marker.tag))
+    return Sought(tuple(markers), layouts)
 
 
 def detect(
@@ -215,8 +218,20 @@ def find_all(
     errors: ErrorSources = DEFAULT_ERRORS,
     copies: int = MAX_COPIES,
 ) -> list[Detection]:
-    """Run `detect_all` for prepared markers, in an image of the camera's size."""
+    """Run `detect_all` for prepared markers, in an image of the camera's size; light dots as dark ones, inverted."""
     _check(image)
+    found = []
+    for light, (own, indices) in sought.by_polarity.items():
+        for each in _find_dark(as_dark(image, light), own, camera, errors, copies):
+            rival = None if each.rival is None else indices[each.rival]
+            found.append(replace(each, marker=indices[each.marker], rival=rival))
+    return sorted(found, key=lambda each: -len(each.ids)) if len(sought.by_polarity) > 1 else found
+
+
+def _find_dark(
+    image: Image, sought: Sought, camera: Camera | None, errors: ErrorSources, copies: int
+) -> list[Detection]:
+    """Run `find_all` for markers with dark dots."""
     height, width = image.shape
     tags = TagReader(image, sought.families) if sought.families else NO_TAGS
     eye = camera or made_up_camera(width, height)
@@ -295,34 +310,28 @@ def identify(
         if not left:
             break
         first = min((searches[sought.layouts[k]] for k in left), key=lambda each: each.rank)
-        claimed = np.isin(np.arange(len(ellipses)), first.blobs)
+        claimed = _among(ellipses, first)
         fresh = claimed & (rough == ROUGH_PX)
-        if fit is not None and fresh.any():
-            blobs, ellipses = _fitted(blobs, ellipses, np.flatnonzero(fresh), fit, camera)
-            rough[fresh] = np.where(blobs.fitted[ellipses.index[fresh]], 0.0, REFUSED_PX)
-        confirmed = {}
-        for k in left:
-            each = searches[sought.layouts[k]]
-            if np.isin(each.blobs[each.blobs >= 0], np.flatnonzero(claimed)).any():
-                confirmed[k] = confirm(each, ellipses, rough, markers[k].tag, tags)
+        blobs, ellipses, rough = _fitted(blobs, ellipses, rough, fresh, fit, camera)
+        confirmed = {
+            k: confirm(searches[layout], ellipses, rough, markers[k].tag, tags)
+            for k, layout in ((k, sought.layouts[k]) for k in left)
+            if (claimed & _among(ellipses, searches[layout])).any()
+        }
         answers = {k: each for k, each in confirmed.items() if not each.reason}
-        best = min(answers, key=lambda k: answers[k].rank) if answers else -1
-        if answers and fit is not None and (rough[_own(answers[best])] == ROUGH_PX).any():
+        best = min(answers, key=lambda k: answers[k].rank, default=-1)
+        others = _among(ellipses, answers.get(best, first)) & (rough == ROUGH_PX)
+        if answers and others.any():
             # Another labeling is better than the one that was fitted.
-            chosen = np.unique(_own(answers[best])[rough[_own(answers[best])] == ROUGH_PX])
-            blobs, ellipses = _fitted(blobs, ellipses, chosen, fit, camera)
-            rough[chosen] = np.where(blobs.fitted[ellipses.index[chosen]], 0.0, REFUSED_PX)
+            blobs, ellipses, rough = _fitted(blobs, ellipses, rough, others, fit, camera)
             continue
-        for k, each in confirmed.items():
-            if each.reason:
-                reasons.setdefault(k, each.reason)
-        if not answers:
-            if fresh.any() and not any(REFUTES in each.tags[:1] for each in confirmed.values()):
-                # The labeling does not hold now that its dots are known better: others may.
-                continue
-        else:
+        reasons = {k: each.reason for k, each in confirmed.items() if each.reason} | reasons
+        if not answers and fresh.any() and all(each.tags[0] != REFUTES for each in confirmed.values()):
+            # The labeling does not hold now that its dots are known better: others may.
+            continue
+        if answers:
             chosen = answers[best]
-            claimed |= np.isin(np.arange(len(ellipses)), chosen.blobs)
+            claimed |= _among(ellipses, chosen)
             doubt = ambiguity(chosen)
             claims = {} if doubt else _claims(best, answers)
             if doubt or claims:
@@ -334,9 +343,8 @@ def identify(
                         if not doubt:
                             rivals[k] = rival
             else:
-                detection = _finish(chosen, blobs, ellipses, markers[best], camera, calibrated, errors)
-                corners = chosen.corners if detection.found else None
-                found.append(replace(detection, marker=best, tag=corners))
+                detection = finish(chosen, blobs, ellipses, markers[best], camera, calibrated, errors)
+                found.append(replace(detection, marker=best, tag=chosen.corners if detection.found else None))
                 left[best] -= 1
                 if not left[best]:
                     del left[best]
@@ -350,20 +358,29 @@ def identify(
     ]
 
 
-def _own(chosen: Search) -> NDArray[np.intp]:
-    """Return the indices (m,) of the blobs of a search's best labeling."""
-    return chosen.blobs[chosen.blobs >= 0]
+def _among(ellipses: Ellipses, chosen: Search) -> NDArray[np.bool_]:
+    """Return which ellipses (B,) belong to a search's best labeling."""
+    return np.isin(np.arange(len(ellipses)), chosen.blobs)
 
 
 def _fitted(
-    blobs: Blobs, ellipses: Ellipses, chosen: NDArray[np.intp], fit: Callable[[Blobs], Blobs], camera: Camera
-) -> tuple[Blobs, Ellipses]:
-    """Return blobs and ellipses of which some, the ellipses `chosen`, are fitted."""
-    index = ellipses.index[chosen]
+    blobs: Blobs,
+    ellipses: Ellipses,
+    rough: Array,
+    chosen: NDArray[np.bool_],
+    fit: Callable[[Blobs], Blobs] | None,
+    camera: Camera,
+) -> tuple[Blobs, Ellipses, Array]:
+    """Return blobs, ellipses and additional misfits, of which some, the ellipses `chosen`, are of fitted blobs."""
+    if fit is None or not chosen.any():
+        return blobs, ellipses, rough
+    index, place = ellipses.index[chosen], np.flatnonzero(chosen)
     better = fit(blobs.take(index))
-    blobs = blobs.put(index, better)
     alone = undo_lens(better, camera)
-    return blobs, ellipses.put(chosen[alone.index], replace(alone, index=index[alone.index]))
+    rough = rough.copy()
+    rough[place] = np.where(better.fitted, 0.0, REFUSED_PX)
+    ellipses = ellipses.put(place[alone.index], replace(alone, index=index[alone.index]))
+    return blobs.put(index, better), ellipses, rough
 
 
 def made_up_camera(width: int, height: int) -> Camera:
@@ -391,7 +408,7 @@ def _unlabeled(chosen: Search, blobs: Blobs, ellipses: Ellipses, camera: Camera)
     return Unlabeled(camera.to_pixels(corrected), blobs.covariance[index], blobs.center[index])
 
 
-def _finish(
+def finish(
     chosen: Search,
     blobs: Blobs,
     ellipses: Ellipses,

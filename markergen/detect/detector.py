@@ -3,7 +3,7 @@
 import operator
 import os
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.detect.blobs import as_dark
 from markergen.detect.detection import MAX_COPIES, Detection, detect_dots, find_all, prepare
 from markergen.detect.photometric import check_refinement, refine
 from markergen.detect.pose import PoseEstimate
 from markergen.detect.presentation import as_dict, draw, in_words, reason
+from markergen.detect.tracking import track
 from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.rotation import logarithm
@@ -23,7 +25,7 @@ from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.options import CameraLike, MarkerLike, as_list
 from markergen.read.cameras.covariance import read_camera_covariance
-from markergen.read.images import grey_frame
+from markergen.read.images import check_frame, grey_frame
 from markergen.units import parse_length
 
 Array = NDArray[np.float64]
@@ -340,28 +342,67 @@ class Detector:
         """Camera that takes the frames."""
         return self._camera
 
-    def __call__(self, frame: NDArray[Any]) -> list[Found]:
+    def __call__(self, frame: NDArray[Any], near: "Found | Iterable[Found] | None" = None) -> list[Found]:
         """Find the markers in a frame.
+
+        With `near`, the result of the frame before, only the surroundings of what was found there are looked at, which
+        takes a few milliseconds at any image size. If any of these markers is not found again for certain, or `near`
+        says of a marker that it was not found, the whole frame is searched as without `near`. So passing on each
+        frame's whole result finds every marker in every frame; passing only what was found, ``[each for each in found
+        if each.ok]``, does not look for the others until one is lost. Further copies of a marker are noticed only when
+        the whole frame is searched: leave out `near` now and then if copies may enter. A wrong `near` costs time, and
+        changes no label: those do not depend on it.
 
         Parameters
         ----------
         frame : array (h, w) or (h, w, 1) grey, (h, w, 3) BGR or (h, w, 4) BGRA, of uint8 or uint16
             As returned by cv2.imread and cv2.VideoCapture, in any memory layout; it is not changed. Colors are
             converted to luminance, 0.299 R + 0.587 G + 0.114 B, and transparent areas to white, as for image files.
+        near : Found, several of them, or None
+            Results for the frame before, of this detector or another one with these markers.
 
         Returns
         -------
         list of Found
-            Every copy found, best first, then one result with the reason for each marker that was not found.
+            Every copy found, best first, then one result with the reason for each marker that was looked for and not
+            found.
 
         Raises
         ------
         InputError
-            If the frame is not such an array, or not of the camera's size.
+            If the frame is not such an array, or not of the camera's size, or `near` is not such results.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from markergen.detect import Detector
+        >>> from markergen.model.boundary import Circle
+        >>> from markergen.model.camera import Camera
+        >>> from markergen.model.marker import build_marker
+        >>> from markergen.render import Optics, render_view
+        >>> points = np.array([[0.03, 0.03], [-0.03, 0.03], [-0.03, -0.03], [0.03, -0.03], [0.005, 0.0]])
+        >>> marker = build_marker(points, Circle(0.06), diameter=0.02, clearance=0.002)
+        >>> camera = Camera(160, 120, 200, 200, 80, 60)
+        >>> detector, found = Detector(marker, camera), None
+        >>> for x in (0.01, 0.012, 0.014):
+        ...     rotation, translation = np.diag([1.0, -1.0, -1.0]), np.array([x, 0, 0.4])
+        ...     frame = render_view(marker, camera, rotation, translation, Optics(), np.random.default_rng(0))
+        ...     found = detector(frame, near=found)
+        ...     print(found[0].tvec.round(3)[[0, 2], 0])
+        [0.01 0.4 ]
+        [0.012 0.4  ]
+        [0.014 0.4  ]
         """
-        grey = self._grey(frame)
-        found = find_all(grey, self._sought, self._camera, self._errors, self._copies)
+        self._check(frame)
+        before = [] if near is None else self._before(near)
+        grey, found = None, None
+        if before and all(each.found for each in before):
+            found = track(frame, before, self._sought, self._camera, self._errors)
+        if found is None:
+            grey = grey_frame(frame)
+            found = find_all(grey, self._sought, self._camera, self._errors, self._copies)
         if self._photometric:
+            grey = grey_frame(frame) if grey is None else grey
             # Detections that failed come back unchanged.
             found = [refine(grey, self.markers[each.marker], self._camera, each, self._errors) for each in found]
         return [Found(each, self.markers, self._names, self._camera) for each in found]
@@ -369,25 +410,48 @@ class Detector:
     def dots(self, frame: NDArray[Any]) -> Array:
         """Return the centers (m, 2) in px of the image ellipses of all dots in a frame, unlabeled, of a marker or not.
 
-        They are not corrected for perspective, which would take the pose. Takes and raises the same as `__call__`.
+        They are dark dots, light dots, or both, as the markers have them, the dark ones first. They are not corrected
+        for perspective, which would take the pose. Takes and raises the same as `__call__`.
         """
-        return detect_dots(self._grey(frame)).center
+        self._check(frame)
+        grey = grey_frame(frame)
+        return np.concatenate([detect_dots(as_dark(grey, light)).center for light in self._sought.by_polarity])
 
     def __repr__(self) -> str:
         names = ", ".join(self._names[:3]) + (f" and {len(self._names) - 3} more" if len(self._names) > 3 else "")
         camera = f"{self._camera.width}x{self._camera.height} px" if self._camera else "no camera"
         return f"Detector({names}; {camera})"
 
-    def _grey(self, frame: object) -> Any:
-        grey = grey_frame(frame)
-        height, width = grey.shape
+    def _check(self, frame: object) -> None:
+        """Raise if this is no frame of the camera."""
+        height, width = check_frame(frame).shape[:2]
         if self._camera is not None and (width, height) != (self._camera.width, self._camera.height):
             raise InputError(
                 f"an image of the camera's {self._camera.width}x{self._camera.height} px",
                 f"{width}x{height} px",
                 "give the calibration for this size: cropped or scaled images have another",
             )
-        return grey
+
+    def _before(self, near: "Found | Iterable[Found]") -> list[Detection]:
+        """Return the detections of results for another frame, numbered as this detector's markers."""
+        given = [near] if isinstance(near, Found) else list(near) if isinstance(near, Iterable) else [near]
+        before = []
+        for each in given:
+            if not isinstance(each, Found):
+                raise InputError(
+                    "near: results for the frame before", brief(each), "give what the detector returned for that frame"
+                )
+            if each.markers is self.markers:
+                before.append(each.detection)
+            elif each.marker in self.markers:
+                before.append(replace(each.detection, marker=self.markers.index(each.marker)))
+            else:
+                raise InputError(
+                    "near: results for markers of this detector",
+                    f"one for {each.name}",
+                    "give what this detector returned for the frame before",
+                )
+        return before
 
 
 def _marker(source: Any, name: str) -> tuple[Marker, str]:

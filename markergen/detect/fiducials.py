@@ -378,14 +378,15 @@ class TagReader:
             right, bottom = (int(each) for each in np.clip(high + margin + 1, 0, [width, height]))
             # Labelings of one marker mostly put the tag at the same place.
             inner = np.concatenate([np.clip(low, 0, None), np.minimum(high, [width - 1, height - 1])])
-            known = any(a <= inner[0] and b <= inner[1] and inner[2] <= c and inner[3] <= d for a, b, c, d in self._read)
+            known = any(
+                a <= inner[0] and b <= inner[1] and inner[2] <= c and inner[3] <= d for a, b, c, d in self._read
+            )
             if known or min(right - left, bottom - top) < _LEAST_SIDE:
                 continue
             self._read.append((left, top, right, bottom))
             found = look_for_tags(self._image[top:bottom, left:right], self._families)
             self._seen = self._seen.joined(replace(found, pixels=found.pixels + [left, top]))
         return self._seen
-
 
 
 def look_for_tags(image: NDArray[np.uint8] | NDArray[np.uint16], families: Collection[str]) -> Sightings:

@@ -216,8 +216,8 @@ def confirm(
     judged = _judged(pool.take(distinct(pool.blobs, pool.misfit)), ellipses, view, rough)
     best = judged.take(np.arange(1))
     misfit = min(best.candidates.misfit[0], judged.bound[0])
-    # Clutter around the marker may have spoiled the search for other labelings of the same dots. Without a ring, nothing
-    # is sure about kinds: one of the dots may be a ring that was read as a disk.
+    # Clutter around the marker may have spoiled the search for other labelings of the same dots. Without a ring,
+    # nothing is sure about kinds: one of the dots may be a ring that was read as a disk.
     key = best.blobs[layout.rings]
     ringed = not len(key) or bool(ellipses.ring[key[key >= 0]].any())
     lack = int(UNIQUE_RATIO * max(misfit, 0.0) + UNIQUE_PX * (1 + best.missing[0]))
@@ -228,9 +228,7 @@ def confirm(
     return _answered(_told(judged, tag, tags), ellipses, tag)
 
 
-def _judged(
-    candidates: Labelings, ellipses: Ellipses, view: View, rough: Array | None, ringed: bool = True
-) -> Search:
+def _judged(candidates: Labelings, ellipses: Ellipses, view: View, rough: Array | None, ringed: bool = True) -> Search:
     """Rank labelings with the evidence against them, by misfit and missing dots; rejected ones come last."""
     layout, px = view.layout, view.px
     absent = candidates.blobs < 0
@@ -281,7 +279,9 @@ def _answered(judged: Search, ellipses: Ellipses, tag: Tag | None = None) -> Sea
     said = f"found {_dots(len(ellipses))}, but not in the marker's layout"
     if seen < best.missing[0]:
         expected = seen + best.missing[0]
-        return replace(judged, reason=f"{said}: at most {seen} of {expected} dots that should be seen are where they should be")
+        return replace(
+            judged, reason=f"{said}: at most {seen} of {expected} dots that should be seen are where they should be"
+        )
     if best.bound[0] < 0:
         few = f"{seen} of {len(layout)} dots"
         return replace(judged, reason=f"{said}: without a camera, {few} fit too loosely to tell their labels")
@@ -350,7 +350,9 @@ def _bound(
     return np.where(_plane_is_told(candidates, missing, ellipses, px, unsure), np.hypot(bound, unsure), -1.0)
 
 
-def _plane_is_told(candidates: Labelings, missing: Indices, ellipses: Ellipses, px: float, unsure: Array) -> NDArray[np.bool_]:
+def _plane_is_told(
+    candidates: Labelings, missing: Indices, ellipses: Ellipses, px: float, unsure: Array
+) -> NDArray[np.bool_]:
     """Return which homographies (A,) are supported by more than four centers, which any homography fits.
 
     Their outlines must fit, the more closely the fewer dots there are and the more are missing; four dots of a larger

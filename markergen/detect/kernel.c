@@ -21,8 +21,8 @@ const char *kernel_source(void) { return SOURCE; }
    (twin: components.py, _dark_components).
 
    A pixel p is dark if round(sum / 225) - p > step, with the sum over the 15 x 15 pixels around it, those beyond the
-   image's edge repeated from the edge. Without division: sum + 112 - 225 p >= 225 (step + 1). Dark pixels that touch,
-   at a corner too, are of one component.
+   image's edge repeated from the edge. Without division: sum + 112 - 225 p >= 225 (step + 1). Dark pixels that share a
+   side are of one component.
 
    One pass, row by row. A row's runs of dark pixels join the components of the runs that they touch in the row above.
    A component without a run in a row is complete: if it has `least` pixels, it is written, and its place is used again.
@@ -149,25 +149,23 @@ static void mark_dark(uint8_t *dark, const uint16_t *sums, const uint8_t *row, i
     }
 }
 
-/* Runs of ones; `dark` has at least 8 zeros behind its end. */
-static int32_t find_runs(Run *runs, const uint8_t *dark, int64_t width)
+/* Columns where ones begin and where they end, in turn; returns their number, which is even. `dark` has at least 8 zeros
+   behind its end. In rows with texture every other branch would be mispredicted, so there is one for eight pixels. */
+static int32_t find_changes(int32_t *changes, const uint8_t *dark, int64_t width)
 {
     int32_t count = 0;
     uint8_t before = 0;
     for (int64_t x = 0; x <= width; x += 8) {
-        uint64_t word, same;
+        uint64_t word;
         memcpy(&word, dark + x, 8);
-        same = before ? UINT64_C(0x0101010101010101) : 0;
-        if (word == same)
+        if (word == (before ? UINT64_C(0x0101010101010101) : 0))
             continue;
-        for (int i = 0; i < 8; i++)
-            if (dark[x + i] != before) {
-                if (before)
-                    runs[count++].last = (int32_t)(x + i - 1);
-                else
-                    runs[count].first = (int32_t)(x + i);
-                before = dark[x + i];
-            }
+        for (int i = 0; i < 8; i++) {
+            const uint8_t own = dark[x + i];
+            changes[count] = (int32_t)(x + i);
+            count += own ^ before;
+            before = own;
+        }
     }
     return count;
 }
@@ -178,13 +176,14 @@ int64_t dark_components(const uint8_t *image, int64_t height, int64_t width, int
     const size_t most = (size_t)width / 2 + 1; /* runs in a row */
     uint16_t *sums = malloc(((size_t)width + 2 * HALF) * sizeof *sums);
     uint8_t *dark = calloc((size_t)width + 16, 1);
-    Run *above = malloc(most * sizeof *above), *here = malloc(most * sizeof *here);
+    int32_t *changes = malloc((2 * most + 8) * sizeof *changes);
+    Run *above = malloc((most + 1) * sizeof *above), *here = malloc((most + 1) * sizeof *here);
     /* Those of two rows, since a joined one stays until the end of its row. */
     Component *all = malloc(2 * most * sizeof *all);
     int32_t above_count = 0, free_one = -1, used = 0;
     int64_t count = 0;
 
-    if (!sums || !dark || !above || !here || !all) {
+    if (!sums || !dark || !changes || !above || !here || !all) {
         count = -1;
         height = 0;
     }
@@ -196,16 +195,16 @@ int64_t dark_components(const uint8_t *image, int64_t height, int64_t width, int
         if (y < height) {
             move_down(sums, image, height, width, stride, y);
             mark_dark(dark, sums, image + y * stride, width, step);
-            here_count = find_runs(here, dark, width);
+            here_count = find_changes(changes, dark, width) / 2;
         }
+        /* First to which components the runs belong, without the sums, so that mispredicted branches cost little. */
+        above[above_count] = (Run){INT32_MAX, INT32_MAX, -1};
         for (int32_t j = 0; j < here_count; j++) {
-            const int32_t a = here[j].first, b = here[j].last;
-            const uint64_t n = (uint64_t)(b - a) + 1, s = (uint64_t)a + (uint64_t)b, v = (uint64_t)y;
-            Component *c;
+            const int32_t a = changes[2 * j], b = changes[2 * j + 1] - 1;
             int32_t own = -1;
-            while (i < above_count && above[i].last < a - 1)
+            while (above[i].last < a)
                 i++;
-            for (int32_t k = i; k < above_count && above[k].first <= b + 1; k++) {
+            for (int32_t k = i; above[k].first <= b; k++) {
                 const int32_t other = final(all, above[k].component);
                 if (own < 0)
                     own = other;
@@ -224,25 +223,22 @@ int64_t dark_components(const uint8_t *image, int64_t height, int64_t width, int
                     free_one = all[own].into;
                 } else
                     own = used++;
-                c = all + own;
-                memset(c, 0, sizeof *c);
-                c->into = own;
-                c->first = y * width + a;
-                c->left = a;
-                c->right = b;
-                c->top = (int32_t)y;
+                all[own] = (Component){.first = y * width + a, .left = a, .right = b, .top = (int32_t)y, .into = own};
             }
-            c = all + own;
+            here[j] = (Run){a, b, own};
+        }
+        for (int32_t j = 0; j < here_count; j++) {
+            const int32_t a = here[j].first, b = here[j].last, own = final(all, here[j].component);
+            const uint64_t n = (uint64_t)(b - a) + 1, s = (uint64_t)a + (uint64_t)b, v = (uint64_t)y;
+            Component *c = all + own;
             c->pixels += n;
             c->x2 += n * s;
             c->y += n * v;
             c->xx12 += n * (3 * s * s + n * n - 1);
             c->xy2 += n * s * v;
             c->yy += n * v * v;
-            if (a < c->left)
-                c->left = a;
-            if (b > c->right)
-                c->right = b;
+            c->left = a < c->left ? a : c->left;
+            c->right = b > c->right ? b : c->right;
             c->bottom = (int32_t)y;
             here[j].component = own;
         }
@@ -257,8 +253,6 @@ int64_t dark_components(const uint8_t *image, int64_t height, int64_t width, int
             c->left = joined;
             joined = own;
         }
-        for (int32_t j = 0; j < here_count; j++)
-            here[j].component = final(all, here[j].component);
         while (joined >= 0) {
             const int32_t next = all[joined].left;
             all[joined].into = free_one;
@@ -272,10 +266,70 @@ int64_t dark_components(const uint8_t *image, int64_t height, int64_t width, int
     }
     free(sums);
     free(dark);
+    free(changes);
     free(above);
     free(here);
     free(all);
     return count;
+}
+
+/* ------------------------------------------------------------------------------------------------------------------
+   elliptic: which components have the moments and the box of an elliptic disk, ring or band, with their outlines
+   (twin: components.py, _elliptic, which says more).
+
+   found (k, FIELDS); limits: trace^2 / determinant of the covariance; k^2 of small ones, its growth, and at all; distance
+   of the box's sides, px and share. index (k), center (k, 2), spread (k, 2, 2). Returns their number. */
+
+static int touches(double place, double side, double half, const double *limits)
+{
+    const double slack = limits[4] + limits[5] * half;
+    return fabs(place + 0.5 - half) < slack && fabs(side + 0.5 - place - half) < slack;
+}
+
+int64_t elliptic(int64_t k, const int64_t *found, const double *limits, int64_t *index, double *center, double *spread)
+{
+    const double pi = 3.14159265358979323846;
+    int64_t count = 0;
+    for (int64_t i = 0; i < k; i++) {
+        const int64_t *f = found + FIELDS * i;
+        const double n = (double)f[0], x = (double)f[1] / n, y = (double)f[2] / n;
+        const double xx = (double)f[3] / n - x * x + 1. / 12, xy = (double)f[4] / n - x * y;
+        const double yy = (double)f[5] / n - y * y + 1. / 12, determinant = xx * yy - xy * xy;
+        const double mean = 4 * pi * sqrt(determinant), outline = (n + mean) / 2, hollow = mean / outline;
+        const double small = limits[1] + limits[2] * sqrt(outline / pi);
+        if (!((xx + yy) * (xx + yy) < limits[0] * determinant && hollow < 1 + fmin(small, limits[3])))
+            continue;
+        if (!touches(x, (double)(f[8] - f[6]), 2 * sqrt(xx / hollow), limits) ||
+            !touches(y, (double)(f[9] - f[7]), 2 * sqrt(yy / hollow), limits))
+            continue;
+        double *c = center + 2 * count, *s = spread + 4 * count;
+        c[0] = x + (double)f[6];
+        c[1] = y + (double)f[7];
+        s[0] = xx * (4 / hollow);
+        s[1] = s[2] = xy * (4 / hollow);
+        s[3] = yy * (4 / hollow);
+        index[count++] = i;
+    }
+    return count;
+}
+
+/* ------------------------------------------------------------------------------------------------------------------
+   difference_squares: sums of squared differences of neighbors in pieces of 32 pixels of a row
+   (twin: components.py, _difference_squares). width: a multiple of 32; sums (height, width / 32). */
+
+void difference_squares(const uint8_t *image, int64_t height, int64_t width, int64_t stride, int64_t *sums)
+{
+    enum { PIECE = 32 };
+    for (int64_t y = 0; y < height; y++)
+        for (int64_t x = 0; x < width; x += PIECE) {
+            const uint8_t *p = image + y * stride + x;
+            int32_t sum = 0;
+            for (int i = 0; i < PIECE - 1; i++) {
+                const int16_t difference = (int16_t)(p[i + 1] - p[i]);
+                sum += difference * difference;
+            }
+            *sums++ = sum;
+        }
 }
 
 /* ------------------------------------------------------------------------------------------------------------------

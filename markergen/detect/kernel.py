@@ -60,6 +60,10 @@ def _declare(loaded: ctypes.CDLL) -> None:
         address, whole, whole, whole, ctypes.c_int, whole, address, whole,
     ]  # fmt: skip
     loaded.dark_components.restype = whole
+    loaded.elliptic.argtypes = [whole, *[address] * 5]
+    loaded.elliptic.restype = whole
+    loaded.difference_squares.argtypes = [address, whole, whole, whole, address]
+    loaded.difference_squares.restype = None
     loaded.refine_poses.argtypes = [whole, whole, *[address] * 7, whole, ctypes.c_double, address]
     loaded.refine_poses.restype = ctypes.c_int
 
@@ -96,6 +100,38 @@ def dark_components(image: Eight, step: int, least: int) -> Integers:
         if count <= capacity:
             return found[:count]
         capacity = count
+
+
+def elliptic(found: Integers, limits: Array) -> tuple[Array, Array, Integers]:
+    """Return centers, spreads and indices of components like ellipses: see kernel.c, and the twin in components.py.
+
+    Parameters
+    ----------
+    found : array (k, 11)
+    limits : array (6,)
+    """
+    loaded = library()
+    assert loaded is not None
+    found = np.ascontiguousarray(found)
+    if found.shape != (len(found), _FIELDS) or found.dtype != np.int64 or limits.shape != (6,):
+        raise ValueError(f"components of {_FIELDS} numbers and 6 limits are needed, not {found.shape}, {limits.shape}")
+    index, center, spread = np.empty(len(found), np.int64), np.empty((len(found), 2)), np.empty((len(found), 2, 2))
+    arrays = found, np.ascontiguousarray(limits, dtype=float), index, center, spread
+    count: int = loaded.elliptic(len(found), *(each.ctypes.data for each in arrays))
+    return center[:count], spread[:count], index[:count]
+
+
+def difference_squares(pieces: Eight) -> Integers:
+    """Return the sums of squared differences of neighbors in pieces of 32 px of rows (h, 32 m), an array (h m,)."""
+    loaded = library()
+    assert loaded is not None
+    pieces = _rows(pieces)
+    height, width = pieces.shape
+    if width % 32:
+        raise ValueError(f"rows of {width} px are not made of pieces of 32")
+    sums = np.empty(pieces.size // 32, dtype=np.int64)
+    loaded.difference_squares(pieces.ctypes.data, height, width, pieces.strides[0], sums.ctypes.data)
+    return sums
 
 
 def refine_poses(

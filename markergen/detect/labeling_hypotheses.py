@@ -272,8 +272,8 @@ def find_labelings(
         pool = pool.take(distinct(pool.blobs, pool.misfit))
         if judge(pool)[0].any():
             break
-    enough = pool.count >= LEAST_DOTS
-    return pool.take(np.flatnonzero(enough | (pool.count == pool.count[:1].max(initial=0))))
+    count = pool.count
+    return pool.take(np.flatnonzero((count >= LEAST_DOTS) | (count == count.max(initial=0))))
 
 
 def _never(candidates: Labelings) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -290,13 +290,13 @@ def none(layout: DotLayout, calibrated: bool) -> Labelings:
 def _followed(
     model: Model, start: Indices, ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool
 ) -> Labelings:
-    """Return the distinct labelings to which guesses lead, fitted; of fewer than four dots, only if there are no others."""
+    """Return the distinct labelings to which guesses lead, fitted; of fewer than four dots if there are no others."""
     few, count = max(8, MAX_LABELINGS // len(layout)), len(layout)
     drawn = model.outlines(layout)
     if layout.near.shape[1] < count - 1:
         # Far from where a guess starts, it is not good enough to tell dots from their neighbors.
         close = np.zeros(drawn.seen.shape, dtype=bool)
-        np.put_along_axis(close, np.column_stack([start, layout.near[start]]), True, axis=1)  # noqa: FBT003
+        np.put_along_axis(close, np.column_stack([start, layout.near[start]]), True, axis=1)
         near = replace(drawn, seen=drawn.seen & close)
         blobs, distance = assign(near, ellipses, layout, layout.reach, GUESS_PX / px, rings_tell)
         chosen = distinct(blobs, distance)
@@ -366,7 +366,8 @@ def _next(
     """Return labelings (k, n) derived from fitted ones and not fitted yet, and the index of the one each comes from.
 
     The fitted pose is used for another assignment: dots that the guess missed are added, wrong ones removed. With
-    `trim`, if nothing fits better, each dot in turn is left out, in case a foreign blob near its place was taken for it.
+    `trim`, if nothing fits better, each dot in turn is left out, in case a foreign blob near its place was taken for
+    it.
     """
     old = candidates.blobs
     near, _ = assign(candidates.predicted, ellipses, layout, NEAR_REACH, NEAR_PX / px, rings_tell)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.blobs import Image
+from markergen.detect.blobs import Image, as_dark
 from markergen.detect.detection import Detection
 from markergen.detect.plane_model import (
     BLUR,
@@ -92,7 +92,8 @@ def refine(
     lens = camera or Camera(width, height, 1, 1, 0, 0)
     position = {point.id: i for i, point in enumerate(marker.control_points)}
     chosen = np.array([position[int(i)] for i in detection.ids])
-    aligned = align_dots(image, lens, _predicted(marker, chosen, lens, detection))
+    dots = _predicted(marker, chosen, lens, detection)
+    aligned = align_dots(as_dark(image, marker.light), lens, dots, inverted=marker.light)
     good = aligned.good
     pixels = np.where(good[:, None], aligned.pixels, detection.pixels)
     covariance = np.where(good[:, None, None], aligned.covariance, detection.covariance)
@@ -205,7 +206,7 @@ class Alignment:
     good: Mask
 
 
-def align_dots(image: Grey, camera: Camera, dots: Sequence[PredictedDot]) -> Alignment:
+def align_dots(image: Grey, camera: Camera, dots: Sequence[PredictedDot], inverted: bool = False) -> Alignment:
     """Fit the model `grey_levels` to the pixels around each dot by least squares.
 
     The covariance is the inverse of the normal matrix times the variance of the noise. The noise is estimated from
@@ -218,20 +219,23 @@ def align_dots(image: Grey, camera: Camera, dots: Sequence[PredictedDot]) -> Ali
     camera : Camera
         Maps normalized coordinates to pixels of this image.
     dots : one or more
+    inverted : bool
+        True for light dots in an inverted image: places without light have its highest grey level.
     """
     to_image = np.array([dot.image(camera, dot.start)[1] for dot in dots])
     top = float(np.iinfo(image.dtype).max)
+    unlit = top if inverted else 0.0
     blur = np.full(len(dots), _USUAL_BLUR)
     while True:
-        pixels = surroundings(image, camera, dots, blur)
-        state, good = _fit(pixels, _first(dots, pixels, blur), to_image, top)
+        pixels = surroundings(image, camera, dots, blur, unlit)
+        state, good = _fit(pixels, _first(dots, pixels, blur), to_image, top - unlit)
         # A band for too small a blur contains neither the true levels nor the noise.
         wide = blur < _blur_range(state)[1] / _BLUR_MARGIN
         if not (wide & good).any():
             break
         blur = np.where(wide, 2 * blur, blur)
 
-    residual, jacobian, edge, seen = _compare(state, pixels, top)
+    residual, jacobian, edge, seen = _compare(state, pixels, top - unlit)
     kept = seen & _own(state, residual, edge, pixels)
     shift = state[:, PLACE] - [dot.start for dot in dots]
     good &= np.linalg.norm((to_image @ shift[:, :, None])[..., 0], axis=-1) < _MAX_MOVE_PX

@@ -96,6 +96,7 @@ class Surroundings:
     offset : array (2, N)
         Offset from the dot's center in the image, in half-widths of the dot.
     grey : array (N,)
+        Relative to the level of places without light.
     hole : array (N,)
     """
 
@@ -110,13 +111,17 @@ class Surroundings:
     hole: Array
 
 
-def surroundings(image: Grey, camera: Camera, dots: Sequence[PredictedDot], blur: Array) -> Surroundings:
+def surroundings(
+    image: Grey, camera: Camera, dots: Sequence[PredictedDot], blur: Array, unlit: float = 0.0
+) -> Surroundings:
     """Gather the pixels near the outlines of one or more dots, except those near other dots' outlines.
 
     Parameters
     ----------
     blur : array (m,), px
         Standard deviation of each dot's edge.
+    unlit : float
+        Grey level of places without light.
     """
     edges = _EDGE * blur
     seen = [dot.image(camera, dot.start) for dot in dots]
@@ -144,7 +149,7 @@ def surroundings(image: Grey, camera: Camera, dots: Sequence[PredictedDot], blur
         jacobian=jacobian,
         fade=fade,
         offset=(pixels - center[which].T) / half_width[which],
-        grey=image[pixels[1], pixels[0]].astype(float),
+        grey=image[pixels[1], pixels[0]] - unlit,
         hole=np.array([dot.hole for dot in dots])[which],
     )
 

@@ -110,8 +110,8 @@ def _pairs(points: Array, rings: NDArray[np.bool_], near: Indices) -> Indices:
     paired = np.ones((count, count), dtype=bool)
     if count > MANY_DOTS:
         paired[:] = rings[:, None] | rings
-        np.put_along_axis(paired, near[:, :PAIRED_DOTS], True, axis=1)  # noqa: FBT003
-    np.fill_diagonal(paired, False)  # noqa: FBT003
+        np.put_along_axis(paired, near[:, :PAIRED_DOTS], True, axis=1)
+    np.fill_diagonal(paired, False)
     pairs = np.argwhere(paired)
     lateral = np.linalg.norm(points[pairs[:, 1], :2] - points[pairs[:, 0], :2], axis=-1)
     # Short pairs determine the rotation badly, but neighbors among many are only the first of more.
@@ -292,9 +292,7 @@ def _votes(seeds: PoseHypotheses, shown: _Shown, layout: DotLayout) -> Indices:
         for start in range(0, len(seeds), chunk):
             part = slice(start, start + chunk)
             dx, dy = (place[part, :, None, i] - shown.ray[:, i] for i in (0, 1))
-            hit = (dx * dx + dy * dy < (gate[part] ** 2)[..., None]) & (
-                np.abs(expected[part, :, None] - size) < _SIZE
-            )
+            hit = (dx * dx + dy * dy < (gate[part] ** 2)[..., None]) & (np.abs(expected[part, :, None] - size) < _SIZE)
             votes[part] = np.count_nonzero(hit.any(axis=-1), axis=-1)
     return votes
 

@@ -209,9 +209,9 @@ def _pose(pose: PoseEstimate) -> dict[str, Any]:
     budget = pose.budget
     alternative = None
     if pose.alternative is not None:
-        alternative = {**_transform(*pose.alternative), "likelihood_ratio": pose.likelihood_ratio}
+        alternative = {**transform_as_dict(*pose.alternative), "likelihood_ratio": pose.likelihood_ratio}
     return {
-        **_transform(pose.rotation, pose.translation),
+        **transform_as_dict(pose.rotation, pose.translation),
         "covariance": budget.total.tolist(),
         "sigma": {
             "rotation_deg": {name: float(part) for name, part in budget.rotation_deg.items()},
@@ -223,13 +223,14 @@ def _pose(pose: PoseEstimate) -> dict[str, Any]:
     }
 
 
-def _transform(rotation: Any, translation: Any) -> dict[str, Any]:
+def transform_as_dict(rotation: Array, translation: Array) -> dict[str, Any]:
+    """Return a pose as plain JSON values: matrix, m, rotation vector in rad, and quaternion (x, y, z, w)."""
     from scipy.spatial.transform import Rotation
 
     quaternion = Rotation.from_matrix(rotation).as_quat(canonical=True)
     return {
         "rotation": rotation.tolist(),
         "translation": translation.tolist(),
-        "rotation_vector": logarithm(np.asarray(rotation)).tolist(),
+        "rotation_vector": logarithm(rotation).tolist(),
         "quaternion_xyzw": quaternion.tolist(),
     }

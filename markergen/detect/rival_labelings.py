@@ -17,6 +17,7 @@ from markergen.detect.pose_hypotheses import DotLayout
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 FEW_DOTS = 12
 """Maximum number of dots for which affine mappings are tried."""
@@ -82,7 +83,13 @@ def rival_labelings(
 
 
 def _nearest(
-    linear: Array, origin: Array, target: Array, layout: DotLayout, used: Indices, short: Array, strange: Array
+    linear: Array,
+    origin: Array,
+    target: Array,
+    layout: DotLayout,
+    used: Indices,
+    short: Array,
+    strange: NDArray[np.bool_],
 ) -> Indices:
     """Return which labeled dot (K, n) of `used` is where a mapping takes each dot, -1 for none."""
     n, count = len(layout), len(linear)

@@ -36,6 +36,19 @@ def logarithm(rotations: Array) -> Array:
     return Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_rotvec().reshape(*matrices.shape[:-2], 3)
 
 
+def left_jacobian(vectors: Array) -> Array:
+    """Matrices J (..., 3, 3) of rotation vectors v (..., 3) in rad: exp([v + d]x) = exp([J d]x) exp([v]x), d small.
+
+    J = I + (1 - cos a)/a^2 [v]x + (a - sin a)/a^3 [v]x^2 with a = |v|; the series where a is small.
+    """
+    cross = skew(vectors)
+    angle = np.linalg.norm(vectors, axis=-1)[..., None, None]
+    half_sinc = np.sinc(angle / (2 * np.pi))
+    # Below 0.01 rad the difference loses digits, and the series' next term is below 1e-10.
+    cubic = np.where(angle < 1e-2, 1 / 6 - angle**2 / 120, (angle - np.sin(angle)) / np.maximum(angle, 1e-2) ** 3)
+    return np.eye(3) + 0.5 * half_sinc**2 * cross + cubic * (cross @ cross)
+
+
 def angle_between(first: Array, second: Array) -> Array:
     """Angle in rad of first^T second, for rotation matrices (..., 3, 3).
 

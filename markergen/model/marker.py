@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Rows = tuple[tuple[float, ...], ...]
 
-LIGHT_DOTS = "light dots on a dark ground are printed, but not yet made as a solid, rendered or detected"
+LIGHT_DOTS = "light dots on a dark ground are printed and detected, but not yet made as a solid"
 """The limits of `Feature.polarity`, in words."""
 
 ROUNDING = 1e-9
@@ -393,10 +393,10 @@ class Marker:
         return str(self.provenance.get("spec_hash", "unknown"))
 
 
-def check_supported(marker: Marker, doing: str, joint: bool = True, light: bool = False) -> None:
+def check_supported(marker: Marker, doing: str, joint: bool = True, light: bool = True) -> None:
     """Refuse a marker with features that marker.json supports and this program does not yet.
 
-    Everything that reads, draws, makes or measures a marker calls this first, so that no light dot is drawn dark, no
+    Everything that reads, draws, makes or measures a marker calls this first, so that no light dot is made dark, no
     cube is flattened, and no covariance is silently dropped.
 
     Parameters
@@ -407,7 +407,8 @@ def check_supported(marker: Marker, doing: str, joint: bool = True, light: bool 
     joint : bool
         True if the action depends on how precisely the dots were measured.
     light : bool
-        True if the action is possible for light dots, if all of them are.
+        True if the action is possible for light dots. Light and dark dots on one marker are always refused: on no
+        ground would both show.
 
     Raises
     ------
@@ -418,7 +419,8 @@ def check_supported(marker: Marker, doing: str, joint: bool = True, light: bool 
     if bright and not (light and marker.light):
         some = ", ".join(bright[:10]) + (", ..." if len(bright) > 10 else "")
         remedy = f"{LIGHT_DOTS}; design it without --colors inverted" if marker.light else remedy
-        raise InputError(f"dark dots {doing}", f"light dots: {some}", remedy)
+        kind = "dots all dark or all light" if light else "dark dots"
+        raise InputError(f"{kind} {doing}", f"light dots: {some}", remedy)
     if marker.plates:
         names = ", ".join(plate.name for plate in marker.plates)
         raise InputError(f"a marker on one plate {doing}", f"plates: {names[:80]}", remedy)

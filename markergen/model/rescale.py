@@ -65,7 +65,7 @@ def rescale(marker: Marker, rulers: Rulers, force: bool = False) -> tuple[Marker
         by one; or if the nominal length is not the one that the marker states for its ruler. Also as `check_supported`
         does.
     """
-    check_supported(marker, "to rescale", light=True)
+    check_supported(marker, "to rescale")
     if any(point.designed or point.designed_z is not None for point in marker.control_points):
         raise InputError(
             "a marker whose dots were not measured one by one",
@@ -132,7 +132,7 @@ def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False
         one is off by more than `MOST_OFF` of the farthest dot's distance from the middle, or by a dot's radius, without
         `force`. Also as `check_supported` does.
     """
-    check_supported(marker, "to measure dots of", light=True)
+    check_supported(marker, "to measure dots of")
     here = {point.id: point for point in marker.control_points}
     unknown = [dot.id for dot in dots if dot.id not in here]
     if unknown:

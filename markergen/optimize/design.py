@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from markergen import __version__
 from markergen.errors import InputError
 from markergen.files import Written
-from markergen.model.marker import LIGHT_DOTS, Marker, build_marker
+from markergen.model.marker import Marker, build_marker
 from markergen.model.occlusion import eyes_of
 from markergen.model.openings import near_holes
 from markergen.model.poses import PoseDistribution
@@ -182,8 +182,6 @@ class Design(Result):
         found.extend(self._weak_homography())
         found.extend(self._idle_keep_outs())
         found.extend(near_holes(self.marker))
-        if self.marker.light:
-            found.append(f"{LIGHT_DOTS}: markergen detect does not find this marker")
         return tuple(found)
 
     def _idle_keep_outs(self) -> list[str]:

@@ -363,6 +363,24 @@ class DetectKeywords(DetectorKeywords, total=False):
     """Options of a detection in images, videos and cameras."""
 
     workers: Workers
+    window: Annotated[
+        bool,
+        Option(
+            RUN,
+            "Show a video or camera with its detections; q or Esc ends it.",
+            otherwise="where there is a display, unless --overlay is given",
+            flags="--window/--no-window",
+        ),
+    ]
+    smooth: Annotated[
+        str,
+        Option(
+            RUN,
+            "Filter the poses of a video over time, for a motion with accelerations of A m/s^2 and B rad/s^2, such as "
+            "2,10.",
+            metavar="A,B",
+        ),
+    ]
 
 
 NEAR = "200, 150, 100, 50 or 20mm, if within 5 %"

@@ -1,6 +1,7 @@
 """Synthetic view of a marker, or of any scene made of flat patches.
 
-A marker consists of its plate, its tag, and its dots with the pillars of raised ones, painted in that order.
+A marker consists of its plate, its tag, and its dots with the pillars of raised ones, painted in that order: in ink on
+substrate, or, if its dots are light, plate and pillars in ink and the rest in substrate.
 """
 
 from collections.abc import Sequence
@@ -133,18 +134,19 @@ def marker_patches(
     margin = marker.dot_diameter if margin is None else margin
     floor = min(0.0, float(marker.xyz[:, 2].min()))
     plate = tuple(np.column_stack([ring, np.full(len(ring), floor)]) for ring in _plate(marker.boundary, margin))
-    patches = [Patch(plate, SUBSTRATE)]
+    ink, ground = (SUBSTRATE, INK) if marker.light else (INK, SUBSTRATE)
+    patches = [Patch(plate, ground)]
     if marker.tag is not None:
         flat = (np.column_stack([outline, np.zeros(len(outline))]) for outline in marker.tag.outlines)
-        patches.append(Patch(tuple(flat), INK))
+        patches.append(Patch(tuple(flat), ink))
     for k in _farthest_first(marker, floor, eye):
         point = marker.control_points[k]
         if point.feature.diameter == 0:
             continue
         if point.z > floor:
-            patches.append(_pillar(marker, point, floor, eye, count))
+            patches.append(Patch((_pillar(marker, point, floor, eye, count),), ground))
         diameters = (point.feature.diameter, point.feature.inner_diameter)
-        patches.append(Patch(tuple(circle(marker.xyz[k], d / 2, count) for d in diameters if d > 0), INK))
+        patches.append(Patch(tuple(circle(marker.xyz[k], d / 2, count) for d in diameters if d > 0), ink))
     return patches
 
 
@@ -213,8 +215,8 @@ def _pillar_radius(marker: Marker, point: ControlPoint) -> float:
     return pillar_radius(point.feature.diameter, marker.clearance)
 
 
-def _pillar(marker: Marker, point: ControlPoint, floor: float, eye: Array | None, count: int) -> Patch:
-    """Silhouette of a cylinder seen from the eye: an arc of its base circle, an arc of its top circle, and two sides.
+def _pillar(marker: Marker, point: ControlPoint, floor: float, eye: Array | None, count: int) -> Array:
+    """Silhouette (m, 3) of a cylinder seen from the eye: arcs of its base and top circle, and two sides.
 
     The sides stand where the tangents from the eye's vertical projection touch the circle. From above, the near arc of
     the base and the far arc of the top are visible; from straight above, only the top.
@@ -223,7 +225,7 @@ def _pillar(marker: Marker, point: ControlPoint, floor: float, eye: Array | None
     away = None if eye is None else eye[:2] - axis
     distance = 0.0 if away is None else float(np.linalg.norm(away))
     if eye is None or away is None or distance <= radius:
-        return Patch((circle(np.array([*axis, point.z]), radius, count),), SUBSTRATE)
+        return circle(np.array([*axis, point.z]), radius, count)
     toward, half = np.arctan2(away[1], away[0]), np.arccos(radius / distance)
     steps = np.linspace(-1, 1, count)
     near = toward + half * steps
@@ -232,4 +234,4 @@ def _pillar(marker: Marker, point: ControlPoint, floor: float, eye: Array | None
     angle = np.concatenate([near, upper])
     height = np.repeat([floor, point.z], len(steps))
     outline = axis + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    return Patch((np.column_stack([outline, height]),), SUBSTRATE)
+    return np.column_stack([outline, height])

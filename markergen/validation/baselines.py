@@ -21,7 +21,7 @@ from markergen.estimators.budget import ErrorSources
 from markergen.estimators.lm import LM
 from markergen.model.boundary import Circle
 from markergen.model.camera import Camera
-from markergen.model.marker import Marker, build_marker, check_supported
+from markergen.model.marker import Marker, build_marker, check_supported, light_marker
 from markergen.model.marker_json import read_marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
@@ -234,10 +234,10 @@ def line_up(
 ) -> tuple[list[Contestant], Setting]:
     """Make contestants from their texts, with the camera and poses that the first marker file was designed for.
 
-    Layouts get dots of the first marker's size. If those do not fit, or there is no marker file, they get the size that
-    `design` would choose; if a ring of those does not fit, the corresponding share of the largest that do. Tags and
-    boards are as large as the same circle allows, a tag with one white cell around it; a board needs no white beyond
-    its squares.
+    Layouts get dots of the first marker's size, and light ones if it has. If those do not fit, or there is no marker
+    file, they get the size that `design` would choose; if a ring of those does not fit, the corresponding share of the
+    largest that do. Tags and boards are as large as the same circle allows, a tag with one white cell around it; a
+    board needs no white beyond its squares.
 
     Parameters
     ----------
@@ -326,7 +326,8 @@ def _layout(text: str, first: Marker | None, setting: Setting, seed: int) -> Dot
         region = FeasibleRegion(setting.boundary, diameter, clearance)
         layouts = comparison_layouts(region, n, seed).get(kind)
         if layouts is not None:
-            return DotMarker(name, build_marker(median_layout(layouts, setting), setting.boundary, diameter, clearance))
+            made = build_marker(median_layout(layouts, setting), setting.boundary, diameter, clearance)
+            return DotMarker(name, light_marker(made) if first and first.light else made)
     raise InputError(f"room for {name}", f"a {setting.boundary}", "use fewer dots")
 
 

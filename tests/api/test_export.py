@@ -41,8 +41,7 @@ def test_what_disturbs_detection_is_told_once(pentagon, tmp_path, caplog):
     caplog.clear()
     export(pentagon, tmp_path / "m.svg", colors="inverted", mount=["M4:0mm,0mm"])
     assert [record.message.partition(":")[0] for record in caplog.records] == [
-        "light dots on a dark ground are printed, but not yet made as a solid, rendered or detected",
-        "the dots are dark in marker.json, and light on the sheet",
+        "the dots are dark in marker.json, and light on the sheet, where markergen detect does not find them",
     ]
     caplog.clear()
     export(pentagon, tmp_path / "m.csv", mount=["M4:0mm,100mm"])

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from markergen.cli import main
+from markergen.detect import kernel
 from markergen.model.camera import Camera, Distortion
 from markergen.model.marker_json import read_marker
 from markergen.model.poses import paper
@@ -43,6 +44,21 @@ def folder(tmp_path_factory):
 def here(folder, monkeypatch):
     monkeypatch.chdir(folder)
     return folder
+
+
+@pytest.fixture(autouse=True)
+def complete(monkeypatch):
+    """Nothing is said about the compiled part of detection, wherever the tests run."""
+    monkeypatch.setattr(kernel, "missing", lambda: None)
+
+
+def test_without_the_compiled_part_one_line_says_so(here, capsys, monkeypatch):
+    monkeypatch.setattr(kernel, "missing", lambda: "why not")
+    assert main(["detect", "good", *ALL, "--json", "-"]) == 0
+    said = capsys.readouterr()
+    assert len(json.loads(said.out)) == 2
+    assert said.err.count("why not") == 1
+    assert said.err.endswith("\nmarkergen: note: why not\n")
 
 
 ALL = ["--marker", "marker.json", "--camera", "camera.yaml"]

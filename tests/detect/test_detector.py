@@ -1,4 +1,4 @@
-"""What users of OpenCV rely on: frames of any kind in, poses that projectPoints takes out, one detector for all."""
+"""What users of OpenCV rely on: poses that projectPoints takes out, one detector for all frames."""
 
 import doctest
 import json
@@ -134,97 +134,6 @@ def test_the_covariance_is_of_a_turn_from_the_left(detect_pentagon, pentagon):
         nees.append(error @ np.linalg.solve(found.covariance, error))
     # Mean of 31 of chi2 with 6 degrees of freedom: 0.62 of scatter, four times that.
     assert abs(np.mean(nees) - 6) < 2.5
-
-
-def test_colors_channels_and_memory_do_not_matter(detect_pentagon, frame):
-    (grey,) = detect_pentagon(frame)
-    color = cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR)
-    transparent = cv2.cvtColor(frame, cv2.COLOR_GRAY2BGRA)
-    wide = np.zeros((480, 1300, 3), np.uint8)
-    wide[:, 7:1287:2] = color
-    locked = color.copy()
-    locked.flags.writeable = False
-    same = {
-        "one channel": frame[..., None],
-        "BGR": color,
-        "BGRA": transparent,
-        "every second column of a larger one": wide[:, 7:1287:2],
-        "turned twice": np.rot90(np.rot90(frame).copy(), -1),
-        "mirrored twice": frame[:, ::-1].copy()[:, ::-1],
-        "columns first": np.asfortranarray(color),
-        "read-only": locked,
-        "a subclass": frame.view(np.ma.MaskedArray),
-    }
-    for name, other in same.items():
-        before = np.array(other)
-        (found,) = detect_pentagon(other)
-        np.testing.assert_array_equal(found.pixels, grey.pixels, err_msg=name)
-        np.testing.assert_array_equal(found.rvec, grey.rvec, err_msg=name)
-        np.testing.assert_array_equal(other, before, err_msg=name)
-
-
-@pytest.mark.parametrize("kind", ["<u2", ">u2"])
-def test_sixteen_bits(detect_pentagon, frame, kind):
-    (eight,) = detect_pentagon(frame)
-    for image in (frame, cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR), cv2.cvtColor(frame, cv2.COLOR_GRAY2BGRA)):
-        (found,) = detect_pentagon((image.astype(np.uint16) * 257).astype(kind))
-        # The same levels: the fit only starts a little elsewhere. Noise is 0.005 px.
-        np.testing.assert_allclose(found.pixels, eight.pixels, atol=1e-3)
-        np.testing.assert_allclose(found.pixel_covariance, eight.pixel_covariance, rtol=0.05)
-
-
-def test_colors_are_weighed_as_in_files(pentagon, frame, tmp_path):
-    """A red sheet with green dots: only with the right weights is it bright with dark dots, or the other way around."""
-    from markergen.read.images import read_image
-
-    share = frame.astype(float) / 255
-    colors = [np.array([40, 60, 200]) * share[..., None] + np.array([90, 70, 10]) * (1 - share[..., None])]
-    colors.append(np.concatenate([colors[0], 255 * (share[..., None] > 0.2)], axis=-1))
-    finder = Detector(pentagon, CAMERA)
-    for k, color in enumerate(colors):
-        image = np.rint(color).astype(np.uint8)
-        cv2.imwrite(str(tmp_path / f"{k}.png"), image)
-        from_file = finder(read_image(tmp_path / f"{k}.png").grey)
-        for one, other in zip(finder(image), from_file, strict=True):
-            assert (one.ok, one.reason) == (other.ok, other.reason)
-            np.testing.assert_array_equal(one.pixels, other.pixels)
-    assert finder(np.rint(colors[0]).astype(np.uint8))[0].ok
-
-
-@pytest.mark.parametrize(
-    ("image", "said"),
-    [
-        (None, "found None; cv2.imread returns None when it cannot read the file: check the path"),
-        ("photo.png", "found str; read the file first"),
-        (Path("photo.png"), "read the file first"),
-        ((True, np.zeros((480, 640), np.uint8)), "returns (ok, frame)"),
-        ([[1, 2], [3, 4]], "found list"),
-        (7, "found int"),
-        (np.zeros((480, 640), bool), "found bool; give 255 *"),
-        (np.zeros((480, 640, 3), np.float32), "found float32; give (255 * frame)"),
-        (np.zeros((480, 640), np.int64), "found int64"),
-        (np.zeros((480, 640), object), "found object"),
-        (np.zeros((480, 640), "U5"), "found <U5"),
-        (np.zeros((0, 640), np.uint8), "with pixels"),
-        (np.zeros((480, 640, 0), np.uint8), "with pixels"),
-        (np.zeros((3, 480, 640), np.uint8), "frame.transpose(1, 2, 0)"),
-        (np.zeros((2, 480, 640, 3), np.uint8), "one image at a time"),
-        (np.zeros((480, 640, 2), np.uint8), "shape (480, 640, 2)"),
-        (np.zeros(640, np.uint8), "shape (640,)"),
-        (np.uint8(3), "found numpy.uint8"),
-        (np.array(3, np.uint8), "shape ()"),
-        (np.broadcast_to(np.uint8(0), (10**6, 10**6)), "at most 400 megapixels, found 1000000x1000000 px"),
-        (np.broadcast_to(np.uint8(0), (10**6, 10**6, 3)), "at most 400 megapixels"),
-        (np.zeros((640, 480, 3), np.uint8), "640x480 px, found 480x640 px; give the calibration for this size"),
-    ],
-)
-def test_what_is_no_frame_is_refused_in_one_line(detect_pentagon, image, said):
-    for use in (detect_pentagon, detect_pentagon.dots):
-        with pytest.raises(InputError) as caught:
-            use(image)
-        line = str(caught.value)
-        assert said in line
-        assert "\n" not in line
 
 
 def test_markers_come_as_objects_paths_and_contents(pentagon, irregular, frame, tmp_path):
@@ -378,17 +287,6 @@ def test_second_solution(pentagon):
     np.testing.assert_array_equal(found.second.tvec, translation[:, None])
     np.testing.assert_allclose(cv2.Rodrigues(found.second.rvec)[0], rotation, atol=1e-9)
     assert 0.1 < found.second.likelihood_ratio <= 1
-
-
-def test_copies(pentagon):
-    turn = np.diag([1.0, -1.0, -1.0])
-    views = [
-        render_view(pentagon, PAPER_CAMERA, turn, np.array([x, 0, 1.2]), Optics(noise_grey=0), np.random.default_rng(0))
-        for x in (-0.25, 0.25)
-    ]
-    image = np.minimum(*views)
-    assert [each.ok for each in Detector(pentagon, PAPER_CAMERA)(image)] == [True, True]
-    assert [each.ok for each in Detector(pentagon, PAPER_CAMERA, copies=1)(image)] == [True]
 
 
 @pytest.mark.parametrize("scale", [1, 257])

@@ -235,20 +235,17 @@ def test_what_cannot_be_used_yet_is_refused_at_every_door(unused, setting, tmp_p
     outputs_of(made, [path])
 
 
-def test_light_dots_are_refused_where_they_are_not_found(pentagon, setting):
+def test_light_dots_are_refused_by_solids_alone(pentagon, tmp_path):
     light = light_marker(pentagon)
     assert light.light
     assert not pentagon.light
     assert from_json(to_json(light).decode()) == light
-    image = np.full((480, 640), 200, np.uint8)
-    for call in (
-        lambda: detect(image, light), lambda: Detector(light), lambda: seen(light, setting),
-        lambda: validate(light, setting, runs=0),
-    ):  # fmt: skip
-        with pytest.raises(
-            InputError, match=r"found light dots: 0, 1, 2, 3, 4; light dots .* not yet .* detected; des"
-        ):
-            call()
+    path = tmp_path / "m.step"
+    with pytest.raises(
+        InputError,
+        match=r"dark dots for \.step, found light dots: 0, 1, 2, 3, 4; light dots .* not yet made as a solid; design",
+    ):
+        outputs_of(light, [path])
     assert rescale(light, Rulers(0.199, None))[0].light
 
 

@@ -7,7 +7,7 @@ from markergen.geometry.region import signed_area
 from markergen.model.boundary import Circle
 from markergen.model.camera import Camera, Distortion
 from markergen.model.feature import Feature, key_ring
-from markergen.model.marker import ControlPoint, Marker
+from markergen.model.marker import ControlPoint, Marker, light_marker
 from markergen.model.poses import paper
 from markergen.model.tag import Tag
 from markergen.render.view import INK, SUBSTRATE, marker_patches
@@ -64,6 +64,14 @@ def test_without_relief_all_dots_are_drawn_in_their_order():
         assert [dot.reflectance for dot in dots] == [INK] * 6
         assert [len(dot.outlines) for dot in dots] == [2, 1, 1, 1, 1, 1]
         np.testing.assert_allclose([dot.outlines[0].mean(axis=0) for dot in dots], flat.xyz, rtol=0, atol=1e-15)
+
+
+def test_a_light_marker_has_the_same_outlines_in_the_other_color():
+    dark = replace(RELIEF, tag=Tag("aruco:DICT_4X4_50", 7, 0.04))
+    eye = np.array([0.1, -0.2, 0.5])
+    for own, other in zip(marker_patches(dark, eye=eye), marker_patches(light_marker(dark), eye=eye), strict=True):
+        assert other.reflectance == SUBSTRATE + INK - own.reflectance
+        np.testing.assert_array_equal(np.concatenate(other.outlines), np.concatenate(own.outlines))
 
 
 def test_plate_reaches_a_margin_beyond_the_boundary():

@@ -7,6 +7,7 @@ from markergen.detect.fiducials import FiducialSettings
 from markergen.errors import InputError
 from markergen.maths.projection import project
 from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
+from markergen.model.marker import light_marker
 from markergen.model.marker_json import to_json
 from markergen.model.poses import paper
 from markergen.model.tag import Board, Tag
@@ -115,6 +116,13 @@ def test_one_alone_meets_one_of_each(marker, pentagon):
         assert reach <= 0.15 + 1e-9
     # The pentagon is as far out as it can be, and so is the n-gon.
     assert np.hypot(*ngon.xyz[:, :2].T) == pytest.approx(0.15 - 0.6 * 0.036)
+
+
+def test_an_inverted_marker_meets_inverted_layouts(pentagon):
+    contestants, _ = line_up(["own", "ngon", "random"], given={"own": light_marker(pentagon)})
+    assert all(each.marker.light for each in contestants)
+    found = contestants[0].sight(see(contestants[0], 129), PAPER_CAMERA, None, 0.0)
+    assert rotation_error_deg(found.rotation, POSES.rotation[129]) < 0.01
 
 
 def test_every_peer_fills_the_circle_with_the_white_it_needs():

@@ -6,6 +6,7 @@ import pytest
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import PAPER_CAMERA
+from markergen.model.marker import light_marker
 from markergen.model.poses import PoseDistribution, paper
 from markergen.render import Optics
 from markergen.validation.view_records import summarize, take_records
@@ -78,6 +79,16 @@ def test_background_is_behind_the_marker(series, background):
     inside = np.rint(plain.truth.mean(axis=0)).astype(int)
     # The middle of a pentagon is substrate; its noise has 2 grey levels.
     assert abs(int(before.image[inside[1], inside[0]]) - 225) < 15
+
+
+def test_views_of_light_dots(series):
+    light = replace(series, marker=light_marker(series.marker), background="photo", refine="photometric")
+    for k in (3, 13):
+        view = take_view(light, k)
+        assert view.detected, view.failure
+        assert view.error_px.max() < 0.05
+        inside = np.rint(view.truth.mean(axis=0)).astype(int)
+        assert abs(int(view.image[inside[1], inside[0]]) - 30) < 15
 
 
 def test_optics_are_used(ngon):

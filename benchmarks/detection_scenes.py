@@ -1,0 +1,264 @@
+"""Scenes for the benchmarks of detection: markers, poses, backgrounds, damage, and what counts as right; all seeded."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+import markergen as mg
+from markergen.maths.rotation import exponential, turn_z
+from markergen.model.boundary import Circle
+from markergen.model.camera import PAPER_CAMERA, Camera
+from markergen.model.feature import Feature, key_ring
+from markergen.model.marker import ControlPoint, Marker
+from markergen.model.tag import Tag
+from markergen.render import Optics, Scenery, render_view
+from markergen.render.scenery import BACKGROUNDS, Occluder, hiding, scattered
+
+Array = NDArray[np.float64]
+Image = NDArray[Any]
+Rows = dict[str, dict[str, Any]]
+
+RADIUS, RINGED, PLAIN = 0.15, 5, 8
+CLEAN = Optics(noise_grey=1.0)
+_WRONG_PX = 5.0
+_TILE_PX = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """One image of a marker and the truth: its pose, the images (n, 2) of its dots in px, and the dots hidden."""
+
+    image: Image
+    marker: Marker
+    camera: Camera
+    rotation: Array
+    translation: Array
+    pixels: Array
+    hidden: Sequence[int] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What a detector made of a scene; `error_px` (m,) belongs to a right labeling."""
+
+    found: bool
+    wrong: bool
+    reason: str
+    error_px: Array
+
+
+def ring_marker() -> Marker:
+    """Return the regular pentagon with key ring."""
+    angles = np.pi / 2 + 2 * np.pi * np.arange(RINGED) / RINGED
+    return _marker(0.1284 * np.stack([np.cos(angles), np.sin(angles)], axis=-1), 0.036, ringed=True)
+
+
+def random_marker(n: int, ringed: bool, seed: int, tag: int | None = None, diameter: float = 0.036) -> Marker:
+    """Return random dots of this diameter if there is room, in the same disk, around a tag of 90 mm if one is given."""
+    rng = np.random.default_rng([n, ringed, seed])
+    diameter = round(min(diameter, 2 * RADIUS * np.sqrt((0.13 if tag is not None else 0.25) / n)), 4)
+    inside = 0.0 if tag is None else 0.086 + diameter / 2
+    points: list[Array] = []
+    while len(points) < n:
+        # Darts at random; when there is no room left, from the start.
+        points = []
+        for _ in range(5000):
+            dart = rng.uniform(-RADIUS, RADIUS, 2)
+            far = [np.linalg.norm(dart - other) > 1.2 * diameter for other in points]
+            if inside <= np.linalg.norm(dart) <= RADIUS - 0.6 * diameter and all(far) and len(points) < n:
+                points.append(dart)
+    return _marker(np.array(points), diameter, ringed, None if tag is None else Tag("aruco:DICT_4X4_50", tag, 0.09))
+
+
+def _marker(points: Array, diameter: float, ringed: bool, tag: Tag | None = None) -> Marker:
+    features = [key_ring(diameter) if ringed and k == 0 else Feature(diameter) for k in range(len(points))]
+    dots = (ControlPoint(k, float(x), float(y), 0.0, features[k]) for k, (x, y) in enumerate(points))
+    return Marker(tuple(dots), Circle(RADIUS), 0.1 * diameter, tag=tag)
+
+
+def camera_of(width: int, height: int) -> Camera:
+    """Return a camera of this size that takes the views of the paper's camera, in finer pixels."""
+    focal = PAPER_CAMERA.fx * height / PAPER_CAMERA.height
+    return Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+
+
+def pose(
+    camera: Camera,
+    rng: np.random.Generator,
+    distance: tuple[float, float] = (0.6, 1.2),
+    tilt_deg: tuple[float, float] = (0, 55),
+    radius: float = RADIUS,
+) -> tuple[Array, Array]:
+    """Return a random pose (3, 3), (3,) that sees a whole disk of the radius, anywhere in the image."""
+    rim = Circle(radius).rim(64)
+    rim = np.column_stack([rim, np.zeros(len(rim))])
+    while True:
+        tilt, (roll, turn) = np.deg2rad(rng.uniform(*tilt_deg)), rng.uniform(0, 2 * np.pi, 2)
+        lean = exponential(np.array([np.pi - tilt, 0.0, 0.0]))
+        rotation = np.asarray(turn_z(np.array(roll)) @ lean @ turn_z(np.array(turn)))
+        ray = camera.from_pixels(rng.uniform(0, [camera.width, camera.height]))
+        translation = np.append(ray, 1.0)
+        # Tilts are relative to the line of sight only in the image center; elsewhere a few degrees more or less.
+        translation *= rng.uniform(*distance) / np.linalg.norm(translation)
+        if (
+            rotation[:, 2] @ translation < 0
+            and camera.sees(camera.project(rim, rotation[None], translation[None])).all()
+        ):
+            return rotation, translation
+
+
+def background(name: str, camera: Camera, rng: np.random.Generator) -> Array | None:
+    """Return a background (height, width) by name, in tiles, so that large images are as sharp as small ones."""
+    if name == "plain":
+        return None
+    columns, rows = -(-camera.width // _TILE_PX), -(-camera.height // _TILE_PX)
+    tile = camera_of(-(-camera.width // columns), -(-camera.height // rows))
+    tiles = [[BACKGROUNDS[name](tile, rng) for _ in range(columns)] for _ in range(rows)]
+    return np.asarray(np.block(tiles)[: camera.height, : camera.width], dtype=float)
+
+
+def view(
+    marker: Marker,
+    camera: Camera,
+    placed: tuple[Array, Array],
+    rng: np.random.Generator,
+    optics: Optics = CLEAN,
+    behind: str | Array | None = "plain",
+    hidden: int = 0,
+    covered: float = 0.0,
+    damage: str = "",
+    strangers: Marker | None = None,
+) -> Scene:
+    """Render a marker, with some dots hidden by fingers, a share of the image covered, and damage by name (`DAMAGE`).
+
+    Strangers are the dots of another marker in the background, three copies of it.
+    """
+    rotation, translation = placed
+    away = tuple(map(int, np.sort(rng.choice(len(marker), hidden, replace=False))))
+    occluders: tuple[Occluder, ...] = hiding(marker, away, camera, rotation, translation, rng)
+    occluders += scattered(covered, camera, rng) if covered else ()
+    grey = background(behind, camera, rng) if isinstance(behind, str) else behind
+    for _ in range(3 if strangers else 0):
+        assert strangers is not None
+        copy = render_view(strangers, camera, *pose(camera, rng), Optics(0.1, 0), rng, Scenery(grey))
+        grey = copy.astype(float)
+    scenery = Scenery(grey, occluders)
+    if damage:
+        image = DAMAGE[damage](marker, camera, placed, rng, scenery)
+    else:
+        image = render_view(marker, camera, rotation, translation, optics, rng, scenery)
+    pixels = camera.project(marker.xyz, rotation[None], translation[None])[0]
+    return Scene(image, marker, camera, rotation, translation, pixels, away)
+
+
+def _lit(
+    marker: Marker, camera: Camera, placed: tuple[Array, Array], rng: np.random.Generator, scenery: Scenery
+) -> Array:
+    """Return an image in grey levels before noise; damage to light comes before that of the sensor."""
+    blur = Optics(noise_grey=0, bits=16)
+    return render_view(marker, camera, *placed, blur, rng, scenery) / 257.0
+
+
+def _sensed(grey: Array, rng: np.random.Generator) -> Image:
+    return np.clip(np.rint(grey + rng.normal(0, 2, grey.shape)), 0, 255).astype(np.uint8)
+
+
+def _shadow(marker: Marker, camera: Camera, placed: Any, rng: np.random.Generator, scenery: Scenery) -> Image:
+    """Half of the marker lies in a shadow of 35 to 70 % with an edge 2 to 20 px wide, straight through the marker."""
+    grey, (x, y), middle = _lit(marker, camera, placed, rng, scenery), _grid(camera), _middle(camera, placed, rng)
+    turn = rng.uniform(0, 2 * np.pi)
+    across = (x - middle[0]) * np.cos(turn) + (y - middle[1]) * np.sin(turn)
+    dark, soft = rng.uniform(0.35, 0.7), rng.uniform(0.5, 5)
+    return _sensed(grey * (1 - dark * (1 + np.tanh(across / soft / 2)) / 2), rng)
+
+
+def _highlight(marker: Marker, camera: Camera, placed: Any, rng: np.random.Generator, scenery: Scenery) -> Image:
+    """Glossy print: a highlight of 60 to 200 grey levels with a sigma of 15 to 60 px on the marker; light saturates."""
+    grey, (x, y), middle = _lit(marker, camera, placed, rng, scenery), _grid(camera), _middle(camera, placed, rng)
+    square = ((x - middle[0]) ** 2 + (y - middle[1]) ** 2) / rng.uniform(15, 60) ** 2
+    return _sensed(grey + rng.uniform(60, 200) * np.exp(-square / 2), rng)
+
+
+def _motion(
+    marker: Marker, camera: Camera, placed: tuple[Array, Array], rng: np.random.Generator, scenery: Scenery
+) -> Image:
+    optics = Optics(motion_px=float(rng.uniform(1, 5)), motion_deg=float(rng.uniform(0, 180)))
+    return render_view(marker, camera, *placed, optics, rng, scenery)
+
+
+def _jpeg(
+    marker: Marker, camera: Camera, placed: tuple[Array, Array], rng: np.random.Generator, scenery: Scenery
+) -> Image:
+    image, quality = render_view(marker, camera, *placed, Optics(), rng, scenery), int(rng.integers(30, 91))
+    return np.asarray(cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], 0))
+
+
+DAMAGE = {"shadow": _shadow, "highlight": _highlight, "motion": _motion, "jpeg": _jpeg}
+
+
+def _grid(camera: Camera) -> Array:
+    return np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height))).astype(float)
+
+
+def _middle(camera: Camera, placed: tuple[Array, Array], rng: np.random.Generator) -> Array:
+    """Return the image (2,) of a random place on the marker."""
+    place = np.append(rng.uniform(-0.7, 0.7, 2) * RADIUS, 0.0)
+    return camera.project(place[None], placed[0][None], placed[1][None])[0, 0]
+
+
+def judge(results: Sequence[mg.Found], scene: Scene) -> Verdict:
+    """Hold everything found in a scene with one marker against the truth.
+
+    Wrong is a labeling with a dot over 5 px from its place, or nearer to another dot's place; also a second find.
+    """
+    hits = [each for each in results if each.ok]
+    if not hits:
+        return Verdict(False, False, results[0].reason, np.zeros(0))
+    gaps = np.linalg.norm(hits[0].pixels[:, None] - scene.pixels, axis=-1)
+    error = gaps[np.arange(len(gaps)), hits[0].ids]
+    wrong = len(hits) > 1 or bool(np.any(error > _WRONG_PX) or np.any(gaps.argmin(axis=1) != hits[0].ids))
+    return Verdict(True, wrong, "", error)
+
+
+def print_table(title: str, rows: Rows, before: Mapping[str, Mapping[str, Any]] | None = None) -> None:
+    """Print a table; with an earlier run, numbers that have changed as ``before > now``."""
+    columns = list(dict.fromkeys(name for row in rows.values() for name in row))
+    lines = [[title, *columns]]
+    for label, row in rows.items():
+        now = [_cell(row.get(column)) for column in columns]
+        old = [_cell((before or {}).get(label, {}).get(column)) for column in columns]
+        changed = [
+            a not in ("-", b) and not isinstance(row.get(c), str) for a, b, c in zip(old, now, columns, strict=True)
+        ]
+        lines.append([label, *(f"{a} > {b}" if new else b for a, b, new in zip(old, now, changed, strict=True))])
+    widths = [max(len(line[k]) for line in lines) for k in range(len(columns) + 1)]
+    for line in lines:
+        cells = (cell.rjust(width) for cell, width in zip(line[1:], widths[1:], strict=True))
+        print("  ".join([line[0].ljust(widths[0]), *cells]).rstrip())
+    print(flush=True)
+
+
+def _cell(value: Any) -> str:
+    if value is None or value != value:
+        return "-"
+    if isinstance(value, float):
+        return f"{value:.3g}" if abs(value) < 100 else f"{value:.0f}"
+    return str(value)
+
+
+def load_run(path: str | None) -> dict[str, Rows]:
+    """Read the results of an earlier run; nothing without a path."""
+    return json.loads(Path(path).read_text()) if path else {}
+
+
+def save_run(path: str | None, parts: Mapping[str, Rows]) -> None:
+    """Write results, adding to those of other parts that the file has already."""
+    if path:
+        earlier = load_run(path) if Path(path).exists() else {}
+        Path(path).write_text(json.dumps({**earlier, **parts}, indent=1) + "\n")

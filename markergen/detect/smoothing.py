@@ -1,0 +1,283 @@
+"""A filter of poses over time: constant velocity with random accelerations, covariance in and out.
+
+The state is the pose T_camera_marker, its velocity v in m/s and its spin s in rad/s, both in the camera frame:
+
+    R(t + dt) = exp([s dt]x) R(t),    t(t + dt) = t(t) + v dt
+
+with an acceleration and an angular acceleration that are constant between two frames and independent from one interval
+to the next. The covariance (12, 12) is of (w, dt, ds, dv), with R <- exp([w]x) R as everywhere. It is an extended
+Kalman filter on the group: errors are turns from the left, so that its Jacobians hold at any pose.
+
+What is independent from frame to frame is the noise of the image. An error of the print or of the calibration is the
+same in all frames, and no filter reduces it: it is left out of the update, and added to the resulting covariance.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from math import isfinite, log
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.detect.detector import Found
+from markergen.detect.presentation import transform_as_dict
+from markergen.errors import InputError, brief
+from markergen.maths.rotation import exponential, left_jacobian, logarithm
+
+Array = NDArray[np.float64]
+
+GATE = 27.86
+"""Largest squared Mahalanobis distance of a pose that is believed: one of 10,000 good ones is further off (chi2, 6)."""
+
+PERSISTENT = 5
+"""Number of poses in a row beyond the gate after which the track starts anew from the last one."""
+
+FORGOTTEN = 1.0
+"""Time in s without its marker after which a track ends."""
+
+RAMP = 1.0
+"""Time in s in which the accelerations reach the velocities that a new track may have."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A pose in motion: T_camera_marker at a time, with velocities.
+
+    Attributes
+    ----------
+    time : float, s
+    rotation, translation : arrays (3, 3) and (3,), m
+    spin, velocity : arrays (3,), rad/s and m/s, camera frame
+    covariance : array (12, 12)
+        Of (w, dt, ds, dv), from the noise of the images and the accelerations.
+    """
+
+    time: float
+    rotation: Array
+    translation: Array
+    spin: Array
+    velocity: Array
+    covariance: Array
+
+
+@dataclass(frozen=True)
+class Accelerations:
+    """Standard deviations of the accelerations along each axis: linear in m/s^2, angular in rad/s^2."""
+
+    linear: float
+    angular: float
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothed:
+    """A filtered pose T_camera_marker.
+
+    Attributes
+    ----------
+    rotation, translation : arrays (3, 3) and (3,), m
+    spin, velocity : arrays (3,), rad/s and m/s, camera frame
+    covariance : array (6, 6) of (w, dt), rad and m
+        Including the print's and the calibration's part, which the filter does not reduce.
+    outlier : bool
+        The pose of this frame was not believed; this is a prediction from those before.
+    """
+
+    rotation: Array
+    translation: Array
+    spin: Array
+    velocity: Array
+    covariance: Array
+    outlier: bool
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain JSON values (docs/detect.md)."""
+        return {
+            **transform_as_dict(self.rotation, self.translation),
+            "covariance": self.covariance.tolist(),
+            "angular_velocity": self.spin.tolist(),
+            "velocity": self.velocity.tolist(),
+            "outlier": self.outlier,
+        }
+
+
+def parse_accelerations(given: str | Sequence[float]) -> Accelerations:
+    """Read two accelerations, in m/s^2 and rad/s^2, from a text such as ``2,10`` or two numbers.
+
+    Raises
+    ------
+    InputError
+        If these are not two positive numbers.
+    """
+    try:
+        linear, angular = map(float, given.split(",") if isinstance(given, str) else given)
+    except (TypeError, ValueError):
+        linear = angular = 0.0
+    if not (linear > 0 and angular > 0 and isfinite(linear) and isfinite(angular)):
+        raise InputError("two positive accelerations, in m/s^2 and rad/s^2", brief(given), "give --smooth 2,10")
+    return Accelerations(linear, angular)
+
+
+def begin(time: float, rotation: Array, translation: Array, covariance: Array, limits: Accelerations) -> Motion:
+    """Return a motion that begins with a pose and its covariance (6, 6), at rest as far as is known."""
+    sigma = RAMP * np.repeat([limits.angular, limits.linear], 3)
+    whole = np.zeros((12, 12))
+    whole[:6, :6], whole[6:, 6:] = covariance, np.diag(sigma**2)
+    return Motion(time, rotation, translation, np.zeros(3), np.zeros(3), whole)
+
+
+def predict(motion: Motion, time: float, limits: Accelerations) -> Motion:
+    """Return a motion at another, later time.
+
+    Raises
+    ------
+    InputError
+        If the time is earlier.
+    """
+    step = time - motion.time
+    if not step >= 0:
+        raise InputError("time stamps that increase", f"{time} s after {motion.time} s", "give frames in order")
+    turn = exponential(motion.spin * step)
+    transition = step_jacobian(motion.spin, step)
+    # What an acceleration of 1 does: half the step's square to the pose, and the step to the velocity.
+    force = np.zeros((12, 6))
+    half = transition[:6, 6:] * step / 2
+    force[:6], force[6:] = half, step * np.eye(6)
+    force = force * np.repeat([limits.angular, limits.linear], 3)
+    return replace(
+        motion,
+        time=time,
+        rotation=turn @ motion.rotation,
+        translation=motion.translation + step * motion.velocity,
+        covariance=transition @ motion.covariance @ transition.T + force @ force.T,
+    )
+
+
+def step_jacobian(spin: Array, step: float) -> Array:
+    """Return the derivative (12, 12) of (w, dt, ds, dv) after a step in s by what they were before.
+
+    With A = exp([s dt]x) and J the left Jacobian of s dt: exp([(s + ds) dt]x) exp([w]x) exp(-[s dt]x) is
+    exp([A w + J dt ds]x) to first order.
+    """
+    transition = np.eye(12)
+    transition[:3, :3] = exponential(spin * step)
+    transition[:3, 6:9] = step * left_jacobian(spin * step)
+    transition[3:6, 9:] = step * np.eye(3)
+    return transition
+
+
+def distance(motion: Motion, rotation: Array, translation: Array, covariance: Array) -> float:
+    """Return the squared Mahalanobis distance of a pose with covariance (6, 6) from the motion at the same time."""
+    residual = _residual(motion, rotation, translation)
+    return float(residual @ np.linalg.solve(motion.covariance[:6, :6] + covariance, residual))
+
+
+def update(motion: Motion, rotation: Array, translation: Array, covariance: Array) -> Motion:
+    """Return the motion after a pose with covariance (6, 6), measured at the same time."""
+    gain = np.linalg.solve(motion.covariance[:6, :6] + covariance, motion.covariance[:6]).T
+    change = gain @ _residual(motion, rotation, translation)
+    # Joseph's form stays symmetric and positive.
+    keep = np.eye(12)
+    keep[:, :6] -= gain
+    whole = keep @ motion.covariance @ keep.T + gain @ covariance @ gain.T
+    # The error is now relative to the corrected rotation.
+    moved = np.eye(12)
+    moved[:3, :3] = left_jacobian(change[:3])
+    return replace(
+        motion,
+        rotation=exponential(change[:3]) @ motion.rotation,
+        translation=motion.translation + change[3:6],
+        spin=motion.spin + change[6:9],
+        velocity=motion.velocity + change[9:],
+        covariance=moved @ whole @ moved.T,
+    )
+
+
+def _residual(motion: Motion, rotation: Array, translation: Array) -> Array:
+    return np.concatenate([logarithm(rotation @ motion.rotation.T), translation - motion.translation])
+
+
+@dataclass(eq=False)
+class _Track:
+    """One copy of a marker."""
+
+    motion: Motion
+    seen: float
+    refused: int = 0
+
+
+@dataclass(eq=False)
+class Smoother:
+    """Filters the poses of all markers, each copy by itself; called with every frame's detections, in order of time.
+
+    A pose goes to the nearest motion of its marker. Of the two poses that may fit a flat marker, the one is taken that
+    is nearer to the motion, given their likelihoods, so that it does not flip. A pose beyond `GATE` is not believed,
+    until `PERSISTENT` in a row are not.
+
+    Attributes
+    ----------
+    limits : Accelerations
+        What the motion, of marker and camera together, accelerates by.
+    """
+
+    limits: Accelerations
+    _tracks: dict[int, list[_Track]] = field(default_factory=dict)
+
+    def __call__(self, time: float, found: Sequence[Found]) -> list[Smoothed | None]:
+        """Return the filtered pose of each detection at a time in s; None for one without a pose.
+
+        Raises
+        ------
+        InputError
+            If the time is earlier than that of the frame before.
+        """
+        smoothed: list[Smoothed | None] = [None] * len(found)
+        for index in {each.index for each in found} | set(self._tracks):
+            kept = [each for each in self._tracks.get(index, []) if time - each.seen <= FORGOTTEN]
+            for track in kept:
+                track.motion = predict(track.motion, time, self.limits)
+            rows = [k for k, each in enumerate(found) if each.index == index and each.pose is not None]
+            options = {(k, t): _nearest(kept[t].motion, found[k]) for k in rows for t in range(len(kept))}
+            taken = dict[int, int]()
+            for k, t in sorted(options, key=lambda pair: options[pair][0]):
+                if k not in taken and t not in taken.values():
+                    taken[k] = t
+            for k in rows:
+                pose = found[k].pose
+                assert pose is not None
+                refused = False
+                if k in taken:
+                    track, (off, measured) = kept[taken[k]], options[k, taken[k]]
+                    refused = off > GATE and track.refused + 1 < PERSISTENT
+                    if off > GATE:
+                        track.refused += 1
+                    else:
+                        track.motion, track.refused = update(track.motion, *measured, pose.budget.image), 0
+                    track.seen = time
+                if k not in taken or (not refused and track.refused):
+                    motion = begin(time, pose.rotation, pose.translation, pose.budget.image, self.limits)
+                    fresh = _Track(motion, time)
+                    if k in taken:
+                        kept[taken[k]] = fresh
+                    else:
+                        kept.append(fresh)
+                    track = fresh
+                now = track.motion
+                total = now.covariance[:6, :6] + pose.budget.print + pose.budget.camera
+                smoothed[k] = Smoothed(now.rotation, now.translation, now.spin, now.velocity, total, refused)
+            self._tracks[index] = kept
+        return smoothed
+
+
+def _nearest(motion: Motion, found: Found) -> tuple[float, tuple[Array, Array]]:
+    """Return the squared distance of a detection's pose, or of its second one if that is nearer here, and the pose."""
+    assert found.pose is not None
+    pose = found.pose
+    options = [(0.0, pose.rotation, pose.translation)]
+    if pose.alternative is not None and pose.likelihood_ratio > 0:
+        options.append((-2 * log(pose.likelihood_ratio), *pose.alternative))
+    far = [
+        (less + distance(motion, rotation, translation, pose.budget.image), (rotation, translation))
+        for less, rotation, translation in options
+    ]
+    return min(far, key=lambda each: each[0])

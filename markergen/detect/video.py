@@ -1,0 +1,376 @@
+"""Detection in videos and live cameras, with a line of JSON and an annotated image for every frame."""
+
+import json as json_format
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from time import monotonic
+from typing import Any, Self, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.detect.detector import CovarianceSource, Detector, Found
+from markergen.detect.smoothing import Smoothed, Smoother, parse_accelerations
+from markergen.errors import InputError, OutputError
+from markergen.files import check_outputs, put_in_place, temporary_beside
+from markergen.options import CameraLike, MarkerLike, as_list
+from markergen.presentation.window import Window, has_display
+from markergen.read.images import quiet
+from markergen.read.videos import Frame, Video, open_video
+
+CODECS = {".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".mkv": "mp4v", ".avi": "MJPG"}
+"""Codec by suffix of a video that is written."""
+
+USUAL_RATE = 25.0
+"""Frames per second of an annotated video whose source states none."""
+
+
+@dataclass(eq=False)
+class Watched:
+    """What was seen in a video, camera or stream.
+
+    Attributes
+    ----------
+    name : str
+    frames, found : int
+        Number of frames that were searched, and of those with a marker.
+    dropped : int
+        Number of live frames that were left out, because the search was not done with the one before.
+    seconds : float
+        Time from the first frame to the end of the last one's search.
+    """
+
+    name: str
+    frames: int = 0
+    found: int = 0
+    dropped: int = 0
+    seconds: float = 0.0
+
+    @property
+    def rate(self) -> float:
+        """Frames searched per second; 0 before the first one."""
+        return self.frames / self.seconds if self.seconds else 0.0
+
+    @property
+    def status(self) -> int:
+        """Exit status: 0 if every frame has a marker, 1 if one has none."""
+        return 0 if self.found == self.frames else 1
+
+    def __str__(self) -> str:
+        return (
+            f"{self.name}: found a marker in {self.found} of {self.frames} frame{'s' * (self.frames != 1)}, "
+            f"{self.rate:.3g} frames per second, {self.dropped} dropped"
+        )
+
+    def __repr__(self) -> str:
+        return f"Watched({self})"
+
+
+def detect_video(
+    source: str | Path | int | Sequence[str | Path | int],
+    markers: MarkerLike | Sequence[MarkerLike],
+    camera: CameraLike | None = None,
+    *,
+    camera_covariance: CovarianceSource = None,
+    print_sigma: str | float = "0.1mm",
+    refine: str = "none",
+    workers: int | None = None,
+    window: bool | None = None,
+    smooth: str | Sequence[float] | None = None,
+    json: str | Path | TextIO | None = None,
+    overlay: str | Path | None = None,
+    show: Callable[[str], None] | None = None,
+    tell: Callable[[str], None] | None = None,
+    warn: Callable[[str], None] | None = None,
+) -> Watched:
+    """Find markers in every frame of a video, or in the newest ones of a camera or stream until it is interrupted.
+
+    Outputs are complete, up to the last frame, however it ends.
+
+    Parameters
+    ----------
+    source
+        A video file, the number of a camera, the address of a stream, or a GStreamer pipeline.
+    markers, camera, camera_covariance, print_sigma, refine
+        As for `Detector`.
+    workers
+        For images alone.
+    window : bool or None
+        Show the frames with their detections; None is where there is a display, unless there is an overlay. Closing
+        the window ends the detection.
+    smooth : str or two floats
+        Filter poses over time: accelerations in m/s^2 and rad/s^2 (see `markergen.detect.smoothing`).
+    json
+        File or text stream for the results, one line of JSON for each frame, written at once.
+    overlay
+        File for a video with detections drawn in: .mp4, .avi, .mov or .mkv.
+    show : callable
+        Takes a line about each frame.
+    tell, warn : callables
+        Take lines for people: the sum of it all; what limits the outputs.
+
+    Raises
+    ------
+    InputError
+        If the source cannot be opened, a camera or stream stalls or ends, the frames are not of the camera's size, or
+        an argument is invalid.
+    OutputError
+        If a file cannot be written, or an output is also an input.
+    """
+    tell, warn, show = tell or _silent, warn or _silent, show or _silent
+    (one, *more), sought = as_list(source) or [None], as_list(markers)
+    if more:
+        raise InputError("one video, camera or stream at a time", f"{one} and {more[0]}", "start one process for each")
+    if workers is not None:
+        raise InputError("images for --workers", f"the video {one}", "leave it out: frames come one after the other")
+    detector = Detector(sought, camera, camera_covariance=camera_covariance, print_sigma=print_sigma, refine=refine)
+    smoother = None if smooth is None else Smoother(parse_accelerations(smooth))
+    files = [Path(each) for each in (json, overlay) if isinstance(each, str | Path)]
+    inputs = [Path(each) for each in (one, *sought, camera, camera_covariance) if isinstance(each, str | Path)]
+    if overlay and Path(overlay).suffix.lower() not in CODECS:
+        raise InputError("a name for a video that ends in .mp4 or .avi", str(overlay), "give such an --overlay")
+    check_outputs(files, inputs)
+    size = (detector.camera.width, detector.camera.height) if detector.camera else None
+    watched = Watched(str(one))
+    with ExitStack() as at_the_end:
+        video = at_the_end.enter_context(open_video(one, size))
+        watched.name = video.name
+        at_the_end.callback(lambda: [tell(line) for line in [str(watched), *(f"  {note}" for note in video.notes)]])
+        sinks = _sinks(video, json, overlay, window, tell, warn)
+        for sink in sinks:
+            at_the_end.enter_context(sink)
+        start = None
+        for frame in video:
+            start = monotonic() if start is None else start
+            found = detector(frame.image)
+            smoothed = smoother(frame.time, found) if smoother else None
+            watched.frames += 1
+            watched.found += any(each.ok for each in found)
+            watched.dropped, watched.seconds = video.dropped, monotonic() - start
+            look = Look(frame, found, smoothed, watched)
+            for sink in sinks:
+                sink.put(look)
+            show(str(look))
+            if any(sink.closed for sink in sinks):
+                break
+        else:
+            if not watched.frames:
+                raise InputError(f"frames in {video.name}", "none", "convert it to .mp4 or .avi")
+            if video.count and watched.frames < video.count:
+                warn(f"{video.name}: {watched.frames} of the {video.count} frames that it states could be read")
+    return watched
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A frame, what was found in it, and the state of the detection."""
+
+    frame: Frame
+    found: list[Found]
+    smoothed: list[Smoothed | None] | None
+    watched: Watched
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain JSON values (docs/detect.md)."""
+        live = self.frame.clock is not None
+        markers = [each.as_dict() for each in self.found]
+        if self.smoothed is not None:
+            for entry, pose in zip(markers, self.smoothed, strict=True):
+                entry["smoothed"] = None if pose is None else pose.as_dict()
+        return {
+            "frame": self.frame.number,
+            "time": self.frame.time,
+            "clock": self.frame.clock,
+            "dropped": self.frame.dropped,
+            # The same video gives the same bytes, at any speed.
+            "frames_per_second": self.watched.rate if live else None,
+            "markers": markers,
+        }
+
+    @cached_property
+    def drawn(self) -> NDArray[np.uint8]:
+        """Return the frame's own image with all markers drawn in."""
+        for each in self.found:
+            if each.ok:
+                each.draw(self.frame.image)
+        return self.frame.image
+
+    def __str__(self) -> str:
+        return (
+            f"{self.frame.time:.2f} s, {self.watched.rate:.3g} frames per second, {self.watched.dropped} dropped; "
+            + "; ".join(map(str, self.found))
+        )
+
+
+class _Sink:
+    """What takes the frames, until the end of its context."""
+
+    @property
+    def closed(self) -> bool:
+        """True if the user has closed it, which ends the detection."""
+        return False
+
+    def put(self, look: Look) -> None:
+        """Take a frame."""
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Finish."""
+
+
+def _sinks(
+    video: Video,
+    json: str | Path | TextIO | None,
+    overlay: str | Path | None,
+    window: bool | None,
+    tell: Callable[[str], None],
+    warn: Callable[[str], None],
+) -> list[_Sink]:
+    """Return where the frames go; images are drawn into after their data has been written."""
+    sinks: list[_Sink] = []
+    if json:
+        sinks.append(_Lines(json, tell))
+    if overlay:
+        sinks.append(_Overlay(Path(overlay), video, tell))
+    if window or (window is None and has_display() and not overlay):
+        try:
+            sinks.append(_Shown(Window(f"markergen: {video.name}")))
+        except InputError as error:
+            if window:
+                raise
+            warn(f"no window: {error}")
+    return sinks
+
+
+class _Lines(_Sink):
+    """JSON Lines, each of which is written at once: a program that follows gets it, and no accident loses it."""
+
+    def __init__(self, target: str | Path | TextIO, tell: Callable[[str], None]) -> None:
+        self._path = Path(target) if isinstance(target, str | Path) else None
+        self._stream = None if isinstance(target, str | Path) else target
+        self._tell = tell
+
+    def put(self, look: Look) -> None:
+        if self._path is None:
+            self._write(look)
+            return
+        try:
+            # Not before there is something to write.
+            self._stream = self._stream or self._path.open("w", encoding="utf-8")
+            self._write(look)
+        except OSError as error:
+            reason = f"{error.strerror or error} at frame {look.frame.number}"
+            raise OutputError(f"expected to write {self._path}, found: {reason}; choose another place") from error
+
+    def _write(self, look: Look) -> None:
+        assert self._stream is not None
+        self._stream.write(json_format.dumps(look.as_dict(), allow_nan=False) + "\n")
+        self._stream.flush()
+
+    def __exit__(self, *_: object) -> None:
+        if self._path and self._stream:
+            # What could not be written has been told.
+            with suppress(OSError):
+                self._stream.close()
+            self._tell(f"wrote {self._path}")
+
+
+class _Overlay(_Sink):
+    """A video of the frames with what was found drawn in, which replaces another only when it is complete."""
+
+    def __init__(self, path: Path, video: Video, tell: Callable[[str], None]) -> None:
+        self._path, self._tell = path, tell
+        self._live, self._rate = video.live, video.rate or USUAL_RATE
+        self._temporary: Path | None = None
+        self._writer: Any = None
+        self._shape: tuple[int, ...] = ()
+        self._written, self._last = 0, np.zeros((0, 0, 3), np.uint8)
+        if video.rate is None:
+            video.notes.append(f"the frame rate is unknown: {path} plays {USUAL_RATE:.0f} frames per second")
+
+    def put(self, look: Look) -> None:
+        image = look.drawn
+        if self._writer is None:
+            self._open(image)
+        if image.shape != self._shape:
+            raise InputError(
+                f"frames of {self._shape[1]}x{self._shape[0]} px, as the first one",
+                f"{image.shape[1]}x{image.shape[0]} px",
+                "leave out --overlay for a video that changes its size",
+            )
+        # What is live plays as fast as it was: a frame stays until the next one that was searched.
+        while self._live and self._written < round(look.frame.time * self._rate):
+            self._write(self._last)
+        self._write(image)
+
+    def _write(self, image: NDArray[np.uint8]) -> None:
+        self._writer.write(image)
+        self._written, self._last = self._written + 1, image
+
+    def _open(self, image: NDArray[np.uint8]) -> None:
+        import cv2
+
+        self._shape, self._temporary = image.shape, temporary_beside(self._path)
+        height, width = image.shape[:2]
+        code = cv2.VideoWriter.fourcc(*CODECS[self._path.suffix.lower()])
+        with quiet:
+            self._writer = cv2.VideoWriter(str(self._temporary), code, self._rate, (width, height))
+        if not self._writer.isOpened():
+            raise OutputError(
+                f"expected to write {self._path}, found: OpenCV cannot write {self._path.suffix} files of {width}x"
+                f"{height} px; try .avi"
+            )
+        if width % 2 or height % 2:
+            self._tell(f"{self._path}: the codec takes even sizes alone, and cuts off the last row or column")
+
+    def __exit__(self, *_: object) -> None:
+        if self._temporary is None:
+            return
+        try:
+            self._writer.release()
+            self._check(self._temporary)
+            put_in_place(self._temporary, self._path)
+            self._tell(f"wrote {self._path}")
+        finally:
+            self._temporary.unlink(missing_ok=True)
+
+    def _check(self, temporary: Path) -> None:
+        """Raise OutputError unless all frames can be read back: OpenCV does not report a full disk."""
+        import cv2
+
+        with quiet:
+            capture = cv2.VideoCapture(str(temporary))
+            count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) if capture.isOpened() else 0
+            capture.release()
+        if self._written and count != self._written:
+            raise OutputError(
+                f"expected to write {self._written} frames to {self._path}, found {max(count, 0)} in it; nothing was "
+                "changed, free some space or choose another place"
+            )
+
+
+class _Shown(_Sink):
+    """The frames in a window."""
+
+    def __init__(self, window: Window) -> None:
+        self._window = window
+
+    @property
+    def closed(self) -> bool:
+        return self._window.closed
+
+    def put(self, look: Look) -> None:
+        self._window.show(look.drawn)
+
+    def __exit__(self, *_: object) -> None:
+        self._window.close()
+
+
+def _silent(line: str) -> None:
+    """Say nothing."""

@@ -1,0 +1,265 @@
+"""Frames of videos and cameras: every one of a file, the newest one of what is live, with those left out counted."""
+
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.files import exists
+from markergen.read.images import quiet
+
+SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".mts", ".ts", ".webm", ".wmv")
+"""Suffixes of the files that count as videos."""
+
+STALLED = 10.0
+"""Longest wait in s for a frame of a camera or stream, and for a stream to open."""
+
+AHEAD = 2
+"""Number of frames of a file that are decoded ahead."""
+
+TURN_NOTE = "the video's rotation is ignored: the camera's calibration is for the sensor as it is"
+TIME_NOTE = "time stamps that do not increase are replaced by those of the frame rate"
+"""Remarks on a video."""
+
+
+class Capture(Protocol):
+    """What is used of cv2.VideoCapture."""
+
+    def grab(self) -> bool: ...  # noqa: D102 - OpenCV's
+    def retrieve(self) -> tuple[bool, NDArray[np.uint8]]: ...  # noqa: D102
+    def get(self, prop: int, /) -> float: ...  # noqa: D102
+    def set(self, prop: int, value: float, /) -> bool: ...  # noqa: D102
+    def release(self) -> None: ...  # noqa: D102
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame.
+
+    Attributes
+    ----------
+    number : int
+        Position in the video, from 0; frames that were left out count.
+    time : float
+        Time stamp of the video, or the time since the first frame of what is live, s.
+    clock : float or None
+        Time of arrival of a live frame, s since 1970; None for a file.
+    dropped : int
+        Number of frames left out just before this one; 0 for a file.
+    image : array (h, w, 3) of uint8, BGR
+    """
+
+    number: int
+    time: float
+    clock: float | None
+    dropped: int
+    image: NDArray[np.uint8]
+
+
+def is_video(source: str | Path | int) -> bool:
+    """Return whether this names a video, a camera or a stream, and no image.
+
+    A number is a camera, unless a file has that name; ``://`` is in an address, and `` ! `` in a pipeline.
+
+    >>> [is_video(each) for each in ("walk.mp4", "0", "rtsp://camera/1", "v4l2src ! appsink", "photo.png", "photos")]
+    [True, True, True, True, False, False]
+    """
+    text = str(source)
+    if _kind(text) != "file":
+        return True
+    return Path(text).suffix.lower() in SUFFIXES and not (exists(Path(text)) and Path(text).is_dir())
+
+
+def open_video(source: str | Path | int, size: tuple[int, int] | None = None) -> "Video":
+    """Open a video file, a camera by its number, the address of a stream, or a GStreamer pipeline that ends in appsink.
+
+    Parameters
+    ----------
+    size : (width, height) in px, or None
+        Asked of a camera, which may still deliver another.
+
+    Raises
+    ------
+    InputError
+        If it cannot be opened.
+    """
+    import cv2
+
+    text = str(source)
+    kind = _kind(text)
+    capture = open_capture(text, kind)
+    if size is not None and kind == "camera":
+        capture.set(cv2.CAP_PROP_FRAME_WIDTH, size[0])
+        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, size[1])
+    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+    count, rate = capture.get(cv2.CAP_PROP_FRAME_COUNT), capture.get(cv2.CAP_PROP_FPS)
+    # The address of a file is one, too: only what has no end is live.
+    live = kind in ("camera", "pipeline") or (kind == "stream" and not count > 0)
+    turned = capture.get(cv2.CAP_PROP_ORIENTATION_META) in (90, 180, 270)
+    return Video(
+        f"camera {text}" if kind == "camera" and text.isdecimal() else text,
+        live,
+        rate if 0 < rate <= 1000 else None,
+        int(count) if count > 0 and not live else None,
+        (TURN_NOTE,) if turned else (),
+        capture,
+    )
+
+
+def open_capture(source: str, kind: str) -> Capture:
+    """Open a source with OpenCV, which then says nothing; raises InputError if that fails."""
+    import cv2
+
+    expected = {
+        "camera": f"a camera {source}",
+        "stream": f"a stream at {source}",
+        "pipeline": f"a pipeline {source}",
+        "file": f"a readable video {source}",
+    }[kind]
+    if kind == "file" and not exists(Path(source)):
+        raise InputError(expected, "no such file", "check the path")
+    # FFmpeg reads it when it is first used.
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    if kind == "pipeline" and "GStreamer:                   YES" not in cv2.getBuildInformation():
+        raise InputError(
+            "an OpenCV with GStreamer for a pipeline",
+            f"OpenCV {cv2.__version__} without it",
+            "give a file, an address or a camera's number, or install an OpenCV that was built with it",
+        )
+    with quiet:
+        if kind == "pipeline":
+            capture = cv2.VideoCapture(source, cv2.CAP_GSTREAMER)
+        elif kind == "stream":
+            limit = int(1000 * STALLED)
+            limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, limit, cv2.CAP_PROP_READ_TIMEOUT_MSEC, limit]
+            capture = cv2.VideoCapture(source, cv2.CAP_FFMPEG, limits)
+        else:
+            capture = cv2.VideoCapture(int(source) if source.isdecimal() and kind == "camera" else source)
+    if not capture.isOpened():
+        found, remedy = {
+            "camera": ("none that opens", "check its number, its cable, and that no other program uses it"),
+            "stream": ("none that opens", "check the address and the network"),
+            "pipeline": ("one that does not start", "try it with gst-launch-1.0, and end it in appsink"),
+            "file": ("one that is damaged or not a video", "convert it to .mp4 or .avi"),
+        }[kind]
+        raise InputError(expected, found, remedy)
+    return capture
+
+
+class Video:
+    """An open video, camera or stream, whose frames are read in a thread of their own; iterate once, then close.
+
+    Attributes
+    ----------
+    name : str
+    live : bool
+        Only the newest frame is kept, and others are dropped.
+    rate : float or None
+        Frames per second, as stated.
+    count : int or None
+        Number of frames of a file, as stated.
+    notes : list of str
+        Remarks for the user; complete at the end.
+    dropped : int
+        Number of frames dropped so far.
+    """
+
+    def __init__(
+        self, name: str, live: bool, rate: float | None, count: int | None, notes: tuple[str, ...], capture: Capture
+    ) -> None:
+        self.name, self.live, self.rate, self.count, self.notes = name, live, rate, count, list(notes)
+        self.dropped = 0
+        self._capture = capture
+        self._changed = threading.Condition()
+        self._ready = deque[Frame]()
+        self._ended = self._closed = False
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Yield the frames; raises InputError where a camera or stream stalls or ends."""
+        while True:
+            with self._changed:
+                if not self._changed.wait_for(lambda: self._ready or self._ended, STALLED if self.live else None):
+                    raise InputError(
+                        f"a frame from {self.name}", f"none for {STALLED:.0f} s", "check the camera and its connection"
+                    )
+                if not self._ready:
+                    break
+                frame = self._ready.popleft()
+                self.dropped += frame.dropped
+                self._changed.notify_all()
+            yield frame
+        if self.live:
+            raise InputError(f"frames from {self.name}", "its end", "check the camera and its connection")
+
+    def close(self) -> None:
+        """End the thread and release the source."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+        if self._thread.is_alive():
+            self._thread.join(2)
+        # While it waits inside OpenCV, for a stalled stream, the source must not be released.
+        if not self._thread.is_alive():
+            self._capture.release()
+
+    def _read(self) -> None:
+        try:
+            for number, (stamp, clock, image) in enumerate(self._images()):
+                with self._changed:
+                    dropped = 0
+                    if self.live and self._ready:
+                        dropped = self._ready.popleft().dropped + 1
+                    self._changed.wait_for(lambda: len(self._ready) < AHEAD or self._closed)
+                    if self._closed:
+                        return
+                    self._ready.append(Frame(number, stamp, clock, dropped, image))
+                    self._changed.notify_all()
+        finally:
+            with self._changed:
+                self._ended = True
+                self._changed.notify_all()
+
+    def _images(self) -> Iterator[tuple[float, float | None, NDArray[Any]]]:
+        """Yield the time stamp, the clock, and the image of each frame."""
+        import cv2
+
+        start, last = None, -np.inf
+        while self._capture.grab():
+            now, clock = time.monotonic(), time.time() if self.live else None
+            ok, image = self._capture.retrieve()
+            if not ok:
+                return
+            start = now if start is None else start
+            stamp = now - start if self.live else self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+            if stamp <= last:
+                stamp = last + 1 / (self.rate or 25)
+                if TIME_NOTE not in self.notes:
+                    self.notes.append(TIME_NOTE)
+            last = stamp
+            yield stamp, clock, image
+
+
+def _kind(source: str) -> str:
+    if " ! " in source:
+        return "pipeline"
+    if "://" in source:
+        return "stream"
+    if source.startswith("/dev/video") or (source.isdecimal() and source.isascii() and not exists(Path(source))):
+        return "camera"
+    return "file"

@@ -1,0 +1,127 @@
+"""`markergen detect` on a video: what is printed where, and how it ends."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from videos import read_video, write_video
+
+from markergen.cli import main
+from markergen.detect import kernel
+from markergen.model.camera import PAPER_CAMERA
+from markergen.model.marker_json import to_json
+from markergen.model.poses import paper
+from markergen.render import Optics, render_view
+
+POSES = paper()
+CAMERA_INFO = """\
+image_width: 640
+image_height: 480
+distortion_model: plumb_bob
+camera_matrix: {rows: 3, cols: 3, data: [800, 0, 320, 0, 800, 240, 0, 0, 1]}
+distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}
+"""
+ALL = ["--marker", "marker.json", "--camera", "camera.yaml"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, pentagon):
+    folder = tmp_path_factory.mktemp("videos")
+    (folder / "marker.json").write_bytes(to_json(pentagon))
+    (folder / "camera.yaml").write_text(CAMERA_INFO)
+    pose = POSES.rotation[130], POSES.translation[130]
+    frame = render_view(pentagon, PAPER_CAMERA, *pose, Optics(), np.random.default_rng(0))
+    write_video(folder / "walk.mp4", [frame] * 3, code="mp4v")
+    write_video(folder / "away.avi", [frame, 0 * frame + 200])
+    return folder
+
+
+@pytest.fixture
+def here(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setattr(kernel, "missing", lambda: None)
+    return folder
+
+
+def test_a_video_with_its_outputs(here, capsys, tmp_path):
+    found, seen = tmp_path / "found.jsonl", tmp_path / "seen.mp4"
+    arguments = ["--json", str(found), "--overlay", str(seen), "--smooth", "2,10"]
+    assert main(["detect", "walk.mp4", *ALL, *arguments]) == 0
+    said = capsys.readouterr()
+    assert not said.err
+    *written, last = said.out.splitlines()
+    assert sorted(written) == [f"wrote {found}", f"wrote {seen}"]
+    assert last.startswith("walk.mp4: found a marker in 3 of 3 frames, ")
+    assert last.endswith(" frames per second, 0 dropped")
+    lines = [json.loads(line) for line in found.read_text().splitlines()]
+    for number, line in enumerate(lines):
+        assert (line["frame"], line["dropped"], line["clock"]) == (number, 0, None)
+        (entry,) = line["markers"]
+        for pose in (entry["pose"], entry["smoothed"]):
+            # A video's coding costs a hundredth of a pixel or two.
+            np.testing.assert_allclose(pose["translation"], POSES.translation[130], atol=2e-3)
+    assert len(read_video(seen)) == 3
+
+
+def test_standard_output_is_lines_of_json_alone(here, capsys):
+    assert main(["detect", "away.avi", *ALL, "--json", "-"]) == 1
+    said = capsys.readouterr()
+    assert [json.loads(line)["markers"][0]["found"] for line in said.out.splitlines()] == [True, False]
+    assert said.err.startswith("away.avi: found a marker in 1 of 2 frames")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["walk.mp4", "away.avi", *ALL], "one video, camera or stream at a time"),
+        (["walk.mp4", "photo.png", *ALL], "one video, camera or stream at a time"),
+        (["977", *ALL], "a camera 977, found none that opens"),
+        (["none.mp4", *ALL], "no such file"),
+        (["walk.mp4", *ALL, "--overlay", "seen"], "a name for a video"),
+        (["walk.mp4", *ALL, "--window"], "a display for a window"),
+        (["walk.mp4", *ALL, "--smooth", "2"], "give --smooth 2,10"),
+        (["photo.png", *ALL, "--smooth", "2,10"], "a video or camera for --smooth, found images"),
+        (["photo.png", *ALL, "--window"], "a video or camera for --window, found images"),
+        (["photo.png", *ALL, "--overlay", "seen.mp4"], "a folder for overlays of images"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(here, capsys, arguments, said):
+    before = sorted(each.name for each in here.iterdir())
+    assert main(["detect", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("markergen: error: ")
+    assert len(error.strip().splitlines()) == 1
+    assert said in error
+    assert sorted(each.name for each in here.iterdir()) == before
+
+
+def test_ctrl_c_leaves_complete_outputs(here, tmp_path):
+    """In a named pipe with a video whose end does not come."""
+    pipe, seen = tmp_path / "live.avi", tmp_path / "seen.mp4"
+    os.mkfifo(pipe)
+    command = [sys.executable, "-m", "markergen", "detect", str(pipe), *ALL, "--json", "-", "--overlay", str(seen)]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **streams, cwd=here, env=environment) as running:
+        with pipe.open("wb") as stream:
+            stream.write((here / "away.avi").read_bytes())
+            stream.flush()
+            # Each line comes at once.
+            found = [json.loads(running.stdout.readline())["markers"][0]["found"] for _ in range(2)]
+            running.send_signal(signal.SIGINT)
+            running.wait(30)
+        rest, said = running.communicate()
+    assert (found, rest, running.returncode) == ([True, False], "", 130)
+    wrote, total, *notes, last = said.splitlines()
+    assert wrote == f"wrote {seen}"
+    assert total.startswith(f"{pipe}: found a marker in 1 of 2 frames")
+    assert not notes
+    assert last == "markergen: error: interrupted"
+    assert len(read_video(seen)) in (1, 2)
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["live.avi", "seen.mp4"]

@@ -1,0 +1,268 @@
+"""The frame before decides only where tracking looks, and the whole frame has the last word."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from markergen.detect import Detector, detector
+from markergen.errors import InputError
+from markergen.maths.rotation import exponential
+from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
+from markergen.model.poses import paper_roll
+from markergen.model.tag import parse_tag
+from markergen.render import Optics, render_view
+
+POSES = paper_roll()
+BARREL = replace(PAPER_CAMERA, distortion=Distortion("radtan", (-0.28, 0.09, 0.001, -0.0005, 0.0)))
+FISHEYE = replace(PAPER_CAMERA, fx=500.0, fy=500.0, distortion=Distortion("equidistant", (-0.02, 0.005, 0, 0)))
+SAME_PX = 0.02
+"""Maximum distance of a tracked dot from that of the whole frame: the same grey levels, from another start."""
+
+
+def sized(scale):
+    return Camera(int(640 * scale), int(480 * scale), 800 * scale, 800 * scale, 320 * scale, 240 * scale)
+
+
+def walk(camera, pose, frames, seed, px=10.0, degrees=2.0):
+    """Yield poses: each moves by up to so many px across and as much along, and turns by up to so many degrees."""
+    rng = np.random.default_rng([seed, pose])
+    rotation, translation = POSES.rotation[pose], POSES.translation[pose]
+    for _ in range(frames):
+        yield rotation, translation
+        axis = rng.standard_normal(3)
+        turn = np.deg2rad(degrees) * rng.random() * axis / np.linalg.norm(axis)
+        rotation = exponential(turn[None])[0] @ rotation
+        translation = translation + rng.uniform(-1, 1, 3) * px / camera.fx * translation[2]
+
+
+def view(marker, camera, pose, seed=0, optics=None):
+    return render_view(marker, camera, *pose, optics or Optics(), np.random.default_rng(seed))
+
+
+def placed(found, rotation, translation):
+    """Return a result with another pose, as an outdated or a wrong one has."""
+    pose = replace(found.pose, rotation=rotation, translation=translation)
+    return replace(found, detection=replace(found.detection, pose=pose))
+
+
+def turned(angle):
+    return exponential(np.array([[0, 0, angle]]))[0]
+
+
+def same(found, other, limit=SAME_PX):
+    """Check that two results for one frame agree; return their largest distance in px."""
+    assert (found.ok, found.index, found.ids.tolist()) == (other.ok, other.index, other.ids.tolist())
+    assert found.reason == other.reason
+    away = float(np.abs(found.pixels - other.pixels).max(initial=0))
+    assert away < limit
+    return away
+
+
+@pytest.fixture
+def searched(monkeypatch):
+    """Count the searches of whole frames."""
+    calls, original = [], detector.find_all
+
+    def count(*arguments):
+        calls.append(1)
+        return original(*arguments)
+
+    monkeypatch.setattr(detector, "find_all", count)
+    return calls
+
+
+@pytest.mark.parametrize(
+    ("camera", "pose"),
+    [(PAPER_CAMERA, 130), (BARREL, 3), (FISHEYE, 200), (sized(0.5), 350), (sized(4), 20), (None, 130)],
+    ids=["plain", "barrel", "fisheye", "small", "large", "no camera"],
+)
+def test_every_frame_of_a_motion_is_as_from_the_whole_frame(irregular, searched, camera, pose):
+    finder, lens = Detector(irregular, camera), camera or PAPER_CAMERA
+    found = None
+    for k, place in enumerate(walk(lens, pose, 3, seed=1)):
+        frame = view(irregular, lens, place, seed=k)
+        found, whole = finder(frame, near=found), finder(frame)
+        # Of dots of several times 48 px, blocks of pixels are averaged: their edges are known a little less well.
+        same(found[0], whole[0], SAME_PX * max(1, lens.width / 640))
+        assert found[0].ok
+        if camera is not None:
+            sigma = np.sqrt(np.diag(whole[0].pose.budget.total))
+            assert (np.abs(found[0].translation - whole[0].translation) < 0.5 * sigma[3:]).all()
+    # The first frame, and each once for comparison.
+    assert len(searched) == 4
+
+
+def test_colors_and_depth_do_not_matter(pentagon, searched):
+    finder = Detector(pentagon, PAPER_CAMERA)
+    first, second = (view(pentagon, PAPER_CAMERA, place) for place in walk(PAPER_CAMERA, 77, 2, seed=0))
+    before = finder(first)
+    (grey,) = finder(second, near=before)
+    color = np.stack([second, second, second], axis=-1)
+    for frame in (color, color[::-1][::-1], np.dstack([color, np.full_like(second, 255)]), second[..., None]):
+        (found,) = finder(frame, near=before)
+        np.testing.assert_array_equal(found.pixels, grey.pixels)
+    (deep,) = finder((second.astype(np.uint16) * 257).astype(">u2"), near=before)
+    np.testing.assert_allclose(deep.pixels, grey.pixels, atol=2e-3)
+    assert len(searched) == 1
+    # The weights of the colors are those of a whole frame.
+    rng = np.random.default_rng(0)
+    tinted = np.clip(color * [0.7, 0.9, 0.8] + rng.integers(0, 20, 3), 0, 255).astype(np.uint8)
+    (found,) = finder(tinted, near=before)
+    (other,) = finder(cv2.cvtColor(tinted, cv2.COLOR_BGR2GRAY), near=before)
+    np.testing.assert_array_equal(found.pixels, other.pixels)
+
+
+def test_a_wrong_pose_changes_nothing(irregular, searched):
+    """Poses from anywhere: the result is that of the whole frame, or, if the marker happens to be there, its equal."""
+    finder = Detector(irregular, PAPER_CAMERA)
+    frame = view(irregular, PAPER_CAMERA, (POSES.rotation[100], POSES.translation[100]))
+    (whole,) = finder(frame)
+    behind = placed(whole, whole.rotation, -whole.translation)
+    beside = placed(whole, whole.rotation, whole.translation + [5.0, 0, 0])
+    away = [placed(whole, POSES.rotation[k], POSES.translation[k]) for k in (0, 210, 399)]
+    quarters = [placed(whole, whole.rotation @ turned(np.pi / 2 * k), whole.translation) for k in (1, 2, 3)]
+    for near in (behind, beside, *away, *quarters):
+        same(finder(frame, near=near)[0], whole)
+    assert len(searched) == 9
+
+
+@pytest.mark.parametrize("rings", [(0,), ()], ids=["ring", "no ring"])
+def test_a_turn_of_a_nearly_regular_marker_does_not_carry_its_labels_along(make, rings):
+    """Turned by a fifth, dots are where others were, to a few px; without a ring nothing but that tells them apart."""
+    angle = 2 * np.pi * np.arange(5) / 5
+    points = 0.12 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    points[2] *= 0.93
+    marker = make(points, rings=rings)
+    finder = Detector(marker, PAPER_CAMERA)
+    frame = view(marker, PAPER_CAMERA, (POSES.rotation[60], POSES.translation[60]))
+    (whole,) = finder(frame)
+    assert whole.ok
+    for k in range(1, 5):
+        near = placed(whole, whole.rotation @ turned(2 * np.pi * k / 5), whole.translation)
+        same(finder(frame, near=near)[0], whole)
+
+
+def test_an_ambiguous_marker_stays_ambiguous(ngon):
+    """Only the first frame has the ring: then its labels are remembered by nobody."""
+    marker = ngon(6)
+    finder = Detector(marker, PAPER_CAMERA)
+    place = POSES.rotation[130], POSES.translation[130]
+    before = finder(view(marker, PAPER_CAMERA, place))
+    covered = view(replace(marker, control_points=marker.control_points[1:]), PAPER_CAMERA, place)
+    assert before[0].ok
+    same(finder(covered, near=before)[0], finder(covered)[0])
+
+
+def test_a_marker_that_leaves_is_looked_for_until_it_is_back(irregular, searched):
+    finder = Detector(irregular, PAPER_CAMERA)
+    frame = view(irregular, PAPER_CAMERA, (POSES.rotation[100], POSES.translation[100]))
+    empty = np.full_like(frame, 200)
+    found = finder(frame)
+    told = finder(empty)[0].reason
+    searched.clear()
+    for seen, searches in ((frame, 0), (empty, 1), (empty, 2), (frame, 3), (frame, 3)):
+        found = finder(seen, near=found)
+        assert found[0].ok == (seen is frame)
+        assert found[0].reason == ("" if seen is frame else told)
+        assert len(searched) == searches
+
+
+def test_occluded_dots_and_those_beyond_the_edge_may_be_missing(irregular, searched):
+    finder = Detector(irregular, PAPER_CAMERA)
+    place = POSES.rotation[100], POSES.translation[100]
+    frame = view(irregular, PAPER_CAMERA, place)
+    (found,) = finder(frame)
+    x, y = np.rint(found.pixels[2]).astype(int)
+    covered = frame.copy()
+    covered[y - 20 : y + 21, x - 20 : x + 21] = 90
+    near = finder(covered, near=found)
+    assert near[0].ok
+    assert found.ids[2] not in near[0].ids
+    same(near[0], finder(covered)[0])
+    (back,) = finder(frame, near=near)
+    same(back, found)
+    assert len(searched) == 2
+
+
+def test_several_markers_and_copies(irregular, make, searched):
+    """Two copies and another marker; when one copy is gone, or takes the other's place, the whole frame is searched."""
+    other = make([(-y, x) for x, y in ((0.1, 0.1), (-0.11, 0.08), (-0.02, -0.1), (0.03, 0.02), (0.12, -0.06))])
+    wide = replace(PAPER_CAMERA, width=1400, height=900, cx=700.0, cy=450.0)
+    finder = Detector([irregular, other], wide)
+    up = np.diag([1.0, -1.0, -1.0])
+
+    def scene(*shown):
+        frames = [view(marker, wide, (up, np.array([x, 0.02, 1.0]))) for marker, x in shown]
+        light = np.max(np.stack([np.where(f < 120, 0, 1) for f in frames]) * 0, axis=0)
+        for each in frames:
+            light = np.maximum(light, 255 - each)
+        return (255 - light).astype(np.uint8)
+
+    first = scene((irregular, -0.5), (irregular, 0.0), (other, 0.5))
+    found = finder(first)
+    assert sorted(each.index for each in found if each.ok) == [0, 0, 1]
+    searched.clear()
+    second = scene((irregular, -0.49), (irregular, 0.01), (other, 0.49))
+    again = finder(second, near=found)
+    assert not searched
+    for one in finder(second):
+        nearest = min(again, key=lambda each: np.linalg.norm(each.translation - one.translation))
+        same(nearest, one)
+    searched.clear()
+    gone = scene((irregular, -0.49), (other, 0.49))
+    left = finder(gone, near=again)
+    assert sorted(each.index for each in left if each.ok) == [0, 1]
+    assert len(searched) == 1
+    # Both copies of the frame before are nearest to the one that is left.
+    copies = [each for each in again if each.index == 0]
+    twice = [copies[0], placed(copies[1], copies[0].rotation, copies[0].translation)]
+    assert sum(each.index == 0 and each.ok for each in finder(second, near=twice)) == 2
+    assert len(searched) == 2
+
+
+def test_a_tag_tells_the_member_of_a_family(make, searched):
+    """Another member of the family in its place is never taken for the marker, whether it is looked for or not."""
+    angle = 2 * np.pi * (np.arange(6) + 0.3) / 6
+    points = 0.125 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    plain = make(points, rings=(), diameter=0.03)
+    family = [replace(plain, tag=parse_tag(f"aruco:DICT_4X4_50:{k}", 0.09)) for k in (3, 7)]
+    places = list(walk(PAPER_CAMERA, 100, 2, seed=3))
+    finder = Detector(family, PAPER_CAMERA)
+    before = [each for each in finder(view(family[0], PAPER_CAMERA, places[0])) if each.ok]
+    assert [each.index for each in before] == [0]
+    searched.clear()
+    (found,) = finder(view(family[0], PAPER_CAMERA, places[1]), near=before)
+    assert found.ok
+    assert not searched
+    (whole, _) = finder(view(family[0], PAPER_CAMERA, places[1]))
+    same(found, whole)
+    assert np.abs(found.tag - whole.tag).max() < 0.1
+    swapped = view(family[1], PAPER_CAMERA, places[1])
+    assert [(each.index, each.ok) for each in finder(swapped, near=before)] == [(1, True), (0, False)]
+    alone = Detector(family[0], PAPER_CAMERA)
+    for one, other in zip(alone(swapped, near=before), alone(swapped), strict=True):
+        same(one, other)
+
+
+def test_what_near_may_be(irregular, pentagon, searched):
+    finder = Detector(irregular, PAPER_CAMERA)
+    frame = view(irregular, PAPER_CAMERA, (POSES.rotation[100], POSES.translation[100]))
+    found = finder(frame)
+    searched.clear()
+    for near in (found, found[0], tuple(found), iter(found)):
+        assert finder(frame, near=near)[0].ok
+    assert not searched
+    # Of another detector, whose numbers of markers differ.
+    both = Detector([pentagon, irregular], PAPER_CAMERA)
+    assert [each.index for each in both(frame, near=found)] == [1]
+    assert not searched
+    for near in (None, [], ()):
+        assert finder(frame, near=near)[0].ok
+    assert len(searched) == 3
+    for near, said in ((frame, "results for the frame before"), (3, "found 3"), (both(frame), "one for marker 0")):
+        with pytest.raises(InputError, match=said):
+            finder(frame, near=near)
+    with pytest.raises(InputError, match="of the camera's"):
+        finder(frame[:100], near=found)

@@ -1,0 +1,270 @@
+"""The same as for images, frame by frame, with outputs that are complete however it ends."""
+
+import io
+import json
+import os
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+from videos import FakeCamera, read_video, write_video
+
+from markergen.detect import Detector, video
+from markergen.detect.video import detect_video
+from markergen.errors import InputError, OutputError
+from markergen.model.camera import PAPER_CAMERA
+from markergen.model.marker_json import to_json
+from markergen.model.poses import paper
+from markergen.read import videos
+from markergen.render import Optics, render_view
+
+POSES = paper()
+EMPTY = 2
+"""The frame without the marker."""
+
+
+@pytest.fixture(scope="module")
+def frames(pentagon):
+    """Five frames of a marker that moves on, and is away in one of them."""
+    rotation, start = POSES.rotation[130], POSES.translation[130]
+    shown = [
+        render_view(pentagon, PAPER_CAMERA, rotation, start + [0.01 * k, 0, 0], Optics(), np.random.default_rng(k))
+        for k in range(5)
+    ]
+    shown[EMPTY] = np.full((480, 640), 200, np.uint8)
+    return shown
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, frames, pentagon):
+    """A folder with a video and its marker, and no display."""
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.chdir(tmp_path)
+    write_video(tmp_path / "walk.avi", frames)
+    (tmp_path / "marker.json").write_bytes(to_json(pentagon))
+    return tmp_path
+
+
+@pytest.fixture
+def camera(monkeypatch):
+    """Plug in a camera: camera(frames, ...)."""
+
+    def plug_in(*arguments, **options):
+        plugged = FakeCamera(*arguments, **options)
+        monkeypatch.setattr(videos, "open_capture", lambda source, kind: plugged)
+        return plugged
+
+    return plug_in
+
+
+def entries(text):
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def watch(source="walk.avi", **options):
+    return detect_video(source, "marker.json", PAPER_CAMERA, **options)
+
+
+def test_a_video(folder, frames):
+    told, warned, shown = [], [], []
+    watched = watch(json="found.jsonl", overlay="seen.mp4", show=shown.append, tell=told.append, warn=warned.append)
+    assert (watched.frames, watched.found, watched.dropped, watched.status) == (5, 4, 0, 1)
+    assert sorted(told) == sorted(["wrote found.jsonl", "wrote seen.mp4", str(watched)])
+    assert str(watched).startswith("walk.avi: found a marker in 4 of 5 frames, ")
+    assert not warned
+    assert len(shown) == 5
+    assert "0.04 s, " in shown[1]
+    assert "5 of 5 dots" in shown[1]
+    lines = entries((folder / "found.jsonl").read_text())
+    assert [each["frame"] for each in lines] == [0, 1, 2, 3, 4]
+    np.testing.assert_allclose([each["time"] for each in lines], np.arange(5) / 25, atol=1e-6)
+    assert [each["markers"][0]["found"] for each in lines] == [k != EMPTY for k in range(5)]
+    # As found in the same frames one by one.
+    detector = Detector("marker.json", PAPER_CAMERA)
+    for entry, image in zip(lines, read_video("walk.avi"), strict=True):
+        assert entry["markers"] == [each.as_dict() for each in detector(image)]
+    drawn = read_video("seen.mp4")
+    assert [each.shape for each in drawn] == [(480, 640, 3)] * 5
+    # Orange and blue are on the drawn ones alone, which are grey otherwise.
+    colored = [int((np.ptp(each.astype(int), axis=-1) > 60).sum()) for each in drawn]
+    assert colored[EMPTY] == 0
+    assert min(colored[:EMPTY] + colored[EMPTY + 1 :]) > 300
+    assert sorted(each.name for each in folder.iterdir()) == ["found.jsonl", "marker.json", "seen.mp4", "walk.avi"]
+
+
+def test_the_same_video_gives_the_same_bytes(folder):
+    written = []
+    for _ in range(2):
+        stream = io.StringIO()
+        watch(json=stream, overlay="seen.avi", smooth=(2, 10))
+        written.append((stream.getvalue(), (folder / "seen.avi").read_bytes()))
+    assert written[0] == written[1]
+    smoothed = [each["markers"][0]["smoothed"] for each in entries(written[0][0])]
+    assert [each is None for each in smoothed] == [k == EMPTY for k in range(5)]
+    # 10 mm in each frame, 25 of which make a second.
+    np.testing.assert_allclose(smoothed[-1]["velocity"], [0.25, 0, 0], atol=0.03)
+    # Without it, there is no such entry.
+    stream = io.StringIO()
+    watch(json=stream)
+    assert "smoothed" not in stream.getvalue()
+
+
+def test_a_camera_until_it_ends(folder, frames, camera, monkeypatch):
+    """What was seen before the end is written, and plays as fast as it was."""
+    plugged = camera(frames, on_demand=True)
+    stamps, clock = iter(np.arange(100) * 0.08), iter(range(100))
+    time = SimpleNamespace(monotonic=lambda: float(next(stamps)), time=lambda: 1.8e9 + next(clock))
+    monkeypatch.setattr(videos, "time", time)
+    told, stream = [], io.StringIO()
+
+    def deliver(line):
+        # Two more while the first frame is searched; then one by one.
+        plugged.deliver(2 if line.startswith("0.00 s") else 1)
+
+    with pytest.raises(InputError, match="frames from camera 0, found its end"):
+        watch("0", json=stream, overlay="seen.mp4", show=deliver, tell=told.append)
+    lines = entries(stream.getvalue())
+    assert [each["frame"] for each in lines] == [0, 2, 3, 4]
+    assert [each["dropped"] for each in lines] == [0, 1, 0, 0]
+    np.testing.assert_allclose([each["time"] for each in lines], [0, 0.16, 0.24, 0.32])
+    assert [each["clock"] - 1.8e9 for each in lines] == [0, 2, 3, 4]
+    assert all(each["frames_per_second"] > 0 for each in lines)
+    assert "camera 0: found a marker in 3 of 4 frames" in told[-1]
+    assert "1 dropped" in told[-1]
+    # 25 frames per second are stated, and there were 12.5: each stays for two, the one before the drop for four.
+    assert [bool(np.ptp(each) > 100) for each in read_video("seen.mp4")] == [True] * 4 + [False] * 2 + [True] * 3
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, BrokenPipeError])
+def test_interrupted_in_the_middle(folder, monkeypatch, error):
+    honest, count = video.Detector.__call__, iter(range(9))
+
+    def interrupted(detector, image):
+        if next(count) == 3:
+            raise error
+        return honest(detector, image)
+
+    monkeypatch.setattr(video.Detector, "__call__", interrupted)
+    told = []
+    with pytest.raises(error):
+        watch(json="found.jsonl", overlay="seen.mp4", tell=told.append)
+    assert len(entries((folder / "found.jsonl").read_text())) == 3
+    assert len(read_video("seen.mp4")) == 3
+    assert told[-1].startswith("walk.avi: found a marker in 2 of 3 frames")
+    assert not [each for each in folder.iterdir() if each.name.startswith(".")]
+
+
+class FakeWindow:
+    """A window that its user closes at the second frame."""
+
+    shown = 0
+
+    def __init__(self, title):
+        self.title = title
+
+    @property
+    def closed(self):
+        return FakeWindow.shown == 2
+
+    def show(self, image):
+        FakeWindow.shown += 1
+
+    def close(self):
+        pass
+
+
+def test_closing_the_window_ends_it(folder, monkeypatch):
+    monkeypatch.setattr(video, "Window", FakeWindow)
+    FakeWindow.shown = 0
+    assert watch(window=True).frames == 2
+    # Where there is a display, there is a window, unless there is an overlay or none is wanted.
+    monkeypatch.setattr(video, "has_display", lambda: True)
+    for options, frames in [({}, 2), ({"overlay": "seen.mp4"}, 5), ({"window": False}, 5)]:
+        FakeWindow.shown = 0
+        assert watch(**options).frames == frames
+
+
+def test_without_a_display_there_is_no_window(folder, monkeypatch):
+    with pytest.raises(InputError, match=r"a display for a window, found none; give --overlay out.mp4"):
+        watch(window=True, json="found.jsonl")
+    assert not (folder / "found.jsonl").exists()
+    # One that does not open is told, and is no reason to stop.
+    monkeypatch.setattr(video, "has_display", lambda: True)
+    warned = []
+    assert watch(warn=warned.append).frames == 5
+    assert [each.partition(";")[0] for each in warned] == ["no window: expected a display for a window, found none"]
+
+
+def test_a_video_whose_end_is_missing_is_told(folder, camera, frames, monkeypatch):
+    plugged = camera(frames)
+    monkeypatch.setattr(plugged, "get", lambda prop: 9.0 if prop == cv2.CAP_PROP_FRAME_COUNT else 0.0)
+    warned, told = [], []
+    watch("walk.avi", warn=warned.append, tell=told.append, overlay="seen.avi")
+    assert warned == ["walk.avi: 5 of the 9 frames that it states could be read"]
+    assert "the frame rate is unknown: seen.avi plays 25 frames per second" in told[-1] + told[-2]
+
+
+def test_a_disk_that_is_full(folder, monkeypatch):
+    """OpenCV writes on without a word; what is missing shows at the end."""
+    (folder / "seen.mp4").write_bytes(b"before")
+    honest = cv2.VideoWriter.release
+
+    class Full:
+        def __init__(self, path, *rest):
+            self.path, self.writer = path, VIDEO_WRITER(path, *rest)
+
+        def isOpened(self):
+            return True
+
+        def write(self, image):
+            self.writer.write(image)
+
+        def release(self):
+            honest(self.writer)
+            os.truncate(self.path, 3000)
+
+    monkeypatch.setattr(cv2, "VideoWriter", Full)
+    Full.fourcc = staticmethod(VIDEO_WRITER.fourcc)
+    with pytest.raises(
+        OutputError, match=r"expected to write 5 frames to seen.mp4, found 0 in it; nothing was changed"
+    ):
+        watch(overlay="seen.mp4")
+    assert (folder / "seen.mp4").read_bytes() == b"before"
+    assert not [each for each in folder.iterdir() if each.name.startswith(".")]
+    with pytest.raises(OutputError, match="expected to write /dev/full, found: No space left on device at frame 0"):
+        watch(json="/dev/full")
+
+
+VIDEO_WRITER = cv2.VideoWriter
+
+
+def test_what_cannot_begin_is_refused(folder, tmp_path):
+    for source, options, said in [
+        (["walk.avi", "0"], {}, "one video, camera or stream at a time, found walk.avi and 0"),
+        ("walk.avi", {"workers": 2}, "images for --workers"),
+        ("walk.avi", {"smooth": "fast"}, "two positive accelerations"),
+        ("walk.avi", {"overlay": "seen"}, "a name for a video that ends in .mp4 or .avi, found seen"),
+        ("walk.avi", {"overlay": "walk.avi"}, "one of the inputs"),
+        ("walk.avi", {"overlay": "no/such/seen.mp4"}, "No such file or directory"),
+        ("walk.avi", {"json": "marker.json"}, "one of the inputs"),
+        ("none.avi", {}, "no such file"),
+        ("walk.avi", {"refine": "magic"}, "none or photometric"),
+    ]:
+        with pytest.raises((InputError, OutputError)) as caught:
+            watch(source, **options)
+        assert said in str(caught.value)
+        assert "\n" not in str(caught.value)
+    write_video("small.avi", [np.zeros((48, 64), np.uint8)])
+    with pytest.raises(InputError, match="640x480 px, found 64x48 px"):
+        watch("small.avi", json="found.jsonl", overlay="seen.mp4")
+    assert sorted(each.name for each in folder.iterdir()) == ["marker.json", "small.avi", "walk.avi"]
+
+
+def test_frames_that_change_their_size(folder, camera, frames):
+    camera([frames[0], frames[0][:240]])
+    assert detect_video("walk.avi", "marker.json").frames == 2
+    camera([frames[0], frames[0][:240]])
+    with pytest.raises(InputError, match="frames of 640x480 px, as the first one, found 640x240 px"):
+        detect_video("walk.avi", "marker.json", overlay="seen.mp4")
+    assert len(read_video("seen.mp4")) == 1

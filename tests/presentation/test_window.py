@@ -1,0 +1,52 @@
+"""The window for videos, on a display that nobody sees."""
+
+import subprocess
+import sys
+from shutil import which
+
+import pytest
+
+from markergen.errors import InputError
+from markergen.presentation.window import Window, has_display
+
+SCRIPT = """
+import numpy as np
+from markergen.presentation import window
+
+shown = window.Window("a video")
+assert window.has_display()
+image = np.zeros((900, 1600, 3), np.uint8)
+image[:, :, 2] = 255
+shown.show(image)
+photo = shown._photo
+# As large as nine tenths of the screen allow, and red, which is last in OpenCV's order.
+assert (photo.width(), photo.height()) == (720, 405), (photo.width(), photo.height())
+assert photo.get(10, 10) == (255, 0, 0)
+# The next one comes too soon.
+shown.show(image)
+assert shown._photo is photo and not shown.closed
+shown._root.event_generate({event!r})
+shown.show(image)
+assert shown.closed
+shown.close()
+print("fine")
+"""
+
+
+@pytest.mark.skipif(not which("xvfb-run"), reason="needs a display without a screen: xvfb-run")
+@pytest.mark.parametrize("event", ["<Key-q>", "<Key-Escape>"])
+def test_a_window_shows_frames_until_a_key_closes_it(event):
+    script = SCRIPT.replace("{event!r}", repr(event))
+    command = ["xvfb-run", "-a", "-s", "-screen 0 800x600x24", sys.executable, "-c", script]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "fine\n", "")
+
+
+def test_without_a_display_or_tk_it_says_what_to_do(monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    assert not has_display()
+    with pytest.raises(InputError, match=r"a display for a window, found none; give --overlay out\.mp4"):
+        Window("a video")
+    monkeypatch.setitem(sys.modules, "tkinter", None)
+    with pytest.raises(InputError, match=r"a Python with Tk for a window, found none \(python3-tk\)"):
+        Window("a video")
