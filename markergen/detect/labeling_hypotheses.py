@@ -2,13 +2,16 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.detect import kernel
 from markergen.detect.blobs import Ellipses
 from markergen.detect.conic_projection import (
+    SCHEDULE,
     Outlines,
     correct_centers,
     mirrored_poses,
@@ -63,26 +66,30 @@ class Labelings:
         See `misfits`; inf for labelings of fewer than four dots.
     model : Poses or Planes
         Fitted model.
-    predicted : Outlines
-        Predicted outlines of all dots.
+    layout : DotLayout
     """
 
     blobs: Indices
     misfit: Array
     model: "Model"
-    predicted: Outlines
+    layout: DotLayout
 
     def __len__(self) -> int:
         return len(self.blobs)
 
+    @cached_property
+    def predicted(self) -> Outlines:
+        """Predicted outlines of all dots."""
+        return self.model.outlines(self.layout)
+
     @property
     def count(self) -> Indices:
         """Number (A,) of dots that have a blob."""
-        return np.sum(self.blobs >= 0, axis=-1)
+        return np.count_nonzero(self.blobs >= 0, axis=-1)
 
     def take(self, chosen: Indices) -> "Labelings":
         """Return a subset."""
-        return Labelings(self.blobs[chosen], self.misfit[chosen], self.model.take(chosen), self.predicted.take(chosen))
+        return Labelings(self.blobs[chosen], self.misfit[chosen], self.model.take(chosen), self.layout)
 
 
 Judge = Callable[[Labelings], tuple[NDArray[np.bool_], NDArray[np.bool_]]]
@@ -284,13 +291,15 @@ def _never(candidates: Labelings) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]
 def none(layout: DotLayout, calibrated: bool) -> Labelings:
     """Return no labelings."""
     model: Model = Poses(np.zeros((0, 3, 3)), np.zeros((0, 3))) if calibrated else Planes(np.zeros((0, 3, 3)))
-    return Labelings(np.zeros((0, len(layout)), dtype=np.intp), np.zeros(0), model, model.outlines(layout))
+    return Labelings(np.zeros((0, len(layout)), dtype=np.intp), np.zeros(0), model, layout)
 
 
 def _followed(
     model: Model, start: Indices, ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool
 ) -> Labelings:
     """Return the distinct labelings to which guesses lead, fitted; of fewer than four dots if there are no others."""
+    if isinstance(model, Poses) and kernel.library() is not None:
+        return _compiled(model, start, None, ellipses, layout, px, rings_tell)
     few, count = max(8, MAX_LABELINGS // len(layout)), len(layout)
     drawn = model.outlines(layout)
     if layout.near.shape[1] < count - 1:
@@ -308,7 +317,7 @@ def _followed(
     enough = chosen[np.sum(blobs[chosen] >= 0, axis=-1) >= LEAST_DOTS][:few]
     if not len(enough):
         chosen = chosen[:few]
-        return Labelings(blobs[chosen], np.full(len(chosen), np.inf), model.take(chosen), drawn.take(chosen))
+        return Labelings(blobs[chosen], np.full(len(chosen), np.inf), model.take(chosen), layout)
     return fit_labelings(blobs[enough], model.take(enough), ellipses, layout, px, rings_tell)
 
 
@@ -316,6 +325,8 @@ def fit_labelings(
     blobs: Indices, model: Model, ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool
 ) -> Labelings:
     """Fit labelings (K, n) of four dots or more, and those of the blobs that are where a fit predicts the dots."""
+    if isinstance(model, Poses) and kernel.library() is not None:
+        return _compiled(model, None, blobs, ellipses, layout, px, rings_tell)
     pool = fresh = _fitted(blobs, model, ellipses, layout, px)
     for _ in range(ROUNDS):
         labelings, origin = _next(fresh, ellipses, layout, px, rings_tell)
@@ -324,6 +335,26 @@ def fit_labelings(
         fresh = _fitted(labelings, fresh.model.take(origin), ellipses, layout, px)
         pool = joined(pool, fresh)
     return pool
+
+
+def _compiled(
+    model: Poses,
+    start: Indices | None,
+    blobs: Indices | None,
+    ellipses: Ellipses,
+    layout: DotLayout,
+    px: float,
+    rings_tell: bool,
+) -> Labelings:
+    """Run `_followed`, or `fit_labelings` with given labelings, by one compiled call."""
+    parts = layout.points, layout.radii, layout.rings, layout.near, layout.flat
+    strange = ellipses.strange(np.array([False, True])) & rings_tell
+    gates = layout.reach, GUESS_PX / px, NEAR_REACH, NEAR_PX / px, px, SPREAD, FIT_TOLERANCE
+    shown = ellipses.center, ellipses.shape, strange
+    labels, misfit, *pose = kernel.follow_poses(
+        parts, start, blobs, shown, gates, model.rotation, model.translation, SCHEDULE
+    )
+    return Labelings(labels, misfit, Poses(*pose), layout)
 
 
 def misfits(predicted: Outlines, ellipses: Ellipses, blobs: Indices, px: float) -> Array:
@@ -354,7 +385,7 @@ def _fitted(blobs: Indices, start: Model, ellipses: Ellipses, layout: DotLayout,
         blobs, start = np.concatenate([blobs, blobs]), start.joined(mirrored)
     model = start.fitted(blobs, ellipses, layout, px)
     drawn = model.outlines(layout)
-    candidates = Labelings(blobs, misfits(drawn, ellipses, blobs, px), model, drawn)
+    candidates = Labelings(blobs, misfits(drawn, ellipses, blobs, px), model, layout)
     if mirrored is None:
         return candidates
     return candidates.take(np.arange(count) + count * (candidates.misfit[count:] < candidates.misfit[:count]))
@@ -454,7 +485,7 @@ def joined(first: Labelings, second: Labelings) -> Labelings:
         np.concatenate([first.blobs, second.blobs]),
         np.concatenate([first.misfit, second.misfit]),
         first.model.joined(second.model),
-        first.predicted.joined(second.predicted),
+        first.layout,
     )
 
 
