@@ -59,6 +59,10 @@ class Blobs:
         """Return a subset."""
         return Blobs(*(getattr(self, each.name)[index] for each in fields(self)))
 
+    def joined(self, other: "Blobs") -> "Blobs":
+        """Return these blobs, then the others."""
+        return Blobs(*(np.concatenate([getattr(self, each.name), getattr(other, each.name)]) for each in fields(self)))
+
     def put(self, index: NDArray[np.intp], others: "Blobs") -> "Blobs":
         """Return a copy with others in the place of some."""
         copies = [getattr(self, each.name).copy() for each in fields(self)]

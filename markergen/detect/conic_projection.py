@@ -74,6 +74,9 @@ def outlines(points: Array, radii: Array, rotation: Array, translation: Array) -
         0 for bare points.
     rotation, translation : arrays (k, 3, 3) and (k, 3)
     """
+    if kernel.library() is not None:
+        center, point, shape, seen = kernel.disk_outlines(points, radii, rotation, translation)
+        return Outlines(center, point, shape, seen)
     place = points @ rotation.swapaxes(-1, -2) + translation[:, None]
     normal = rotation[:, None, :, 2]
     disk = np.eye(3) - normal[..., :, None] * normal[..., None, :]

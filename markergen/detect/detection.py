@@ -147,11 +147,15 @@ def prepare(markers: Sequence[Marker], calibrated: bool) -> Sought:
         raise InputError("one marker or more", "none", "say what to look for")
     for marker in markers:
         check_supported(marker, "to detect")
-    layout_by_points = {marker.control_points: layout_of(marker) for marker in markers}
+    layout_by_points = {marker.control_points: _layout(marker) for marker in markers}
     layouts = tuple(layout_by_points[marker.control_points] for marker in markers)
     if not calibrated and not all(layout.flat for layout in layouts):
         raise InputError("a camera for a marker with relief", "none", "give the camera's calibration")
     return Sought(tuple(markers), layouts)
+
+
+_layout = lru_cache(maxsize=64)(layout_of)
+"""Calls of `detect`, one for each image, prepare a marker once."""
 
 
 def detect(

@@ -31,6 +31,9 @@ The AprilTag code counts from the corner of the top left pixel, the rest of cv2.
 _QUIET = 20
 """Minimum step from black to white for the AprilTag code, grey levels. Its default of 5 is within 2.5 sigma of a noise
 of 2 grey levels, and takes thirty times as long for the same corners."""
+_LEAST_SHARE, _LEAST_PERIMETER_PX = 0.03, 18.0
+"""Perimeter of the smallest tag: the default, but not less than a few pixels. In small images of a fine pattern, such
+as a checkerboard of single pixels, every pixel would otherwise count as a square, and comparing them takes seconds."""
 _ITERATIONS, _ACCURACY_PX = 200, 1e-3
 """Termination of cornerSubPix. The defaults, 30 and 0.1 px, stop as far from the minimum as the desired error."""
 
@@ -184,7 +187,7 @@ def detect_fiducial(
 
 def find_tags(image: NDArray[np.uint8], family: str, settings: FiducialSettings) -> list[tuple[int, Array]]:
     """Find the ids and corners (4, 2) in px of all tags of a family in a grey image, without enlarging it."""
-    corners, ids, _ = _tag_detector(family, settings).detectMarkers(image)
+    corners, ids, _ = _tag_detector(family, settings, _least_perimeter(image)).detectMarkers(image)
     numbers = [] if ids is None else [int(i) for i in np.ravel(ids)]
     offset = PIXEL_OFFSET[settings.refinement]
     return [(i, np.reshape(c, (4, 2)).astype(float) - offset) for c, i in zip(corners, numbers, strict=True)]
@@ -228,7 +231,7 @@ def _board_tags(
     image: NDArray[np.uint8], board: Board, settings: FiducialSettings, detector: Any, offset: np.float32
 ) -> tuple[Any, Any]:
     """Find the corners and ids of a board's tags as detectBoard does itself, moved by the offset."""
-    finder = _tag_detector(board.family, settings)
+    finder = _tag_detector(board.family, settings, _least_perimeter(image))
     corners, ids, rejected = finder.detectMarkers(image)
     corners, rejected = ([quad - offset for quad in quads] for quads in (corners, rejected))
     if settings.calibrated and ids is not None:
@@ -248,6 +251,11 @@ def _enlarged(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
     return np.asarray(cv2.resize(image, (width * factor, height * factor), interpolation=cv2.INTER_CUBIC))
 
 
+def _least_perimeter(image: NDArray[np.uint8]) -> float:
+    """Return the perimeter of the smallest tag as a share of the image's longer side."""
+    return max(_LEAST_SHARE, _LEAST_PERIMETER_PX / max(image.shape))
+
+
 def _parameters(settings: FiducialSettings) -> Any:
     import cv2
 
@@ -265,10 +273,12 @@ def _parameters(settings: FiducialSettings) -> Any:
 
 
 @lru_cache(maxsize=64)
-def _tag_detector(family: str, settings: FiducialSettings) -> Any:
+def _tag_detector(family: str, settings: FiducialSettings, least_perimeter: float) -> Any:
     import cv2
 
-    return cv2.aruco.ArucoDetector(_dictionary(family), _parameters(settings))
+    parameters = _parameters(settings)
+    parameters.minMarkerPerimeterRate = least_perimeter
+    return cv2.aruco.ArucoDetector(_dictionary(family), parameters)
 
 
 @lru_cache(maxsize=64)

@@ -132,8 +132,7 @@ def mirrored_rotation(rotation: Array, translation: Array) -> Array:
     sight = translation / np.linalg.norm(translation, axis=-1, keepdims=True)
     normal = rotation[..., :, 2]
     # Reflection about the line of sight l is the half turn 2 l l' - I; n -> -n as well leaves it facing away again.
-    half_turn = 2 * sight[..., :, None] * sight[..., None, :] - np.eye(3)
-    mirror = np.einsum("...ij,...j->...i", half_turn, normal)
+    mirror = 2 * np.sum(sight * normal, axis=-1, keepdims=True) * sight - normal
     return smallest_turn(normal, mirror) @ rotation
 
 
@@ -142,9 +141,10 @@ def smallest_turn(source: Array, target: Array) -> Array:
 
     Opposite vectors have no unique smallest rotation; the result is then not a rotation.
     """
-    axis = np.cross(source, target)
     cosine = np.sum(source * target, axis=-1)[..., None, None]
-    cross = skew(axis)
+    # The matrix of the cross product with source x target.
+    cross = target[..., :, None] * source[..., None, :]
+    cross = cross - cross.swapaxes(-1, -2)
     return np.eye(3) + cross + cross @ cross / (1 + cosine)
 
 

@@ -5,6 +5,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, Self
@@ -139,7 +140,9 @@ def open_capture(source: str, kind: str) -> Capture:
             capture = cv2.VideoCapture(source, cv2.CAP_GSTREAMER)
         elif kind == "stream":
             limit = int(1000 * STALLED)
-            limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, limit, cv2.CAP_PROP_READ_TIMEOUT_MSEC, limit]
+            # Our own limit for a frame comes before that of FFmpeg, which would print about it.
+            limit = int(1000 * STALLED)
+            limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, limit, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 3 * limit]
             capture = cv2.VideoCapture(source, cv2.CAP_FFMPEG, limits)
         else:
             capture = cv2.VideoCapture(int(source) if source.isdecimal() and kind == "camera" else source)
@@ -152,6 +155,18 @@ def open_capture(source: str, kind: str) -> Capture:
         }[kind]
         raise InputError(expected, found, remedy)
     return capture
+
+
+@contextmanager
+def silent_opencv() -> Iterator[None]:
+    """Keep OpenCV from printing about every frame that it cannot write, or about a stream that ends."""
+    from cv2.utils import logging
+
+    before = logging.setLogLevel(logging.LOG_LEVEL_SILENT)
+    try:
+        yield
+    finally:
+        logging.setLogLevel(before)
 
 
 class Video:

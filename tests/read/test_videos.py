@@ -1,6 +1,7 @@
 """Every frame of a file, the newest ones of a camera, and one line for what cannot be read."""
 
 import socket
+import struct
 import threading
 import time
 from itertools import pairwise
@@ -102,12 +103,19 @@ def test_time_stamps_increase(camera, monkeypatch):
     assert video.notes == [videos.TIME_NOTE]
 
 
-def test_a_rotation_is_ignored_and_told(camera, monkeypatch):
-    plugged = camera(flat(1))
-    monkeypatch.setattr(plugged, "get", lambda prop: 90.0 if prop == cv2.CAP_PROP_ORIENTATION_META else 0.0)
-    with open_video("0") as video:
+def test_a_rotation_is_ignored_and_told(tmp_path):
+    """As phones state it: by a matrix in the header of the track."""
+    path = tmp_path / "turned.mp4"
+    write_video(path, flat(2), code="mp4v")
+    content = bytearray(path.read_bytes())
+    matrix = content.index(b"tkhd") + 44
+    assert struct.unpack_from(">9i", content, matrix) == (1 << 16, 0, 0, 0, 1 << 16, 0, 0, 0, 1 << 30)
+    struct.pack_into(">9i", content, matrix, 0, 1 << 16, 0, -1 << 16, 0, 0, 0, 0, 1 << 30)
+    path.write_bytes(content)
+    assert cv2.VideoCapture(str(path)).read()[1].shape == (48, 32, 3)
+    with open_video(path) as video:
         assert video.notes == [videos.TURN_NOTE]
-    assert plugged.asked[cv2.CAP_PROP_ORIENTATION_AUTO] == 0
+        assert [each.image.shape for each in video] == [(32, 48, 3)] * 2
 
 
 @pytest.mark.parametrize(
