@@ -517,6 +517,255 @@ int refine_poses(int64_t k, int64_t n, const double *points, const double *radii
 }
 
 /* ------------------------------------------------------------------------------------------------------------------
+   even_edges: ellipses through the edges near rough outlines, where an edge from dark to light is all around
+   (twin: candidates.py, _even_edges, which says more, and has the meaning of the limits).
+
+   `rough` has center and axes (x, y, a, b, c) of each outline, its points (x + a u + b v, y + b u + c v) for (u, v) on
+   the unit circle; `circle` has SECTORS such u, then as many v. Each edge takes EDGE numbers in `found`: center and axes,
+   level outside, step, unevenness, RMS distance, difference across the edge, level in the middle, and xx, xy, yy of the
+   center's covariance at unit variance. Returns their number. */
+
+enum { SECTORS = 24, EIGHTH = SECTORS / 8, PLACES = 9, ZERO = PLACES / 2, EDGE = 14, UNKNOWNS = 5 };
+
+static const double PROFILE[PLACES] = {-5, -3, -2, -1, 0, 1, 2, 3, 5};
+
+typedef struct {
+    double inside, outside, least_step, step_share, least_eighths, min_sectors, min_step, alike, max_uneven[2],
+        max_rms[2][2], rounds[2], min_semi, max_elongation, least_scale, soft, middle;
+} EdgeLimits;
+
+typedef struct {
+    const uint8_t *rows;
+    int64_t height, width, stride;
+} Grey;
+
+static double between(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
+
+static double interpolated(const Grey *image, double x, double y)
+{
+    x = between(x, 0, (double)image->width - 1.001);
+    y = between(y, 0, (double)image->height - 1.001);
+    const int64_t column = (int64_t)x, row = (int64_t)y;
+    const double right = x - (double)column, down = y - (double)row;
+    const uint8_t *p = image->rows + row * image->stride + column, *q = p + image->stride;
+    const double top = p[0] + right * (p[1] - p[0]);
+    return top + down * (q[0] + right * (q[1] - q[0]) - top);
+}
+
+static double nearest_pixel(const Grey *image, double x, double y)
+{
+    const int64_t column = (int64_t)between(x + 0.5, 0, (double)image->width - 1);
+    const int64_t row = (int64_t)between(y + 0.5, 0, (double)image->height - 1);
+    return image->rows[row * image->stride + column];
+}
+
+static int within(const Grey *image, double x, double y)
+{
+    return x >= 0 && x <= (double)image->width - 1 && y >= 0 && y <= (double)image->height - 1;
+}
+
+static double shorter_semi(const double *e)
+{
+    const double half = (e[2] - e[4]) / 2;
+    return (e[2] + e[4]) / 2 - sqrt(half * half + e[3] * e[3]);
+}
+
+static void outline_point(const double *e, double u, double v, double *place, double *normal)
+{
+    place[0] = e[0] + e[2] * u + e[3] * v;
+    place[1] = e[1] + e[3] * u + e[4] * v;
+    const double x = e[4] * u - e[3] * v, y = e[2] * v - e[3] * u, length = sqrt(x * x + y * y);
+    normal[0] = x / length;
+    normal[1] = y / length;
+}
+
+static void sort_few(double *values, int n)
+{
+    for (int i = 1; i < n; i++) {
+        const double value = values[i];
+        int j = i;
+        for (; j > 0 && values[j - 1] > value; j--)
+            values[j] = values[j - 1];
+        values[j] = value;
+    }
+}
+
+static int stands_out(const Grey *image, const double *e, const double *circle, const EdgeLimits *limits)
+{
+    const double inside = fmax(limits->inside, -shorter_semi(e));
+    double step[8], sum = 0;
+    int good = 0, in_image[8];
+    for (int i = 0; i < 8; i++) {
+        double p[2], n[2];
+        outline_point(e, circle[EIGHTH * i], circle[SECTORS + EIGHTH * i], p, n);
+        step[i] = nearest_pixel(image, p[0] + limits->outside * n[0], p[1] + limits->outside * n[1])
+                  - nearest_pixel(image, p[0] + inside * n[0], p[1] + inside * n[1]);
+        sum += step[i];
+        in_image[i] = within(image, p[0], p[1]);
+    }
+    const double enough = fmax(limits->least_step, limits->step_share * (sum / 8));
+    for (int i = 0; i < 8; i++)
+        good += in_image[i] && step[i] > enough;
+    return good >= limits->least_eighths;
+}
+
+/* Solve N x = b for symmetric positive N by Cholesky's decomposition, whose factor is left in N; `columns` of b, each
+   UNKNOWNS long. */
+static void solve_five(double N[UNKNOWNS][UNKNOWNS], double *b, int columns)
+{
+    for (int i = 0; i < UNKNOWNS; i++)
+        for (int j = 0; j <= i; j++) {
+            double sum = N[i][j];
+            for (int k = 0; k < j; k++)
+                sum -= N[i][k] * N[j][k];
+            N[i][j] = i == j ? sqrt(sum) : sum / N[j][j];
+        }
+    for (int c = 0; c < columns; c++, b += UNKNOWNS) {
+        for (int i = 0; i < UNKNOWNS; i++) {
+            for (int k = 0; k < i; k++)
+                b[i] -= N[i][k] * b[k];
+            b[i] /= N[i][i];
+        }
+        for (int i = UNKNOWNS - 1; i >= 0; i--) {
+            for (int k = i + 1; k < UNKNOWNS; k++)
+                b[i] -= N[k][i] * b[k];
+            b[i] /= N[i][i];
+        }
+    }
+}
+
+/* Move the ellipse `e` to the edges near it, and fill in the rest of its row but for the middle; false without edges. */
+static int at_crossings(const Grey *image, double *e, const double *circle, const EdgeLimits *limits, int pass)
+{
+    const double least = -shorter_semi(e);
+    double offset[PLACES], step[SECTORS], light[SECTORS], slope[SECTORS], away[SECTORS], sorted[SECTORS];
+    double rows[SECTORS][UNKNOWNS], weight[SECTORS], residual[SECTORS], N[UNKNOWNS][UNKNOWNS], solved[3 * UNKNOWNS];
+    int good[SECTORS], count = 0;
+    for (int j = 0; j < PLACES; j++)
+        offset[j] = fmax(PROFILE[j], least);
+    for (int i = 0; i < SECTORS; i++) {
+        const double u = circle[i], v = circle[SECTORS + i];
+        double p[2], n[2], grey[PLACES];
+        outline_point(e, u, v, p, n);
+        for (int j = 0; j < PLACES; j++)
+            grey[j] = interpolated(image, p[0] + n[0] * offset[j], p[1] + n[1] * offset[j]);
+        double lightest = grey[ZERO], darkest = grey[ZERO];
+        for (int j = 0; j < ZERO; j++) {
+            lightest = fmax(lightest, grey[ZERO + 1 + j]);
+            darkest = fmin(darkest, grey[j]);
+        }
+        const double half = (lightest + darkest) / 2;
+        away[i] = INFINITY;
+        for (int j = 0; j + 1 < PLACES; j++)
+            if (grey[j] < half && grey[j + 1] >= half) {
+                const double share = (half - grey[j]) / (grey[j + 1] - grey[j]);
+                const double crossing = offset[j] + share * (offset[j + 1] - offset[j]);
+                if (fabs(crossing) < fabs(away[i]))
+                    away[i] = crossing;
+            }
+        light[i] = lightest;
+        step[i] = sorted[i] = lightest - darkest;
+        slope[i] = grey[ZERO + 1] - grey[ZERO - 1];
+        good[i] = away[i] < INFINITY && within(image, p[0], p[1]);
+        const double row[UNKNOWNS] = {n[0], n[1], n[0] * u, n[0] * v + n[1] * u, n[1] * v};
+        memcpy(rows[i], row, sizeof row);
+    }
+    sort_few(sorted, SECTORS);
+    const double median = (sorted[SECTORS / 2 - 1] + sorted[SECTORS / 2]) / 2;
+    double mean = 0, square = 0, difference = 0;
+    for (int i = EIGHTH; i < SECTORS - EIGHTH; i++)
+        mean += sorted[i] / (SECTORS - 2 * EIGHTH);
+    for (int i = EIGHTH; i < SECTORS - EIGHTH; i++)
+        square += (sorted[i] - mean) * (sorted[i] - mean) / (SECTORS - 2 * EIGHTH);
+    const double uneven = sqrt(square);
+    for (int i = 0; i < SECTORS; i++) {
+        good[i] = good[i] && step[i] > limits->alike * median && limits->alike * step[i] < median;
+        count += good[i];
+        weight[i] = good[i];
+        away[i] = good[i] ? away[i] : 0;
+        difference += good[i] ? slope[i] : 0;
+    }
+    if (!(count >= limits->min_sectors && median >= limits->min_step && uneven < limits->max_uneven[pass] * median))
+        return 0;
+
+    const int rounds = (int)limits->rounds[pass];
+    for (int done = 1; done <= rounds; done++) {
+        const int last = done == rounds;
+        memset(N, 0, sizeof N);
+        memset(solved, 0, sizeof solved);
+        for (int i = 0; i < SECTORS; i++)
+            for (int j = 0; j < UNKNOWNS; j++) {
+                const double weighted = weight[i] * rows[i][j];
+                for (int k = 0; k <= j; k++)
+                    N[j][k] += weighted * rows[i][k];
+                solved[j] += weighted * away[i];
+            }
+        for (int j = 0; j < UNKNOWNS; j++)
+            N[j][j] += 1e-9;
+        solved[UNKNOWNS] = solved[2 * UNKNOWNS + 1] = 1;
+        solve_five(N, solved, last ? 3 : 1);
+        for (int i = 0; i < SECTORS; i++) {
+            residual[i] = away[i];
+            for (int j = 0; j < UNKNOWNS; j++)
+                residual[i] -= rows[i][j] * solved[j];
+            sorted[i] = good[i] ? fabs(residual[i]) : 0;
+        }
+        if (!last) {
+            sort_few(sorted, SECTORS);
+            const double scale = (sorted[SECTORS / 2 - 1] + sorted[SECTORS / 2]) / 2;
+            const double soft = limits->soft * fmax(1.48 * scale, limits->least_scale);
+            for (int i = 0; i < SECTORS; i++) {
+                const double r = residual[i] / soft, whole = 1 + r * r;
+                weight[i] = good[i] / (whole * whole);
+            }
+        }
+    }
+    double total = 0, squares = 0;
+    for (int i = 0; i < SECTORS; i++) {
+        total += weight[i];
+        squares += weight[i] * residual[i] * residual[i];
+    }
+    for (int j = 0; j < UNKNOWNS; j++)
+        e[j] += solved[j];
+    memcpy(sorted, light, sizeof sorted);
+    sort_few(sorted, SECTORS);
+    e[5] = (sorted[SECTORS / 2 - 1] + sorted[SECTORS / 2]) / 2;
+    e[6] = median;
+    e[7] = uneven / median;
+    e[8] = sqrt(squares / total);
+    e[9] = difference / count;
+    e[11] = solved[UNKNOWNS];
+    e[12] = solved[UNKNOWNS + 1];
+    e[13] = solved[2 * UNKNOWNS + 1];
+    const double shorter = shorter_semi(e), longer = e[2] + e[4] - shorter;
+    return shorter > limits->min_semi && longer < limits->max_elongation * shorter
+           && e[8] < limits->max_rms[pass][0] + limits->max_rms[pass][1] * shorter;
+}
+
+int64_t even_edges(const uint8_t *image, int64_t height, int64_t width, int64_t stride, const double *rough, int64_t k,
+                   const double *circle, const double *limits, double *found)
+{
+    const Grey grey = {image, height, width, stride};
+    const EdgeLimits *of = (const EdgeLimits *)limits;
+    int64_t count = 0;
+    for (int64_t i = 0; i < k; i++) {
+        double *e = found + EDGE * count;
+        memcpy(e, rough + UNKNOWNS * i, UNKNOWNS * sizeof *e);
+        if (!stands_out(&grey, e, circle, of) || !at_crossings(&grey, e, circle, of, 0)
+            || !at_crossings(&grey, e, circle, of, 1))
+            continue;
+        double sum = interpolated(&grey, e[0], e[1]);
+        for (int j = 0; j < SECTORS; j += EIGHTH) {
+            const double u = of->middle * circle[j], v = of->middle * circle[SECTORS + j];
+            sum += interpolated(&grey, e[0] + e[2] * u + e[3] * v, e[1] + e[3] * u + e[4] * v);
+        }
+        e[10] = sum / 9;
+        count++;
+    }
+    return count;
+}
+
+/* ------------------------------------------------------------------------------------------------------------------
    follow_poses: labelings to which guessed poses lead, fitted (twin: labeling_hypotheses.py, _followed and fit_labelings).
 
    A guess labels the blobs that are in reach of the outlines it predicts: first near the control point that it starts
@@ -788,250 +1037,4 @@ int follow_poses(int64_t k, int64_t n, int64_t b, int64_t flat, int64_t near_cou
     free(memory);
     free(own);
     return failed ? -1 : 0;
-   even_edges: ellipses through the edges near rough outlines, where an edge from dark to light is all around
-   (twin: candidates.py, _even_edges, which says more, and has the meaning of the limits).
-
-   `rough` has center and axes (x, y, a, b, c) of each outline, its points (x + a u + b v, y + b u + c v) for (u, v) on
-   the unit circle; `circle` has SECTORS such u, then as many v. Each edge takes EDGE numbers in `found`: center and axes,
-   level outside, step, unevenness, RMS distance, difference across the edge, level in the middle, and xx, xy, yy of the
-   center's covariance at unit variance. Returns their number. */
-
-enum { SECTORS = 24, EIGHTH = SECTORS / 8, PLACES = 9, ZERO = PLACES / 2, EDGE = 14, UNKNOWNS = 5 };
-
-static const double PROFILE[PLACES] = {-5, -3, -2, -1, 0, 1, 2, 3, 5};
-
-typedef struct {
-    double inside, outside, least_step, step_share, least_eighths, min_sectors, min_step, alike, max_uneven[2],
-        max_rms[2][2], rounds[2], min_semi, max_elongation, least_scale, soft, middle;
-} EdgeLimits;
-
-typedef struct {
-    const uint8_t *rows;
-    int64_t height, width, stride;
-} Grey;
-
-static double between(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
-
-static double interpolated(const Grey *image, double x, double y)
-{
-    x = between(x, 0, (double)image->width - 1.001);
-    y = between(y, 0, (double)image->height - 1.001);
-    const int64_t column = (int64_t)x, row = (int64_t)y;
-    const double right = x - (double)column, down = y - (double)row;
-    const uint8_t *p = image->rows + row * image->stride + column, *q = p + image->stride;
-    const double top = p[0] + right * (p[1] - p[0]);
-    return top + down * (q[0] + right * (q[1] - q[0]) - top);
-}
-
-static double nearest_pixel(const Grey *image, double x, double y)
-{
-    const int64_t column = (int64_t)between(x + 0.5, 0, (double)image->width - 1);
-    const int64_t row = (int64_t)between(y + 0.5, 0, (double)image->height - 1);
-    return image->rows[row * image->stride + column];
-}
-
-static int within(const Grey *image, double x, double y)
-{
-    return x >= 0 && x <= (double)image->width - 1 && y >= 0 && y <= (double)image->height - 1;
-}
-
-static double shorter_semi(const double *e)
-{
-    const double half = (e[2] - e[4]) / 2;
-    return (e[2] + e[4]) / 2 - sqrt(half * half + e[3] * e[3]);
-}
-
-static void outline_point(const double *e, double u, double v, double *place, double *normal)
-{
-    place[0] = e[0] + e[2] * u + e[3] * v;
-    place[1] = e[1] + e[3] * u + e[4] * v;
-    const double x = e[4] * u - e[3] * v, y = e[2] * v - e[3] * u, length = sqrt(x * x + y * y);
-    normal[0] = x / length;
-    normal[1] = y / length;
-}
-
-static void sort_few(double *values, int n)
-{
-    for (int i = 1; i < n; i++) {
-        const double value = values[i];
-        int j = i;
-        for (; j > 0 && values[j - 1] > value; j--)
-            values[j] = values[j - 1];
-        values[j] = value;
-    }
-}
-
-static int stands_out(const Grey *image, const double *e, const double *circle, const EdgeLimits *limits)
-{
-    const double inside = fmax(limits->inside, -shorter_semi(e));
-    double step[8], sum = 0;
-    int good = 0, in_image[8];
-    for (int i = 0; i < 8; i++) {
-        double p[2], n[2];
-        outline_point(e, circle[EIGHTH * i], circle[SECTORS + EIGHTH * i], p, n);
-        step[i] = nearest_pixel(image, p[0] + limits->outside * n[0], p[1] + limits->outside * n[1])
-                  - nearest_pixel(image, p[0] + inside * n[0], p[1] + inside * n[1]);
-        sum += step[i];
-        in_image[i] = within(image, p[0], p[1]);
-    }
-    const double enough = fmax(limits->least_step, limits->step_share * (sum / 8));
-    for (int i = 0; i < 8; i++)
-        good += in_image[i] && step[i] > enough;
-    return good >= limits->least_eighths;
-}
-
-/* Solve N x = b for symmetric positive N by Cholesky's decomposition, whose factor is left in N; `columns` of b, each
-   UNKNOWNS long. */
-static void solve_five(double N[UNKNOWNS][UNKNOWNS], double *b, int columns)
-{
-    for (int i = 0; i < UNKNOWNS; i++)
-        for (int j = 0; j <= i; j++) {
-            double sum = N[i][j];
-            for (int k = 0; k < j; k++)
-                sum -= N[i][k] * N[j][k];
-            N[i][j] = i == j ? sqrt(sum) : sum / N[j][j];
-        }
-    for (int c = 0; c < columns; c++, b += UNKNOWNS) {
-        for (int i = 0; i < UNKNOWNS; i++) {
-            for (int k = 0; k < i; k++)
-                b[i] -= N[i][k] * b[k];
-            b[i] /= N[i][i];
-        }
-        for (int i = UNKNOWNS - 1; i >= 0; i--) {
-            for (int k = i + 1; k < UNKNOWNS; k++)
-                b[i] -= N[k][i] * b[k];
-            b[i] /= N[i][i];
-        }
-    }
-}
-
-/* Move the ellipse `e` to the edges near it, and fill in the rest of its row but for the middle; false without edges. */
-static int at_crossings(const Grey *image, double *e, const double *circle, const EdgeLimits *limits, int pass)
-{
-    const double least = -shorter_semi(e);
-    double offset[PLACES], step[SECTORS], light[SECTORS], slope[SECTORS], away[SECTORS], sorted[SECTORS];
-    double rows[SECTORS][UNKNOWNS], weight[SECTORS], residual[SECTORS], N[UNKNOWNS][UNKNOWNS], solved[3 * UNKNOWNS];
-    int good[SECTORS], count = 0;
-    for (int j = 0; j < PLACES; j++)
-        offset[j] = fmax(PROFILE[j], least);
-    for (int i = 0; i < SECTORS; i++) {
-        const double u = circle[i], v = circle[SECTORS + i];
-        double p[2], n[2], grey[PLACES];
-        outline_point(e, u, v, p, n);
-        for (int j = 0; j < PLACES; j++)
-            grey[j] = interpolated(image, p[0] + n[0] * offset[j], p[1] + n[1] * offset[j]);
-        double lightest = grey[ZERO], darkest = grey[ZERO];
-        for (int j = 0; j < ZERO; j++) {
-            lightest = fmax(lightest, grey[ZERO + 1 + j]);
-            darkest = fmin(darkest, grey[j]);
-        }
-        const double half = (lightest + darkest) / 2;
-        away[i] = INFINITY;
-        for (int j = 0; j + 1 < PLACES; j++)
-            if (grey[j] < half && grey[j + 1] >= half) {
-                const double share = (half - grey[j]) / (grey[j + 1] - grey[j]);
-                const double crossing = offset[j] + share * (offset[j + 1] - offset[j]);
-                if (fabs(crossing) < fabs(away[i]))
-                    away[i] = crossing;
-            }
-        light[i] = lightest;
-        step[i] = sorted[i] = lightest - darkest;
-        slope[i] = grey[ZERO + 1] - grey[ZERO - 1];
-        good[i] = away[i] < INFINITY && within(image, p[0], p[1]);
-        const double row[UNKNOWNS] = {n[0], n[1], n[0] * u, n[0] * v + n[1] * u, n[1] * v};
-        memcpy(rows[i], row, sizeof row);
-    }
-    sort_few(sorted, SECTORS);
-    const double median = (sorted[SECTORS / 2 - 1] + sorted[SECTORS / 2]) / 2;
-    double mean = 0, square = 0, difference = 0;
-    for (int i = EIGHTH; i < SECTORS - EIGHTH; i++)
-        mean += sorted[i] / (SECTORS - 2 * EIGHTH);
-    for (int i = EIGHTH; i < SECTORS - EIGHTH; i++)
-        square += (sorted[i] - mean) * (sorted[i] - mean) / (SECTORS - 2 * EIGHTH);
-    const double uneven = sqrt(square);
-    for (int i = 0; i < SECTORS; i++) {
-        good[i] = good[i] && step[i] > limits->alike * median && limits->alike * step[i] < median;
-        count += good[i];
-        weight[i] = good[i];
-        away[i] = good[i] ? away[i] : 0;
-        difference += good[i] ? slope[i] : 0;
-    }
-    if (!(count >= limits->min_sectors && median >= limits->min_step && uneven < limits->max_uneven[pass] * median))
-        return 0;
-
-    const int rounds = (int)limits->rounds[pass];
-    for (int done = 1; done <= rounds; done++) {
-        const int last = done == rounds;
-        memset(N, 0, sizeof N);
-        memset(solved, 0, sizeof solved);
-        for (int i = 0; i < SECTORS; i++)
-            for (int j = 0; j < UNKNOWNS; j++) {
-                const double weighted = weight[i] * rows[i][j];
-                for (int k = 0; k <= j; k++)
-                    N[j][k] += weighted * rows[i][k];
-                solved[j] += weighted * away[i];
-            }
-        for (int j = 0; j < UNKNOWNS; j++)
-            N[j][j] += 1e-9;
-        solved[UNKNOWNS] = solved[2 * UNKNOWNS + 1] = 1;
-        solve_five(N, solved, last ? 3 : 1);
-        for (int i = 0; i < SECTORS; i++) {
-            residual[i] = away[i];
-            for (int j = 0; j < UNKNOWNS; j++)
-                residual[i] -= rows[i][j] * solved[j];
-            sorted[i] = good[i] ? fabs(residual[i]) : 0;
-        }
-        if (!last) {
-            sort_few(sorted, SECTORS);
-            const double scale = (sorted[SECTORS / 2 - 1] + sorted[SECTORS / 2]) / 2;
-            const double soft = limits->soft * fmax(1.48 * scale, limits->least_scale);
-            for (int i = 0; i < SECTORS; i++) {
-                const double r = residual[i] / soft, whole = 1 + r * r;
-                weight[i] = good[i] / (whole * whole);
-            }
-        }
-    }
-    double total = 0, squares = 0;
-    for (int i = 0; i < SECTORS; i++) {
-        total += weight[i];
-        squares += weight[i] * residual[i] * residual[i];
-    }
-    for (int j = 0; j < UNKNOWNS; j++)
-        e[j] += solved[j];
-    memcpy(sorted, light, sizeof sorted);
-    sort_few(sorted, SECTORS);
-    e[5] = (sorted[SECTORS / 2 - 1] + sorted[SECTORS / 2]) / 2;
-    e[6] = median;
-    e[7] = uneven / median;
-    e[8] = sqrt(squares / total);
-    e[9] = difference / count;
-    e[11] = solved[UNKNOWNS];
-    e[12] = solved[UNKNOWNS + 1];
-    e[13] = solved[2 * UNKNOWNS + 1];
-    const double shorter = shorter_semi(e), longer = e[2] + e[4] - shorter;
-    return shorter > limits->min_semi && longer < limits->max_elongation * shorter
-           && e[8] < limits->max_rms[pass][0] + limits->max_rms[pass][1] * shorter;
-}
-
-int64_t even_edges(const uint8_t *image, int64_t height, int64_t width, int64_t stride, const double *rough, int64_t k,
-                   const double *circle, const double *limits, double *found)
-{
-    const Grey grey = {image, height, width, stride};
-    const EdgeLimits *of = (const EdgeLimits *)limits;
-    int64_t count = 0;
-    for (int64_t i = 0; i < k; i++) {
-        double *e = found + EDGE * count;
-        memcpy(e, rough + UNKNOWNS * i, UNKNOWNS * sizeof *e);
-        if (!stands_out(&grey, e, circle, of) || !at_crossings(&grey, e, circle, of, 0)
-            || !at_crossings(&grey, e, circle, of, 1))
-            continue;
-        double sum = interpolated(&grey, e[0], e[1]);
-        for (int j = 0; j < SECTORS; j += EIGHTH) {
-            const double u = of->middle * circle[j], v = of->middle * circle[SECTORS + j];
-            sum += interpolated(&grey, e[0] + e[2] * u + e[3] * v, e[1] + e[3] * u + e[4] * v);
-        }
-        e[10] = sum / 9;
-        count++;
-    }
-    return count;
 }

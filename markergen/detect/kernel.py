@@ -255,15 +255,15 @@ _STAGES = 4
 
 
 def follow_poses(
-    layout: tuple[Array, Array, Array, Integers, bool],
-    start: Integers | None,
-    labels: Integers | None,
-    ellipses: tuple[Array, Array, Array],
+    layout: tuple[Array, Array, NDArray[np.bool_], NDArray[np.intp], bool],
+    start: NDArray[np.intp] | None,
+    labels: NDArray[np.intp] | None,
+    ellipses: tuple[Array, Array, NDArray[np.bool_]],
     gates: tuple[float, ...],
     rotation: Array,
     translation: Array,
     damping: tuple[float, ...],
-) -> tuple[Integers, Array, Array, Array]:
+) -> tuple[NDArray[np.intp], Array, Array, Array]:
     """Return the labelings (A, n) to which k poses lead, misfits (A,) and poses: see kernel.c.
 
     Parameters
