@@ -293,14 +293,17 @@ def drawn_at_random(make, rng):
 
 
 def labels_are_right(found, camera, pose):
-    """Return whether all dots are where their labels put them; the nearest other dot is ten px away and more."""
-    return np.abs(found.pixels - camera.project(found.xyz, pose[0][None], pose[1][None])[0]).max() < 2
+    """Return whether each dot is nearer to its own place than to any other dot's; covered ones may be off by pixels."""
+    places = camera.project(found.marker.xyz, pose[0][None], pose[1][None])[0]
+    ids = np.array([point.id for point in found.marker.control_points])
+    nearest = np.linalg.norm(found.pixels[:, None] - places, axis=-1).argmin(axis=1)
+    return np.array_equal(ids[nearest], found.ids)
 
 
 @pytest.mark.long
 def test_many_motions(make, searched):
     """Noise, blur, light from the side, occluded dots: 2,000 frames, of which some 400 are searched as a whole."""
-    frames = lost = fewer = 0
+    frames, lost, fewer, differences = 0, 0, 0, []
     for seed in range(100):
         rng = np.random.default_rng(seed)
         marker, camera = drawn_at_random(make, rng), sized(rng.choice([0.5, 1, 1, 1.5]))
@@ -325,11 +328,14 @@ def test_many_motions(make, searched):
                 at = np.isin(tracked.ids, whole.ids)
                 sigma = np.sqrt(np.trace(whole.pixel_covariance[common], axis1=1, axis2=2))
                 away = np.linalg.norm(tracked.pixels[at] - whole.pixels[common], axis=-1)
-                # The same grey levels, but for the estimate of the noise, the slope of the light, and what is left out.
-                assert (away < SAME_PX + 3 * sigma).all(), (seed, k)
+                # The same grey levels, but for the estimates of noise and slope of the light, on which may depend what
+                # is left out of a dot's outline.
+                differences.append(away)
+                assert (away < 0.3 + 3 * sigma).all(), (seed, k)
                 frames, fewer = frames + 1, fewer + (len(tracked.ids) < len(whole.ids))
                 lost += bool(searched) and found is not None and found.ok
             found = tracked
+    assert np.percentile(np.concatenate(differences), 99) < SAME_PX
     # Where dots leave the image or are covered.
     assert frames > 1700
     assert lost < 0.1 * frames
