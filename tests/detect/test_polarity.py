@@ -100,6 +100,20 @@ def test_both_kinds_in_one_frame(tagged, ngon):
     assert [each.index for each in detector(np.zeros_like(frame))] == [0, 1]
 
 
+def test_both_kinds_are_tracked(tagged, ngon, monkeypatch):
+    both = [tagged, light_marker(ngon(6))]
+    frame = np.concatenate([look(marker, pose) for marker, pose in zip(both, (387, 130), strict=True)], axis=1)
+    detector = Detector(both)
+    found = detector(frame)
+    monkeypatch.setattr("markergen.detect.detector.find_all", None)
+    again = detector(np.roll(frame, 3, axis=1), near=found)
+    assert [each.index for each in again] == [each.index for each in found]
+    for one, other in zip(again, found, strict=True):
+        assert one.ok
+        assert one.ids.tolist() == other.ids.tolist()
+        assert np.abs(one.pixels - other.pixels - [3, 0]).max() < 0.02
+
+
 def test_two_light_markers_that_claim_the_same_dots_name_each_other(pentagon):
     light = light_marker(pentagon)
     dark, *lights = Detector([pentagon, light, light])(look(light, 130))
