@@ -69,7 +69,7 @@ class Accelerations:
     angular: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Smoothed:
     """A filtered pose T_camera_marker.
 
@@ -99,6 +99,12 @@ class Smoothed:
             "velocity": self.velocity.tolist(),
             "outlier": self.outlier,
         }
+
+    def __repr__(self) -> str:
+        place = ", ".join(f"{each:.4f}" for each in self.translation)
+        turn, move = np.sqrt(np.trace(self.covariance[:3, :3])), np.sqrt(np.trace(self.covariance[3:, 3:]))
+        sigma = f"1 sigma: {np.rad2deg(turn):.2g} deg, {1e3 * move:.2g} mm"
+        return f"<Smoothed: at {place} m; {sigma}{'; predicted' * self.outlier}>"
 
 
 def parse_accelerations(given: str | Sequence[float]) -> Accelerations:
