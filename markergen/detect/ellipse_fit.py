@@ -426,20 +426,16 @@ def fit_unknowns(image: Image, blobs: Blobs, filled: Bools, inverted: bool = Fal
     top = 255 if image.dtype == np.uint8 else int(image.max(initial=0))
     saturation = top - unlit if top in _SATURATION else np.inf
     if kernel.library() is not None:
-        found = Fits(
-            *kernel.fit_dots(
-                image, blobs.semi, blobs.angle, band, blobs.ring, filled, noise, saturation, unlit, *_constants(),
-                unknowns,
-            )
-        )  # fmt: skip
+        limits = noise, saturation, unlit, *_constants()
+        found = Fits(*kernel.fit_dots(image, blobs.semi, blobs.angle, band, blobs.ring, filled, *limits, unknowns))
     else:
         pixels = outline_pixels(image, blobs.center, blobs.semi, blobs.angle, band, filled)
         pixels = replace(pixels, grey=pixels.grey - unlit)
         descent = EllipseDescent(pixels, unknowns, blobs.ring, noise, saturation)
         descent.run()
         white = descent.noise()
-        complete = descent.complete(white)
-        found = Fits(descent.unknowns, descent.inverse(), descent.variance(), white, complete, descent.misfit())
+        facts = descent.variance(), white, descent.complete(white), descent.misfit()
+        found = Fits(descent.unknowns, descent.inverse(), *facts)
     found.unknowns[:, [LIGHT, DARK]] += unlit
     return found
 
