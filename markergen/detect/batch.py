@@ -215,6 +215,8 @@ def detect_files(
     finally:
         # Written even after an interruption, so that the results so far are not lost.
         outcomes = Outcomes(tuple(done[number] for number in sorted(done)))
+        if len(done) < len(paths):
+            warn(f"{len(done)} of {len(paths)} images were searched")
         if target:
             write_atomic(target, outcomes.to_json().encode())
             tell(f"wrote {target}")
