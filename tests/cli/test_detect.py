@@ -154,7 +154,7 @@ def test_an_overlay_that_cannot_be_written_does_not_stop_the_batch(here, capsys,
     assert [path.name for path in (tmp_path / "seen").iterdir()] == ["250.png"]
 
 
-def test_what_was_found_before_an_interruption_is_kept(here, tmp_path, monkeypatch):
+def test_what_was_found_before_an_interruption_is_kept(here, tmp_path, monkeypatch, capsys):
     from markergen.detect import batch
 
     honest = batch.look_at
@@ -168,3 +168,4 @@ def test_what_was_found_before_an_interruption_is_kept(here, tmp_path, monkeypat
     found = tmp_path / "found.json"
     assert main(["detect", "good", *ALL, "--json", str(found)]) == 130
     assert len(json.loads(found.read_text())) == 1
+    assert capsys.readouterr().err.splitlines() == ["1 of 2 images were searched", "markergen: error: interrupted"]
