@@ -233,7 +233,7 @@ def view_sentences(results: Mapping[str, Any]) -> list[str]:
     if dots and dots["too_small"]:
         found.append(
             f"In {percent(dots['too_small'])} of the poses dots are hardly found: one is {number(dots['least_px'], 2)} "
-            f"px across, of {dots['needed_px']:g} px that it takes; larger dots, a longer focal length, or nearer poses."
+            f"px across, of {dots['needed_px']:g} px that it takes; use larger dots, a longer lens, or nearer poses."
         )
     if views:
         line = f"Views: {views['detected']} of {views['count']} detected, {views['wrong']} with wrong labels"
