@@ -192,6 +192,9 @@ def detect_files(
     if overlay:
         make_folder(Path(overlay))
     check_outputs([*([target] if target else []), *drawings], inputs)
+    for folder in filter(Path.is_dir, map(Path, as_list(images))):
+        if videos := sum(each.suffix.lower() in SUFFIXES for each in folder.iterdir()):
+            warn(f"{folder}: {videos} video{'s are' if videos > 1 else ' is'} left out: give one at a time")
     tasks = [(path, drawings[number] if overlay else None) for number, path in enumerate(paths)]
     done, told = dict[int, Outcome](), 0
 

@@ -79,6 +79,13 @@ def test_a_folder_of_photos(here, capsys, tmp_path):
     assert sorted(path.name for path in seen.iterdir()) == ["130.png", "250.png"]
 
 
+def test_videos_among_the_images_are_left_out_and_told(here, capsys, tmp_path):
+    (tmp_path / "a.png").write_bytes((here / "empty.png").read_bytes())
+    (tmp_path / "walk.mp4").write_bytes(b"a video")
+    assert main(["detect", str(tmp_path), *ALL]) == 1
+    assert capsys.readouterr().err == f"{tmp_path}: 1 video is left out: give one at a time\n"
+
+
 def test_standard_output_is_json_alone(here, capsys):
     assert main(["detect", "good/*.png", *ALL, "--json", "-"]) == 0
     assert len(json.loads(capsys.readouterr().out)) == 2
