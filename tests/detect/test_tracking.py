@@ -94,6 +94,19 @@ def test_every_frame_of_a_motion_is_as_from_the_whole_frame(irregular, searched,
     assert len(searched) == 4
 
 
+def test_light_dots_are_tracked_too(irregular, searched):
+    points = irregular.control_points
+    light = tuple(replace(each, feature=replace(each.feature, polarity="light")) for each in points)
+    marker, found = replace(irregular, control_points=light), None
+    finder = Detector(marker, PAPER_CAMERA)
+    for k, place in enumerate(walk(PAPER_CAMERA, 130, 2, seed=1)):
+        frame = view(marker, PAPER_CAMERA, place, seed=k)
+        found = finder(frame, near=found)
+        assert found[0].ok
+    assert len(searched) == 1
+    same(found[0], finder(frame)[0])
+
+
 def test_colors_and_depth_do_not_matter(pentagon, searched):
     finder = Detector(pentagon, PAPER_CAMERA)
     first, second = (view(pentagon, PAPER_CAMERA, place) for place in walk(PAPER_CAMERA, 77, 2, seed=0))
