@@ -31,8 +31,9 @@ LEAST_DOTS = 4
 MAX_LABELINGS = 600
 """Maximum number of fitted labelings of a batch times the marker's dots; those with the most dots first."""
 
-_BATCHES = (8, 32, 216)
-"""Numbers of guesses of a round that are tried at a time."""
+_BATCHES, MAX_TRIED, STRONG_VOTES = (8, 32, 256), 1000, 0.75
+"""Numbers of likely guesses of a round that are tried at a time, and of all others in the end; maximum number of likely
+ones; share of the near dots that make a guess likely."""
 
 ROUNDS, TRIM_PX, MAX_TRIMMED = 3, 1.0, 60
 """Maximum number of refinement rounds; misfit above which the last ones leave dots out; maximum number of labelings
@@ -254,17 +255,12 @@ def find_labelings(
     pool = none(layout, calibrated)
     ringed = rings_tell and bool(layout.rings.any() and ellipses.ring.any())
     for phase in (True, False) if ringed else (False,):
-        for seeds, start in _guesses(ellipses, layout, px, calibrated, rings_tell, phase):
-            done = 0
-            for size in _BATCHES:
-                batch = np.arange(done, min(done + size, len(start)))
-                done += size
-                if not len(batch):
-                    break
-                fresh = _followed(seeds.take(batch), start[batch], ellipses, layout, px, rings_tell)
-                pool = joined(pool, fresh)
-                if judge(fresh)[1].any():
-                    return pool.take(distinct(pool.blobs, pool.misfit))
+        for model, start in _likely_first(_guesses(ellipses, layout, px, calibrated, rings_tell, phase), layout):
+            fresh = _followed(model, start, ellipses, layout, px, rings_tell)
+            pool = joined(pool, fresh)
+            if judge(fresh)[1].any():
+                pool = pool.take(np.flatnonzero(pool.count >= LEAST_DOTS))
+                return pool.take(distinct(pool.blobs, pool.misfit))
         if not len(pool):
             continue
         pool = pool.take(distinct(pool.blobs, pool.misfit))
@@ -281,6 +277,32 @@ def find_labelings(
             break
     count = pool.count
     return pool.take(np.flatnonzero((count >= LEAST_DOTS) | (count == count.max(initial=0))))
+
+
+def _likely_first(
+    rounds: Iterator[tuple[Model, Indices, Indices]], layout: DotLayout
+) -> Iterator[tuple[Model, Indices]]:
+    """Return batches of guesses: of each round those with most of the near dots, in the end the best of the others."""
+    strong, tried, waiting = STRONG_VOTES * layout.near.shape[1], 0, list[tuple[Model, Indices, Indices]]()
+    for model, start, votes in rounds:
+        count, done = int(np.count_nonzero(votes >= strong)), 0
+        for size in _BATCHES[:2]:
+            batch = np.arange(done, min(done + size, count, done + MAX_TRIED - tried))
+            if len(batch):
+                yield model.take(batch), start[batch]
+            done += len(batch)
+            tried += len(batch)
+        rest = np.arange(done, min(len(start), done + _BATCHES[2]))
+        waiting.append((model.take(rest), start[rest], votes[rest]))
+    if not waiting:
+        return
+    model, *parts = waiting[0]
+    for other, *more in waiting[1:]:
+        model, parts = model.joined(other), [np.concatenate(pair) for pair in zip(parts, more, strict=True)]
+    best = np.argsort(-parts[1], kind="stable")[: _BATCHES[2]]
+    for part in (best[: _BATCHES[1]], best[_BATCHES[1] :]):
+        if len(part):
+            yield model.take(part), parts[0][part]
 
 
 def _never(candidates: Labelings) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -354,7 +376,9 @@ def _compiled(
     labels, misfit, *pose = kernel.follow_poses(
         parts, start, blobs, shown, gates, model.rotation, model.translation, SCHEDULE
     )
-    return Labelings(labels, misfit, Poses(*pose), layout)
+    found = Labelings(labels, misfit, Poses(*pose), layout)
+    enough = np.flatnonzero(found.count >= LEAST_DOTS)
+    return found.take(enough) if len(enough) else found
 
 
 def misfits(predicted: Outlines, ellipses: Ellipses, blobs: Indices, px: float) -> Array:
@@ -420,18 +444,18 @@ def _next(
 
 def _guesses(
     ellipses: Ellipses, layout: DotLayout, px: float, calibrated: bool, rings_tell: bool, ringed: bool
-) -> Iterator[tuple[Model, Indices]]:
-    """Return rounds of guesses, with the control point that each starts from."""
+) -> Iterator[tuple[Model, Indices, Indices]]:
+    """Return rounds of guesses, with the control point that each starts from and its votes."""
     if calibrated:
         for seeds in guess_poses(ellipses, layout, px, rings_tell, ringed):
-            yield Poses(seeds.rotation, seeds.translation), seeds.start
+            yield Poses(seeds.rotation, seeds.translation), seeds.start, seeds.votes
         return
     for factor in FOCAL_FACTORS:
         scaled = replace(ellipses, center=ellipses.center / factor, shape=ellipses.shape / factor**2)
         for seeds in guess_poses(scaled, layout, px * factor, rings_tell, ringed):
             origin = seeds.translation + layout.points[0, 2] * seeds.rotation[:, :, 2]
             homography = np.concatenate([seeds.rotation[:, :, :2], origin[..., None]], axis=-1)
-            yield Planes(np.diag([factor, factor, 1.0]) @ homography), seeds.start
+            yield Planes(np.diag([factor, factor, 1.0]) @ homography), seeds.start, seeds.votes
 
 
 def assign(
