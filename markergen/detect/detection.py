@@ -13,9 +13,9 @@ from markergen.detect.conic_projection import correct_centers, outlines
 from markergen.detect.ellipse_fit import fit_blobs
 from markergen.detect.fiducials import NO_TAGS, REFUTES, Sightings, TagReader
 from markergen.detect.identification import REFUSED_PX, ROUGH_PX, Search, View, ambiguity, confirm, contender, search
-from markergen.detect.labeling_hypotheses import Poses
 from markergen.detect.pose import DEFAULT_ERRORS, PoseEstimate, fit_pose, outlier
 from markergen.detect.pose_hypotheses import DotLayout, layout_of
+from markergen.detect.seen_models import Poses
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.dlt import estimate_homography, four_in_general_position

@@ -17,7 +17,6 @@ from markergen.detect.labeling_hypotheses import (
     NEAR_PX,
     NEAR_REACH,
     Labelings,
-    Poses,
     assign,
     distinct,
     find_labelings,
@@ -28,6 +27,7 @@ from markergen.detect.labeling_hypotheses import (
 )
 from markergen.detect.pose_hypotheses import DotLayout
 from markergen.detect.rival_labelings import rival_labelings
+from markergen.detect.seen_models import Poses
 from markergen.model.camera import Camera
 from markergen.model.tag import Tag
 

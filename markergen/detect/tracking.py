@@ -14,7 +14,8 @@ from markergen.detect.detection import Detection, Sought, finish, made_up_camera
 from markergen.detect.ellipse_fit import fit_blobs
 from markergen.detect.fiducials import CONFIRMS, NO_TAGS, Sightings, look_for_tags
 from markergen.detect.identification import EDGE_PX, Search, View, ambiguity, confirm, search
-from markergen.detect.labeling_hypotheses import LEAST_DOTS, Planes, Poses
+from markergen.detect.labeling_hypotheses import LEAST_DOTS
+from markergen.detect.seen_models import Planes, Poses
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
