@@ -334,7 +334,7 @@ class Fits:
         return Fits(*(getattr(self, each.name)[index] for each in fields(self)))
 
 
-def fit_blobs(image: Image, blobs: Blobs) -> Blobs:
+def fit_blobs(image: Image, blobs: Blobs, inverted: bool = False) -> Blobs:
     """Fit blurred dark ellipses or elliptic rings to grey levels by least squares, from rough ellipses.
 
     Model: (1 + g'x) (light - (light - dark) (D - D_hole)), with D the share of ink (`blurred_ellipse`) and g the
@@ -352,6 +352,8 @@ def fit_blobs(image: Image, blobs: Blobs) -> Blobs:
     image : array (h, w)
     blobs : Blobs
         Rough ellipses, a fraction of a px off.
+    inverted : bool
+        True for light dots in an inverted image, whose highest grey level is where there is no light.
 
     Returns
     -------
@@ -368,7 +370,7 @@ def fit_blobs(image: Image, blobs: Blobs) -> Blobs:
     kinds = blobs.take(index)
     kinds.ring[count:] ^= True
     # Both kinds are fitted to the same pixels.
-    fits = fit_unknowns(image, kinds, kinds.ring | doubtful[index])
+    fits = fit_unknowns(image, kinds, kinds.ring | doubtful[index], inverted)
     good = _accepted(fits, kinds)
     chosen = np.arange(count)
     for other in range(count, len(index)):
@@ -404,7 +406,7 @@ def _fitted(blobs: Blobs, fits: Fits, good: Bools) -> Blobs:
     )
 
 
-def fit_unknowns(image: Image, blobs: Blobs, filled: Bools) -> Fits:
+def fit_unknowns(image: Image, blobs: Blobs, filled: Bools, inverted: bool = False) -> Fits:
     """Run the fits of `fit_blobs`, compiled or in NumPy; `filled` (B,) is true where the inside counts as well."""
     unknowns = np.zeros((len(blobs), COUNT))
     unknowns[:, CENTER] = unknowns[:, HOLE] = blobs.center
@@ -412,7 +414,9 @@ def fit_unknowns(image: Image, blobs: Blobs, filled: Bools) -> Fits:
     a, b = 1 / blobs.semi.T
     unknowns[:, 2], unknowns[:, 4] = a * cosine**2 + b * sine**2, a * sine**2 + b * cosine**2
     unknowns[:, 3] = (a - b) * cosine * sine
-    unknowns[:, LIGHT], unknowns[:, DARK] = blobs.light, blobs.dark
+    # The light scales what is reflected: a slope of the light tilts an inverted image about its highest level.
+    unlit = float(np.iinfo(image.dtype).max) if inverted else 0.0
+    unknowns[:, LIGHT], unknowns[:, DARK] = blobs.light - unlit, blobs.dark - unlit
     unknowns[:, BLUR] = np.clip(blobs.blur, 0.5, _MAX_BLUR)
     unknowns[:, SCALE] = 0.5
     band = np.clip(_BAND_BLURS * blobs.blur, _MIN_BAND_PX, _MAX_BAND_PX)
@@ -420,19 +424,20 @@ def fit_unknowns(image: Image, blobs: Blobs, filled: Bools) -> Fits:
     plain = grey_noise(image[:: max(1, len(image) // 240)])
     noise = max(_MOST_NOISE * plain + 0.5, np.sqrt(QUANTIZATION))
     top = 255 if image.dtype == np.uint8 else int(image.max(initial=0))
-    saturation = float(top) if top in _SATURATION else np.inf
+    saturation = top - unlit if top in _SATURATION else np.inf
     if kernel.library() is not None:
-        return Fits(
-            *kernel.fit_dots(
-                image, blobs.semi, blobs.angle, band, blobs.ring, filled, noise, saturation, *_constants(), unknowns
-            )
-        )
-    pixels = outline_pixels(image, blobs.center, blobs.semi, blobs.angle, band, filled)
-    descent = EllipseDescent(pixels, unknowns, blobs.ring, noise, saturation)
-    descent.run()
-    white = descent.noise()
-    complete = descent.complete(white)
-    return Fits(descent.unknowns, descent.inverse(), descent.variance(), white, complete, descent.misfit())
+        limits = noise, saturation, unlit, *_constants()
+        found = Fits(*kernel.fit_dots(image, blobs.semi, blobs.angle, band, blobs.ring, filled, *limits, unknowns))
+    else:
+        pixels = outline_pixels(image, blobs.center, blobs.semi, blobs.angle, band, filled)
+        pixels = replace(pixels, grey=pixels.grey - unlit)
+        descent = EllipseDescent(pixels, unknowns, blobs.ring, noise, saturation)
+        descent.run()
+        white = descent.noise()
+        facts = descent.variance(), white, descent.complete(white), descent.misfit()
+        found = Fits(descent.unknowns, descent.inverse(), *facts)
+    found.unknowns[:, [LIGHT, DARK]] += unlit
+    return found
 
 
 @cache

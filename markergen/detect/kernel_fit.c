@@ -49,7 +49,7 @@ typedef struct {
     double p[COUNT], origin[2], size[2], step; /* the longer semi-axis first */
     double normal[COUNT][COUNT], gradient[COUNT], sums[SECTORS][SUMS];
     int ring, filled, alive, left_out[SECTORS];
-    double image_noise, saturation;
+    double image_noise, saturation, unlit;
     const Settings *set;
     const double *table;
 } Dot;
@@ -273,7 +273,7 @@ static int collect(Dot *dot, const uint8_t *image, int64_t height, int64_t width
                     memcpy(&level, at, 2);
                 dot->x[dot->count] = (double)x;
                 dot->y[dot->count] = (double)y;
-                dot->grey[dot->count++] = level;
+                dot->grey[dot->count++] = level - dot->unlit;
             }
         }
     }
@@ -615,12 +615,14 @@ static double misfit_of(const Dot *dot)
 }
 
 /* Fits `count` dots, each from the unknowns (count, 13), which it replaces. `wide` is true for pixels of 16 bits;
-   `kind` is 1 for rings, plus 2 where the inside of the outline counts as well; `noise` is the largest noise that a dot may have. Writes the inverses of the normal matrices (count, 13, 13) and for
-   each dot the variance, the noise, 1 or 0 for a complete outline, and the misfit. Returns 0, or -1 without memory. */
+   `kind` is 1 for rings, plus 2 where the inside of the outline counts as well; `noise` is the largest noise that a dot
+   may have; levels, also those of `saturation` and unknowns, count from `unlit`. Writes the inverses of the normal
+   matrices (count, 13, 13) and for each dot the variance, the noise, 1 or 0 for a complete outline, and the misfit.
+   Returns 0, or -1 without memory. */
 int64_t fit_dots(const uint8_t *image, int64_t height, int64_t width, int64_t stride, int wide, int64_t count,
                  const double *semi, const double *angle, const double *band, const uint8_t *kind, double noise,
-                 double saturation, const Settings *set, const double *table, double *unknowns, double *inverted,
-                 double *facts)
+                 double saturation, double unlit, const Settings *set, const double *table, double *unknowns,
+                 double *inverted, double *facts)
 {
     Dot dot = {0};
     int64_t status = 0;
@@ -628,6 +630,7 @@ int64_t fit_dots(const uint8_t *image, int64_t height, int64_t width, int64_t st
     dot.table = table;
     dot.image_noise = noise;
     dot.saturation = saturation;
+    dot.unlit = unlit;
     for (int64_t k = 0; k < count && !status; k++) {
         double trace, root;
         memcpy(dot.p, unknowns + COUNT * k, sizeof dot.p);
