@@ -323,8 +323,8 @@ SETTINGS = FiducialSettings("subpix", window=3)
 REFUTES, SILENT, CONFIRMS = -1, 0, 1
 
 _MARGIN, _MARGIN_PX, _QUIET_SHARE, _LEAST_SIDE = 0.5, 8.0, 0.3, 8
-"""Margin around the place of a tag in which it is read: share of its size, plus px; the least share within which it can be
-read; shortest side of such a part."""
+"""Margin around the place of a tag in which it is read: share of its size, plus px; the least share within which it can
+be read; shortest side of such a part."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -92,6 +92,7 @@ def find_labelings(
     calibrated: bool = True,
     rings_tell: bool = True,
     judge: Judge | None = None,
+    thorough: bool = True,
 ) -> Labelings:
     """Find and fit labelings of `LEAST_DOTS` or more dots; if there are none, the best of fewer, for messages.
 
@@ -107,12 +108,16 @@ def find_labelings(
         True if rings match only rings, and disks only disks.
     judge : callable
         Tells which labelings (A,) are good, and which are so good that the search ends; by default, none.
+    thorough : bool
+        False to try only likely guesses, and only those with a ring if there is one in the layout.
     """
     judge = judge or _never
     pool = none(layout, calibrated)
     ringed = rings_tell and bool(layout.rings.any() and ellipses.ring.any())
-    for phase in (True, False) if ringed else (False,):
-        for model, start in _likely_first(_guesses(ellipses, layout, px, calibrated, rings_tell, phase), layout):
+    phases = [True] * ringed + [False] * (thorough or not layout.rings.any())
+    for phase in phases:
+        rounds = _guesses(ellipses, layout, px, calibrated, rings_tell, phase)
+        for model, start in _likely_first(rounds, layout, thorough):
             fresh = _followed(model, start, ellipses, layout, px, rings_tell)
             pool = joined(pool, fresh)
             if judge(fresh)[1].any():
@@ -123,7 +128,7 @@ def find_labelings(
         pool = pool.take(distinct(pool.blobs, pool.misfit))
         enough = np.flatnonzero(pool.count >= LEAST_DOTS)
         best = pool.take(enough[np.argsort(pool.misfit[enough] - pool.count[enough], kind="stable")][:MAX_TRIMMED])
-        for _ in range(ROUNDS if len(best) else 0):
+        for _ in range(ROUNDS if thorough and len(best) else 0):
             labelings, origin = _next(best, ellipses, layout, px, rings_tell, trim=True)
             if not len(labelings):
                 break
@@ -137,7 +142,7 @@ def find_labelings(
 
 
 def _likely_first(
-    rounds: Iterator[tuple[Model, Indices, Indices]], layout: DotLayout
+    rounds: Iterator[tuple[Model, Indices, Indices]], layout: DotLayout, thorough: bool
 ) -> Iterator[tuple[Model, Indices]]:
     """Return batches of guesses: of each round those with most of the near dots, in the end the best of the others."""
     strong, tried, waiting = STRONG_VOTES * layout.near.shape[1], 0, list[tuple[Model, Indices, Indices]]()
@@ -151,7 +156,7 @@ def _likely_first(
             tried += len(batch)
         rest = np.arange(done, min(len(start), done + _BATCHES[2]))
         waiting.append((model.take(rest), start[rest], votes[rest]))
-    if not waiting:
+    if not waiting or not thorough:
         return
     model, *parts = waiting[0]
     for other, *more in waiting[1:]:
