@@ -27,7 +27,7 @@ from markergen.detect.labeling_hypotheses import (
 )
 from markergen.detect.pose_hypotheses import DotLayout
 from markergen.detect.rival_labelings import rival_labelings
-from markergen.detect.seen_models import Poses
+from markergen.detect.seen_models import Model, Poses
 from markergen.model.camera import Camera
 from markergen.model.feature import DOT_PIXELS
 from markergen.model.tag import Tag
@@ -197,6 +197,13 @@ def search(ellipses: Ellipses, view: View, rough: Array | None = None, thorough:
     return _answered(_judged(candidates, ellipses, view, rough), ellipses)
 
 
+def given(blobs: Indices, model: Model, view: View) -> Search:
+    """Return a labeling (n,), with a model near the right one, in the form that `confirm` takes."""
+    silent = np.zeros(1, dtype=np.intp)
+    candidates = Labelings(blobs[None], np.full(1, np.inf), model, view.layout)
+    return Search(view, candidates, np.zeros(1), silent, np.zeros(1), silent, silent - 1)
+
+
 def confirm(
     found: Search,
     ellipses: Ellipses,
@@ -343,7 +350,7 @@ def _bound(
     low, high = (np.where(used[..., None], center, fill) for fill in (np.inf, -np.inf))
     extent = px * np.max(high.max(axis=1) - low.min(axis=1), axis=-1)
     count = candidates.count
-    bound = (ACCEPT_PX + ACCEPT_SHARE * extent) * (count - 3) / (count + missing - 3)
+    bound = (ACCEPT_PX + ACCEPT_SHARE * extent) * (count - 3) / np.maximum(count + missing - 3, 1)
     unsure = np.zeros(len(count))
     if rough is not None:
         unsure = np.sqrt(np.sum(rough[candidates.blobs] ** 2 * used, axis=-1) / count)
