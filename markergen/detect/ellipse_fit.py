@@ -38,7 +38,9 @@ MIN_SEMI_PX = 0.6
 _CONVERGED_PX, _SETTLED_PX, _JUDGED_PX = 2e-3, 0.02, 0.1
 """A fit ends when a step moves its center by less than the first: the next would be under a third of it, a tenth of the
 best standard deviation. Outlines that still take steps above the second at the end are not dots. Pixels and sectors are
-left out from the first step below the third on."""
+left out once the steps of center and blur are below the third, after two steps at least."""
+
+_UNJUDGED = 2
 
 _STEPS, _ROUNDS = 16, 4
 """Maximum number of steps, and of times that a dot's pixels are chosen anew."""
@@ -113,7 +115,7 @@ class EllipseDescent:
         self.size = 2 / (trace[:, None] + root[:, None] * [-1, 1])
         self.alive = np.ones(count, dtype=bool)
         self.left_out = np.zeros((count, SECTORS), dtype=bool)
-        self.step = np.full(count, np.inf)
+        self.step, self.blur_step = np.full(count, np.inf), np.full(count, np.inf)
         # From the last evaluation of the model:
         self.normal, self.gradient = np.zeros((count, COUNT, COUNT)), np.zeros((count, COUNT))
         self.sums, self.white = np.zeros((count, SECTORS, 8)), np.zeros(count)
@@ -133,14 +135,14 @@ class EllipseDescent:
         for step in range(_STEPS):
             if not active.any():
                 return
-            calm = active & (self.step < _JUDGED_PX)
+            calm = active & (self.step < _JUDGED_PX) & (self.blur_step < _JUDGED_PX) & (step >= _UNJUDGED)
             # The shape of the tips is computed anew at steps 0, 2, 5...: it is expensive, and changes little between.
             self.evaluate(active, step == 0 or step % 3 == 2)
             changed = self.leave_out(calm & (rounds < _ROUNDS))
             rounds += changed
             # The equations of those whose pixels changed are not of these pixels.
             self.move(active & ~changed)
-            active &= self.alive & (changed | (self.step > _CONVERGED_PX))
+            active &= self.alive & (changed | ~calm | (self.step > _CONVERGED_PX))
 
     def evaluate(self, active: Bools, fresh: bool) -> None:
         """Evaluate residuals, normal matrices J'J and gradients J'r of the pixels that count, of the active dots."""
@@ -232,7 +234,7 @@ class EllipseDescent:
                 np.abs(moved[:, CENTER] - self.origin[at]).max(axis=-1) < size[:, 1] + 1
             )
         self.unknowns[at[sane]] = moved[sane]
-        self.step[at] = np.abs(step[:, CENTER]).max(axis=-1)
+        self.step[at], self.blur_step[at] = np.abs(step[:, CENTER]).max(axis=-1), np.abs(moved - now)[:, BLUR]
         self.alive[at[~sane]] = False
 
     def inverse(self) -> Array:
@@ -412,8 +414,9 @@ def fit_unknowns(image: Image, blobs: Blobs, filled: Bools) -> Fits:
     a, b = 1 / blobs.semi.T
     unknowns[:, 2], unknowns[:, 4] = a * cosine**2 + b * sine**2, a * sine**2 + b * cosine**2
     unknowns[:, 3] = (a - b) * cosine * sine
-    unknowns[:, LIGHT], unknowns[:, DARK] = blobs.light, blobs.dark
-    unknowns[:, BLUR] = np.clip(blobs.blur, 0.5, _MAX_BLUR)
+    # Of small dots, whose middle is blurred, the rough levels are a guess.
+    unknowns[:, LIGHT], unknowns[:, DARK] = blobs.light, np.maximum(blobs.dark, 0)
+    unknowns[:, BLUR] = np.clip(blobs.blur, 0.5, np.minimum(0.5 + blobs.semi[:, 1] / 3, _MAX_BLUR))
     unknowns[:, SCALE] = 0.5
     band = np.clip(_BAND_BLURS * blobs.blur, _MIN_BAND_PX, _MAX_BAND_PX)
     # Rows enough to see the noise, and no more in larger images.
@@ -442,7 +445,7 @@ def _constants() -> tuple[Array, Array]:
 
     settings = np.concatenate(
         [
-            [_CONVERGED_PX, _SETTLED_PX, _JUDGED_PX, _STEPS, _ROUNDS, _LONGEST_STEP_PX, _LONGEST_SCALE_STEP],
+            [_CONVERGED_PX, _SETTLED_PX, _JUDGED_PX, _UNJUDGED, _STEPS, _ROUNDS, _LONGEST_STEP_PX, _LONGEST_SCALE_STEP],
             [_MIN_BLUR, _MAX_BLUR, MIN_SEMI_PX, _OUTLIER_SHARE, _OUTLIER_SIGMA, _OUTLIER_SPREAD],
             [_MAX_LEFT_OUT, _MAX_TRIMMED, _SCALE_NOISE / _SCALE_SIGMA],
             edge_psf.CONSTANTS,

@@ -21,7 +21,7 @@ enum { COUNT = 13, WIDTH = 16, NARROW = 12, BLOCK = 32, DISK = 10, LIGHT = 5, DA
 
 /* In this order in kernel.py. */
 typedef struct {
-    double converged, settled, judged, steps, rounds, step, scale_step, least_blur, most_blur, shortest;
+    double converged, settled, judged, unjudged, steps, rounds, step, scale_step, least_blur, most_blur, shortest;
     double outlier_share, outlier_sigma, outlier_spread, left_out, trimmed;
     double scale_prior; /* noise per contrast over the standard deviation of a hole's size */
     double sharp, boxed, least_side, least_lens, tiny;
@@ -46,7 +46,7 @@ typedef struct {
     int64_t count, room;
     double *x, *y, *grey, *residual, *tips, *other_tips, *scratch;
     uint8_t *weight, *silent, *sector;
-    double p[COUNT], origin[2], size[2], step; /* the longer semi-axis first */
+    double p[COUNT], origin[2], size[2], step, blur_step; /* the longer semi-axis first */
     double normal[COUNT][COUNT], gradient[COUNT], sums[SECTORS][SUMS];
     int ring, filled, alive, left_out[SECTORS];
     double image_noise, saturation;
@@ -530,6 +530,7 @@ static void move(Dot *dot)
     p[BLUR] = within(p[BLUR], set->least_blur, set->most_blur);
     p[SCALE] = dot->p[SCALE] + within(step[SCALE], -set->scale_step, set->scale_step);
     p[SCALE] = within(p[SCALE], 0.1, 0.9);
+    dot->blur_step = fabs(p[BLUR] - dot->p[BLUR]);
     eigenvalues(p, &trace, &root);
     sane = sane && trace - root > 0.6 / dot->size[0] && trace < 2 / set->shortest && p[LIGHT] > p[DARK];
     for (int r = 0; r < 2; r++)
@@ -579,14 +580,14 @@ static void run(Dot *dot)
     int rounds = 0;
     for (int step = 0; step < dot->set->steps && dot->alive; step++) {
         int changed = 0;
-        const int calm = dot->step < dot->set->judged && rounds < dot->set->rounds;
+        const int calm = dot->step < dot->set->judged && dot->blur_step < dot->set->judged && step >= dot->set->unjudged;
         evaluate(dot, step == 0 || step % 3 == 2);
-        if (calm)
+        if (calm && rounds < dot->set->rounds)
             changed = leave_out(dot);
         rounds += changed;
         if (!changed && dot->alive)
             move(dot);
-        if (!changed && !(dot->step > dot->set->converged))
+        if (!changed && calm && !(dot->step > dot->set->converged))
             return;
     }
 }
@@ -638,7 +639,7 @@ int64_t fit_dots(const uint8_t *image, int64_t height, int64_t width, int64_t st
         dot.ring = kind[k] & 1;
         dot.filled = kind[k] & 2;
         dot.alive = 1;
-        dot.step = INFINITY;
+        dot.step = dot.blur_step = INFINITY;
         memset(dot.left_out, 0, sizeof dot.left_out);
         if (!collect(&dot, image, height, width, stride, wide, semi + 2 * k, angle[k], band[k])) {
             status = -1;
