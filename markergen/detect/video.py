@@ -3,7 +3,7 @@
 import json as json_format
 import os
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -143,25 +143,15 @@ def detect_video(
         raise InputError("a name for a video that ends in .mp4 or .avi", str(overlay), "give such an --overlay")
     check_outputs(files, inputs)
     size = (detector.camera.width, detector.camera.height) if detector.camera else None
-    watched = Watched(str(one))
     with ExitStack() as at_the_end:
         video = at_the_end.enter_context(open_video(one, size))
-        watched.name = video.name
+        watched = Watched(video.name)
         at_the_end.enter_context(silent_opencv())
         at_the_end.callback(lambda: [tell(line) for line in [str(watched), *(f"  {note}" for note in video.notes)]])
         sinks = _sinks(video, json, overlay, window, tell, warn)
         for sink in sinks:
             at_the_end.enter_context(sink)
-        start, found, whole = None, list[Found](), -np.inf
-        for frame in video:
-            start = monotonic() if start is None else start
-            whole = frame.time if frame.time >= whole + SECONDS_BETWEEN_WHOLE else whole
-            found = detector(frame.image, near=found if frame.time > whole else None)
-            smoothed = smoother(frame.time, found) if smoother else None
-            watched.frames += 1
-            watched.found += any(each.ok for each in found)
-            watched.dropped, watched.seconds = video.dropped, monotonic() - start
-            look = Look(frame, found, smoothed, watched)
+        for look in watch(video, detector, smoother, watched):
             for sink in sinks:
                 sink.put(look)
             show(str(look))
@@ -177,7 +167,7 @@ def detect_video(
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """A frame, what was found in it, and the state of the detection."""
+    """A frame, what was found in it, the filtered poses if there is a filter, and the state of the detection."""
 
     frame: Frame
     found: list[Found]
@@ -214,6 +204,45 @@ class Look:
             f"{self.frame.time:.2f} s, {self.watched.rate:.3g} frames per second, {self.watched.dropped} dropped; "
             + "; ".join(map(str, self.found))
         )
+
+
+def watch(
+    video: Video, detector: Detector, smoother: Smoother | None = None, watched: Watched | None = None
+) -> Iterator[Look]:
+    """Yield each frame of a video with what is found in it, near where it was in the frame before if it still is.
+
+    Parameters
+    ----------
+    smoother : Smoother, optional
+        Filters the poses.
+    watched : Watched, optional
+        Counts the frames.
+
+    Raises
+    ------
+    InputError
+        If a camera or stream stalls or ends, or the frames are not of the camera's size.
+
+    Examples
+    --------
+    >>> from markergen.detect import Detector
+    >>> from markergen.read.videos import open_video
+    >>> def follow(detector: Detector) -> None:
+    ...     with open_video("0") as video:
+    ...         for look in watch(video, detector):
+    ...             print(look.frame.time, look.found[0].tvec)
+    """
+    watched = watched or Watched(video.name)
+    start, found, whole = None, list[Found](), -np.inf
+    for frame in video:
+        start = monotonic() if start is None else start
+        whole = frame.time if frame.time >= whole + SECONDS_BETWEEN_WHOLE else whole
+        found = detector(frame.image, near=found if frame.time > whole else None)
+        smoothed = smoother(frame.time, found) if smoother else None
+        watched.frames += 1
+        watched.found += any(each.ok for each in found)
+        watched.dropped, watched.seconds = video.dropped, monotonic() - start
+        yield Look(frame, found, smoothed, watched)
 
 
 class _Sink:

@@ -3,6 +3,7 @@
 import io
 import json
 import os
+from pathlib import Path
 from types import SimpleNamespace
 
 import cv2
@@ -92,6 +93,17 @@ def test_a_video(folder, frames):
     assert colored[EMPTY] == 0
     assert min(colored[:EMPTY] + colored[EMPTY + 1 :]) > 300
     assert sorted(each.name for each in folder.iterdir()) == ["found.jsonl", "marker.json", "seen.mp4", "walk.avi"]
+
+
+def test_the_loop_of_the_documentation(folder, capsys):
+    text = (Path(__file__).parents[2] / "docs" / "detect.md").read_text()
+    (code,) = (each for each in text.split("```") if "import watch" in each)
+    (folder / "walk.avi").rename("video.avi")
+    detector = Detector("marker.json", PAPER_CAMERA)
+    exec(compile(code.removeprefix("python\n"), "docs/detect.md", "exec"), {"detector": detector})
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[1] for line in lines] == ["0"] * 5
+    assert [line.endswith("[None]") for line in lines] == [k == EMPTY for k in range(5)]
 
 
 def test_the_same_video_gives_the_same_bytes(folder):
