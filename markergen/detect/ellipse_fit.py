@@ -28,9 +28,9 @@ Indices = NDArray[np.intp]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 # Columns of the unknowns.
-CENTER, SHAPE, LIGHT, DARK, BLUR, SLOPE = slice(0, 2), slice(2, 5), 5, 6, 7, slice(8, 10)
-HOLE, SCALE = slice(10, 12), 12
-COUNT = 13
+CENTER, SHAPE, LIGHT, DARK, BLUR, SLOPES = slice(0, 2), slice(2, 5), 5, 6, 7, slice(8, 12)
+HOLE, SCALE = slice(12, 14), 14
+COUNT = 15
 
 MIN_SEMI_PX = 0.6
 """Minimum semi-axis: with less than half a pixel's blur, a dot cannot be told from a line."""
@@ -60,8 +60,9 @@ _MAX_TRIMMED = 0.15
 _NOISE_SLACK, _MOST_NOISE = 1.5, 2.0
 """Ratio to the noise of the plainest image areas, accepted and maximum: noise grows with the light."""
 
-_SCALE_SIGMA, _SCALE_NOISE = 0.05, 0.02
-"""Standard deviation of a hole's size about half of the ring's, as if measured at this noise per contrast."""
+_SCALE_SIGMA, _SHINE_SIGMA, _PRIOR_NOISE = 0.05, 0.003, 0.02
+"""Standard deviations of a hole's size about half of the ring's, and of a reflection's slope relative to the light, 1/px,
+about none; as if measured at this noise per contrast."""
 
 _BAND_BLURS, _MIN_BAND_PX, _MAX_BAND_PX = 3.0, 2.5, 9.0
 """Half-width of the band of fitted pixels around the outline: beyond it the levels are flat and carry no information,
@@ -90,15 +91,15 @@ _SATURATION = tuple(2**bits - 1 for bits in range(8, 17))
 
 
 class EllipseDescent:
-    """Unknowns (B, 13) of dots that are being fitted, and their pixels with weights 0 or 1.
+    """Unknowns (B, 15) of dots that are being fitted, and their pixels with weights 0 or 1.
 
     The columns: center (2) and M (m11, m12, m22) of the ellipse |M (x - c)| = 1; grey levels of light and dark; blur;
-    relative slope (2) of the light, 1/px; center (2) and size of a ring's hole, relative to the outline's.
+    slopes of light and of dark (2 each), 1/px; center (2) and size of a ring's hole, relative to the outline's.
 
     Parameters
     ----------
     pixels : OutlinePixels
-    unknowns : array (B, 13)
+    unknowns : array (B, 15)
         Initial values.
     ring : array (B,) of bool
     noise : float, grey levels
@@ -170,14 +171,13 @@ class EllipseDescent:
         self.residual[at], self.silent[at], self.sector[at], self.tips[:, at] = residual, silent, sector, tips
 
     def model(self, dots: Indices, counts: Indices, x: Array, y: Array, tips: Array | None) -> tuple[Array, ...]:
-        """Return grey levels (N,), their derivatives (13, N), the edge's slope, sectors' directions and the tips."""
+        """Return grey levels (N,), their derivatives (15, N), the edge's slope, sectors' directions and the tips."""
         p = np.repeat(self.unknowns[dots].T, counts, axis=1)
         origin = np.repeat(self.origin[dots].T, counts, axis=1)
         across, down = x - origin[0], y - origin[1]
         dx, dy = x - p[0], y - p[1]
-        lit = 1 + p[8] * across + p[9] * down
-        full = p[LIGHT] - p[DARK]
-        contrast = full * lit
+        light, dark = p[LIGHT] + p[8] * across + p[9] * down, p[DARK] + p[10] * across + p[11] * down
+        contrast = light - dark
         jacobian = np.zeros((COUNT, len(x)))
         held = (None, None) if tips is None else tips
         ink, by_rho, by_blur, direction, tip = blurred_ellipse(dx, dy, (p[2], p[3], p[4]), p[BLUR], held[0])
@@ -193,21 +193,21 @@ class EllipseDescent:
         if len(at):
             q = p[:, at]
             m11, m12, m22 = q[2:5] / q[SCALE]
-            dx, dy = x[at] - q[10], y[at] - q[11]
+            dx, dy = x[at] - q[12], y[at] - q[13]
             old = None if held[1] is None else held[1][at]
             hole, by_rho, by_blur, (u, v), made[1, at] = blurred_ellipse(dx, dy, (m11, m12, m22), q[BLUR], old)
             ink[at] -= hole
             slope = contrast[at] * by_rho
             gradient_x, gradient_y = m11 * u + m12 * v, m12 * u + m22 * v
-            jacobian[10, at], jacobian[11, at] = -slope * gradient_x, -slope * gradient_y
+            jacobian[12, at], jacobian[13, at] = -slope * gradient_x, -slope * gradient_y
             jacobian[2:5, at] += slope / q[SCALE] * np.stack([u * dx, u * dy + v * dx, v * dy])
             # d rho/d scale = -rho/scale, and rho = x'grad rho.
             jacobian[SCALE, at] = -slope * (dx * gradient_x + dy * gradient_y) / q[SCALE]
             jacobian[BLUR, at] += contrast[at] * by_blur
-        jacobian[LIGHT], jacobian[DARK] = (1 - ink) * lit, ink * lit
-        level = p[LIGHT] - full * ink
-        jacobian[8], jacobian[9] = level * across, level * down
-        return level * lit, jacobian, steep, direction, made
+        jacobian[LIGHT], jacobian[DARK] = 1 - ink, ink
+        jacobian[8:10] = (1 - ink) * across, (1 - ink) * down
+        jacobian[10:12] = ink * across, ink * down
+        return light - contrast * ink, jacobian, steep, direction, made
 
     def move(self, chosen: Bools) -> None:
         """Take the step of the chosen dots, within limits."""
@@ -238,7 +238,7 @@ class EllipseDescent:
         self.alive[at[~sane]] = False
 
     def inverse(self) -> Array:
-        """Return the inverses (B, 13, 13) of the normal matrices with their priors."""
+        """Return the inverses (B, 15, 15) of the normal matrices with their priors."""
         normal, _ = _equations(self.normal, self.gradient, self.unknowns, self.ring)
         scale = np.maximum(np.einsum("bii->bi", normal), 1e-12) ** -0.5
         scaled = normal * scale[:, :, None] * scale[:, None, :] + 1e-12 * np.eye(COUNT)
@@ -305,20 +305,39 @@ def _eigenvalues(unknowns: Array) -> tuple[Array, Array]:
 
 
 def _equations(normal: Array, gradient: Array, unknowns: Array, ring: Bools) -> tuple[Array, Array]:
-    """Add the priors to normal matrices (B, 13, 13) and gradients (B, 13)."""
+    """Add the priors to normal matrices (B, 15, 15) and gradients (B, 15)."""
     normal, gradient = normal.copy(), gradient.copy()
     # A disk has no hole to move. If the blur is as wide as a ring's ink, a darker and thinner ring looks the same:
     # a half is the usual size.
-    normal[:, range(10, COUNT), range(10, COUNT)] += ~ring[:, None]
-    prior = ring * (_SCALE_NOISE / _SCALE_SIGMA * (unknowns[:, LIGHT] - unknowns[:, DARK])) ** 2
+    normal[:, range(12, COUNT), range(12, COUNT)] += ~ring[:, None]
+    weight = (_PRIOR_NOISE * (unknowns[:, LIGHT] - unknowns[:, DARK])) ** 2
+    prior = ring * weight / _SCALE_SIGMA**2
     normal[:, SCALE, SCALE] += prior
     gradient[:, SCALE] += prior * (0.5 - unknowns[:, SCALE])
+    # In small dots hardly anything is all dark.
+    row = _shine(unknowns)
+    shine = (row @ unknowns[:, SLOPES, None])[..., 0]
+    prior = weight / _SHINE_SIGMA**2
+    normal[:, SLOPES, SLOPES] += prior[:, None, None] * row.swapaxes(-1, -2) @ row
+    gradient[:, SLOPES] -= prior[:, None] * (row.swapaxes(-1, -2) @ shine[..., None])[..., 0]
     return normal, gradient
+
+
+def _shine(unknowns: Array) -> Array:
+    """Return the matrices (B, 2, 4) from the slopes to what the dark's are beyond their share of the light's, 1/px.
+
+    Illumination changes light and dark by the same factor, a reflection by the same amount.
+    """
+    light, dark = unknowns[:, LIGHT], unknowns[:, DARK]
+    row = np.zeros((len(unknowns), 2, 4))
+    row[:, 0, 0] = row[:, 1, 1] = -dark / light**2
+    row[:, 0, 2] = row[:, 1, 3] = 1 / light
+    return row
 
 
 @dataclass(frozen=True, eq=False)
 class Fits:
-    """Result of B fits: unknowns (B, 13), the inverses of their normal matrices, variance and noise of the grey levels.
+    """Result of B fits: unknowns (B, 15), the inverses of their normal matrices, variance and noise of the grey levels.
 
     `complete` (B,) tells whether the fit has converged, and every edge that was not left out belongs to the dot;
     `misfit` (B,) is twice the negative log-likelihood, up to a constant that all fits to the same pixels share.
@@ -339,10 +358,10 @@ class Fits:
 def fit_blobs(image: Image, blobs: Blobs) -> Blobs:
     """Fit blurred dark ellipses or elliptic rings to grey levels by least squares, from rough ellipses.
 
-    Model: (1 + g'x) (light - (light - dark) (D - D_hole)), with D the share of ink (`blurred_ellipse`) and g the
-    slope of the light over the dot; saturated where the image is. Ellipse, levels, slope and blur are unknown, and for
-    a ring the hole's center and scale too: under perspective hole and outline are not concentric. Every pixel counts
-    by its information, so the center's error is near the lower bound set by the image's noise.
+    Model: light - (light - dark) (D - D_hole), with D the share of ink (`blurred_ellipse`) and levels of light and
+    dark that each have a slope over the dot; saturated where the image is. Ellipse, levels, slopes and blur are unknown,
+    and for a ring the hole's center and scale too: under perspective hole and outline are not concentric. Every pixel
+    counts by its information, so the center's error is near the lower bound set by the image's noise.
 
     Parts of the outline without an edge, or with one elsewhere (an occluder, a touching neighbor), are found sector by
     sector and left out. A fifth of the outline may be missing; with more the fit is refused, since half an ellipse also
@@ -447,7 +466,7 @@ def _constants() -> tuple[Array, Array]:
         [
             [_CONVERGED_PX, _SETTLED_PX, _JUDGED_PX, _UNJUDGED, _STEPS, _ROUNDS, _LONGEST_STEP_PX, _LONGEST_SCALE_STEP],
             [_MIN_BLUR, _MAX_BLUR, MIN_SEMI_PX, _OUTLIER_SHARE, _OUTLIER_SIGMA, _OUTLIER_SPREAD],
-            [_MAX_LEFT_OUT, _MAX_TRIMMED, _SCALE_NOISE / _SCALE_SIGMA],
+            [_MAX_LEFT_OUT, _MAX_TRIMMED, _PRIOR_NOISE / _SCALE_SIGMA, _PRIOR_NOISE / _SHINE_SIGMA],
             edge_psf.CONSTANTS,
             outline_pixels_.CONSTANTS,
             edge_psf.QUADRATURE,
@@ -473,24 +492,33 @@ def _accepted(fits: Fits, blobs: Blobs) -> Bools:
 
 
 def _shrink_slope(fits: Fits, good: Bools) -> tuple[Array, Array]:
-    """Return the last step (B, 13) and the centers' covariance (B, 2, 2), with slopes of the light shrunk to zero.
+    """Return the last step (B, 15) and the centers' covariance (B, 2, 2), with slopes of the light shrunk to zero.
 
-    A free slope costs a third of the center's information; without a slope, uneven light displaces the center. So the
-    slope has a normal prior about zero with the variance of all slopes of the image beyond their own errors
-    (DerSimonian and Laird's estimate): none in even light, as much as needed in other light.
+    Free slopes cost a third of the center's information and more; without them, uneven light displaces the center. So
+    the light's slope has a normal prior about zero, and the dark's about its share of that, each with the variance of
+    all such slopes of the image beyond their own errors (DerSimonian and Laird's estimate, for the dark less its standard
+    error): none in even light, as much as needed in other light.
     """
     step, covariance = np.zeros(fits.unknowns.shape), np.full((len(good), 2, 2), np.nan)
     if not good.any():
         return step, covariance
-    free = fits.variance[good, None, None] * fits.inverse[good]
-    slope, errors = fits.unknowns[good, SLOPE], free[:, SLOPE, SLOPE]
-    own = np.einsum("bii->b", errors) / 2
-    weight = np.maximum(own, 1e-15) ** -2
-    between = float(np.sum(weight * (np.sum(slope**2, axis=-1) / 2 - own)) / np.sum(weight))
-    # The gain of a measurement of both slopes as zero, with this variance.
-    gain = free[:, :, SLOPE] @ np.linalg.inv(errors + max(between, 1e-12) * np.eye(2))
+    free, unknowns = fits.variance[good, None, None] * fits.inverse[good], fits.unknowns[good]
+    measure = np.zeros((len(unknowns), 4, 4))
+    measure[:, 0, 0] = measure[:, 1, 1] = 1 / unknowns[:, LIGHT]
+    measure[:, 2:] = _shine(unknowns)
+    slope = (measure @ unknowns[:, SLOPES, None])[..., 0]
+    errors = measure @ free[:, SLOPES, SLOPES] @ measure.swapaxes(-1, -2)
+    between = []
+    for part, slack in ((slice(0, 2), 0.0), (slice(2, 4), 1 / np.sqrt(len(unknowns)))):
+        own = np.einsum("bii->b", errors[:, part, part]) / 2
+        weight = np.maximum(own, 1e-15) ** -2
+        excess = np.sum(slope[:, part] ** 2, axis=-1) / 2 - (1 + slack) * own
+        between += 2 * [max(float(np.sum(weight * excess) / np.sum(weight)), 1e-12)]
+    # The gain of a measurement of all of these as zero, with these variances.
+    back = measure.swapaxes(-1, -2)
+    gain = free[:, :, SLOPES] @ back @ np.linalg.inv(errors + np.diag(between))
     step[good] = -(gain @ slope[..., None])[..., 0]
-    centers = free[:, CENTER, CENTER] - gain[:, CENTER] @ free[:, SLOPE, CENTER]
+    centers = free[:, CENTER, CENTER] - gain[:, CENTER] @ measure @ free[:, SLOPES, CENTER]
     # On some processors its product is symmetric only up to rounding.
     covariance[good] = (centers + centers.swapaxes(-1, -2)) / 2
     return step, covariance

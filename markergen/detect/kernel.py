@@ -136,11 +136,11 @@ def fit_dots(
         Maximum noise, and the level above which the image shows none.
     settings, table : arrays
         Constants in the order of kernel_fit.c, and the normal distribution and its density.
-    unknowns : array (B, 13)
+    unknowns : array (B, 15)
 
     Returns
     -------
-    unknowns (B, 13), inverse normal matrices (B, 13, 13), variance (B,), noise (B,), complete (B,) of bool, misfit (B,)
+    unknowns (B, 15), inverse normal matrices (B, 15, 15), variance (B,), noise (B,), complete (B,) of bool, misfit (B,)
     """
     loaded = library()
     assert loaded is not None
@@ -149,11 +149,11 @@ def fit_dots(
     if image.strides[1] != image.itemsize or image.strides[0] < 0:
         image = image.copy()
     count, (height, width) = len(unknowns), image.shape
-    unknowns, inverse, facts = unknowns.copy(), np.empty((count, 13, 13)), np.empty((count, 4))
+    unknowns, inverse, facts = unknowns.copy(), np.empty((count, 15, 15)), np.empty((count, 4))
     inputs = [np.ascontiguousarray(each, dtype=float) for each in (semi, angle, band)]
     kinds = np.asarray(ring + 2 * filled, dtype=np.uint8)
     sizes = [each.size for each in (*inputs, kinds, unknowns)]
-    if sizes != [2 * count, count, count, count, 13 * count]:
+    if sizes != [2 * count, count, count, count, 15 * count]:
         raise ValueError(f"arrays of {count} dots do not have {sizes} numbers")
     arrays = settings, table, unknowns, inverse, facts
     status = loaded.fit_dots(

@@ -50,10 +50,13 @@ class PoseEstimate:
         Sum of the residuals weighted by the inverse of their covariance from image and print.
     degrees_of_freedom : int
         Expected value of chi2, if the covariances are right: twice the number of points, less 6.
+    scale : float
+        Factor on the covariances from image and print, already in `budget`; see `residual_scale`.
     alternative : (rotation, translation) or None
         Other pose from which a flat marker looks much the same, if it is a contender.
     likelihood_ratio : float
-        Likelihood of the alternative relative to this pose: exp(-(chi2 of the alternative - chi2)/2); 0 without one.
+        Likelihood of the alternative relative to this pose: exp(-(chi2 of the alternative - chi2)/(2 scale)); 0 without
+        one.
     """
 
     rotation: Array
@@ -61,6 +64,7 @@ class PoseEstimate:
     budget: PoseBudget
     chi2: float
     degrees_of_freedom: int
+    scale: float
     alternative: tuple[Array, Array] | None = None
     likelihood_ratio: float = 0.0
 
@@ -141,21 +145,34 @@ def fit_pose(
     if not np.isfinite(chi2[best]):
         return None
     solutions = [(rotation[best], translation[best], float(chi2[best]))]
+    freedom = 2 * len(points) - 6
+    scale = residual_scale(solutions[0][2], freedom)
     if not np.ptp(points[:, 2]):
         rotation, translation, chi2 = refined(*mirrored_poses(points, rotation[[best]], translation[[best]]), COARSE)
-        if float(chi2[0]) - solutions[0][2] < 2 * SEARCHED:
+        if float(chi2[0]) - solutions[0][2] < 2 * SEARCHED * scale:
             rotation, translation, chi2 = refined(rotation, translation)
         solutions.append((rotation[0], translation[0], float(chi2[0])))
     (rotation, translation, least), *others = sorted(solutions, key=lambda solution: solution[2])
     budget = pose_budget(points, rotation[None], translation[None], camera, covariance, errors)
-    budget = PoseBudget(budget.image[0], budget.print[0], budget.camera[0], budget.total[0])
+    scale = residual_scale(least, freedom)
+    image_part, print_part, camera_part = scale * budget.image[0], scale * budget.print[0], budget.camera[0]
+    budget = PoseBudget(image_part, print_part, camera_part, image_part + print_part + camera_part)
     alternative, ratio = None, 0.0
     for other, place, more in others:
-        likelihood = float(np.exp((least - more) / 2))
+        likelihood = float(np.exp((least - more) / (2 * scale)))
         sigma = np.sqrt(np.trace(budget.total[:3, :3]))
         if likelihood > CONTENDER and angle_between(other, rotation) > DISTINCT_SIGMA * sigma:
             alternative, ratio = (other, place), likelihood
-    return PoseEstimate(rotation, translation, budget, least, 2 * len(points) - 6, alternative, ratio)
+    return PoseEstimate(rotation, translation, budget, least, freedom, scale, alternative, ratio)
+
+
+def residual_scale(chi2: float, freedom: int) -> float:
+    """Return the factor by which the residuals show the covariances of image and print to be too small, 1 or more.
+
+    chi2/d for d degrees of freedom, the estimate of a common factor, where it exceeds 1. Shadows across dots, reflections
+    and compression move the dots by more than the noise of their grey levels says.
+    """
+    return max(1.0, chi2 / freedom)
 
 
 def outlier(
