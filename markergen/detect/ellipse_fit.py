@@ -61,8 +61,8 @@ _NOISE_SLACK, _MOST_NOISE = 1.5, 2.0
 """Ratio to the noise of the plainest image areas, accepted and maximum: noise grows with the light."""
 
 _SCALE_SIGMA, _SHINE_SIGMA, _PRIOR_NOISE = 0.05, 0.003, 0.02
-"""Standard deviations of a hole's size about half of the ring's, and of a reflection's slope relative to the light, 1/px,
-about none; as if measured at this noise per contrast."""
+"""Standard deviations of a hole's size about half of the ring's, and of a reflection's slope, relative to the light and
+in 1/px, about none; as if measured at this noise per contrast."""
 
 _BAND_BLURS, _MIN_BAND_PX, _MAX_BAND_PX = 3.0, 2.5, 9.0
 """Half-width of the band of fitted pixels around the outline: beyond it the levels are flat and carry no information,
@@ -73,9 +73,13 @@ _MAX_MISFIT, _MAX_NOISE = 0.12, 0.2
 edges leave 0.08."""
 _MIN_MAJOR_PX, _MAX_ELONGATION, _MAX_SIGMA_PX = 1.0, 10.0, 0.5
 _HOLE_SCALES = 0.15, 0.85
-_MAX_MOVE_PX, _MAX_MOVE = 0.7, 0.03
-"""Maximum distance from the rough center, px plus a share of the longer semi-axis: what covers a dot can pull the fit
-off by more."""
+_MUCH_UNEVEN = 2.0
+"""Ratio of the sectors' shifts, squared, to what noise explains, above which the covariance grows by it. One dot in a
+hundred is above."""
+
+_MAX_MOVE_PX, _UNEVEN_MOVE_PX, _MAX_MOVE = 0.7, 0.15, 0.003
+"""Maximum distances from the rough center, of all dots and of those twice as uneven as that, px plus a share of the
+longer semi-axis: what covers a dot, or a shadow's edge across it, can pull the fit off by more."""
 
 _DISK_BELOW, _RING_ABOVE, _RING_GAIN = 0.3, 0.7, 20.0
 """Levels in the middle of certain disks, glossy ones included, and certain rings; minimum gain of a doubtful ring in
@@ -292,6 +296,12 @@ class EllipseDescent:
         freedom = np.bincount(owner, weight, count) - np.where(self.ring, COUNT, COUNT - 3)
         return np.asarray(np.maximum(squares / np.maximum(freedom, 1), QUANTIZATION))
 
+    def uneven(self) -> Array:
+        """Return chi2 (B,) of the sectors' shifts, of those not left out, over its degrees of freedom."""
+        moved = self.sums[:, :, 2] ** 2 / np.maximum(self.sums[:, :, 1], 1e-12) * ~self.left_out
+        # An ellipse takes five of the shifts.
+        return np.asarray(moved.sum(axis=-1) / self.variance() / (SECTORS - 5 - self.left_out.sum(axis=-1)))
+
     def misfit(self) -> Array:
         """Return twice the negative log-likelihood (B,) of all pixels, each clipped at half the contrast."""
         squares, count = self.sums[:, :, 7].sum(axis=-1), np.diff(self.pixels.start)
@@ -340,7 +350,8 @@ class Fits:
     """Result of B fits: unknowns (B, 15), the inverses of their normal matrices, variance and noise of the grey levels.
 
     `complete` (B,) tells whether the fit has converged, and every edge that was not left out belongs to the dot;
-    `misfit` (B,) is twice the negative log-likelihood, up to a constant that all fits to the same pixels share.
+    `misfit` (B,) is twice the negative log-likelihood, up to a constant that all fits to the same pixels share;
+    `uneven` (B,) is chi2 of the sectors' shifts over its degrees of freedom, 1 for a good fit.
     """
 
     unknowns: Array
@@ -349,6 +360,7 @@ class Fits:
     noise: Array
     complete: Bools
     misfit: Array
+    uneven: Array
 
     def take(self, index: Indices) -> "Fits":
         """Return a subset."""
@@ -359,9 +371,9 @@ def fit_blobs(image: Image, blobs: Blobs) -> Blobs:
     """Fit blurred dark ellipses or elliptic rings to grey levels by least squares, from rough ellipses.
 
     Model: light - (light - dark) (D - D_hole), with D the share of ink (`blurred_ellipse`) and levels of light and
-    dark that each have a slope over the dot; saturated where the image is. Ellipse, levels, slopes and blur are unknown,
-    and for a ring the hole's center and scale too: under perspective hole and outline are not concentric. Every pixel
-    counts by its information, so the center's error is near the lower bound set by the image's noise.
+    dark that each have a slope over the dot; saturated where the image is. Ellipse, levels, slopes and blur are
+    unknown, and for a ring the hole's center and scale too: under perspective hole and outline are not concentric. Every
+    pixel counts by its information, so the center's error is near the lower bound set by the image's noise.
 
     Parts of the outline without an edge, or with one elsewhere (an occluder, a touching neighbor), are found sector by
     sector and left out. A fifth of the outline may be missing; with more the fit is refused, since half an ellipse also
@@ -454,7 +466,8 @@ def fit_unknowns(image: Image, blobs: Blobs, filled: Bools) -> Fits:
     descent.run()
     white = descent.noise()
     complete = descent.complete(white)
-    return Fits(descent.unknowns, descent.inverse(), descent.variance(), white, complete, descent.misfit())
+    variance, uneven = descent.variance(), descent.uneven()
+    return Fits(descent.unknowns, descent.inverse(), variance, white, complete, descent.misfit(), uneven)
 
 
 @cache
@@ -486,7 +499,8 @@ def _accepted(fits: Fits, blobs: Blobs) -> Bools:
     good &= (trace - root < 2 / _MIN_MAJOR_PX) & (trace + root < 2 / MIN_SEMI_PX)
     good &= trace + root < _MAX_ELONGATION * (trace - root)
     moved = np.linalg.norm(fits.unknowns[:, CENTER] - blobs.center, axis=-1)
-    good &= moved < _MAX_MOVE_PX + _MAX_MOVE * blobs.semi[:, 0]
+    most = np.where(fits.uneven > 2 * _MUCH_UNEVEN, _UNEVEN_MOVE_PX, _MAX_MOVE_PX)
+    good &= moved < most + _MAX_MOVE * blobs.semi[:, 0]
     scale = fits.unknowns[:, SCALE]
     return np.asarray(good & (~blobs.ring | ((scale > _HOLE_SCALES[0]) & (scale < _HOLE_SCALES[1]))))
 
@@ -496,13 +510,14 @@ def _shrink_slope(fits: Fits, good: Bools) -> tuple[Array, Array]:
 
     Free slopes cost a third of the center's information and more; without them, uneven light displaces the center. So
     the light's slope has a normal prior about zero, and the dark's about its share of that, each with the variance of
-    all such slopes of the image beyond their own errors (DerSimonian and Laird's estimate, for the dark less its standard
-    error): none in even light, as much as needed in other light.
+    all such slopes of the image beyond their own errors (DerSimonian and Laird's estimate, for the dark less its
+    standard error): none in even light, as much as needed in other light.
     """
     step, covariance = np.zeros(fits.unknowns.shape), np.full((len(good), 2, 2), np.nan)
     if not good.any():
         return step, covariance
-    free, unknowns = fits.variance[good, None, None] * fits.inverse[good], fits.unknowns[good]
+    variance = fits.variance * np.where(fits.uneven > _MUCH_UNEVEN, fits.uneven, 1)
+    free, unknowns = variance[good, None, None] * fits.inverse[good], fits.unknowns[good]
     measure = np.zeros((len(unknowns), 4, 4))
     measure[:, 0, 0] = measure[:, 1, 1] = 1 / unknowns[:, LIGHT]
     measure[:, 2:] = _shine(unknowns)

@@ -169,8 +169,8 @@ def fit_pose(
 def residual_scale(chi2: float, freedom: int) -> float:
     """Return the factor by which the residuals show the covariances of image and print to be too small, 1 or more.
 
-    chi2/d for d degrees of freedom, the estimate of a common factor, where it exceeds 1. Shadows across dots, reflections
-    and compression move the dots by more than the noise of their grey levels says.
+    chi2/d for d degrees of freedom, the estimate of a common factor, where it exceeds 1. Shadows across dots,
+    reflections and compression move the dots by more than the noise of their grey levels says.
     """
     return max(1.0, chi2 / freedom)
 
