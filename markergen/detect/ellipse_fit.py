@@ -73,6 +73,9 @@ _MAX_MISFIT, _MAX_NOISE = 0.12, 0.2
 edges leave 0.08."""
 _MIN_MAJOR_PX, _MAX_ELONGATION, _MAX_SIGMA_PX = 1.0, 10.0, 0.5
 _HOLE_SCALES = 0.15, 0.85
+_OWN_SLOPE = 5.0
+"""Ratio of a slope squared to its variance above which the slope is the dot's own: one in a hundred by chance."""
+
 _MUCH_UNEVEN = 2.0
 """Ratio of the sectors' shifts, squared, to what noise explains, above which the covariance grows by it. One dot in a
 hundred is above."""
@@ -372,8 +375,8 @@ def fit_blobs(image: Image, blobs: Blobs) -> Blobs:
 
     Model: light - (light - dark) (D - D_hole), with D the share of ink (`blurred_ellipse`) and levels of light and
     dark that each have a slope over the dot; saturated where the image is. Ellipse, levels, slopes and blur are
-    unknown, and for a ring the hole's center and scale too: under perspective hole and outline are not concentric. Every
-    pixel counts by its information, so the center's error is near the lower bound set by the image's noise.
+    unknown, and for a ring the hole's center and scale too: under perspective hole and outline are not concentric.
+    Every pixel counts by its information, so the center's error is near the lower bound set by the image's noise.
 
     Parts of the outline without an edge, or with one elsewhere (an occluder, a touching neighbor), are found sector by
     sector and left out. A fifth of the outline may be missing; with more the fit is refused, since half an ellipse also
@@ -516,24 +519,26 @@ def _shrink_slope(fits: Fits, good: Bools) -> tuple[Array, Array]:
     step, covariance = np.zeros(fits.unknowns.shape), np.full((len(good), 2, 2), np.nan)
     if not good.any():
         return step, covariance
-    variance = fits.variance * np.where(fits.uneven > _MUCH_UNEVEN, fits.uneven, 1)
-    free, unknowns = variance[good, None, None] * fits.inverse[good], fits.unknowns[good]
+    free, unknowns = fits.variance[good, None, None] * fits.inverse[good], fits.unknowns[good]
     measure = np.zeros((len(unknowns), 4, 4))
     measure[:, 0, 0] = measure[:, 1, 1] = 1 / unknowns[:, LIGHT]
     measure[:, 2:] = _shine(unknowns)
     slope = (measure @ unknowns[:, SLOPES, None])[..., 0]
     errors = measure @ free[:, SLOPES, SLOPES] @ measure.swapaxes(-1, -2)
-    between = []
+    between = np.zeros((len(unknowns), 4))
     for part, slack in ((slice(0, 2), 0.0), (slice(2, 4), 1 / np.sqrt(len(unknowns)))):
         own = np.einsum("bii->b", errors[:, part, part]) / 2
         weight = np.maximum(own, 1e-15) ** -2
-        excess = np.sum(slope[:, part] ** 2, axis=-1) / 2 - (1 + slack) * own
-        between += 2 * [max(float(np.sum(weight * excess) / np.sum(weight)), 1e-12)]
+        square = np.sum(slope[:, part] ** 2, axis=-1) / 2
+        shared = np.sum(weight * (square - (1 + slack) * own)) / np.sum(weight)
+        # A dot's own may be beyond doubt, as at the edge of a shadow.
+        between[:, part] = np.maximum(np.maximum(shared, square - _OWN_SLOPE * own), 1e-12)[:, None]
     # The gain of a measurement of all of these as zero, with these variances.
     back = measure.swapaxes(-1, -2)
-    gain = free[:, :, SLOPES] @ back @ np.linalg.inv(errors + np.diag(between))
+    gain = free[:, :, SLOPES] @ back @ np.linalg.inv(errors + between[:, :, None] * np.eye(4))
     step[good] = -(gain @ slope[..., None])[..., 0]
     centers = free[:, CENTER, CENTER] - gain[:, CENTER] @ measure @ free[:, SLOPES, CENTER]
+    centers *= np.where(fits.uneven[good] > _MUCH_UNEVEN, fits.uneven[good], 1)[:, None, None]
     # On some processors its product is symmetric only up to rounding.
     covariance[good] = (centers + centers.swapaxes(-1, -2)) / 2
     return step, covariance
