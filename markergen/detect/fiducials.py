@@ -4,7 +4,7 @@ A marker's own tag, if it is read, gives the marker's orientation and its member
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -322,6 +322,9 @@ SETTINGS = FiducialSettings("subpix", window=3)
 
 REFUTES, SILENT, CONFIRMS = -1, 0, 1
 
+_MARGIN, _MARGIN_PX, _LEAST_SIDE = 0.5, 8.0, 8
+"""Margin around the place of a tag in which it is read: share of its size, plus px; shortest side of such a part."""
+
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
@@ -344,8 +347,56 @@ class Sightings:
     def __len__(self) -> int:
         return len(self.names)
 
+    def joined(self, other: "Sightings") -> "Sightings":
+        """Add those of others that are not among these."""
+        apart = np.linalg.norm(other.pixels[:, None] - self.pixels, axis=-1).max(axis=-1)
+        same = np.array([[a == b for b in self.names] for a in other.names], dtype=bool)
+        fresh = np.flatnonzero(~(same.reshape(apart.shape) & (apart < MATCH_PX)).any(axis=1))
+        names = tuple(other.names[i] for i in fresh)
+        return Sightings(self.names + names, np.concatenate([self.pixels, other.pixels[fresh]]))
+
+    def near(self, quads: Array) -> "Sightings":  # noqa: ARG002
+        """Return itself: all tags are read already; see `TagReader.near`."""
+        return self
+
 
 NO_TAGS = Sightings()
+
+
+class TagReader:
+    """Tags of an image, read only where they are looked for.
+
+    Parameters
+    ----------
+    image : array (h, w) of uint8 or uint16
+    families : collection of str
+    """
+
+    def __init__(self, image: NDArray[np.uint8] | NDArray[np.uint16], families: Collection[str]) -> None:
+        self._image, self._families = image, families
+        self._read: list[tuple[int, int, int, int]] = []
+        self._seen = NO_TAGS
+
+    def near(self, quads: Array) -> Sightings:
+        """Return the tags read so far, among them those near quadrangles (k, 4, 2) in px."""
+        height, width = self._image.shape
+        for quad in quads[np.isfinite(quads).all(axis=(-2, -1))]:
+            low, high = quad.min(axis=0), quad.max(axis=0)
+            # The quiet zone and, for labels that are wrong, the tag at another turn or beside its place.
+            margin = _MARGIN * float((high - low).max()) + _MARGIN_PX
+            left, top = (max(0, int(each)) for each in np.clip(low - margin, 0, [width, height]))
+            right, bottom = (int(each) for each in np.clip(high + margin + 1, 0, [width, height]))
+            # Labelings of one marker mostly put the tag at the same place.
+            inner = np.concatenate([np.clip(low, 0, None), np.minimum(high, [width - 1, height - 1])])
+            known = any(
+                a <= inner[0] and b <= inner[1] and inner[2] <= c and inner[3] <= d for a, b, c, d in self._read
+            )
+            if known or min(right - left, bottom - top) < _LEAST_SIDE:
+                continue
+            self._read.append((left, top, right, bottom))
+            found = look_for_tags(self._image[top:bottom, left:right], self._families)
+            self._seen = self._seen.joined(replace(found, pixels=found.pixels + [left, top]))
+        return self._seen
 
 
 def look_for_tags(image: NDArray[np.uint8] | NDArray[np.uint16], families: Collection[str]) -> Sightings:

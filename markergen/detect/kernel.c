@@ -764,3 +764,277 @@ int64_t even_edges(const uint8_t *image, int64_t height, int64_t width, int64_t 
     }
     return count;
 }
+
+/* ------------------------------------------------------------------------------------------------------------------
+   follow_poses: labelings to which guessed poses lead, fitted (twin: labeling_hypotheses.py, _followed and fit_labelings).
+
+   A guess labels the blobs that are in reach of the outlines it predicts: first near the control point that it starts
+   from, if `near_count` is less than n - 1, then all. The pose is fitted to them, from the guess and from its mirrored pose
+   if the marker is flat, and the better one labels again, within a narrower reach, until nothing changes. Every such
+   stage of every guess is written: labels (k, STAGES, n), -1 for none; misfit (k, STAGES), nan for stages that there are
+   not, inf with fewer than four dots; rotation (k, STAGES, 3, 3) and translation (k, STAGES, 3).
+
+   points (n, 3), radii (n), rings (n); near (n, near_count); start (k), or NULL for labels given in the first stage;
+   center (b, 2), shape (b, 3): xx, xy, yy; strange (2, b): whether a blob is surely no disk, no ring;
+   gates: reach, margin; then both of the narrower one; px, largest factor of all outlines (log), tolerance. */
+
+enum { STAGES = 4, LEAST = 4, FIT_STEPS = 8 };
+
+typedef struct {
+    int64_t n, b, flat;
+    const double *points, *radii, *center, *shape, *gates, *damping;
+    const uint8_t *rings, *strange;
+    double *gate[2];      /* (b, 3) inverse squared reach, wide and narrow */
+    double *seen, *weight; /* (n, 2), (n, 2, 2) of the dots of a labeling */
+    double *drawn;        /* (n, 6): center, shape, 1 if seen */
+    double *least;        /* (n) */
+} Scene;
+
+static void draw(const Scene *s, const double *R, const double *t)
+{
+    for (int64_t i = 0; i < s->n; i++) {
+        const double *X = s->points + 3 * i;
+        double *d = s->drawn + 6 * i, square = s->radii[i] * s->radii[i];
+        double x = R[0] * X[0] + R[1] * X[1] + R[2] * X[2] + t[0];
+        double y = R[3] * X[0] + R[4] * X[1] + R[5] * X[2] + t[1];
+        double z = R[6] * X[0] + R[7] * X[1] + R[8] * X[2] + t[2];
+        double level = z * z - square * (1 - R[8] * R[8]);
+        d[5] = z > 0 && level > 0 && x * R[2] + y * R[5] + z * R[8] < 0;
+        d[0] = (x * z + square * R[8] * R[2]) / level;
+        d[1] = (y * z + square * R[8] * R[5]) / level;
+        d[2] = d[0] * d[0] - (x * x - square * (1 - R[2] * R[2])) / level;
+        d[3] = d[0] * d[1] - (x * y + square * R[2] * R[5]) / level;
+        d[4] = d[1] * d[1] - (y * y - square * (1 - R[5] * R[5])) / level;
+    }
+}
+
+/* Labels dots, all or those of `own` (count), and returns how many have a blob. */
+static int64_t label(const Scene *s, int narrow, const int64_t *own, int64_t count, int64_t *labels)
+{
+    const double *gate = s->gate[narrow];
+    for (int64_t i = 0; i < s->n; i++) {
+        labels[i] = -1;
+        s->least[i] = INFINITY;
+    }
+    for (int64_t j = 0; j < (own ? count : s->n); j++) {
+        const int64_t i = own ? own[j] : j;
+        const double *d = s->drawn + 6 * i;
+        const uint8_t *strange = s->strange + (s->rings[i] ? s->b : 0);
+        if (d[5] == 0)
+            continue;
+        double best = INFINITY;
+        int64_t which = -1;
+        for (int64_t k = 0; k < s->b; k++) {
+            double dx = d[0] - s->center[2 * k], dy = d[1] - s->center[2 * k + 1];
+            double square = gate[3 * k] * dx * dx + 2 * gate[3 * k + 1] * dx * dy + gate[3 * k + 2] * dy * dy;
+            if (square < best && !strange[k]) {
+                best = square;
+                which = k;
+            }
+        }
+        if (best <= 1) {
+            labels[i] = which;
+            s->least[i] = best;
+        }
+    }
+    /* Of two dots with the same blob, the farther one gets none. */
+    int64_t labeled = 0;
+    for (int64_t i = 0; i < s->n; i++)
+        for (int64_t j = 0; j < s->n && labels[i] >= 0; j++)
+            if (s->least[j] < s->least[i] && (labels[j] == labels[i] || labels[j] == -2 - labels[i]))
+                labels[i] = -2 - labels[i];
+    for (int64_t i = 0; i < s->n; i++) {
+        if (labels[i] < -1)
+            labels[i] = -1;
+        labeled += labels[i] >= 0;
+    }
+    return labeled;
+}
+
+static void root(const double *e, double *result)
+{
+    double area = sqrt(e[0] * e[2] - e[1] * e[1]), scale = sqrt(e[0] + e[2] + 2 * area);
+    result[0] = (e[0] + area) / scale;
+    result[1] = e[1] / scale;
+    result[2] = (e[2] + area) / scale;
+}
+
+/* The misfit of labels at a pose, in px. */
+static double misfit_of(const Scene *s, const int64_t *labels, const double *R, const double *t)
+{
+    draw(s, R, t);
+    double ratio = 0, offset = 0, outline = 0, a[3], e[3];
+    int64_t count = 0;
+    for (int64_t i = 0; i < s->n; i++) {
+        if (labels[i] < 0)
+            continue;
+        const double *d = s->drawn + 6 * i, *seen = s->shape + 3 * labels[i], *at = s->center + 2 * labels[i];
+        if (d[5] == 0)
+            return INFINITY;
+        ratio += 0.25 * log((seen[0] * seen[2] - seen[1] * seen[1]) / (d[2] * d[4] - d[3] * d[3]));
+        offset += (at[0] - d[0]) * (at[0] - d[0]) + (at[1] - d[1]) * (at[1] - d[1]);
+        count++;
+    }
+    double limit = s->gates[5], factor = exp(fmin(fmax(ratio / (double)count, -limit), limit));
+    for (int64_t i = 0; i < s->n; i++) {
+        if (labels[i] < 0)
+            continue;
+        root(s->shape + 3 * labels[i], a);
+        root(s->drawn + 6 * i + 2, e);
+        double xx = a[0] - factor * e[0], xy = a[1] - factor * e[1], yy = a[2] - factor * e[2];
+        outline += xx * xx + 2 * xy * xy + yy * yy;
+    }
+    double error = s->gates[4] * sqrt(offset / (double)(count > 4 ? count - 3 : 1) + outline / (double)count);
+    return error < INFINITY ? error : INFINITY;
+}
+
+/* Fits a pose to labels; returns -1 without memory. */
+static int fit_pose(const Scene *s, const int64_t *labels, double *R, double *t)
+{
+    double chi2;
+    memset(s->weight, 0, sizeof(double) * (size_t)(4 * s->n));
+    for (int64_t i = 0; i < s->n; i++)
+        if (labels[i] >= 0) {
+            s->weight[4 * i] = s->weight[4 * i + 3] = s->gates[4] * s->gates[4];
+            s->seen[2 * i] = s->center[2 * labels[i]];
+            s->seen[2 * i + 1] = s->center[2 * labels[i] + 1];
+        }
+    return refine_poses(1, s->n, s->points, s->radii, s->seen, s->weight, R, t, &chi2, FIT_STEPS, s->gates[6],
+                        s->damping);
+}
+
+/* The pose with nearly the same image of a flat marker: its normal reflected about the line of sight to its middle. */
+static void mirror(const Scene *s, const double *R, const double *t, double *result, double *place)
+{
+    double m[3] = {0, 0, 0}, p[3], l[3], target[3], axis[3], along = 0, norm = 0, cosine = 0;
+    for (int64_t i = 0; i < s->n; i++)
+        for (int a = 0; a < 3; a++)
+            m[a] += s->points[3 * i + a] / (double)s->n;
+    for (int a = 0; a < 3; a++) {
+        p[a] = R[3 * a] * m[0] + R[3 * a + 1] * m[1] + R[3 * a + 2] * m[2] + t[a];
+        norm += p[a] * p[a];
+    }
+    norm = sqrt(norm);
+    for (int a = 0; a < 3; a++) {
+        l[a] = p[a] / norm;
+        along += l[a] * R[3 * a + 2];
+    }
+    for (int a = 0; a < 3; a++) {
+        target[a] = 2 * along * l[a] - R[3 * a + 2];
+        cosine += target[a] * R[3 * a + 2];
+    }
+    const double n[3] = {R[2], R[5], R[8]};
+    for (int a = 0; a < 3; a++)
+        axis[a] = n[(a + 1) % 3] * target[(a + 2) % 3] - n[(a + 2) % 3] * target[(a + 1) % 3];
+    /* v + axis x v + axis x (axis x v) / (1 + cosine), for each column v. */
+    for (int j = 0; j < 3; j++) {
+        double v[3] = {R[j], R[3 + j], R[6 + j]}, once[3], twice[3];
+        for (int a = 0; a < 3; a++)
+            once[a] = axis[(a + 1) % 3] * v[(a + 2) % 3] - axis[(a + 2) % 3] * v[(a + 1) % 3];
+        for (int a = 0; a < 3; a++)
+            twice[a] = axis[(a + 1) % 3] * once[(a + 2) % 3] - axis[(a + 2) % 3] * once[(a + 1) % 3];
+        for (int a = 0; a < 3; a++)
+            result[3 * a + j] = v[a] + once[a] + twice[a] / (1 + cosine);
+    }
+    for (int a = 0; a < 3; a++)
+        place[a] = p[a] - (result[3 * a] * m[0] + result[3 * a + 1] * m[1] + result[3 * a + 2] * m[2]);
+}
+
+static int follow(const Scene *s, int64_t near_count, const int64_t *own, int64_t *labels, double *misfit,
+                  double *rotation, double *translation)
+{
+    double R[9], t[3], other[9], place[3];
+    memcpy(R, rotation, sizeof R);
+    memcpy(t, translation, sizeof t);
+    int64_t count = 0;
+    if (own) {
+        draw(s, R, t);
+        if (near_count < s->n - 1) {
+            if (label(s, 0, own, near_count + 1, labels) < LEAST)
+                return 0;
+            if (fit_pose(s, labels, R, t))
+                return -1;
+            draw(s, R, t);
+        }
+        count = label(s, 0, NULL, 0, labels);
+    } else
+        for (int64_t i = 0; i < s->n; i++)
+            count += labels[i] >= 0;
+    for (int stage = 0; stage < STAGES; stage++) {
+        if (count < LEAST) {
+            if (stage == 0) {
+                misfit[0] = INFINITY;
+                memcpy(rotation, R, sizeof R);
+                memcpy(translation, t, sizeof t);
+            }
+            return 0;
+        }
+        memcpy(other, R, sizeof R);
+        memcpy(place, t, sizeof t);
+        if (s->flat)
+            mirror(s, R, t, other, place);
+        if (fit_pose(s, labels, R, t))
+            return -1;
+        misfit[stage] = misfit_of(s, labels, R, t);
+        if (s->flat) {
+            if (fit_pose(s, labels, other, place))
+                return -1;
+            double mirrored = misfit_of(s, labels, other, place);
+            if (mirrored < misfit[stage]) {
+                misfit[stage] = mirrored;
+                memcpy(R, other, sizeof R);
+                memcpy(t, place, sizeof t);
+            }
+        }
+        memcpy(rotation + 9 * stage, R, sizeof R);
+        memcpy(translation + 3 * stage, t, sizeof t);
+        if (stage + 1 == STAGES)
+            return 0;
+        draw(s, R, t);
+        int64_t *following = labels + s->n;
+        count = label(s, 1, NULL, 0, following);
+        for (int k = 0; k <= stage; k++)
+            if (!memcmp(following, following - s->n * (k + 1), sizeof(int64_t) * (size_t)s->n))
+                return 0;
+        labels = following;
+    }
+    return 0;
+}
+
+/* Returns 0, or -1 without memory. */
+int follow_poses(int64_t k, int64_t n, int64_t b, int64_t flat, int64_t near_count, const double *points,
+                 const double *radii, const uint8_t *rings, const int64_t *near, const int64_t *start,
+                 const double *center, const double *shape, const uint8_t *strange, const double *gates,
+                 const double *damping, int64_t *labels, double *misfit, double *rotation, double *translation)
+{
+    double *memory = malloc(sizeof(double) * (size_t)(6 * b + 13 * n + 1));
+    int64_t *own = malloc(sizeof(int64_t) * (size_t)(near_count + 1));
+    int failed = !memory || !own;
+    if (!failed) {
+        Scene s = {n, b, flat, points, radii, center, shape, gates, damping, rings, strange, {memory, memory + 3 * b},
+                   memory + 6 * b, memory + 6 * b + 2 * n, memory + 6 * b + 6 * n, memory + 6 * b + 12 * n};
+        for (int narrow = 0; narrow < 2; narrow++)
+            for (int64_t j = 0; j < b; j++) {
+                double reach = gates[2 * narrow] * gates[2 * narrow];
+                double margin = gates[2 * narrow + 1] * gates[2 * narrow + 1], *gate = s.gate[narrow] + 3 * j;
+                double xx = reach * shape[3 * j] + margin, xy = reach * shape[3 * j + 1];
+                double yy = reach * shape[3 * j + 2] + margin, det = xx * yy - xy * xy;
+                gate[0] = yy / det;
+                gate[1] = -xy / det;
+                gate[2] = xx / det;
+            }
+        for (int64_t i = 0; i < n; i++)
+            s.seen[2 * i] = s.seen[2 * i + 1] = 0;
+        for (int64_t i = 0; i < k && !failed; i++) {
+            if (start) {
+                own[0] = start[i];
+                memcpy(own + 1, near + near_count * start[i], sizeof(int64_t) * (size_t)near_count);
+            }
+            failed = follow(&s, near_count, start ? own : NULL, labels + STAGES * n * i, misfit + STAGES * i,
+                            rotation + 9 * STAGES * i, translation + 3 * STAGES * i);
+        }
+    }
+    free(memory);
+    free(own);
+    return failed ? -1 : 0;
+}

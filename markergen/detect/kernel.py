@@ -72,6 +72,8 @@ def _declare(loaded: ctypes.CDLL) -> None:
     loaded.disk_outlines.restype = None
     loaded.refine_poses.argtypes = [whole, whole, *[address] * 7, whole, ctypes.c_double, address]
     loaded.refine_poses.restype = ctypes.c_int
+    loaded.follow_poses.argtypes = [*[whole] * 5, *[address] * 14]
+    loaded.follow_poses.restype = ctypes.c_int
     loaded.even_edges.argtypes = [address, whole, whole, whole, address, whole, *[address] * 3]
     loaded.even_edges.restype = whole
 
@@ -247,6 +249,66 @@ def refine_poses(
     if loaded.refine_poses(k, n, *addresses, steps, tolerance, schedule.ctypes.data):
         raise MemoryError("no memory for residuals")
     return refined[0], refined[1], chi2
+
+
+_STAGES = 4
+
+
+def follow_poses(
+    layout: tuple[Array, Array, NDArray[np.bool_], NDArray[np.intp], bool],
+    start: NDArray[np.intp] | None,
+    labels: NDArray[np.intp] | None,
+    ellipses: tuple[Array, Array, NDArray[np.bool_]],
+    gates: tuple[float, ...],
+    rotation: Array,
+    translation: Array,
+    damping: tuple[float, ...],
+) -> tuple[NDArray[np.intp], Array, Array, Array]:
+    """Return the labelings (A, n) to which k poses lead, misfits (A,) and poses: see kernel.c.
+
+    Parameters
+    ----------
+    layout : tuple
+        Points (n, 3), radii (n,), rings (n,), near dots (n, m), and whether it is flat.
+    start, labels : array (k,) of int, or array (k, n) of int; the other one is None
+        Control point that each guess starts from; or given labelings.
+    ellipses : tuple
+        Centers (b, 2), shapes (b, 2, 2), and which are surely no disks, no rings (2, b).
+    gates : tuple
+        As in kernel.c.
+    """
+    loaded = library()
+    assert loaded is not None
+    points, radii, rings, near, flat = layout
+    center, shape, strange = ellipses
+    k, n, b = len(rotation), len(points), len(center)
+    found = np.full((k, _STAGES, n), -1, dtype=np.int64)
+    if labels is not None:
+        found[:, 0] = labels
+    misfit = np.full((k, _STAGES), np.nan)
+    turn, shift = np.empty((k, _STAGES, 3, 3)), np.empty((k, _STAGES, 3))
+    turn[:, 0], shift[:, 0] = rotation, translation
+    arrays = [
+        np.ascontiguousarray(points, dtype=float),
+        np.ascontiguousarray(radii, dtype=float),
+        np.ascontiguousarray(rings, dtype=np.uint8),
+        np.ascontiguousarray(near, dtype=np.int64),
+        None if start is None else np.ascontiguousarray(start, dtype=np.int64),
+        np.ascontiguousarray(center, dtype=float),
+        np.ascontiguousarray(shape[:, [0, 0, 1], [0, 1, 1]], dtype=float),
+        np.ascontiguousarray(strange, dtype=np.uint8),
+        np.array(gates, dtype=float),
+        np.array(damping, dtype=float),
+        found,
+        misfit,
+        turn,
+        shift,
+    ]
+    addresses = [None if each is None else each.ctypes.data for each in arrays]
+    if loaded.follow_poses(k, n, b, int(flat), near.shape[1], *addresses):
+        raise MemoryError("no memory for labelings")
+    there = ~np.isnan(misfit)
+    return found[there], misfit[there], turn[there], shift[there]
 
 
 def even_edges(image: Eight, rough: Array, circle: Array, limits: Array, columns: int) -> Array:

@@ -148,7 +148,7 @@ def test_steady_motion_is_followed_better_than_it_is_measured():
             covariance = noise(rng)
             pose = measured(truth, covariance, rng)
             motion = (
-                begin(truth.time, *pose, covariance, LIMITS)
+                begin(truth.time, *pose, covariance, calm)
                 if motion is None
                 else update(predict(motion, truth.time, calm), *pose, covariance)
             )
@@ -208,6 +208,16 @@ def test_flips_do_not_come_through():
         (smoothed,) = smoother(truth.time, [told])
         assert smoothed.outlier == (k % 3 == 2 and not k % 2)
         assert angle_between(smoothed.rotation, truth.rotation) < 0.05
+
+
+def test_a_steady_motion_may_be_fast():
+    """However small the accelerations, the velocities of something new are not known."""
+    smoother, limits = Smoother(Accelerations(0.01, 0.01)), Accelerations(0.0, 0.0)
+    for truth in walk(np.random.default_rng(5), 20, limits):
+        (smoothed,) = smoother(truth.time, [sighting(truth.rotation, truth.translation, SMALL)])
+        assert not smoothed.outlier
+    np.testing.assert_allclose(smoothed.velocity, truth.velocity, atol=0.01)
+    np.testing.assert_allclose(smoothed.spin, truth.spin, atol=0.02)
 
 
 def test_a_jump_that_lasts_is_believed_after_a_while():
