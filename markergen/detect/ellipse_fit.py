@@ -299,11 +299,17 @@ class EllipseDescent:
         freedom = np.bincount(owner, weight, count) - np.where(self.ring, COUNT, COUNT - 3)
         return np.asarray(np.maximum(squares / np.maximum(freedom, 1), QUANTIZATION))
 
-    def uneven(self) -> Array:
-        """Return chi2 (B,) of the sectors' shifts, of those not left out, over its degrees of freedom."""
-        moved = self.sums[:, :, 2] ** 2 / np.maximum(self.sums[:, :, 1], 1e-12) * ~self.left_out
+    def uneven(self) -> tuple[Array, Array, Array]:
+        """Return `uneven`, `odd` and `pairs` of `Fits`; sectors left out do not count."""
+        variance, half, kept = self.variance(), SECTORS // 2, ~self.left_out
+        information = np.maximum(self.sums[:, :, 1], 1e-12)
+        shift = self.sums[:, :, 2] / information
         # An ellipse takes five of the shifts.
-        return np.asarray(moved.sum(axis=-1) / self.variance() / (SECTORS - 5 - self.left_out.sum(axis=-1)))
+        even = np.sum(information * shift**2 * kept, axis=-1) / variance / (kept.sum(axis=-1) - 5)
+        both = kept[:, :half] & kept[:, half:]
+        spread = 1 / information[:, :half] + 1 / information[:, half:]
+        odd = np.sum((shift[:, :half] - shift[:, half:]) ** 2 / spread * both, axis=-1) / variance
+        return even, odd, both.sum(axis=-1).astype(float)
 
     def misfit(self) -> Array:
         """Return twice the negative log-likelihood (B,) of all pixels, each clipped at half the contrast."""
@@ -354,7 +360,8 @@ class Fits:
 
     `complete` (B,) tells whether the fit has converged, and every edge that was not left out belongs to the dot;
     `misfit` (B,) is twice the negative log-likelihood, up to a constant that all fits to the same pixels share;
-    `uneven` (B,) is chi2 of the sectors' shifts over its degrees of freedom, 1 for a good fit.
+    `uneven` (B,) is chi2 of the sectors' shifts over its degrees of freedom, 1 for a good fit; `odd` (B,) is chi2 of
+    the differences between opposite sectors' shifts, and `pairs` (B,) their number.
     """
 
     unknowns: Array
@@ -364,6 +371,8 @@ class Fits:
     complete: Bools
     misfit: Array
     uneven: Array
+    odd: Array
+    pairs: Array
 
     def take(self, index: Indices) -> "Fits":
         """Return a subset."""
@@ -459,18 +468,16 @@ def fit_unknowns(image: Image, blobs: Blobs, filled: Bools) -> Fits:
     top = 255 if image.dtype == np.uint8 else int(image.max(initial=0))
     saturation = float(top) if top in _SATURATION else np.inf
     if kernel.library() is not None:
-        return Fits(
-            *kernel.fit_dots(
-                image, blobs.semi, blobs.angle, band, blobs.ring, filled, noise, saturation, *_constants(), unknowns
-            )
-        )
+        rough = blobs.semi, blobs.angle, band, blobs.ring, filled
+        found, inverse, facts = kernel.fit_dots(image, *rough, noise, saturation, *_constants(), unknowns)
+        return Fits(found, inverse, facts[0], facts[1], facts[2] > 0, *facts[3:])
     pixels = outline_pixels(image, blobs.center, blobs.semi, blobs.angle, band, filled)
     descent = EllipseDescent(pixels, unknowns, blobs.ring, noise, saturation)
     descent.run()
     white = descent.noise()
     complete = descent.complete(white)
-    variance, uneven = descent.variance(), descent.uneven()
-    return Fits(descent.unknowns, descent.inverse(), variance, white, complete, descent.misfit(), uneven)
+    of_edges = descent.uneven()
+    return Fits(descent.unknowns, descent.inverse(), descent.variance(), white, complete, descent.misfit(), *of_edges)
 
 
 @cache
@@ -538,7 +545,11 @@ def _shrink_slope(fits: Fits, good: Bools) -> tuple[Array, Array]:
     gain = free[:, :, SLOPES] @ back @ np.linalg.inv(errors + between[:, :, None] * np.eye(4))
     step[good] = -(gain @ slope[..., None])[..., 0]
     centers = free[:, CENTER, CENTER] - gain[:, CENTER] @ measure @ free[:, SLOPES, CENTER]
-    centers *= np.where(fits.uneven[good] > _MUCH_UNEVEN, fits.uneven[good], 1)[:, None, None]
+    # Only what moves opposite edges the same way moves a center, and it takes two of the differences. Where another
+    # blur than the model's makes the residuals, it is less than these say: by the upper limit of its estimate from all.
+    freedom = np.sum(fits.pairs[good] - 2)
+    even = min(1.0, np.sum(fits.odd[good]) / freedom * (1 + np.sqrt(2 / freedom)))
+    centers *= np.where(fits.uneven[good] > _MUCH_UNEVEN, fits.uneven[good], even)[:, None, None]
     # On some processors its product is symmetric only up to rounding.
     covariance[good] = (centers + centers.swapaxes(-1, -2)) / 2
     return step, covariance

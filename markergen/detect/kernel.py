@@ -124,7 +124,7 @@ def fit_dots(
     settings: Array,
     table: Array,
     unknowns: Array,
-) -> tuple[Array, Array, Array, Array, NDArray[np.bool_], Array, Array]:
+) -> tuple[Array, Array, Array]:
     """Fit dots to grey levels: see kernel_fit.c, and the twin in ellipse_fit.py.
 
     Parameters
@@ -142,7 +142,8 @@ def fit_dots(
 
     Returns
     -------
-    unknowns (B, 15), inverse normal matrices (B, 15, 15), and (B,) each: variance, noise, complete, misfit, uneven
+    unknowns (B, 15), inverse normal matrices (B, 15, 15), and in this order (7, B): variance, noise, complete, misfit,
+    uneven, odd, pairs
     """
     loaded = library()
     assert loaded is not None
@@ -151,7 +152,7 @@ def fit_dots(
     if image.strides[1] != image.itemsize or image.strides[0] < 0:
         image = image.copy()
     count, (height, width) = len(unknowns), image.shape
-    unknowns, inverse, facts = unknowns.copy(), np.empty((count, 15, 15)), np.empty((count, 5))
+    unknowns, inverse, facts = unknowns.copy(), np.empty((count, 15, 15)), np.empty((count, 7))
     inputs = [np.ascontiguousarray(each, dtype=float) for each in (semi, angle, band)]
     kinds = np.asarray(ring + 2 * filled, dtype=np.uint8)
     sizes = [each.size for each in (*inputs, kinds, unknowns)]
@@ -164,7 +165,7 @@ def fit_dots(
     )  # fmt: skip
     if status < 0:
         raise MemoryError("no memory for the pixels of a dot")
-    return unknowns, inverse, facts[:, 0], facts[:, 1], facts[:, 2] > 0, facts[:, 3], facts[:, 4]
+    return unknowns, inverse, facts.T
 
 
 def elliptic(found: Integers, limits: Array) -> tuple[Array, Array, Integers]:

@@ -17,7 +17,7 @@
 #define INSIDE static inline
 #endif
 
-enum { COUNT = 15, WIDTH = 16, BLOCK = 32, DISK = 12, LIGHT = 5, DARK = 6, BLUR = 7, HOLE = 12, SCALE = 14, SECTORS = 16, SUMS = 8, NODES = 5, FACTS = 5 };
+enum { COUNT = 15, WIDTH = 16, BLOCK = 32, DISK = 12, LIGHT = 5, DARK = 6, BLUR = 7, HOLE = 12, SCALE = 14, SECTORS = 16, SUMS = 8, NODES = 5, FACTS = 7 };
 
 /* In this order in kernel.py. */
 typedef struct {
@@ -615,13 +615,26 @@ static int complete(Dot *dot, double noise)
     return 1;
 }
 
-static double uneven(const Dot *dot)
+static void uneven(const Dot *dot, double variance, double *facts)
 {
-    double sum = 0;
-    for (int k = 0; k < SECTORS; k++)
-        if (!dot->left_out[k])
-            sum += dot->sums[k][2] * dot->sums[k][2] / larger(dot->sums[k][1], dot->set->tiny);
-    return sum / (SECTORS - 5 - left_out(dot));
+    const double tiny = dot->set->tiny;
+    double sum = 0, odd = 0, pairs = 0;
+    for (int k = 0; k < SECTORS; k++) {
+        const int l = (k + SECTORS / 2) % SECTORS;
+        const double *own = dot->sums[k], *other = dot->sums[l];
+        const double information = larger(own[1], tiny), opposite = larger(other[1], tiny);
+        const double shift = own[2] / information, apart = shift - other[2] / opposite;
+        if (dot->left_out[k])
+            continue;
+        sum += information * shift * shift;
+        if (k < l && !dot->left_out[l]) {
+            odd += apart * apart / (1 / information + 1 / opposite);
+            pairs++;
+        }
+    }
+    facts[0] = sum / variance / (SECTORS - 5 - left_out(dot));
+    facts[1] = odd / variance;
+    facts[2] = pairs;
 }
 
 static double misfit_of(const Dot *dot)
@@ -634,8 +647,8 @@ static double misfit_of(const Dot *dot)
 
 /* Fits `count` dots, each from the unknowns (count, 15), which it replaces. `wide` is true for pixels of 16 bits;
    `kind` is 1 for rings, plus 2 where the inside of the outline counts as well; `noise` is the largest noise that a dot may have. Writes the inverses of the normal matrices (count, 15, 15) and for
-   each dot the variance, the noise, 1 or 0 for a complete outline, the misfit, and the
-   unevenness. Returns 0, or -1 without memory. */
+   each dot the variance, the noise, 1 or 0 for a complete outline, the misfit, and what
+   EllipseDescent.uneven returns. Returns 0, or -1 without memory. */
 int64_t fit_dots(const uint8_t *image, int64_t height, int64_t width, int64_t stride, int wide, int64_t count,
                  const double *semi, const double *angle, const double *band, const uint8_t *kind, double noise,
                  double saturation, const Settings *set, const double *table, double *unknowns, double *inverted,
@@ -671,7 +684,7 @@ int64_t fit_dots(const uint8_t *image, int64_t height, int64_t width, int64_t st
         facts[FACTS * k + 1] = noise_of(&dot);
         facts[FACTS * k + 2] = complete(&dot, facts[FACTS * k + 1]);
         facts[FACTS * k + 3] = misfit_of(&dot);
-        facts[FACTS * k + 4] = uneven(&dot) / facts[FACTS * k];
+        uneven(&dot, facts[FACTS * k], facts + FACTS * k + 4);
     }
     free(dot.x);
     free(dot.y);
