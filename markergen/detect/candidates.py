@@ -1,7 +1,5 @@
 """Candidate dots: dark regions with an even edge from dark to light all around, and their rough ellipses."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,8 +37,10 @@ _LEAST_EIGHTHS = 6
 """The first, cheap test: 6 of 8 directions have a step of at least 6 grey levels and 0.3 of the mean between pixels
 inside and outside of the outline of a component, which is too large by about a pixel."""
 
-_MIN_SECTORS = 17
-"""Sectors that must have an edge: a little more than a quarter may be hidden, washed out by light, or cut off."""
+_EVERY = 2, 1
+_MIN_SECTORS = 9, 17
+"""Sectors that must have an edge, of every other one at first, then of all: a quarter or a little more may be hidden,
+washed out by light, or cut off."""
 _MIN_STEP = 12.0
 _ALIKE = 0.35
 """Minimum step: in grey levels of 8 bits, and, like the inverse of its maximum, relative to the median."""
@@ -48,7 +48,7 @@ _MAX_UNEVEN = 0.7, 0.5
 """Maximum standard deviation of the step over the sectors, without the three least and three largest, over its median,
 of a component's outline and of the ellipse found. In photographs, dots have 0.02, 95 % of them below 0.15; leaves,
 letters, cloth and stones 0.1 to 0.6."""
-_MAX_RMS = (0.6, 0.06), (0.3, 0.03)
+_MAX_RMS = (0.4, 0.04), (0.3, 0.03)
 """Maximum RMS distance of the edge from the ellipse, px, and what is added for each px of its shorter semi-axis. Dots
 have 0.02 to 0.15, clutter 0.1 to 1."""
 _MIN_SEMI, _MAX_ELONGATION = 0.5, 12.0
@@ -63,7 +63,7 @@ _MIDDLE_SHARE = 0.2
 
 _LIMITS = np.array(
     [
-        _INSIDE, _OUTSIDE, _LEAST_STEP, _STEP_SHARE, _LEAST_EIGHTHS, _MIN_SECTORS, _MIN_STEP, _ALIKE, *_MAX_UNEVEN,
+        _INSIDE, _OUTSIDE, _LEAST_STEP, _STEP_SHARE, _LEAST_EIGHTHS, *_MIN_SECTORS, _MIN_STEP, _ALIKE, *_MAX_UNEVEN,
         *_MAX_RMS[0], *_MAX_RMS[1], *_ROUNDS, _MIN_SEMI, _MAX_ELONGATION, _LEAST_SCALE, _SOFT, _MIDDLE_SHARE,
     ]
 )  # fmt: skip
@@ -81,16 +81,22 @@ _LEAST_BLUR = 0.28
 _RING_ABOVE = 0.5
 _LEAST_MIDDLE = 0.15
 """Least level in the middle of a ring, relative to the step at its outline, that counts in telling it from a disk."""
-_MAX_SHARE, _LEAST_DEPTH = 0.954, 0.5
+_LEAST_SHARE, _MAX_SHARE, _LEAST_DEPTH = 0.05, 0.954, 0.5
 """Limits for the share of the step within 1 px of the edge, which is less even for the sharpest, and for the share of
 the ink's darkness that is left of a small dot."""
 _MAX_INWARD = 1.0
-_STEPS = 4
+_STEPS = 5
+
+_CLEAR_UNEVEN, _CLEAR_RMS = 0.2, 0.15
+_GROWN_PX = 1.0
+"""Dots whose edge is more even than this, and closer to the ellipse, px, are not measured again at coarser levels,
+where their components are larger than they by up to a pixel."""
 
 _SAME_PLACE, _SAME_SIZE = 0.5, 0.3
 _BLURRED_PX = 1.0
 """Outlines whose centers and semi-axes differ by less than these shares of the shorter semi-axis are of one dot; of
 coarser levels, also if the semi-axes differ by a pixel of the level."""
+_LARGE_PX = 8.0
 _MISFIT = 1.6
 """Variance of the crossings relative to the weighted mean square of their distances from the ellipse: five of 24
 degrees of freedom went into it, and the largest distances count less."""
@@ -125,17 +131,47 @@ def find_blobs(image: Image) -> Blobs:
     components = find_components(image)
     scale = np.ldexp(1.0, components.level)
     rough = _outlines(components, scale)
-    finest = components.level.min(initial=99)
+    finest = int(np.log2(components.coarsest))
     sought = (components.level == finest) | (_least(rough[:, AXES]) > _MIN_COARSE)
-    parts, scales = [np.zeros((0, COLUMNS))], [np.zeros(0)]
-    for level, grey in enumerate(components.levels, int(np.log2(components.coarsest))):
-        of_level = sought & (components.level == level)
-        parts.append(even_edges(grey, rough[of_level]))
-        scales.append(np.full(len(parts[-1]), float(1 << level)))
+    clear, parts, scales = np.zeros((0, 3)), [np.zeros((0, COLUMNS))], [np.zeros(0)]
+    for level, grey in enumerate(components.levels, finest):
+        # Places in pixels of the finer level become those of this one, of which each is two by two.
+        clear = (clear - [0.5, 0.5, 0]) / 2
+        of_level = rough[sought & (components.level == level)]
+        if not len(of_level):
+            continue
+        edges = even_edges(grey, of_level[~_known(of_level, clear, grey.shape[1])])
+        clear = np.concatenate([clear, _clear(edges)])
+        parts.append(edges)
+        scales.append(np.full(len(edges), float(1 << level)))
     edges, scale = np.concatenate(parts), np.concatenate(scales)
     blobs = _blobs(edges, scale, components)
     kept = _distinct(blobs, scale)
     return blobs.take(kept[np.argsort(_doubt(edges[kept]), kind="stable")])
+
+
+def _clear(edges: Array) -> Array:
+    """Return place and mean semi-axis (j, 3) of edges that no coarser level shows better."""
+    edges = edges[(edges[:, UNEVEN] < _CLEAR_UNEVEN) & (edges[:, RMS] < _CLEAR_RMS)]
+    return np.stack([edges[:, 0], edges[:, 1], _mean_semi(edges)], axis=-1)
+
+
+def _known(rough: Array, clear: Array, width: int) -> Bools:
+    """Return whether outlines (k, 5) have the size and, but for a pixel or two, the place of dots found (j, 3)."""
+    if not len(clear):
+        return np.zeros(len(rough), dtype=bool)
+
+    def pixels(rows: Array) -> Indices:
+        return np.asarray(np.rint(rows[:, 1]) * (width + 2) + np.rint(rows[:, 0]), dtype=np.intp)
+
+    found = pixels(clear)
+    order = np.argsort(found)
+    around = np.add.outer(np.arange(-1, 2) * (width + 2), np.arange(-1, 2)).reshape(-1)
+    sought = np.add.outer(pixels(rough), around)
+    place = order[np.minimum(np.searchsorted(found, sought, sorter=order), len(found) - 1)]
+    size = clear[place, 2]
+    alike = np.abs(_mean_semi(rough)[:, None] - size) < _SAME_SIZE * size + _GROWN_PX
+    return np.asarray(((found[place] == sought) & alike).any(axis=1))
 
 
 def _outlines(components: Components, scale: Array) -> Array:
@@ -154,6 +190,12 @@ def _least(axes: Array) -> Array:
     """Return the shorter semi-axes (k,)."""
     a, b, c = axes.T
     return np.asarray((a + c) / 2 - np.sqrt(((a - c) / 2) ** 2 + b * b))
+
+
+def _mean_semi(ellipses: Array) -> Array:
+    """Return the geometric means (k,) of the semi-axes."""
+    a, b, c = ellipses[:, AXES].T
+    return np.asarray(np.sqrt(a * c - b * b))
 
 
 def even_edges(image: Eight, rough: Array) -> Array:
@@ -177,8 +219,8 @@ def _even_edges(image: Eight, rough: Array) -> Array:
     """Return the even edges near rough outlines: the twin of the function in kernel.c."""
     chosen = _stands_out(image, rough)
     found = rough[chosen]
-    for unevenness, rms, rounds in zip(_MAX_UNEVEN, _MAX_RMS, _ROUNDS, strict=True):
-        found = _at_crossings(image, found[:, :5], unevenness, rms, rounds)
+    for done in range(2):
+        found = _at_crossings(image, found[:, :5], done)
     spots = np.concatenate([np.zeros((2, 1)), _MIDDLE_SHARE * _CIRCLE[:, ::3]], axis=1)
     x, y = _on_outline(found, spots)
     found[:, MIDDLE] = _bilinear(image, x, y).mean(axis=-1)
@@ -220,9 +262,16 @@ def _stands_out(image: Eight, rough: Array) -> Indices:
     return np.flatnonzero(good.sum(axis=1) >= _LEAST_EIGHTHS)
 
 
-def _at_crossings(image: Eight, ellipses: Array, max_uneven: float, max_rms: tuple[float, float], rounds: int) -> Array:
-    """Return rows (j, 14), without the middle, of the ellipses through the edges near given ones (k, 5)."""
-    place, normal = _on_outline(ellipses, _CIRCLE), _normals(ellipses, _CIRCLE)
+def _at_crossings(image: Eight, ellipses: Array, done: int) -> Array:
+    """Return rows (j, 14), without the middle, of the ellipses through the edges near given ones (k, 5).
+
+    Parameters
+    ----------
+    done : int
+        How often that was done before.
+    """
+    circle = _CIRCLE[:, :: _EVERY[done]]
+    place, normal = _on_outline(ellipses, circle), _normals(ellipses, circle)
     # At most as far inside as the middle of the shorter axis.
     offset = np.maximum(_OFFSETS, -_least(ellipses[:, AXES])[:, None])
     grey = _bilinear(image, *(place[..., None] + normal[..., None] * offset[:, None]))
@@ -241,23 +290,25 @@ def _at_crossings(image: Eight, ellipses: Array, max_uneven: float, max_rms: tup
     median = np.median(step, axis=1)
     good = np.isfinite(away) & _within(place, image)
     good &= (step > _ALIKE * median[:, None]) & (_ALIKE * step < median[:, None])
-    odd = _SECTORS // 8
+    odd = circle.shape[1] // 8
     uneven = np.std(np.sort(step, axis=1)[:, odd:-odd], axis=1)
-    chosen = np.flatnonzero((good.sum(axis=1) >= _MIN_SECTORS) & (median >= _MIN_STEP) & (uneven < max_uneven * median))
+    chosen = np.flatnonzero(
+        (good.sum(axis=1) >= _MIN_SECTORS[done]) & (median >= _MIN_STEP) & (uneven < _MAX_UNEVEN[done] * median)
+    )
     good, median, grey = good[chosen], median[chosen], grey[chosen]
     away, normal = np.where(good, away[chosen], 0), normal[:, chosen]
     count = good.sum(axis=1)
 
     # The derivatives of the distance along the normal with respect to center and axes.
-    columns = [*normal, normal[0] * _CIRCLE[0], normal[0] * _CIRCLE[1] + normal[1] * _CIRCLE[0], normal[1] * _CIRCLE[1]]
+    columns = [*normal, normal[0] * circle[0], normal[0] * circle[1] + normal[1] * circle[0], normal[1] * circle[1]]
     rows = np.stack(columns, axis=-1)
     weight = good.astype(float)
-    for done in range(1, rounds + 1):
+    for solved in range(1, _ROUNDS[done] + 1):
         weighted = (rows * weight[..., None]).swapaxes(-1, -2)
         square = weighted @ rows + 1e-9 * np.eye(5)
         move = np.linalg.solve(square, weighted @ away[..., None])
         residual = away - (rows @ move)[..., 0]
-        if done < rounds:
+        if solved < _ROUNDS[done]:
             scale = np.median(np.where(good, np.abs(residual), 0), axis=1)
             scale = _SOFT * np.maximum(1.48 * scale, _LEAST_SCALE)
             weight = good / (1 + (residual / scale[:, None]) ** 2) ** 2
@@ -271,7 +322,7 @@ def _at_crossings(image: Eight, ellipses: Array, max_uneven: float, max_rms: tup
     shorter = _least(found[:, AXES])
     longer = found[:, 2] + found[:, 4] - shorter
     fits = (shorter > _MIN_SEMI) & (longer < _MAX_ELONGATION * shorter)
-    return found[fits & (found[:, RMS] < max_rms[0] + max_rms[1] * shorter)]
+    return found[fits & (found[:, RMS] < _MAX_RMS[done][0] + _MAX_RMS[done][1] * shorter)]
 
 
 def _bilinear(image: Eight, x: Array, y: Array) -> Array:
@@ -300,45 +351,35 @@ def _blobs(edges: Array, scale: Array, components: Components) -> Blobs:
     longer = a + c - shorter
     slope = edges[:, SLOPE] / edges[:, STEP]
     middle = 1 - (edges[:, LIGHT] - edges[:, MIDDLE]) / edges[:, STEP]
-    best = _unblurred(longer, shorter, slope, False)
-    # A blurred hole is less light, relative to the ink around it, than a wide one.
-    open_ = np.flatnonzero(middle > _RING_ABOVE * _LEAST_MIDDLE)
-    ring = _unblurred(longer[open_], shorter[open_], slope[open_], True)
-    middle[open_] /= np.maximum(ring.middle, _LEAST_MIDDLE)
+    # What is light in the middle is a disk or a ring; a blurred hole is less light than a wide one.
+    count, open_ = len(edges), np.flatnonzero(middle > _RING_ABOVE * _LEAST_MIDDLE)
+    both, ring = np.concatenate([np.arange(count), open_]), np.arange(count + len(open_)) >= count
+    semi, blur, depth = _unblurred(longer[both], shorter[both], slope[both], ring)
+    middle[open_] /= np.maximum(_ring_middle(semi[:, ring], blur[ring], depth[ring]), _LEAST_MIDDLE)
     hollow = middle > _RING_ABOVE
-    for whole, part in zip(best, ring, strict=True):
-        whole[..., hollow] = part[..., hollow[open_]]
+    best = np.arange(count)
+    best[open_[hollow[open_]]] = count + np.flatnonzero(hollow[open_])
+    semi, blur, depth = semi[:, best], blur[best], depth[best]
     # Finer pixels are a part of this level's, and so is their share of the blur.
-    blur = scale**2 * (best.blur**2 - _BILINEAR - _PIXEL) + _PIXEL
+    blur = scale**2 * (blur**2 - _BILINEAR - _PIXEL) + _PIXEL
     variance = np.maximum(_MISFIT * edges[:, RMS] ** 2, _CROSSING_PX**2)
     covariance = edges[:, INVERSE] * variance[:, None] + _CENTER_PX**2 * np.array([1, 0, 1])
     light = components.low + components.unit * edges[:, LIGHT]
     return Blobs(
         center=scale[:, None] * edges[:, CENTER] + (scale[:, None] - 1) / 2,
-        semi=(scale * np.maximum(best.semi, _MIN_SEMI)).T,
+        semi=(scale * np.maximum(semi, _MIN_SEMI)).T,
         angle=np.arctan2(2 * b, a - c) / 2,
         ring=hollow,
         covariance=(scale[:, None] ** 2 * covariance)[:, [0, 1, 1, 2]].reshape(-1, 2, 2),
         light=light,
-        dark=light - components.unit * edges[:, STEP] / best.depth,
+        dark=light - components.unit * edges[:, STEP] / depth,
         blur=np.sqrt(np.maximum(blur, _LEAST_BLUR**2)),
         middle=middle,
         fitted=np.zeros(len(edges), dtype=bool),
     )
 
 
-class _Unblurred(NamedTuple):
-    """Semi-axes (2, k), longest first; blur (k,), px, with that of sampling; depth of the step (k,) as a share of the
-    difference between paper and ink; and level in the middle (k,) relative to that step.
-    """
-
-    semi: Array
-    blur: Array
-    depth: Array
-    middle: Array
-
-
-def _unblurred(longer: Array, shorter: Array, slope: Array, ring: bool) -> _Unblurred:
+def _unblurred(longer: Array, shorter: Array, slope: Array, ring: Bools) -> tuple[Array, Array, Array]:
     """Return what disks or rings would be whose outline at half of the visible step has these semi-axes (k,).
 
     With the normal distribution F, a straight edge blurred by s has the level F(e/s) at the distance e outside of it,
@@ -351,29 +392,38 @@ def _unblurred(longer: Array, shorter: Array, slope: Array, ring: bool) -> _Unbl
     ----------
     slope : array (k,)
         Difference of the levels 1 px outside and 1 px inside of the outline, relative to the step.
+    ring : array (k,)
+
+    Returns
+    -------
+    semi : array (2, k), longest first
+    blur : array (k,), px, with that of sampling
+    depth : array (k,)
+        The step as a share of the difference between paper and ink.
     """
     from scipy.special import ndtr, ndtri
 
+    square = _squares(longer, shorter)
     mean = longer * shorter / np.sqrt((longer**2 + shorter**2) / 2)
-    depth, lost, outside = np.ones_like(longer), 0.0, np.zeros_like(longer)
+    one, outside, lost = np.ones_like(longer), np.zeros_like(longer), np.zeros_like(longer)
+    depth = one
     for _ in range(_STEPS):
-        blur = 1 / ndtri((1 + np.clip(slope * depth + lost, 0.05, _MAX_SHARE)) / 2)
-        if ring:
-            width = (mean - outside) / 2
-            depth = np.maximum(2 * ndtr(width / (2 * blur)) - 1, _LEAST_DEPTH)
-            outside = -blur * ndtri(np.clip(depth / 2 + ndtr(-(width + outside) / blur), 1e-3, 0.5))
-            # Between these places is not the steepest part, and the rise to the level of the hole begins.
-            inner, outer = (1 - outside) / blur, (-1 - outside) / blur
-            lost = 2 * ndtr(1 / blur) - 1 - ndtr(inner) + ndtr(outer)
-            lost += ndtr(inner - width / blur) - ndtr(outer - width / blur)
-        else:
-            depth = np.maximum(_darkness(np.stack([longer, shorter]), blur), _LEAST_DEPTH)
-            outside = -blur * ndtri(depth / 2)
-    semi = np.stack([longer, shorter]) - outside + _moved_inward(longer, shorter, blur)
-    if not ring:
-        return _Unblurred(semi, blur, depth, np.zeros_like(longer))
-    left = _darkness(semi, blur) - _darkness(semi / 2, blur)
-    return _Unblurred(semi, blur, depth, 1 - left / depth)
+        blur = 1 / ndtri((1 + np.minimum(np.maximum(slope * depth + lost, _LEAST_SHARE), _MAX_SHARE)) / 2)
+        width = np.where(ring, (mean - outside) / 2, np.inf)
+        places = np.stack([one, 1 - outside, -1 - outside, -outside, width / 2]) / blur
+        whole, inner, outer, _, half = ndtr(places)
+        hole_inner, hole_outer, beyond = ndtr(places[1:4] - width / blur)
+        depth = np.maximum(np.where(ring, 2 * half - 1, _darkness(square, blur)), _LEAST_DEPTH)
+        outside = -blur * ndtri(np.minimum(depth / 2 + beyond, 0.5))
+        # Between the two places is not the steepest part of a ring's edge, and the rise to the hole's level begins.
+        lost = np.where(ring, 2 * whole - 1 - inner + outer + hole_inner - hole_outer, 0)
+    return np.stack([longer, shorter]) - outside + _moved_inward(longer, shorter, blur), blur, depth
+
+
+def _ring_middle(semi: Array, blur: Array, depth: Array) -> Array:
+    """Return the level in the middle (k,) of rings with these outlines, relative to the visible step."""
+    square = _squares(*semi)
+    return 1 - (_darkness(square, blur) - _darkness(square / 4, blur)) / depth
 
 
 _QUARTER = np.cos((np.arange(12) + 0.5) / 24 * np.pi) ** 2
@@ -396,37 +446,45 @@ def _moved_inward(longer: Array, shorter: Array, blur: Array) -> Array:
     return np.asarray(np.stack([bb * x - ab * y, aa * y - ab * x]) / (aa * bb - ab * ab))
 
 
-def _darkness(semi: Array, blur: Array) -> Array:
-    """Return how dark the middle (k,) of blurred ellipses with semi-axes (2, k) is, from 0 to 1.
+def _squares(longer: Array, shorter: Array) -> Array:
+    """Return the squared distances (k, 12) from the center to points of the outline, at even steps of its parameter."""
+    return np.multiply.outer(longer**2, _QUARTER) + np.multiply.outer(shorter**2, 1 - _QUARTER)
+
+
+def _darkness(square: Array, blur: Array) -> Array:
+    """Return how dark the middle (k,) of blurred ellipses is, from 0 to 1.
 
     The integral of a normal distribution out to the distance r in every direction is the mean of 1 - exp(-r^2 / 2 s^2)
-    over directions; at equal steps of the ellipse's parameter, a direction counts by its angle, a b / r^2.
+    over directions; at even steps of the ellipse's parameter, a direction counts by its angle, in proportion to 1/r^2.
     """
-    longer, shorter = semi
-    square = np.outer(longer**2, _QUARTER) + np.outer(shorter**2, 1 - _QUARTER)
-    inside = -np.expm1(-square / (2 * blur[:, None] ** 2))
-    return np.asarray(longer * shorter * (inside / square).mean(axis=1))
+    share = 1 / square
+    inside = -np.expm1(square * (-0.5 / blur**2)[:, None])
+    return np.asarray((share * inside).sum(axis=1) / share.sum(axis=1))
 
 
 def _distinct(blobs: Blobs, scale: Array) -> Indices:
     """Return the indices of blobs without one of the same place and size whose center is more certain."""
     variance = np.trace(blobs.covariance, axis1=-2, axis2=-1)
-    order = np.argsort(blobs.center[:, 0], kind="stable")
-    (x, y), semi, variance, scale = blobs.center[order].T, blobs.semi[order], variance[order], scale[order]
-    reach = _SAME_PLACE * semi[:, 1]
-    kept = np.ones(len(order), dtype=bool)
-    furthest = float(reach.max(initial=0))
-    for apart in range(1, len(order)):
-        gap = x[apart:] - x[:-apart]
-        if gap.min() > furthest:
-            break
-        shorter = np.minimum(reach[apart:], reach[:-apart])
-        i = np.flatnonzero((gap < shorter) & (np.abs(y[apart:] - y[:-apart]) < shorter))
-        j = i + apart
-        same = _SAME_SIZE * np.maximum(semi[i, 1], semi[j, 1])
-        same += _BLURRED_PX * np.where(scale[i] == scale[j], 0, np.maximum(scale[i], scale[j]))
-        alike = np.abs(semi[i] - semi[j]).max(axis=1) < same
-        i, j = i[alike], j[alike]
-        worse = np.where(variance[i] <= variance[j], j, i)
-        kept[worse] = False
-    return np.sort(order[kept])
+    shorter, kept = blobs.semi[:, 1], np.ones(len(blobs), dtype=bool)
+    # Small ones, of which there may be many, are near few others in x. Those in between are in both groups.
+    for group in (shorter < 2 * _LARGE_PX, shorter > _LARGE_PX):
+        index = np.flatnonzero(group)
+        index = index[np.argsort(blobs.center[index, 0], kind="stable")]
+        x, y, semi, side = *blobs.center[index].T, blobs.semi[index], scale[index]
+        reach = _SAME_PLACE * semi[:, 1]
+        furthest = reach.max(initial=0)
+        for apart in range(1, len(index)):
+            gap = x[apart:] - x[:-apart]
+            if gap.min() > furthest:
+                break
+            i = np.flatnonzero(gap < reach[:-apart])
+            i = i[np.abs(y[i + apart] - y[i]) < reach[i]]
+            if not len(i):
+                continue
+            j = i + apart
+            same = _SAME_SIZE * np.maximum(semi[i, 1], semi[j, 1])
+            same += _BLURRED_PX * np.where(side[i] == side[j], 0, np.maximum(side[i], side[j]))
+            alike = np.abs(semi[i] - semi[j]).max(axis=1) < same
+            i, j = index[i[alike]], index[j[alike]]
+            kept[np.where(variance[i] <= variance[j], j, i)] = False
+    return np.flatnonzero(kept)

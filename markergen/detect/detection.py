@@ -154,8 +154,7 @@ def prepare(markers: Sequence[Marker], calibrated: bool) -> Sought:
     return Sought(tuple(markers), layouts)
 
 
-_layout = lru_cache(maxsize=64)(layout_of)
-"""Calls of `detect`, one for each image, prepare a marker once."""
+_layout = lru_cache(maxsize=64)(layout_of)  # Calls of `detect`, one for each image, prepare a marker once.
 
 
 def detect(
@@ -226,28 +225,30 @@ def find_all(
     _check(image)
     found = []
     for light, (own, indices) in sought.by_polarity.items():
-        for each in _find_dark(as_dark(image, light), own, camera, errors, copies):
+        for each in _find_alike(image, own, light, camera, errors, copies):
             rival = None if each.rival is None else indices[each.rival]
             found.append(replace(each, marker=indices[each.marker], rival=rival))
     return sorted(found, key=lambda each: -len(each.ids)) if len(sought.by_polarity) > 1 else found
 
 
-def _find_dark(
-    image: Image, sought: Sought, camera: Camera | None, errors: ErrorSources, copies: int
+def _find_alike(
+    image: Image, sought: Sought, light: bool, camera: Camera | None, errors: ErrorSources, copies: int
 ) -> list[Detection]:
-    """Run `find_all` for markers with dark dots."""
-    height, width = image.shape
+    """Run `find_all` for markers with dots of one polarity."""
+    image = as_dark(image, light)
     tags = TagReader(image, sought.families) if sought.families else NO_TAGS
-    eye = camera or made_up_camera(width, height)
-    return identify(find_blobs(image), sought, eye, camera is not None, errors, copies, tags, partial(fit_blobs, image))
+    eye, fit = camera or made_up_camera(*image.shape[::-1]), partial(fit_blobs, image, inverted=light)
+    return identify(find_blobs(image), sought, eye, camera is not None, errors, copies, tags, fit)
 
 
-def detect_dots(image: Image) -> Blobs:
+def detect_dots(image: Image, light: bool = False) -> Blobs:
     """Find all dark elliptic dots on a lighter ground, of a marker or not, and fit them to the grey levels.
 
     Parameters
     ----------
     image : array (h, w) of uint8 or uint16
+    light : bool
+        True for light dots on a darker ground, whose levels are then those of the inverted image.
 
     Returns
     -------
@@ -260,7 +261,8 @@ def detect_dots(image: Image) -> Blobs:
         If the image is not a grey image of uint8 or uint16, or has more than LARGEST_FRAME pixels.
     """
     _check(image)
-    return fit_blobs(image, find_blobs(image))
+    image = as_dark(image, light)
+    return fit_blobs(image, find_blobs(image), light)
 
 
 def _check(image: Image) -> None:

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.blobs import as_dark
 from markergen.detect.detection import MAX_COPIES, Detection, detect_dots, find_all, prepare
 from markergen.detect.photometric import check_refinement, refine
 from markergen.detect.pose import PoseEstimate
@@ -415,7 +414,7 @@ class Detector:
         """
         self._check(frame)
         grey = grey_frame(frame)
-        return np.concatenate([detect_dots(as_dark(grey, light)).center for light in self._sought.by_polarity])
+        return np.concatenate([detect_dots(grey, light).center for light in self._sought.by_polarity])
 
     def __repr__(self) -> str:
         names = ", ".join(self._names[:3]) + (f" and {len(self._names) - 3} more" if len(self._names) > 3 else "")

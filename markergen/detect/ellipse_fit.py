@@ -343,14 +343,16 @@ def _equations(normal: Array, gradient: Array, unknowns: Array, ring: Bools) -> 
 
 
 def _shine(unknowns: Array) -> Array:
-    """Return the matrices (B, 2, 4) from the slopes to what the dark's are beyond their share of the light's, 1/px.
+    """Return the matrices (B, 2, 4) from the slopes to those that illumination does not explain, 1/px.
 
-    Illumination changes light and dark by the same factor, a reflection by the same amount.
+    Illumination changes light and dark by the same factor, a reflection by the same amount: (light x slope of dark -
+    dark x slope of light)/norm, relative to the greater level.
     """
     light, dark = unknowns[:, LIGHT], unknowns[:, DARK]
+    norm = np.sqrt(light * light + dark * dark) * np.maximum(np.abs(light), np.abs(dark))
     row = np.zeros((len(unknowns), 2, 4))
-    row[:, 0, 0] = row[:, 1, 1] = -dark / light**2
-    row[:, 0, 2] = row[:, 1, 3] = 1 / light
+    row[:, 0, 0] = row[:, 1, 1] = -dark / norm
+    row[:, 0, 2] = row[:, 1, 3] = light / norm
     return row
 
 
@@ -379,7 +381,7 @@ class Fits:
         return Fits(*(getattr(self, each.name)[index] for each in fields(self)))
 
 
-def fit_blobs(image: Image, blobs: Blobs) -> Blobs:
+def fit_blobs(image: Image, blobs: Blobs, inverted: bool = False) -> Blobs:
     """Fit blurred dark ellipses or elliptic rings to grey levels by least squares, from rough ellipses.
 
     Model: light - (light - dark) (D - D_hole), with D the share of ink (`blurred_ellipse`) and levels of light and
@@ -397,6 +399,8 @@ def fit_blobs(image: Image, blobs: Blobs) -> Blobs:
     image : array (h, w)
     blobs : Blobs
         Rough ellipses, a fraction of a px off.
+    inverted : bool
+        True for light dots in an inverted image, whose highest grey level is where there is no light.
 
     Returns
     -------
@@ -413,7 +417,7 @@ def fit_blobs(image: Image, blobs: Blobs) -> Blobs:
     kinds = blobs.take(index)
     kinds.ring[count:] ^= True
     # Both kinds are fitted to the same pixels.
-    fits = fit_unknowns(image, kinds, kinds.ring | doubtful[index])
+    fits = fit_unknowns(image, kinds, kinds.ring | doubtful[index], inverted)
     good = _accepted(fits, kinds)
     chosen = np.arange(count)
     for other in range(count, len(index)):
@@ -423,10 +427,10 @@ def fit_blobs(image: Image, blobs: Blobs) -> Blobs:
             chosen[own] = ring if fits.misfit[disk] - fits.misfit[ring] > _RING_GAIN else disk
         elif good[other]:
             chosen[own] = other
-    return _fitted(kinds.take(chosen), fits.take(chosen), good[chosen])
+    return _fitted(kinds.take(chosen), fits.take(chosen), good[chosen], _unlit(image, inverted))
 
 
-def _fitted(blobs: Blobs, fits: Fits, good: Bools) -> Blobs:
+def _fitted(blobs: Blobs, fits: Fits, good: Bools, unlit: float) -> Blobs:
     """Return blobs with the results of the good fits."""
     step, covariance = _shrink_slope(fits, good)
     unknowns = fits.unknowns + step
@@ -442,14 +446,14 @@ def _fitted(blobs: Blobs, fits: Fits, good: Bools) -> Blobs:
         semi=np.where(good[:, None], semi, blobs.semi),
         angle=np.where(good, angle, blobs.angle),
         covariance=np.where(good[:, None, None], covariance, rough[:, None, None] * np.eye(2)),
-        light=np.where(good, unknowns[:, LIGHT], blobs.light),
-        dark=np.where(good, unknowns[:, DARK], blobs.dark),
+        light=np.where(good, unknowns[:, LIGHT] + unlit, blobs.light),
+        dark=np.where(good, unknowns[:, DARK] + unlit, blobs.dark),
         blur=np.where(good, unknowns[:, BLUR], blobs.blur),
         fitted=good,
     )
 
 
-def fit_unknowns(image: Image, blobs: Blobs, filled: Bools) -> Fits:
+def fit_unknowns(image: Image, blobs: Blobs, filled: Bools, inverted: bool = False) -> Fits:
     """Run the fits of `fit_blobs`, compiled or in NumPy; `filled` (B,) is true where the inside counts as well."""
     unknowns = np.zeros((len(blobs), COUNT))
     unknowns[:, CENTER] = unknowns[:, HOLE] = blobs.center
@@ -457,8 +461,10 @@ def fit_unknowns(image: Image, blobs: Blobs, filled: Bools) -> Fits:
     a, b = 1 / blobs.semi.T
     unknowns[:, 2], unknowns[:, 4] = a * cosine**2 + b * sine**2, a * sine**2 + b * cosine**2
     unknowns[:, 3] = (a - b) * cosine * sine
+    # The light scales what is reflected: an inverted image is reckoned from its highest level.
+    unlit = _unlit(image, inverted)
     # Of small dots, whose middle is blurred, the rough levels are a guess.
-    unknowns[:, LIGHT], unknowns[:, DARK] = blobs.light, np.maximum(blobs.dark, 0)
+    unknowns[:, LIGHT], unknowns[:, DARK] = blobs.light - unlit, np.maximum(blobs.dark, 0) - unlit
     unknowns[:, BLUR] = np.clip(blobs.blur, 0.5, np.minimum(0.5 + blobs.semi[:, 1] / 3, _MAX_BLUR))
     unknowns[:, SCALE] = 0.5
     band = np.clip(_BAND_BLURS * blobs.blur, _MIN_BAND_PX, _MAX_BAND_PX)
@@ -466,18 +472,24 @@ def fit_unknowns(image: Image, blobs: Blobs, filled: Bools) -> Fits:
     plain = grey_noise(image[:: max(1, len(image) // 240)])
     noise = max(_MOST_NOISE * plain + 0.5, np.sqrt(QUANTIZATION))
     top = 255 if image.dtype == np.uint8 else int(image.max(initial=0))
-    saturation = float(top) if top in _SATURATION else np.inf
+    saturation = top - unlit if top in _SATURATION else np.inf
     if kernel.library() is not None:
-        rough = blobs.semi, blobs.angle, band, blobs.ring, filled
-        found, inverse, facts = kernel.fit_dots(image, *rough, noise, saturation, *_constants(), unknowns)
+        rough, limits = (blobs.semi, blobs.angle, band, blobs.ring, filled), (noise, saturation, unlit)
+        found, inverse, facts = kernel.fit_dots(image, *rough, *limits, *_constants(), unknowns)
         return Fits(found, inverse, facts[0], facts[1], facts[2] > 0, *facts[3:])
     pixels = outline_pixels(image, blobs.center, blobs.semi, blobs.angle, band, filled)
+    pixels = replace(pixels, grey=pixels.grey - unlit)
     descent = EllipseDescent(pixels, unknowns, blobs.ring, noise, saturation)
     descent.run()
     white = descent.noise()
     complete = descent.complete(white)
     of_edges = descent.uneven()
     return Fits(descent.unknowns, descent.inverse(), descent.variance(), white, complete, descent.misfit(), *of_edges)
+
+
+def _unlit(image: Image, inverted: bool) -> float:
+    """Return the level of what no light reaches."""
+    return float(np.iinfo(image.dtype).max) if inverted else 0.0
 
 
 @cache
@@ -519,8 +531,8 @@ def _shrink_slope(fits: Fits, good: Bools) -> tuple[Array, Array]:
     """Return the last step (B, 15) and the centers' covariance (B, 2, 2), with slopes of the light shrunk to zero.
 
     Free slopes cost a third of the center's information and more; without them, uneven light displaces the center. So
-    the light's slope has a normal prior about zero, and the dark's about its share of that, each with the variance of
-    all such slopes of the image beyond their own errors (DerSimonian and Laird's estimate, for the dark less its
+    the slope of the illumination and that of a reflection have normal priors about zero, each with the variance of all
+    such slopes of the image beyond their own errors (DerSimonian and Laird's estimate, for the reflection less its
     standard error): none in even light, as much as needed in other light.
     """
     step, covariance = np.zeros(fits.unknowns.shape), np.full((len(good), 2, 2), np.nan)
@@ -528,7 +540,10 @@ def _shrink_slope(fits: Fits, good: Bools) -> tuple[Array, Array]:
         return step, covariance
     free, unknowns = fits.variance[good, None, None] * fits.inverse[good], fits.unknowns[good]
     measure = np.zeros((len(unknowns), 4, 4))
-    measure[:, 0, 0] = measure[:, 1, 1] = 1 / unknowns[:, LIGHT]
+    levels = unknowns[:, [LIGHT, DARK]]
+    share = levels / np.sum(levels**2, axis=-1, keepdims=True)
+    measure[:, 0, 0] = measure[:, 1, 1] = share[:, 0]
+    measure[:, 0, 2] = measure[:, 1, 3] = share[:, 1]
     measure[:, 2:] = _shine(unknowns)
     slope = (measure @ unknowns[:, SLOPES, None])[..., 0]
     errors = measure @ free[:, SLOPES, SLOPES] @ measure.swapaxes(-1, -2)

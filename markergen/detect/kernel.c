@@ -530,7 +530,7 @@ enum { SECTORS = 24, EIGHTH = SECTORS / 8, PLACES = 9, ZERO = PLACES / 2, EDGE =
 static const double PROFILE[PLACES] = {-5, -3, -2, -1, 0, 1, 2, 3, 5};
 
 typedef struct {
-    double inside, outside, least_step, step_share, least_eighths, min_sectors, min_step, alike, max_uneven[2],
+    double inside, outside, least_step, step_share, least_eighths, min_sectors[2], min_step, alike, max_uneven[2],
         max_rms[2][2], rounds[2], min_semi, max_elongation, least_scale, soft, middle;
 } EdgeLimits;
 
@@ -541,15 +541,21 @@ typedef struct {
 
 static double between(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
 
-static double interpolated(const Grey *image, double x, double y)
+static double larger(double a, double b) { return a > b ? a : b; }
+
+static double interpolated_inside(const Grey *image, double x, double y)
 {
-    x = between(x, 0, (double)image->width - 1.001);
-    y = between(y, 0, (double)image->height - 1.001);
     const int64_t column = (int64_t)x, row = (int64_t)y;
     const double right = x - (double)column, down = y - (double)row;
     const uint8_t *p = image->rows + row * image->stride + column, *q = p + image->stride;
     const double top = p[0] + right * (p[1] - p[0]);
     return top + down * (q[0] + right * (q[1] - q[0]) - top);
+}
+
+static double interpolated(const Grey *image, double x, double y)
+{
+    return interpolated_inside(image, between(x, 0, (double)image->width - 1.001),
+                               between(y, 0, (double)image->height - 1.001));
 }
 
 static double nearest_pixel(const Grey *image, double x, double y)
@@ -592,7 +598,7 @@ static void sort_few(double *values, int n)
 
 static int stands_out(const Grey *image, const double *e, const double *circle, const EdgeLimits *limits)
 {
-    const double inside = fmax(limits->inside, -shorter_semi(e));
+    const double inside = larger(limits->inside, -shorter_semi(e));
     double step[8], sum = 0;
     int good = 0, in_image[8];
     for (int i = 0; i < 8; i++) {
@@ -603,7 +609,7 @@ static int stands_out(const Grey *image, const double *e, const double *circle, 
         sum += step[i];
         in_image[i] = within(image, p[0], p[1]);
     }
-    const double enough = fmax(limits->least_step, limits->step_share * (sum / 8));
+    const double enough = larger(limits->least_step, limits->step_share * (sum / 8));
     for (int i = 0; i < 8; i++)
         good += in_image[i] && step[i] > enough;
     return good >= limits->least_eighths;
@@ -637,22 +643,29 @@ static void solve_five(double N[UNKNOWNS][UNKNOWNS], double *b, int columns)
 /* Move the ellipse `e` to the edges near it, and fill in the rest of its row but for the middle; false without edges. */
 static int at_crossings(const Grey *image, double *e, const double *circle, const EdgeLimits *limits, int pass)
 {
-    const double least = -shorter_semi(e);
+    /* The first pass takes every other normal. */
+    const int every = pass ? 1 : 2, sectors = SECTORS / every, odd = sectors / 8;
+    const double least = -shorter_semi(e), reach = PROFILE[PLACES - 1] + 1;
+    const double right = (double)image->width - 1 - reach, bottom = (double)image->height - 1 - reach;
     double offset[PLACES], step[SECTORS], light[SECTORS], slope[SECTORS], away[SECTORS], sorted[SECTORS];
     double rows[SECTORS][UNKNOWNS], weight[SECTORS], residual[SECTORS], N[UNKNOWNS][UNKNOWNS], solved[3 * UNKNOWNS];
     int good[SECTORS], count = 0;
     for (int j = 0; j < PLACES; j++)
-        offset[j] = fmax(PROFILE[j], least);
-    for (int i = 0; i < SECTORS; i++) {
-        const double u = circle[i], v = circle[SECTORS + i];
+        offset[j] = larger(PROFILE[j], least);
+    for (int i = 0; i < sectors; i++) {
+        const double u = circle[every * i], v = circle[SECTORS + every * i];
         double p[2], n[2], grey[PLACES];
         outline_point(e, u, v, p, n);
-        for (int j = 0; j < PLACES; j++)
-            grey[j] = interpolated(image, p[0] + n[0] * offset[j], p[1] + n[1] * offset[j]);
+        if (p[0] > reach && p[1] > reach && p[0] < right && p[1] < bottom)
+            for (int j = 0; j < PLACES; j++)
+                grey[j] = interpolated_inside(image, p[0] + n[0] * offset[j], p[1] + n[1] * offset[j]);
+        else
+            for (int j = 0; j < PLACES; j++)
+                grey[j] = interpolated(image, p[0] + n[0] * offset[j], p[1] + n[1] * offset[j]);
         double lightest = grey[ZERO], darkest = grey[ZERO];
         for (int j = 0; j < ZERO; j++) {
-            lightest = fmax(lightest, grey[ZERO + 1 + j]);
-            darkest = fmin(darkest, grey[j]);
+            lightest = larger(lightest, grey[ZERO + 1 + j]);
+            darkest = grey[j] < darkest ? grey[j] : darkest;
         }
         const double half = (lightest + darkest) / 2;
         away[i] = INFINITY;
@@ -670,22 +683,22 @@ static int at_crossings(const Grey *image, double *e, const double *circle, cons
         const double row[UNKNOWNS] = {n[0], n[1], n[0] * u, n[0] * v + n[1] * u, n[1] * v};
         memcpy(rows[i], row, sizeof row);
     }
-    sort_few(sorted, SECTORS);
-    const double median = (sorted[SECTORS / 2 - 1] + sorted[SECTORS / 2]) / 2;
+    sort_few(sorted, sectors);
+    const double median = (sorted[sectors / 2 - 1] + sorted[sectors / 2]) / 2;
     double mean = 0, square = 0, difference = 0;
-    for (int i = EIGHTH; i < SECTORS - EIGHTH; i++)
-        mean += sorted[i] / (SECTORS - 2 * EIGHTH);
-    for (int i = EIGHTH; i < SECTORS - EIGHTH; i++)
-        square += (sorted[i] - mean) * (sorted[i] - mean) / (SECTORS - 2 * EIGHTH);
+    for (int i = odd; i < sectors - odd; i++)
+        mean += sorted[i] / (sectors - 2 * odd);
+    for (int i = odd; i < sectors - odd; i++)
+        square += (sorted[i] - mean) * (sorted[i] - mean) / (sectors - 2 * odd);
     const double uneven = sqrt(square);
-    for (int i = 0; i < SECTORS; i++) {
+    for (int i = 0; i < sectors; i++) {
         good[i] = good[i] && step[i] > limits->alike * median && limits->alike * step[i] < median;
         count += good[i];
         weight[i] = good[i];
         away[i] = good[i] ? away[i] : 0;
         difference += good[i] ? slope[i] : 0;
     }
-    if (!(count >= limits->min_sectors && median >= limits->min_step && uneven < limits->max_uneven[pass] * median))
+    if (!(count >= limits->min_sectors[pass] && median >= limits->min_step && uneven < limits->max_uneven[pass] * median))
         return 0;
 
     const int rounds = (int)limits->rounds[pass];
@@ -693,7 +706,7 @@ static int at_crossings(const Grey *image, double *e, const double *circle, cons
         const int last = done == rounds;
         memset(N, 0, sizeof N);
         memset(solved, 0, sizeof solved);
-        for (int i = 0; i < SECTORS; i++)
+        for (int i = 0; i < sectors; i++)
             for (int j = 0; j < UNKNOWNS; j++) {
                 const double weighted = weight[i] * rows[i][j];
                 for (int k = 0; k <= j; k++)
@@ -704,32 +717,32 @@ static int at_crossings(const Grey *image, double *e, const double *circle, cons
             N[j][j] += 1e-9;
         solved[UNKNOWNS] = solved[2 * UNKNOWNS + 1] = 1;
         solve_five(N, solved, last ? 3 : 1);
-        for (int i = 0; i < SECTORS; i++) {
+        for (int i = 0; i < sectors; i++) {
             residual[i] = away[i];
             for (int j = 0; j < UNKNOWNS; j++)
                 residual[i] -= rows[i][j] * solved[j];
             sorted[i] = good[i] ? fabs(residual[i]) : 0;
         }
         if (!last) {
-            sort_few(sorted, SECTORS);
-            const double scale = (sorted[SECTORS / 2 - 1] + sorted[SECTORS / 2]) / 2;
-            const double soft = limits->soft * fmax(1.48 * scale, limits->least_scale);
-            for (int i = 0; i < SECTORS; i++) {
+            sort_few(sorted, sectors);
+            const double scale = (sorted[sectors / 2 - 1] + sorted[sectors / 2]) / 2;
+            const double soft = limits->soft * larger(1.48 * scale, limits->least_scale);
+            for (int i = 0; i < sectors; i++) {
                 const double r = residual[i] / soft, whole = 1 + r * r;
                 weight[i] = good[i] / (whole * whole);
             }
         }
     }
     double total = 0, squares = 0;
-    for (int i = 0; i < SECTORS; i++) {
+    for (int i = 0; i < sectors; i++) {
         total += weight[i];
         squares += weight[i] * residual[i] * residual[i];
     }
     for (int j = 0; j < UNKNOWNS; j++)
         e[j] += solved[j];
     memcpy(sorted, light, sizeof sorted);
-    sort_few(sorted, SECTORS);
-    e[5] = (sorted[SECTORS / 2 - 1] + sorted[SECTORS / 2]) / 2;
+    sort_few(sorted, sectors);
+    e[5] = (sorted[sectors / 2 - 1] + sorted[sectors / 2]) / 2;
     e[6] = median;
     e[7] = uneven / median;
     e[8] = sqrt(squares / total);

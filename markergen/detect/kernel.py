@@ -61,7 +61,7 @@ def _declare(loaded: ctypes.CDLL) -> None:
     ]  # fmt: skip
     loaded.dark_components.restype = whole
     loaded.fit_dots.argtypes = [
-        address, whole, whole, whole, ctypes.c_int, whole, *[address] * 4, real, real, *[address] * 5,
+        address, whole, whole, whole, ctypes.c_int, whole, *[address] * 4, real, real, real, *[address] * 5,
     ]  # fmt: skip
     loaded.fit_dots.restype = whole
     loaded.elliptic.argtypes = [whole, *[address] * 5]
@@ -121,6 +121,7 @@ def fit_dots(
     filled: NDArray[np.bool_],
     noise: float,
     saturation: float,
+    unlit: float,
     settings: Array,
     table: Array,
     unknowns: Array,
@@ -134,8 +135,8 @@ def fit_dots(
         Rough ellipses, and half the width of the bands along their outlines, px.
     ring, filled : arrays (B,)
         True for rings, and where the inside of the outline counts as well.
-    noise, saturation : float, grey levels
-        Maximum noise, and the level above which the image shows none.
+    noise, saturation, unlit : float, grey levels
+        Maximum noise; the level above which the image shows none, and that of the unknowns, reckoned from `unlit`.
     settings, table : arrays
         Constants in the order of kernel_fit.c, and the normal distribution and its density.
     unknowns : array (B, 15)
@@ -161,7 +162,8 @@ def fit_dots(
     arrays = settings, table, unknowns, inverse, facts
     status = loaded.fit_dots(
         image.ctypes.data, height, width, image.strides[0], image.itemsize == 2, count,
-        *(each.ctypes.data for each in (*inputs, kinds)), noise, saturation, *(each.ctypes.data for each in arrays),
+        *(each.ctypes.data for each in (*inputs, kinds)), noise, saturation, unlit,
+        *(each.ctypes.data for each in arrays),
     )  # fmt: skip
     if status < 0:
         raise MemoryError("no memory for the pixels of a dot")

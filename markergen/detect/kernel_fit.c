@@ -49,7 +49,7 @@ typedef struct {
     double p[COUNT], origin[2], size[2], step, blur_step; /* the longer semi-axis first */
     double normal[COUNT][COUNT], gradient[COUNT], sums[SECTORS][SUMS];
     int ring, filled, alive, left_out[SECTORS];
-    double image_noise, saturation;
+    double image_noise, saturation, unlit;
     const Settings *set;
     const double *table;
 } Dot;
@@ -273,7 +273,7 @@ static int collect(Dot *dot, const uint8_t *image, int64_t height, int64_t width
                     memcpy(&level, at, 2);
                 dot->x[dot->count] = (double)x;
                 dot->y[dot->count] = (double)y;
-                dot->grey[dot->count++] = level;
+                dot->grey[dot->count++] = level - dot->unlit;
             }
         }
     }
@@ -464,9 +464,11 @@ WIDEST static void evaluate(Dot *dot, int fresh)
    ridge of rounding's size; the gradient with them, and the scale. */
 static void factor(const Dot *dot, double ridge, double (*a)[COUNT], double *gradient, double *scale)
 {
-    const double *p = dot->p, contrast = p[LIGHT] - p[DARK], share = p[DARK] / p[LIGHT];
+    const double *p = dot->p, contrast = p[LIGHT] - p[DARK];
+    const double norm = sqrt(p[LIGHT] * p[LIGHT] + p[DARK] * p[DARK]) * larger(fabs(p[LIGHT]), fabs(p[DARK]));
     const double of_scale = dot->ring ? dot->set->scale_prior * contrast : 0, of_shine = dot->set->shine_prior * contrast;
-    const double prior = of_scale * of_scale, shine = of_shine / p[LIGHT] * (of_shine / p[LIGHT]);
+    const double prior = of_scale * of_scale, shine = of_shine * of_shine;
+    const double of_light = -p[DARK] / norm, of_dark = p[LIGHT] / norm;
     memcpy(a, dot->normal, sizeof dot->normal);
     memcpy(gradient, dot->gradient, sizeof dot->gradient);
     for (int r = DISK; r < COUNT; r++)
@@ -474,12 +476,12 @@ static void factor(const Dot *dot, double ridge, double (*a)[COUNT], double *gra
     a[SCALE][SCALE] += prior;
     gradient[SCALE] += prior * (0.5 - p[SCALE]);
     for (int r = 8; r < 10; r++) {
-        const double beyond = p[r + 2] - share * p[r];
-        a[r][r] += shine * share * share;
-        a[r + 2][r] -= shine * share;
-        a[r + 2][r + 2] += shine;
-        gradient[r] += shine * share * beyond;
-        gradient[r + 2] -= shine * beyond;
+        const double beyond = of_light * p[r] + of_dark * p[r + 2];
+        a[r][r] += shine * of_light * of_light;
+        a[r + 2][r] += shine * of_light * of_dark;
+        a[r + 2][r + 2] += shine * of_dark * of_dark;
+        gradient[r] -= shine * of_light * beyond;
+        gradient[r + 2] -= shine * of_dark * beyond;
     }
     for (int r = 0; r < COUNT; r++)
         scale[r] = 1 / sqrt(larger(a[r][r], 1e-12));
@@ -646,13 +648,14 @@ static double misfit_of(const Dot *dot)
 }
 
 /* Fits `count` dots, each from the unknowns (count, 15), which it replaces. `wide` is true for pixels of 16 bits;
-   `kind` is 1 for rings, plus 2 where the inside of the outline counts as well; `noise` is the largest noise that a dot may have. Writes the inverses of the normal matrices (count, 15, 15) and for
-   each dot the variance, the noise, 1 or 0 for a complete outline, the misfit, and what
+   `kind` is 1 for rings, plus 2 where the inside of the outline counts as well; `noise` is the largest noise that a dot
+   may have; levels, also those of `saturation` and unknowns, count from `unlit`. Writes the inverses of the normal
+   matrices (count, 15, 15) and for each dot the variance, the noise, 1 or 0 for a complete outline, the misfit, and what
    EllipseDescent.uneven returns. Returns 0, or -1 without memory. */
 int64_t fit_dots(const uint8_t *image, int64_t height, int64_t width, int64_t stride, int wide, int64_t count,
                  const double *semi, const double *angle, const double *band, const uint8_t *kind, double noise,
-                 double saturation, const Settings *set, const double *table, double *unknowns, double *inverted,
-                 double *facts)
+                 double saturation, double unlit, const Settings *set, const double *table, double *unknowns,
+                 double *inverted, double *facts)
 {
     Dot dot = {0};
     int64_t status = 0;
@@ -660,6 +663,7 @@ int64_t fit_dots(const uint8_t *image, int64_t height, int64_t width, int64_t st
     dot.table = table;
     dot.image_noise = noise;
     dot.saturation = saturation;
+    dot.unlit = unlit;
     for (int64_t k = 0; k < count && !status; k++) {
         double trace, root;
         memcpy(dot.p, unknowns + COUNT * k, sizeof dot.p);

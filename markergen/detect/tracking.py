@@ -251,12 +251,15 @@ class _Windows:
         Side of a window's pixel in px of the frame.
     size : array (2,), px
         Width and height of the frame.
+    inverted : bool
+        True if light dots have become dark.
     """
 
     image: Image
     origin: Array
     factor: Indices
     size: Array
+    inverted: bool
 
     def find(self) -> tuple[Blobs, Indices]:
         """Return rough blobs in px of the frame, whole inside of it and of a window, and each one's window."""
@@ -273,7 +276,7 @@ class _Windows:
 
     def fit(self, blobs: Blobs, owner: Indices) -> Blobs:
         """Fit blobs, in px of the frame, to the grey levels of their windows."""
-        return self._moved(fit_blobs(self.image, self._moved(blobs, owner, -1)), owner, 1)
+        return self._moved(fit_blobs(self.image, self._moved(blobs, owner, -1), self.inverted), owner, 1)
 
     def _moved(self, blobs: Blobs, owner: Indices, sign: int) -> Blobs:
         """Return blobs in px of the frame (1) instead of px of the windows' image, or the other way around (-1)."""
@@ -325,7 +328,7 @@ def _look(
             grey = np.asarray(cv2.resize(grey, (side, side), interpolation=cv2.INTER_AREA))
         tiles.append(grey)
     origin = first + (factor[:, None] - 1) / 2 * average
-    return _Windows(np.concatenate(tiles), origin, factor, np.array([breadth, height]))
+    return _Windows(np.concatenate(tiles), origin, factor, np.array([breadth, height]), light)
 
 
 def _tags(frame: NDArray[Any], model: Poses | Planes, marker: Marker, sought: Sought, camera: Camera) -> Sightings:

@@ -37,7 +37,13 @@ def turned_jacobian(turned: Array, translation: Array, focal: Array) -> Array:
     """`pose_jacobian` (..., P, 2n, 6) from rotated points R X (..., P, n, 3) in m."""
     rows = _image_rows(turned + translation[:, None, :], focal)
     # A row g of d x / d X_camera multiplies dX = w x (R X) + dt, so its part for w is (R X) x g.
-    jacobian: Array = np.concatenate([np.cross(turned[..., None, :], rows), rows], axis=-1)
+    x, y, z = (turned[..., None, i] for i in range(3))
+    jacobian = np.empty((*rows.shape[:-1], 6))
+    # np.cross takes three times as long.
+    jacobian[..., 0] = y * rows[..., 2] - z * rows[..., 1]
+    jacobian[..., 1] = z * rows[..., 0] - x * rows[..., 2]
+    jacobian[..., 2] = x * rows[..., 1] - y * rows[..., 0]
+    jacobian[..., 3:] = rows
     return jacobian.reshape(*jacobian.shape[:-3], -1, 6)
 
 

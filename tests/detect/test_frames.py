@@ -172,10 +172,14 @@ def test_deep_frames(scene, form, light):
     eight = {each.name: each for each in detector(here.frame) if each.ok}
     for each in found:
         if each.ok:
-            # The same levels up to a factor, and an offset: black is where slopes of the light are reckoned from, and
-            # whether the light has any costs up to a third of the information. Noise is 0.004 px.
-            np.testing.assert_allclose(each.pixels, eight[each.name].pixels, atol=4e-3)
-            np.testing.assert_allclose(each.pixel_covariance, eight[each.name].pixel_covariance, rtol=0.5, atol=3e-6)
+            # The same levels up to a factor: the fit only starts a little elsewhere. Slopes of the light are reckoned
+            # from black, so that an offset changes them, and what they cost, which is up to a third of the information.
+            # Noise is 0.004 px.
+            atol, rtol = (1e-2, 0.5) if "narrow" in form else (1e-3, 0.05)
+            np.testing.assert_allclose(each.pixels, eight[each.name].pixels, atol=atol)
+            np.testing.assert_allclose(
+                each.pixel_covariance, eight[each.name].pixel_covariance, rtol=rtol, atol=rtol * 1e-5
+            )
 
 
 def test_colors_are_weighed_as_in_files(pentagon, scene, tmp_path):

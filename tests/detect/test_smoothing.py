@@ -93,7 +93,7 @@ def run(rng, frames=15, limits=LIMITS, common=None):
 @pytest.fixture(scope="module")
 def runs():
     rng = np.random.default_rng(1)
-    return [run(rng) for _ in range(60)]
+    return [run(rng) for _ in range(50)]
 
 
 @pytest.mark.parametrize(("part", "name"), [(slice(0, 6), "pose"), (slice(0, 12), "pose and velocities")])
@@ -142,7 +142,7 @@ def test_the_left_jacobian_is_that_of_differences(size):
 def test_steady_motion_is_followed_better_than_it_is_measured():
     rng, calm = np.random.default_rng(3), Accelerations(0.05, 0.1)
     before, after = [], []
-    for _ in range(20):
+    for _ in range(12):
         motion = None
         for truth in walk(rng, 30, Accelerations(0.0, 0.0)):
             covariance = noise(rng)
