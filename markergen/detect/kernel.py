@@ -126,7 +126,7 @@ def fit_dots(
     table: Array,
     unknowns: Array,
 ) -> tuple[Array, Array, Array]:
-    """Fit dots to grey levels: see kernel_fit.c, and the twin in ellipse_fit.py.
+    """Fit dots to grey levels: see kernel_fit.c, and the twin in ellipse_descent.py.
 
     Parameters
     ----------

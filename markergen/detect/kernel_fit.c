@@ -1,4 +1,4 @@
-/* fit_dots: fit of blurred dark ellipses and rings to grey levels, one dot after the other (twin: ellipse_fit.py,
+/* fit_dots: fit of blurred dark ellipses and rings to grey levels, one dot after the other (twin: ellipse_descent.py,
    EllipseDescent, which says what is done and why; names here are those there).
 
    A part of the library of kernel.c: see the remarks at its head. */
@@ -19,7 +19,7 @@
 
 enum { COUNT = 15, WIDTH = 16, BLOCK = 32, DISK = 12, LIGHT = 5, DARK = 6, BLUR = 7, HOLE = 12, SCALE = 14, SECTORS = 16, SUMS = 8, NODES = 5, FACTS = 7 };
 
-/* In this order in kernel.py. */
+/* In the order of CONSTANTS in ellipse_descent.py. */
 typedef struct {
     double converged, settled, judged, unjudged, steps, rounds, step, scale_step, least_blur, most_blur, shortest;
     double outlier_share, outlier_sigma, outlier_spread, left_out, trimmed;
@@ -367,7 +367,7 @@ static void strangeness(const Dot *dot, double noise, double *strange)
     }
 }
 
-/* ---- ellipse_fit.py ---- */
+/* ---- ellipse_descent.py ---- */
 
 /* Adds j'j of m pixels; j has the derivatives, then the residual, then zeros. */
 INSIDE void add_products(double (*total)[WIDTH], double (*j)[WIDTH], int m, int rows)

@@ -29,6 +29,9 @@ DISTINCT_SIGMA = 3.0
 DEFAULT_ERRORS = ErrorSources()
 """A tenth of a millimeter in the print, an exact calibration."""
 
+ROUGH_SIGMA = 5.0
+"""Multiple of the median point's standard deviation above which a point tells nothing of the others' errors."""
+
 OUTLIER_SIGMA, OUTLIER_PX = 5.0, 0.05
 LEAST_TO_DROP = 6
 """Minimum number of points for dropping one: with fewer, the outlier could hardly be identified."""
@@ -146,7 +149,7 @@ def fit_pose(
         return None
     solutions = [(rotation[best], translation[best], float(chi2[best]))]
     freedom = 2 * len(points) - 6
-    scale = residual_scale(solutions[0][2], freedom)
+    scale = max(1.0, solutions[0][2] / freedom)
     if not np.ptp(points[:, 2]):
         rotation, translation, chi2 = refined(*mirrored_poses(points, rotation[[best]], translation[[best]]), COARSE)
         if float(chi2[0]) - solutions[0][2] < 2 * SEARCHED * scale:
@@ -154,7 +157,11 @@ def fit_pose(
         solutions.append((rotation[0], translation[0], float(chi2[0])))
     (rotation, translation, least), *others = sorted(solutions, key=lambda solution: solution[2])
     budget = pose_budget(points, rotation[None], translation[None], camera, covariance, errors)
-    scale = residual_scale(least, freedom)
+    spread = image + print_covariance(
+        pose_rows(points, rotation[None], translation[None]), points, rotation[None], errors
+    )
+    residual = seen - outlines(points, radii, rotation[None], translation[None]).center[0]
+    scale = residual_scale(residual, spread[0])
     image_part, print_part, camera_part = scale * budget.image[0], scale * budget.print[0], budget.camera[0]
     budget = PoseBudget(image_part, print_part, camera_part, image_part + print_part + camera_part)
     alternative, ratio = None, 0.0
@@ -166,13 +173,26 @@ def fit_pose(
     return PoseEstimate(rotation, translation, budget, least, freedom, scale, alternative, ratio)
 
 
-def residual_scale(chi2: float, freedom: int) -> float:
-    """Return the factor by which the residuals show the covariances of image and print to be too small, 1 or more.
+def residual_scale(residual: Array, spread: Array) -> float:
+    """Return the factor, 1 or more, by which residuals show the covariances of image and print to be too small.
 
-    chi2/d for d degrees of freedom, the estimate of a common factor, where it exceeds 1. Shadows across dots,
-    reflections and compression move the dots by more than the noise of their grey levels says.
+    chi2/d, the estimate of a factor common to all points by d = 2 m - 6 degrees of freedom, where it exceeds 1 (as in
+    C. F. Gauss's estimate of the variance of an adjustment). Reflections, shadows and compression move dots by more
+    than the noise of the grey levels says. Points far less precise than the others, such as rough ellipses, whose
+    covariance is a guess, do not take part: they hardly affect the pose, so each has two degrees of freedom.
+
+    Parameters
+    ----------
+    residual : array (m, 2)
+        Measured less predicted points.
+    spread : array (m, 2, 2)
+        Covariance of the points from image and print.
     """
-    return max(1.0, chi2 / freedom)
+    chi2 = np.einsum("mi,mij,mj->m", residual, np.linalg.inv(spread), residual)
+    variance = np.trace(spread, axis1=-2, axis2=-1)
+    precise = variance <= ROUGH_SIGMA**2 * np.median(variance)
+    freedom = 2 * int(precise.sum()) - 6
+    return max(1.0, float(chi2[precise].sum()) / freedom) if freedom > 0 else 1.0
 
 
 def outlier(

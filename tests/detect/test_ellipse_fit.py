@@ -7,17 +7,8 @@ import pytest
 from markergen.detect import kernel
 from markergen.detect.blobs import Blobs
 from markergen.detect.candidates import find_blobs
-from markergen.detect.ellipse_fit import (
-    BLUR,
-    CENTER,
-    COUNT,
-    SCALE,
-    SHAPE,
-    SLOPES,
-    EllipseDescent,
-    fit_blobs,
-    fit_unknowns,
-)
+from markergen.detect.ellipse_descent import BLUR, CENTER, COUNT, SCALE, SHAPE, SLOPES, EllipseDescent
+from markergen.detect.ellipse_fit import fit_blobs, fit_unknowns
 from markergen.detect.outline_pixels import OutlinePixels
 
 WIDTH, HEIGHT, FINE = 96, 80, 6
