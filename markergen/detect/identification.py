@@ -29,6 +29,7 @@ from markergen.detect.labeling_hypotheses import (
 from markergen.detect.pose_hypotheses import DotLayout
 from markergen.detect.rival_labelings import rival_labelings
 from markergen.model.camera import Camera
+from markergen.model.feature import DOT_PIXELS
 from markergen.model.tag import Tag
 
 Array = NDArray[np.float64]
@@ -64,7 +65,7 @@ ring in place of a disk or vice versa."""
 EDGE_PX = 3.0
 """Margin in px: a dot is expected if it is predicted inside the image, by more than this plus its size."""
 
-SMALL = "dots less than 3.5 px across are not found"
+SMALL = f"dots less than {DOT_PIXELS:g} px across are hardly found"
 
 _KEPT = 24
 """Maximum number of labelings that are compared in the end, the best ones."""

@@ -77,6 +77,10 @@ class Watched:
     def __repr__(self) -> str:
         return f"Watched({self})"
 
+    def lines(self, notes: Sequence[str] = ()) -> list[str]:
+        """Return the sum of it all and the remarks on the video, if there was a frame."""
+        return [str(self), *(f"  {note}" for note in notes)] if self.frames else []
+
 
 def detect_video(
     source: str | Path | int | Sequence[str | Path | int],
@@ -147,7 +151,7 @@ def detect_video(
         video = at_the_end.enter_context(open_video(one, size))
         watched = Watched(video.name)
         at_the_end.enter_context(silent_opencv())
-        at_the_end.callback(lambda: [tell(line) for line in [str(watched), *(f"  {note}" for note in video.notes)]])
+        at_the_end.callback(lambda: [tell(line) for line in watched.lines(video.notes)])
         sinks = _sinks(video, json, overlay, window, tell, warn)
         for sink in sinks:
             at_the_end.enter_context(sink)

@@ -196,6 +196,7 @@ class Video:
         self._changed = threading.Condition()
         self._ready = deque[Frame]()
         self._ended = self._closed = False
+        self._failure: Exception | None = None
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
 
@@ -206,7 +207,7 @@ class Video:
         self.close()
 
     def __iter__(self) -> Iterator[Frame]:
-        """Yield the frames; raises InputError where a camera or stream stalls or ends."""
+        """Yield the frames; raises InputError where one cannot be read, or a camera or stream stalls or ends."""
         while True:
             with self._changed:
                 if not self._changed.wait_for(lambda: self._ready or self._ended, STALLED if self.live else None):
@@ -219,6 +220,9 @@ class Video:
                 self.dropped += frame.dropped
                 self._changed.notify_all()
             yield frame
+        if self._failure is not None:
+            found = " ".join(str(self._failure).split())[:80] or type(self._failure).__name__
+            raise InputError(f"frames from {self.name}", found, "convert a file to .mp4 or .avi, restart a camera")
         if self.live:
             raise InputError(f"frames from {self.name}", "its end", "check the camera and its connection")
 
@@ -245,6 +249,8 @@ class Video:
                         return
                     self._ready.append(Frame(number, stamp, clock, dropped, image))
                     self._changed.notify_all()
+        except Exception as error:  # Of OpenCV, or no memory: raised where the frames are taken.
+            self._failure = error
         finally:
             with self._changed:
                 self._ended = True

@@ -83,6 +83,17 @@ def test_a_camera_that_stalls_is_told(camera, monkeypatch):
     assert plugged.released
 
 
+def test_an_error_of_opencv_is_one_line(camera, monkeypatch):
+    plugged = camera(flat(3))
+
+    def broken():
+        raise cv2.error("(-215:Assertion failed) in some function")
+
+    monkeypatch.setattr(plugged, "retrieve", broken)
+    with open_video("0") as video, pytest.raises(InputError, match=r"frames from camera 0, found .*Assertion"):
+        list(video)
+
+
 def test_a_file_is_left_in_the_middle(tmp_path):
     write_video(tmp_path / "a.avi", flat(12))
     threads = threading.active_count()
