@@ -118,8 +118,8 @@ def test_the_covariance_holds_where_the_errors_are_larger_than_stated(ngon, n, f
         error = error_of(found, pose)
         # The 95 % point of chi^2 with 6 degrees of freedom.
         held.append(error @ np.linalg.solve(found.budget.total, error) < 12.59)
-    # Larger errors are estimated from 2 and 10 residuals: Fisher's distribution has 0.64 and 0.86 within 12.59, where the
-    # stated covariance has 0.01. A share of 100 scatters by 0.05 and 0.035, and by 0.02 where 0.95 is right: three times.
+    # Larger errors are estimated from 2 and 10 residuals: Fisher's distribution has 0.64 and 0.86 within 12.59, where
+    # the stated covariance has 0.01. A share of 100 scatters by 0.05 and 0.035, and by 0.02 about 0.95: three times.
     assert np.mean(held) > ({4: 0.5, 8: 0.75}[n] if factor > 1 else 0.88)
 
 
