@@ -14,12 +14,10 @@ from markergen.detect.ellipse_fit import fit_blobs
 from markergen.detect.fiducials import NO_TAGS, REFUTES, Sightings, TagReader
 from markergen.detect.identification import REFUSED_PX, ROUGH_PX, Search, View, ambiguity, confirm, contender, search
 from markergen.detect.labeling_hypotheses import Poses
-from markergen.detect.pose import DEFAULT_ERRORS, PoseEstimate, fit_pose, outlier
+from markergen.detect.pose import DEFAULT_ERRORS, PoseEstimate, fit_pose, homography_of, outlier
 from markergen.detect.pose_hypotheses import DotLayout, layout_of
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
-from markergen.maths.dlt import estimate_homography, four_in_general_position
-from markergen.maths.projection import plane_homography
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker, check_supported
 from markergen.read.images import LARGEST_FRAME
@@ -88,6 +86,11 @@ class Detection:
         Corners of the marker's tag in the image as taken, in the order of `Tag.corners`; None if it was not read.
     unlabeled : Unlabeled or None
         The dots, if ambiguous labels are the reason; None otherwise.
+    misfit : float, px
+        RMS by which the dots miss the labeling's prediction: see `misfits`; inf if not found.
+    checked : Detection or None
+        If the marker was tracked: the detection in an earlier frame in which other labelings were last looked for. None
+        if they were in this one.
     """
 
     found: bool
@@ -103,6 +106,8 @@ class Detection:
     dropped: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     tag: Array | None = None
     unlabeled: Unlabeled | None = None
+    misfit: float = float("inf")
+    checked: "Detection | None" = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -442,7 +447,7 @@ def finish(
         drawn = outlines(points, radii, pose.rotation[None], pose.translation[None])
         corrected = seen - (drawn.center - drawn.point)[0]
         if layout.flat:
-            homography = _homography(points, corrected, camera, pose)
+            homography = homography_of(points, corrected, camera, pose)
     index = ellipses.index[own]
     return Detection(
         True,
@@ -453,6 +458,7 @@ def finish(
         None if homography is None else homography / homography[2, 2],
         pose,
         dropped=ids[np.setdiff1d(labeled, used)],
+        misfit=float(chosen.candidates.misfit[0]),
     )
 
 
@@ -484,17 +490,3 @@ def _pose(
         if worst is None:
             return used, pose
         used = np.delete(used, worst)
-
-
-def _homography(points: Array, corrected: Array, camera: Camera, pose: PoseEstimate) -> Array:
-    """Return the homography from marker plane to ideal px, by DLT, or from the pose if the points are degenerate."""
-    if _in_general_position(points[:, :2].tobytes()):
-        return np.asarray(estimate_homography(points[:, :2], camera.ideal.to_pixels(corrected)), dtype=float)
-    origin = pose.translation + points[0, 2] * pose.rotation[:, 2]
-    return plane_homography(pose.rotation[None], origin[None], camera.matrix)[0]
-
-
-@lru_cache(maxsize=256)
-def _in_general_position(points: bytes) -> bool:
-    """Return whether points (n, 2), as bytes, determine a homography."""
-    return bool(four_in_general_position(np.frombuffer(points).reshape(-1, 2)))

@@ -17,6 +17,7 @@ from markergen.detect.labeling_hypotheses import (
     NEAR_PX,
     NEAR_REACH,
     Labelings,
+    Model,
     Poses,
     assign,
     distinct,
@@ -193,6 +194,13 @@ def search(ellipses: Ellipses, view: View, rough: Array | None = None) -> Search
     if not len(candidates) or candidates.count[0] < LEAST_DOTS:
         return _failed(view, _how_far(ellipses, candidates, view))
     return _answered(_judged(candidates, ellipses, view, rough), ellipses)
+
+
+def given(blobs: Indices, model: Model, view: View) -> Search:
+    """Return a labeling (n,), with a model near the right one, in the form that `confirm` takes."""
+    silent = np.zeros(1, dtype=np.intp)
+    candidates = Labelings(blobs[None], np.full(1, np.inf), model, view.layout)
+    return Search(view, candidates, np.zeros(1), silent, np.zeros(1), silent, silent - 1)
 
 
 def confirm(

@@ -1,6 +1,7 @@
 """Pose of labeled points, with its error budget and the second pose that may also fit."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,8 @@ from markergen.detect.conic_projection import mirrored_poses, outlines, pose_row
 from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget, print_covariance
+from markergen.maths.dlt import estimate_homography, four_in_general_position
+from markergen.maths.projection import plane_homography
 from markergen.maths.rotation import angle_between
 from markergen.model.camera import Camera
 
@@ -249,3 +252,23 @@ def _normalized_covariance(seen: Array, covariance: Array, camera: Camera) -> Ar
     """Return the covariance (m, 2, 2) of normalized coordinates from that of px."""
     lens = np.linalg.inv(camera.pixel_jacobian(seen))
     return lens @ (covariance + _LEAST_PX**2 * np.eye(2)) @ lens.swapaxes(-1, -2)
+
+
+def homography_of(points: Array, corrected: Array, camera: Camera, pose: PoseEstimate) -> Array:
+    """Return the homography from a flat marker's plane, m, to ideal px, by DLT, or from the pose of degenerate points.
+
+    Parameters
+    ----------
+    points, corrected : arrays (m, 3) and (m, 2)
+        Control points, m, and their images in normalized coordinates.
+    """
+    if _in_general_position(points[:, :2].tobytes()):
+        return np.asarray(estimate_homography(points[:, :2], camera.ideal.to_pixels(corrected)), dtype=float)
+    origin = pose.translation + points[0, 2] * pose.rotation[:, 2]
+    return plane_homography(pose.rotation[None], origin[None], camera.matrix)[0]
+
+
+@lru_cache(maxsize=256)
+def _in_general_position(points: bytes) -> bool:
+    """Return whether points (n, 2), as bytes, determine a homography."""
+    return bool(four_in_general_position(np.frombuffer(points).reshape(-1, 2)))
