@@ -127,8 +127,8 @@ def fit_dots(
     settings: Array,
     table: Array,
     unknowns: Array,
-) -> tuple[Array, Array, Array, Array, NDArray[np.bool_], Array]:
-    """Fit dots to grey levels: see kernel_fit.c, and the twin in ellipse_fit.py.
+) -> tuple[Array, Array, Array]:
+    """Fit dots to grey levels: see kernel_fit.c, and the twin in ellipse_descent.py.
 
     Parameters
     ----------
@@ -141,11 +141,12 @@ def fit_dots(
         Maximum noise; the level above which the image shows none, and that of the unknowns, reckoned from `unlit`.
     settings, table : arrays
         Constants in the order of kernel_fit.c, and the normal distribution and its density.
-    unknowns : array (B, 13)
+    unknowns : array (B, 15)
 
     Returns
     -------
-    unknowns (B, 13), inverse normal matrices (B, 13, 13), variance (B,), noise (B,), complete (B,) of bool, misfit (B,)
+    unknowns (B, 15), inverse normal matrices (B, 15, 15), and in this order (7, B): variance, noise, complete, misfit,
+    uneven, odd, pairs
     """
     loaded = library()
     assert loaded is not None
@@ -154,11 +155,11 @@ def fit_dots(
     if image.strides[1] != image.itemsize or image.strides[0] < 0:
         image = image.copy()
     count, (height, width) = len(unknowns), image.shape
-    unknowns, inverse, facts = unknowns.copy(), np.empty((count, 13, 13)), np.empty((count, 4))
+    unknowns, inverse, facts = unknowns.copy(), np.empty((count, 15, 15)), np.empty((count, 7))
     inputs = [np.ascontiguousarray(each, dtype=float) for each in (semi, angle, band)]
     kinds = np.asarray(ring + 2 * filled, dtype=np.uint8)
     sizes = [each.size for each in (*inputs, kinds, unknowns)]
-    if sizes != [2 * count, count, count, count, 13 * count]:
+    if sizes != [2 * count, count, count, count, 15 * count]:
         raise ValueError(f"arrays of {count} dots do not have {sizes} numbers")
     arrays = settings, table, unknowns, inverse, facts
     status = loaded.fit_dots(
@@ -168,7 +169,7 @@ def fit_dots(
     )  # fmt: skip
     if status < 0:
         raise MemoryError("no memory for the pixels of a dot")
-    return unknowns, inverse, facts[:, 0], facts[:, 1], facts[:, 2] > 0, facts[:, 3]
+    return unknowns, inverse, facts.T
 
 
 def elliptic(found: Integers, limits: Array) -> tuple[Array, Array, Integers]:
