@@ -32,6 +32,9 @@ DISTINCT_SIGMA = 3.0
 DEFAULT_ERRORS = ErrorSources()
 """A tenth of a millimeter in the print, an exact calibration."""
 
+ROUGH_SIGMA = 5.0
+"""Multiple of the median point's standard deviation above which a point tells nothing of the others' errors."""
+
 OUTLIER_SIGMA, OUTLIER_PX = 5.0, 0.05
 LEAST_TO_DROP = 6
 """Minimum number of points for dropping one: with fewer, the outlier could hardly be identified."""
@@ -53,10 +56,13 @@ class PoseEstimate:
         Sum of the residuals weighted by the inverse of their covariance from image and print.
     degrees_of_freedom : int
         Expected value of chi2, if the covariances are right: twice the number of points, less 6.
+    scale : float
+        Factor on the covariances from image and print, already in `budget`; see `residual_scale`.
     alternative : (rotation, translation) or None
         Other pose from which a flat marker looks much the same, if it is a contender.
     likelihood_ratio : float
-        Likelihood of the alternative relative to this pose: exp(-(chi2 of the alternative - chi2)/2); 0 without one.
+        Likelihood of the alternative relative to this pose: exp(-(chi2 of the alternative - chi2)/(2 scale)); 0 without
+        one.
     """
 
     rotation: Array
@@ -64,6 +70,7 @@ class PoseEstimate:
     budget: PoseBudget
     chi2: float
     degrees_of_freedom: int
+    scale: float
     alternative: tuple[Array, Array] | None = None
     likelihood_ratio: float = 0.0
 
@@ -144,21 +151,51 @@ def fit_pose(
     if not np.isfinite(chi2[best]):
         return None
     solutions = [(rotation[best], translation[best], float(chi2[best]))]
+    freedom = 2 * len(points) - 6
+    scale = max(1.0, solutions[0][2] / freedom)
     if not np.ptp(points[:, 2]):
         rotation, translation, chi2 = refined(*mirrored_poses(points, rotation[[best]], translation[[best]]), COARSE)
-        if float(chi2[0]) - solutions[0][2] < 2 * SEARCHED:
+        if float(chi2[0]) - solutions[0][2] < 2 * SEARCHED * scale:
             rotation, translation, chi2 = refined(rotation, translation)
         solutions.append((rotation[0], translation[0], float(chi2[0])))
     (rotation, translation, least), *others = sorted(solutions, key=lambda solution: solution[2])
     budget = pose_budget(points, rotation[None], translation[None], camera, covariance, errors)
-    budget = PoseBudget(budget.image[0], budget.print[0], budget.camera[0], budget.total[0])
+    spread = image + print_covariance(
+        pose_rows(points, rotation[None], translation[None]), points, rotation[None], errors
+    )
+    residual = seen - outlines(points, radii, rotation[None], translation[None]).center[0]
+    scale = residual_scale(residual, spread[0])
+    image_part, print_part, camera_part = scale * budget.image[0], scale * budget.print[0], budget.camera[0]
+    budget = PoseBudget(image_part, print_part, camera_part, image_part + print_part + camera_part)
     alternative, ratio = None, 0.0
     for other, place, more in others:
-        likelihood = float(np.exp((least - more) / 2))
+        likelihood = float(np.exp((least - more) / (2 * scale)))
         sigma = np.sqrt(np.trace(budget.total[:3, :3]))
         if likelihood > CONTENDER and angle_between(other, rotation) > DISTINCT_SIGMA * sigma:
             alternative, ratio = (other, place), likelihood
-    return PoseEstimate(rotation, translation, budget, least, 2 * len(points) - 6, alternative, ratio)
+    return PoseEstimate(rotation, translation, budget, least, freedom, scale, alternative, ratio)
+
+
+def residual_scale(residual: Array, spread: Array) -> float:
+    """Return the factor, 1 or more, by which residuals show the covariances of image and print to be too small.
+
+    chi2/d, the estimate of a factor common to all points by d = 2 m - 6 degrees of freedom, where it exceeds 1 (as in
+    C. F. Gauss's estimate of the variance of an adjustment). Reflections, shadows and compression move dots by more
+    than the noise of the grey levels says. Points far less precise than the others, such as rough ellipses, whose
+    covariance is a guess, do not take part: they hardly affect the pose, so each has two degrees of freedom.
+
+    Parameters
+    ----------
+    residual : array (m, 2)
+        Measured less predicted points.
+    spread : array (m, 2, 2)
+        Covariance of the points from image and print.
+    """
+    chi2 = np.einsum("mi,mij,mj->m", residual, np.linalg.inv(spread), residual)
+    variance = np.trace(spread, axis1=-2, axis2=-1)
+    precise = variance <= ROUGH_SIGMA**2 * np.median(variance)
+    freedom = 2 * int(precise.sum()) - 6
+    return max(1.0, float(chi2[precise].sum()) / freedom) if freedom > 0 else 1.0
 
 
 def outlier(
