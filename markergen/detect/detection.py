@@ -13,9 +13,9 @@ from markergen.detect.conic_projection import correct_centers, outlines
 from markergen.detect.ellipse_fit import fit_blobs
 from markergen.detect.fiducials import NO_TAGS, REFUTES, Sightings, TagReader
 from markergen.detect.identification import REFUSED_PX, ROUGH_PX, Search, View, ambiguity, confirm, contender, search
-from markergen.detect.labeling_hypotheses import Poses
 from markergen.detect.pose import DEFAULT_ERRORS, PoseEstimate, fit_pose, homography_of, outlier
 from markergen.detect.pose_hypotheses import DotLayout, layout_of
+from markergen.detect.seen_models import Poses
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
@@ -295,8 +295,7 @@ def identify(
 ) -> list[Detection]:
     """Run `detect_all` on the dots and tags of an image.
 
-    Labels are sought among rough blobs. The best labeling's own blobs are then fitted to the grey levels, and the
-    search among these alone has the last word: a labeling must be the only one that fits them.
+    Labels are sought among rough blobs. The grey levels at those of the best labeling must confirm it.
 
     Parameters
     ----------
@@ -313,7 +312,10 @@ def identify(
     left, reasons, found = dict.fromkeys(range(len(markers)), copies), dict[int, str](), list[Detection]()
     rivals, unlabeled = dict[int, int](), dict[int, Unlabeled]()
     while left:
-        searches = {each: search(ellipses, views[each], rough) for each in {sought.layouts[k]: None for k in left}}
+        # Of further copies, those in plain sight are enough.
+        first_of = {sought.layouts[k] for k, more in left.items() if more == copies}
+        own = dict.fromkeys(sought.layouts[k] for k in left)
+        searches = {each: search(ellipses, views[each], rough, thorough=each in first_of) for each in own}
         for k in list(left):
             if searches[sought.layouts[k]].reason:
                 reasons.setdefault(k, searches[sought.layouts[k]].reason)
@@ -324,11 +326,8 @@ def identify(
         claimed = _among(ellipses, first)
         fresh = claimed & (rough == ROUGH_PX)
         blobs, ellipses, rough = _fitted(blobs, ellipses, rough, fresh, fit, camera)
-        confirmed = {
-            k: confirm(searches[layout], ellipses, rough, markers[k].tag, tags)
-            for k, layout in ((k, sought.layouts[k]) for k in left)
-            if (claimed & _among(ellipses, searches[layout])).any()
-        }
+        sharing = (k for k in left if (claimed & _among(ellipses, searches[sought.layouts[k]])).any())
+        confirmed = {k: confirm(searches[sought.layouts[k]], ellipses, rough, markers[k].tag, tags) for k in sharing}
         answers = {k: each for k, each in confirmed.items() if not each.reason}
         best = min(answers, key=lambda k: answers[k].rank, default=-1)
         others = _among(ellipses, answers.get(best, first)) & (rough == ROUGH_PX)

@@ -72,6 +72,8 @@ def _declare(loaded: ctypes.CDLL) -> None:
     loaded.disk_outlines.restype = None
     loaded.refine_poses.argtypes = [whole, whole, *[address] * 7, whole, ctypes.c_double, address]
     loaded.refine_poses.restype = ctypes.c_int
+    loaded.guess_poses.argtypes = [*[whole] * 6, *[address] * 21]
+    loaded.guess_poses.restype = whole
     loaded.follow_poses.argtypes = [*[whole] * 5, *[address] * 14]
     loaded.follow_poses.restype = ctypes.c_int
     loaded.even_edges.argtypes = [address, whole, whole, whole, address, whole, *[address] * 3]
@@ -252,6 +254,53 @@ def refine_poses(
     if loaded.refine_poses(k, n, *addresses, steps, tolerance, schedule.ctypes.data):
         raise MemoryError("no memory for residuals")
     return refined[0], refined[1], chi2
+
+
+def guess_poses(
+    pairs: tuple[NDArray[np.intp], ...],
+    layout: tuple[Array, Array, NDArray[np.bool_], NDArray[np.intp]],
+    blobs: tuple[Array, ...],
+    strange: NDArray[np.bool_],
+    settings: tuple[float, ...],
+    least: int,
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array, Array]:
+    """Return guessed poses: see kernel.c, and the twin in pose_hypotheses.py.
+
+    Parameters
+    ----------
+    pairs : tuple
+        First and second blobs (m,), and pairs of control points (q, 2).
+    layout : tuple
+        Points, radii, rings, and near dots (n, k).
+    blobs : tuple
+        Centers (b, 2), shapes (b, 2, 2), areas, slacks (b,), positions and normals (b, 2, 3).
+    settings : tuple
+        As in kernel.c.
+
+    Returns
+    -------
+    start, votes (K,), quality (K,), rotation (K, 3, 3), translation (K, 3)
+    """
+    loaded = library()
+    assert loaded is not None
+    center, shape, *others = blobs
+    whole = [np.ascontiguousarray(each, dtype=np.int64) for each in (*pairs, layout[3], np.argsort(blobs[0][:, 0]))]
+    points, radii, *more = [
+        np.ascontiguousarray(each, dtype=float)
+        for each in (*layout[:2], center, shape[:, [0, 0, 1], [0, 1, 1]], *others)
+    ]
+    kinds, rings = np.ascontiguousarray(strange, dtype=np.uint8), np.ascontiguousarray(layout[2], dtype=np.uint8)
+    fixed = [*whole[:3], points, radii, rings, whole[3], *more, kinds, whole[4], np.array(settings, dtype=float)]
+    sizes = len(pairs[0]), len(pairs[2]), len(center), layout[3].shape[1], least
+    capacity = 1024
+    while True:
+        start, votes = np.empty((2, capacity), dtype=np.int64)
+        quality, rotation, translation = np.empty(capacity), np.empty((capacity, 3, 3)), np.empty((capacity, 3))
+        arrays = *fixed, start, votes, quality, rotation, translation
+        count: int = loaded.guess_poses(*sizes, capacity, *(each.ctypes.data for each in arrays))
+        if count <= capacity:
+            return start[:count], votes[:count], quality[:count], rotation[:count], translation[:count]
+        capacity = count
 
 
 _STAGES = 4

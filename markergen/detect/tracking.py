@@ -15,8 +15,9 @@ from markergen.detect.detection import Detection, Sought, finish, made_up_camera
 from markergen.detect.ellipse_fit import fit_blobs
 from markergen.detect.fiducials import CONFIRMS, NO_TAGS, Sightings, look_for_tags
 from markergen.detect.identification import EDGE_PX, REFUSED_PX, UNIQUE_PX, Search, View, ambiguity, confirm, given
-from markergen.detect.labeling_hypotheses import LEAST_DOTS, Planes, Poses, find_labelings, misfits
+from markergen.detect.labeling_hypotheses import LEAST_DOTS, find_labelings, misfits
 from markergen.detect.pose_hypotheses import DotLayout
+from markergen.detect.seen_models import Planes, Poses
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
@@ -67,9 +68,10 @@ def track(
     """Find markers again, near where they were in the frame before; None if not every one of them is there for certain.
 
     Only the windows of `frame` in which dots may be are looked at, and converted to grey. The dots that moved together
-    are fitted to the grey levels, and these alone are searched for the marker, as in a whole frame: the labels do not
-    follow from those of the frame before. Of each marker, all labelings of these dots are compared without regard to
-    dots that would be missing, since nothing is known about other places.
+    are fitted to the grey levels, and what they were in the frame before must pass the tests of a whole frame: all
+    labelings of these dots are compared, without regard to dots that would be missing, since nothing is known about
+    other places. As long as all dots are found again and the marker is seen much as when they were compared last, they
+    need not be compared again (`_still_certain`).
 
     Parameters
     ----------
