@@ -341,7 +341,7 @@ def _bound(
     low, high = (np.where(used[..., None], center, fill) for fill in (np.inf, -np.inf))
     extent = px * np.max(high.max(axis=1) - low.min(axis=1), axis=-1)
     count = candidates.count
-    bound = (ACCEPT_PX + ACCEPT_SHARE * extent) * (count - 3) / (count + missing - 3)
+    bound = (ACCEPT_PX + ACCEPT_SHARE * extent) * (count - 3) / np.maximum(count + missing - 3, 1)
     unsure = np.zeros(len(count))
     if rough is not None:
         unsure = np.sqrt(np.sum(rough[candidates.blobs] ** 2 * used, axis=-1) / count)

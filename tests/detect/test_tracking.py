@@ -104,7 +104,8 @@ def test_colors_and_depth_do_not_matter(pentagon, searched):
         (found,) = finder(frame, near=before)
         np.testing.assert_array_equal(found.pixels, grey.pixels)
     (deep,) = finder((second.astype(np.uint16) * 257).astype(">u2"), near=before)
-    np.testing.assert_allclose(deep.pixels, grey.pixels, atol=2e-3)
+    # Two fits from different starts, each of which ends at its first step below 0.002 px.
+    np.testing.assert_allclose(deep.pixels, grey.pixels, atol=4e-3)
     assert len(searched) == 1
     # The weights of the colors are those of a whole frame.
     rng = np.random.default_rng(0)
