@@ -125,6 +125,9 @@ def fit_blobs(image: Image, blobs: Blobs, inverted: bool = False) -> Blobs:
         return blobs
     count = len(blobs)
     doubtful = (blobs.middle > _DISK_BELOW) & (blobs.middle < _RING_ABOVE)
+    if not doubtful.any():
+        fits = fit_unknowns(image, blobs, blobs.ring, inverted)
+        return _fitted(blobs, fits, _accepted(fits, blobs), _unlit(image, inverted))
     index = np.concatenate([np.arange(count), np.flatnonzero(doubtful)])
     kinds = blobs.take(index)
     kinds.ring[count:] ^= True
