@@ -68,9 +68,10 @@ def track(
     """Find markers again, near where they were in the frame before; None if not every one of them is there for certain.
 
     Only the windows of `frame` in which dots may be are looked at, and converted to grey. The dots that moved together
-    are fitted to the grey levels, and these alone are searched for the marker, as in a whole frame: the labels do not
-    follow from those of the frame before. Of each marker, all labelings of these dots are compared without regard to
-    dots that would be missing, since nothing is known about other places.
+    are fitted to the grey levels, and what they were in the frame before must pass the tests of a whole frame: all
+    labelings of these dots are compared, without regard to dots that would be missing, since nothing is known about
+    other places. As long as all dots are found again and the marker is seen much as when they were compared last, they
+    need not be compared again (`_still_certain`).
 
     Parameters
     ----------
