@@ -30,9 +30,9 @@ MIN_SEMI_PX = 0.6
 _CONVERGED_PX, _SETTLED_PX, _JUDGED_PX = 2e-3, 0.02, 0.1
 """A fit ends when a step moves its center by less than the first: the next would be under a third of it, a tenth of the
 best standard deviation. Outlines that still take steps above the second at the end are not dots. Pixels and sectors are
-left out once the steps of center and blur are below the third, after two steps at least."""
+left out once the steps of center and blur are below the third, but not at the first step."""
 
-_UNJUDGED = 2
+_UNJUDGED = 1
 
 _STEPS, _ROUNDS = 16, 4
 """Maximum number of steps, and of times that a dot's pixels are chosen anew."""
