@@ -80,6 +80,9 @@ _GROWN_PX = 1.0
 """Dots whose edge is more even than this, and closer to the ellipse, px, are not measured again at coarser levels,
 where their components are larger than they by up to a pixel."""
 
+_SMALLEST, _LARGEST = 1e-6, 1e9
+"""Limits, px, beyond which a rough outline is none, as in kernel.c."""
+
 _SAME_PLACE, _SAME_SIZE = 0.5, 0.3
 _BLURRED_PX = 1.0
 """Outlines whose centers and semi-axes differ by less than these shares of the shorter semi-axis are of one dot; of
@@ -196,15 +199,16 @@ def even_edges(image: Eight, rough: Array) -> Array:
         from the ellipse; difference of the mean levels 1 px outside and 1 px inside; level in the middle; xx, xy and yy
         of the center's covariance if every crossing's variance were 1.
     """
-    if not len(rough):
+    if not len(rough) or min(image.shape) < 2:
         return np.zeros((0, COLUMNS))
     if kernel.library() is None:
         return _even_edges(image, rough)
-    return kernel.even_edges(image, rough, _CIRCLE, _LIMITS, COLUMNS)
+    return kernel.even_edges(image, rough, _CIRCLE, _LIMITS)
 
 
 def _even_edges(image: Eight, rough: Array) -> Array:
     """Return the even edges near rough outlines: the twin of the function in kernel.c."""
+    rough = rough[(np.abs(rough) < _LARGEST).all(axis=1) & (_least(rough[:, AXES]) > _SMALLEST)]
     chosen = _stands_out(image, rough)
     found = rough[chosen]
     for done in range(2):

@@ -539,7 +539,8 @@ typedef struct {
     int64_t height, width, stride;
 } Grey;
 
-static double between(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
+/* What is no number becomes `low`: places in the image follow from this. */
+static double between(double x, double low, double high) { return x > low ? x < high ? x : high : low; }
 
 static double larger(double a, double b) { return a > b ? a : b; }
 
@@ -574,6 +575,15 @@ static double shorter_semi(const double *e)
 {
     const double half = (e[2] - e[4]) / 2;
     return (e[2] + e[4]) / 2 - sqrt(half * half + e[3] * e[3]);
+}
+
+/* Whether an outline has a normal everywhere, and places that are numbers. */
+static int is_ellipse(const double *e)
+{
+    for (int i = 0; i < UNKNOWNS; i++)
+        if (!(fabs(e[i]) < 1e9))
+            return 0;
+    return shorter_semi(e) > 1e-6;
 }
 
 static void outline_point(const double *e, double u, double v, double *place, double *normal)
@@ -764,7 +774,7 @@ int64_t even_edges(const uint8_t *image, int64_t height, int64_t width, int64_t 
     for (int64_t i = 0; i < k; i++) {
         double *e = found + EDGE * count;
         memcpy(e, rough + UNKNOWNS * i, UNKNOWNS * sizeof *e);
-        if (!stands_out(&grey, e, circle, of) || !at_crossings(&grey, e, circle, of, 0)
+        if (!is_ellipse(e) || !stands_out(&grey, e, circle, of) || !at_crossings(&grey, e, circle, of, 0)
             || !at_crossings(&grey, e, circle, of, 1))
             continue;
         double sum = interpolated(&grey, e[0], e[1]);

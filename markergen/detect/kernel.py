@@ -4,9 +4,10 @@ import ctypes
 import functools
 import os
 import sys
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -15,7 +16,10 @@ Eight = NDArray[np.uint8]
 VARIABLE = "MARKERGEN_KERNEL"
 """Environment variable; `off` switches the compiled part off. Read at its first use."""
 
-_FIELDS = 11
+_FIELDS, _SETTINGS, _UNKNOWNS, _FACTS = 11, 46, 15, 7
+_SECTORS, _LIMITS, _EDGE = 24, 22, 14
+_DAMPING, _STAGES, _GATES, _GUESS = 5, 4, 7, 4
+"""Lengths of rows and structures in kernel.c and kernel_fit.c."""
 
 
 def library() -> ctypes.CDLL | None:
@@ -155,12 +159,12 @@ def fit_dots(
     if image.strides[1] != image.itemsize or image.strides[0] < 0:
         image = image.copy()
     count, (height, width) = len(unknowns), image.shape
-    unknowns, inverse, facts = unknowns.copy(), np.empty((count, 15, 15)), np.empty((count, 7))
-    inputs = [np.ascontiguousarray(each, dtype=float) for each in (semi, angle, band)]
-    kinds = np.asarray(ring + 2 * filled, dtype=np.uint8)
-    sizes = [each.size for each in (*inputs, kinds, unknowns)]
-    if sizes != [2 * count, count, count, count, 15 * count]:
-        raise ValueError(f"arrays of {count} dots do not have {sizes} numbers")
+    inputs = _shaped(semi, count, 2), _shaped(angle, count), _shaped(band, count)
+    kinds = _shaped(ring + 2 * filled, count, dtype=np.uint8)
+    settings = _shaped(settings, _SETTINGS)
+    table = _shaped(table, int(settings[-1]), 2)
+    unknowns = np.array(_shaped(unknowns, count, _UNKNOWNS))
+    inverse, facts = np.empty((count, _UNKNOWNS, _UNKNOWNS)), np.empty((count, _FACTS))
     arrays = settings, table, unknowns, inverse, facts
     status = loaded.fit_dots(
         image.ctypes.data, height, width, image.strides[0], image.itemsize == 2, count,
@@ -249,7 +253,7 @@ def refine_poses(
         for each, shape in ((rotation, (3, 3)), (translation, (3,)))
     ]
     chi2 = np.empty(k)
-    schedule = np.array(damping)
+    schedule = _shaped(damping, _DAMPING)
     addresses = [each.ctypes.data for each in (*fixed, *refined, chi2)]
     if loaded.refine_poses(k, n, *addresses, steps, tolerance, schedule.ctypes.data):
         raise MemoryError("no memory for residuals")
@@ -283,15 +287,29 @@ def guess_poses(
     """
     loaded = library()
     assert loaded is not None
-    center, shape, *others = blobs
-    whole = [np.ascontiguousarray(each, dtype=np.int64) for each in (*pairs, layout[3], np.argsort(blobs[0][:, 0]))]
-    points, radii, *more = [
-        np.ascontiguousarray(each, dtype=float)
-        for each in (*layout[:2], center, shape[:, [0, 0, 1], [0, 1, 1]], *others)
+    first, second, chosen = pairs
+    points, radii, rings, near = layout
+    center, shape, area, slack, position, normal = blobs
+    m, q, b, n, close = len(first), len(chosen), len(center), len(points), near.shape[1]
+    fixed = [
+        _indices(first, b, m),
+        _indices(second, b, m),
+        _indices(chosen, n, q, 2),
+        _shaped(points, n, 3),
+        _shaped(radii, n),
+        _shaped(rings, n, dtype=np.bool_),
+        _indices(near, n, n, close),
+        _shaped(center, b, 2),
+        _shaped(shape[:, [0, 0, 1], [0, 1, 1]], b, 3),
+        _shaped(area, b),
+        _shaped(slack, b),
+        _shaped(position, b, 2, 3),
+        _shaped(normal, b, 2, 3),
+        _shaped(strange, 2, b, dtype=np.bool_),
+        _shaped(np.argsort(center[:, 0]), b, dtype=np.int64),
+        _shaped(settings, _GUESS),
     ]
-    kinds, rings = np.ascontiguousarray(strange, dtype=np.uint8), np.ascontiguousarray(layout[2], dtype=np.uint8)
-    fixed = [*whole[:3], points, radii, rings, whole[3], *more, kinds, whole[4], np.array(settings, dtype=float)]
-    sizes = len(pairs[0]), len(pairs[2]), len(center), layout[3].shape[1], least
+    sizes = m, q, b, close, least
     capacity = 1024
     while True:
         start, votes = np.empty((2, capacity), dtype=np.int64)
@@ -301,9 +319,6 @@ def guess_poses(
         if count <= capacity:
             return start[:count], votes[:count], quality[:count], rotation[:count], translation[:count]
         capacity = count
-
-
-_STAGES = 4
 
 
 def follow_poses(
@@ -333,37 +348,37 @@ def follow_poses(
     assert loaded is not None
     points, radii, rings, near, flat = layout
     center, shape, strange = ellipses
-    k, n, b = len(rotation), len(points), len(center)
+    k, n, b, close = len(rotation), len(points), len(center), near.shape[1]
     found = np.full((k, _STAGES, n), -1, dtype=np.int64)
     if labels is not None:
-        found[:, 0] = labels
+        found[:, 0] = _indices(labels, b, k, n, least=-1)
     misfit = np.full((k, _STAGES), np.nan)
     turn, shift = np.empty((k, _STAGES, 3, 3)), np.empty((k, _STAGES, 3))
     turn[:, 0], shift[:, 0] = rotation, translation
     arrays = [
-        np.ascontiguousarray(points, dtype=float),
-        np.ascontiguousarray(radii, dtype=float),
-        np.ascontiguousarray(rings, dtype=np.uint8),
-        np.ascontiguousarray(near, dtype=np.int64),
-        None if start is None else np.ascontiguousarray(start, dtype=np.int64),
-        np.ascontiguousarray(center, dtype=float),
-        np.ascontiguousarray(shape[:, [0, 0, 1], [0, 1, 1]], dtype=float),
-        np.ascontiguousarray(strange, dtype=np.uint8),
-        np.array(gates, dtype=float),
-        np.array(damping, dtype=float),
+        _shaped(points, n, 3),
+        _shaped(radii, n),
+        _shaped(rings, n, dtype=np.bool_),
+        _indices(near, n, n, close),
+        None if start is None else _indices(start, n, k),
+        _shaped(center, b, 2),
+        _shaped(shape[:, [0, 0, 1], [0, 1, 1]], b, 3),
+        _shaped(strange, 2, b, dtype=np.bool_),
+        _shaped(gates, _GATES),
+        _shaped(damping, _DAMPING),
         found,
         misfit,
         turn,
         shift,
     ]
     addresses = [None if each is None else each.ctypes.data for each in arrays]
-    if loaded.follow_poses(k, n, b, int(flat), near.shape[1], *addresses):
+    if loaded.follow_poses(k, n, b, int(flat), close, *addresses):
         raise MemoryError("no memory for labelings")
     there = ~np.isnan(misfit)
     return found[there], misfit[there], turn[there], shift[there]
 
 
-def even_edges(image: Eight, rough: Array, circle: Array, limits: Array, columns: int) -> Array:
+def even_edges(image: Eight, rough: Array, circle: Array, limits: Array) -> Array:
     """Return the even edges near rough outlines: see kernel.c, and the twin in candidates.py.
 
     Parameters
@@ -374,26 +389,33 @@ def even_edges(image: Eight, rough: Array, circle: Array, limits: Array, columns
         Points of the unit circle.
     limits : array
         Those of the twin, in the order of kernel.c.
-    columns : int
-        Numbers for each edge.
     """
     loaded = library()
     assert loaded is not None
     image = _rows(image)
     height, width = image.shape
-    rough, circle, limits = (np.ascontiguousarray(each, dtype=float) for each in (rough, circle, limits))
-    found = np.empty((len(rough) + 1, columns))
+    if min(height, width) < 2:
+        raise ValueError(f"an image of at least 2 x 2 px is needed, not {width} x {height} px")
+    k = len(rough)
+    rough, circle, limits = _shaped(rough, k, 5), _shaped(circle, 2, _SECTORS), _shaped(limits, _LIMITS)
+    found = np.empty((k + 1, _EDGE))
     addresses = [each.ctypes.data for each in (circle, limits, found)]
-    count = loaded.even_edges(
-        image.ctypes.data, height, width, image.strides[0], rough.ctypes.data, len(rough), *addresses
-    )
+    count = loaded.even_edges(image.ctypes.data, height, width, image.strides[0], rough.ctypes.data, k, *addresses)
     return found[:count]
 
 
-def _shaped(values: Array, *shape: int) -> Array:
-    """Return a contiguous array of numbers with this shape."""
-    values = np.ascontiguousarray(values, dtype=float)
+def _shaped(values: ArrayLike, *shape: int, dtype: DTypeLike = float) -> NDArray[Any]:
+    """Return a contiguous array with this shape, or raise ValueError."""
+    values = np.ascontiguousarray(values, dtype=dtype)
     return values if values.shape == shape else np.ascontiguousarray(np.broadcast_to(values, shape))
+
+
+def _indices(values: NDArray[np.intp], end: int, *shape: int, least: int = 0) -> Integers:
+    """Return a contiguous array with this shape of indices from `least` to below `end`, or raise ValueError."""
+    values = _shaped(values, *shape, dtype=np.int64)
+    if values.size and not (values.min() >= least and values.max() < end):
+        raise ValueError(f"indices from {least} to {end - 1} are needed, not {values.min()} to {values.max()}")
+    return values
 
 
 def _rows(image: Eight) -> Eight:

@@ -244,6 +244,11 @@ static int collect(Dot *dot, const uint8_t *image, int64_t height, int64_t width
     const double a = semi[0] + band, b = semi[1] + band;
     const double c = larger(semi[0] - band, 1e-3), d = larger(semi[1] - band, 1e-3);
     const int hollow = semi[1] > band + 1 && !dot->filled;
+    dot->count = 0;
+    /* Rows and columns of what is no ellipse, or of a huge one, would be no whole numbers. */
+    if (!(fabs(center_x) < 1e9 && fabs(center_y) < 1e9 && a > 1e-3 && a < 1e9 && b > 1e-3 && b < 1e9 &&
+          fabs(angle) < 1e9 && band >= 0))
+        return make_room(dot, 1);
     const RowForm outer = row_form(a, b, angle), inner = row_form(c, d, angle);
     const int64_t top = (int64_t)within(ceil(center_y - outer.reach), 0, (double)height);
     const int64_t bottom = (int64_t)within(floor(center_y + outer.reach), -1, (double)(height - 1));
@@ -253,7 +258,6 @@ static int collect(Dot *dot, const uint8_t *image, int64_t height, int64_t width
     const int64_t rows = bottom < top ? 0 : (bottom - top) / every + 1;
     const int64_t longest = (int64_t)smaller(2 * outer.half + 4, (double)(width + 4));
 
-    dot->count = 0;
     if (!make_room(dot, rows * longest + 1))
         return 0;
     for (int64_t y = top; y <= bottom; y += every) {

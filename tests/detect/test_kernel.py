@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from markergen.detect import kernel, kernel_build
+from markergen.detect import candidates, kernel, kernel_build
+from markergen.detect.conic_projection import SCHEDULE
+from markergen.detect.ellipse_fit import _constants
 
 FRESH = kernel._loaded.__wrapped__
 
@@ -93,9 +95,87 @@ def test_building_needs_the_standard_library_alone():
     assert {name.split(".")[0] for name in names} <= sys.stdlib_module_names
 
 
-def test_arrays_that_do_not_fit_are_refused():
+@pytest.fixture
+def compiled():
     if kernel.library() is None:
         pytest.skip(kernel.missing())
+
+
+def edges(rough, image=np.zeros((60, 80), np.uint8), limits=candidates._LIMITS):  # noqa: B008
+    return kernel.even_edges(image, np.array(rough), candidates._CIRCLE, limits)
+
+
+def fitted(center=(40.0, 30.0), semi=(8.0, 6.0), angle=0.0, band=2.0, kind=float, constants=None):
+    unknowns = np.array([[*center, 1 / 8, 0, 1 / 6, 200, 20, 1, 0, 0, 0, 0, *center, 0.5]], dtype=kind)
+    rough = np.array([semi]), np.array([angle]), np.array([band]), np.zeros(1, bool), np.zeros(1, bool)
+    image = np.random.default_rng(0).integers(0, 255, (60, 80), dtype=np.uint8)
+    return kernel.fit_dots(image, *rough, 5.0, np.inf, 0.0, *(constants or _constants()), unknowns)
+
+
+def followed(start=0, labels=None, near=2, gates=7):
+    layout = np.eye(3), np.ones(3), np.zeros(3, bool), np.full((3, 1), near), True
+    ellipses = np.zeros((2, 2)), np.stack([np.eye(2)] * 2), np.zeros((2, 2), bool)
+    given = (np.array([start]), None) if labels is None else (None, np.full((1, 3), labels))
+    return kernel.follow_poses(layout, *given, ellipses, (1.0,) * gates, np.eye(3)[None], np.ones((1, 3)), SCHEDULE)
+
+
+def guessed(first=0, pair=1, near=2, area=2):
+    layout = np.eye(3), np.ones(3), np.zeros(3, bool), np.full((3, 1), near)
+    center, shape, space = np.zeros((2, 2)), np.stack([np.eye(2)] * 2), np.ones((2, 2, 3))
+    blobs = center, shape, np.ones(area), np.ones(2), space, space
+    pairs = np.array([first]), np.array([1]), np.array([[0, pair]])
+    return kernel.guess_poses(pairs, layout, blobs, np.zeros((2, 2), bool), (1.0,) * 4, 1)
+
+
+@pytest.mark.usefixtures("compiled")
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: edges(np.ones((20, 4))),
+        lambda: edges(np.ones((1, 5)), np.zeros((1, 80), np.uint8)),
+        lambda: edges(np.ones((1, 5)), limits=np.ones(3)),
+        lambda: fitted(semi=(8.0, 6.0, 4.0)),
+        lambda: fitted(constants=(np.ones(3), _constants()[1])),
+        lambda: fitted(constants=(_constants()[0], np.ones((3, 2)))),
+        lambda: followed(start=3),
+        lambda: followed(labels=2),
+        lambda: followed(labels=-2),
+        lambda: followed(near=-1),
+        lambda: followed(gates=3),
+        lambda: guessed(first=2),
+        lambda: guessed(pair=3),
+        lambda: guessed(near=3),
+        lambda: guessed(area=3),
+    ],
+)
+def test_what_would_reach_beyond_an_array_is_refused(call):
+    with pytest.raises(ValueError):
+        call()
+
+
+@pytest.mark.usefixtures("compiled")
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300, -1e19, 0.0])
+def test_what_is_no_ellipse_has_neither_an_edge_nor_a_fit(value):
+    for place in range(5):
+        assert len(edges([[value if i == place else own for i, own in enumerate((40.0, 30.0, 9.0, 0.0, 9.0))]])) == 0
+    # Below zero, and with an axis of no length.
+    assert len(edges([[40.0, 30.0, 1.0, 50.0, 1.0], [40.0, 30.0, 9.0, 0.0, 0.0]])) == 0
+    complete = [
+        fitted(**wrong)[2][2]
+        for wrong in ({"center": (value, 30.0)}, {"center": (40.0, value)}, {"semi": (value, value), "band": 0.0},
+                      {"semi": (value, 6.0)}, {"angle": value}, {"band": value})
+    ]  # fmt: skip
+    assert not np.any(complete)
+
+
+@pytest.mark.usefixtures("compiled")
+def test_numbers_of_another_type_are_converted():
+    for ours, plain in zip(fitted(kind=np.float32), fitted(), strict=True):
+        np.testing.assert_allclose(ours, plain, rtol=1e-4)
+
+
+@pytest.mark.usefixtures("compiled")
+def test_arrays_that_do_not_fit_are_refused():
     image = np.zeros((4, 40), np.uint8)
     for wrong in (image.astype(np.uint16), image[0]):
         with pytest.raises(ValueError, match="8 bits"):
