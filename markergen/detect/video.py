@@ -311,6 +311,10 @@ class _Lines(_Sink):
             self._write(look)
         except OSError as error:
             with suppress(OSError):
+                if self._stream:
+                    # First, since this writes what is left of the line.
+                    self._stream.close()
+            with suppress(OSError):
                 os.truncate(self._path, self._whole)
             reason = f"{error.strerror or error} at frame {look.frame.number}"
             raise OutputError(f"expected to write {self._path}, found: {reason}; choose another place") from error

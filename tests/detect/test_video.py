@@ -1,5 +1,6 @@
 """The same as for images, frame by frame, with outputs that are complete however it ends."""
 
+import errno
 import io
 import json
 import os
@@ -266,6 +267,32 @@ def test_a_disk_that_is_full(folder, monkeypatch):
     assert len(read_video("seen.mp4")) == 1
     with pytest.raises(OutputError, match="expected to write /dev/full, found: No space left on device at frame 0"):
         watch(json="/dev/full")
+
+
+class NearlyFull(io.FileIO):
+    """A file that takes the first line and half of the second one, and all that comes after its failure."""
+
+    written = 0
+
+    def write(self, data):
+        self.written += 1
+        if self.written == 3:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return super().write(data if self.written != 2 else data[: len(data) // 2])
+
+
+def test_a_line_that_does_not_fit_leaves_the_others_whole(folder, monkeypatch):
+    whole = Path.open
+
+    def nearly_full(path, mode="r", **options):
+        if mode == "w":
+            return io.TextIOWrapper(io.BufferedWriter(NearlyFull(path, mode)), **options)
+        return whole(path, mode, **options)
+
+    monkeypatch.setattr(Path, "open", nearly_full)
+    with pytest.raises(OutputError, match="expected to write found.jsonl, found: No space left on device at frame 1"):
+        watch(json="found.jsonl")
+    assert [each["frame"] for each in entries((folder / "found.jsonl").read_text())] == [0]
 
 
 VIDEO_WRITER = cv2.VideoWriter
