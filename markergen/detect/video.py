@@ -140,6 +140,8 @@ def detect_video(
     if workers is not None:
         raise InputError("images for --workers", f"the video {one}", "leave it out: frames come one after the other")
     detector = Detector(sought, camera, camera_covariance=camera_covariance, print_sigma=print_sigma, refine=refine)
+    if smooth is not None and detector.camera is None:
+        raise InputError("a camera for --smooth", "none, so that there are no poses", "give its --camera")
     smoother = None if smooth is None else Smoother(parse_accelerations(smooth))
     files = [Path(each) for each in (json, overlay) if isinstance(each, str | Path)]
     inputs = [Path(each) for each in (one, *sought, camera, camera_covariance) if isinstance(each, str | Path)]

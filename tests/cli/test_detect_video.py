@@ -89,6 +89,7 @@ def test_standard_output_is_lines_of_json_alone(here, capsys):
         (["walk.mp4", *ALL, "--overlay", "seen"], "a name for a video"),
         (["walk.mp4", *ALL, "--window"], "a display for a window"),
         (["walk.mp4", *ALL, "--smooth", "2"], "give --smooth 2,10"),
+        (["walk.mp4", "--marker", "marker.json", "--smooth", "2,10"], "a camera for --smooth, found none"),
         (["photo.png", *ALL, "--smooth", "2,10"], "a video or camera for --smooth, found images"),
         (["photo.png", *ALL, "--window"], "a video or camera for --window, found images"),
         (["photo.png", *ALL, "--overlay", "seen.mp4"], "a folder for overlays of images"),
