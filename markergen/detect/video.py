@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import cached_property
+from math import log10
 from pathlib import Path
 from time import monotonic
 from typing import Any, Self, TextIO
@@ -342,7 +343,9 @@ class _Overlay(_Sink):
 
     def __init__(self, path: Path, video: Video, tell: Callable[[str], None]) -> None:
         self._path, self._tell = path, tell
-        self._live, self._rate = video.live, video.rate or USUAL_RATE
+        rate = video.rate or USUAL_RATE
+        # MPEG-4 takes a rate of decimal places if it is below 65536 without its point.
+        self._live, self._rate = video.live, round(rate, int(log10(65535 / rate)))
         self._temporary: Path | None = None
         self._writer: Any = None
         self._shape: tuple[int, ...] = ()

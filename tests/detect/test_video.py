@@ -13,7 +13,7 @@ import pytest
 from videos import FakeCamera, read_video, write_video
 
 from markergen.detect import Detector, video
-from markergen.detect.video import detect_video
+from markergen.detect.video import Watched, detect_video
 from markergen.errors import InputError, OutputError
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.marker_json import to_json
@@ -293,6 +293,14 @@ def test_a_line_that_does_not_fit_leaves_the_others_whole(folder, monkeypatch):
     with pytest.raises(OutputError, match="expected to write found.jsonl, found: No space left on device at frame 1"):
         watch(json="found.jsonl")
     assert [each["frame"] for each in entries((folder / "found.jsonl").read_text())] == [0]
+
+
+@pytest.mark.parametrize("rate", [23.976, 59.94, 90.1234, 239.7312, 333.333, 959.04, 1000])
+def test_rates_of_fast_cameras_are_written(folder, frames, rate):
+    """MPEG-4 has 16 bits for the rate's numerator."""
+    with video._Overlay(folder / "seen.mp4", SimpleNamespace(live=False, rate=rate), lambda line: None) as overlay:
+        overlay.put(SimpleNamespace(drawn=np.zeros((48, 64, 3), np.uint8), watched=Watched("walk", 1)))
+    assert cv2.VideoCapture(str(folder / "seen.mp4")).get(cv2.CAP_PROP_FPS) == pytest.approx(rate, rel=2e-4)
 
 
 VIDEO_WRITER = cv2.VideoWriter
