@@ -363,10 +363,12 @@ class _Overlay(_Sink):
                 f"{image.shape[1]}x{image.shape[0]} px",
                 "leave out --overlay for a video that changes its size",
             )
-        # What is live plays as fast as it was: a frame stays until the next one that was searched.
-        while self._live and self._written < round(look.frame.time * self._rate):
+        # What is live plays as fast as it was: a frame stays until the next one that was searched, if its time comes.
+        due = round(look.frame.time * self._rate) if self._live else self._written
+        while self._written < due:
             self._write(self._last)
-        self._write(image)
+        if self._written == due:
+            self._write(image)
         folder = self._path.resolve().parent
         if look.watched.frames % 100 == 1 and (free := shutil.disk_usage(folder).free) < LEAST_FREE:
             raise OutputError(

@@ -303,6 +303,19 @@ def test_rates_of_fast_cameras_are_written(folder, frames, rate):
     assert cv2.VideoCapture(str(folder / "seen.mp4")).get(cv2.CAP_PROP_FPS) == pytest.approx(rate, rel=2e-4)
 
 
+def test_a_camera_faster_than_its_overlay_plays_as_fast_as_it_was(folder):
+    """100 frames per second, of which it states nothing; 25 are written."""
+    camera = SimpleNamespace(live=True, rate=None, notes=[])
+    with video._Overlay(folder / "seen.avi", camera, lambda line: None) as overlay:
+        for k in range(101):
+            look = SimpleNamespace(frame=SimpleNamespace(time=k / 100), watched=Watched("camera 0", k + 1))
+            look.drawn = np.full((48, 64, 3), k, np.uint8)
+            overlay.put(look)
+    levels = [each.mean() for each in read_video("seen.avi")]
+    # Half an interval is two levels, and the codec loses as many.
+    np.testing.assert_allclose(levels, np.arange(26) * 4, atol=4)
+
+
 VIDEO_WRITER = cv2.VideoWriter
 
 
