@@ -369,8 +369,7 @@ class _Overlay(_Sink):
             self._write(self._last)
         if self._written == due:
             self._write(image)
-        folder = self._path.resolve().parent
-        if look.watched.frames % 100 == 1 and (free := shutil.disk_usage(folder).free) < LEAST_FREE:
+        if (free := shutil.disk_usage(self._path.resolve().parent).free) < LEAST_FREE:
             raise OutputError(
                 f"expected space for {self._path}, found {free / 1e6:.0f} MB; it ends at frame {look.frame.number}, "
                 "free some space or choose another place"

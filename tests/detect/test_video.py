@@ -290,7 +290,7 @@ def test_a_line_that_does_not_fit_leaves_the_others_whole(folder, monkeypatch):
         return whole(path, mode, **options)
 
     monkeypatch.setattr(Path, "open", nearly_full)
-    with pytest.raises(OutputError, match="expected to write found.jsonl, found: No space left on device at frame 1"):
+    with pytest.raises(OutputError, match=r"expected to write found.jsonl, found: No space left on device at frame 1"):
         watch(json="found.jsonl")
     assert [each["frame"] for each in entries((folder / "found.jsonl").read_text())] == [0]
 
