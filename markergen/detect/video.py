@@ -135,9 +135,11 @@ def detect_video(
         If a file cannot be written, or an output is also an input.
     """
     tell, warn, show = tell or _silent, warn or _silent, show or _silent
-    (one, *more), sought = as_list(source) or [None], as_list(markers)
-    if more:
-        raise InputError("one video, camera or stream at a time", f"{one} and {more[0]}", "start one process for each")
+    sources, sought = as_list(source), as_list(markers)
+    if len(sources) != 1:
+        given = " and ".join(map(str, sources[:2])) or "none"
+        raise InputError("one video, camera or stream at a time", given, "start one process for each")
+    (one,) = sources
     if workers is not None:
         raise InputError("images for --workers", f"the video {one}", "leave it out: frames come one after the other")
     detector = Detector(sought, camera, camera_covariance=camera_covariance, print_sigma=print_sigma, refine=refine)
