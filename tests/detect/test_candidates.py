@@ -38,14 +38,14 @@ def test_ellipses_are_good_to_a_tenth_of_a_pixel(semi, hole):
     # In a ring of less than 12 times the blur, the ink is not fully dark.
     narrow = hole and semi[1] < 12 * EDGE
     assert np.abs(offset).max() < 0.1
-    np.testing.assert_allclose(blobs.semi[i], semi, rtol=0, atol=0.25 if narrow else 0.12)
+    np.testing.assert_allclose(blobs.semi[i], semi, rtol=0, atol=0.3 if narrow else 0.12)
     if semi[0] > semi[1]:
         assert abs(np.rad2deg(blobs.angle[i]) - 30) < 2
     assert blobs.ring[i] == bool(hole)
     assert abs(blobs.middle[i] - bool(hole)) < (0.4 if narrow else 0.1)
     # The lightest of four pixels with a noise of 2, and nearly the darkest.
     assert abs(blobs.light[i] - 190) < 4
-    assert abs(blobs.dark[i] - 50) < (25 if narrow else 6)
+    assert abs(blobs.dark[i] - 50) < (30 if narrow else 6)
     assert abs(blobs.blur[i] - EDGE) < (0.25 if narrow else 0.15)
     assert not blobs.fitted.any()
 
