@@ -115,7 +115,7 @@ def test_a_part_of_the_outline_may_be_hidden_washed_out_or_cut_off():
     image = scene([(center, semi, 0, 0)])
     hidden, washed, cut = image.copy(), image.copy(), image[:, 149:]
     hidden[:111, :] = 90
-    cv2.circle(washed, (171, 125), 4, 190, -1)
+    cv2.circle(washed, (172, 125), 3, 190, -1)
     hidden, washed, cut = map(find_blobs, (hidden, washed, cut))
     # A fifth of the outline is missing; what is left of the edge beside it is not quite where it was.
     for blobs, place in ((hidden, center), (washed, center), (cut, center - (149, 0))):
