@@ -135,6 +135,15 @@ def test_squares_lines_and_letters_are_not_dots_and_what_is_odd_comes_last():
     assert sorted(nearest(blobs, [(60, 60), (250, 180)])[1]) == [0, 1]
 
 
+@pytest.mark.parametrize("side", [14, 20, 26])
+def test_squares_of_a_checkerboard_are_not_dots(side):
+    board = (40 + 180 * ((np.indices((480, 640)) // side).sum(axis=0) % 2)).astype(np.uint8)
+    turn = cv2.getRotationMatrix2D((320, 240), 20, 1)
+    turned = cv2.warpAffine(board, turn, (640, 480), borderValue=220)
+    # Of hundreds of squares, a few at the edge of the image or the board are cut to something round.
+    assert len(find_blobs(cv2.GaussianBlur(turned, (0, 0), 0.8))) <= 8
+
+
 def test_of_16_bits_levels_are_in_the_image_s_own():
     image = scene([((160, 120), (12, 8), 20, 0)]).astype(np.uint16)
     for factor in (16, 257):
