@@ -1,4 +1,4 @@
-"""Find a marker in every frame of a video, and print its pose.
+"""Find a marker in every frame of a video, near where it was in the frame before, and print its pose.
 
 python examples/loop_over_video.py marker.json camera.yaml video.avi annotated.avi
 """
@@ -19,9 +19,9 @@ def main(marker: str, camera: str, video: str, annotated: str | None) -> None:
     if annotated:
         size = (int(source.get(cv2.CAP_PROP_FRAME_WIDTH)), int(source.get(cv2.CAP_PROP_FRAME_HEIGHT)))
         target.open(annotated, cv2.VideoWriter.fourcc(*"MJPG"), source.get(cv2.CAP_PROP_FPS), size)
-    number, (ok, frame) = 0, source.read()
+    number, results, (ok, frame) = 0, list[mg.Found](), source.read()
     while ok:
-        for found in detector(frame):
+        for found in (results := detector(frame, near=results)):
             if found.rvec is not None and found.tvec is not None:
                 print(f"frame {number}: rvec {found.rvec.ravel()} tvec {found.tvec.ravel()} m")
             else:

@@ -139,7 +139,6 @@ def test_modules_stay_small(path):
     [
         ("solvePnP", "estimators"),
         ("OCP", "solid"),
-        ("findContours", "detect"),
         ("reportlab", "exporters"),
         ("shapely", "geometry"),
     ],

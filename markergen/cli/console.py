@@ -62,7 +62,9 @@ def status_line(first: str) -> Iterator[Callable[[str], None]]:
         return
 
     def shown(line: str) -> Text:
-        return Text(line, overflow="ellipsis", no_wrap=True)
+        # On one line, with the spinner before it.
+        room = console.width - 3
+        return Text(line if len(line) <= room else f"{line[: room - 3]}...")
 
     with console.status(shown(first)) as status:
         yield lambda line: status.update(shown(line))

@@ -1,8 +1,10 @@
 """Detection in many image files: an unreadable file is reported and does not stop the others."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import partial
 from json import dumps
 from pathlib import Path
 from typing import Any, TextIO
@@ -12,9 +14,16 @@ from markergen.detect.presentation import overlay as drawn_over
 from markergen.errors import InputError, OutputError
 from markergen.files import check_outputs, make_folder, write_atomic
 from markergen.options import CameraLike, MarkerLike, Progress, as_list
-from markergen.pool import workers_for
+from markergen.pool import as_completed_chunks, ranges, workers_for
 from markergen.read.images import Image, find_images, read_image
 from markergen.read.videos import SUFFIXES
+
+Task = tuple[Path, Path | None]
+"""An image, and the file for its overlay."""
+
+MANY, AT_ONCE = 200, 4
+"""Number of images from which on processes are worth their start of a second, and number that each takes at a time.
+Threads, which serve fewer, share large images as well, but small ones mostly take turns in Python."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +158,7 @@ def detect_files(
     markers, camera, camera_covariance, print_sigma, refine
         As for `Detector`.
     workers : int or None
-        Number of threads, each with one image at a time; None is one for each processor.
+        Number of threads, or of processes for many images; None is one for each processor.
     window, smooth
         For videos alone.
     json
@@ -183,29 +192,34 @@ def detect_files(
     if overlay:
         make_folder(Path(overlay))
     check_outputs([*([target] if target else []), *drawings], inputs)
-    futures = list[Future[Outcome]]()
-    pool = ThreadPoolExecutor(at_once)
-    try:
-        # Threads: reading and most of a detection leave Python's lock, and processes take a second or two to start.
-        futures += [
-            pool.submit(_look_and_draw, detector, path, drawings[number] if overlay else None)
-            for number, path in enumerate(paths)
-        ]
-        for number, future in enumerate(futures):
+    for folder in filter(Path.is_dir, map(Path, as_list(images))):
+        if videos := sum(each.suffix.lower() in SUFFIXES for each in folder.iterdir()):
+            warn(f"{folder}: {videos} video{'s are' if videos > 1 else ' is'} left out: give one at a time")
+    tasks = [(path, drawings[number] if overlay else None) for number, path in enumerate(paths)]
+    done, told = dict[int, Outcome](), 0
+
+    def finished(number: int, outcome: Outcome) -> None:
+        nonlocal told
+        done[number] = outcome
+        # In the order of the images, whatever order they are done in.
+        while told in done:
+            now, told = done[told], told + 1
+            for line in now.lines():
+                (warn if now.error else tell)(line)
+            if now.unwritten:
+                warn(f"{now.path}: {now.unwritten}")
             if progress:
-                progress("detecting", number, len(paths))
-            outcome = future.result()
-            for line in outcome.lines():
-                (warn if outcome.error else tell)(line)
-            if outcome.unwritten:
-                warn(f"{outcome.path}: {outcome.unwritten}")
+                progress("detecting", told, len(paths))
+
+    try:
         if progress:
-            progress("detecting", len(paths), len(paths))
+            progress("detecting", 0, len(paths))
+        _look_at_all(detector, tasks, at_once, finished)
     finally:
-        pool.shutdown(cancel_futures=True)
         # Written even after an interruption, so that the results so far are not lost.
-        whole = [each for each in futures if each.done() and not each.cancelled() and not each.exception()]
-        outcomes = Outcomes(tuple(each.result() for each in whole))
+        outcomes = Outcomes(tuple(done[number] for number in sorted(done)))
+        if len(done) < len(paths):
+            warn(f"{len(done)} of {len(paths)} images were searched")
         if target:
             write_atomic(target, outcomes.to_json().encode())
             tell(f"wrote {target}")
@@ -225,15 +239,44 @@ def look_at(detector: Detector, path: Path) -> Outcome:
         return Outcome(path, None, None, (), (), str(error))
 
 
-def _look_and_draw(detector: Detector, path: Path, drawing: Path | None) -> Outcome:
-    """Detect in one file, write its overlay, and drop the image: a whole folder of them would not fit into memory."""
-    outcome = look_at(detector, path)
+def _look_at_all(
+    detector: Detector, tasks: Sequence[Task], workers: int, finished: Callable[[int, Outcome], None]
+) -> None:
+    """Call finished(number, outcome) for every task as it is done, in any order."""
+    if workers > 1 and len(tasks) >= MANY:
+        parts = ranges(len(tasks), AT_ONCE)
+        chunks = [[tasks[number] for number in part] for part in parts]
+        with closing(as_completed_chunks(partial(_look_at_some, detector), chunks, workers)) as completed:
+            for index, outcomes in completed:
+                for number, outcome in zip(parts[index], outcomes, strict=True):
+                    finished(number, outcome)
+        return
+    futures = dict[Future[list[Outcome]], int]()
+    pool = ThreadPoolExecutor(workers)
     try:
-        if drawing and (drawn := outcome.overlay()):
-            write_atomic(drawing, drawn)
-    except OutputError as error:
-        outcome = replace(outcome, unwritten=str(error))
-    return outcome.without_image()
+        for number, task in enumerate(tasks):
+            futures[pool.submit(_look_at_some, detector, [task])] = number
+        for future in as_completed(futures):
+            finished(futures.pop(future), *future.result())
+    finally:
+        pool.shutdown(cancel_futures=True)
+        for future, number in futures.items():
+            if future.done() and not future.cancelled() and not future.exception():
+                finished(number, *future.result())
+
+
+def _look_at_some(detector: Detector, tasks: Sequence[Task]) -> list[Outcome]:
+    """Detect in some files, write their overlays, and drop the images: many would not fit into memory."""
+    outcomes = []
+    for path, drawing in tasks:
+        outcome = look_at(detector, path)
+        try:
+            if drawing and (drawn := outcome.overlay()):
+                write_atomic(drawing, drawn)
+        except OutputError as error:
+            outcome = replace(outcome, unwritten=str(error))
+        outcomes.append(outcome.without_image())
+    return outcomes
 
 
 def overlay_names(paths: Sequence[Path]) -> list[str]:

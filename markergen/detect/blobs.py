@@ -59,6 +59,35 @@ class Blobs:
         """Return a subset."""
         return Blobs(*(getattr(self, each.name)[index] for each in fields(self)))
 
+    def joined(self, other: "Blobs") -> "Blobs":
+        """Return these blobs, then the others."""
+        return Blobs(*(np.concatenate([getattr(self, each.name), getattr(other, each.name)]) for each in fields(self)))
+
+    def put(self, index: NDArray[np.intp], others: "Blobs") -> "Blobs":
+        """Return a copy with others in the place of some."""
+        copies = [getattr(self, each.name).copy() for each in fields(self)]
+        for copy, each in zip(copies, fields(self), strict=True):
+            copy[index] = getattr(others, each.name)
+        return Blobs(*copies)
+
+
+DOUBTFUL = 0.25
+"""Evidence of a ring below which a blob is surely a disk, and beyond one minus which it is surely a ring."""
+
+
+def _hole(blobs: Blobs) -> Array:
+    """Return the evidence (B,) of a ring: the level in the middle, between those expected of disk and ring.
+
+    The blur of width s leaves exp(-r^2/2 s^2) of a step at radius r. A key ring's hole has half its radius. Where the
+    levels of disk and ring differ little, nothing is told: 0.5.
+    """
+    # Along a long and a short axis; the pixel's own width counts as blur.
+    square = blobs.semi**2 / (2 * (blobs.blur**2 + 1 / 12))[:, None]
+    disk, light = np.exp(-square).mean(axis=-1), 1 - np.exp(-square / 4).mean(axis=-1)
+    gap = np.maximum(light, 1e-3)
+    share = np.clip((blobs.middle - disk) / gap, 0, 1)
+    return 0.5 + (share - 0.5) * np.minimum(1, gap / 0.3)
+
 
 def as_dark(image: Image, light: bool) -> Image:
     """Return an image with dark dots: unchanged, or, if they are light, the highest grey level of its type minus it."""
@@ -79,22 +108,39 @@ class Ellipses:
     center : array (B, 2)
     shape : array (B, 2, 2)
         E with (x - c)' E^-1 (x - c) = 1 on the outline.
-    ring : array (B,) of bool
+    hole : array (B,)
+        Evidence of a ring, from 0 for a disk to 1.
     index : array (B,) of int
         Index of each ellipse's blob.
     """
 
     center: Array
     shape: Array
-    ring: NDArray[np.bool_]
+    hole: Array
     index: NDArray[np.intp]
 
     def __len__(self) -> int:
         return len(self.center)
 
+    @property
+    def ring(self) -> NDArray[np.bool_]:
+        """True (B,) for rings, as far as can be told."""
+        return self.hole > 0.5
+
+    def strange(self, rings: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return which ellipses (n, B) are surely of another kind than the rings, or disks, of `rings` (n,)."""
+        return np.where(rings[:, None], self.hole < DOUBTFUL, self.hole > 1 - DOUBTFUL)
+
     def take(self, chosen: NDArray[np.intp] | NDArray[np.bool_]) -> "Ellipses":
         """Return a subset."""
         return Ellipses(*(getattr(self, each.name)[chosen] for each in fields(self)))
+
+    def put(self, index: NDArray[np.intp], others: "Ellipses") -> "Ellipses":
+        """Return a copy with others in the place of some."""
+        copies = [getattr(self, each.name).copy() for each in fields(self)]
+        for copy, each in zip(copies, fields(self), strict=True):
+            copy[index] = getattr(others, each.name)
+        return Ellipses(*copies)
 
 
 def undo_lens(blobs: Blobs, camera: Camera) -> Ellipses:
@@ -108,7 +154,7 @@ def undo_lens(blobs: Blobs, camera: Camera) -> Ellipses:
     if camera == camera.ideal:
         center = camera.from_pixels(blobs.center)
         axes = axes / camera.focal[:, None]
-        return Ellipses(center, axes @ axes.swapaxes(-1, -2), blobs.ring, np.arange(len(blobs)))
+        return Ellipses(center, axes @ axes.swapaxes(-1, -2), _hole(blobs), np.arange(len(blobs)))
     angle = 2 * np.pi * np.arange(_SAMPLES) / _SAMPLES
     circle = np.stack([np.cos(angle), np.sin(angle)])
     pixels = blobs.center[:, None] + (axes @ circle).swapaxes(-1, -2)
@@ -117,7 +163,7 @@ def undo_lens(blobs: Blobs, camera: Camera) -> Ellipses:
     outline = camera.from_pixels(pixels)
     usable = np.flatnonzero(np.isfinite(outline).all(axis=(-2, -1)))
     center, shape = _fit_ellipse(outline[usable], circle, speed[usable])
-    return Ellipses(center, shape, blobs.ring[usable], usable)
+    return Ellipses(center, shape, _hole(blobs)[usable], usable)
 
 
 def _fit_ellipse(points: Array, circle: Array, weight: Array) -> tuple[Array, Array]:

@@ -1,283 +1,490 @@
-"""Candidate regions for dots: dark, elliptic, with an edge all around that stands out from the image's noise."""
+"""Candidate dots: dark regions with an even edge from dark to light all around, and their rough ellipses."""
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.detect import kernel
 from markergen.detect.blobs import Blobs, Image
+from markergen.detect.components import Components, find_components
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+Bools = NDArray[np.bool_]
 Eight = NDArray[np.uint8]
+Indices = NDArray[np.intp]
 
-MAX_REGIONS = 128
-"""Maximum number of regions, those with the most even edges first: the rest are clutter, and each costs time."""
+# Columns of the rows that describe an edge, in pixels and grey levels of a level of the pyramid; see `_even_edges`.
+CENTER, AXES, LIGHT, STEP, UNEVEN, RMS, SLOPE, MIDDLE, INVERSE = (
+    slice(0, 2),
+    slice(2, 5),
+    5,
+    6,
+    7,
+    8,
+    9,
+    10,
+    slice(11, 14),
+)
+COLUMNS = 14
 
-_WINDOW = 15
-"""Side of the window whose mean a pixel is compared with, px: wider than a blurred edge, narrow compared to a dot's
-surroundings. The inside of a larger dot does not differ from its mean, but a closed band along its edge does."""
+_SECTORS = 24
+_OFFSETS = np.array([-5.0, -3, -2, -1, 0, 1, 2, 3, 5])
+_ZERO = 4
+"""Places across the outline where its profile is sampled, px, as in kernel.c, and the index of the outline's own."""
 
-_MIN_SIDE = 48
-"""Lower limit for the shorter side of the smallest image of the pyramid, px."""
+_INSIDE, _OUTSIDE = -2.0, 1.5
+_LEAST_STEP, _STEP_SHARE = 6.0, 0.3
+_LEAST_EIGHTHS = 6
+"""The first, cheap test: 6 of 8 directions have a step of at least 6 grey levels and 0.3 of the mean between pixels
+inside and outside of the outline of a component, which is too large by about a pixel."""
 
-_MAX_PIXELS = 40_000_000
-"""Maximum size of the largest image of the pyramid: texture all over it has a million contours."""
+_EVERY = 2, 1
+_MIN_SECTORS = 9, 17
+"""Sectors that must have an edge, of every other one at first, then of all: a quarter or a little more may be hidden,
+washed out by light, or cut off."""
+_MIN_STEP = 12.0
+_ALIKE = 0.35
+"""Minimum step: in grey levels of 8 bits, and, like the inverse of its maximum, relative to the median."""
+_MAX_UNEVEN = 0.7, 0.5
+"""Maximum standard deviation of the step over the sectors, without the three least and three largest, over its median,
+of a component's outline and of the ellipse found. In photographs, dots have 0.02, 95 % of them below 0.15; leaves,
+letters, cloth and stones 0.1 to 0.6."""
+_MAX_RMS = (0.4, 0.04), (0.3, 0.03)
+"""Maximum RMS distance of the edge from the ellipse, px, and what is added for each px of its shorter semi-axis. Dots
+have 0.02 to 0.15, clutter 0.1 to 1."""
+_MIN_SEMI, _MAX_ELONGATION = 0.5, 12.0
+_ROUNDS = 2, 3
+"""Solutions of least squares, each with weights by the residuals of the one before."""
+_LEAST_SCALE, _SOFT = 0.04, 2.5
+"""Residuals of more than 2.5 times their scale, which is at least 0.04 px, lose most of their weight."""
 
-_MIN_STEP, _STEP_SIGMA = 6.0, 3.5
-"""Minimum depth below the local mean of dark pixels: in grey levels, and as a multiple of the noise."""
+_TURNS = 2 * np.pi * np.arange(_SECTORS) / _SECTORS
+_CIRCLE = np.stack([np.cos(_TURNS), np.sin(_TURNS)])
+_MIDDLE_SHARE = 0.2
 
-_SMOOTH_ABOVE = 3.0
-"""Noise above which the image is smoothed first, grey levels; smoothing closes gaps of a pixel or two."""
+_LIMITS = np.array(
+    [
+        _INSIDE, _OUTSIDE, _LEAST_STEP, _STEP_SHARE, _LEAST_EIGHTHS, *_MIN_SECTORS, _MIN_STEP, _ALIKE, *_MAX_UNEVEN,
+        *_MAX_RMS[0], *_MAX_RMS[1], *_ROUNDS, _MIN_SEMI, _MAX_ELONGATION, _LEAST_SCALE, _SOFT, _MIDDLE_SHARE,
+    ]
+)  # fmt: skip
+"""In the order of kernel.c."""
 
-_MIN_POINTS = 8
-_MIN_SEMI_PX = 0.4
-_MAX_ELONGATION = 12.0
-_MAX_RMS_PX, _MAX_RMS_SHARE = 0.45, 0.05
-"""Maximum RMS distance of a contour from its ellipse: px, for the steps between pixels, plus a share of the smaller
-semi-axis, for edges displaced by light and neighbors. Squares have 0.12."""
+_MIN_COARSE = 3.0
+"""Minimum shorter semi-axis of a component of a coarser level than the finest: the finer level has seen smaller dots
+better."""
 
-_ANGLES = 24
-_OFFSETS = np.array([-6.0, -4, -3, -2, -1, 0, 1, 2, 3, 4, 6])
-_MIN_SUPPORT = 0.75
-"""Share of the outline that must have an edge: the fit tolerates a fifth missing."""
-_MIN_EDGE = 0.35
-_MAX_UNEVEN = 0.6
-"""Maximum standard deviation of the step over the outline, without its most deviant quarter, as a share of its median.
-Dots have less than 0.25, with a noise of a tenth of the contrast."""
-_MIN_CONTRAST = 12.0
-_RING_ABOVE = 0.4
-_ROUGH_PX = 0.2
-"""Standard deviation of a rough center along each axis, px."""
+_BILINEAR = 1 / 6
+"""Variance of the mean kernel of bilinear interpolation along any direction, px^2."""
+_PIXEL = 1 / 12
+_LEAST_BLUR = 0.28
+
+_RING_ABOVE = 0.5
+_LEAST_MIDDLE = 0.15
+"""Least level in the middle of a ring, relative to the step at its outline, that counts in telling it from a disk."""
+_LEAST_SHARE, _MAX_SHARE, _LEAST_DEPTH = 0.05, 0.954, 0.5
+"""Limits for the share of the step within 1 px of the edge, which is less even for the sharpest, and for the share of
+the ink's darkness that is left of a small dot."""
+_MAX_INWARD = 1.0
+_STEPS = 5
+
+_CLEAR_UNEVEN, _CLEAR_RMS = 0.2, 0.15
+_GROWN_PX = 1.0
+"""Dots whose edge is more even than this, and closer to the ellipse, px, are not measured again at coarser levels,
+where their components are larger than they by up to a pixel."""
+
+_SAME_PLACE, _SAME_SIZE = 0.5, 0.3
+_BLURRED_PX = 1.0
+"""Outlines whose centers and semi-axes differ by less than these shares of the shorter semi-axis are of one dot; of
+coarser levels, also if the semi-axes differ by a pixel of the level."""
+_LARGE_PX = 8.0
+_MISFIT = 1.6
+"""Variance of the crossings relative to the weighted mean square of their distances from the ellipse: five of 24
+degrees of freedom went into it, and the largest distances count less."""
+_CROSSING_PX, _CENTER_PX = 0.04, 0.015
+"""Least standard deviation of a crossing, and of a center beyond what follows from the crossings, in pixels of the
+level: edges are neither straight nor of one width, and pixels are squares."""
 
 
 def find_blobs(image: Image) -> Blobs:
-    """Find dark regions that could be dots, with rough ellipses, those with the most even edges first.
+    """Find what could be a dot, with rough ellipses, the most likely dots first.
 
-    Pixels below the mean of a small window are dark; the levels of an image pyramid provide windows of all sizes and
-    average the noise away. So the result does not depend on the light's level or slope, or on dark objects beside a
-    dot. A region's outer border must be an ellipse, judging by the second moments of its area, and the image must be
-    lighter outside than inside, by the same step, all around.
+    Where components of dark pixels have an edge from dark to light all around, of about the same step, the place where
+    the grey level is halfway between both sides is found to a fraction of a pixel on 24 normals of the outline. An
+    ellipse is fitted to these places, with little weight on those that disagree, twice. Up to seven of the 24 may be
+    missing: hidden, in a highlight, or beyond the image's edge. Of a sharp dot, center and semi-axes are good to a few
+    hundredths of a pixel.
+
+    Near convex edges, and where a dot or a ring's ink is no wider than the blur, the grey level halfway is not at the
+    edge; the semi-axes are corrected for that (`_unblurred`).
 
     Parameters
     ----------
-    image : array (h, w)
+    image : array (h, w) of uint8 or uint16
+
+    Returns
+    -------
+    Blobs
+        None of them fitted. `middle` is the level in the middle relative to what a disk, 0, and a ring with a hole of
+        half the size, 1, of this outline and blur would show. `covariance` follows from the distances of the edge from
+        the ellipse.
     """
-    dark, range_ = _range(image)
-    # In larger images, only larger dots are looked for, which bounds time and memory.
-    scale = 1
-    while image.size > _MAX_PIXELS * scale**2:
-        scale *= 2
-    level = _eight_bits(_shrunk(image, scale), dark, range_)
-    centers, spreads = [np.zeros((0, 2))], [np.zeros((0, 2, 2))]
-    while True:
-        center, spread = _ellipses(_borders(level))
-        centers.append(center * scale + (scale - 1) / 2)
-        spreads.append(spread * scale**2)
-        if min(level.shape) < 2 * _MIN_SIDE:
-            break
-        scale, level = scale * 2, _eight_bits(_shrunk(level, 2), dark, range_)
-    outlines, uneven = _with_edges(image, range_ / 255, np.concatenate(centers), np.concatenate(spreads))
-    outlines = outlines.take(np.argsort(uneven, kind="stable"))
-    return outlines.take(_distinct(outlines))
+    components = find_components(image)
+    scale = np.ldexp(1.0, components.level)
+    rough = _outlines(components, scale)
+    finest = int(np.log2(components.coarsest))
+    sought = (components.level == finest) | (_least(rough[:, AXES]) > _MIN_COARSE)
+    clear, parts, scales = np.zeros((0, 3)), [np.zeros((0, COLUMNS))], [np.zeros(0)]
+    for level, grey in enumerate(components.levels, finest):
+        # Places in pixels of the finer level become those of this one, of which each is two by two.
+        clear = (clear - [0.5, 0.5, 0]) / 2
+        of_level = rough[sought & (components.level == level)]
+        if not len(of_level):
+            continue
+        edges = even_edges(grey, of_level[~_known(of_level, clear, grey.shape[1])])
+        clear = np.concatenate([clear, _clear(edges)])
+        parts.append(edges)
+        scales.append(np.full(len(edges), float(1 << level)))
+    edges, scale = np.concatenate(parts), np.concatenate(scales)
+    blobs = _blobs(edges, scale, components)
+    kept = _distinct(blobs, scale)
+    return blobs.take(kept[np.argsort(_doubt(edges[kept]), kind="stable")])
 
 
-def _range(image: Image) -> tuple[float, float]:
-    """Return the least grey level and the range to map to 8 bits; of 16 bits, a thousandth is cut off at either end."""
-    if image.dtype == np.uint8 or not image.size:
-        return 0.0, 255.0
-    step = max(1, int(np.sqrt(image.size / 1e6)))
-    low, high = np.percentile(image[::step, ::step], [0.1, 99.9])
-    return float(low), float(max(high - low, 255))
+def _clear(edges: Array) -> Array:
+    """Return place and mean semi-axis (j, 3) of edges that no coarser level shows better."""
+    edges = edges[(edges[:, UNEVEN] < _CLEAR_UNEVEN) & (edges[:, RMS] < _CLEAR_RMS)]
+    return np.stack([edges[:, 0], edges[:, 1], _mean_semi(edges)], axis=-1)
 
 
-def _eight_bits(image: Image, low: float, range_: float) -> Eight:
-    if image.dtype == np.uint8:
-        return image.astype(np.uint8, copy=False)
-    scaled = image.astype(np.float32)
-    scaled -= np.float32(low)
-    scaled *= np.float32(255 / range_)
-    return np.clip(scaled, 0, 255, out=scaled).astype(np.uint8)
+def _known(rough: Array, clear: Array, width: int) -> Bools:
+    """Return whether outlines (k, 5) have the size and, but for a pixel or two, the place of dots found (j, 3)."""
+    if not len(clear):
+        return np.zeros(len(rough), dtype=bool)
+
+    def pixels(rows: Array) -> Indices:
+        return np.asarray(np.rint(rows[:, 1]) * (width + 2) + np.rint(rows[:, 0]), dtype=np.intp)
+
+    found = pixels(clear)
+    order = np.argsort(found)
+    around = np.add.outer(np.arange(-1, 2) * (width + 2), np.arange(-1, 2)).reshape(-1)
+    sought = np.add.outer(pixels(rough), around)
+    place = order[np.minimum(np.searchsorted(found, sought, sorter=order), len(found) - 1)]
+    size = clear[place, 2]
+    alike = np.abs(_mean_semi(rough)[:, None] - size) < _SAME_SIZE * size + _GROWN_PX
+    return np.asarray(((found[place] == sought) & alike).any(axis=1))
 
 
-def _shrunk(image: Image, factor: int) -> Image:
-    """Shrink an image by averaging squares of `factor` pixels' side; remainders at the far edges are left out."""
-    import cv2
+def _outlines(components: Components, scale: Array) -> Array:
+    """Return center and axes (k, 5) of components in pixels of their level.
 
-    if factor == 1:
-        return image
-    height, width = (side // factor for side in image.shape)
-    cut = image[: factor * height, : factor * width]
-    shrunk: Image = cv2.resize(cut, (width, height), interpolation=cv2.INTER_AREA)
-    return shrunk
-
-
-def _borders(image: Eight) -> list[NDArray[np.int32]]:
-    """Find the borders (m, 1, 2) of regions darker than their surroundings, including the borders of their holes."""
-    import cv2
-
-    if min(image.shape) < 3:
-        return []
-    noise = grey_noise(image)
-    if noise > _SMOOTH_ABOVE:
-        image = np.asarray(cv2.GaussianBlur(image, (3, 3), 0), dtype=np.uint8)
-        # The weights 1/4, 1/2, 1/4 in both directions reduce the noise to 3/8.
-        noise *= 3 / 8
-    mean = cv2.blur(image, (_WINDOW, _WINDOW), borderType=cv2.BORDER_REPLICATE)
-    step = max(_MIN_STEP, _STEP_SIGMA * noise)
-    dark = cv2.threshold(cv2.subtract(mean, image), step, 255, cv2.THRESH_BINARY)[1]
-    contours = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]
-    return [contour for contour in contours if len(contour) >= _MIN_POINTS]
-
-
-def _ellipses(contours: list[NDArray[np.int32]]) -> tuple[Array, Array]:
-    """Return the centers (k, 2) and spreads (k, 2, 2) of elliptic contours, by the moments of their polygons."""
-    none = np.zeros((0, 2)), np.zeros((0, 2, 2))
-    if not contours:
-        return none
-    length = np.array([len(contour) for contour in contours])
-    start = np.cumsum(length) - length
-    points = np.concatenate(contours)[:, 0].astype(float)
-    owner = np.repeat(np.arange(len(length)), length)
-    first = points[start]
-    points -= first[owner]
-    x, y = points.T
-    following = np.arange(1, len(points) + 1)
-    following[start + length - 1] = start
-    x1, y1 = x[following], y[following]
-    cross = x * y1 - x1 * y
-
-    def total(values: Array) -> Array:
-        return np.add.reduceat(values, start)
-
-    area = total(cross) / 2
-    # Outer borders and borders of holes have opposite orientations; a line of pixels has no area.
-    outer = area < -1
-    area = np.where(outer, area, -1)
-    center_x, center_y = total((x + x1) * cross) / (6 * area), total((y + y1) * cross) / (6 * area)
-    xx = total((x * x + x * x1 + x1 * x1) * cross) / (12 * area) - center_x**2
-    yy = total((y * y + y * y1 + y1 * y1) * cross) / (12 * area) - center_y**2
-    xy = total((2 * (x * y + x1 * y1) + x * y1 + x1 * y) * cross) / (24 * area) - center_x * center_y
-    determinant, trace = xx * yy - xy**2, xx + yy
-    shaped = np.flatnonzero(
-        outer & (determinant > (_MIN_SEMI_PX / 2) ** 4) & (trace**2 < 1.1 * _MAX_ELONGATION**2 * determinant)
-    )
-    if not len(shaped):
-        return none
-
-    # The spread is four times the covariance of an ellipse's area.
-    spread = 4 * np.stack([xx, xy, xy, yy], axis=-1)[shaped].reshape(-1, 2, 2)
-    values, vectors = np.linalg.eigh(spread)
-    place = np.full(len(length), -1)
-    place[shaped] = np.arange(len(shaped))
-    on = place[owner] >= 0
-    of_shaped = place[owner[on]]
-    inverse = np.linalg.inv(spread)[of_shaped]
-    dx, dy = x[on] - center_x[owner[on]], y[on] - center_y[owner[on]]
-    gx, gy = inverse[:, 0, 0] * dx + inverse[:, 0, 1] * dy, inverse[:, 0, 1] * dx + inverse[:, 1, 1] * dy
-    distance = (dx * gx + dy * gy - 1) / (2 * np.maximum(np.hypot(gx, gy), 1e-12))
-    rms = np.sqrt(np.bincount(of_shaped, distance**2) / length[shaped])
-    good = rms < _MAX_RMS_PX + _MAX_RMS_SHARE * np.sqrt(values[:, 0])
-    # A contour runs through the outermost pixels' centers, half a pixel inside the true outline.
-    grown = (np.sqrt(values[good]) + 0.5) ** 2
-    center = np.stack([center_x, center_y], axis=-1) + first
-    return center[shaped[good]], np.einsum("bik,bk,bjk->bij", vectors[good], grown, vectors[good])
-
-
-def _with_edges(image: Image, unit: float, center: Array, spread: Array) -> tuple[Blobs, Array]:
-    """Select outlines with an edge from dark to light all around; also return how uneven each edge is, 0 for even.
-
-    Pixels are sampled on the normals of the outline. A large share of the outline must have a step near the median;
-    the median profile across the outline gives levels and blur. `unit` is the step that counts as one of 255 grey
-    levels.
+    Axes are the symmetric matrix A (a11, a12, a22) whose product with the unit circle is the outline: the root of Q.
     """
+    xx, xy, yy = (components.spread[:, row, column] / scale**2 for row, column in ((0, 0), (0, 1), (1, 1)))
+    determinant = np.sqrt(np.maximum(xx * yy - xy * xy, 1e-12))
+    root = np.sqrt(xx + yy + 2 * determinant)
+    x, y = (components.center.T - (scale - 1) / 2) / scale
+    return np.stack([x, y, (xx + determinant) / root, xy / root, (yy + determinant) / root], axis=-1)
+
+
+def _least(axes: Array) -> Array:
+    """Return the shorter semi-axes (k,)."""
+    a, b, c = axes.T
+    return np.asarray((a + c) / 2 - np.sqrt(((a - c) / 2) ** 2 + b * b))
+
+
+def _mean_semi(ellipses: Array) -> Array:
+    """Return the geometric means (k,) of the semi-axes."""
+    a, b, c = ellipses[:, AXES].T
+    return np.asarray(np.sqrt(a * c - b * b))
+
+
+def even_edges(image: Eight, rough: Array) -> Array:
+    """Return the even edges near rough outlines: center and axes (k, 5).
+
+    Returns
+    -------
+    array (j, 14)
+        Of those that have one, in the same order: center and axes; level outside; median step; unevenness; RMS distance
+        from the ellipse; difference of the mean levels 1 px outside and 1 px inside; level in the middle; xx, xy and yy
+        of the center's covariance if every crossing's variance were 1.
+    """
+    if not len(rough):
+        return np.zeros((0, COLUMNS))
+    if kernel.library() is None:
+        return _even_edges(image, rough)
+    return kernel.even_edges(image, rough, _CIRCLE, _LIMITS, COLUMNS)
+
+
+def _even_edges(image: Eight, rough: Array) -> Array:
+    """Return the even edges near rough outlines: the twin of the function in kernel.c."""
+    chosen = _stands_out(image, rough)
+    found = rough[chosen]
+    for done in range(2):
+        found = _at_crossings(image, found[:, :5], done)
+    spots = np.concatenate([np.zeros((2, 1)), _MIDDLE_SHARE * _CIRCLE[:, ::3]], axis=1)
+    x, y = _on_outline(found, spots)
+    found[:, MIDDLE] = _bilinear(image, x, y).mean(axis=-1)
+    return found
+
+
+def _on_outline(ellipses: Array, circle: Array) -> Array:
+    """Return the points (2, k, t) of ellipses for points (2, t) of the unit circle."""
+    x, y, a, b, c = ellipses[:, :5, None].swapaxes(0, 1)
+    return np.stack([x + a * circle[0] + b * circle[1], y + b * circle[0] + c * circle[1]])
+
+
+def _normals(ellipses: Array, circle: Array) -> Array:
+    """Return the outward unit normals (2, k, t)."""
+    a, b, c = ellipses[:, AXES, None].swapaxes(0, 1)
+    normal = np.stack([c * circle[0] - b * circle[1], a * circle[1] - b * circle[0]])
+    return np.asarray(normal / np.sqrt(normal[0] ** 2 + normal[1] ** 2))
+
+
+def _within(points: Array, image: Eight) -> Bools:
     height, width = image.shape
-    angle = 2 * np.pi * np.arange(_ANGLES) / _ANGLES
-    circle = np.stack([np.cos(angle), np.sin(angle)])
-    values, vectors = np.linalg.eigh(spread)
-    semi = np.sqrt(values)
-    along = np.einsum("bik,bk,kt->bti", vectors, semi, circle)
-    normal = np.einsum("bik,bk,kt->bti", vectors, 1 / semi, circle)
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    # At most as far inside as the middle of the shorter axis.
-    offset = np.maximum(_OFFSETS, -semi[:, :1])[:, None, :, None]
-    place = center[:, None, None] + along[:, :, None] + offset * normal[:, :, None]
-    column, row = np.rint(place[..., 0]).astype(int), np.rint(place[..., 1]).astype(int)
-    zero = len(_OFFSETS) // 2
-    near = column[:, :, zero + 1], row[:, :, zero + 1]
-    # The outline itself must be in the image, with a margin of one pixel.
-    whole = ((near[0] >= 0) & (near[0] < width) & (near[1] >= 0) & (near[1] < height)).all(axis=-1)
-    grey = image[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)].astype(float)
-
-    step = grey[:, :, zero + 2] - grey[:, :, zero - 2]
-    contrast = np.median(step, axis=-1)
-    even = step / np.maximum(contrast, unit)[:, None]
-    support = np.mean((even > _MIN_EDGE) & (even < 1 / _MIN_EDGE), axis=-1)
-    odd = _ANGLES // 8
-    uneven = np.std(np.sort(even, axis=-1)[:, odd:-odd], axis=-1)
-    good = whole & (contrast > _MIN_CONTRAST * unit) & (support >= _MIN_SUPPORT) & (uneven < _MAX_UNEVEN)
-
-    profile = np.median(grey[good], axis=1)
-    # Beyond the lightest point outside and the darkest inside, other objects begin.
-    profile[:, zero:] = np.maximum.accumulate(profile[:, zero:], axis=1)
-    profile[:, zero::-1] = np.minimum.accumulate(profile[:, zero::-1], axis=1)
-    light, dark = profile[:, -1], profile[:, 0]
-    share = (profile - dark[:, None]) / np.maximum(light - dark, unit)[:, None]
-    # The integral of F (1 - F) over a normal distribution F is its standard deviation over the root of pi.
-    blur = np.sqrt(np.pi) * np.trapezoid(share * (1 - share), _OFFSETS, axis=1)
-    # Position of the half-level by area: thresholds below the mean make small and blurred regions too large.
-    edge = _OFFSETS[-1] - np.trapezoid(share, _OFFSETS, axis=1)
-    semi = np.maximum(semi[good] + edge[:, None], 0.4 * semi[good])
-    # In a ring, the middle of the hole, which is half as wide as the ring, is light.
-    around = center[good, None] + np.concatenate([np.zeros((len(light), 1, 2)), 0.15 * along[good, ::3]], axis=1)
-    around = np.rint(around).astype(int)
-    middle = image[around[..., 1], around[..., 0]].mean(axis=1)
-    middle = (middle - dark) / np.maximum(light - dark, unit)
-    longest = vectors[good][:, :, 1]
-    rough = Blobs(
-        center[good],
-        semi[:, ::-1],
-        np.arctan2(longest[:, 1], longest[:, 0]),
-        middle > _RING_ABOVE,
-        np.tile(_ROUGH_PX**2 * np.eye(2), (len(light), 1, 1)),
-        light,
-        dark,
-        blur,
-        middle,
-        np.zeros(len(light), dtype=bool),
-    )
-    return rough, uneven[good]
+    x, y = points
+    return np.asarray((x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1))
 
 
-def _distinct(outlines: Blobs) -> Indices:
-    """Return the first of each group of nearly equal outlines."""
-    size = np.sqrt(outlines.semi.prod(axis=-1))
-    taken = np.zeros(0, dtype=np.intp)
-    for i in range(len(outlines)):
-        near = np.linalg.norm(outlines.center[taken] - outlines.center[i], axis=-1) < 1 + 0.25 * size[i]
-        alike = np.abs(size[taken] - size[i]) < 1.5 + 0.3 * size[i]
-        if not (near & alike).any():
-            taken = np.append(taken, i)
-            if len(taken) == MAX_REGIONS:
-                break
-    return taken
+def _stands_out(image: Eight, rough: Array) -> Indices:
+    """Return the indices of outlines with a step from dark to light in most of eight directions."""
+    height, width = image.shape
+    place, normal = _on_outline(rough, _CIRCLE[:, ::3]), _normals(rough, _CIRCLE[:, ::3])
+
+    def level(offset: Array | float) -> Array:
+        x, y = np.floor(place + offset * normal + 0.5)
+        x, y = np.clip(x, 0, width - 1).astype(np.intp), np.clip(y, 0, height - 1).astype(np.intp)
+        return image[y, x].astype(float)
+
+    step = level(_OUTSIDE) - level(np.maximum(_INSIDE, -_least(rough[:, AXES]))[:, None])
+    enough = np.maximum(_LEAST_STEP, _STEP_SHARE * step.mean(axis=1))
+    good = (step > enough[:, None]) & _within(place, image)
+    return np.flatnonzero(good.sum(axis=1) >= _LEAST_EIGHTHS)
 
 
-_PIECE = 32
-
-
-def grey_noise(image: NDArray[np.uint8] | NDArray[np.uint16]) -> float:
-    """Estimate the standard deviation of the grey noise, from differences of neighbors over sqrt(2) in plain areas.
-
-    In every eighth row, the fifth of the 32 px pieces with the smallest differences counts: they show plain paper, if
-    anything does. Zero for images without such pieces.
+def _at_crossings(image: Eight, ellipses: Array, done: int) -> Array:
+    """Return rows (j, 14), without the middle, of the ellipses through the edges near given ones (k, 5).
 
     Parameters
     ----------
-    image : array (h, w), grey levels
+    done : int
+        How often that was done before.
     """
-    rows = image[::8, : image.shape[1] // _PIECE * _PIECE].astype(np.float32)
-    if not rows.size:
-        return 0.0
-    spread = np.mean(np.square(np.diff(rows.reshape(-1, _PIECE), axis=1)), axis=1)
-    # Saturated pieces show no noise.
-    spread = spread[spread > 0]
-    return float(np.sqrt(np.percentile(spread, 20) / 2)) if len(spread) else 0.0
+    circle = _CIRCLE[:, :: _EVERY[done]]
+    place, normal = _on_outline(ellipses, circle), _normals(ellipses, circle)
+    # At most as far inside as the middle of the shorter axis.
+    offset = np.maximum(_OFFSETS, -_least(ellipses[:, AXES])[:, None])
+    grey = _bilinear(image, *(place[..., None] + normal[..., None] * offset[:, None]))
+    # The nearest place where the level rises past the mean of the lightest outside and the darkest inside.
+    light, dark = grey[..., _ZERO:].max(axis=-1), grey[..., : _ZERO + 1].min(axis=-1)
+    half = ((light + dark) / 2)[..., None]
+    below, above = grey[..., :-1], grey[..., 1:]
+    rises = (below < half) & (above >= half)
+    share = (half - below) / np.where(rises, above - below, 1)
+    crossing = offset[:, None, :-1] + share * (offset[:, 1:] - offset[:, :-1])[:, None]
+    crossing = np.where(rises, crossing, np.inf)
+    nearest = np.argmin(np.abs(crossing), axis=-1)
+    away = np.take_along_axis(crossing, nearest[..., None], axis=-1)[..., 0]
+
+    step = light - dark
+    median = np.median(step, axis=1)
+    good = np.isfinite(away) & _within(place, image)
+    good &= (step > _ALIKE * median[:, None]) & (_ALIKE * step < median[:, None])
+    odd = circle.shape[1] // 8
+    uneven = np.std(np.sort(step, axis=1)[:, odd:-odd], axis=1)
+    chosen = np.flatnonzero(
+        (good.sum(axis=1) >= _MIN_SECTORS[done]) & (median >= _MIN_STEP) & (uneven < _MAX_UNEVEN[done] * median)
+    )
+    good, median, grey = good[chosen], median[chosen], grey[chosen]
+    away, normal = np.where(good, away[chosen], 0), normal[:, chosen]
+    count = good.sum(axis=1)
+
+    # The derivatives of the distance along the normal with respect to center and axes.
+    columns = [*normal, normal[0] * circle[0], normal[0] * circle[1] + normal[1] * circle[0], normal[1] * circle[1]]
+    rows = np.stack(columns, axis=-1)
+    weight = good.astype(float)
+    for solved in range(1, _ROUNDS[done] + 1):
+        weighted = (rows * weight[..., None]).swapaxes(-1, -2)
+        square = weighted @ rows + 1e-9 * np.eye(5)
+        move = np.linalg.solve(square, weighted @ away[..., None])
+        residual = away - (rows @ move)[..., 0]
+        if solved < _ROUNDS[done]:
+            scale = np.median(np.where(good, np.abs(residual), 0), axis=1)
+            scale = _SOFT * np.maximum(1.48 * scale, _LEAST_SCALE)
+            weight = good / (1 + (residual / scale[:, None]) ** 2) ** 2
+    found = np.zeros((len(chosen), COLUMNS))
+    found[:, :5] = ellipses[chosen] + move[..., 0]
+    found[:, LIGHT], found[:, STEP] = np.median(light[chosen], axis=1), median
+    found[:, UNEVEN] = uneven[chosen] / median
+    found[:, RMS] = np.sqrt((weight * residual**2).sum(axis=1) / weight.sum(axis=1))
+    found[:, SLOPE] = ((grey[..., _ZERO + 1] - grey[..., _ZERO - 1]) * good).sum(axis=1) / count
+    found[:, INVERSE] = np.linalg.inv(square)[:, [0, 0, 1], [0, 1, 1]]
+    shorter = _least(found[:, AXES])
+    longer = found[:, 2] + found[:, 4] - shorter
+    fits = (shorter > _MIN_SEMI) & (longer < _MAX_ELONGATION * shorter)
+    return found[fits & (found[:, RMS] < _MAX_RMS[done][0] + _MAX_RMS[done][1] * shorter)]
+
+
+def _bilinear(image: Eight, x: Array, y: Array) -> Array:
+    """Return grey levels at places, those beyond the image's edge as at the edge."""
+    height, width = image.shape
+    x, y = np.clip(x, 0, width - 1.001), np.clip(y, 0, height - 1.001)
+    column, row = x.astype(np.intp), y.astype(np.intp)
+    right, down = x - column, y - row
+    flat, place = np.ascontiguousarray(image).reshape(-1), row * width + column
+    a, b, c, d = (flat[place + shift].astype(float) for shift in (0, 1, width, width + 1))
+    top = a + right * (b - a)
+    return np.asarray(top + down * (c + right * (d - c) - top))
+
+
+def _doubt(edges: Array) -> Array:
+    """Return how unlike those of dots the edges are (k,), from 0: uneven, off the ellipse, or faint."""
+    limit = _MAX_RMS[1][0] + _MAX_RMS[1][1] * _least(edges[:, AXES])
+    uneven, off, faint = edges[:, UNEVEN] / _MAX_UNEVEN[1], edges[:, RMS] / limit, _MIN_STEP / edges[:, STEP]
+    return np.asarray(uneven**2 + off**2 + faint**2)
+
+
+def _blobs(edges: Array, scale: Array, components: Components) -> Blobs:
+    """Return the blobs of edges (k, 14) of levels whose pixels have `scale` (k,) times the side of the image's."""
+    a, b, c = edges[:, AXES].T
+    shorter = _least(edges[:, AXES])
+    longer = a + c - shorter
+    slope = edges[:, SLOPE] / edges[:, STEP]
+    middle = 1 - (edges[:, LIGHT] - edges[:, MIDDLE]) / edges[:, STEP]
+    # What is light in the middle is a disk or a ring; a blurred hole is less light than a wide one.
+    count, open_ = len(edges), np.flatnonzero(middle > _RING_ABOVE * _LEAST_MIDDLE)
+    both, ring = np.concatenate([np.arange(count), open_]), np.arange(count + len(open_)) >= count
+    semi, blur, depth = _unblurred(longer[both], shorter[both], slope[both], ring)
+    middle[open_] /= np.maximum(_ring_middle(semi[:, ring], blur[ring], depth[ring]), _LEAST_MIDDLE)
+    hollow = middle > _RING_ABOVE
+    best = np.arange(count)
+    best[open_[hollow[open_]]] = count + np.flatnonzero(hollow[open_])
+    semi, blur, depth = semi[:, best], blur[best], depth[best]
+    # Finer pixels are a part of this level's, and so is their share of the blur.
+    blur = scale**2 * (blur**2 - _BILINEAR - _PIXEL) + _PIXEL
+    variance = np.maximum(_MISFIT * edges[:, RMS] ** 2, _CROSSING_PX**2)
+    covariance = edges[:, INVERSE] * variance[:, None] + _CENTER_PX**2 * np.array([1, 0, 1])
+    light = components.low + components.unit * edges[:, LIGHT]
+    return Blobs(
+        center=scale[:, None] * edges[:, CENTER] + (scale[:, None] - 1) / 2,
+        semi=(scale * np.maximum(semi, _MIN_SEMI)).T,
+        angle=np.arctan2(2 * b, a - c) / 2,
+        ring=hollow,
+        covariance=(scale[:, None] ** 2 * covariance)[:, [0, 1, 1, 2]].reshape(-1, 2, 2),
+        light=light,
+        dark=light - components.unit * edges[:, STEP] / depth,
+        blur=np.sqrt(np.maximum(blur, _LEAST_BLUR**2)),
+        middle=middle,
+        fitted=np.zeros(len(edges), dtype=bool),
+    )
+
+
+def _unblurred(longer: Array, shorter: Array, slope: Array, ring: Bools) -> tuple[Array, Array, Array]:
+    """Return what disks or rings would be whose outline at half of the visible step has these semi-axes (k,).
+
+    With the normal distribution F, a straight edge blurred by s has the level F(e/s) at the distance e outside of it,
+    so F(1/s) - F(-1/s) is the share of the step within 1 px of it. The darkest place is not as dark as the ink: in the
+    middle of a disk, by the mean of 1 - exp(-r^2 / 2 s^2) over the directions to its outline at r; in a ring's ink of
+    width w, a quarter of the diameter, by 2 F(w / 2 s) - 1. So the half of what is visible lies outside of the edge.
+    Curvature k moves the half-level inward by k s^2 / 2.
+
+    Parameters
+    ----------
+    slope : array (k,)
+        Difference of the levels 1 px outside and 1 px inside of the outline, relative to the step.
+    ring : array (k,)
+
+    Returns
+    -------
+    semi : array (2, k), longest first
+    blur : array (k,), px, with that of sampling
+    depth : array (k,)
+        The step as a share of the difference between paper and ink.
+    """
+    from scipy.special import ndtr, ndtri
+
+    square = _squares(longer, shorter)
+    mean = longer * shorter / np.sqrt((longer**2 + shorter**2) / 2)
+    one, outside, lost = np.ones_like(longer), np.zeros_like(longer), np.zeros_like(longer)
+    depth = one
+    for _ in range(_STEPS):
+        blur = 1 / ndtri((1 + np.minimum(np.maximum(slope * depth + lost, _LEAST_SHARE), _MAX_SHARE)) / 2)
+        width = np.where(ring, (mean - outside) / 2, np.inf)
+        places = np.stack([one, 1 - outside, -1 - outside, -outside, width / 2]) / blur
+        whole, inner, outer, _, half = ndtr(places)
+        hole_inner, hole_outer, beyond = ndtr(places[1:4] - width / blur)
+        depth = np.maximum(np.where(ring, 2 * half - 1, _darkness(square, blur)), _LEAST_DEPTH)
+        outside = -blur * ndtri(np.minimum(depth / 2 + beyond, 0.5))
+        # Between the two places is not the steepest part of a ring's edge, and the rise to the hole's level begins.
+        lost = np.where(ring, 2 * whole - 1 - inner + outer + hole_inner - hole_outer, 0)
+    return np.stack([longer, shorter]) - outside + _moved_inward(longer, shorter, blur), blur, depth
+
+
+def _ring_middle(semi: Array, blur: Array, depth: Array) -> Array:
+    """Return the level in the middle (k,) of rings with these outlines, relative to the visible step."""
+    square = _squares(*semi)
+    return 1 - (_darkness(square, blur) - _darkness(square / 4, blur)) / depth
+
+
+_QUARTER = np.cos((np.arange(12) + 0.5) / 24 * np.pi) ** 2
+"""Squared cosines of an ellipse's parameter over a quarter of it."""
+
+
+def _moved_inward(longer: Array, shorter: Array, blur: Array) -> Array:
+    """Return by how much (2, k) the semi-axes of the ellipse through the half-level are too short.
+
+    The half-level is moved inward by k s^2 / 2, k = a b / D^3 with D^2 = b^2 cos^2 + a^2 sin^2, which no ellipse
+    follows: near sharp tips it has the least squares of distances along the normal. These change by b cos^2 / D with
+    the longer semi-axis, and by a sin^2 / D with the shorter one.
+    """
+    a, b, s = longer[:, None], shorter[:, None], blur[:, None]
+    along, across = b * _QUARTER, a * (1 - _QUARTER)
+    square = b * along + a * across
+    inward = s * np.minimum(s * a * b / (2 * square**1.5), _MAX_INWARD)
+    aa, ab, bb = ((each / square).sum(axis=1) for each in (along * along, along * across, across * across))
+    x, y = ((each * inward / np.sqrt(square)).sum(axis=1) for each in (along, across))
+    return np.asarray(np.stack([bb * x - ab * y, aa * y - ab * x]) / (aa * bb - ab * ab))
+
+
+def _squares(longer: Array, shorter: Array) -> Array:
+    """Return the squared distances (k, 12) from the center to points of the outline, at even steps of its parameter."""
+    return np.multiply.outer(longer**2, _QUARTER) + np.multiply.outer(shorter**2, 1 - _QUARTER)
+
+
+def _darkness(square: Array, blur: Array) -> Array:
+    """Return how dark the middle (k,) of blurred ellipses is, from 0 to 1.
+
+    The integral of a normal distribution out to the distance r in every direction is the mean of 1 - exp(-r^2 / 2 s^2)
+    over directions; at even steps of the ellipse's parameter, a direction counts by its angle, in proportion to 1/r^2.
+    """
+    share = 1 / square
+    inside = -np.expm1(square * (-0.5 / blur**2)[:, None])
+    return np.asarray((share * inside).sum(axis=1) / share.sum(axis=1))
+
+
+def _distinct(blobs: Blobs, scale: Array) -> Indices:
+    """Return the indices of blobs without one of the same place and size whose center is more certain."""
+    variance = np.trace(blobs.covariance, axis1=-2, axis2=-1)
+    shorter, kept = blobs.semi[:, 1], np.ones(len(blobs), dtype=bool)
+    # Small ones, of which there may be many, are near few others in x. Those in between are in both groups.
+    for group in (shorter < 2 * _LARGE_PX, shorter > _LARGE_PX):
+        index = np.flatnonzero(group)
+        index = index[np.argsort(blobs.center[index, 0], kind="stable")]
+        x, y, semi, side = *blobs.center[index].T, blobs.semi[index], scale[index]
+        reach = _SAME_PLACE * semi[:, 1]
+        furthest = reach.max(initial=0)
+        for apart in range(1, len(index)):
+            gap = x[apart:] - x[:-apart]
+            if gap.min() > furthest:
+                break
+            i = np.flatnonzero(gap < reach[:-apart])
+            i = i[np.abs(y[i + apart] - y[i]) < reach[i]]
+            if not len(i):
+                continue
+            j = i + apart
+            same = _SAME_SIZE * np.maximum(semi[i, 1], semi[j, 1])
+            same += _BLURRED_PX * np.where(side[i] == side[j], 0, np.maximum(side[i], side[j]))
+            alike = np.abs(semi[i] - semi[j]).max(axis=1) < same
+            i, j = index[i[alike]], index[j[alike]]
+            kept[np.where(variance[i] <= variance[j], j, i)] = False
+    return np.flatnonzero(kept)

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 DAMPING = Damping(start=1e-4, least=1e-12, slack=1e-12, ridge=1e-14)
 """Damping; the ridge holds the direction that collinear dots leave free."""
-_SCHEDULE = DAMPING.start, DAMPING.least, DAMPING.slack, DAMPING.ridge, FACTOR
+SCHEDULE = DAMPING.start, DAMPING.least, DAMPING.slack, DAMPING.ridge, FACTOR
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +74,9 @@ def outlines(points: Array, radii: Array, rotation: Array, translation: Array) -
         0 for bare points.
     rotation, translation : arrays (k, 3, 3) and (k, 3)
     """
+    if kernel.library() is not None:
+        center, point, shape, seen = kernel.disk_outlines(points, radii, rotation, translation)
+        return Outlines(center, point, shape, seen)
     place = points @ rotation.swapaxes(-1, -2) + translation[:, None]
     normal = rotation[:, None, :, 2]
     disk = np.eye(3) - normal[..., :, None] * normal[..., None, :]
@@ -163,7 +166,7 @@ def refine_poses(
         chi2 is inf for a pose that does not see all weighted dots from the front.
     """
     if kernel.library() is not None:
-        return kernel.refine_poses(points, radii, seen, weight, rotation, translation, steps, tolerance, _SCHEDULE)
+        return kernel.refine_poses(points, radii, seen, weight, rotation, translation, steps, tolerance, SCHEDULE)
     problems = EllipseCenters(points, radii, seen, weight, np.asarray(weight.any(axis=(-2, -1))), tolerance)
     (rotation, translation), chi2 = levenberg_marquardt(problems, (rotation, translation), DAMPING, steps)
     return rotation, translation, chi2

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, lru_cache, partial
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,9 @@ from markergen.detect.blobs import Blobs, Ellipses, Image, as_dark, undo_lens
 from markergen.detect.candidates import find_blobs
 from markergen.detect.conic_projection import correct_centers, outlines
 from markergen.detect.ellipse_fit import fit_blobs
-from markergen.detect.fiducials import CONFIRMS, NO_TAGS, Sightings, look_for_tags
-from markergen.detect.identification import Search, ambiguity, contender, search
-from markergen.detect.labeling_hypotheses import Poses, find_labelings
+from markergen.detect.fiducials import NO_TAGS, REFUTES, Sightings, TagReader
+from markergen.detect.identification import REFUSED_PX, ROUGH_PX, Search, View, ambiguity, confirm, contender, search
+from markergen.detect.labeling_hypotheses import Poses
 from markergen.detect.pose import DEFAULT_ERRORS, PoseEstimate, fit_pose, outlier
 from markergen.detect.pose_hypotheses import DotLayout, layout_of
 from markergen.errors import InputError
@@ -147,11 +147,14 @@ def prepare(markers: Sequence[Marker], calibrated: bool) -> Sought:
         raise InputError("one marker or more", "none", "say what to look for")
     for marker in markers:
         check_supported(marker, "to detect")
-    layout_by_points = {marker.control_points: layout_of(marker) for marker in markers}
+    layout_by_points = {marker.control_points: _layout(marker) for marker in markers}
     layouts = tuple(layout_by_points[marker.control_points] for marker in markers)
     if not calibrated and not all(layout.flat for layout in layouts):
         raise InputError("a camera for a marker with relief", "none", "give the camera's calibration")
     return Sought(tuple(markers), layouts)
+
+
+_layout = lru_cache(maxsize=64)(layout_of)  # Calls of `detect`, one for each image, prepare a marker once.
 
 
 def detect(
@@ -222,28 +225,30 @@ def find_all(
     _check(image)
     found = []
     for light, (own, indices) in sought.by_polarity.items():
-        for each in _find_dark(as_dark(image, light), own, camera, errors, copies):
+        for each in _find_alike(image, own, light, camera, errors, copies):
             rival = None if each.rival is None else indices[each.rival]
             found.append(replace(each, marker=indices[each.marker], rival=rival))
     return sorted(found, key=lambda each: -len(each.ids)) if len(sought.by_polarity) > 1 else found
 
 
-def _find_dark(
-    image: Image, sought: Sought, camera: Camera | None, errors: ErrorSources, copies: int
+def _find_alike(
+    image: Image, sought: Sought, light: bool, camera: Camera | None, errors: ErrorSources, copies: int
 ) -> list[Detection]:
-    """Run `find_all` for markers with dark dots."""
-    height, width = image.shape
-    tags = look_for_tags(image, sought.families)
-    eye = camera or made_up_camera(width, height)
-    return identify(find_blobs(image), sought, eye, camera is not None, errors, copies, tags, partial(fit_blobs, image))
+    """Run `find_all` for markers with dots of one polarity."""
+    image = as_dark(image, light)
+    tags = TagReader(image, sought.families) if sought.families else NO_TAGS
+    eye, fit = camera or made_up_camera(*image.shape[::-1]), partial(fit_blobs, image, inverted=light)
+    return identify(find_blobs(image), sought, eye, camera is not None, errors, copies, tags, fit)
 
 
-def detect_dots(image: Image) -> Blobs:
+def detect_dots(image: Image, light: bool = False) -> Blobs:
     """Find all dark elliptic dots on a lighter ground, of a marker or not, and fit them to the grey levels.
 
     Parameters
     ----------
     image : array (h, w) of uint8 or uint16
+    light : bool
+        True for light dots on a darker ground, whose levels are then those of the inverted image.
 
     Returns
     -------
@@ -256,7 +261,8 @@ def detect_dots(image: Image) -> Blobs:
         If the image is not a grey image of uint8 or uint16, or has more than LARGEST_FRAME pixels.
     """
     _check(image)
-    return fit_blobs(image, find_blobs(image))
+    image = as_dark(image, light)
+    return fit_blobs(image, find_blobs(image), light)
 
 
 def _check(image: Image) -> None:
@@ -279,7 +285,7 @@ def identify(
     calibrated: bool = True,
     errors: ErrorSources = DEFAULT_ERRORS,
     copies: int = MAX_COPIES,
-    tags: Sightings = NO_TAGS,
+    tags: Sightings | TagReader = NO_TAGS,
     fit: Callable[[Blobs], Blobs] | None = None,
 ) -> list[Detection]:
     """Run `detect_all` on the dots and tags of an image.
@@ -295,72 +301,92 @@ def identify(
         False if the camera is made up from the image's size.
     """
     sought = markers if isinstance(markers, Sought) else prepare(markers, calibrated)
-    markers, layouts = sought.markers, sought.layouts
+    markers = sought.markers
+    views = {each: View(each, camera, calibrated, errors.print_sigma) for each in sought.layouts}
     ellipses = undo_lens(blobs, camera)
+    rough = np.full(len(ellipses), 0.0 if fit is None else ROUGH_PX)
     left, reasons, found = dict.fromkeys(range(len(markers)), copies), dict[int, str](), list[Detection]()
     rivals, unlabeled = dict[int, int](), dict[int, Unlabeled]()
     while left:
-        find = cache(find_labelings)
-        searches = {
-            k: search(
-                ellipses,
-                layouts[k],
-                camera,
-                calibrated,
-                errors.print_sigma,
-                markers[k].tag,
-                tags,
-                find,
-                fit is not None,
-            )
-            for k in left
-        }
-        for k, each in searches.items():
-            if each.reason:
-                reasons.setdefault(k, each.reason)
+        searches = {each: search(ellipses, views[each], rough) for each in {sought.layouts[k]: None for k in left}}
+        for k in list(left):
+            if searches[sought.layouts[k]].reason:
+                reasons.setdefault(k, searches[sought.layouts[k]].reason)
                 del left[k]
-        open_searches = {k: each for k, each in searches.items() if not each.reason}
-        if not open_searches:
+        if not left:
             break
-        best = min(open_searches, key=lambda k: open_searches[k].rank)
-        claimed = np.isin(np.arange(len(ellipses)), open_searches[best].blobs)
-        own, alone = blobs, ellipses
-        if fit is not None:
-            own = fit(blobs.take(ellipses.index[claimed]))
-            alone = undo_lens(own, camera)
-            open_searches = {
-                k: search(alone, layouts[k], camera, calibrated, errors.print_sigma, markers[k].tag, tags)
-                for k in open_searches
-            }
-        # An ambiguous detection also claims its blobs, exclusively.
-        ellipses = ellipses.take(~claimed)
-        chosen = open_searches[best]
-        if chosen.reason:
-            reasons.setdefault(best, chosen.reason)
+        first = min((searches[sought.layouts[k]] for k in left), key=lambda each: each.rank)
+        claimed = _among(ellipses, first)
+        fresh = claimed & (rough == ROUGH_PX)
+        blobs, ellipses, rough = _fitted(blobs, ellipses, rough, fresh, fit, camera)
+        confirmed = {
+            k: confirm(searches[layout], ellipses, rough, markers[k].tag, tags)
+            for k, layout in ((k, sought.layouts[k]) for k in left)
+            if (claimed & _among(ellipses, searches[layout])).any()
+        }
+        answers = {k: each for k, each in confirmed.items() if not each.reason}
+        best = min(answers, key=lambda k: answers[k].rank, default=-1)
+        others = _among(ellipses, answers.get(best, first)) & (rough == ROUGH_PX)
+        if answers and others.any():
+            # Another labeling is better than the one that was fitted.
+            blobs, ellipses, rough = _fitted(blobs, ellipses, rough, others, fit, camera)
             continue
-        doubt = ambiguity(chosen)
-        claims = {} if doubt else _claims(best, open_searches)
-        if doubt or claims:
-            dots = _unlabeled(chosen, own, alone, camera)
-            for k, rival in ({best: best} if doubt else claims).items():
-                if k not in reasons:
-                    unlabeled[k] = dots
-                    reasons[k] = doubt or (UNREAD if markers[k].tag and markers[rival].tag else CLAIMED)
-                    if not doubt:
-                        rivals[k] = rival
-        else:
-            corners = tags.pixels[chosen.sighting[0]] if chosen.tags[0] == CONFIRMS else None
-            detection = finish(chosen, own, alone, markers[best], camera, calibrated, errors)
-            found.append(replace(detection, marker=best, tag=corners if detection.found else None))
-            left[best] -= 1
-            if not left[best]:
-                del left[best]
+        reasons = {k: each.reason for k, each in confirmed.items() if each.reason} | reasons
+        if not answers and fresh.any() and all(each.tags[0] != REFUTES for each in confirmed.values()):
+            # The labeling does not hold now that its dots are known better: others may.
+            continue
+        if answers:
+            chosen = answers[best]
+            claimed |= _among(ellipses, chosen)
+            doubt = ambiguity(chosen)
+            claims = {} if doubt else _claims(best, answers)
+            if doubt or claims:
+                dots = _unlabeled(chosen, blobs, ellipses, camera)
+                for k, rival in ({best: best} if doubt else claims).items():
+                    if k not in unlabeled:
+                        unlabeled[k] = dots
+                        reasons[k] = doubt or (UNREAD if markers[k].tag and markers[rival].tag else CLAIMED)
+                        if not doubt:
+                            rivals[k] = rival
+            else:
+                detection = finish(chosen, blobs, ellipses, markers[best], camera, calibrated, errors)
+                found.append(replace(detection, marker=best, tag=chosen.corners if detection.found else None))
+                left[best] -= 1
+                if not left[best]:
+                    del left[best]
+        # An ambiguous detection also claims its blobs, exclusively.
+        ellipses, rough = ellipses.take(~claimed), rough[~claimed]
     seen = {each.marker for each in found}
     return found + [
         Detection(False, reason=reasons[k], marker=k, rival=rivals.get(k), unlabeled=unlabeled.get(k))
         for k in range(len(markers))
         if k not in seen
     ]
+
+
+def _among(ellipses: Ellipses, chosen: Search) -> NDArray[np.bool_]:
+    """Return which ellipses (B,) belong to a search's best labeling."""
+    return np.isin(np.arange(len(ellipses)), chosen.blobs)
+
+
+def _fitted(
+    blobs: Blobs,
+    ellipses: Ellipses,
+    rough: Array,
+    chosen: NDArray[np.bool_],
+    fit: Callable[[Blobs], Blobs] | None,
+    camera: Camera,
+) -> tuple[Blobs, Ellipses, Array]:
+    """Return blobs, ellipses and additional misfits, of which some, the ellipses `chosen`, are of fitted blobs."""
+    if fit is None or not chosen.any():
+        return blobs, ellipses, rough
+    index, place = ellipses.index[chosen], np.flatnonzero(chosen)
+    better = fit(blobs.take(index))
+    alone = undo_lens(better, camera)
+    rough = rough.copy()
+    rough[place] = np.where(better.fitted, 0.0, REFUSED_PX)
+    ellipses = ellipses.put(place[alone.index], replace(alone, index=index[alone.index]))
+    return blobs.put(index, better), ellipses, rough
 
 
 def made_up_camera(width: int, height: int) -> Camera:

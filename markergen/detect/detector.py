@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.blobs import as_dark
 from markergen.detect.detection import MAX_COPIES, Detection, detect_dots, find_all, prepare
 from markergen.detect.photometric import check_refinement, refine
 from markergen.detect.pose import PoseEstimate
@@ -292,7 +291,7 @@ class Detector:
     True [0 1 2 3] [0.01 0.   0.4 ]
     >>> (found,) = detector(np.full((120, 160, 3), 255, np.uint8))
     >>> found.ok, found.reason
-    (False, "found 0 dots, and labels take 4 of the marker's 4")
+    (False, "found 0 dots, and labels take 4 of the marker's 4; dots less than 3.5 px across are not found")
     >>> detector(None)
     Traceback (most recent call last):
     markergen.errors.InputError: expected an image as a numpy array, found None; cv2.imread returns None when it cannot read the file: check the path
@@ -415,7 +414,7 @@ class Detector:
         """
         self._check(frame)
         grey = grey_frame(frame)
-        return np.concatenate([detect_dots(as_dark(grey, light)).center for light in self._sought.by_polarity])
+        return np.concatenate([detect_dots(grey, light).center for light in self._sought.by_polarity])
 
     def __repr__(self) -> str:
         names = ", ".join(self._names[:3]) + (f" and {len(self._names) - 3} more" if len(self._names) > 3 else "")

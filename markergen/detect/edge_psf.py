@@ -22,6 +22,10 @@ nothing, and would divide zero by zero."""
 
 _TINY = 1e-12
 
+CONSTANTS = [_SHARP, BOXED, _LEAST_SIDE, _LEAST_LENS, _TINY]
+"""What the compiled fit takes from here, in its order; further below, the quadrature's nodes and weights."""
+QUADRATURE = [*_NODES, *_WEIGHTS]
+
 
 def pixel_edge(depth: Array, normal: tuple[Array, Array], blur: Array) -> tuple[Array, Array, Array]:
     """Return the share of ink that square pixels see of a straight edge through a Gaussian blur, and its derivatives.
@@ -66,8 +70,8 @@ def pixel_edge(depth: Array, normal: tuple[Array, Array], blur: Array) -> tuple[
 
 
 def blurred_ellipse(
-    x: Array, y: Array, shape: tuple[Array, Array, Array], blur: Array
-) -> tuple[Array, Array, Array, Array]:
+    x: Array, y: Array, shape: tuple[Array, Array, Array], blur: Array, tips: Array | None = None
+) -> tuple[Array, Array, Array, Array, Array]:
     """Return the share of ink of an ellipse seen through a Gaussian blur, and its derivatives.
 
     With M the symmetric matrix that maps the ellipse to the unit circle, rho = |M x| and F the normal distribution,
@@ -85,6 +89,9 @@ def blurred_ellipse(
     shape : m11, m12, m22, each (N,), 1/px
     blur : array (N,), px
         Standard deviation of the point spread function, including the pixel's own area.
+    tips : array (N,), or None
+        What the quadrature adds to the expansion, from a call for nearly the same ellipses; None to evaluate it.
+        It takes several times as long as all else, and changes little between the last steps of a fit.
 
     Returns
     -------
@@ -93,39 +100,39 @@ def blurred_ellipse(
         d ink/d rho, and d ink/d blur in 1/px.
     direction : array (2, N)
         M x / rho: d rho/dx = M direction, d rho/dM = direction x'.
+    tips : array (N,)
+        As above, 0 where the expansion is good.
     """
     from scipy.special import ndtr
 
     m11, m12, m22 = shape
     u = m11 * x + m12 * y
     v = m12 * x + m22 * y
-    rho = np.maximum(np.hypot(u, v), _TINY)
+    rho = np.maximum(np.sqrt(u * u + v * v), _TINY)
     u, v = u / rho, v / rho
     gradient_x, gradient_y = m11 * u + m12 * v, m12 * u + m22 * v
-    determinant = m11 * m22 - m12 * m12
+    determinant, trace = m11 * m22 - m12 * m12, m11 + m22
     # At the center itself rho has no direction; |grad rho| is at least the smaller eigenvalue >= det/trace everywhere.
-    steepness = np.maximum(np.hypot(gradient_x, gradient_y), determinant / (m11 + m22))
+    steepness = np.maximum(np.sqrt(gradient_x * gradient_x + gradient_y * gradient_y), determinant / trace)
     # Curvatures above 1/s, at the tips of thin ellipses, are out of the expansion's range.
-    inward = np.minimum(determinant**2 / steepness**3 * blur / 2, 0.5)
+    inward = np.minimum(determinant * determinant / (steepness * steepness * steepness) * blur / 2, 0.5)
     depth = (1 - rho) / (steepness * blur) - inward
-    density = np.exp(-0.5 * depth**2) / np.sqrt(2 * np.pi)
+    density = np.exp(-0.5 * depth * depth) / np.sqrt(2 * np.pi)
     # The derivatives neglect changes of |grad rho| and the curvature: these are of second order at the outline, and
     # affect only the path to the solution.
     by_rho = -density / (steepness * blur)
     by_blur = -density * (depth + 2 * inward) / blur
     ink = ndtr(depth)
-    steepest = (m11 + m22) / 2 + np.sqrt(np.maximum((m11 - m22) ** 2 / 4 + m12 * m12, 0))
-    # a/b^2 from M's eigenvalues 1/a and 1/b, of which the second is the steepest.
-    sharp = np.flatnonzero(blur * steepest**3 > _SHARP * determinant)
-    if len(sharp):
-        ink[sharp] = _chords(
-            (u * rho)[sharp],
-            (v * rho)[sharp],
-            (gradient_x / steepness)[sharp],
-            (gradient_y / steepness)[sharp],
-            (m11[sharp], m12[sharp], m22[sharp]),
-            blur[sharp],
-        )
+    if tips is None:
+        tips = np.zeros_like(x)
+        steepest = trace / 2 + np.sqrt(np.maximum((m11 - m22) ** 2 / 4 + m12 * m12, 0))
+        # a/b^2 from M's eigenvalues 1/a and 1/b, of which the second is the steepest.
+        sharp = np.flatnonzero(blur * steepest * steepest * steepest > _SHARP * determinant)
+        if len(sharp):
+            normal = (gradient_x / steepness)[sharp], (gradient_y / steepness)[sharp]
+            at = (u * rho)[sharp], (v * rho)[sharp]
+            tips[sharp] = _chords(*at, *normal, (m11[sharp], m12[sharp], m22[sharp]), blur[sharp]) - ink[sharp]
+    ink += tips
     boxed = np.flatnonzero(blur < BOXED)
     if len(boxed):
         own, inside, thin = blur[boxed], depth[boxed], 2 * inward[boxed]
@@ -134,7 +141,7 @@ def blurred_ellipse(
         ink[boxed] += share - ndtr(inside)
         by_rho[boxed] = -slope / steepness[boxed]
         by_blur[boxed] = 2 * own * by_square - thin * slope
-    return ink, by_rho, by_blur, np.stack([u, v])
+    return ink, by_rho, by_blur, np.stack([u, v]), tips
 
 
 def _chords(u: Array, v: Array, nx: Array, ny: Array, shape: tuple[Array, Array, Array], blur: Array) -> Array:

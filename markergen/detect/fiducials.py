@@ -4,7 +4,7 @@ A marker's own tag, if it is read, gives the marker's orientation and its member
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -31,6 +31,9 @@ The AprilTag code counts from the corner of the top left pixel, the rest of cv2.
 _QUIET = 20
 """Minimum step from black to white for the AprilTag code, grey levels. Its default of 5 is within 2.5 sigma of a noise
 of 2 grey levels, and takes thirty times as long for the same corners."""
+_LEAST_SHARE, _LEAST_PERIMETER_PX = 0.03, 18.0
+"""Perimeter of the smallest tag: the default, but not less than a few pixels. In small images of a fine pattern, such
+as a checkerboard of single pixels, every pixel would otherwise count as a square, and comparing them takes seconds."""
 _ITERATIONS, _ACCURACY_PX = 200, 1e-3
 """Termination of cornerSubPix. The defaults, 30 and 0.1 px, stop as far from the minimum as the desired error."""
 
@@ -184,7 +187,7 @@ def detect_fiducial(
 
 def find_tags(image: NDArray[np.uint8], family: str, settings: FiducialSettings) -> list[tuple[int, Array]]:
     """Find the ids and corners (4, 2) in px of all tags of a family in a grey image, without enlarging it."""
-    corners, ids, _ = _tag_detector(family, settings).detectMarkers(image)
+    corners, ids, _ = _tag_detector(family, settings, _least_perimeter(image)).detectMarkers(image)
     numbers = [] if ids is None else [int(i) for i in np.ravel(ids)]
     offset = PIXEL_OFFSET[settings.refinement]
     return [(i, np.reshape(c, (4, 2)).astype(float) - offset) for c, i in zip(corners, numbers, strict=True)]
@@ -228,7 +231,7 @@ def _board_tags(
     image: NDArray[np.uint8], board: Board, settings: FiducialSettings, detector: Any, offset: np.float32
 ) -> tuple[Any, Any]:
     """Find the corners and ids of a board's tags as detectBoard does itself, moved by the offset."""
-    finder = _tag_detector(board.family, settings)
+    finder = _tag_detector(board.family, settings, _least_perimeter(image))
     corners, ids, rejected = finder.detectMarkers(image)
     corners, rejected = ([quad - offset for quad in quads] for quads in (corners, rejected))
     if settings.calibrated and ids is not None:
@@ -248,6 +251,11 @@ def _enlarged(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
     return np.asarray(cv2.resize(image, (width * factor, height * factor), interpolation=cv2.INTER_CUBIC))
 
 
+def _least_perimeter(image: NDArray[np.uint8]) -> float:
+    """Return the perimeter of the smallest tag as a share of the image's longer side."""
+    return max(_LEAST_SHARE, _LEAST_PERIMETER_PX / max(image.shape))
+
+
 def _parameters(settings: FiducialSettings) -> Any:
     import cv2
 
@@ -265,10 +273,12 @@ def _parameters(settings: FiducialSettings) -> Any:
 
 
 @lru_cache(maxsize=64)
-def _tag_detector(family: str, settings: FiducialSettings) -> Any:
+def _tag_detector(family: str, settings: FiducialSettings, least_perimeter: float) -> Any:
     import cv2
 
-    return cv2.aruco.ArucoDetector(_dictionary(family), _parameters(settings))
+    parameters = _parameters(settings)
+    parameters.minMarkerPerimeterRate = least_perimeter
+    return cv2.aruco.ArucoDetector(_dictionary(family), parameters)
 
 
 @lru_cache(maxsize=64)
@@ -312,6 +322,9 @@ SETTINGS = FiducialSettings("subpix", window=3)
 
 REFUTES, SILENT, CONFIRMS = -1, 0, 1
 
+_MARGIN, _MARGIN_PX, _LEAST_SIDE = 0.5, 8.0, 8
+"""Margin around the place of a tag in which it is read: share of its size, plus px; shortest side of such a part."""
+
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
@@ -334,8 +347,56 @@ class Sightings:
     def __len__(self) -> int:
         return len(self.names)
 
+    def joined(self, other: "Sightings") -> "Sightings":
+        """Add those of others that are not among these."""
+        apart = np.linalg.norm(other.pixels[:, None] - self.pixels, axis=-1).max(axis=-1)
+        same = np.array([[a == b for b in self.names] for a in other.names], dtype=bool)
+        fresh = np.flatnonzero(~(same.reshape(apart.shape) & (apart < MATCH_PX)).any(axis=1))
+        names = tuple(other.names[i] for i in fresh)
+        return Sightings(self.names + names, np.concatenate([self.pixels, other.pixels[fresh]]))
+
+    def near(self, quads: Array) -> "Sightings":  # noqa: ARG002
+        """Return itself: all tags are read already; see `TagReader.near`."""
+        return self
+
 
 NO_TAGS = Sightings()
+
+
+class TagReader:
+    """Tags of an image, read only where they are looked for.
+
+    Parameters
+    ----------
+    image : array (h, w) of uint8 or uint16
+    families : collection of str
+    """
+
+    def __init__(self, image: NDArray[np.uint8] | NDArray[np.uint16], families: Collection[str]) -> None:
+        self._image, self._families = image, families
+        self._read: list[tuple[int, int, int, int]] = []
+        self._seen = NO_TAGS
+
+    def near(self, quads: Array) -> Sightings:
+        """Return the tags read so far, among them those near quadrangles (k, 4, 2) in px."""
+        height, width = self._image.shape
+        for quad in quads[np.isfinite(quads).all(axis=(-2, -1))]:
+            low, high = quad.min(axis=0), quad.max(axis=0)
+            # The quiet zone and, for labels that are wrong, the tag at another turn or beside its place.
+            margin = _MARGIN * float((high - low).max()) + _MARGIN_PX
+            left, top = (max(0, int(each)) for each in np.clip(low - margin, 0, [width, height]))
+            right, bottom = (int(each) for each in np.clip(high + margin + 1, 0, [width, height]))
+            # Labelings of one marker mostly put the tag at the same place.
+            inner = np.concatenate([np.clip(low, 0, None), np.minimum(high, [width - 1, height - 1])])
+            known = any(
+                a <= inner[0] and b <= inner[1] and inner[2] <= c and inner[3] <= d for a, b, c, d in self._read
+            )
+            if known or min(right - left, bottom - top) < _LEAST_SIDE:
+                continue
+            self._read.append((left, top, right, bottom))
+            found = look_for_tags(self._image[top:bottom, left:right], self._families)
+            self._seen = self._seen.joined(replace(found, pixels=found.pixels + [left, top]))
+        return self._seen
 
 
 def look_for_tags(image: NDArray[np.uint8] | NDArray[np.uint16], families: Collection[str]) -> Sightings:

@@ -1,37 +1,49 @@
-"""Identification of dots among blobs: the best labeling that fits, provided that it is unique."""
+"""Identification of dots among blobs: the best labeling that fits, provided that it is unique.
 
-from collections.abc import Callable
+Labels are sought among rough ellipses (`search`); when the dots of the best labeling are fitted to the grey levels, the
+labelings are fitted again, with others of the same dots and with what tags tell (`confirm`); what is still acceptable
+then and the only one (`ambiguity`) is reported.
+"""
+
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect.blobs import Ellipses
-from markergen.detect.fiducials import CONFIRMS, NO_TAGS, REFUTES, Sightings, verdicts
+from markergen.detect.fiducials import CONFIRMS, NO_TAGS, REFUTES, Sightings, TagReader, verdicts
 from markergen.detect.labeling_hypotheses import (
     LEAST_DOTS,
     NEAR_PX,
     NEAR_REACH,
     Labelings,
-    Planes,
     Poses,
     assign,
+    distinct,
     find_labelings,
+    fit_labelings,
+    joined,
     misfits,
+    none,
 )
 from markergen.detect.pose_hypotheses import DotLayout
+from markergen.detect.rival_labelings import rival_labelings
 from markergen.model.camera import Camera
 from markergen.model.tag import Tag
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-MAX_BLOBS = 256
-"""Maximum number of blobs among which labels are sought."""
-
 ACCEPT_PX, ACCEPT_SHARE = 0.6, 0.005
 """Maximum misfit of a labeling without missing dots: px, plus a share of the marker's extent in the image for an
 imperfect calibration. With dots missing it is lower, in proportion to the remaining checks (see `Search.bound`)."""
+
+ROUGH_PX, REFUSED_PX = 1.0, 0.4
+"""Additional misfit of ellipses that are not fitted to the grey levels yet, and of those that the fit refuses: these
+are good to 0.1 to 0.3 px, along each of five axes."""
+
+WHOLE_SHARE = 0.75
+"""Share of a marker's dots that a labeling must have to end the search, in which case rivals are sought among them."""
 
 PRINT_SIGMAS = 4.0
 """Multiple of the print's standard deviation, added in quadrature. The misfit of four dots in sigma follows a chi
@@ -49,46 +61,81 @@ MISSING_PX, WRONG_KIND_PX = 1.0, 3.0
 """Penalties added to the misfit when labelings are compared: for a dot that should be visible and is missing, and for a
 ring in place of a disk or vice versa."""
 
-ROUGH_PX = 1.0
-"""Additional misfit accepted of ellipses that are not fitted yet."""
-
 EDGE_PX = 3.0
 """Margin in px: a dot is expected if it is predicted inside the image, by more than this plus its size."""
 
+SMALL = "dots less than 3.5 px across are not found"
+
+_KEPT = 24
+"""Maximum number of labelings that are compared in the end, the best ones."""
+
 
 @dataclass(frozen=True, eq=False)
-class Search:
-    """Result of a search for one marker.
+class View:
+    """A layout and the camera that it is sought with.
 
     Attributes
     ----------
     layout : DotLayout
+    camera : Camera
+        Defines pixels; its calibration is used only if `calibrated`.
+    calibrated : bool
+    print_sigma : float, m
+        Standard deviation of a dot's place in the print along each axis; used only with a calibration.
+    """
+
+    layout: DotLayout
+    camera: Camera
+    calibrated: bool = True
+    print_sigma: float = 0.0
+
+    @property
+    def px(self) -> float:
+        """Pixels per unit of the normalized coordinates."""
+        return float(np.sqrt(self.camera.fx * self.camera.fy))
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Labelings of one marker.
+
+    Attributes
+    ----------
+    view : View
     candidates : Labelings
         Best first.
     bound : array (A,), px
         Maximum accepted misfit of each.
     missing : array (A,) of int
         Number of dots that should be visible and have no blob.
-    rings, disks : arrays (A,) of int
-        Number of disks with a ring in their place, and of rings with a disk in their place.
+    strange : array (A,)
+        Evidence against the kinds of its dots: for each disk with a ring in its place, or a ring with a disk in its
+        place, from 0 to 1.
     tags, sighting : arrays (A,) of int
         Verdict of the tags in the image on each labeling, and the tag that it is based on: see `verdicts`.
-    alone : Search or None
-        Search on only the blobs of the best labeling; if it has no ring, as though rings looked like disks.
+    seen : Sightings
+        Tags that were read.
+    ringed : bool
+        False if the marker has a ring and none is seen, so that kinds tell nothing.
     reason : str
         Reason why there is no labeling; empty if the first candidate is one, unless another contends.
     """
 
-    layout: DotLayout
+    view: View
     candidates: Labelings
     bound: Array
     missing: Indices
-    rings: Indices
-    disks: Indices
+    strange: Array
     tags: Indices
     sighting: Indices
-    alone: "Search | None" = None
+    seen: Sightings = NO_TAGS
+    ringed: bool = True
     reason: str = ""
+
+    @property
+    def layout(self) -> DotLayout:
+        """Layout of the marker."""
+        return self.view.layout
 
     @property
     def rank(self) -> tuple[int, int, float]:
@@ -101,7 +148,7 @@ class Search:
 
     def take(self, chosen: Indices) -> "Search":
         """Return a subset of the labelings."""
-        per_labeling = ("bound", "missing", "rings", "disks", "tags", "sighting")
+        per_labeling = ("bound", "missing", "strange", "tags", "sighting")
         parts = {name: getattr(self, name)[chosen] for name in per_labeling}
         return replace(self, candidates=self.candidates.take(chosen), **parts)
 
@@ -110,126 +157,145 @@ class Search:
         """Blobs (n,) of the best labeling, -1 for none."""
         return self.candidates.blobs[0]
 
+    @property
+    def corners(self) -> Array | None:
+        """Corners (4, 2) in px of the tag that confirms the best labeling, or None."""
+        return self.seen.pixels[self.sighting[0]] if self.tags[0] == CONFIRMS else None
 
-def search(
-    ellipses: Ellipses,
-    layout: DotLayout,
-    camera: Camera,
-    calibrated: bool = True,
-    print_sigma: float = 0.0,
-    tag: Tag | None = None,
-    sightings: Sightings = NO_TAGS,
-    find: Callable[..., Labelings] = find_labelings,
-    rough: bool = False,
-) -> Search:
+
+def search(ellipses: Ellipses, view: View, rough: Array | None = None) -> Search:
     """Find the labelings of blobs that are consistent with the camera, best first.
 
     Guessed poses (`guess_poses`) take blobs near the dots they predict; labelings of four or more dots are fitted, and
     verified by the distances of centers and outlines from those of the fitted pose, which leaves 5 m - 6 numbers of m
-    dots to check. An accepted labeling may still be ambiguous: see `ambiguity`.
+    dots to check. The search ends with a labeling of the whole marker, which may be wrong, or ambiguous: see `confirm`.
 
     Parameters
     ----------
-    camera : Camera
-        Defines pixels; its calibration is used only if `calibrated`.
-    print_sigma : float, m
-        Standard deviation of a dot's place in the print along each axis; used only with a calibration.
-    tag, sightings : Tag or None, Sightings
-        The marker's tag, and the tags in the image: labelings that put another tag in its place are left out.
-    find : callable
-        `find_labelings`, or a version that caches its results.
-    rough : bool
-        True for ellipses that are not fitted yet: a labeling found may be wrong, and its rivals are not sought.
+    rough : array (B,) in px, or None
+        Additional misfit of ellipses that are not fitted: `ROUGH_PX` or `REFUSED_PX`.
     """
-    px = float(np.sqrt(camera.fx * camera.fy))
     if len(ellipses) < LEAST_DOTS:
-        return _failed(
-            layout, f"found {len(ellipses)} dots, and labels take {LEAST_DOTS} of the marker's {len(layout)}"
-        )
-    if len(ellipses) > MAX_BLOBS:
-        return _failed(layout, f"found {len(ellipses)} dots: too many to tell the marker's from the others")
-    candidates = find(ellipses, layout, px, calibrated)
+        labels = f"and labels take {LEAST_DOTS} of the marker's {len(view.layout)}"
+        return _failed(view, f"found {_dots(len(ellipses))}, {labels}; {SMALL}")
+
+    def judge(candidates: Labelings) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        enough = candidates.take(np.flatnonzero(candidates.misfit < np.inf))
+        if not len(enough):
+            return np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
+        judged = _judged(enough, ellipses, view, rough)
+        misfit, count = judged.candidates.misfit, judged.candidates.count
+        whole = (judged.missing == 0) & (count >= WHOLE_SHARE * len(view.layout)) & (misfit <= 0.5 * judged.bound)
+        return misfit <= judged.bound, whole
+
+    candidates = find_labelings(ellipses, view.layout, view.px, view.calibrated, judge=judge)
     if not len(candidates) or candidates.count[0] < LEAST_DOTS:
-        return _failed(layout, _how_far(ellipses, layout, candidates, camera))
-
-    def ranked(candidates: Labelings, own: Ellipses) -> Search:
-        return _ranked(candidates, own, layout, camera, px, print_sigma, tag, sightings, rough)
-
-    everything = ranked(candidates, ellipses)
-    found = everything.take(np.flatnonzero(everything.tags != REFUTES))
-    if everything.tags[0] == REFUTES and everything.candidates.misfit[0] <= everything.bound[0]:
-        # The remaining blobs may be another copy, or clutter.
-        if not len(found) or not found.candidates.misfit[0] <= found.bound[0]:
-            return _failed(layout, _other_tag(everything, tag, sightings))
-    elif not len(found):
-        return _failed(layout, _how_far(ellipses, layout, candidates, camera))
-    misfit, said = found.candidates.misfit[0], f"found {len(ellipses)} dots, but not in the marker's layout"
-    if found.candidates.count[0] < found.missing[0]:
-        seen, expected = found.candidates.count[0], found.candidates.count[0] + found.missing[0]
-        return _failed(layout, f"{said}: only {seen} of {expected} dots that should be seen are where they should be")
-    if found.bound[0] < 0:
-        seen = f"{found.candidates.count[0]} of {len(layout)} dots"
-        return _failed(layout, f"{said}: without a camera, {seen} fit too loosely to tell their labels")
-    if not misfit <= found.bound[0]:
-        fits = f"{found.candidates.count[0]} of {len(layout)} dots to {misfit:.2g} px, {found.bound[0]:.2g} px allowed"
-        return _failed(layout, f"{said}: the best labeling fits {fits}")
-    if found.rings[0]:
-        return _failed(layout, f"{said}: there is a ring in the place of a dot")
-    if rough:
-        return found
-    # Clutter around the marker may have spoiled the search for other labelings of the same dots.
-    ringed = not layout.rings.any() or bool((found.blobs[layout.rings] >= 0).any())
-    own = ellipses.take(found.blobs[found.blobs >= 0])
-    if ringed and len(own) == len(ellipses):
-        return found
-    lone = ranked(find_labelings(own, layout, px, calibrated, rings_tell=ringed), own)
-    return replace(found, alone=lone.take(np.flatnonzero(lone.tags != REFUTES)))
+        return _failed(view, _how_far(ellipses, candidates, view))
+    return _answered(_judged(candidates, ellipses, view, rough), ellipses)
 
 
-def _ranked(
-    candidates: Labelings,
+def confirm(
+    found: Search,
     ellipses: Ellipses,
-    layout: DotLayout,
-    camera: Camera,
-    px: float,
-    print_sigma: float,
-    tag: Tag | None,
-    seen: Sightings,
-    rough: bool = False,
+    rough: Array | None = None,
+    tag: Tag | None = None,
+    tags: Sightings | TagReader = NO_TAGS,
 ) -> Search:
-    """Rank labelings with the evidence against them: first those with their tag, then by misfit and missing dots.
+    """Return the labelings of a search fitted again to ellipses that are better known, with rivals of the best one.
 
-    Rejected ones come last.
+    Parameters
+    ----------
+    ellipses : Ellipses
+        Those of the search, of which some are now fitted to the grey levels.
+    tag, tags : Tag or None, Sightings or TagReader
+        The marker's tag, and the tags in the image: labelings that put another tag in its place are left out.
     """
+    view = found.view
+    layout, px, pool = view.layout, view.px, found.candidates
+    pool = fit_labelings(pool.blobs, pool.model, ellipses, layout, px, rings_tell=True)
+    judged = _judged(pool.take(distinct(pool.blobs, pool.misfit)), ellipses, view, rough)
+    best = judged.take(np.arange(1))
+    misfit = min(best.candidates.misfit[0], judged.bound[0])
+    # Clutter around the marker may have spoiled the search for other labelings of the same dots. Without a ring,
+    # nothing is sure about kinds: one of the dots may be a ring that was read as a disk.
+    key = best.blobs[layout.rings]
+    ringed = not len(key) or bool(ellipses.ring[key[key >= 0]].any())
+    lack = int(UNIQUE_RATIO * max(misfit, 0.0) + UNIQUE_PX * (1 + best.missing[0]))
+    rivals = rival_labelings(best.candidates, lack, ellipses, layout, px, ringed)
+    if len(rivals):
+        pool = joined(judged.candidates, rivals)
+        judged = _judged(pool.take(distinct(pool.blobs, pool.misfit)), ellipses, view, rough, ringed)
+    return _answered(_told(judged, tag, tags), ellipses, tag)
+
+
+def _judged(candidates: Labelings, ellipses: Ellipses, view: View, rough: Array | None, ringed: bool = True) -> Search:
+    """Rank labelings with the evidence against them, by misfit and missing dots; rejected ones come last."""
+    layout, px = view.layout, view.px
     absent = candidates.blobs < 0
-    missing = np.sum(_expected(candidates, camera) & absent, axis=-1)
-    printing = _printing(candidates, px, print_sigma)
-    bound = _bound(candidates, missing, ellipses, px, printing)
-    if rough:
-        bound = np.where(candidates.count > missing, np.hypot(bound, ROUGH_PX), -1.0)
+    missing = np.count_nonzero(_expected(candidates, view.camera) & absent, axis=-1)
+    printing = _printing(candidates, px, view.print_sigma)
+    bound = _bound(candidates, missing, ellipses, px, printing, rough)
     # In a coarse print, leaving out any dot may improve the fit: if all dots are acceptable, keep them all.
     lack = np.hypot(MISSING_PX, printing) * (len(layout) - candidates.count)
-    tags, sighting = np.zeros((2, len(candidates)), dtype=np.intp)
+    order = np.lexsort((candidates.misfit + lack, candidates.misfit > bound))[:_KEPT]
+    candidates, bound, missing = candidates.take(order), bound[order], missing[order]
+    there = candidates.blobs if ringed else np.full(candidates.blobs.shape, -1)
+    if (candidates.blobs < 0).any():
+        near, _ = assign(candidates.predicted, ellipses, layout, NEAR_REACH, NEAR_PX / px, rings_tell=False)
+        there = np.where(candidates.blobs < 0, near, there)
+    strange = np.sum(np.abs(ellipses.hole[there] - layout.rings) * (there >= 0), axis=-1)
+    silent = np.zeros(len(candidates), dtype=np.intp)
+    return Search(view, candidates, bound, missing, strange, silent, silent - 1, ringed=ringed)
+
+
+def _told(judged: Search, tag: Tag | None, tags: Sightings | TagReader) -> Search:
+    """Add what the tags tell; labelings with their tag come first."""
     # A homography maps only the dots' plane.
-    if tag is not None and (isinstance(candidates.model, Poses) or not layout.points[0, 2]):
-        corners = candidates.model.project(np.column_stack([tag.corners, np.zeros(4)]))
-        tags, sighting = verdicts(corners, tag, camera, seen)
-    order = np.lexsort((candidates.misfit + lack, tags != CONFIRMS, candidates.misfit > bound))
-    there, _ = assign(candidates.predicted, ellipses, layout, NEAR_REACH, NEAR_PX / px, rings_tell=False)
-    strange = absent & (there >= 0) & (ellipses.ring[there] != layout.rings)
-    rings, disks = (np.sum(strange & (layout.rings == kind), axis=-1) for kind in (False, True))
-    return Search(layout, candidates, bound, missing, rings, disks, tags, sighting).take(order)
+    if tag is None or not (judged.view.calibrated or not judged.layout.points[0, 2]):
+        return judged
+    camera = judged.view.camera
+    corners = judged.candidates.model.project(np.column_stack([tag.corners, np.zeros(4)]))
+    fits = judged.candidates.misfit <= judged.bound
+    with np.errstate(invalid="ignore"):
+        seen = tags.near(camera.to_pixels(corners[fits]))
+    told, sighting = verdicts(corners, tag, camera, seen)
+    order = np.lexsort((told != CONFIRMS, ~fits))
+    return replace(judged, tags=told, sighting=sighting, seen=seen).take(order)
+
+
+def _answered(judged: Search, ellipses: Ellipses, tag: Tag | None = None) -> Search:
+    """Return the labelings that no tag refutes, with the reason if the best one is not acceptable."""
+    view = judged.view
+    layout, fits = view.layout, judged.candidates.misfit <= judged.bound
+    found = judged.take(np.flatnonzero(judged.tags != REFUTES))
+    if fits[0] and (not len(found) or not found.candidates.misfit[0] <= found.bound[0]):
+        return replace(judged, reason=_other_tag(judged, tag))
+    if len(found) and found.candidates.misfit[0] <= found.bound[0]:
+        return found
+    # The labeling of the most dots tells why.
+    count = judged.candidates.count - judged.missing
+    best = judged.take(np.lexsort((judged.candidates.misfit, -count))[:1])
+    seen, misfit = int(best.candidates.count[0]), best.candidates.misfit[0]
+    said = f"found {_dots(len(ellipses))}, but not in the marker's layout"
+    if seen < best.missing[0]:
+        expected = seen + best.missing[0]
+        return replace(
+            judged, reason=f"{said}: at most {seen} of {expected} dots that should be seen are where they should be"
+        )
+    if best.bound[0] < 0:
+        few = f"{seen} of {len(layout)} dots"
+        return replace(judged, reason=f"{said}: without a camera, {few} fit too loosely to tell their labels")
+    fit = f"{seen} of {len(layout)} dots to {misfit:.2g} px, {best.bound[0]:.2g} px allowed"
+    return replace(judged, reason=f"{said}: the best labeling fits {fit}")
 
 
 def ambiguity(chosen: Search) -> str:
     """Return the reason why the best labeling of a search is not unique; empty if it is."""
-    for others in (chosen, chosen.alone):
-        rival = None if others is None else contender(chosen, others, same_marker=True)
-        if others is not None and rival is not None:
-            pair = f"{chosen.candidates.misfit[0]:.2g} and {others.candidates.misfit[rival]:.2g} px"
-            lost = chosen.layout.rings.any() and not (chosen.blobs[chosen.layout.rings] >= 0).any()
-            return f"labels are ambiguous{' without the key ring' if lost else ''}: two labelings fit, to {pair}"
-    return ""
+    rival = contender(chosen, chosen, same_marker=True)
+    if rival is None:
+        return ""
+    pair = f"{chosen.candidates.misfit[0]:.2g} and {chosen.candidates.misfit[rival]:.2g} px"
+    return f"labels are ambiguous{'' if chosen.ringed else ' without the key ring'}: two labelings fit, to {pair}"
 
 
 def contender(chosen: Search, others: Search, same_marker: bool) -> int | None:
@@ -238,9 +304,6 @@ def contender(chosen: Search, others: Search, same_marker: bool) -> int | None:
     Labelings that share no blob are other copies; those that agree on their common blobs are parts of one labeling.
     """
     best, labelings = chosen.blobs, others.candidates.blobs
-    if others is chosen.alone:
-        # These blobs have a numbering of their own.
-        best = np.where(best >= 0, np.cumsum(best >= 0) - 1, -1)
     shared = np.isin(labelings, best[best >= 0]).any(axis=-1)
     if same_marker:
         same = labelings == best
@@ -248,7 +311,7 @@ def contender(chosen: Search, others: Search, same_marker: bool) -> int | None:
     # Fewer dots explained, or more expected dots missing, count against a labeling.
     fewer = chosen.candidates.count[0] - others.candidates.count
     more = MISSING_PX * np.maximum(fewer, others.missing - chosen.missing[0])
-    strange = WRONG_KIND_PX * (others.rings + others.disks - chosen.rings[0] - chosen.disks[0])
+    strange = WRONG_KIND_PX * (others.strange - chosen.strange[0])
     excess = others.candidates.misfit + more + strange
     allowed = UNIQUE_RATIO * chosen.candidates.misfit[0] + UNIQUE_PX * (1 + chosen.missing[0])
     # A tag in the right place weighs more than any dot.
@@ -265,25 +328,31 @@ def _printing(candidates: Labelings, px: float, print_sigma: float) -> Array:
         return np.nan_to_num(PRINT_SIGMAS * print_sigma * px / np.abs(candidates.model.translation[:, 2]), posinf=0.0)
 
 
-def _bound(candidates: Labelings, missing: Indices, ellipses: Ellipses, px: float, printing: Array) -> Array:
+def _bound(
+    candidates: Labelings, missing: Indices, ellipses: Ellipses, px: float, printing: Array, rough: Array | None
+) -> Array:
     """Return the maximum misfit (A,) in px: lower with missing dots, by the share of dots beyond those fixing the pose.
 
     Less than half of the expected dots are never enough. Negative where no misfit is acceptable.
     """
-    used = (candidates.blobs >= 0)[..., None]
+    used = candidates.blobs >= 0
     center = ellipses.center[candidates.blobs]
-    low, high = (np.where(used, center, fill) for fill in (np.inf, -np.inf))
+    low, high = (np.where(used[..., None], center, fill) for fill in (np.inf, -np.inf))
     extent = px * np.max(high.max(axis=1) - low.min(axis=1), axis=-1)
     count = candidates.count
     bound = (ACCEPT_PX + ACCEPT_SHARE * extent) * (count - 3) / (count + missing - 3)
+    unsure = np.zeros(len(count))
+    if rough is not None:
+        unsure = np.sqrt(np.sum(rough[candidates.blobs] ** 2 * used, axis=-1) / count)
     if isinstance(candidates.model, Poses):
-        bound = np.hypot(bound, printing)
         # Four corners of a square are a third of a regular 12-gon, wherever equal dots are on a grid.
-        return np.where(count >= missing, bound, -1.0)
-    return np.where(_plane_is_told(candidates, missing, ellipses, px), bound, -1.0)
+        return np.where(count >= missing, np.hypot(np.hypot(bound, printing), unsure), -1.0)
+    return np.where(_plane_is_told(candidates, missing, ellipses, px, unsure), np.hypot(bound, unsure), -1.0)
 
 
-def _plane_is_told(candidates: Labelings, missing: Indices, ellipses: Ellipses, px: float) -> NDArray[np.bool_]:
+def _plane_is_told(
+    candidates: Labelings, missing: Indices, ellipses: Ellipses, px: float, unsure: Array
+) -> NDArray[np.bool_]:
     """Return which homographies (A,) are supported by more than four centers, which any homography fits.
 
     Their outlines must fit, the more closely the fewer dots there are and the more are missing; four dots of a larger
@@ -294,7 +363,8 @@ def _plane_is_told(candidates: Labelings, missing: Indices, ellipses: Ellipses, 
     radius = px * np.linalg.det(ellipses.shape)[candidates.blobs] ** 0.25
     allowed = OUTLINE_PX + OUTLINE_SHARE * np.sum(radius * used, axis=-1) / np.maximum(count, 1)
     enough = (count == used.shape[1]) | ((count > LEAST_DOTS) & (count > missing))
-    return enough & (misfits(in_place, ellipses, candidates.blobs, px) <= allowed * (count - 3) / (1 + missing))
+    allowed = np.hypot(allowed * (count - 3) / (1 + missing), unsure)
+    return enough & (misfits(in_place, ellipses, candidates.blobs, px) <= allowed)
 
 
 def _expected(candidates: Labelings, camera: Camera) -> NDArray[np.bool_]:
@@ -308,30 +378,32 @@ def _expected(candidates: Labelings, camera: Camera) -> NDArray[np.bool_]:
     return drawn.seen & inside
 
 
-def _how_far(ellipses: Ellipses, layout: DotLayout, candidates: Labelings, camera: Camera) -> str:
+def _how_far(ellipses: Ellipses, candidates: Labelings, view: View) -> str:
     """Return the reason why there are no four dots in the marker's layout."""
-    found = f"found {len(ellipses)} dots"
+    layout, found = view.layout, f"found {_dots(len(ellipses))}"
     if layout.rings.any() and not ellipses.ring.any():
         found += ", no key ring"
     if not len(candidates) or candidates.count[0] < 2:
         return f"{found}, but not in the marker's layout"
     fit = f"{found}, of which at most {candidates.count[0]} fit the marker's layout of {len(layout)}"
-    absent = candidates.blobs[0] < 0
-    cut_off = (candidates.predicted.seen[0] & ~_expected(candidates, camera)[0])[absent].all()
+    beyond = candidates.predicted.seen & ~_expected(candidates, view.camera)
+    cut_off = (beyond | (candidates.blobs >= 0)).all(axis=-1).any()
     return f"{fit}; the others may be cut off by the image's edge" if cut_off else fit
 
 
-def _other_tag(search: Search, tag: Tag | None, seen: Sightings) -> str:
+def _dots(count: int) -> str:
+    return f"{count} dot{'' if count == 1 else 's'}"
+
+
+def _other_tag(judged: Search, tag: Tag | None) -> str:
     """Return the reason why a tag refutes the best labeling, which fits."""
-    family, number = seen.names[search.sighting[0]]
+    family, number = judged.seen.names[judged.sighting[0]]
     if tag is not None and (family, number) == (tag.family, tag.id):
         return f"found its dots and its tag {tag}, which do not lie as in the marker: the print may be a mirrored one"
     return f"found a marker of this layout with the tag {family}:{number}, not {tag}"
 
 
-def _failed(layout: DotLayout, reason: str) -> Search:
-    nothing = Planes(np.zeros((0, 3, 3)))
-    none = np.zeros((0, len(layout)), dtype=np.intp)
-    candidates = Labelings(none, np.zeros(0), nothing, nothing.outlines(layout))
-    count = np.zeros(0, dtype=np.intp)
-    return Search(layout, candidates, np.zeros(0), count, count, count, count, count, reason=reason)
+def _failed(view: View, reason: str) -> Search:
+    silent = np.zeros(0, dtype=np.intp)
+    nothing = none(view.layout, calibrated=view.calibrated)
+    return Search(view, nothing, np.zeros(0), silent, np.zeros(0), silent, silent, reason=reason)

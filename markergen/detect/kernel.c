@@ -333,6 +333,39 @@ void difference_squares(const uint8_t *image, int64_t height, int64_t width, int
 }
 
 /* ------------------------------------------------------------------------------------------------------------------
+   disk_outlines: image ellipses of n disks of radii r about P = R X + t with the normal N = R e_z, for k poses
+   (twin: conic_projection.py, outlines, which says more).
+
+   The dual conic is D = r^2 (I - N N') - P P'; with the last entry made 1, its last column is the center c, and the
+   shape is c c' minus the rest.
+
+   points (n, 3), radii (n); rotation (k, 3, 3), translation (k, 3); center, point (k, n, 2), shape (k, n, 2, 2),
+   seen (k, n). */
+
+void disk_outlines(int64_t k, int64_t n, const double *points, const double *radii, const double *rotation,
+                   const double *translation, double *center, double *point, double *shape, uint8_t *seen)
+{
+    for (int64_t i = 0; i < k * n; i++) {
+        const double *R = rotation + 9 * (i / n), *t = translation + 3 * (i / n), *X = points + 3 * (i % n);
+        const double square = radii[i % n] * radii[i % n], a = R[2], b = R[5], c = R[8];
+        const double x = R[0] * X[0] + R[1] * X[1] + R[2] * X[2] + t[0];
+        const double y = R[3] * X[0] + R[4] * X[1] + R[5] * X[2] + t[1];
+        const double z = R[6] * X[0] + R[7] * X[1] + R[8] * X[2] + t[2];
+        const double level = z * z - square * (1 - c * c);
+        double *m = center + 2 * i, *E = shape + 4 * i;
+        m[0] = (x * z + square * a * c) / level;
+        m[1] = (y * z + square * b * c) / level;
+        E[0] = m[0] * m[0] - (x * x - square * (1 - a * a)) / level;
+        E[1] = E[2] = m[0] * m[1] - (x * y + square * a * b) / level;
+        E[3] = m[1] * m[1] - (y * y - square * (1 - b * b)) / level;
+        point[2 * i] = x / z;
+        point[2 * i + 1] = y / z;
+        /* Below zero the rim reaches the plane of the camera's center. */
+        seen[i] = x * a + y * b + z * c < 0 && z > 0 && level > 0;
+    }
+}
+
+/* ------------------------------------------------------------------------------------------------------------------
    refine_poses: Levenberg-Marquardt on the weighted distances between measured and predicted centers of the ellipses of
    disks (twin: conic_projection.py, EllipseCenters with maths/levenberg_marquardt.py, whose steps these are one by one).
 
@@ -481,4 +514,540 @@ int refine_poses(int64_t k, int64_t n, const double *points, const double *radii
     }
     free(residual);
     return 0;
+}
+
+/* ------------------------------------------------------------------------------------------------------------------
+   even_edges: ellipses through the edges near rough outlines, where an edge from dark to light is all around
+   (twin: candidates.py, _even_edges, which says more, and has the meaning of the limits).
+
+   `rough` has center and axes (x, y, a, b, c) of each outline, its points (x + a u + b v, y + b u + c v) for (u, v) on
+   the unit circle; `circle` has SECTORS such u, then as many v. Each edge takes EDGE numbers in `found`: center and axes,
+   level outside, step, unevenness, RMS distance, difference across the edge, level in the middle, and xx, xy, yy of the
+   center's covariance at unit variance. Returns their number. */
+
+enum { SECTORS = 24, EIGHTH = SECTORS / 8, PLACES = 9, ZERO = PLACES / 2, EDGE = 14, UNKNOWNS = 5 };
+
+static const double PROFILE[PLACES] = {-5, -3, -2, -1, 0, 1, 2, 3, 5};
+
+typedef struct {
+    double inside, outside, least_step, step_share, least_eighths, min_sectors[2], min_step, alike, max_uneven[2],
+        max_rms[2][2], rounds[2], min_semi, max_elongation, least_scale, soft, middle;
+} EdgeLimits;
+
+typedef struct {
+    const uint8_t *rows;
+    int64_t height, width, stride;
+} Grey;
+
+static double between(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
+
+static double larger(double a, double b) { return a > b ? a : b; }
+
+static double interpolated_inside(const Grey *image, double x, double y)
+{
+    const int64_t column = (int64_t)x, row = (int64_t)y;
+    const double right = x - (double)column, down = y - (double)row;
+    const uint8_t *p = image->rows + row * image->stride + column, *q = p + image->stride;
+    const double top = p[0] + right * (p[1] - p[0]);
+    return top + down * (q[0] + right * (q[1] - q[0]) - top);
+}
+
+static double interpolated(const Grey *image, double x, double y)
+{
+    return interpolated_inside(image, between(x, 0, (double)image->width - 1.001),
+                               between(y, 0, (double)image->height - 1.001));
+}
+
+static double nearest_pixel(const Grey *image, double x, double y)
+{
+    const int64_t column = (int64_t)between(x + 0.5, 0, (double)image->width - 1);
+    const int64_t row = (int64_t)between(y + 0.5, 0, (double)image->height - 1);
+    return image->rows[row * image->stride + column];
+}
+
+static int within(const Grey *image, double x, double y)
+{
+    return x >= 0 && x <= (double)image->width - 1 && y >= 0 && y <= (double)image->height - 1;
+}
+
+static double shorter_semi(const double *e)
+{
+    const double half = (e[2] - e[4]) / 2;
+    return (e[2] + e[4]) / 2 - sqrt(half * half + e[3] * e[3]);
+}
+
+static void outline_point(const double *e, double u, double v, double *place, double *normal)
+{
+    place[0] = e[0] + e[2] * u + e[3] * v;
+    place[1] = e[1] + e[3] * u + e[4] * v;
+    const double x = e[4] * u - e[3] * v, y = e[2] * v - e[3] * u, length = sqrt(x * x + y * y);
+    normal[0] = x / length;
+    normal[1] = y / length;
+}
+
+static void sort_few(double *values, int n)
+{
+    for (int i = 1; i < n; i++) {
+        const double value = values[i];
+        int j = i;
+        for (; j > 0 && values[j - 1] > value; j--)
+            values[j] = values[j - 1];
+        values[j] = value;
+    }
+}
+
+static int stands_out(const Grey *image, const double *e, const double *circle, const EdgeLimits *limits)
+{
+    const double inside = larger(limits->inside, -shorter_semi(e));
+    double step[8], sum = 0;
+    int good = 0, in_image[8];
+    for (int i = 0; i < 8; i++) {
+        double p[2], n[2];
+        outline_point(e, circle[EIGHTH * i], circle[SECTORS + EIGHTH * i], p, n);
+        step[i] = nearest_pixel(image, p[0] + limits->outside * n[0], p[1] + limits->outside * n[1])
+                  - nearest_pixel(image, p[0] + inside * n[0], p[1] + inside * n[1]);
+        sum += step[i];
+        in_image[i] = within(image, p[0], p[1]);
+    }
+    const double enough = larger(limits->least_step, limits->step_share * (sum / 8));
+    for (int i = 0; i < 8; i++)
+        good += in_image[i] && step[i] > enough;
+    return good >= limits->least_eighths;
+}
+
+/* Solve N x = b for symmetric positive N by Cholesky's decomposition, whose factor is left in N; `columns` of b, each
+   UNKNOWNS long. */
+static void solve_five(double N[UNKNOWNS][UNKNOWNS], double *b, int columns)
+{
+    for (int i = 0; i < UNKNOWNS; i++)
+        for (int j = 0; j <= i; j++) {
+            double sum = N[i][j];
+            for (int k = 0; k < j; k++)
+                sum -= N[i][k] * N[j][k];
+            N[i][j] = i == j ? sqrt(sum) : sum / N[j][j];
+        }
+    for (int c = 0; c < columns; c++, b += UNKNOWNS) {
+        for (int i = 0; i < UNKNOWNS; i++) {
+            for (int k = 0; k < i; k++)
+                b[i] -= N[i][k] * b[k];
+            b[i] /= N[i][i];
+        }
+        for (int i = UNKNOWNS - 1; i >= 0; i--) {
+            for (int k = i + 1; k < UNKNOWNS; k++)
+                b[i] -= N[k][i] * b[k];
+            b[i] /= N[i][i];
+        }
+    }
+}
+
+/* Move the ellipse `e` to the edges near it, and fill in the rest of its row but for the middle; false without edges. */
+static int at_crossings(const Grey *image, double *e, const double *circle, const EdgeLimits *limits, int pass)
+{
+    /* The first pass takes every other normal. */
+    const int every = pass ? 1 : 2, sectors = SECTORS / every, odd = sectors / 8;
+    const double least = -shorter_semi(e), reach = PROFILE[PLACES - 1] + 1;
+    const double right = (double)image->width - 1 - reach, bottom = (double)image->height - 1 - reach;
+    double offset[PLACES], step[SECTORS], light[SECTORS], slope[SECTORS], away[SECTORS], sorted[SECTORS];
+    double rows[SECTORS][UNKNOWNS], weight[SECTORS], residual[SECTORS], N[UNKNOWNS][UNKNOWNS], solved[3 * UNKNOWNS];
+    int good[SECTORS], count = 0;
+    for (int j = 0; j < PLACES; j++)
+        offset[j] = larger(PROFILE[j], least);
+    for (int i = 0; i < sectors; i++) {
+        const double u = circle[every * i], v = circle[SECTORS + every * i];
+        double p[2], n[2], grey[PLACES];
+        outline_point(e, u, v, p, n);
+        if (p[0] > reach && p[1] > reach && p[0] < right && p[1] < bottom)
+            for (int j = 0; j < PLACES; j++)
+                grey[j] = interpolated_inside(image, p[0] + n[0] * offset[j], p[1] + n[1] * offset[j]);
+        else
+            for (int j = 0; j < PLACES; j++)
+                grey[j] = interpolated(image, p[0] + n[0] * offset[j], p[1] + n[1] * offset[j]);
+        double lightest = grey[ZERO], darkest = grey[ZERO];
+        for (int j = 0; j < ZERO; j++) {
+            lightest = larger(lightest, grey[ZERO + 1 + j]);
+            darkest = grey[j] < darkest ? grey[j] : darkest;
+        }
+        const double half = (lightest + darkest) / 2;
+        away[i] = INFINITY;
+        for (int j = 0; j + 1 < PLACES; j++)
+            if (grey[j] < half && grey[j + 1] >= half) {
+                const double share = (half - grey[j]) / (grey[j + 1] - grey[j]);
+                const double crossing = offset[j] + share * (offset[j + 1] - offset[j]);
+                if (fabs(crossing) < fabs(away[i]))
+                    away[i] = crossing;
+            }
+        light[i] = lightest;
+        step[i] = sorted[i] = lightest - darkest;
+        slope[i] = grey[ZERO + 1] - grey[ZERO - 1];
+        good[i] = away[i] < INFINITY && within(image, p[0], p[1]);
+        const double row[UNKNOWNS] = {n[0], n[1], n[0] * u, n[0] * v + n[1] * u, n[1] * v};
+        memcpy(rows[i], row, sizeof row);
+    }
+    sort_few(sorted, sectors);
+    const double median = (sorted[sectors / 2 - 1] + sorted[sectors / 2]) / 2;
+    double mean = 0, square = 0, difference = 0;
+    for (int i = odd; i < sectors - odd; i++)
+        mean += sorted[i] / (sectors - 2 * odd);
+    for (int i = odd; i < sectors - odd; i++)
+        square += (sorted[i] - mean) * (sorted[i] - mean) / (sectors - 2 * odd);
+    const double uneven = sqrt(square);
+    for (int i = 0; i < sectors; i++) {
+        good[i] = good[i] && step[i] > limits->alike * median && limits->alike * step[i] < median;
+        count += good[i];
+        weight[i] = good[i];
+        away[i] = good[i] ? away[i] : 0;
+        difference += good[i] ? slope[i] : 0;
+    }
+    if (!(count >= limits->min_sectors[pass] && median >= limits->min_step && uneven < limits->max_uneven[pass] * median))
+        return 0;
+
+    const int rounds = (int)limits->rounds[pass];
+    for (int done = 1; done <= rounds; done++) {
+        const int last = done == rounds;
+        memset(N, 0, sizeof N);
+        memset(solved, 0, sizeof solved);
+        for (int i = 0; i < sectors; i++)
+            for (int j = 0; j < UNKNOWNS; j++) {
+                const double weighted = weight[i] * rows[i][j];
+                for (int k = 0; k <= j; k++)
+                    N[j][k] += weighted * rows[i][k];
+                solved[j] += weighted * away[i];
+            }
+        for (int j = 0; j < UNKNOWNS; j++)
+            N[j][j] += 1e-9;
+        solved[UNKNOWNS] = solved[2 * UNKNOWNS + 1] = 1;
+        solve_five(N, solved, last ? 3 : 1);
+        for (int i = 0; i < sectors; i++) {
+            residual[i] = away[i];
+            for (int j = 0; j < UNKNOWNS; j++)
+                residual[i] -= rows[i][j] * solved[j];
+            sorted[i] = good[i] ? fabs(residual[i]) : 0;
+        }
+        if (!last) {
+            sort_few(sorted, sectors);
+            const double scale = (sorted[sectors / 2 - 1] + sorted[sectors / 2]) / 2;
+            const double soft = limits->soft * larger(1.48 * scale, limits->least_scale);
+            for (int i = 0; i < sectors; i++) {
+                const double r = residual[i] / soft, whole = 1 + r * r;
+                weight[i] = good[i] / (whole * whole);
+            }
+        }
+    }
+    double total = 0, squares = 0;
+    for (int i = 0; i < sectors; i++) {
+        total += weight[i];
+        squares += weight[i] * residual[i] * residual[i];
+    }
+    for (int j = 0; j < UNKNOWNS; j++)
+        e[j] += solved[j];
+    memcpy(sorted, light, sizeof sorted);
+    sort_few(sorted, sectors);
+    e[5] = (sorted[sectors / 2 - 1] + sorted[sectors / 2]) / 2;
+    e[6] = median;
+    e[7] = uneven / median;
+    e[8] = sqrt(squares / total);
+    e[9] = difference / count;
+    e[11] = solved[UNKNOWNS];
+    e[12] = solved[UNKNOWNS + 1];
+    e[13] = solved[2 * UNKNOWNS + 1];
+    const double shorter = shorter_semi(e), longer = e[2] + e[4] - shorter;
+    return shorter > limits->min_semi && longer < limits->max_elongation * shorter
+           && e[8] < limits->max_rms[pass][0] + limits->max_rms[pass][1] * shorter;
+}
+
+int64_t even_edges(const uint8_t *image, int64_t height, int64_t width, int64_t stride, const double *rough, int64_t k,
+                   const double *circle, const double *limits, double *found)
+{
+    const Grey grey = {image, height, width, stride};
+    const EdgeLimits *of = (const EdgeLimits *)limits;
+    int64_t count = 0;
+    for (int64_t i = 0; i < k; i++) {
+        double *e = found + EDGE * count;
+        memcpy(e, rough + UNKNOWNS * i, UNKNOWNS * sizeof *e);
+        if (!stands_out(&grey, e, circle, of) || !at_crossings(&grey, e, circle, of, 0)
+            || !at_crossings(&grey, e, circle, of, 1))
+            continue;
+        double sum = interpolated(&grey, e[0], e[1]);
+        for (int j = 0; j < SECTORS; j += EIGHTH) {
+            const double u = of->middle * circle[j], v = of->middle * circle[SECTORS + j];
+            sum += interpolated(&grey, e[0] + e[2] * u + e[3] * v, e[1] + e[3] * u + e[4] * v);
+        }
+        e[10] = sum / 9;
+        count++;
+    }
+    return count;
+}
+
+/* ------------------------------------------------------------------------------------------------------------------
+   follow_poses: labelings to which guessed poses lead, fitted (twin: labeling_hypotheses.py, _followed and fit_labelings).
+
+   A guess labels the blobs that are in reach of the outlines it predicts: first near the control point that it starts
+   from, if `near_count` is less than n - 1, then all. The pose is fitted to them, from the guess and from its mirrored pose
+   if the marker is flat, and the better one labels again, within a narrower reach, until nothing changes. Every such
+   stage of every guess is written: labels (k, STAGES, n), -1 for none; misfit (k, STAGES), nan for stages that there are
+   not, inf with fewer than four dots; rotation (k, STAGES, 3, 3) and translation (k, STAGES, 3).
+
+   points (n, 3), radii (n), rings (n); near (n, near_count); start (k), or NULL for labels given in the first stage;
+   center (b, 2), shape (b, 3): xx, xy, yy; strange (2, b): whether a blob is surely no disk, no ring;
+   gates: reach, margin; then both of the narrower one; px, largest factor of all outlines (log), tolerance. */
+
+enum { STAGES = 4, LEAST = 4, FIT_STEPS = 8 };
+
+typedef struct {
+    int64_t n, b, flat;
+    const double *points, *radii, *center, *shape, *gates, *damping;
+    const uint8_t *rings, *strange;
+    double *gate[2];      /* (b, 3) inverse squared reach, wide and narrow */
+    double *seen, *weight; /* (n, 2), (n, 2, 2) of the dots of a labeling */
+    double *drawn;        /* (n, 6): center, shape, 1 if seen */
+    double *least;        /* (n) */
+} Scene;
+
+static void draw(const Scene *s, const double *R, const double *t)
+{
+    for (int64_t i = 0; i < s->n; i++) {
+        const double *X = s->points + 3 * i;
+        double *d = s->drawn + 6 * i, square = s->radii[i] * s->radii[i];
+        double x = R[0] * X[0] + R[1] * X[1] + R[2] * X[2] + t[0];
+        double y = R[3] * X[0] + R[4] * X[1] + R[5] * X[2] + t[1];
+        double z = R[6] * X[0] + R[7] * X[1] + R[8] * X[2] + t[2];
+        double level = z * z - square * (1 - R[8] * R[8]);
+        d[5] = z > 0 && level > 0 && x * R[2] + y * R[5] + z * R[8] < 0;
+        d[0] = (x * z + square * R[8] * R[2]) / level;
+        d[1] = (y * z + square * R[8] * R[5]) / level;
+        d[2] = d[0] * d[0] - (x * x - square * (1 - R[2] * R[2])) / level;
+        d[3] = d[0] * d[1] - (x * y + square * R[2] * R[5]) / level;
+        d[4] = d[1] * d[1] - (y * y - square * (1 - R[5] * R[5])) / level;
+    }
+}
+
+/* Labels dots, all or those of `own` (count), and returns how many have a blob. */
+static int64_t label(const Scene *s, int narrow, const int64_t *own, int64_t count, int64_t *labels)
+{
+    const double *gate = s->gate[narrow];
+    for (int64_t i = 0; i < s->n; i++) {
+        labels[i] = -1;
+        s->least[i] = INFINITY;
+    }
+    for (int64_t j = 0; j < (own ? count : s->n); j++) {
+        const int64_t i = own ? own[j] : j;
+        const double *d = s->drawn + 6 * i;
+        const uint8_t *strange = s->strange + (s->rings[i] ? s->b : 0);
+        if (d[5] == 0)
+            continue;
+        double best = INFINITY;
+        int64_t which = -1;
+        for (int64_t k = 0; k < s->b; k++) {
+            double dx = d[0] - s->center[2 * k], dy = d[1] - s->center[2 * k + 1];
+            double square = gate[3 * k] * dx * dx + 2 * gate[3 * k + 1] * dx * dy + gate[3 * k + 2] * dy * dy;
+            if (square < best && !strange[k]) {
+                best = square;
+                which = k;
+            }
+        }
+        if (best <= 1) {
+            labels[i] = which;
+            s->least[i] = best;
+        }
+    }
+    /* Of two dots with the same blob, the farther one gets none. */
+    int64_t labeled = 0;
+    for (int64_t i = 0; i < s->n; i++)
+        for (int64_t j = 0; j < s->n && labels[i] >= 0; j++)
+            if (s->least[j] < s->least[i] && (labels[j] == labels[i] || labels[j] == -2 - labels[i]))
+                labels[i] = -2 - labels[i];
+    for (int64_t i = 0; i < s->n; i++) {
+        if (labels[i] < -1)
+            labels[i] = -1;
+        labeled += labels[i] >= 0;
+    }
+    return labeled;
+}
+
+static void root(const double *e, double *result)
+{
+    double area = sqrt(e[0] * e[2] - e[1] * e[1]), scale = sqrt(e[0] + e[2] + 2 * area);
+    result[0] = (e[0] + area) / scale;
+    result[1] = e[1] / scale;
+    result[2] = (e[2] + area) / scale;
+}
+
+/* The misfit of labels at a pose, in px. */
+static double misfit_of(const Scene *s, const int64_t *labels, const double *R, const double *t)
+{
+    draw(s, R, t);
+    double ratio = 0, offset = 0, outline = 0, a[3], e[3];
+    int64_t count = 0;
+    for (int64_t i = 0; i < s->n; i++) {
+        if (labels[i] < 0)
+            continue;
+        const double *d = s->drawn + 6 * i, *seen = s->shape + 3 * labels[i], *at = s->center + 2 * labels[i];
+        if (d[5] == 0)
+            return INFINITY;
+        ratio += 0.25 * log((seen[0] * seen[2] - seen[1] * seen[1]) / (d[2] * d[4] - d[3] * d[3]));
+        offset += (at[0] - d[0]) * (at[0] - d[0]) + (at[1] - d[1]) * (at[1] - d[1]);
+        count++;
+    }
+    double limit = s->gates[5], factor = exp(fmin(fmax(ratio / (double)count, -limit), limit));
+    for (int64_t i = 0; i < s->n; i++) {
+        if (labels[i] < 0)
+            continue;
+        root(s->shape + 3 * labels[i], a);
+        root(s->drawn + 6 * i + 2, e);
+        double xx = a[0] - factor * e[0], xy = a[1] - factor * e[1], yy = a[2] - factor * e[2];
+        outline += xx * xx + 2 * xy * xy + yy * yy;
+    }
+    double error = s->gates[4] * sqrt(offset / (double)(count > 4 ? count - 3 : 1) + outline / (double)count);
+    return error < INFINITY ? error : INFINITY;
+}
+
+/* Fits a pose to labels; returns -1 without memory. */
+static int fit_pose(const Scene *s, const int64_t *labels, double *R, double *t)
+{
+    double chi2;
+    memset(s->weight, 0, sizeof(double) * (size_t)(4 * s->n));
+    for (int64_t i = 0; i < s->n; i++)
+        if (labels[i] >= 0) {
+            s->weight[4 * i] = s->weight[4 * i + 3] = s->gates[4] * s->gates[4];
+            s->seen[2 * i] = s->center[2 * labels[i]];
+            s->seen[2 * i + 1] = s->center[2 * labels[i] + 1];
+        }
+    return refine_poses(1, s->n, s->points, s->radii, s->seen, s->weight, R, t, &chi2, FIT_STEPS, s->gates[6],
+                        s->damping);
+}
+
+/* The pose with nearly the same image of a flat marker: its normal reflected about the line of sight to its middle. */
+static void mirror(const Scene *s, const double *R, const double *t, double *result, double *place)
+{
+    double m[3] = {0, 0, 0}, p[3], l[3], target[3], axis[3], along = 0, norm = 0, cosine = 0;
+    for (int64_t i = 0; i < s->n; i++)
+        for (int a = 0; a < 3; a++)
+            m[a] += s->points[3 * i + a] / (double)s->n;
+    for (int a = 0; a < 3; a++) {
+        p[a] = R[3 * a] * m[0] + R[3 * a + 1] * m[1] + R[3 * a + 2] * m[2] + t[a];
+        norm += p[a] * p[a];
+    }
+    norm = sqrt(norm);
+    for (int a = 0; a < 3; a++) {
+        l[a] = p[a] / norm;
+        along += l[a] * R[3 * a + 2];
+    }
+    for (int a = 0; a < 3; a++) {
+        target[a] = 2 * along * l[a] - R[3 * a + 2];
+        cosine += target[a] * R[3 * a + 2];
+    }
+    const double n[3] = {R[2], R[5], R[8]};
+    for (int a = 0; a < 3; a++)
+        axis[a] = n[(a + 1) % 3] * target[(a + 2) % 3] - n[(a + 2) % 3] * target[(a + 1) % 3];
+    /* v + axis x v + axis x (axis x v) / (1 + cosine), for each column v. */
+    for (int j = 0; j < 3; j++) {
+        double v[3] = {R[j], R[3 + j], R[6 + j]}, once[3], twice[3];
+        for (int a = 0; a < 3; a++)
+            once[a] = axis[(a + 1) % 3] * v[(a + 2) % 3] - axis[(a + 2) % 3] * v[(a + 1) % 3];
+        for (int a = 0; a < 3; a++)
+            twice[a] = axis[(a + 1) % 3] * once[(a + 2) % 3] - axis[(a + 2) % 3] * once[(a + 1) % 3];
+        for (int a = 0; a < 3; a++)
+            result[3 * a + j] = v[a] + once[a] + twice[a] / (1 + cosine);
+    }
+    for (int a = 0; a < 3; a++)
+        place[a] = p[a] - (result[3 * a] * m[0] + result[3 * a + 1] * m[1] + result[3 * a + 2] * m[2]);
+}
+
+static int follow(const Scene *s, int64_t near_count, const int64_t *own, int64_t *labels, double *misfit,
+                  double *rotation, double *translation)
+{
+    double R[9], t[3], other[9], place[3];
+    memcpy(R, rotation, sizeof R);
+    memcpy(t, translation, sizeof t);
+    int64_t count = 0;
+    if (own) {
+        draw(s, R, t);
+        if (near_count < s->n - 1) {
+            if (label(s, 0, own, near_count + 1, labels) < LEAST)
+                return 0;
+            if (fit_pose(s, labels, R, t))
+                return -1;
+            draw(s, R, t);
+        }
+        count = label(s, 0, NULL, 0, labels);
+    } else
+        for (int64_t i = 0; i < s->n; i++)
+            count += labels[i] >= 0;
+    for (int stage = 0; stage < STAGES; stage++) {
+        if (count < LEAST) {
+            if (stage == 0) {
+                misfit[0] = INFINITY;
+                memcpy(rotation, R, sizeof R);
+                memcpy(translation, t, sizeof t);
+            }
+            return 0;
+        }
+        memcpy(other, R, sizeof R);
+        memcpy(place, t, sizeof t);
+        if (s->flat)
+            mirror(s, R, t, other, place);
+        if (fit_pose(s, labels, R, t))
+            return -1;
+        misfit[stage] = misfit_of(s, labels, R, t);
+        if (s->flat) {
+            if (fit_pose(s, labels, other, place))
+                return -1;
+            double mirrored = misfit_of(s, labels, other, place);
+            if (mirrored < misfit[stage]) {
+                misfit[stage] = mirrored;
+                memcpy(R, other, sizeof R);
+                memcpy(t, place, sizeof t);
+            }
+        }
+        memcpy(rotation + 9 * stage, R, sizeof R);
+        memcpy(translation + 3 * stage, t, sizeof t);
+        if (stage + 1 == STAGES)
+            return 0;
+        draw(s, R, t);
+        int64_t *following = labels + s->n;
+        count = label(s, 1, NULL, 0, following);
+        for (int k = 0; k <= stage; k++)
+            if (!memcmp(following, following - s->n * (k + 1), sizeof(int64_t) * (size_t)s->n))
+                return 0;
+        labels = following;
+    }
+    return 0;
+}
+
+/* Returns 0, or -1 without memory. */
+int follow_poses(int64_t k, int64_t n, int64_t b, int64_t flat, int64_t near_count, const double *points,
+                 const double *radii, const uint8_t *rings, const int64_t *near, const int64_t *start,
+                 const double *center, const double *shape, const uint8_t *strange, const double *gates,
+                 const double *damping, int64_t *labels, double *misfit, double *rotation, double *translation)
+{
+    double *memory = malloc(sizeof(double) * (size_t)(6 * b + 13 * n + 1));
+    int64_t *own = malloc(sizeof(int64_t) * (size_t)(near_count + 1));
+    int failed = !memory || !own;
+    if (!failed) {
+        Scene s = {n, b, flat, points, radii, center, shape, gates, damping, rings, strange, {memory, memory + 3 * b},
+                   memory + 6 * b, memory + 6 * b + 2 * n, memory + 6 * b + 6 * n, memory + 6 * b + 12 * n};
+        for (int narrow = 0; narrow < 2; narrow++)
+            for (int64_t j = 0; j < b; j++) {
+                double reach = gates[2 * narrow] * gates[2 * narrow];
+                double margin = gates[2 * narrow + 1] * gates[2 * narrow + 1], *gate = s.gate[narrow] + 3 * j;
+                double xx = reach * shape[3 * j] + margin, xy = reach * shape[3 * j + 1];
+                double yy = reach * shape[3 * j + 2] + margin, det = xx * yy - xy * xy;
+                gate[0] = yy / det;
+                gate[1] = -xy / det;
+                gate[2] = xx / det;
+            }
+        for (int64_t i = 0; i < n; i++)
+            s.seen[2 * i] = s.seen[2 * i + 1] = 0;
+        for (int64_t i = 0; i < k && !failed; i++) {
+            if (start) {
+                own[0] = start[i];
+                memcpy(own + 1, near + near_count * start[i], sizeof(int64_t) * (size_t)near_count);
+            }
+            failed = follow(&s, near_count, start ? own : NULL, labels + STAGES * n * i, misfit + STAGES * i,
+                            rotation + 9 * STAGES * i, translation + 3 * STAGES * i);
+        }
+    }
+    free(memory);
+    free(own);
+    return failed ? -1 : 0;
 }

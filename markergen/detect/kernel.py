@@ -55,17 +55,27 @@ def _loaded() -> tuple[ctypes.CDLL | None, str | None]:
 
 
 def _declare(loaded: ctypes.CDLL) -> None:
-    whole, address = ctypes.c_int64, ctypes.c_void_p
+    whole, real, address = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
     loaded.dark_components.argtypes = [
         address, whole, whole, whole, ctypes.c_int, whole, address, whole,
     ]  # fmt: skip
     loaded.dark_components.restype = whole
+    loaded.fit_dots.argtypes = [
+        address, whole, whole, whole, ctypes.c_int, whole, *[address] * 4, real, real, real, *[address] * 5,
+    ]  # fmt: skip
+    loaded.fit_dots.restype = whole
     loaded.elliptic.argtypes = [whole, *[address] * 5]
     loaded.elliptic.restype = whole
     loaded.difference_squares.argtypes = [address, whole, whole, whole, address]
     loaded.difference_squares.restype = None
+    loaded.disk_outlines.argtypes = [whole, whole, *[address] * 8]
+    loaded.disk_outlines.restype = None
     loaded.refine_poses.argtypes = [whole, whole, *[address] * 7, whole, ctypes.c_double, address]
     loaded.refine_poses.restype = ctypes.c_int
+    loaded.follow_poses.argtypes = [*[whole] * 5, *[address] * 14]
+    loaded.follow_poses.restype = ctypes.c_int
+    loaded.even_edges.argtypes = [address, whole, whole, whole, address, whole, *[address] * 3]
+    loaded.even_edges.restype = whole
 
 
 def dark_components(image: Eight, step: int, least: int) -> Integers:
@@ -102,6 +112,63 @@ def dark_components(image: Eight, step: int, least: int) -> Integers:
         capacity = count
 
 
+def fit_dots(
+    image: Eight | NDArray[np.uint16],
+    semi: Array,
+    angle: Array,
+    band: Array,
+    ring: NDArray[np.bool_],
+    filled: NDArray[np.bool_],
+    noise: float,
+    saturation: float,
+    unlit: float,
+    settings: Array,
+    table: Array,
+    unknowns: Array,
+) -> tuple[Array, Array, Array, Array, NDArray[np.bool_], Array]:
+    """Fit dots to grey levels: see kernel_fit.c, and the twin in ellipse_fit.py.
+
+    Parameters
+    ----------
+    image : array (h, w) of uint8 or uint16
+    semi, angle, band : arrays (B, 2), (B,), (B,)
+        Rough ellipses, and half the width of the bands along their outlines, px.
+    ring, filled : arrays (B,)
+        True for rings, and where the inside of the outline counts as well.
+    noise, saturation, unlit : float, grey levels
+        Maximum noise; the level above which the image shows none, and that of the unknowns, reckoned from `unlit`.
+    settings, table : arrays
+        Constants in the order of kernel_fit.c, and the normal distribution and its density.
+    unknowns : array (B, 13)
+
+    Returns
+    -------
+    unknowns (B, 13), inverse normal matrices (B, 13, 13), variance (B,), noise (B,), complete (B,) of bool, misfit (B,)
+    """
+    loaded = library()
+    assert loaded is not None
+    if image.dtype not in (np.uint8, np.uint16) or image.ndim != 2:
+        raise ValueError(f"an image of 8 or 16 bits is needed, not {image.shape} of {image.dtype}")
+    if image.strides[1] != image.itemsize or image.strides[0] < 0:
+        image = image.copy()
+    count, (height, width) = len(unknowns), image.shape
+    unknowns, inverse, facts = unknowns.copy(), np.empty((count, 13, 13)), np.empty((count, 4))
+    inputs = [np.ascontiguousarray(each, dtype=float) for each in (semi, angle, band)]
+    kinds = np.asarray(ring + 2 * filled, dtype=np.uint8)
+    sizes = [each.size for each in (*inputs, kinds, unknowns)]
+    if sizes != [2 * count, count, count, count, 13 * count]:
+        raise ValueError(f"arrays of {count} dots do not have {sizes} numbers")
+    arrays = settings, table, unknowns, inverse, facts
+    status = loaded.fit_dots(
+        image.ctypes.data, height, width, image.strides[0], image.itemsize == 2, count,
+        *(each.ctypes.data for each in (*inputs, kinds)), noise, saturation, unlit,
+        *(each.ctypes.data for each in arrays),
+    )  # fmt: skip
+    if status < 0:
+        raise MemoryError("no memory for the pixels of a dot")
+    return unknowns, inverse, facts[:, 0], facts[:, 1], facts[:, 2] > 0, facts[:, 3]
+
+
 def elliptic(found: Integers, limits: Array) -> tuple[Array, Array, Integers]:
     """Return centers, spreads and indices of components like ellipses: see kernel.c, and the twin in components.py.
 
@@ -134,6 +201,22 @@ def difference_squares(pieces: Eight) -> Integers:
     return sums
 
 
+def disk_outlines(
+    points: Array, radii: Array, rotation: Array, translation: Array
+) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Return centers, images of the middles, shapes and visibility of disks: see kernel.c, and `outlines`."""
+    loaded = library()
+    assert loaded is not None
+    k, n = len(rotation), len(points)
+    given = (
+        _shaped(points, n, 3), _shaped(radii, n), _shaped(rotation, k, 3, 3), _shaped(translation, k, 3),
+    )  # fmt: skip
+    center, point, shape = np.empty((k, n, 2)), np.empty((k, n, 2)), np.empty((k, n, 2, 2))
+    seen = np.empty((k, n), dtype=np.bool_)
+    loaded.disk_outlines(k, n, *(each.ctypes.data for each in (*given, center, point, shape, seen)))
+    return center, point, shape, seen
+
+
 def refine_poses(
     points: Array,
     radii: Array,
@@ -157,10 +240,7 @@ def refine_poses(
     loaded = library()
     assert loaded is not None
     k, n = len(rotation), len(points)
-    fixed = [
-        np.ascontiguousarray(np.broadcast_to(each, shape), dtype=float)
-        for each, shape in ((points, (n, 3)), (radii, (n,)), (seen, (k, n, 2)), (weight, (k, n, 2, 2)))
-    ]
+    fixed = _shaped(points, n, 3), _shaped(radii, n), _shaped(seen, k, n, 2), _shaped(weight, k, n, 2, 2)
     refined = [
         np.array(each, dtype=float, order="C").reshape(k, *shape)
         for each, shape in ((rotation, (3, 3)), (translation, (3,)))
@@ -171,6 +251,99 @@ def refine_poses(
     if loaded.refine_poses(k, n, *addresses, steps, tolerance, schedule.ctypes.data):
         raise MemoryError("no memory for residuals")
     return refined[0], refined[1], chi2
+
+
+_STAGES = 4
+
+
+def follow_poses(
+    layout: tuple[Array, Array, NDArray[np.bool_], NDArray[np.intp], bool],
+    start: NDArray[np.intp] | None,
+    labels: NDArray[np.intp] | None,
+    ellipses: tuple[Array, Array, NDArray[np.bool_]],
+    gates: tuple[float, ...],
+    rotation: Array,
+    translation: Array,
+    damping: tuple[float, ...],
+) -> tuple[NDArray[np.intp], Array, Array, Array]:
+    """Return the labelings (A, n) to which k poses lead, misfits (A,) and poses: see kernel.c.
+
+    Parameters
+    ----------
+    layout : tuple
+        Points (n, 3), radii (n,), rings (n,), near dots (n, m), and whether it is flat.
+    start, labels : array (k,) of int, or array (k, n) of int; the other one is None
+        Control point that each guess starts from; or given labelings.
+    ellipses : tuple
+        Centers (b, 2), shapes (b, 2, 2), and which are surely no disks, no rings (2, b).
+    gates : tuple
+        As in kernel.c.
+    """
+    loaded = library()
+    assert loaded is not None
+    points, radii, rings, near, flat = layout
+    center, shape, strange = ellipses
+    k, n, b = len(rotation), len(points), len(center)
+    found = np.full((k, _STAGES, n), -1, dtype=np.int64)
+    if labels is not None:
+        found[:, 0] = labels
+    misfit = np.full((k, _STAGES), np.nan)
+    turn, shift = np.empty((k, _STAGES, 3, 3)), np.empty((k, _STAGES, 3))
+    turn[:, 0], shift[:, 0] = rotation, translation
+    arrays = [
+        np.ascontiguousarray(points, dtype=float),
+        np.ascontiguousarray(radii, dtype=float),
+        np.ascontiguousarray(rings, dtype=np.uint8),
+        np.ascontiguousarray(near, dtype=np.int64),
+        None if start is None else np.ascontiguousarray(start, dtype=np.int64),
+        np.ascontiguousarray(center, dtype=float),
+        np.ascontiguousarray(shape[:, [0, 0, 1], [0, 1, 1]], dtype=float),
+        np.ascontiguousarray(strange, dtype=np.uint8),
+        np.array(gates, dtype=float),
+        np.array(damping, dtype=float),
+        found,
+        misfit,
+        turn,
+        shift,
+    ]
+    addresses = [None if each is None else each.ctypes.data for each in arrays]
+    if loaded.follow_poses(k, n, b, int(flat), near.shape[1], *addresses):
+        raise MemoryError("no memory for labelings")
+    there = ~np.isnan(misfit)
+    return found[there], misfit[there], turn[there], shift[there]
+
+
+def even_edges(image: Eight, rough: Array, circle: Array, limits: Array, columns: int) -> Array:
+    """Return the even edges near rough outlines: see kernel.c, and the twin in candidates.py.
+
+    Parameters
+    ----------
+    image : array (h, w), of at least 2 x 2 px
+    rough : array (k, 5)
+    circle : array (2, 24)
+        Points of the unit circle.
+    limits : array
+        Those of the twin, in the order of kernel.c.
+    columns : int
+        Numbers for each edge.
+    """
+    loaded = library()
+    assert loaded is not None
+    image = _rows(image)
+    height, width = image.shape
+    rough, circle, limits = (np.ascontiguousarray(each, dtype=float) for each in (rough, circle, limits))
+    found = np.empty((len(rough) + 1, columns))
+    addresses = [each.ctypes.data for each in (circle, limits, found)]
+    count = loaded.even_edges(
+        image.ctypes.data, height, width, image.strides[0], rough.ctypes.data, len(rough), *addresses
+    )
+    return found[:count]
+
+
+def _shaped(values: Array, *shape: int) -> Array:
+    """Return a contiguous array of numbers with this shape."""
+    values = np.ascontiguousarray(values, dtype=float)
+    return values if values.shape == shape else np.ascontiguousarray(np.broadcast_to(values, shape))
 
 
 def _rows(image: Eight) -> Eight:

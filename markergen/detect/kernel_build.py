@@ -13,6 +13,7 @@ import tempfile
 from pathlib import Path
 
 SOURCE = Path(__file__).with_name("kernel.c")
+SOURCES = [SOURCE, SOURCE.with_name("kernel_fit.c")]
 
 LIBRARY = "libkernel.dll" if sys.platform == "win32" else "libkernel.so"
 """Name of the compiled library, in the same folder. Python would import a `kernel.so` instead of kernel.py."""
@@ -24,12 +25,12 @@ _PATIENCE_S = 120
 
 
 def digest() -> str:
-    """Return the digest of kernel.c, which a library carries that was built from it."""
-    return hashlib.sha256(SOURCE.read_bytes()).hexdigest()[:16]
+    """Return the digest of the sources, which a library carries that was built from them."""
+    return hashlib.sha256(b"".join(path.read_bytes() for path in SOURCES)).hexdigest()[:16]
 
 
 def build(folder: Path | None = None) -> Path:
-    """Compile kernel.c and return the library's path.
+    """Compile the sources and return the library's path.
 
     The compiler is that of the environment variable CC, or the first of cc, gcc and clang that is there.
 
@@ -52,7 +53,7 @@ def build(folder: Path | None = None) -> Path:
         raise OSError("no C compiler found: none of cc, gcc and clang, and CC is not set")
     with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
         made = Path(scratch) / LIBRARY
-        command = [*compiler, *_FLAGS, f'-DSOURCE="{digest()}"', "-o", str(made), str(SOURCE), "-lm"]
+        command = [*compiler, *_FLAGS, f'-DSOURCE="{digest()}"', "-o", str(made), *map(str, SOURCES), "-lm"]
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE_S)
         except subprocess.TimeoutExpired as late:

@@ -1,13 +1,17 @@
 """Candidate labelings of blobs: guessed poses, the blobs near the dots that they predict, and the fit to those."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.detect import kernel
 from markergen.detect.blobs import Ellipses
 from markergen.detect.conic_projection import (
+    SCHEDULE,
     Outlines,
     correct_centers,
     mirrored_poses,
@@ -25,11 +29,14 @@ LEAST_DOTS = 4
 """Minimum number of dots: fewer do not determine pose and labels."""
 
 MAX_LABELINGS = 600
-"""Maximum number of fitted labelings times the marker's dots; those with the most dots first."""
+"""Maximum number of fitted labelings of a batch times the marker's dots; those with the most dots first."""
+
+_BATCHES = (8, 32, 216)
+"""Numbers of guesses of a round that are tried at a time."""
 
 ROUNDS, TRIM_PX, MAX_TRIMMED = 3, 1.0, 60
-"""Maximum number of refinement rounds; misfit above which a round leaves dots out; maximum number of labelings that
-leaving out may add."""
+"""Maximum number of refinement rounds; misfit above which the last ones leave dots out; maximum number of labelings
+that leaving out may add."""
 
 SPREAD = 0.2
 """Maximum logarithm of a common factor of all outlines that is ignored."""
@@ -59,26 +66,33 @@ class Labelings:
         See `misfits`; inf for labelings of fewer than four dots.
     model : Poses or Planes
         Fitted model.
-    predicted : Outlines
-        Predicted outlines of all dots.
+    layout : DotLayout
     """
 
     blobs: Indices
     misfit: Array
     model: "Model"
-    predicted: Outlines
+    layout: DotLayout
 
     def __len__(self) -> int:
         return len(self.blobs)
 
+    @cached_property
+    def predicted(self) -> Outlines:
+        """Predicted outlines of all dots."""
+        return self.model.outlines(self.layout)
+
     @property
     def count(self) -> Indices:
         """Number (A,) of dots that have a blob."""
-        return np.sum(self.blobs >= 0, axis=-1)
+        return np.count_nonzero(self.blobs >= 0, axis=-1)
 
     def take(self, chosen: Indices) -> "Labelings":
         """Return a subset."""
-        return Labelings(self.blobs[chosen], self.misfit[chosen], self.model.take(chosen), self.predicted.take(chosen))
+        return Labelings(self.blobs[chosen], self.misfit[chosen], self.model.take(chosen), self.layout)
+
+
+Judge = Callable[[Labelings], tuple[NDArray[np.bool_], NDArray[np.bool_]]]
 
 
 class Model(Protocol):
@@ -98,6 +112,9 @@ class Model(Protocol):
 
     def mirrored(self, layout: DotLayout) -> "Model | None":
         """Return the model with nearly the same image that leads to another minimum; None if there is none."""
+
+    def turned(self, angle: Array, origin: Array, target: Array) -> "Model":
+        """Return models (K) that show the marker turned by angles (K,) in its plane, a point (K, 2) at another one."""
 
     def fitted(self, blobs: Indices, ellipses: Ellipses, layout: DotLayout, px: float) -> "Model":
         """Fit to labelings (K, n) by least squares."""
@@ -133,6 +150,13 @@ class Poses:
         return Poses(
             np.concatenate([self.rotation, other.rotation]), np.concatenate([self.translation, other.translation])
         )
+
+    def turned(self, angle: Array, origin: Array, target: Array) -> "Poses":
+        """Return the first pose with the marker turned in its plane."""
+        turn = _turns(angle, origin, target)
+        shift = np.column_stack([turn[:, :2, 2], np.zeros(len(turn))])
+        turn[:, :2, 2] = 0
+        return Poses(self.rotation[0] @ turn, self.translation[0] + shift @ self.rotation[0].T)
 
     def fitted(self, blobs: Indices, ellipses: Ellipses, layout: DotLayout, px: float) -> "Poses":
         """Fit to labelings (K, n) by least squares."""
@@ -176,6 +200,10 @@ class Planes:
         assert isinstance(other, Planes)
         return Planes(np.concatenate([self.homography, other.homography]))
 
+    def turned(self, angle: Array, origin: Array, target: Array) -> "Planes":
+        """Return the first homography with the marker turned in its plane."""
+        return Planes(self.homography[0] @ _turns(angle, origin, target))
+
     def fitted(self, blobs: Indices, ellipses: Ellipses, layout: DotLayout, px: float) -> "Planes":  # noqa: ARG002
         """Fit each labeling (K, n) by DLT, corrected for the offset between centers of ellipses and of dots."""
         homography = self.homography.copy()
@@ -188,10 +216,28 @@ class Planes:
         return Planes(homography)
 
 
+def _turns(angle: Array, origin: Array, target: Array) -> Array:
+    """Return rotations (K, 3, 3) of the plane, homogeneous, that take a point (K, 2) to another one."""
+    turn = np.zeros((len(angle), 3, 3))
+    turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angle)
+    turn[:, 1, 0] = np.sin(angle)
+    turn[:, 0, 1] = -turn[:, 1, 0]
+    turn[:, :2, 2] = target - (turn[:, :2, :2] @ origin[..., None])[..., 0]
+    turn[:, 2, 2] = 1
+    return turn
+
+
 def find_labelings(
-    ellipses: Ellipses, layout: DotLayout, px: float, calibrated: bool = True, rings_tell: bool = True
+    ellipses: Ellipses,
+    layout: DotLayout,
+    px: float,
+    calibrated: bool = True,
+    rings_tell: bool = True,
+    judge: Judge | None = None,
 ) -> Labelings:
     """Find and fit labelings of `LEAST_DOTS` or more dots; if there are none, the best of fewer, for messages.
+
+    Guesses that start from a ring come first; if these give a good labeling, no others are tried.
 
     Parameters
     ----------
@@ -201,22 +247,114 @@ def find_labelings(
         True to fit poses, False to fit homographies.
     rings_tell : bool
         True if rings match only rings, and disks only disks.
+    judge : callable
+        Tells which labelings (A,) are good, and which are so good that the search ends; by default, none.
     """
-    guesses = _guesses(ellipses, layout, px, calibrated, rings_tell)
-    drawn = guesses.outlines(layout)
+    judge = judge or _never
+    pool = none(layout, calibrated)
+    ringed = rings_tell and bool(layout.rings.any() and ellipses.ring.any())
+    for phase in (True, False) if ringed else (False,):
+        for seeds, start in _guesses(ellipses, layout, px, calibrated, rings_tell, phase):
+            done = 0
+            for size in _BATCHES:
+                batch = np.arange(done, min(done + size, len(start)))
+                done += size
+                if not len(batch):
+                    break
+                fresh = _followed(seeds.take(batch), start[batch], ellipses, layout, px, rings_tell)
+                pool = joined(pool, fresh)
+                if judge(fresh)[1].any():
+                    return pool.take(distinct(pool.blobs, pool.misfit))
+        if not len(pool):
+            continue
+        pool = pool.take(distinct(pool.blobs, pool.misfit))
+        enough = np.flatnonzero(pool.count >= LEAST_DOTS)
+        best = pool.take(enough[np.argsort(pool.misfit[enough] - pool.count[enough], kind="stable")][:MAX_TRIMMED])
+        for _ in range(ROUNDS if len(best) else 0):
+            labelings, origin = _next(best, ellipses, layout, px, rings_tell, trim=True)
+            if not len(labelings):
+                break
+            fresh = _fitted(labelings, best.model.take(origin), ellipses, layout, px)
+            pool, best = joined(pool, fresh), joined(best, fresh)
+        pool = pool.take(distinct(pool.blobs, pool.misfit))
+        if judge(pool)[0].any():
+            break
+    count = pool.count
+    return pool.take(np.flatnonzero((count >= LEAST_DOTS) | (count == count.max(initial=0))))
+
+
+def _never(candidates: Labelings) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    none = np.zeros(len(candidates), dtype=bool)
+    return none, none
+
+
+def none(layout: DotLayout, calibrated: bool) -> Labelings:
+    """Return no labelings."""
+    model: Model = Poses(np.zeros((0, 3, 3)), np.zeros((0, 3))) if calibrated else Planes(np.zeros((0, 3, 3)))
+    return Labelings(np.zeros((0, len(layout)), dtype=np.intp), np.zeros(0), model, layout)
+
+
+def _followed(
+    model: Model, start: Indices, ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool
+) -> Labelings:
+    """Return the distinct labelings to which guesses lead, fitted; of fewer than four dots if there are no others."""
+    if isinstance(model, Poses) and kernel.library() is not None:
+        return _compiled(model, start, None, ellipses, layout, px, rings_tell)
+    few, count = max(8, MAX_LABELINGS // len(layout)), len(layout)
+    drawn = model.outlines(layout)
+    if layout.near.shape[1] < count - 1:
+        # Far from where a guess starts, it is not good enough to tell dots from their neighbors.
+        close = np.zeros(drawn.seen.shape, dtype=bool)
+        np.put_along_axis(close, np.column_stack([start, layout.near[start]]), True, axis=1)
+        near = replace(drawn, seen=drawn.seen & close)
+        blobs, distance = assign(near, ellipses, layout, layout.reach, GUESS_PX / px, rings_tell)
+        chosen = distinct(blobs, distance)
+        chosen = chosen[np.sum(blobs[chosen] >= 0, axis=-1) >= LEAST_DOTS][:few]
+        model = model.take(chosen).fitted(blobs[chosen], ellipses, layout, px)
+        drawn = model.outlines(layout)
     blobs, distance = assign(drawn, ellipses, layout, layout.reach, GUESS_PX / px, rings_tell)
-    chosen = _distinct(blobs, distance)
-    enough = chosen[np.sum(blobs[chosen] >= 0, axis=-1) >= LEAST_DOTS][: max(24, MAX_LABELINGS // len(layout))]
+    chosen = distinct(blobs, distance)
+    enough = chosen[np.sum(blobs[chosen] >= 0, axis=-1) >= LEAST_DOTS][:few]
     if not len(enough):
-        chosen = chosen[:1]
-        return Labelings(blobs[chosen], np.full(len(chosen), np.inf), guesses.take(chosen), drawn.take(chosen))
-    candidates = _fitted(blobs[enough], guesses.take(enough), ellipses, layout, px)
+        chosen = chosen[:few]
+        return Labelings(blobs[chosen], np.full(len(chosen), np.inf), model.take(chosen), layout)
+    return fit_labelings(blobs[enough], model.take(enough), ellipses, layout, px, rings_tell)
+
+
+def fit_labelings(
+    blobs: Indices, model: Model, ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool
+) -> Labelings:
+    """Fit labelings (K, n) of four dots or more, and those of the blobs that are where a fit predicts the dots."""
+    if isinstance(model, Poses) and kernel.library() is not None:
+        return _compiled(model, None, blobs, ellipses, layout, px, rings_tell)
+    pool = fresh = _fitted(blobs, model, ellipses, layout, px)
     for _ in range(ROUNDS):
-        labelings, start = _next(candidates, ellipses, layout, px, rings_tell)
+        labelings, origin = _next(fresh, ellipses, layout, px, rings_tell)
         if not len(labelings):
             break
-        candidates = _joined(candidates, _fitted(labelings, candidates.model.take(start), ellipses, layout, px))
-    return candidates.take(_distinct(candidates.blobs, candidates.misfit))
+        fresh = _fitted(labelings, fresh.model.take(origin), ellipses, layout, px)
+        pool = joined(pool, fresh)
+    return pool
+
+
+def _compiled(
+    model: Poses,
+    start: Indices | None,
+    blobs: Indices | None,
+    ellipses: Ellipses,
+    layout: DotLayout,
+    px: float,
+    rings_tell: bool,
+) -> Labelings:
+    """Run `_followed`, or `fit_labelings` with given labelings, by one compiled call."""
+    parts = layout.points, layout.radii, layout.rings, layout.near, layout.flat
+    strange = ellipses.strange(np.array([False, True])) & rings_tell
+    gates = layout.reach, GUESS_PX / px, NEAR_REACH, NEAR_PX / px, px, SPREAD, FIT_TOLERANCE
+    shown = ellipses.center, ellipses.shape, strange
+    labels, misfit, *pose = kernel.follow_poses(
+        parts, start, blobs, shown, gates, model.rotation, model.translation, SCHEDULE
+    )
+    return Labelings(labels, misfit, Poses(*pose), layout)
 
 
 def misfits(predicted: Outlines, ellipses: Ellipses, blobs: Indices, px: float) -> Array:
@@ -247,25 +385,26 @@ def _fitted(blobs: Indices, start: Model, ellipses: Ellipses, layout: DotLayout,
         blobs, start = np.concatenate([blobs, blobs]), start.joined(mirrored)
     model = start.fitted(blobs, ellipses, layout, px)
     drawn = model.outlines(layout)
-    candidates = Labelings(blobs, misfits(drawn, ellipses, blobs, px), model, drawn)
+    candidates = Labelings(blobs, misfits(drawn, ellipses, blobs, px), model, layout)
     if mirrored is None:
         return candidates
     return candidates.take(np.arange(count) + count * (candidates.misfit[count:] < candidates.misfit[:count]))
 
 
 def _next(
-    candidates: Labelings, ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool
+    candidates: Labelings, ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool, trim: bool = False
 ) -> tuple[Indices, Indices]:
     """Return labelings (k, n) derived from fitted ones and not fitted yet, and the index of the one each comes from.
 
-    The fitted pose is used for another assignment: dots that the guess missed are added, wrong ones removed. If nothing
-    fits better, each dot in turn is left out, in case a foreign blob near its place was taken for it.
+    The fitted pose is used for another assignment: dots that the guess missed are added, wrong ones removed. With
+    `trim`, if nothing fits better, each dot in turn is left out, in case a foreign blob near its place was taken for
+    it.
     """
     old = candidates.blobs
     near, _ = assign(candidates.predicted, ellipses, layout, NEAR_REACH, NEAR_PX / px, rings_tell)
     count = candidates.count
     good = count[candidates.misfit < TRIM_PX].max(initial=LEAST_DOTS - 1)
-    poor = np.flatnonzero((candidates.misfit >= TRIM_PX) & (count - 1 > good))
+    poor = np.flatnonzero((candidates.misfit >= TRIM_PX) & (count - 1 > good) & trim)
     poor = poor[np.lexsort((candidates.misfit[poor], -count[poor]))][: max(1, MAX_TRIMMED // len(layout))]
     row, dot = np.nonzero(old[poor] >= 0)
     row = poor[row]
@@ -273,24 +412,26 @@ def _next(
     trimmed[np.arange(len(row)), dot] = -1
     labelings = np.concatenate([old, near, trimmed])
     # Labelings that are already fitted come first among equals, and are not fitted again.
-    fresh = _distinct(labelings, (np.arange(len(labelings)) >= len(old)).astype(float))
+    fresh = distinct(labelings, (np.arange(len(labelings)) >= len(old)).astype(float))
     fresh = fresh[(fresh >= len(old)) & (np.sum(labelings[fresh] >= 0, axis=-1) >= LEAST_DOTS)]
     start = np.concatenate([np.arange(len(old)), np.arange(len(old)), row])
     return labelings[fresh], start[fresh]
 
 
-def _guesses(ellipses: Ellipses, layout: DotLayout, px: float, calibrated: bool, rings_tell: bool) -> Model:
+def _guesses(
+    ellipses: Ellipses, layout: DotLayout, px: float, calibrated: bool, rings_tell: bool, ringed: bool
+) -> Iterator[tuple[Model, Indices]]:
+    """Return rounds of guesses, with the control point that each starts from."""
     if calibrated:
-        seeds = guess_poses(ellipses, layout, px, rings_tell)
-        return Poses(seeds.rotation, seeds.translation)
-    planes = []
+        for seeds in guess_poses(ellipses, layout, px, rings_tell, ringed):
+            yield Poses(seeds.rotation, seeds.translation), seeds.start
+        return
     for factor in FOCAL_FACTORS:
-        scaled = Ellipses(ellipses.center / factor, ellipses.shape / factor**2, ellipses.ring, ellipses.index)
-        seeds = guess_poses(scaled, layout, px * factor, rings_tell)
-        origin = seeds.translation + layout.points[0, 2] * seeds.rotation[:, :, 2]
-        homography = np.concatenate([seeds.rotation[:, :, :2], origin[..., None]], axis=-1)
-        planes.append(np.diag([factor, factor, 1.0]) @ homography)
-    return Planes(np.concatenate(planes))
+        scaled = replace(ellipses, center=ellipses.center / factor, shape=ellipses.shape / factor**2)
+        for seeds in guess_poses(scaled, layout, px * factor, rings_tell, ringed):
+            origin = seeds.translation + layout.points[0, 2] * seeds.rotation[:, :, 2]
+            homography = np.concatenate([seeds.rotation[:, :, :2], origin[..., None]], axis=-1)
+            yield Planes(np.diag([factor, factor, 1.0]) @ homography), seeds.start
 
 
 def assign(
@@ -305,7 +446,7 @@ def assign(
     factor = np.linalg.cholesky(gate)
     strange = np.zeros((len(layout), len(ellipses)), dtype=bool)
     if rings_tell:
-        strange = layout.rings[:, None] != ellipses.ring
+        strange = ellipses.strange(layout.rings)
     n = len(layout)
     center = np.where(predicted.seen[..., None], predicted.center, np.inf)
     blobs, total = np.empty((len(center), n), dtype=np.intp), np.empty(len(center))
@@ -329,7 +470,7 @@ def assign(
     return blobs, total
 
 
-def _distinct(blobs: Indices, error: Array) -> Indices:
+def distinct(blobs: Indices, error: Array) -> Indices:
     """Return indices of distinct labelings (A, n), most dots first, then by error; of equal ones the best."""
     order = np.lexsort((error, -np.sum(blobs >= 0, axis=-1)))
     # A random linear form tells rows apart: exact in integers up to overflow, which wraps around the same way.
@@ -338,12 +479,13 @@ def _distinct(blobs: Indices, error: Array) -> Indices:
     return order[np.sort(first)]
 
 
-def _joined(first: Labelings, second: Labelings) -> Labelings:
+def joined(first: Labelings, second: Labelings) -> Labelings:
+    """Concatenate labelings."""
     return Labelings(
         np.concatenate([first.blobs, second.blobs]),
         np.concatenate([first.misfit, second.misfit]),
         first.model.joined(second.model),
-        first.predicted.joined(second.predicted),
+        first.layout,
     )
 
 

@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
-_ENOUGH = 20_000
-"""Maximum number of pixels per ellipse. Larger ones are subsampled by rows, to no fewer than 64 rows."""
+_ENOUGH, _ROWS = 20_000, 64
+"""Maximum number of pixels per ellipse. Larger ones are subsampled by rows, to no fewer than the second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,54 +33,36 @@ class OutlinePixels:
     owner: Indices
     start: Indices
 
-    def of(self, chosen: NDArray[np.bool_]) -> "OutlinePixels":
-        """Return the pixels of the chosen (B,) ellipses only, which are renumbered."""
-        kept = chosen[self.owner]
-        count = np.diff(self.start)[chosen]
-        return OutlinePixels(
-            self.x[kept],
-            self.y[kept],
-            self.grey[kept],
-            np.repeat(np.arange(len(count)), count),
-            np.concatenate([[0], np.cumsum(count)]),
-        )
-
 
 def outline_pixels(
-    image: NDArray[np.uint8] | NDArray[np.uint16], center: Array, spread: Array, band: Array, filled: NDArray[np.bool_]
+    image: NDArray[np.uint8] | NDArray[np.uint16], center: Array, semi: Array, angle: Array, band: Array, filled: Bools
 ) -> OutlinePixels:
     """Collect the pixels within a distance of B outlines, row by row.
 
     Parameters
     ----------
     image : array (h, w)
-    center : array (B, 2), px
-    spread : array (B, 2, 2), px^2
-        Q of the ellipse x'Q^-1 x = 1.
+    center, semi : arrays (B, 2), px, semi-axes longest first
+    angle : array (B,), rad, of the longest axis from x
     band : array (B,), px
         The bands are bounded by the ellipses whose semi-axes are longer and shorter by this.
     filled : array (B,) of bool
         True to take the inside as well.
     """
     height, width = image.shape
-    values, vectors = np.linalg.eigh(spread)
-    semi = np.sqrt(values)
-    outer = np.einsum("bik,bk,bjk->bij", vectors, (semi + band[:, None]) ** 2, vectors)
-    hollow = (semi[:, 0] > band + 1) & ~filled
-    inner = np.einsum("bik,bk,bjk->bij", vectors, np.maximum(semi - band[:, None], 1e-3) ** 2, vectors)
-
-    reach = np.sqrt(outer[:, 1, 1])
+    outer, inner = semi + band[:, None], np.maximum(semi - band[:, None], 1e-3)
+    hollow = (semi[:, 1] > band + 1) & ~filled
+    reach = _row_form(outer, angle)[0]
     top = np.clip(np.ceil(center[:, 1] - reach), 0, height).astype(int)
     bottom = np.clip(np.floor(center[:, 1] + reach), -1, height - 1).astype(int)
-    area = np.pi * (semi + band[:, None]).prod(axis=-1)
-    area -= np.where(hollow, np.pi * (semi - band[:, None]).prod(axis=-1), 0)
-    stride = np.clip(np.minimum(area / _ENOUGH, (bottom - top) / 64).astype(int), 1, None)
+    area = np.pi * (outer[:, 0] * outer[:, 1] - hollow * inner[:, 0] * inner[:, 1])
+    stride = np.clip(np.minimum(area / _ENOUGH, (bottom - top) / _ROWS).astype(int), 1, None)
     rows = np.maximum((bottom - top) // stride + 1, 0)
     owner = np.repeat(np.arange(len(center)), rows)
     y = top[owner] + stride[owner] * _count_up(rows)
 
-    middle, half = _crossing(outer, center, owner, y)
-    hole_middle, hole_half = _crossing(inner, center, owner, y)
+    middle, half = _crossing(outer, angle, center, owner, y)
+    hole_middle, hole_half = _crossing(inner, angle, center, owner, y)
     # Rows without a hole are split at the middle, so that each has two spans.
     no_hole = ~(hollow[owner] & (hole_half > 0))
     leave = np.where(no_hole, np.floor(middle), np.floor(hole_middle - hole_half))
@@ -90,16 +73,10 @@ def outline_pixels(
     length = np.maximum(last - first + 1, 0)
 
     columns = np.repeat(first, length) + _count_up(length)
-    of_span = np.repeat(np.repeat(y, 2), length)
+    row = np.repeat(np.repeat(y, 2), length)
     owners = np.repeat(np.repeat(owner, 2), length)
-    count = np.bincount(owners, minlength=len(center))
-    return OutlinePixels(
-        columns.astype(float),
-        of_span.astype(float),
-        image[of_span, columns].astype(float),
-        owners,
-        np.concatenate([[0], np.cumsum(count)]),
-    )
+    start = np.concatenate([[0], np.cumsum(np.bincount(owners, minlength=len(center)))])
+    return OutlinePixels(columns.astype(float), row.astype(float), image[row, columns].astype(float), owners, start)
 
 
 def _count_up(lengths: Indices) -> Indices:
@@ -108,13 +85,20 @@ def _count_up(lengths: Indices) -> Indices:
     return np.arange(int(lengths.sum())) - np.repeat(starts, lengths)
 
 
-def _crossing(spread: Array, center: Array, owner: Indices, y: Indices) -> tuple[Array, Array]:
+def _row_form(semi: Array, angle: Array) -> tuple[Array, Array, Array]:
+    """Return half the height of ellipses, dx/dy of the rows' middles, and half the length of the middle row."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    a, b = semi[:, 0], semi[:, 1]
+    reach = np.sqrt((a * sine) ** 2 + (b * cosine) ** 2)
+    return reach, (a * a - b * b) * cosine * sine / (reach * reach), a * b / reach
+
+
+def _crossing(semi: Array, angle: Array, center: Array, owner: Indices, y: Indices) -> tuple[Array, Array]:
     """Return middle and half length, px, of the part of row y inside each row's ellipse; length 0 if there is none."""
-    q = spread[owner]
+    reach, shear, half = (each[owner] for each in _row_form(semi, angle))
     up = y - center[owner, 1]
-    determinant = np.maximum(q[:, 0, 0] * q[:, 1, 1] - q[:, 0, 1] ** 2, 0)
-    half = np.sqrt(np.maximum(determinant / q[:, 1, 1] * (1 - up**2 / q[:, 1, 1]), 0))
-    return center[owner, 0] + q[:, 0, 1] / q[:, 1, 1] * up, half
+    share = up / reach
+    return center[owner, 0] + shear * up, half * np.sqrt(np.maximum(1 - share * share, 0))
 
 
 SECTORS = 16
@@ -126,10 +110,19 @@ longer semi-axis, for print and lens; its height as a share of the contrast; bot
 _EVEN = 4.0
 """Additional multiple if the opposite sector is off as well."""
 
+_MISFIT = 0.025
+"""Maximum share of the contrast by which the edge may be off all around: with more, covered dots fit, too."""
+
+_UNSEEN = 1e9
+"""Deviation of a sector without pixels, beyond the image's edge."""
+
 QUANTIZATION = 1 / 12
 """Variance of rounding to whole grey levels: no image has less noise."""
 
 _TINY = 1e-12
+CONSTANTS = [_SHIFT_PX, _SHIFT_SHARE, _HEIGHT, _SIGMAS, _EVEN, _MISFIT, _UNSEEN, QUANTIZATION, _ENOUGH, _ROWS]
+"""What the compiled fit takes from here, in its order."""
+_EIGHTH = float(np.tan(np.pi / 8))
 
 
 def white_noise(pixels: OutlinePixels, residual: Array) -> Array:
@@ -152,28 +145,44 @@ def _middle(values: Array) -> float:
     return float(np.partition(values, half)[half]) if len(values) else 0.0
 
 
-def sector_of(pixels: OutlinePixels, direction: Array) -> NDArray[np.intp]:
-    """Return the number (N,) of the sector that a pixel belongs to, SECTORS b + k for the k-th of dot b.
+def sector_of(direction: Array) -> NDArray[np.intp]:
+    """Return the number (N,) of the sector that a pixel belongs to, counted from x toward y.
 
     Parameters
     ----------
     direction : array (2, N)
         Direction from the dot's center, in coordinates in which the outline is a circle.
     """
-    turn = np.arctan2(direction[1], direction[0]) / (2 * np.pi) + 0.5
-    return np.asarray(pixels.owner * SECTORS + np.minimum((turn * SECTORS).astype(int), SECTORS - 1))
+    u, v = direction
+    across, down = np.abs(u), np.abs(v)
+    turn = (down > _EIGHTH * across).astype(np.intp) + (down > across) + (_EIGHTH * down > across)
+    turn = np.where(u < 0, SECTORS // 2 - 1 - turn, turn)
+    return np.where(v < 0, SECTORS - 1 - turn, turn)
 
 
-def strangeness(
-    sector: NDArray[np.intp],
-    slope: Array,
-    model: Array,
-    residual: Array,
-    contrast: Array,
-    blur: Array,
-    size: Array,
-    noise: Array,
-) -> Array:
+def sector_sums(sector: NDArray[np.intp], slope: Array, model: Array, residual: Array, half: Array) -> Array:
+    """Return the sums that `strangeness` takes, over the pixels of each sector: (sectors, 8).
+
+    They are of 1, slope^2, slope r, r, model, model^2, model r and r^2; in the third and the last, r is clipped at half
+    the contrast.
+
+    Parameters
+    ----------
+    sector : array (N,)
+        As from `sector_of`, plus SECTORS times the number of the pixel's dot.
+    slope : array (N,), grey levels per px
+        Steepness of the outer edge in the model.
+    model, residual : arrays (N,), grey levels
+    half : array (B,)
+        Half of each dot's contrast.
+    """
+    limit = np.repeat(half, SECTORS)[sector]
+    clipped = np.clip(residual, -limit, limit)
+    terms = None, slope * slope, slope * clipped, residual, model, model * model, model * residual, clipped * clipped
+    return np.stack([np.bincount(sector, term, SECTORS * len(half)) for term in terms], axis=-1)
+
+
+def strangeness(sums: Array, contrast: Array, blur: Array, size: Array, noise: Array) -> Array:
     """Return the deviation (B, SECTORS) of the edge's place and height from the fit; 1 is the maximum allowed.
 
     An edge moved outward by d adds -d times its slope to the grey levels, so d follows from the residual by least
@@ -181,29 +190,26 @@ def strangeness(
 
     Parameters
     ----------
-    sector : array (N,)
-        See `sector_of`.
-    slope : array (N,), grey levels per px
-        Steepness of the outer edge in the model.
-    model, residual : arrays (N,), grey levels
+    sums : array (SECTORS B, 8)
+        See `sector_sums`.
     contrast, blur, size, noise : arrays (B,)
         Light minus dark, width of the edge in px, longer semi-axis in px, grey noise.
     """
-
-    def total(values: Array) -> Array:
-        return np.asarray(np.bincount(sector, values, SECTORS * len(contrast)).reshape(-1, SECTORS), dtype=float)
-
-    half = 0.5 * np.repeat(contrast, SECTORS)[sector]
-    information = np.maximum(total(slope**2), _TINY)
-    shift = total(slope * np.clip(residual, -half, half)) / information
+    sums = sums.reshape(-1, SECTORS, 8).transpose(2, 0, 1)
+    count, information, moved, residual, model, square, product, misfit = sums
+    # Edges that the camera sharpened are off all around: a quarter of the sectors tells by how much.
+    misfit = np.sqrt(np.sort(misfit / np.maximum(count, 1), axis=-1)[:, SECTORS // 4 - 1])
+    noise = np.maximum(noise, np.minimum(misfit, _MISFIT * contrast))
+    information = np.maximum(information, _TINY)
+    shift = moved / information
     # Blur other than the model's moves opposite edges alike, and does not move the center.
     opposite = np.maximum(np.sign(shift) * np.roll(shift, SECTORS // 2, axis=-1), 0)
     uneven = np.maximum(np.abs(shift) - opposite, np.abs(shift) / _EVEN)
     allowed = (_SHIFT_PX * np.maximum(1, blur) + _SHIFT_SHARE * size)[:, None]
     allowed = allowed + _SIGMAS * noise[:, None] / np.sqrt(information)
 
-    mean = total(model) / np.maximum(total(np.ones_like(model)), 1)
-    centered = model - mean.ravel()[sector]
-    power = np.maximum(total(centered**2), _TINY)
-    height = total(centered * residual) / power
-    return np.maximum(uneven / allowed, np.abs(height) / (_HEIGHT + _SIGMAS * noise[:, None] / np.sqrt(power)))
+    mean = model / np.maximum(count, 1)
+    power = np.maximum(square - mean * model, _TINY)
+    height = (product - mean * residual) / power
+    strange = np.maximum(uneven / allowed, np.abs(height) / (_HEIGHT + _SIGMAS * noise[:, None] / np.sqrt(power)))
+    return np.where(count > 0, strange, _UNSEEN)

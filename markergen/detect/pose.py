@@ -172,9 +172,9 @@ def outlier(
     Leaving out point i lowers chi2 by r_i' (S_i - J_i C J_i')^-1 r_i, with S_i the covariance from image, print and a
     twentieth of a pixel, and C the pose's. This is compared in units of the factor by which the others' chi2 exceeds
     its expectation: in a print that is worse than stated, all points are off, and none is an outlier. With fewer than
-    six points none can be identified.
+    six points none can be identified, nor where all of chi2 is less than an outlier would lower it by.
     """
-    if len(points) < LEAST_TO_DROP:
+    if len(points) < LEAST_TO_DROP or pose.chi2 <= OUTLIER_SIGMA**2:
         return None
     rotation, translation = pose.rotation[None], pose.translation[None]
     spread = _normalized_covariance(seen, covariance + OUTLIER_PX**2 * np.eye(2), camera)

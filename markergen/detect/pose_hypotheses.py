@@ -6,7 +6,9 @@ its distance from the first must occur in the layout, and its size and shape mus
 pairs pass. Triples or quadruples of blobs are never enumerated: the cost is only quadratic in the number of blobs.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import permutations
 
 import numpy as np
@@ -19,8 +21,11 @@ from markergen.model.marker import Marker
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-MAX_PAIRS = 240
-"""Maximum number of ordered pairs of control points for guessing poses; all of them for up to 16 dots."""
+MANY_DOTS, NEAR_DOTS, PAIRED_DOTS = 16, 8, 5
+"""Number of dots above which only neighbors form pairs; number of a dot's neighbors that confirm a guess, and of those
+with which it forms pairs."""
+
+_CHUNK = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +41,8 @@ class DotLayout:
         True if all are at the same height.
     pairs : array (q, 2) of int
         Ordered pairs of control points.
+    near : array (n, k) of int
+        The other dots nearest to each.
     reach : float
         Distance, in radii of a dot, within which another point can be assigned to it and to no other.
     """
@@ -45,10 +52,23 @@ class DotLayout:
     rings: NDArray[np.bool_]
     flat: bool
     pairs: Indices
+    near: Indices
     reach: float
 
     def __len__(self) -> int:
         return len(self.points)
+
+    @cached_property
+    def corners(self) -> tuple[Indices, Array]:
+        """First dots (t,) of all ordered triples that span the plane, and their matrices (t, 2, 2).
+
+        A matrix takes offsets from the first dot to coordinates along the steps to the other two.
+        """
+        triples = np.array(list(permutations(range(len(self)), 3)), dtype=np.intp)
+        sides = (self.points[triples[:, 1:], :2] - self.points[triples[:, :1], :2]).swapaxes(-1, -2)
+        spread = np.abs(np.linalg.det(sides))
+        wide = spread > 0.02 * spread.max()
+        return triples[wide, 0], np.linalg.inv(sides[wide])
 
 
 def layout_of(marker: Marker) -> DotLayout:
@@ -77,43 +97,75 @@ def layout_of(marker: Marker) -> DotLayout:
     np.fill_diagonal(distance, np.inf)
     reach = min(2.0, 0.5 * float((distance.min(axis=-1) / radii).min()))
     flat = not np.ptp(points[:, 2])
-    return DotLayout(points, radii, rings, flat, _pairs(points, rings), reach)
+    near = np.argsort(distance, axis=-1, kind="stable")[:, : min(len(points) - 1, NEAR_DOTS)]
+    return DotLayout(points, radii, rings, flat, _pairs(points, rings, near), near, reach)
 
 
-def _pairs(points: Array, rings: NDArray[np.bool_]) -> Indices:
-    """Return ordered pairs of points apart from each other, those with one ring first, up to `MAX_PAIRS`."""
-    pairs = np.array(list(permutations(range(len(points)), 2)), dtype=np.intp)
-    lateral = np.linalg.norm(np.diff(points[pairs, :2], axis=1)[:, 0], axis=-1)
-    # Short pairs determine the rotation badly. Of too many others, take a fixed random choice, fair to every dot.
-    pairs = np.random.default_rng(0).permutation(pairs[lateral > 0.25 * lateral.max()])
+def _pairs(points: Array, rings: NDArray[np.bool_], near: Indices) -> Indices:
+    """Return ordered pairs of points apart from each other, those with one ring first.
+
+    Of many dots, only pairs of neighbors and those with a ring: blobs between others are clutter.
+    """
+    count = len(points)
+    paired = np.ones((count, count), dtype=bool)
+    if count > MANY_DOTS:
+        paired[:] = rings[:, None] | rings
+        np.put_along_axis(paired, near[:, :PAIRED_DOTS], True, axis=1)
+    np.fill_diagonal(paired, False)
+    pairs = np.argwhere(paired)
+    lateral = np.linalg.norm(points[pairs[:, 1], :2] - points[pairs[:, 0], :2], axis=-1)
+    # Short pairs determine the rotation badly, but neighbors among many are only the first of more.
+    pairs = pairs[lateral > (0.25 * lateral.max() if count <= MANY_DOTS else 0)]
     one_ring = rings[pairs].sum(axis=-1) == 1
-    return pairs[np.argsort(~one_ring, kind="stable")[:MAX_PAIRS]]
+    return pairs[np.argsort(~one_ring, kind="stable")]
 
 
-MAX_POSES = 3000
-"""Maximum number of poses to try, those of the most consistent pairs first."""
+MAX_POSES = 2000
+"""Maximum number of guesses in a round, those of the most consistent pairs first."""
 
-MAX_TRIALS = 1_000_000
-"""Maximum number of pairs of blobs times pairs of control points; above it, fewer pairs of control points are used."""
+MAX_TRIALS = 400_000
+"""Maximum number of pairs of blobs times pairs of control points in a round."""
+
+MAX_ROUNDS = 24
+"""Maximum number of rounds. With as many, 30 dots are found among a thousand."""
+
+NEAR_BLOBS = 16
+"""Number of nearest blobs with which a blob forms pairs; with all where there is a ring, or with few blobs."""
+
+LEAST_VOTES = 3
+"""Minimum number of near dots that must have a blob, beside the first of the pair."""
 
 _SLACK, _SLACK_PX = 0.2, 0.4
 """Tolerated error of a semi-axis: a share of it, which covers the change of perspective within a dot, plus px over the
 smaller semi-axis, where the outline of small dots is blurred most."""
 
+_DRIFT, _DRIFT_PX, _SIZE = 0.2, 2.0, 0.5
+"""Tolerated error of a guess at a near dot: a share of its distance, plus px; and the logarithm of its size."""
+
 
 @dataclass(frozen=True, eq=False)
 class PoseHypotheses:
-    """K guessed poses: rotation (K, 3, 3), translation (K, 3) in m."""
+    """K guessed poses: rotation (K, 3, 3), translation (K, 3) in m, and the control point (K,) they start from."""
 
     rotation: Array
     translation: Array
+    start: Indices
 
     def __len__(self) -> int:
         return len(self.translation)
 
+    def take(self, chosen: Indices | slice) -> "PoseHypotheses":
+        """Return a subset."""
+        return PoseHypotheses(self.rotation[chosen], self.translation[chosen], self.start[chosen])
 
-def guess_poses(ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool = True) -> PoseHypotheses:
-    """Guess poses from all pairs of blobs that a pair of dots could be, the most consistent first.
+
+def guess_poses(
+    ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool = True, ringed: bool = False
+) -> Iterator[PoseHypotheses]:
+    """Guess poses from pairs of blobs that a pair of dots could be, in rounds of bounded size.
+
+    In each round, the guesses with blobs at most of the near dots' places come first, the more consistent pairs first
+    among equals.
 
     Parameters
     ----------
@@ -121,51 +173,128 @@ def guess_poses(ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bo
         Pixels per unit of the normalized coordinates.
     rings_tell : bool
         True if rings match only rings, and disks only disks.
+    ringed : bool
+        True for pairs with a ring alone, and with blobs at any distance.
     """
-    first, second = _neighbors(ellipses, layout)
-    position, normal = circle_poses(ellipses.center, ellipses.shape)
-    semi = np.sqrt(np.linalg.eigvalsh(ellipses.shape))
-    slack = _SLACK + _SLACK_PX / (px * semi[:, 0])
+    pairs = layout.pairs
+    if ringed:
+        pairs = pairs[layout.rings[pairs].sum(axis=-1) == 1]
+    if not len(pairs) or len(ellipses) < 2:
+        return
+    shown = _Shown(ellipses, px)
+    first, second = _neighbors(shown, layout, ringed)
+    rounds = min(MAX_ROUNDS, 1 + 2 * len(first) * len(pairs) // MAX_TRIALS)
+    # Pairs of one blob stay in one round; blobs come in the detector's order, the best first.
+    step = max(1, MAX_TRIALS // (2 * len(pairs)))
+    for start in range(0, rounds * step, step):
+        part = slice(start, start + step)
+        seeds = _round(first[part], second[part], shown, layout, pairs, rings_tell)
+        if len(seeds):
+            yield seeds
+
+
+class _Shown:
+    """Properties of ellipses that guesses need, computed once."""
+
+    def __init__(self, ellipses: Ellipses, px: float) -> None:
+        self.ellipses, self.px = ellipses, px
+        self.position, self.normal = circle_poses(ellipses.center, ellipses.shape)
+        shape = ellipses.shape
+        self.area = np.sqrt(shape[:, 0, 0] * shape[:, 1, 1] - shape[:, 0, 1] ** 2)
+        half = 0.5 * (shape[:, 0, 0] + shape[:, 1, 1])
+        short = np.sqrt(np.maximum(half - np.sqrt(np.maximum(half**2 - self.area**2, 0)), 1e-300))
+        self.slack = _SLACK + _SLACK_PX / (px * short)
+        self.strange = ellipses.strange(np.array([False, True]))
+        self.ray = np.concatenate([ellipses.center, np.ones((len(ellipses), 1))], axis=-1)
+
+
+def _round(
+    first: Indices, second: Indices, shown: _Shown, layout: DotLayout, pairs: Indices, rings_tell: bool
+) -> PoseHypotheses:
+    """Return the guesses from some pairs of blobs, those with the most near dots first."""
+    ellipses = shown.ellipses
     # m: pair of blobs, with either of the first one's normals. q: pair of control points.
+    side = np.repeat([0, 1], len(first))
     first, second = np.concatenate([first, first]), np.concatenate([second, second])
-    side = np.repeat([0, 1], len(first) // 2)
-    p, n = position[first, side], normal[first, side]
-    ray = np.concatenate([ellipses.center[second], np.ones((len(second), 1))], axis=-1)
+    p, n, ray = shown.position[first, side], shown.normal[first, side], shown.ray[second]
     toward = np.einsum("mi,mi->m", n, ray)
-    allowed = np.hypot(slack[first], slack[second])
+    allowed = np.hypot(shown.slack[first], shown.slack[second])
     fits = (toward < 0) & (_elongation(ellipses.shape[second], ellipses.center[second], n) < allowed)
+    if rings_tell:
+        kinds = np.unique(layout.rings[pairs], axis=0).astype(int)
+        fits &= np.any([~shown.strange[i, first] & ~shown.strange[j, second] for i, j in kinds], axis=0)
     first, second, p, n, ray, toward, allowed = (each[fits] for each in (first, second, p, n, ray, toward, allowed))
 
-    a, b = layout.pairs[: max(1, MAX_TRIALS // max(1, len(first)))].T
+    a, b = pairs.T
     step = layout.points[b] - layout.points[a]
+    lateral = np.sum(step[:, :2] ** 2, axis=-1)
     away = np.einsum("mi,mi->m", n, p)
-    depth = (away[:, None] * layout.radii[a] + step[:, 2]) / toward[:, None]
-    square = (
-        depth**2 * np.sum(ray**2, axis=-1)[:, None]
-        - 2 * depth * layout.radii[a] * np.einsum("mi,mi->m", ray, p)[:, None]
-        + layout.radii[a] ** 2 * np.sum(p**2, axis=-1)[:, None]
-        - step[:, 2] ** 2
-    )
-    area = np.sqrt(np.linalg.det(ellipses.shape))[second]
     with np.errstate(divide="ignore", invalid="ignore"):
-        stretch = 0.5 * np.log(np.sum(step[:, :2] ** 2, axis=-1) / square)
-        growth = 0.5 * np.log(layout.radii[b] ** 2 * -toward[:, None] / (depth**2 * area[:, None]))
-        quality = np.hypot(stretch, growth) / allowed[:, None]
-    good = (depth > 0) & (np.abs(stretch) < 1.5 * allowed[:, None]) & (np.abs(growth) < 1.5 * allowed[:, None])
+        if layout.flat:
+            # In units of the first dot's radius, the second blob is at the same place for all pairs of dots.
+            depth = away / toward
+            square = np.sum((depth[:, None] * ray - p) ** 2, axis=-1)
+            stretch = 0.5 * (np.log(lateral / layout.radii[a] ** 2) - np.log(square)[:, None])
+            growth = np.log(layout.radii[b] / layout.radii[a])
+            growth = growth + 0.5 * np.log(-toward / (depth**2 * shown.area[second]))[:, None]
+            depth = depth[:, None] * layout.radii[a]
+        else:
+            depth = (away[:, None] * layout.radii[a] + step[:, 2]) / toward[:, None]
+            square = (
+                depth**2 * np.sum(ray**2, axis=-1)[:, None]
+                - 2 * depth * layout.radii[a] * np.einsum("mi,mi->m", ray, p)[:, None]
+                + layout.radii[a] ** 2 * np.sum(p**2, axis=-1)[:, None]
+                - step[:, 2] ** 2
+            )
+            stretch = 0.5 * np.log(lateral / square)
+            growth = 0.5 * np.log(layout.radii[b] ** 2 * -toward[:, None] / (depth**2 * shown.area[second][:, None]))
+        good = (depth > 0) & (np.maximum(np.abs(stretch), np.abs(growth)) < 1.5 * allowed[:, None])
     if rings_tell:
-        good &= ellipses.ring[first][:, None] == layout.rings[a]
-        good &= ellipses.ring[second][:, None] == layout.rings[b]
+        ring_a, ring_b = layout.rings[a].astype(int), layout.rings[b].astype(int)
+        good &= ~shown.strange[ring_a][:, first].T & ~shown.strange[ring_b][:, second].T
     m, q = np.nonzero(good)
-    order = np.argsort(quality[m, q], kind="stable")[:MAX_POSES]
-    m, q = m[order], q[order]
-    return _turned(
-        layout.points[a[q]],
+    stretch = stretch[m, q]
+    quality = np.hypot(stretch, growth[m, q]) / allowed[m]
+    if len(m) > MAX_POSES:
+        order = np.argsort(quality, kind="stable")[:MAX_POSES]
+        m, q, stretch, quality = m[order], q[order], stretch[order], quality[order]
+    a = a[q]
+    seeds = _turned(
+        layout.points[a],
         step[q],
-        layout.radii[a[q], None] * p[m],
+        layout.radii[a, None] * p[m],
         depth[m, q, None] * ray[m],
         n[m],
-        np.exp(stretch[m, q, None]),
+        np.exp(stretch[:, None]),
+        a,
     )
+    votes = _votes(seeds, shown, layout)
+    order = np.lexsort((quality, -votes))
+    # If none has enough, the best ones tell how far they go.
+    return seeds.take(order[: max(8, np.count_nonzero(votes >= LEAST_VOTES))])
+
+
+def _votes(seeds: PoseHypotheses, shown: _Shown, layout: DotLayout) -> Indices:
+    """Return the number (K,) of dots near the first one of a guess that have a blob of about their size."""
+    near = layout.near[seeds.start]
+    point = layout.points[near] @ seeds.rotation.swapaxes(-1, -2) + seeds.translation[:, None]
+    apart = np.linalg.norm(layout.points[near] - layout.points[seeds.start, None], axis=-1)
+    votes = np.zeros(len(seeds), dtype=np.intp)
+    size = 0.5 * np.log(shown.area)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = np.where(point[..., 2] > 0, point[..., 2], np.nan)
+        place = point[..., :2] / depth[..., None]
+        gate = (_DRIFT * apart + layout.radii[near]) / depth + _DRIFT_PX / shown.px
+        facing = -np.sum(point * seeds.rotation[:, None, :, 2], axis=-1)
+        # The area of a small disk's image: pi r^2 |n . P| / z^3.
+        expected = np.log(layout.radii[near]) + 0.5 * np.log(facing / depth**3)
+        chunk = max(1, _CHUNK // max(1, near.shape[1] * len(shown.ray)))
+        for start in range(0, len(seeds), chunk):
+            part = slice(start, start + chunk)
+            dx, dy = (place[part, :, None, i] - shown.ray[:, i] for i in (0, 1))
+            hit = (dx * dx + dy * dy < (gate[part] ** 2)[..., None]) & (np.abs(expected[part, :, None] - size) < _SIZE)
+            votes[part] = np.count_nonzero(hit.any(axis=-1), axis=-1)
+    return votes
 
 
 def circle_poses(center: Array, shape: Array) -> tuple[Array, Array]:
@@ -200,18 +329,37 @@ def circle_poses(center: Array, shape: Array) -> tuple[Array, Array]:
     return position, np.where(facing > 0, -normal, normal)
 
 
-def _neighbors(ellipses: Ellipses, layout: DotLayout) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return pairs of different blobs no farther apart, in radii of the first, than the dots can be."""
+def _neighbors(shown: _Shown, layout: DotLayout, ringed: bool) -> tuple[Indices, Indices]:
+    """Return pairs of different blobs no farther apart, in radii of the first, than the dots can be.
+
+    With a ring, pairs of a ring and any other; else each blob and its nearest.
+    """
+    ellipses = shown.ellipses
     lateral = layout.points[:, None, :2] - layout.points[:, :2]
     # The factor of 2 covers the perspective of near views, in which radii shrink toward the far side.
     most = 2 * np.linalg.norm(lateral, axis=-1).max() / layout.radii.min()
     if not layout.flat:
         most += 2 * np.ptp(layout.points[:, 2]) / layout.radii.min()
-    offset = ellipses.center - ellipses.center[:, None]
-    inverse = np.linalg.inv(ellipses.shape)
-    distance = np.einsum("ijk,ikl,ijl->ij", offset, inverse, offset)
-    np.fill_diagonal(distance, np.inf)
-    first, second = np.nonzero(distance < most**2)
+    chosen = np.flatnonzero(~shown.strange[1]) if ringed else np.arange(len(ellipses))
+    dx, dy = (ellipses.center[:, i] - ellipses.center[chosen, None, i] for i in (0, 1))
+    xx, xy, yy = (ellipses.shape[chosen, i, j, None] for i, j in ((0, 0), (0, 1), (1, 1)))
+    distance = (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / (shown.area[chosen] ** 2)[:, None]
+    ratio = np.log(layout.radii.max() / layout.radii.min())
+    size = 0.5 * np.log(shown.area)
+    # The size of dots changes with their distance, too.
+    other = np.abs(size - size[chosen, None]) > ratio + 1.0
+    distance[np.arange(len(chosen)), chosen] = np.inf
+    distance[other | (distance >= most**2)] = np.inf
+    if not ringed and len(ellipses) > 2 * NEAR_BLOBS:
+        nearest = np.argpartition(distance, NEAR_BLOBS, axis=-1)[:, :NEAR_BLOBS]
+        first = np.repeat(chosen, NEAR_BLOBS)
+        keep = np.isfinite(np.take_along_axis(distance, nearest, axis=-1).ravel())
+        return first[keep], nearest.ravel()[keep]
+    first, second = np.nonzero(np.isfinite(distance))
+    first = chosen[first]
+    if ringed:
+        # The outline of either gives the plane.
+        return np.concatenate([first, second]), np.concatenate([second, first])
     return first, second
 
 
@@ -231,7 +379,9 @@ def _elongation(shape: Array, center: Array, normal: Array) -> Array:
     return np.arccosh(np.maximum(ratio, 1))
 
 
-def _turned(point: Array, step: Array, place: Array, other: Array, normal: Array, scale: Array) -> PoseHypotheses:
+def _turned(
+    point: Array, step: Array, place: Array, other: Array, normal: Array, scale: Array, start: Indices
+) -> PoseHypotheses:
     """Return poses that map a point (K, 3) to `place`, and one at `step` (K, 3) from it in the direction of `other`."""
     along = other - place - step[:, 2:] * normal
     along /= np.linalg.norm(along, axis=-1, keepdims=True)
@@ -240,4 +390,4 @@ def _turned(point: Array, step: Array, place: Array, other: Array, normal: Array
     cosine, sine = step[:, :1] / length, step[:, 1:2] / length
     rotation = np.stack([cosine * along - sine * across, sine * along + cosine * across, normal], axis=-1)
     # The distance between dots tells the scale better than the size of one.
-    return PoseHypotheses(rotation, scale * place - np.einsum("kij,kj->ki", rotation, point))
+    return PoseHypotheses(rotation, scale * place - np.einsum("kij,kj->ki", rotation, point), start)

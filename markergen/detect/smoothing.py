@@ -36,8 +36,9 @@ PERSISTENT = 5
 FORGOTTEN = 1.0
 """Time in s without its marker after which a track ends."""
 
-RAMP = 1.0
-"""Time in s in which the accelerations reach the velocities that a new track may have."""
+RAMP, SPIN, VELOCITY = 1.0, 3.0, 1.0
+"""Standard deviations of the velocities that a new track may have: what the accelerations reach in this time in s, or
+these in rad/s and m/s, if they are larger. A steady motion may be fast."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +70,7 @@ class Accelerations:
     angular: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Smoothed:
     """A filtered pose T_camera_marker.
 
@@ -100,6 +101,12 @@ class Smoothed:
             "outlier": self.outlier,
         }
 
+    def __repr__(self) -> str:
+        place = ", ".join(f"{each:.4f}" for each in self.translation)
+        turn, move = np.sqrt(np.trace(self.covariance[:3, :3])), np.sqrt(np.trace(self.covariance[3:, 3:]))
+        sigma = f"1 sigma: {np.rad2deg(turn):.2g} deg, {1e3 * move:.2g} mm"
+        return f"<Smoothed: at {place} m; {sigma}{'; predicted' * self.outlier}>"
+
 
 def parse_accelerations(given: str | Sequence[float]) -> Accelerations:
     """Read two accelerations, in m/s^2 and rad/s^2, from a text such as ``2,10`` or two numbers.
@@ -120,7 +127,7 @@ def parse_accelerations(given: str | Sequence[float]) -> Accelerations:
 
 def begin(time: float, rotation: Array, translation: Array, covariance: Array, limits: Accelerations) -> Motion:
     """Return a motion that begins with a pose and its covariance (6, 6), at rest as far as is known."""
-    sigma = RAMP * np.repeat([limits.angular, limits.linear], 3)
+    sigma = np.repeat([max(RAMP * limits.angular, SPIN), max(RAMP * limits.linear, VELOCITY)], 3)
     whole = np.zeros((12, 12))
     whole[:6, :6], whole[6:, 6:] = covariance, np.diag(sigma**2)
     return Motion(time, rotation, translation, np.zeros(3), np.zeros(3), whole)

@@ -13,7 +13,7 @@ from markergen.detect.conic_projection import Outlines
 from markergen.detect.detection import Detection, Sought, finish, made_up_camera
 from markergen.detect.ellipse_fit import fit_blobs
 from markergen.detect.fiducials import CONFIRMS, NO_TAGS, Sightings, look_for_tags
-from markergen.detect.identification import EDGE_PX, Search, ambiguity, search
+from markergen.detect.identification import EDGE_PX, Search, View, ambiguity, confirm, search
 from markergen.detect.labeling_hypotheses import LEAST_DOTS, Planes, Poses
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
@@ -92,21 +92,21 @@ def _again(
     if len(ellipses) < LEAST_DOTS:
         return None
     tags = _tags(frame, model, marker, sought, camera)
-    result = search(ellipses, layout, camera, calibrated, errors.print_sigma, marker.tag, tags)
+    result = search(ellipses, View(layout, camera, calibrated, errors.print_sigma))
+    if not result.reason:
+        result = confirm(result, ellipses, tag=marker.tag, tags=tags)
     if result.reason or _doubtful(result, before.marker, sought):
         return None
     detection = finish(result, blobs, ellipses, marker, camera, calibrated, errors)
     if not detection.found:
         return None
-    corners = tags.pixels[result.sighting[0]] if result.tags[0] == CONFIRMS else None
-    return replace(detection, marker=before.marker, tag=corners)
+    return replace(detection, marker=before.marker, tag=result.corners)
 
 
 def _doubtful(result: Search, index: int, sought: Sought) -> bool:
     """Return whether the labels may be others, or the marker another one of those sought."""
     # Dots of another labeling may be outside of the windows.
-    alone = result.alone and replace(result.alone, missing=np.zeros_like(result.alone.missing))
-    if ambiguity(replace(result, missing=np.zeros_like(result.missing), alone=alone)):
+    if ambiguity(replace(result, missing=np.zeros_like(result.missing))):
         return True
     marker, layout = sought.markers[index], sought.layouts[index]
     pairs = zip(sought.markers, sought.layouts, strict=True)
@@ -251,12 +251,15 @@ class _Windows:
         Side of a window's pixel in px of the frame.
     size : array (2,), px
         Width and height of the frame.
+    inverted : bool
+        True if light dots have become dark.
     """
 
     image: Image
     origin: Array
     factor: Indices
     size: Array
+    inverted: bool
 
     def find(self) -> tuple[Blobs, Indices]:
         """Return rough blobs in px of the frame, whole inside of it and of a window, and each one's window."""
@@ -273,7 +276,7 @@ class _Windows:
 
     def fit(self, blobs: Blobs, owner: Indices) -> Blobs:
         """Fit blobs, in px of the frame, to the grey levels of their windows."""
-        return self._moved(fit_blobs(self.image, self._moved(blobs, owner, -1)), owner, 1)
+        return self._moved(fit_blobs(self.image, self._moved(blobs, owner, -1), self.inverted), owner, 1)
 
     def _moved(self, blobs: Blobs, owner: Indices, sign: int) -> Blobs:
         """Return blobs in px of the frame (1) instead of px of the windows' image, or the other way around (-1)."""
@@ -325,7 +328,7 @@ def _look(
             grey = np.asarray(cv2.resize(grey, (side, side), interpolation=cv2.INTER_AREA))
         tiles.append(grey)
     origin = first + (factor[:, None] - 1) / 2 * average
-    return _Windows(np.concatenate(tiles), origin, factor, np.array([breadth, height]))
+    return _Windows(np.concatenate(tiles), origin, factor, np.array([breadth, height]), light)
 
 
 def _tags(frame: NDArray[Any], model: Poses | Planes, marker: Marker, sought: Sought, camera: Camera) -> Sightings:

@@ -1,7 +1,9 @@
 """Detection in videos and live cameras, with a line of JSON and an annotated image for every frame."""
 
 import json as json_format
-from collections.abc import Callable, Sequence
+import os
+import shutil
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,10 +21,17 @@ from markergen.files import check_outputs, put_in_place, temporary_beside
 from markergen.options import CameraLike, MarkerLike, as_list
 from markergen.presentation.window import Window, has_display
 from markergen.read.images import quiet
-from markergen.read.videos import Frame, Video, open_video
+from markergen.read.videos import Frame, Video, open_video, silent_opencv
 
 CODECS = {".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".mkv": "mp4v", ".avi": "MJPG"}
 """Codec by suffix of a video that is written."""
+
+LEAST_FREE = 20_000_000
+"""Free space in bytes below which no more is written to an annotated video: its end still has to fit."""
+
+SECONDS_BETWEEN_WHOLE = 1.0
+"""Time in s after which a whole frame is searched, although all markers were found where they had been: for copies of
+them that have come in."""
 
 USUAL_RATE = 25.0
 """Frames per second of an annotated video whose source states none."""
@@ -67,6 +76,10 @@ class Watched:
 
     def __repr__(self) -> str:
         return f"Watched({self})"
+
+    def lines(self, notes: Sequence[str] = ()) -> list[str]:
+        """Return the sum of it all and the remarks on the video, if there was a frame."""
+        return [str(self), *(f"  {note}" for note in notes)] if self.frames else []
 
 
 def detect_video(
@@ -134,23 +147,15 @@ def detect_video(
         raise InputError("a name for a video that ends in .mp4 or .avi", str(overlay), "give such an --overlay")
     check_outputs(files, inputs)
     size = (detector.camera.width, detector.camera.height) if detector.camera else None
-    watched = Watched(str(one))
     with ExitStack() as at_the_end:
         video = at_the_end.enter_context(open_video(one, size))
-        watched.name = video.name
-        at_the_end.callback(lambda: [tell(line) for line in [str(watched), *(f"  {note}" for note in video.notes)]])
+        watched = Watched(video.name)
+        at_the_end.enter_context(silent_opencv())
+        at_the_end.callback(lambda: [tell(line) for line in watched.lines(video.notes)])
         sinks = _sinks(video, json, overlay, window, tell, warn)
         for sink in sinks:
             at_the_end.enter_context(sink)
-        start = None
-        for frame in video:
-            start = monotonic() if start is None else start
-            found = detector(frame.image)
-            smoothed = smoother(frame.time, found) if smoother else None
-            watched.frames += 1
-            watched.found += any(each.ok for each in found)
-            watched.dropped, watched.seconds = video.dropped, monotonic() - start
-            look = Look(frame, found, smoothed, watched)
+        for look in watch(video, detector, smoother, watched):
             for sink in sinks:
                 sink.put(look)
             show(str(look))
@@ -166,7 +171,7 @@ def detect_video(
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """A frame, what was found in it, and the state of the detection."""
+    """A frame, what was found in it, the filtered poses if there is a filter, and the state of the detection."""
 
     frame: Frame
     found: list[Found]
@@ -203,6 +208,45 @@ class Look:
             f"{self.frame.time:.2f} s, {self.watched.rate:.3g} frames per second, {self.watched.dropped} dropped; "
             + "; ".join(map(str, self.found))
         )
+
+
+def watch(
+    video: Video, detector: Detector, smoother: Smoother | None = None, watched: Watched | None = None
+) -> Iterator[Look]:
+    """Yield each frame of a video with what is found in it, near where it was in the frame before if it still is.
+
+    Parameters
+    ----------
+    smoother : Smoother, optional
+        Filters the poses.
+    watched : Watched, optional
+        Counts the frames.
+
+    Raises
+    ------
+    InputError
+        If a camera or stream stalls or ends, or the frames are not of the camera's size.
+
+    Examples
+    --------
+    >>> from markergen.detect import Detector
+    >>> from markergen.read.videos import open_video
+    >>> def follow(detector: Detector) -> None:
+    ...     with open_video("0") as video:
+    ...         for look in watch(video, detector):
+    ...             print(look.frame.time, look.found[0].tvec)
+    """
+    watched = watched or Watched(video.name)
+    start, found, whole = None, list[Found](), -np.inf
+    for frame in video:
+        start = monotonic() if start is None else start
+        whole = frame.time if frame.time >= whole + SECONDS_BETWEEN_WHOLE else whole
+        found = detector(frame.image, near=found if frame.time > whole else None)
+        smoothed = smoother(frame.time, found) if smoother else None
+        watched.frames += 1
+        watched.found += any(each.ok for each in found)
+        watched.dropped, watched.seconds = video.dropped, monotonic() - start
+        yield Look(frame, found, smoothed, watched)
 
 
 class _Sink:
@@ -254,6 +298,7 @@ class _Lines(_Sink):
     def __init__(self, target: str | Path | TextIO, tell: Callable[[str], None]) -> None:
         self._path = Path(target) if isinstance(target, str | Path) else None
         self._stream = None if isinstance(target, str | Path) else target
+        self._whole = 0
         self._tell = tell
 
     def put(self, look: Look) -> None:
@@ -265,13 +310,18 @@ class _Lines(_Sink):
             self._stream = self._stream or self._path.open("w", encoding="utf-8")
             self._write(look)
         except OSError as error:
+            with suppress(OSError):
+                os.truncate(self._path, self._whole)
             reason = f"{error.strerror or error} at frame {look.frame.number}"
             raise OutputError(f"expected to write {self._path}, found: {reason}; choose another place") from error
 
     def _write(self, look: Look) -> None:
         assert self._stream is not None
-        self._stream.write(json_format.dumps(look.as_dict(), allow_nan=False) + "\n")
+        line = json_format.dumps(look.as_dict(), allow_nan=False) + "\n"
+        self._stream.write(line)
         self._stream.flush()
+        # All characters are ASCII.
+        self._whole += len(line)
 
     def __exit__(self, *_: object) -> None:
         if self._path and self._stream:
@@ -308,6 +358,12 @@ class _Overlay(_Sink):
         while self._live and self._written < round(look.frame.time * self._rate):
             self._write(self._last)
         self._write(image)
+        folder = self._path.resolve().parent
+        if look.watched.frames % 100 == 1 and (free := shutil.disk_usage(folder).free) < LEAST_FREE:
+            raise OutputError(
+                f"expected space for {self._path}, found {free / 1e6:.0f} MB; it ends at frame {look.frame.number}, "
+                "free some space or choose another place"
+            )
 
     def _write(self, image: NDArray[np.uint8]) -> None:
         self._writer.write(image)

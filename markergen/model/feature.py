@@ -8,6 +8,9 @@ from markergen.errors import InputError, brief
 
 Polarity = Literal["dark", "light"]
 
+LEAST_PIXELS = 4.0
+"""Extent in px of a dot's image along its short axis below which it is hardly found."""
+
 
 @dataclass(frozen=True)
 class Feature:

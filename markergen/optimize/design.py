@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from markergen import __version__
 from markergen.errors import InputError
 from markergen.files import Written
+from markergen.model.feature import LEAST_PIXELS
 from markergen.model.marker import Marker, build_marker
 from markergen.model.occlusion import eyes_of
 from markergen.model.openings import near_holes
@@ -25,7 +26,7 @@ from markergen.objectives.criteria import Criteria
 from markergen.objectives.observation import DotNoise
 from markergen.objectives.survive import hidden_dot_errors
 from markergen.optimize.comparisons import compare, criteria_table, hidden_table
-from markergen.optimize.dot_size import FEWEST_PIXELS, DotSize, choose_dots, pixels_across
+from markergen.optimize.dot_size import DotSize, choose_dots, pixels_across
 from markergen.optimize.keyless import AsymmetricOptimum, asymmetric_search
 from markergen.optimize.label_ambiguity import LabelSafety, layout_safety
 from markergen.optimize.problem import FeasibleRegion, check, check_objective, objective_of, room_of, rough_of
@@ -171,8 +172,11 @@ class Design(Result):
         across = pixels_across(self.dots.diameter, self.setting.camera, self.setting.poses)
         if not self.dots.diameter:
             found.append("bare points (--dot 0) are for studies and cannot be printed or made")
-        elif across < FEWEST_PIXELS:
-            found.append(f"dots of {across:.1f} px are hardly detected: use fewer, more room, or a better camera")
+        elif across < LEAST_PIXELS:
+            found.append(
+                f"dots of {across:.1f} px are hardly detected, which takes {LEAST_PIXELS:g} px: use fewer, more room, "
+                "or a better camera"
+            )
         if self.setting.poses.doubt:
             found.append(f"most poses do not see the whole marker; {self.setting.poses.doubt}")
         elif self.setting.poses.dropped > len(self.setting.poses):

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
+from markergen.model.feature import LEAST_PIXELS
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
@@ -37,8 +38,8 @@ PERCENTILE = 94.0
 ROOM = 0.9
 """Maximum fraction of the diameter that just fits; the optimizer needs room to move the dots."""
 
-FEWEST_PIXELS, FEWEST_PIXELS_LONG = 4.0, 6.0
-"""Minimum extents in px along the short and long axis of a dot's image for reliable detection."""
+LEAST_PIXELS_LONG = 6.0
+"""Extent in px along the long axis from which a dot's image is measured well, beside `LEAST_PIXELS` along the short."""
 
 CLEARANCE = 0.1
 """Default clearance as a fraction of the diameter."""
@@ -123,7 +124,7 @@ def smallest_detectable(camera: Camera, poses: PoseDistribution) -> float:
     """Diameter in m, a whole tenth of a mm, whose image is 4 px wide and 6 px long or more in 94 % of the poses."""
     focal = np.sqrt(camera.fx * camera.fy)
     depth = poses.translation[:, 2]
-    needed = np.maximum(FEWEST_PIXELS * depth / poses.cos_tilt, FEWEST_PIXELS_LONG * depth) / focal
+    needed = np.maximum(LEAST_PIXELS * depth / poses.cos_tilt, LEAST_PIXELS_LONG * depth) / focal
     return float(np.ceil(np.percentile(needed, PERCENTILE) * 1e4 - 1e-6) / 1e4)
 
 
@@ -265,7 +266,7 @@ def _reason(spec: Spec, diameter: float, value: float, detectable: float, room: 
         return f"{size}, {most}, with a predicted error of {error}{short}"
     if diameter <= detectable:
         return (
-            f"{size}, the smallest whose image is {FEWEST_PIXELS:g} px wide and {FEWEST_PIXELS_LONG:g} px long in "
+            f"{size}, the smallest whose image is {LEAST_PIXELS:g} px wide and {LEAST_PIXELS_LONG:g} px long in "
             f"{PERCENTILE:g} % of the poses; the predicted error of {error} would be less with smaller ones"
         )
     return (

@@ -5,6 +5,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, Self
@@ -139,7 +140,9 @@ def open_capture(source: str, kind: str) -> Capture:
             capture = cv2.VideoCapture(source, cv2.CAP_GSTREAMER)
         elif kind == "stream":
             limit = int(1000 * STALLED)
-            limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, limit, cv2.CAP_PROP_READ_TIMEOUT_MSEC, limit]
+            # Our own limit for a frame comes before that of FFmpeg, which would print about it.
+            limit = int(1000 * STALLED)
+            limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, limit, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 3 * limit]
             capture = cv2.VideoCapture(source, cv2.CAP_FFMPEG, limits)
         else:
             capture = cv2.VideoCapture(int(source) if source.isdecimal() and kind == "camera" else source)
@@ -152,6 +155,18 @@ def open_capture(source: str, kind: str) -> Capture:
         }[kind]
         raise InputError(expected, found, remedy)
     return capture
+
+
+@contextmanager
+def silent_opencv() -> Iterator[None]:
+    """Keep OpenCV from printing about every frame that it cannot write, or about a stream that ends."""
+    from cv2.utils import logging
+
+    before = logging.setLogLevel(logging.LOG_LEVEL_SILENT)
+    try:
+        yield
+    finally:
+        logging.setLogLevel(before)
 
 
 class Video:
@@ -181,6 +196,7 @@ class Video:
         self._changed = threading.Condition()
         self._ready = deque[Frame]()
         self._ended = self._closed = False
+        self._failure: Exception | None = None
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
 
@@ -191,7 +207,7 @@ class Video:
         self.close()
 
     def __iter__(self) -> Iterator[Frame]:
-        """Yield the frames; raises InputError where a camera or stream stalls or ends."""
+        """Yield the frames; raises InputError where one cannot be read, or a camera or stream stalls or ends."""
         while True:
             with self._changed:
                 if not self._changed.wait_for(lambda: self._ready or self._ended, STALLED if self.live else None):
@@ -204,6 +220,9 @@ class Video:
                 self.dropped += frame.dropped
                 self._changed.notify_all()
             yield frame
+        if self._failure is not None:
+            found = " ".join(str(self._failure).split())[:80] or type(self._failure).__name__
+            raise InputError(f"frames from {self.name}", found, "convert a file to .mp4 or .avi, restart a camera")
         if self.live:
             raise InputError(f"frames from {self.name}", "its end", "check the camera and its connection")
 
@@ -230,6 +249,8 @@ class Video:
                         return
                     self._ready.append(Frame(number, stamp, clock, dropped, image))
                     self._changed.notify_all()
+        except Exception as error:  # Of OpenCV, or no memory: raised where the frames are taken.
+            self._failure = error
         finally:
             with self._changed:
                 self._ended = True

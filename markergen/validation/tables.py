@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from markergen.model.feature import LEAST_PIXELS
 from markergen.optimize.comparisons import LAYOUTS
 from markergen.presentation.tables import Table, number, percent
 from markergen.validation.metrics import STATISTICS, mean_nees_interval
@@ -227,9 +228,14 @@ def trial_sentences(results: Mapping[str, Any]) -> list[str]:
 
 
 def view_sentences(results: Mapping[str, Any]) -> list[str]:
-    """Summarize the views, the failures, and what to improve first."""
+    """Name dots that are too small, summarize the views, the failures, and what to improve first."""
     found = []
-    views = results["views"]
+    views, dots = results["views"], results.get("dots")
+    if dots and dots["too_small"]:
+        found.append(
+            f"In {percent(dots['too_small'])} of the poses a dot is less than {LEAST_PIXELS:g} px across, and hardly "
+            f"found: down to {number(dots['least_px'], 2)} px; larger dots, a longer focal length, or nearer poses."
+        )
     if views:
         line = f"Views: {views['detected']} of {views['count']} detected, {views['wrong']} with wrong labels"
         if views["detected"]:

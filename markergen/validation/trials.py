@@ -140,12 +140,13 @@ class TrialResults:
         views: Any = None,
         budget: Any = None,
         labels: Any = None,
+        dots: Any = None,
     ) -> dict[str, Any]:
         """Return the results as plain JSON values, with None for undefined numbers.
 
         Parameters
         ----------
-        criteria, comparisons, views, budget, labels
+        criteria, comparisons, views, budget, labels, dots
             JSON values computed elsewhere, to be included.
         """
         experiment = self.experiment
@@ -184,6 +185,7 @@ class TrialResults:
                 "by_distance": {name: self._bound(mask) for name, mask in by_distance.items()},
             },
             "labels": labels,
+            "dots": dots,
             "budget": budget,
             "views": views,
         }

@@ -14,6 +14,7 @@ from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
 from markergen.files import Written, write_all
 from markergen.model.camera import Camera
+from markergen.model.feature import LEAST_PIXELS
 from markergen.model.marker import Marker, build_marker, check_supported
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
@@ -33,6 +34,7 @@ from markergen.validation.bounds import budget_of, error_budget
 from markergen.validation.metrics import STATISTICS
 from markergen.validation.report import html_report
 from markergen.validation.report.plots import errors_over
+from markergen.validation.report.subject import short_axes
 from markergen.validation.trials import TrialResults, run_experiment
 from markergen.validation.view_records import stress, summarize, take_records
 from markergen.validation.views import Picture, SyntheticViews, pictures, remove_earlier
@@ -142,7 +144,16 @@ def validate(
         views["stress"] = stress(series, workers, told("stress"))
     budget = error_budget(series, noise_px)
     labels = label_safety(marker, setting).as_dict(noise_px) if marker.dot_diameter else None
-    return own.as_dict(criteria=table["design"], comparisons=beside, views=views, budget=budget, labels=labels)
+    dots = _extent(marker, setting) if marker.dot_diameter else None
+    return own.as_dict(
+        criteria=table["design"], comparisons=beside, views=views, budget=budget, labels=labels, dots=dots
+    )
+
+
+def _extent(marker: Marker, setting: Setting) -> dict[str, float]:
+    """Return the least extent of a dot's image in px, and in which share of the poses it is below `LEAST_PIXELS`."""
+    least = short_axes(marker, setting.camera, setting.poses).min(axis=1)
+    return {"least_px": float(least.min()), "too_small": float(np.mean(least < LEAST_PIXELS))}
 
 
 def median_layout(layouts: Array, setting: Setting) -> Array:

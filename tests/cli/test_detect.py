@@ -79,6 +79,13 @@ def test_a_folder_of_photos(here, capsys, tmp_path):
     assert sorted(path.name for path in seen.iterdir()) == ["130.png", "250.png"]
 
 
+def test_videos_among_the_images_are_left_out_and_told(here, capsys, tmp_path):
+    (tmp_path / "a.png").write_bytes((here / "empty.png").read_bytes())
+    (tmp_path / "walk.mp4").write_bytes(b"a video")
+    assert main(["detect", str(tmp_path), *ALL]) == 1
+    assert capsys.readouterr().err == f"{tmp_path}: 1 video is left out: give one at a time\n"
+
+
 def test_standard_output_is_json_alone(here, capsys):
     assert main(["detect", "good/*.png", *ALL, "--json", "-"]) == 0
     assert len(json.loads(capsys.readouterr().out)) == 2
@@ -154,7 +161,7 @@ def test_an_overlay_that_cannot_be_written_does_not_stop_the_batch(here, capsys,
     assert [path.name for path in (tmp_path / "seen").iterdir()] == ["250.png"]
 
 
-def test_what_was_found_before_an_interruption_is_kept(here, tmp_path, monkeypatch):
+def test_what_was_found_before_an_interruption_is_kept(here, tmp_path, monkeypatch, capsys):
     from markergen.detect import batch
 
     honest = batch.look_at
@@ -168,3 +175,4 @@ def test_what_was_found_before_an_interruption_is_kept(here, tmp_path, monkeypat
     found = tmp_path / "found.json"
     assert main(["detect", "good", *ALL, "--json", str(found)]) == 130
     assert len(json.loads(found.read_text())) == 1
+    assert capsys.readouterr().err.splitlines() == ["1 of 2 images were searched", "markergen: error: interrupted"]

@@ -1,17 +1,20 @@
 """`markergen detect` on a video: what is printed where, and how it ends."""
 
+import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from videos import read_video, write_video
 
-from markergen.cli import main
+from markergen.cli import console, main
 from markergen.detect import kernel
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.marker_json import to_json
@@ -125,3 +128,24 @@ def test_ctrl_c_leaves_complete_outputs(here, tmp_path):
     assert last == "markergen: error: interrupted"
     assert len(read_video(seen)) in (1, 2)
     assert sorted(each.name for each in tmp_path.iterdir()) == ["live.avi", "seen.mp4"]
+
+
+def test_a_terminal_shows_one_line_that_changes(monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    for name, value in {"COLUMNS": "60", "TERM": "xterm", "NO_COLOR": "1"}.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with console.status_line("waiting for a frame") as show:
+        show("0.04 s, [12] frames per second; " + 10 * "marker.json, ")
+        time.sleep(0.2)
+    shown = sys.stderr.getvalue()
+    assert "0.04 s, [12] frames per second; marker.json" in shown
+    assert max(len(line) for line in re.split(r"\x1b\[[0-9?;]*[A-Za-z]|[\r\n]", shown)) <= 60
+    assert shown.count("\n") == 1
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    with console.status_line("waiting for a frame") as show:
+        show("a log has no such lines")
+    assert sys.stderr.getvalue() == ""

@@ -1,131 +1,193 @@
+import json
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
+from dot_scenes import scene
 
-from markergen.detect.candidates import MAX_REGIONS, find_blobs, grey_noise
+from markergen.detect import candidates, kernel
+from markergen.detect.candidates import find_blobs
+from markergen.detect.components import find_components
 
-
-def scene(ellipses, shape=(300, 400), light=200, noise=2.0, blur=0.7, seed=0):
-    """Image with ellipses (center, semi, angle in degrees, grey), drawn to 1/16 px."""
-    image = np.full(shape, light, np.uint8)
-    for center, semi, angle, grey in ellipses:
-        place = np.rint(np.multiply(center, 16)).astype(int).tolist()
-        axes = np.rint(np.multiply(semi, 16)).astype(int).tolist()
-        cv2.ellipse(image, place, axes, angle, 0, 360, grey, -1, cv2.LINE_AA, 4)
-    blurred = cv2.GaussianBlur(image.astype(float), (0, 0), blur)
-    noisy = blurred + noise * np.random.default_rng(seed).standard_normal(shape)
-    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+PHOTOS = Path(__file__).parents[3] / "shared" / "photos"
+BLUR = 0.7
+EDGE = np.sqrt(BLUR**2 + 1 / 12)
 
 
-def nearest(regions, center):
-    return int(np.linalg.norm(regions.center - center, axis=-1).argmin())
+def nearest(blobs, centers):
+    """Offsets (n, 2) of the blobs that are nearest to centers, and their indices."""
+    apart = blobs.center[None] - np.reshape(centers, (-1, 1, 2))
+    index = np.linalg.norm(apart, axis=-1).argmin(axis=1)
+    return apart[np.arange(len(apart)), index], index
 
 
-@pytest.mark.parametrize("semi", [(3, 2), (4, 1.5), (12, 12), (24, 3), (60, 20), (120, 120)])
-@pytest.mark.parametrize("blur", [0.5, 2.0])
-def test_a_dot_of_any_size_is_found(semi, blur):
-    center = (203.3, 151.8)
-    regions = find_blobs(scene([(center, semi, 30, 40)], blur=blur))
-    i = nearest(regions, center)
-    np.testing.assert_allclose(regions.center[i], center, rtol=0, atol=0.6)
-    # From contours, and the middle of the profile across them; a blur as wide as the dot makes it larger.
-    found = regions.semi[i]
-    np.testing.assert_allclose(found, semi, rtol=0.15, atol=0.5 + 0.6 * blur)
-    assert abs(regions.light[i] - 200) < 15
-    assert regions.middle[i] < 0.3
+def grid(step, shape=(480, 640), seed=0):
+    """Centers in rows and columns, each a part of a pixel off."""
+    x, y = (np.arange(step, side - step, step) for side in shape[::-1])
+    centers = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    return centers + np.random.default_rng(seed).uniform(-0.5, 0.5, centers.shape)
 
 
-def test_rings_are_light_in_the_middle():
-    regions = find_blobs(
-        scene([((100, 100), (20, 14), 0, 40), ((100, 100), (10, 7), 0, 200), ((300, 200), (20, 14), 0, 40)])
-    )
-    ring, disk = nearest(regions, (100, 100)), nearest(regions, (300, 200))
-    assert regions.middle[ring] > 0.8
-    assert regions.middle[disk] < 0.1
+@pytest.mark.parametrize("semi", [(3, 3), (4, 3), (7, 3.5), (12, 12), (60, 20), (90, 90)])
+@pytest.mark.parametrize("hole", [0, 0.5])
+def test_ellipses_are_good_to_a_tenth_of_a_pixel(semi, hole):
+    center = (160.3, 119.8)
+    blobs = find_blobs(scene([(center, semi, 30, hole)], blur=BLUR))
+    offset, (i,) = nearest(blobs, center)
+    # In a ring of less than 12 times the blur, the ink is not fully dark.
+    narrow = hole and semi[1] < 12 * EDGE
+    assert np.abs(offset).max() < 0.1
+    np.testing.assert_allclose(blobs.semi[i], semi, rtol=0, atol=0.25 if narrow else 0.12)
+    if semi[0] > semi[1]:
+        assert abs(np.rad2deg(blobs.angle[i]) - 30) < 2
+    assert blobs.ring[i] == bool(hole)
+    assert abs(blobs.middle[i] - bool(hole)) < (0.4 if narrow else 0.1)
+    # The lightest of four pixels with a noise of 2, and nearly the darkest.
+    assert abs(blobs.light[i] - 190) < 4
+    assert abs(blobs.dark[i] - 50) < (25 if narrow else 6)
+    assert abs(blobs.blur[i] - EDGE) < (0.25 if narrow else 0.15)
+    assert not blobs.fitted.any()
 
 
-def test_a_plate_in_the_dark_and_dots_next_to_dark_things():
-    # A light plate on black, with a dot 3 px from its edge, and one 2 px from a line.
+@pytest.mark.parametrize("blur", [0.4, 1.5, 3.0])
+def test_sizes_do_not_depend_on_the_blur(blur):
+    centers = grid(50)
+    blobs = find_blobs(scene([(center, (14, 10), 20, 0) for center in centers], (480, 640), blur=blur))
+    offset, index = nearest(blobs, centers)
+    assert np.linalg.norm(offset, axis=-1).max() < 0.1 + 0.05 * blur
+    assert np.abs(blobs.semi[index] - (14, 10)).max() < 0.1 + 0.05 * blur
+    assert np.abs(blobs.blur[index] - np.hypot(blur, EDGE - BLUR)).max() < 0.1 + 0.1 * blur
+
+
+@pytest.mark.parametrize(("radius", "least"), [(1.75, 0.5), (2.25, 0.9), (3.0, 1.0)])
+def test_small_dots_are_found(radius, least):
+    centers = grid(24)
+    blobs = find_blobs(scene([(center, (radius, radius), 0, 0) for center in centers], (480, 640), blur=BLUR))
+    offset, index = nearest(blobs, centers)
+    found = np.linalg.norm(offset, axis=-1) < 0.3
+    assert np.mean(found) >= least
+    assert np.abs(blobs.semi[index[found]] - radius).max() < 0.6
+
+
+def test_the_covariance_is_that_of_the_centers():
+    """It is meant for what is not noise, too, so it is generous where there is little."""
+    centers = grid(32)
+    for noise in (2, 12):
+        blobs = find_blobs(scene([(center, (8, 6), 30, 0) for center in centers], (480, 640), noise=noise))
+        offset, index = nearest(blobs, centers)
+        relative = np.einsum("bi,bi->b", offset, np.linalg.solve(blobs.covariance[index], offset[..., None])[..., 0])
+        # Of 2 degrees of freedom; the mean of 266 scatters by 0.12.
+        assert (0.2 if noise == 2 else 1) < np.mean(relative) < 3
+
+
+def test_each_dot_once_and_no_limit_to_their_number():
+    centers = grid(14, (700, 900))
+    blobs = find_blobs(scene([(center, (5, 4), 40, 0) for center in centers], (700, 900)))
+    # Four dots and the paper between them may make another at half the resolution.
+    assert len(centers) <= len(blobs) <= 1.002 * len(centers)
+    assert len(centers) > 2500
+    assert np.linalg.norm(nearest(blobs, centers)[0], axis=-1).max() < 0.3
+
+
+def test_a_plate_in_the_dark_and_dots_beside_dark_things():
+    # A light plate on black, with a dot 3 px from its edge, and one 3 px from a line.
     image = np.full((300, 400), 20, np.uint8)
     image[60:240, 80:320] = 210
     image[60:240, 196:204] = 30
-    for center in ((100, 150), (219, 150)):
+    for center in ((100, 150), (220, 150)):
         cv2.circle(image, center, 16 if center[0] == 100 else 12, 30, -1, cv2.LINE_AA)
-    regions = find_blobs(cv2.GaussianBlur(image, (0, 0), 0.7))
-    for center in ((100, 150), (219, 150)):
-        assert np.linalg.norm(regions.center - center, axis=-1).min() < 0.7
+    blobs = find_blobs(cv2.GaussianBlur(image, (0, 0), 0.7))
+    assert np.linalg.norm(nearest(blobs, [(100, 150), (220, 150)])[0], axis=-1).max() < 0.2
 
 
 def test_uneven_light_and_low_contrast():
-    image = scene([((x, 150), (12, 8), 20, 40) for x in (50, 150, 250, 350)], noise=0).astype(float)
-    shaded = np.clip(np.rint(image * np.linspace(0.25, 1.2, 400)), 0, 255).astype(np.uint8)
-    regions = find_blobs(shaded)
-    for x in (50, 150, 250, 350):
-        assert np.linalg.norm(regions.center - (x, 150), axis=-1).min() < 0.6
-    faint = scene([((x, 150), (12, 8), 20, 140) for x in (50, 150, 250, 350)], light=200, noise=8)
-    regions = find_blobs(faint)
-    for x in (50, 150, 250, 350):
-        assert np.linalg.norm(regions.center - (x, 150), axis=-1).min() < 1
+    centers = [(50, 120), (110, 120), (190, 120), (270, 120)]
+    dots = [(center, (12, 8), 20, 0) for center in centers]
+    shaded = np.clip(np.rint(scene(dots, noise=0) * np.linspace(0.25, 1.2, 320)), 0, 255).astype(np.uint8)
+    faint = scene(dots, dark=140, noise=6)
+    for image, limit in ((shaded, 0.1), (faint, 0.5)):
+        assert np.linalg.norm(nearest(find_blobs(image), centers)[0], axis=-1).max() < limit
+
+
+def test_a_part_of_the_outline_may_be_hidden_washed_out_or_cut_off():
+    center, semi = np.array([160.2, 119.7]), (14, 11)
+    image = scene([(center, semi, 0, 0)])
+    hidden, washed, cut = image.copy(), image.copy(), image[:, 149:]
+    hidden[:111, :] = 90
+    cv2.circle(washed, (171, 125), 4, 190, -1)
+    hidden, washed, cut = map(find_blobs, (hidden, washed, cut))
+    # A fifth of the outline is missing; what is left of the edge beside it is not quite where it was.
+    for blobs, place in ((hidden, center), (washed, center), (cut, center - (149, 0))):
+        offset, (i,) = nearest(blobs, place)
+        assert np.linalg.norm(offset) < 0.5
+        assert np.abs(blobs.semi[i] - semi).max() < 0.5
+    assert len(find_blobs(image[:, 158:])) == 0
+
+
+def test_squares_lines_and_letters_are_not_dots_and_what_is_odd_comes_last():
+    image = scene([((60, 60), (9, 7), 10, 0), ((250, 180), (4, 3), 0, 0)])
+    cv2.rectangle(image, (100, 100), (140, 140), 50, -1)
+    cv2.line(image, (20, 200), (220, 204), 50, 4)
+    assert len(find_blobs(image)) == 2
+    cv2.putText(image, "B8&ag%", (120, 60), cv2.FONT_HERSHEY_SIMPLEX, 1.2, 50, 3, cv2.LINE_AA)
+    blobs = find_blobs(image)
+    assert sorted(nearest(blobs, [(60, 60), (250, 180)])[1]) == [0, 1]
 
 
 def test_of_16_bits_levels_are_in_the_image_s_own():
-    image = scene([((200, 150), (12, 8), 20, 40)]).astype(np.uint16)
+    image = scene([((160, 120), (12, 8), 20, 0)]).astype(np.uint16)
     for factor in (16, 257):
-        regions = find_blobs(image * np.uint16(factor))
-        i = nearest(regions, (200, 150))
-        assert abs(regions.light[i] / factor - 200) < 10
-        assert abs(regions.dark[i] / factor - 40) < 20
+        blobs = find_blobs(image * np.uint16(factor))
+        _, (i,) = nearest(blobs, (160, 120))
+        assert abs(blobs.light[i] / factor - 190) < 5
+        assert abs(blobs.dark[i] / factor - 50) < 5
 
 
-def test_each_once():
-    dots = [((60 + 70 * i, 60 + 60 * j), (14, 9), 40, 40) for i in range(5) for j in range(4)]
-    regions = find_blobs(scene(dots))
-    assert len(regions) == 20
-
-
-def test_squares_and_lines_are_no_regions():
-    image = np.full((300, 400), 200, np.uint8)
-    image[100:140, 100:140] = 40
-    image[200:204, 50:350] = 40
-    image[20:90, 200:230] = 40
-    assert len(find_blobs(image)) == 0
-
-
-def test_dots_cut_off_by_the_edge_are_left_out():
-    assert len(find_blobs(scene([((5, 150), (12, 8), 20, 40)]))) == 0
-
-
-def test_clutter_is_kept_within_bounds():
-    rng = np.random.default_rng(0)
-    dots = [(rng.uniform(5, 995, 2), rng.uniform(3, 6, 2), 0, 40) for _ in range(1000)]
-    assert len(find_blobs(scene(dots, (1000, 1000)))) == MAX_REGIONS
+@pytest.mark.parametrize("shape", [(0, 0), (1, 1), (2, 3), (5, 20), (300, 400)])
+def test_nothing_in_nothing(shape):
+    assert len(find_blobs(np.full(shape, 200, np.uint8))) == 0
 
 
 def test_a_large_image_is_searched_at_less_resolution():
     image = np.full((7000, 7000), 200, np.uint8)
     cv2.ellipse(image, (3000, 4000), (60, 40), 0, 0, 360, 40, -1, cv2.LINE_AA)
-    regions = find_blobs(image)
-    assert len(regions) == 1
-    np.testing.assert_allclose(regions.center[0], (3000, 4000), rtol=0, atol=1)
+    blobs = find_blobs(image)
+    assert len(blobs) == 1
+    np.testing.assert_allclose(blobs.center[0], (3000, 4000), rtol=0, atol=0.3)
 
 
-@pytest.mark.parametrize("sigma", [1, 4, 20])
-def test_is_that_of_the_plain_part(sigma):
+def test_the_compiled_part_gives_the_same_numbers():
+    if kernel.library() is None:
+        pytest.skip(kernel.missing())
     rng = np.random.default_rng(0)
-    image = 128 + sigma * rng.standard_normal((480, 640))
-    image[:, :320] = rng.integers(0, 256, (480, 320))
-    noise = grey_noise(np.clip(np.rint(image), 0, 255).astype(np.uint8))
-    # The quietest fifth of all pieces, two fifths of the plain ones, is below the mean by about a standard deviation
-    # of pieces of 31 differences, 11 %.
-    assert 0.8 * sigma < noise < 1.05 * sigma
+    dots = [
+        (center, np.exp(rng.uniform(0.5, 2.3, 2)), rng.uniform(0, 180), rng.choice([0, 0.5])) for center in grid(32)
+    ]
+    image = scene(dots, (480, 640), noise=8)
+    image[:, ::70] = 20
+    components = find_components(image)
+    for level, grey in enumerate(components.levels):
+        of_level = components.level == level
+        rough = candidates._outlines(components, np.ldexp(1.0, components.level))[of_level]
+        ours, compiled = candidates._even_edges(grey, rough), candidates.even_edges(grey, rough)
+        # Sums in another order: the rounding of numbers up to 640, times the condition of small systems.
+        np.testing.assert_allclose(compiled, ours, rtol=1e-9, atol=1e-9)
+    assert len(candidates.even_edges(components.levels[0], rough)) <= len(rough)
 
 
-@pytest.mark.parametrize("shape", [(0, 0), (1, 1), (5, 20), (480, 640)])
-def test_none_where_nothing_changes(shape):
-    assert grey_noise(np.full(shape, 255, np.uint8)) == 0.0
-
-
-def test_saturated_parts_do_not_count():
-    image = 100 + 3 * np.random.default_rng(0).standard_normal((480, 640))
-    image[:, 64:] = 255
-    assert grey_noise(np.rint(image).astype(np.uint8)) > 2
+@pytest.mark.parametrize(
+    ("folder", "share", "median"), [("robot_grid", 0.99, 0.1), ("circle_grid", 1, 0.1), ("hex_grid", 1, 0.1)]
+)
+def test_dots_of_photographs(folder, share, median):
+    if not PHOTOS.is_dir():
+        pytest.skip("the folder of photographs is not there")
+    errors = []
+    for labels in json.loads((PHOTOS / folder / "labels.json").read_text()):
+        image = cv2.imread(str(PHOTOS / folder / labels["image"]), cv2.IMREAD_GRAYSCALE)
+        centers = labels.get("centres_px_row_major") or labels["centres_px"]
+        errors.append(np.linalg.norm(nearest(find_blobs(image), centers)[0], axis=-1))
+    errors = np.concatenate(errors)
+    # Labels are good to 0.1 to 0.3 px.
+    assert np.mean(errors < 0.5) >= share
+    assert np.median(errors) < median

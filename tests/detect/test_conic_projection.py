@@ -85,6 +85,22 @@ def test_hopeless_starts_end_without_a_warning():
     assert np.isfinite(chi2[1])
 
 
+def test_compiled_outlines_are_those_of_the_twin(monkeypatch):
+    if kernel.library() is None:
+        pytest.skip(kernel.missing())
+    rng = np.random.default_rng(5)
+    # Behind the camera, seen from behind, and through its plane, too.
+    rotation, translation = exponential(3 * rng.normal(size=(50, 3))), rng.normal(0, 0.3, (50, 3))
+    compiled = outlines(POINTS, RADII, rotation, translation)
+    monkeypatch.setattr(kernel, "library", lambda: None)
+    plain = outlines(POINTS, RADII, rotation, translation)
+    np.testing.assert_array_equal(compiled.seen, plain.seen)
+    assert 0 < plain.seen.sum() < plain.seen.size / 2
+    for name in ("center", "point", "shape"):
+        # Near the plane of the camera's center, differences of nearly equal numbers are divided by small ones.
+        np.testing.assert_allclose(getattr(compiled, name), getattr(plain, name), rtol=1e-7, atol=1e-9)
+
+
 def test_compiled_refinement_takes_the_same_steps(monkeypatch):
     if kernel.library() is None:
         pytest.skip(kernel.missing())

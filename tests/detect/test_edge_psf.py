@@ -30,7 +30,7 @@ def test_is_the_blurred_ellipse(semi, blur, most):
     ink = ((u / semi[0]) ** 2 + (v / semi[1]) ** 2 < 1).astype(float)
     seen = cv2.resize(cv2.GaussianBlur(ink, (0, 0), blur * FINE), (SIZE, SIZE), interpolation=cv2.INTER_AREA)
     y, x = np.indices((SIZE, SIZE)) - float(SIZE // 2)
-    model, by_rho, _, _ = evaluate(x.ravel(), y.ravel(), shape_of(semi, angle), np.hypot(blur, np.sqrt(1 / 12)))
+    model, by_rho, *_ = evaluate(x.ravel(), y.ravel(), shape_of(semi, angle), np.hypot(blur, np.sqrt(1 / 12)))
     band = np.abs(by_rho) > 1e-3 * np.abs(by_rho).max()
     assert np.sqrt(np.mean((model - seen.ravel())[band] ** 2)) < most
 
@@ -41,7 +41,7 @@ def test_derivatives(blur):
     shape = shape_of((14, 11), 0.4)
     angle = rng.uniform(0, 2 * np.pi, 60)
     x, y = 14 * np.cos(angle) + rng.normal(0, 1, 60), 11 * np.sin(angle) + rng.normal(0, 1, 60)
-    _, by_rho, by_blur, direction = evaluate(x, y, shape, blur)
+    _, by_rho, by_blur, direction, _ = evaluate(x, y, shape, blur)
     matrix = np.array([[shape[0], shape[1]], [shape[1], shape[2]]])
     step = 1e-5
     along_x = (evaluate(x + step, y, shape, blur)[0] - evaluate(x - step, y, shape, blur)[0]) / (2 * step)
@@ -53,7 +53,7 @@ def test_derivatives(blur):
 
 @pytest.mark.parametrize("semi", [(10, 10), (10, 2)])
 def test_the_center_itself_is_all_ink(semi):
-    ink, by_rho, by_blur, _ = evaluate(np.zeros(1), np.zeros(1), shape_of(semi, 0.3), 0.5)
+    ink, by_rho, by_blur, *_ = evaluate(np.zeros(1), np.zeros(1), shape_of(semi, 0.3), 0.5)
     # Four blurs from the nearest edge.
     assert ink[0] > 0.999
     assert np.isfinite([by_rho[0], by_blur[0]]).all()
@@ -88,3 +88,16 @@ def test_the_models_meet_where_the_square_no_longer_shows():
     y = np.linspace(-3, 3, 41)
     below, above = (evaluate(x, y, shape_of((10, 9), 0.4), BOXED + step) for step in (-1e-9, 1e-9))
     np.testing.assert_allclose(below[0], above[0], rtol=0, atol=1.3e-3)
+
+
+def test_the_tips_may_be_held_while_the_ellipse_moves_little():
+    y, x = np.indices((9, 40)).reshape(2, -1) - np.array([[4.0], [20.0]])
+    blur = np.full(x.size, 0.8)
+    near, true = (tuple(np.full(x.size, m) for m in shape_of(semi, 0.1)) for semi in ((15.02, 2.48), (15, 2.5)))
+    fresh, *_, exact = blurred_ellipse(x, y, true, blur)
+    *_, tips = blurred_ellipse(x - 0.02, y + 0.02, near, blur)
+    held, *_, same = blurred_ellipse(x, y, true, blur, tips)
+    np.testing.assert_array_equal(same, tips)
+    # After a move of 0.02 px, as the last steps make, they are off by a tenth at most.
+    assert np.abs(exact).max() > 0.05
+    assert np.sqrt(np.mean((held - fresh) ** 2)) < 0.1 * np.sqrt(np.mean(exact**2))

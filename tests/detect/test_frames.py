@@ -129,8 +129,10 @@ def scene(pentagon, irregular, ngon):
 def test_what_is_in_the_frame_is_found(scene, name, light):
     here = scene(name, light)
     assert np.isin([0, 255], here.frame).any() == (name == "saturated")
-    found = Detector(here.sought, CAMERA)(here.frame)
+    detector = Detector(here.sought, CAMERA)
+    found = detector(here.frame)
     here.check(found)
+    here.check(detector(here.frame, near=[each for each in found if each.ok]))
     for each in found:
         if each.ok:
             assert each.covariance.shape == (6, 6)
@@ -147,7 +149,7 @@ def test_what_is_in_the_frame_is_found(scene, name, light):
 @pytest.mark.parametrize("light", [False, True], ids=["dark", "light"])
 def test_colors_channels_and_memory_do_not_matter(scene, light):
     here = scene("a family", light)
-    detector = Detector(here.sought, CAMERA)
+    detector = Detector(here.sought[:2], CAMERA)
     grey = detector(here.frame)
     for name, form in EQUAL.items():
         other = form(here.frame)
@@ -163,17 +165,21 @@ def test_colors_channels_and_memory_do_not_matter(scene, light):
 @pytest.mark.parametrize("form", DEEP)
 def test_deep_frames(scene, form, light):
     here = scene("a family", light)
-    detector = Detector(here.sought, CAMERA)
+    detector = Detector(here.sought[:2], CAMERA)
     image = DEEP[form](here.frame)
     found = detector(image)
     here.check(found)
     eight = {each.name: each for each in detector(here.frame) if each.ok}
     for each in found:
         if each.ok:
-            # The same levels up to a factor, and an offset: black is where slopes of the light are reckoned from, and
-            # whether the light has any costs up to a third of the information. Noise is 0.004 px.
-            np.testing.assert_allclose(each.pixels, eight[each.name].pixels, atol=4e-3)
-            np.testing.assert_allclose(each.pixel_covariance, eight[each.name].pixel_covariance, rtol=0.5, atol=3e-6)
+            # The same levels up to a factor: the fit only starts a little elsewhere. Slopes of the light are reckoned
+            # from black, so that an offset changes them, and what they cost, which is up to a third of the information.
+            # Noise is 0.004 px.
+            atol, rtol = (1e-2, 0.5) if "narrow" in form else (1e-3, 0.05)
+            np.testing.assert_allclose(each.pixels, eight[each.name].pixels, atol=atol)
+            np.testing.assert_allclose(
+                each.pixel_covariance, eight[each.name].pixel_covariance, rtol=rtol, atol=rtol * 1e-5
+            )
 
 
 def test_colors_are_weighed_as_in_files(pentagon, scene, tmp_path):
@@ -203,6 +209,7 @@ CONTENTS = {
     "black in 16 bits": lambda shape: np.zeros(shape, np.uint16),
     "white in 16 bits": lambda shape: np.full(shape, 65535, np.uint16),
     "squares": lambda shape: (255 * ((np.indices(shape) // 2).sum(axis=0) % 2)).astype(np.uint8),
+    "every second pixel": lambda shape: (255 * (np.indices(shape).sum(axis=0) % 2)).astype(np.uint8),
     "one dark pixel": lambda shape: np.where(np.arange(np.prod(shape)).reshape(shape) == 0, 0, 255).astype(np.uint8),
     "noise": lambda shape: RNG.integers(0, 256, shape, np.uint8),
     "noise in 16 bits": lambda shape: RNG.integers(0, 65536, shape, np.uint16),

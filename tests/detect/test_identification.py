@@ -5,7 +5,7 @@ import pytest
 from plain_blobs import plain_blobs
 
 from markergen.detect.blobs import undo_lens
-from markergen.detect.identification import MAX_BLOBS, ambiguity, search
+from markergen.detect.identification import View, ambiguity, confirm, search
 from markergen.detect.pose_hypotheses import layout_of
 from markergen.model.camera import PAPER_CAMERA
 
@@ -15,7 +15,9 @@ RELIEF = [0, 0.02, 0.01, 0.02, 0, 0.005]
 
 def labels(blobs, marker, calibrated=True):
     """Indices of the blobs of each dot, -1 for none, or None; and the reason."""
-    found = search(undo_lens(blobs, PAPER_CAMERA), layout_of(marker), PAPER_CAMERA, calibrated)
+    ellipses = undo_lens(blobs, PAPER_CAMERA)
+    found = search(ellipses, View(layout_of(marker), PAPER_CAMERA, calibrated))
+    found = found if found.reason else confirm(found, ellipses)
     reason = found.reason or ambiguity(found)
     return (None if reason else found.blobs), reason
 
@@ -96,6 +98,7 @@ def test_ring_that_reads_as_a_dot_gives_no_labels(pentagon, sight):
     for pose in range(0, 400, 61):
         blobs = sight(pentagon, pose).blobs
         blobs.ring[:] = False
+        blobs.middle[:] = 0
         assert "ambiguous without the key ring" in labels(blobs, pentagon)[1]
         for other in range(5):
             # With another dot hidden, the other four fit with the ring's place free, and turned.
@@ -195,8 +198,6 @@ def test_every_early_end_has_its_reason(pentagon, sight):
         "found 3 dots, and labels take 4 of the marker's 5"
         in labels(plain_blobs(*(f[:3] for f in fields)), pentagon)[1]
     )
-    crowd = plain_blobs(*(np.concatenate([f] * (MAX_BLOBS // 5 + 1)) for f in fields))
-    assert "too many" in labels(crowd, pentagon)[1]
     elsewhere = fields[0] * [1, 0.3]
     assert "fit the marker's layout of 5" in labels(plain_blobs(elsewhere, *fields[1:]), pentagon)[1]
     assert (

@@ -21,8 +21,11 @@ def built(tmp_path):
 
 def test_what_was_built_is_used_and_what_was_built_of_another_source_is_not(built, monkeypatch):
     monkeypatch.delenv(kernel.VARIABLE, raising=False)
-    monkeypatch.setattr(kernel_build, "SOURCE", built.with_name("kernel.c"))
-    (built.with_name("kernel.c")).write_bytes(Path(kernel_build.__file__).with_name("kernel.c").read_bytes())
+    copies = [built.with_name(source.name) for source in kernel_build.SOURCES]
+    for source, copy in zip(kernel_build.SOURCES, copies, strict=True):
+        copy.write_bytes(source.read_bytes())
+    monkeypatch.setattr(kernel_build, "SOURCE", copies[0])
+    monkeypatch.setattr(kernel_build, "SOURCES", copies)
     library, reason = FRESH()
     assert library is not None
     assert reason is None
@@ -31,7 +34,7 @@ def test_what_was_built_is_used_and_what_was_built_of_another_source_is_not(buil
     library, reason = FRESH()
     assert library is None
     assert "another version" in reason
-    assert {path.name for path in built.parent.iterdir()} == {built.name, "kernel.c"}
+    assert {path.name for path in built.parent.iterdir()} == {built.name, *(copy.name for copy in copies)}
 
 
 @pytest.mark.parametrize(

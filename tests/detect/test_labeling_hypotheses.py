@@ -3,9 +3,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from markergen.detect import kernel
 from markergen.detect.blobs import undo_lens
 from markergen.detect.conic_projection import outlines
-from markergen.detect.labeling_hypotheses import LEAST_DOTS, Planes, Poses, find_labelings, misfits
+from markergen.detect.labeling_hypotheses import (
+    LEAST_DOTS,
+    Planes,
+    Poses,
+    find_labelings,
+    fit_labelings,
+    misfits,
+)
 from markergen.detect.pose_hypotheses import layout_of
 from markergen.maths.projection import plane_homography
 from markergen.maths.rotation import angle_between
@@ -86,3 +94,31 @@ def test_a_stranger_near_a_hidden_dots_place_is_let_go(ngon, sight):
         view.blobs.center[place] += 0.7 * view.blobs.semi[place].min()
         found = find_labelings(undo_lens(view.blobs, PAPER_CAMERA), layout_of(marker), 800.0)
         np.testing.assert_array_equal(named(view, best_of(found)), [0, 1, 2, -1, 4, 5])
+
+
+@pytest.mark.parametrize("heights", [None, [0, 0.02, 0.01, 0.02, 0, 0.005]])
+@pytest.mark.parametrize("n", [6, 14])
+def test_the_compiled_part_finds_the_same(ngon, sight, monkeypatch, heights, n):
+    if kernel.library() is None:
+        pytest.skip(kernel.missing())
+    marker = ngon(n, diameter=0.024, heights=heights and (3 * heights)[:n])
+    for pose in range(5, 400, 97):
+        view = sight(marker, pose, strangers=15, noise=0.1)
+        ellipses = undo_lens(view.blobs, PAPER_CAMERA)
+        compiled = find_labelings(ellipses, layout_of(marker), 800.0)
+        with monkeypatch.context() as without:
+            without.setattr(kernel, "library", lambda: None)
+            plain = find_labelings(ellipses, layout_of(marker), 800.0)
+        both = [each.take(np.argsort(each.misfit - each.count)[:1]) for each in (compiled, plain)]
+        np.testing.assert_array_equal(both[0].blobs, both[1].blobs)
+        # Fits end where their misfit changes by less than a thousandth.
+        np.testing.assert_allclose(both[0].misfit, both[1].misfit, rtol=1e-3)
+        np.testing.assert_allclose(both[0].model.translation, both[1].model.translation, rtol=0, atol=1e-5)
+        # The same poses fitted to the same labels.
+        start = both[1].model
+        again = fit_labelings(both[1].blobs, start, ellipses, layout_of(marker), 800.0, rings_tell=True)
+        with monkeypatch.context() as without:
+            without.setattr(kernel, "library", lambda: None)
+            numpy = fit_labelings(both[1].blobs, start, ellipses, layout_of(marker), 800.0, rings_tell=True)
+        np.testing.assert_array_equal(again.blobs, numpy.blobs)
+        np.testing.assert_allclose(again.misfit, numpy.misfit, rtol=1e-3)

@@ -5,7 +5,14 @@ import pytest
 
 from markergen.detect.blobs import undo_lens
 from markergen.detect.conic_projection import outlines
-from markergen.detect.pose_hypotheses import MAX_PAIRS, MAX_POSES, circle_poses, guess_poses, layout_of
+from markergen.detect.pose_hypotheses import (
+    MANY_DOTS,
+    PAIRED_DOTS,
+    PoseHypotheses,
+    circle_poses,
+    guess_poses,
+    layout_of,
+)
 from markergen.errors import InputError
 from markergen.maths.rotation import angle_between
 from markergen.model.boundary import Circle
@@ -15,6 +22,13 @@ from markergen.model.marker import ControlPoint, Marker
 from markergen.model.poses import paper_roll
 
 POSES = paper_roll()
+
+
+def guesses(ellipses, layout, **options):
+    """All guesses of all rounds."""
+    rounds = list(guess_poses(ellipses, layout, 800.0, **options))
+    parts = (np.concatenate([getattr(each, name) for each in rounds]) for name in ("rotation", "translation", "start"))
+    return PoseHypotheses(*parts)
 
 
 def test_a_circle_has_two_poses_and_one_is_true():
@@ -48,8 +62,7 @@ def test_the_true_pose_is_among_the_guesses(ngon, sight, heights, strangers):
     layout = layout_of(marker)
     for pose in range(0, 400, 41):
         view = sight(marker, pose, strangers=strangers)
-        seeds = guess_poses(undo_lens(view.blobs, PAPER_CAMERA), layout, 800.0)
-        assert 0 < len(seeds) <= MAX_POSES
+        seeds = guesses(undo_lens(view.blobs, PAPER_CAMERA), layout)
         # All dots within a radius of where they are: what the search for blobs near predicted dots starts from.
         drawn = outlines(layout.points, layout.radii, seeds.rotation, seeds.translation).point
         truth = outlines(layout.points, layout.radii, view.rotation[None], view.translation[None])
@@ -60,7 +73,7 @@ def test_the_true_pose_is_among_the_guesses(ngon, sight, heights, strangers):
 def test_guesses_from_exact_blobs_are_exact(ngon, sight):
     marker = ngon(6, heights=[0, 0.03, 0.01, 0.02, 0, 0.01])
     view = sight(marker, 77, noise=0, semi_noise=0)
-    seeds = guess_poses(undo_lens(view.blobs, PAPER_CAMERA), layout_of(marker), 800.0)
+    seeds = guesses(undo_lens(view.blobs, PAPER_CAMERA), layout_of(marker))
     # The center of the second ellipse stands for that of its dot.
     assert angle_between(seeds.rotation, view.rotation).min() < 0.01
     assert np.linalg.norm(seeds.translation - view.translation, axis=-1).min() < 0.01
@@ -68,7 +81,8 @@ def test_guesses_from_exact_blobs_are_exact(ngon, sight):
 
 def test_rings_tell(pentagon, sight):
     ellipses, layout = undo_lens(sight(pentagon, 130).blobs, PAPER_CAMERA), layout_of(pentagon)
-    assert len(guess_poses(ellipses, layout, 800.0)) < len(guess_poses(ellipses, layout, 800.0, rings_tell=False))
+    assert len(guesses(ellipses, layout)) < len(guesses(ellipses, layout, rings_tell=False))
+    assert 0 < len(guesses(ellipses, layout, ringed=True)) < len(guesses(ellipses, layout))
 
 
 def test_what_is_read_off_the_marker(ngon):
@@ -92,7 +106,7 @@ def test_dots_that_nearly_touch_are_kept_apart(make):
 @pytest.mark.parametrize("n", [4, 5, 12, 30])
 def test_pairs_of_every_dot_and_those_with_the_ring_first(ngon, n):
     pairs = layout_of(ngon(n, diameter=0.01)).pairs
-    assert len(pairs) <= MAX_PAIRS
+    assert len(pairs) <= n * (n - 1) if n <= MANY_DOTS else n * (2 + PAIRED_DOTS)
     assert set(pairs.ravel()) == set(range(n))
     with_ring = (pairs == 0).any(axis=1)
     assert with_ring[: with_ring.sum()].all()

@@ -3,6 +3,7 @@
 import io
 import json
 import os
+from pathlib import Path
 from types import SimpleNamespace
 
 import cv2
@@ -81,9 +82,10 @@ def test_a_video(folder, frames):
     np.testing.assert_allclose([each["time"] for each in lines], np.arange(5) / 25, atol=1e-6)
     assert [each["markers"][0]["found"] for each in lines] == [k != EMPTY for k in range(5)]
     # As found in the same frames one by one.
-    detector = Detector("marker.json", PAPER_CAMERA)
+    detector, found = Detector("marker.json", PAPER_CAMERA), None
     for entry, image in zip(lines, read_video("walk.avi"), strict=True):
-        assert entry["markers"] == [each.as_dict() for each in detector(image)]
+        found = detector(image, near=found)
+        assert entry["markers"] == [each.as_dict() for each in found]
     drawn = read_video("seen.mp4")
     assert [each.shape for each in drawn] == [(480, 640, 3)] * 5
     # Orange and blue are on the drawn ones alone, which are grey otherwise.
@@ -91,6 +93,17 @@ def test_a_video(folder, frames):
     assert colored[EMPTY] == 0
     assert min(colored[:EMPTY] + colored[EMPTY + 1 :]) > 300
     assert sorted(each.name for each in folder.iterdir()) == ["found.jsonl", "marker.json", "seen.mp4", "walk.avi"]
+
+
+def test_the_loop_of_the_documentation(folder, capsys):
+    text = (Path(__file__).parents[2] / "docs" / "detect.md").read_text()
+    (code,) = (each for each in text.split("```") if "import watch" in each)
+    (folder / "walk.avi").rename("video.avi")
+    detector = Detector("marker.json", PAPER_CAMERA)
+    exec(compile(code.removeprefix("python\n"), "docs/detect.md", "exec"), {"detector": detector})
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[1] for line in lines] == ["0"] * 5
+    assert [line.endswith("[None]") for line in lines] == [k == EMPTY for k in range(5)]
 
 
 def test_the_same_video_gives_the_same_bytes(folder):
@@ -136,14 +149,27 @@ def test_a_camera_until_it_ends(folder, frames, camera, monkeypatch):
     assert [bool(np.ptp(each) > 100) for each in read_video("seen.mp4")] == [True] * 4 + [False] * 2 + [True] * 3
 
 
+def test_a_copy_that_comes_in_is_found_within_a_second(folder, camera, pentagon):
+    """At ten frames per second; another one is not looked for while the first one is where it was."""
+    turn, optics, away = POSES.rotation[0], Optics(noise_grey=0), -0.25
+    alone, other = (
+        render_view(pentagon, PAPER_CAMERA, turn, np.array([x, 0, 1.4]), optics, np.random.default_rng(0))
+        for x in (away, -away)
+    )
+    write_video("walk.avi", [alone] * 2 + [np.minimum(alone, other)] * 10, 10.0)
+    stream = io.StringIO()
+    watch(json=stream)
+    assert [len(each["markers"]) for each in entries(stream.getvalue())] == [1] * 10 + [2] * 2
+
+
 @pytest.mark.parametrize("error", [KeyboardInterrupt, BrokenPipeError])
 def test_interrupted_in_the_middle(folder, monkeypatch, error):
     honest, count = video.Detector.__call__, iter(range(9))
 
-    def interrupted(detector, image):
+    def interrupted(detector, image, near=None):
         if next(count) == 3:
             raise error
-        return honest(detector, image)
+        return honest(detector, image, near)
 
     monkeypatch.setattr(video.Detector, "__call__", interrupted)
     told = []
@@ -232,6 +258,12 @@ def test_a_disk_that_is_full(folder, monkeypatch):
         watch(overlay="seen.mp4")
     assert (folder / "seen.mp4").read_bytes() == b"before"
     assert not [each for each in folder.iterdir() if each.name.startswith(".")]
+    monkeypatch.setattr(cv2, "VideoWriter", VIDEO_WRITER)
+    monkeypatch.setattr(video.shutil, "disk_usage", lambda path: SimpleNamespace(free=19e6))
+    with pytest.raises(OutputError, match=r"expected space for seen.mp4, found 19 MB; it ends at frame 0"):
+        watch(overlay="seen.mp4")
+    # What there is has its end.
+    assert len(read_video("seen.mp4")) == 1
     with pytest.raises(OutputError, match="expected to write /dev/full, found: No space left on device at frame 0"):
         watch(json="/dev/full")
 

@@ -8,6 +8,7 @@ import pytest
 from markergen.cli.commands import TYPES, app
 from markergen.detect import Detector
 from markergen.detect.batch import detect_files
+from markergen.detect.video import detect_video
 from markergen.drawing.colors import BLACK_ON_WHITE, parse_colors
 from markergen.drawing.paper import SheetOptions
 from markergen.model.boundary import Circle
@@ -107,7 +108,10 @@ def test_functions_show_the_keywords_that_are_declared(table):
     assert not any(each.kind is each.VAR_KEYWORD for each in parameters.values())
 
 
-@pytest.mark.parametrize(("function", "table"), [(Detector, DetectorKeywords), (detect_files, DetectKeywords)])
+@pytest.mark.parametrize(
+    ("function", "table"),
+    [(Detector, DetectorKeywords), (detect_files, DetectKeywords), (detect_video, DetectKeywords)],
+)
 def test_a_detector_has_the_defaults_that_are_declared(function, table):
     parameters = inspect.signature(function).parameters
     for name, option in declared(table).items():

@@ -1,6 +1,7 @@
 """Every frame of a file, the newest ones of a camera, and one line for what cannot be read."""
 
 import socket
+import struct
 import threading
 import time
 from itertools import pairwise
@@ -82,6 +83,17 @@ def test_a_camera_that_stalls_is_told(camera, monkeypatch):
     assert plugged.released
 
 
+def test_an_error_of_opencv_is_one_line(camera, monkeypatch):
+    plugged = camera(flat(3))
+
+    def broken():
+        raise cv2.error("(-215:Assertion failed) in some function")
+
+    monkeypatch.setattr(plugged, "retrieve", broken)
+    with open_video("0") as video, pytest.raises(InputError, match=r"frames from camera 0, found .*Assertion"):
+        list(video)
+
+
 def test_a_file_is_left_in_the_middle(tmp_path):
     write_video(tmp_path / "a.avi", flat(12))
     threads = threading.active_count()
@@ -102,12 +114,19 @@ def test_time_stamps_increase(camera, monkeypatch):
     assert video.notes == [videos.TIME_NOTE]
 
 
-def test_a_rotation_is_ignored_and_told(camera, monkeypatch):
-    plugged = camera(flat(1))
-    monkeypatch.setattr(plugged, "get", lambda prop: 90.0 if prop == cv2.CAP_PROP_ORIENTATION_META else 0.0)
-    with open_video("0") as video:
+def test_a_rotation_is_ignored_and_told(tmp_path):
+    """As phones state it: by a matrix in the header of the track."""
+    path = tmp_path / "turned.mp4"
+    write_video(path, flat(2), code="mp4v")
+    content = bytearray(path.read_bytes())
+    matrix = content.index(b"tkhd") + 44
+    assert struct.unpack_from(">9i", content, matrix) == (1 << 16, 0, 0, 0, 1 << 16, 0, 0, 0, 1 << 30)
+    struct.pack_into(">9i", content, matrix, 0, 1 << 16, 0, -1 << 16, 0, 0, 0, 0, 1 << 30)
+    path.write_bytes(content)
+    assert cv2.VideoCapture(str(path)).read()[1].shape == (48, 32, 3)
+    with open_video(path) as video:
         assert video.notes == [videos.TURN_NOTE]
-    assert plugged.asked[cv2.CAP_PROP_ORIENTATION_AUTO] == 0
+        assert [each.image.shape for each in video] == [(32, 48, 3)] * 2
 
 
 @pytest.mark.parametrize(

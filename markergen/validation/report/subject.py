@@ -12,6 +12,7 @@ from markergen.estimators.budget import PoseBudget
 from markergen.maths.information import covariance, rotation_bound
 from markergen.maths.projection import circle_image, plane_homography
 from markergen.model.camera import Camera
+from markergen.model.feature import LEAST_PIXELS
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
@@ -276,7 +277,7 @@ def advice_sentences(advice: Advice, marker: Marker, poses: PoseDistribution) ->
     else:
         said.append(
             f"For {share} {format_length(most.diameter)} would do; now it is {number(most.thinnest_px, 2)} px there. "
-            "Smaller dots are found as well, down to about 6 px, but with less margin."
+            f"Smaller dots are found as well, down to {LEAST_PIXELS:g} px, but with less margin."
         )
     room = format_length(np.floor(advice.largest * 1e4) / 1e4)
     if worst.diameter > advice.largest:
