@@ -13,13 +13,11 @@ from markergen.detect.conic_projection import correct_centers, outlines
 from markergen.detect.ellipse_fit import fit_blobs
 from markergen.detect.fiducials import NO_TAGS, REFUTES, Sightings, TagReader
 from markergen.detect.identification import REFUSED_PX, ROUGH_PX, Search, View, ambiguity, confirm, contender, search
-from markergen.detect.labeling_hypotheses import Poses
-from markergen.detect.pose import DEFAULT_ERRORS, PoseEstimate, fit_pose, outlier
+from markergen.detect.pose import DEFAULT_ERRORS, PoseEstimate, fit_pose, homography_of, outlier
 from markergen.detect.pose_hypotheses import DotLayout, layout_of
+from markergen.detect.seen_models import Poses
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
-from markergen.maths.dlt import estimate_homography, four_in_general_position
-from markergen.maths.projection import plane_homography
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker, check_supported
 from markergen.read.images import LARGEST_FRAME
@@ -88,6 +86,11 @@ class Detection:
         Corners of the marker's tag in the image as taken, in the order of `Tag.corners`; None if it was not read.
     unlabeled : Unlabeled or None
         The dots, if ambiguous labels are the reason; None otherwise.
+    misfit : float, px
+        RMS by which the dots miss the labeling's prediction: see `misfits`; inf if not found.
+    checked : Detection or None
+        If the marker was tracked: the detection in an earlier frame in which other labelings were last looked for. None
+        if they were in this one.
     """
 
     found: bool
@@ -103,6 +106,8 @@ class Detection:
     dropped: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     tag: Array | None = None
     unlabeled: Unlabeled | None = None
+    misfit: float = float("inf")
+    checked: "Detection | None" = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,8 +295,7 @@ def identify(
 ) -> list[Detection]:
     """Run `detect_all` on the dots and tags of an image.
 
-    Labels are sought among rough blobs. The best labeling's own blobs are then fitted to the grey levels, and the
-    search among these alone has the last word: a labeling must be the only one that fits them.
+    Labels are sought among rough blobs. The grey levels at those of the best labeling must confirm it.
 
     Parameters
     ----------
@@ -308,7 +312,10 @@ def identify(
     left, reasons, found = dict.fromkeys(range(len(markers)), copies), dict[int, str](), list[Detection]()
     rivals, unlabeled = dict[int, int](), dict[int, Unlabeled]()
     while left:
-        searches = {each: search(ellipses, views[each], rough) for each in {sought.layouts[k]: None for k in left}}
+        # Of further copies, those in plain sight are enough.
+        first_of = {sought.layouts[k] for k, more in left.items() if more == copies}
+        own = dict.fromkeys(sought.layouts[k] for k in left)
+        searches = {each: search(ellipses, views[each], rough, thorough=each in first_of) for each in own}
         for k in list(left):
             if searches[sought.layouts[k]].reason:
                 reasons.setdefault(k, searches[sought.layouts[k]].reason)
@@ -319,11 +326,8 @@ def identify(
         claimed = _among(ellipses, first)
         fresh = claimed & (rough == ROUGH_PX)
         blobs, ellipses, rough = _fitted(blobs, ellipses, rough, fresh, fit, camera)
-        confirmed = {
-            k: confirm(searches[layout], ellipses, rough, markers[k].tag, tags)
-            for k, layout in ((k, sought.layouts[k]) for k in left)
-            if (claimed & _among(ellipses, searches[layout])).any()
-        }
+        sharing = (k for k in left if (claimed & _among(ellipses, searches[sought.layouts[k]])).any())
+        confirmed = {k: confirm(searches[sought.layouts[k]], ellipses, rough, markers[k].tag, tags) for k in sharing}
         answers = {k: each for k, each in confirmed.items() if not each.reason}
         best = min(answers, key=lambda k: answers[k].rank, default=-1)
         others = _among(ellipses, answers.get(best, first)) & (rough == ROUGH_PX)
@@ -442,7 +446,7 @@ def finish(
         drawn = outlines(points, radii, pose.rotation[None], pose.translation[None])
         corrected = seen - (drawn.center - drawn.point)[0]
         if layout.flat:
-            homography = _homography(points, corrected, camera, pose)
+            homography = homography_of(points, corrected, camera, pose)
     index = ellipses.index[own]
     return Detection(
         True,
@@ -453,6 +457,7 @@ def finish(
         None if homography is None else homography / homography[2, 2],
         pose,
         dropped=ids[np.setdiff1d(labeled, used)],
+        misfit=float(chosen.candidates.misfit[0]),
     )
 
 
@@ -484,17 +489,3 @@ def _pose(
         if worst is None:
             return used, pose
         used = np.delete(used, worst)
-
-
-def _homography(points: Array, corrected: Array, camera: Camera, pose: PoseEstimate) -> Array:
-    """Return the homography from marker plane to ideal px, by DLT, or from the pose if the points are degenerate."""
-    if _in_general_position(points[:, :2].tobytes()):
-        return np.asarray(estimate_homography(points[:, :2], camera.ideal.to_pixels(corrected)), dtype=float)
-    origin = pose.translation + points[0, 2] * pose.rotation[:, 2]
-    return plane_homography(pose.rotation[None], origin[None], camera.matrix)[0]
-
-
-@lru_cache(maxsize=256)
-def _in_general_position(points: bytes) -> bool:
-    """Return whether points (n, 2), as bytes, determine a homography."""
-    return bool(four_in_general_position(np.frombuffer(points).reshape(-1, 2)))

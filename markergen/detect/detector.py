@@ -291,7 +291,7 @@ class Detector:
     True [0 1 2 3] [0.01 0.   0.4 ]
     >>> (found,) = detector(np.full((120, 160, 3), 255, np.uint8))
     >>> found.ok, found.reason
-    (False, "found 0 dots, and labels take 4 of the marker's 4; dots less than 3.5 px across are not found")
+    (False, "found 0 dots, and labels take 4 of the marker's 4; dots less than 2.5 px across are hardly found")
     >>> detector(None)
     Traceback (most recent call last):
     markergen.errors.InputError: expected an image as a numpy array, found None; cv2.imread returns None when it cannot read the file: check the path
@@ -349,8 +349,9 @@ class Detector:
         says of a marker that it was not found, the whole frame is searched as without `near`. So passing on each
         frame's whole result finds every marker in every frame; passing only what was found, ``[each for each in found
         if each.ok]``, does not look for the others until one is lost. Further copies of a marker are noticed only when
-        the whole frame is searched: leave out `near` now and then if copies may enter. A wrong `near` costs time, and
-        changes no label: those do not depend on it.
+        the whole frame is searched: leave out `near` now and then if copies may enter. What is
+        found must pass the same tests as in a whole frame: a wrong `near` costs time, and changes no label. Dots within
+        3 px of the image's edge are left out.
 
         Parameters
         ----------

@@ -322,8 +322,9 @@ SETTINGS = FiducialSettings("subpix", window=3)
 
 REFUTES, SILENT, CONFIRMS = -1, 0, 1
 
-_MARGIN, _MARGIN_PX, _LEAST_SIDE = 0.5, 8.0, 8
-"""Margin around the place of a tag in which it is read: share of its size, plus px; shortest side of such a part."""
+_MARGIN, _MARGIN_PX, _QUIET_SHARE, _LEAST_SIDE = 0.5, 8.0, 0.3, 8
+"""Margin around the place of a tag in which it is read: share of its size, plus px; the least share within which it can
+be read; shortest side of such a part."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -387,9 +388,13 @@ class TagReader:
             left, top = (max(0, int(each)) for each in np.clip(low - margin, 0, [width, height]))
             right, bottom = (int(each) for each in np.clip(high + margin + 1, 0, [width, height]))
             # Labelings of one marker mostly put the tag at the same place.
-            inner = np.concatenate([np.clip(low, 0, None), np.minimum(high, [width - 1, height - 1])])
+            quiet = _QUIET_SHARE * float((high - low).max())
             known = any(
-                a <= inner[0] and b <= inner[1] and inner[2] <= c and inner[3] <= d for a, b, c, d in self._read
+                left_ <= max(low[0] - quiet, 0)
+                and top_ <= max(low[1] - quiet, 0)
+                and right_ >= min(high[0] + quiet, width)
+                and bottom_ >= min(high[1] + quiet, height)
+                for left_, top_, right_, bottom_ in self._read
             )
             if known or min(right - left, bottom - top) < _LEAST_SIDE:
                 continue

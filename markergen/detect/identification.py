@@ -17,7 +17,6 @@ from markergen.detect.labeling_hypotheses import (
     NEAR_PX,
     NEAR_REACH,
     Labelings,
-    Poses,
     assign,
     distinct,
     find_labelings,
@@ -28,7 +27,9 @@ from markergen.detect.labeling_hypotheses import (
 )
 from markergen.detect.pose_hypotheses import DotLayout
 from markergen.detect.rival_labelings import rival_labelings
+from markergen.detect.seen_models import Model, Poses
 from markergen.model.camera import Camera
+from markergen.model.feature import DOT_PIXELS
 from markergen.model.tag import Tag
 
 Array = NDArray[np.float64]
@@ -64,7 +65,7 @@ ring in place of a disk or vice versa."""
 EDGE_PX = 3.0
 """Margin in px: a dot is expected if it is predicted inside the image, by more than this plus its size."""
 
-SMALL = "dots less than 3.5 px across are not found"
+SMALL = f"dots less than {DOT_PIXELS:g} px across are hardly found"
 
 _KEPT = 24
 """Maximum number of labelings that are compared in the end, the best ones."""
@@ -163,7 +164,7 @@ class Search:
         return self.seen.pixels[self.sighting[0]] if self.tags[0] == CONFIRMS else None
 
 
-def search(ellipses: Ellipses, view: View, rough: Array | None = None) -> Search:
+def search(ellipses: Ellipses, view: View, rough: Array | None = None, thorough: bool = True) -> Search:
     """Find the labelings of blobs that are consistent with the camera, best first.
 
     Guessed poses (`guess_poses`) take blobs near the dots they predict; labelings of four or more dots are fitted, and
@@ -174,6 +175,8 @@ def search(ellipses: Ellipses, view: View, rough: Array | None = None) -> Search
     ----------
     rough : array (B,) in px, or None
         Additional misfit of ellipses that are not fitted: `ROUGH_PX` or `REFUSED_PX`.
+    thorough : bool
+        False for a further copy of a marker: found if most of it is in plain sight, with its ring if it has one.
     """
     if len(ellipses) < LEAST_DOTS:
         labels = f"and labels take {LEAST_DOTS} of the marker's {len(view.layout)}"
@@ -188,10 +191,17 @@ def search(ellipses: Ellipses, view: View, rough: Array | None = None) -> Search
         whole = (judged.missing == 0) & (count >= WHOLE_SHARE * len(view.layout)) & (misfit <= 0.5 * judged.bound)
         return misfit <= judged.bound, whole
 
-    candidates = find_labelings(ellipses, view.layout, view.px, view.calibrated, judge=judge)
+    candidates = find_labelings(ellipses, view.layout, view.px, view.calibrated, judge=judge, thorough=thorough)
     if not len(candidates) or candidates.count[0] < LEAST_DOTS:
         return _failed(view, _how_far(ellipses, candidates, view))
     return _answered(_judged(candidates, ellipses, view, rough), ellipses)
+
+
+def given(blobs: Indices, model: Model, view: View) -> Search:
+    """Return a labeling (n,), with a model near the right one, in the form that `confirm` takes."""
+    silent = np.zeros(1, dtype=np.intp)
+    candidates = Labelings(blobs[None], np.full(1, np.inf), model, view.layout)
+    return Search(view, candidates, np.zeros(1), silent, np.zeros(1), silent, silent - 1)
 
 
 def confirm(
@@ -340,7 +350,7 @@ def _bound(
     low, high = (np.where(used[..., None], center, fill) for fill in (np.inf, -np.inf))
     extent = px * np.max(high.max(axis=1) - low.min(axis=1), axis=-1)
     count = candidates.count
-    bound = (ACCEPT_PX + ACCEPT_SHARE * extent) * (count - 3) / (count + missing - 3)
+    bound = (ACCEPT_PX + ACCEPT_SHARE * extent) * (count - 3) / np.maximum(count + missing - 3, 1)
     unsure = np.zeros(len(count))
     if rough is not None:
         unsure = np.sqrt(np.sum(rough[candidates.blobs] ** 2 * used, axis=-1) / count)

@@ -1051,3 +1051,118 @@ int follow_poses(int64_t k, int64_t n, int64_t b, int64_t flat, int64_t near_cou
     free(own);
     return failed ? -1 : 0;
 }
+
+/* ------------------------------------------------------------------------------------------------------------------
+   guess_poses: poses guessed from pairs of blobs that a pair of dots could be (twin: pose_hypotheses.py, _round).
+
+   The outline of the first blob has two poses of a disk, `position` in its radii and `normal` (b, 2, 3); the ray through
+   the second meets their planes where that blob lies. A guess is good if its distance, size and shape are those of the
+   dots within `slack` (b), and if at least `least` of the `near` (n, near_count) dots of the first one have a blob of about
+   their size; `by_x` (b) has the blobs in the order of their columns.
+
+   first, second (m); pairs (q, 2); center (b, 2), shape (b, 3), area (b); strange (2, b) as in follow_poses;
+   settings: px, drift, drift in px, size (log). Returns the number of good guesses, of which at most `capacity` are
+   written: start, votes, quality, rotation and translation. */
+
+static double stretched(const double *e, double det, double x, double y, const double *n)
+{
+    double ax = n[0] - x * n[2], ay = n[1] - y * n[2];
+    double xx = 1 + x * x - ax * ax, yy = 1 + y * y - ay * ay, xy = x * y - ax * ay;
+    double area = fmax(xx * yy - xy * xy, 1e-12);
+    double ratio = (e[0] * yy + e[2] * xx - 2 * e[1] * xy) / area / (2 * sqrt(det / area));
+    return acosh(fmax(ratio, 1));
+}
+
+int64_t guess_poses(int64_t m, int64_t q, int64_t b, int64_t near_count, int64_t least, int64_t capacity,
+                    const int64_t *first, const int64_t *second, const int64_t *pairs,
+                    const double *points, const double *radii, const uint8_t *rings, const int64_t *near,
+                    const double *center, const double *shape, const double *area, const double *slack,
+                    const double *position, const double *normal, const uint8_t *strange, const int64_t *by_x,
+                    const double *settings, int64_t *start, int64_t *votes, double *quality, double *rotation,
+                    double *translation)
+{
+    const double px = settings[0], drift = settings[1], drift_px = settings[2], alike = settings[3];
+    const double least_size = exp(-2 * alike), most_size = exp(2 * alike);
+    int64_t count = 0;
+    for (int64_t pair = 0; pair < 2 * m; pair++) {
+        const int64_t i = first[pair % m], j = second[pair % m], side = pair / m;
+        const double *p = position + 6 * i + 3 * side, *n = normal + 6 * i + 3 * side;
+        const double x = center[2 * j], y = center[2 * j + 1];
+        const double toward = n[0] * x + n[1] * y + n[2], allowed = hypot(slack[i], slack[j]);
+        if (!(toward < 0) || !(stretched(shape + 3 * j, area[j] * area[j], x, y, n) < allowed))
+            continue;
+        const double limit = exp(3 * allowed);
+        const double away = n[0] * p[0] + n[1] * p[1] + n[2] * p[2];
+        const double square_ray = x * x + y * y + 1, along_ray = x * p[0] + y * p[1] + p[2];
+        const double square_p = p[0] * p[0] + p[1] * p[1] + p[2] * p[2];
+        for (int64_t k = 0; k < q; k++) {
+            const int64_t a = pairs[2 * k], c = pairs[2 * k + 1];
+            if (strange[rings[a] * b + i] || strange[rings[c] * b + j])
+                continue;
+            const double r = radii[a], *X = points + 3 * a, *Y = points + 3 * c;
+            const double step[3] = {Y[0] - X[0], Y[1] - X[1], Y[2] - X[2]};
+            const double lateral = step[0] * step[0] + step[1] * step[1], depth = (away * r + step[2]) / toward;
+            const double far = depth * depth * square_ray - 2 * depth * r * along_ray + r * r * square_p - step[2] * step[2];
+            const double size = radii[c] * radii[c] * -toward / (depth * depth * area[j]);
+            /* The squares of the ratios; a guess that is no number is no good one. */
+            if (!(depth > 0 && lateral < far * limit && lateral * limit > far && size < limit && size * limit > 1))
+                continue;
+            const double scale = sqrt(lateral / far);
+            double u[3] = {depth * x - r * p[0] - step[2] * n[0], depth * y - r * p[1] - step[2] * n[1],
+                           depth - r * p[2] - step[2] * n[2]};
+            const double length = sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]), span = sqrt(lateral);
+            for (int d = 0; d < 3; d++)
+                u[d] /= length;
+            const double v[3] = {n[1] * u[2] - n[2] * u[1], n[2] * u[0] - n[0] * u[2], n[0] * u[1] - n[1] * u[0]};
+            const double cosine = step[0] / span, sine = step[1] / span;
+            double R[9], t[3];
+            for (int d = 0; d < 3; d++) {
+                R[3 * d] = cosine * u[d] - sine * v[d];
+                R[3 * d + 1] = sine * u[d] + cosine * v[d];
+                R[3 * d + 2] = n[d];
+                t[d] = scale * r * p[d] - (R[3 * d] * X[0] + R[3 * d + 1] * X[1] + R[3 * d + 2] * X[2]);
+            }
+            int64_t hits = 0;
+            for (int64_t l = 0; l < near_count && hits + near_count - l >= least; l++) {
+                const int64_t dot = near[near_count * a + l];
+                const double *Z = points + 3 * dot, dx = Z[0] - X[0], dy = Z[1] - X[1], dz = Z[2] - X[2];
+                const double px_ = R[0] * Z[0] + R[1] * Z[1] + R[2] * Z[2] + t[0];
+                const double py_ = R[3] * Z[0] + R[4] * Z[1] + R[5] * Z[2] + t[1];
+                const double pz_ = R[6] * Z[0] + R[7] * Z[1] + R[8] * Z[2] + t[2];
+                const double facing = -(px_ * n[0] + py_ * n[1] + pz_ * n[2]);
+                if (!(pz_ > 0 && facing > 0))
+                    continue;
+                const double gate = drift * sqrt(dx * dx + dy * dy + dz * dz) / pz_ + drift_px / px;
+                const double expected = radii[dot] * radii[dot] * facing / (pz_ * pz_ * pz_);
+                const double ex = px_ / pz_, ey = py_ / pz_;
+                int64_t low = 0, high = b;
+                while (low < high) {
+                    const int64_t middle = (low + high) / 2;
+                    if (center[2 * by_x[middle]] < ex - gate)
+                        low = middle + 1;
+                    else
+                        high = middle;
+                }
+                for (; low < b && center[2 * by_x[low]] <= ex + gate; low++) {
+                    const double *at = center + 2 * by_x[low], own = area[by_x[low]];
+                    if ((ex - at[0]) * (ex - at[0]) + (ey - at[1]) * (ey - at[1]) < gate * gate &&
+                        own > expected * least_size && own < expected * most_size) {
+                        hits++;
+                        break;
+                    }
+                }
+            }
+            if (hits < least)
+                continue;
+            if (count < capacity) {
+                start[count] = a;
+                votes[count] = hits;
+                quality[count] = hypot(0.5 * log(lateral / far), 0.5 * log(size)) / allowed;
+                memcpy(rotation + 9 * count, R, sizeof R);
+                memcpy(translation + 3 * count, t, sizeof t);
+            }
+            count++;
+        }
+    }
+    return count;
+}

@@ -72,6 +72,8 @@ def _declare(loaded: ctypes.CDLL) -> None:
     loaded.disk_outlines.restype = None
     loaded.refine_poses.argtypes = [whole, whole, *[address] * 7, whole, ctypes.c_double, address]
     loaded.refine_poses.restype = ctypes.c_int
+    loaded.guess_poses.argtypes = [*[whole] * 6, *[address] * 21]
+    loaded.guess_poses.restype = whole
     loaded.follow_poses.argtypes = [*[whole] * 5, *[address] * 14]
     loaded.follow_poses.restype = ctypes.c_int
     loaded.even_edges.argtypes = [address, whole, whole, whole, address, whole, *[address] * 3]
@@ -125,8 +127,8 @@ def fit_dots(
     settings: Array,
     table: Array,
     unknowns: Array,
-) -> tuple[Array, Array, Array, Array, NDArray[np.bool_], Array]:
-    """Fit dots to grey levels: see kernel_fit.c, and the twin in ellipse_fit.py.
+) -> tuple[Array, Array, Array]:
+    """Fit dots to grey levels: see kernel_fit.c, and the twin in ellipse_descent.py.
 
     Parameters
     ----------
@@ -139,11 +141,12 @@ def fit_dots(
         Maximum noise; the level above which the image shows none, and that of the unknowns, reckoned from `unlit`.
     settings, table : arrays
         Constants in the order of kernel_fit.c, and the normal distribution and its density.
-    unknowns : array (B, 13)
+    unknowns : array (B, 15)
 
     Returns
     -------
-    unknowns (B, 13), inverse normal matrices (B, 13, 13), variance (B,), noise (B,), complete (B,) of bool, misfit (B,)
+    unknowns (B, 15), inverse normal matrices (B, 15, 15), and in this order (7, B): variance, noise, complete, misfit,
+    uneven, odd, pairs
     """
     loaded = library()
     assert loaded is not None
@@ -152,11 +155,11 @@ def fit_dots(
     if image.strides[1] != image.itemsize or image.strides[0] < 0:
         image = image.copy()
     count, (height, width) = len(unknowns), image.shape
-    unknowns, inverse, facts = unknowns.copy(), np.empty((count, 13, 13)), np.empty((count, 4))
+    unknowns, inverse, facts = unknowns.copy(), np.empty((count, 15, 15)), np.empty((count, 7))
     inputs = [np.ascontiguousarray(each, dtype=float) for each in (semi, angle, band)]
     kinds = np.asarray(ring + 2 * filled, dtype=np.uint8)
     sizes = [each.size for each in (*inputs, kinds, unknowns)]
-    if sizes != [2 * count, count, count, count, 13 * count]:
+    if sizes != [2 * count, count, count, count, 15 * count]:
         raise ValueError(f"arrays of {count} dots do not have {sizes} numbers")
     arrays = settings, table, unknowns, inverse, facts
     status = loaded.fit_dots(
@@ -166,7 +169,7 @@ def fit_dots(
     )  # fmt: skip
     if status < 0:
         raise MemoryError("no memory for the pixels of a dot")
-    return unknowns, inverse, facts[:, 0], facts[:, 1], facts[:, 2] > 0, facts[:, 3]
+    return unknowns, inverse, facts.T
 
 
 def elliptic(found: Integers, limits: Array) -> tuple[Array, Array, Integers]:
@@ -251,6 +254,53 @@ def refine_poses(
     if loaded.refine_poses(k, n, *addresses, steps, tolerance, schedule.ctypes.data):
         raise MemoryError("no memory for residuals")
     return refined[0], refined[1], chi2
+
+
+def guess_poses(
+    pairs: tuple[NDArray[np.intp], ...],
+    layout: tuple[Array, Array, NDArray[np.bool_], NDArray[np.intp]],
+    blobs: tuple[Array, ...],
+    strange: NDArray[np.bool_],
+    settings: tuple[float, ...],
+    least: int,
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array, Array]:
+    """Return guessed poses: see kernel.c, and the twin in pose_hypotheses.py.
+
+    Parameters
+    ----------
+    pairs : tuple
+        First and second blobs (m,), and pairs of control points (q, 2).
+    layout : tuple
+        Points, radii, rings, and near dots (n, k).
+    blobs : tuple
+        Centers (b, 2), shapes (b, 2, 2), areas, slacks (b,), positions and normals (b, 2, 3).
+    settings : tuple
+        As in kernel.c.
+
+    Returns
+    -------
+    start, votes (K,), quality (K,), rotation (K, 3, 3), translation (K, 3)
+    """
+    loaded = library()
+    assert loaded is not None
+    center, shape, *others = blobs
+    whole = [np.ascontiguousarray(each, dtype=np.int64) for each in (*pairs, layout[3], np.argsort(blobs[0][:, 0]))]
+    points, radii, *more = [
+        np.ascontiguousarray(each, dtype=float)
+        for each in (*layout[:2], center, shape[:, [0, 0, 1], [0, 1, 1]], *others)
+    ]
+    kinds, rings = np.ascontiguousarray(strange, dtype=np.uint8), np.ascontiguousarray(layout[2], dtype=np.uint8)
+    fixed = [*whole[:3], points, radii, rings, whole[3], *more, kinds, whole[4], np.array(settings, dtype=float)]
+    sizes = len(pairs[0]), len(pairs[2]), len(center), layout[3].shape[1], least
+    capacity = 1024
+    while True:
+        start, votes = np.empty((2, capacity), dtype=np.int64)
+        quality, rotation, translation = np.empty(capacity), np.empty((capacity, 3, 3)), np.empty((capacity, 3))
+        arrays = *fixed, start, votes, quality, rotation, translation
+        count: int = loaded.guess_poses(*sizes, capacity, *(each.ctypes.data for each in arrays))
+        if count <= capacity:
+            return start[:count], votes[:count], quality[:count], rotation[:count], translation[:count]
+        capacity = count
 
 
 _STAGES = 4

@@ -1,4 +1,4 @@
-/* fit_dots: fit of blurred dark ellipses and rings to grey levels, one dot after the other (twin: ellipse_fit.py,
+/* fit_dots: fit of blurred dark ellipses and rings to grey levels, one dot after the other (twin: ellipse_descent.py,
    EllipseDescent, which says what is done and why; names here are those there).
 
    A part of the library of kernel.c: see the remarks at its head. */
@@ -17,13 +17,13 @@
 #define INSIDE static inline
 #endif
 
-enum { COUNT = 13, WIDTH = 16, NARROW = 12, BLOCK = 32, DISK = 10, LIGHT = 5, DARK = 6, BLUR = 7, SCALE = 12, SECTORS = 16, SUMS = 8, NODES = 5, FACTS = 4 };
+enum { COUNT = 15, WIDTH = 16, BLOCK = 32, DISK = 12, LIGHT = 5, DARK = 6, BLUR = 7, HOLE = 12, SCALE = 14, SECTORS = 16, SUMS = 8, NODES = 5, FACTS = 7 };
 
-/* In this order in kernel.py. */
+/* In the order of CONSTANTS in ellipse_descent.py. */
 typedef struct {
-    double converged, settled, judged, steps, rounds, step, scale_step, least_blur, most_blur, shortest;
+    double converged, settled, judged, unjudged, steps, rounds, step, scale_step, least_blur, most_blur, shortest;
     double outlier_share, outlier_sigma, outlier_spread, left_out, trimmed;
-    double scale_prior; /* noise per contrast over the standard deviation of a hole's size */
+    double scale_prior, shine_prior; /* noise per contrast over the standard deviations of hole and reflection */
     double sharp, boxed, least_side, least_lens, tiny;
     double shift, shift_share, height, sigmas, even, misfit, unseen, quantization;
     double enough, rows;
@@ -46,7 +46,7 @@ typedef struct {
     int64_t count, room;
     double *x, *y, *grey, *residual, *tips, *other_tips, *scratch;
     uint8_t *weight, *silent, *sector;
-    double p[COUNT], origin[2], size[2], step; /* the longer semi-axis first */
+    double p[COUNT], origin[2], size[2], step, blur_step; /* the longer semi-axis first */
     double normal[COUNT][COUNT], gradient[COUNT], sums[SECTORS][SUMS];
     int ring, filled, alive, left_out[SECTORS];
     double image_noise, saturation, unlit;
@@ -367,26 +367,26 @@ static void strangeness(const Dot *dot, double noise, double *strange)
     }
 }
 
-/* ---- ellipse_fit.py ---- */
+/* ---- ellipse_descent.py ---- */
 
 /* Adds j'j of m pixels; j has the derivatives, then the residual, then zeros. */
-INSIDE void add_products(double (*total)[WIDTH], double (*j)[WIDTH], int m, int rows, int width)
+INSIDE void add_products(double (*total)[WIDTH], double (*j)[WIDTH], int m, int rows)
 {
     for (int r = 0; r < rows; r++) {
         double row[WIDTH];
-        for (int c = 0; c < width; c++)
+        for (int c = 0; c < WIDTH; c++)
             row[c] = total[r][c];
         for (int k = 0; k < m; k++)
-            for (int c = 0; c < width; c++)
+            for (int c = 0; c < WIDTH; c++)
                 row[c] += j[k][r] * j[k][c];
-        for (int c = 0; c < width; c++)
+        for (int c = 0; c < WIDTH; c++)
             total[r][c] = row[c];
     }
 }
 
 WIDEST static void evaluate(Dot *dot, int fresh)
 {
-    const double *p = dot->p, full = p[LIGHT] - p[DARK], half = 0.5 * full, scale = p[SCALE];
+    const double *p = dot->p, half = 0.5 * (p[LIGHT] - p[DARK]), scale = p[SCALE];
     const int n = dot->ring ? COUNT : DISK;
     const Shape outer = shape_of(dot->set, p[2], p[3], p[4], p[BLUR]);
     const Shape inner = shape_of(dot->set, p[2] / scale, p[3] / scale, p[4] / scale, p[BLUR]);
@@ -398,10 +398,11 @@ WIDEST static void evaluate(Dot *dot, int fresh)
         const double *x = dot->x + from, *y = dot->y + from;
         blurred_ellipse(dot, &outer, x, y, p, m, fresh, dot->tips + from, &seen);
         if (dot->ring)
-            blurred_ellipse(dot, &inner, x, y, p + 10, m, fresh, dot->other_tips + from, &hole);
+            blurred_ellipse(dot, &inner, x, y, p + HOLE, m, fresh, dot->other_tips + from, &hole);
         for (int i = 0; i < m; i++) {
             const double across = x[i] - dot->origin[0], down = y[i] - dot->origin[1], dx = x[i] - p[0], dy = y[i] - p[1];
-            const double lit = 1 + p[8] * across + p[9] * down, contrast = full * lit;
+            const double light = p[LIGHT] + p[8] * across + p[9] * down;
+            const double contrast = light - (p[DARK] + p[10] * across + p[11] * down);
             const double u = seen.u[i], v = seen.v[i], slope = -contrast * seen.by_rho[i];
             double ink = seen.ink[i], *j = block[i];
             j[0] = -slope * seen.gradient_x[i];
@@ -411,18 +412,18 @@ WIDEST static void evaluate(Dot *dot, int fresh)
             j[4] = slope * v * dy;
             j[BLUR] = -contrast * seen.by_blur[i];
             if (dot->ring) {
-                const double hx = x[i] - p[10], hy = y[i] - p[11], rise = contrast * hole.by_rho[i];
+                const double hx = x[i] - p[HOLE], hy = y[i] - p[HOLE + 1], rise = contrast * hole.by_rho[i];
                 const double gx = hole.gradient_x[i], gy = hole.gradient_y[i];
                 ink -= hole.ink[i];
-                j[10] = -rise * gx;
-                j[11] = -rise * gy;
+                j[HOLE] = -rise * gx;
+                j[HOLE + 1] = -rise * gy;
                 j[2] += rise / scale * hole.u[i] * hx;
                 j[3] += rise / scale * (hole.u[i] * hy + hole.v[i] * hx);
                 j[4] += rise / scale * hole.v[i] * hy;
                 j[SCALE] = -rise * (hx * gx + hy * gy) / scale;
                 j[BLUR] += contrast * hole.by_blur[i];
             }
-            const double level = p[LIGHT] - full * ink, model = level * lit;
+            const double model = light - contrast * ink;
             const int silent = model > dot->saturation;
             const double shown = silent ? dot->saturation : model, residual = dot->grey[from + i] - shown;
             const int sector = sector_of(u, v);
@@ -439,18 +440,17 @@ WIDEST static void evaluate(Dot *dot, int fresh)
             sums[5] += shown * shown;
             sums[6] += shown * residual;
             sums[7] += clipped * clipped;
-            j[LIGHT] = (1 - ink) * lit;
-            j[DARK] = ink * lit;
-            j[8] = level * across;
-            j[9] = level * down;
+            j[LIGHT] = 1 - ink;
+            j[DARK] = ink;
+            j[8] = (1 - ink) * across;
+            j[9] = (1 - ink) * down;
+            j[10] = ink * across;
+            j[11] = ink * down;
             j[n] = residual;
             if (silent || !dot->weight[from + i] || !(fabs(residual) < half))
                 memset(j, 0, sizeof block[i]);
         }
-        if (dot->ring)
-            add_products(total, block, m, COUNT, WIDTH);
-        else
-            add_products(total, block, m, DISK, NARROW);
+        add_products(total, block, m, n);
     }
     memset(dot->normal, 0, sizeof dot->normal);
     memset(dot->gradient, 0, sizeof dot->gradient);
@@ -461,15 +461,28 @@ WIDEST static void evaluate(Dot *dot, int fresh)
 }
 
 /* Cholesky's factor, in the lower triangle, of the normal matrix with its priors, scaled to a diagonal of ones and with a
-   ridge of rounding's size; the scale, and the prior's weight of a hole's size. */
-static double factor(const Dot *dot, double ridge, double (*a)[COUNT], double *scale)
+   ridge of rounding's size; the gradient with them, and the scale. */
+static void factor(const Dot *dot, double ridge, double (*a)[COUNT], double *gradient, double *scale)
 {
-    double prior = dot->ring ? dot->set->scale_prior * (dot->p[LIGHT] - dot->p[DARK]) : 0;
-    prior *= prior;
+    const double *p = dot->p, contrast = p[LIGHT] - p[DARK];
+    const double norm = sqrt(p[LIGHT] * p[LIGHT] + p[DARK] * p[DARK]) * larger(fabs(p[LIGHT]), fabs(p[DARK]));
+    const double of_scale = dot->ring ? dot->set->scale_prior * contrast : 0, of_shine = dot->set->shine_prior * contrast;
+    const double prior = of_scale * of_scale, shine = of_shine * of_shine;
+    const double of_light = -p[DARK] / norm, of_dark = p[LIGHT] / norm;
     memcpy(a, dot->normal, sizeof dot->normal);
+    memcpy(gradient, dot->gradient, sizeof dot->gradient);
     for (int r = DISK; r < COUNT; r++)
         a[r][r] += !dot->ring;
     a[SCALE][SCALE] += prior;
+    gradient[SCALE] += prior * (0.5 - p[SCALE]);
+    for (int r = 8; r < 10; r++) {
+        const double beyond = of_light * p[r] + of_dark * p[r + 2];
+        a[r][r] += shine * of_light * of_light;
+        a[r + 2][r] += shine * of_light * of_dark;
+        a[r + 2][r + 2] += shine * of_dark * of_dark;
+        gradient[r] -= shine * of_light * beyond;
+        gradient[r + 2] -= shine * of_dark * beyond;
+    }
     for (int r = 0; r < COUNT; r++)
         scale[r] = 1 / sqrt(larger(a[r][r], 1e-12));
     for (int r = 0; r < COUNT; r++)
@@ -479,7 +492,6 @@ static double factor(const Dot *dot, double ridge, double (*a)[COUNT], double *s
                 sum -= a[r][k] * a[c][k];
             a[r][c] = r == c ? sqrt(larger(sum, 1e-14)) : sum / a[c][c];
         }
-    return prior;
 }
 
 static void solve(double (*a)[COUNT], const double *scale, double *x)
@@ -501,8 +513,8 @@ static void solve(double (*a)[COUNT], const double *scale, double *x)
 
 static void inverse(const Dot *dot, double *inverted)
 {
-    double a[COUNT][COUNT], scale[COUNT];
-    factor(dot, 1e-12, a, scale);
+    double a[COUNT][COUNT], gradient[COUNT], scale[COUNT];
+    factor(dot, 1e-12, a, gradient, scale);
     memset(inverted, 0, COUNT * COUNT * sizeof *inverted);
     for (int r = 0; r < COUNT; r++) {
         inverted[COUNT * r + r] = 1;
@@ -514,10 +526,8 @@ static void move(Dot *dot)
 {
     const Settings *set = dot->set;
     double a[COUNT][COUNT], step[COUNT], scale[COUNT], p[COUNT], trace, root;
-    const double prior = factor(dot, 1e-9, a, scale);
     int sane = 1;
-    memcpy(step, dot->gradient, sizeof step);
-    step[SCALE] += prior * (0.5 - dot->p[SCALE]);
+    factor(dot, 1e-9, a, step, scale);
     solve(a, scale, step);
     for (int r = 0; r < COUNT; r++) {
         p[r] = dot->p[r] + step[r];
@@ -530,6 +540,7 @@ static void move(Dot *dot)
     p[BLUR] = within(p[BLUR], set->least_blur, set->most_blur);
     p[SCALE] = dot->p[SCALE] + within(step[SCALE], -set->scale_step, set->scale_step);
     p[SCALE] = within(p[SCALE], 0.1, 0.9);
+    dot->blur_step = fabs(p[BLUR] - dot->p[BLUR]);
     eigenvalues(p, &trace, &root);
     sane = sane && trace - root > 0.6 / dot->size[0] && trace < 2 / set->shortest && p[LIGHT] > p[DARK];
     for (int r = 0; r < 2; r++)
@@ -579,14 +590,14 @@ static void run(Dot *dot)
     int rounds = 0;
     for (int step = 0; step < dot->set->steps && dot->alive; step++) {
         int changed = 0;
-        const int calm = dot->step < dot->set->judged && rounds < dot->set->rounds;
+        const int calm = dot->step < dot->set->judged && dot->blur_step < dot->set->judged && step >= dot->set->unjudged;
         evaluate(dot, step == 0 || step % 3 == 2);
-        if (calm)
+        if (calm && rounds < dot->set->rounds)
             changed = leave_out(dot);
         rounds += changed;
         if (!changed && dot->alive)
             move(dot);
-        if (!changed && !(dot->step > dot->set->converged))
+        if (!changed && calm && !(dot->step > dot->set->converged))
             return;
     }
 }
@@ -606,6 +617,28 @@ static int complete(Dot *dot, double noise)
     return 1;
 }
 
+static void uneven(const Dot *dot, double variance, double *facts)
+{
+    const double tiny = dot->set->tiny;
+    double sum = 0, odd = 0, pairs = 0;
+    for (int k = 0; k < SECTORS; k++) {
+        const int l = (k + SECTORS / 2) % SECTORS;
+        const double *own = dot->sums[k], *other = dot->sums[l];
+        const double information = larger(own[1], tiny), opposite = larger(other[1], tiny);
+        const double shift = own[2] / information, apart = shift - other[2] / opposite;
+        if (dot->left_out[k])
+            continue;
+        sum += information * shift * shift;
+        if (k < l && !dot->left_out[l]) {
+            odd += apart * apart / (1 / information + 1 / opposite);
+            pairs++;
+        }
+    }
+    facts[0] = sum / variance / (SECTORS - 5 - left_out(dot));
+    facts[1] = odd / variance;
+    facts[2] = pairs;
+}
+
 static double misfit_of(const Dot *dot)
 {
     double squares = 0;
@@ -614,11 +647,11 @@ static double misfit_of(const Dot *dot)
     return (double)dot->count * log(larger(squares / larger((double)dot->count, 1), dot->set->tiny));
 }
 
-/* Fits `count` dots, each from the unknowns (count, 13), which it replaces. `wide` is true for pixels of 16 bits;
+/* Fits `count` dots, each from the unknowns (count, 15), which it replaces. `wide` is true for pixels of 16 bits;
    `kind` is 1 for rings, plus 2 where the inside of the outline counts as well; `noise` is the largest noise that a dot
    may have; levels, also those of `saturation` and unknowns, count from `unlit`. Writes the inverses of the normal
-   matrices (count, 13, 13) and for each dot the variance, the noise, 1 or 0 for a complete outline, and the misfit.
-   Returns 0, or -1 without memory. */
+   matrices (count, 15, 15) and for each dot the variance, the noise, 1 or 0 for a complete outline, the misfit, and what
+   EllipseDescent.uneven returns. Returns 0, or -1 without memory. */
 int64_t fit_dots(const uint8_t *image, int64_t height, int64_t width, int64_t stride, int wide, int64_t count,
                  const double *semi, const double *angle, const double *band, const uint8_t *kind, double noise,
                  double saturation, double unlit, const Settings *set, const double *table, double *unknowns,
@@ -641,7 +674,7 @@ int64_t fit_dots(const uint8_t *image, int64_t height, int64_t width, int64_t st
         dot.ring = kind[k] & 1;
         dot.filled = kind[k] & 2;
         dot.alive = 1;
-        dot.step = INFINITY;
+        dot.step = dot.blur_step = INFINITY;
         memset(dot.left_out, 0, sizeof dot.left_out);
         if (!collect(&dot, image, height, width, stride, wide, semi + 2 * k, angle[k], band[k])) {
             status = -1;
@@ -655,6 +688,7 @@ int64_t fit_dots(const uint8_t *image, int64_t height, int64_t width, int64_t st
         facts[FACTS * k + 1] = noise_of(&dot);
         facts[FACTS * k + 2] = complete(&dot, facts[FACTS * k + 1]);
         facts[FACTS * k + 3] = misfit_of(&dot);
+        uneven(&dot, facts[FACTS * k], facts + FACTS * k + 4);
     }
     free(dot.x);
     free(dot.y);

@@ -3,24 +3,15 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect import kernel
 from markergen.detect.blobs import Ellipses
-from markergen.detect.conic_projection import (
-    SCHEDULE,
-    Outlines,
-    correct_centers,
-    mirrored_poses,
-    outlines,
-    plane_outlines,
-    refine_poses,
-)
+from markergen.detect.conic_projection import SCHEDULE, Outlines
 from markergen.detect.pose_hypotheses import DotLayout, guess_poses
-from markergen.maths.projection import apply_homography, perspective
+from markergen.detect.seen_models import FIT_TOLERANCE, Model, Planes, Poses
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -31,8 +22,9 @@ LEAST_DOTS = 4
 MAX_LABELINGS = 600
 """Maximum number of fitted labelings of a batch times the marker's dots; those with the most dots first."""
 
-_BATCHES = (8, 32, 216)
-"""Numbers of guesses of a round that are tried at a time."""
+_BATCHES, MAX_TRIED, STRONG_VOTES = (8, 32, 256), 1000, 0.75
+"""Numbers of likely guesses of a round that are tried at a time, and of all others in the end; maximum number of likely
+ones; share of the near dots that make a guess likely."""
 
 ROUNDS, TRIM_PX, MAX_TRIMMED = 3, 1.0, 60
 """Maximum number of refinement rounds; misfit above which the last ones leave dots out; maximum number of labelings
@@ -41,8 +33,6 @@ that leaving out may add."""
 SPREAD = 0.2
 """Maximum logarithm of a common factor of all outlines that is ignored."""
 
-FIT_TOLERANCE = 1e-3
-"""Relative change of the misfit at which a fit stops: enough to tell labelings apart."""
 
 FOCAL_FACTORS = (1.0, 0.4, 3.0)
 """Focal lengths to try without a camera, in units of the made-up one."""
@@ -95,138 +85,6 @@ class Labelings:
 Judge = Callable[[Labelings], tuple[NDArray[np.bool_], NDArray[np.bool_]]]
 
 
-class Model(Protocol):
-    """K hypotheses of the mapping from marker to image."""
-
-    def outlines(self, layout: DotLayout) -> Outlines:
-        """Predict the outlines of all dots."""
-
-    def project(self, points: Array) -> Array:
-        """Return the images (K, m, 2), in normalized coordinates, of points (m, 3) in m on the marker's plane."""
-
-    def take(self, chosen: Indices) -> "Model":
-        """Return a subset."""
-
-    def joined(self, other: "Model") -> "Model":
-        """Concatenate with another model of the same kind."""
-
-    def mirrored(self, layout: DotLayout) -> "Model | None":
-        """Return the model with nearly the same image that leads to another minimum; None if there is none."""
-
-    def turned(self, angle: Array, origin: Array, target: Array) -> "Model":
-        """Return models (K) that show the marker turned by angles (K,) in its plane, a point (K, 2) at another one."""
-
-    def fitted(self, blobs: Indices, ellipses: Ellipses, layout: DotLayout, px: float) -> "Model":
-        """Fit to labelings (K, n) by least squares."""
-
-
-@dataclass(frozen=True, eq=False)
-class Poses:
-    """Calibrated: rotation (K, 3, 3), translation (K, 3) in m."""
-
-    rotation: Array
-    translation: Array
-
-    def outlines(self, layout: DotLayout) -> Outlines:
-        """Predict the outlines of all dots."""
-        return outlines(layout.points, layout.radii, self.rotation, self.translation)
-
-    def project(self, points: Array) -> Array:
-        """Return the images (K, m, 2) of points (m, 3) in m; nan for those behind the camera."""
-        seen = points @ self.rotation.swapaxes(-1, -2) + self.translation[:, None]
-        return np.where(seen[..., 2:] > 0, perspective(np.where(seen[..., 2:] > 0, seen, 1.0)), np.nan)
-
-    def take(self, chosen: Indices) -> "Poses":
-        """Return a subset."""
-        return Poses(self.rotation[chosen], self.translation[chosen])
-
-    def mirrored(self, layout: DotLayout) -> "Poses | None":
-        """Return the mirrored poses of a flat marker."""
-        return Poses(*mirrored_poses(layout.points, self.rotation, self.translation)) if layout.flat else None
-
-    def joined(self, other: Model) -> "Poses":
-        """Concatenate with other poses."""
-        assert isinstance(other, Poses)
-        return Poses(
-            np.concatenate([self.rotation, other.rotation]), np.concatenate([self.translation, other.translation])
-        )
-
-    def turned(self, angle: Array, origin: Array, target: Array) -> "Poses":
-        """Return the first pose with the marker turned in its plane."""
-        turn = _turns(angle, origin, target)
-        shift = np.column_stack([turn[:, :2, 2], np.zeros(len(turn))])
-        turn[:, :2, 2] = 0
-        return Poses(self.rotation[0] @ turn, self.translation[0] + shift @ self.rotation[0].T)
-
-    def fitted(self, blobs: Indices, ellipses: Ellipses, layout: DotLayout, px: float) -> "Poses":
-        """Fit to labelings (K, n) by least squares."""
-        weight = (blobs >= 0)[..., None, None] * (px**2 * np.eye(2))
-        rotation, translation, _ = refine_poses(
-            layout.points,
-            layout.radii,
-            ellipses.center[blobs],
-            weight,
-            self.rotation,
-            self.translation,
-            8,
-            FIT_TOLERANCE,
-        )
-        return Poses(rotation, translation)
-
-
-@dataclass(frozen=True, eq=False)
-class Planes:
-    """Uncalibrated: homographies (K, 3, 3) from the marker plane in m."""
-
-    homography: Array
-
-    def outlines(self, layout: DotLayout) -> Outlines:
-        """Predict the outlines of all dots."""
-        return plane_outlines(layout.points[:, :2], layout.radii, self.homography)
-
-    def project(self, points: Array) -> Array:
-        """Return the images (K, m, 2) of points (m, 3) in m on the marker's plane."""
-        return apply_homography(self.homography, points[:, :2])
-
-    def take(self, chosen: Indices) -> "Planes":
-        """Return a subset."""
-        return Planes(self.homography[chosen])
-
-    def mirrored(self, layout: DotLayout) -> None:
-        """Return None: the homography is unique."""
-
-    def joined(self, other: Model) -> "Planes":
-        """Concatenate with other homographies."""
-        assert isinstance(other, Planes)
-        return Planes(np.concatenate([self.homography, other.homography]))
-
-    def turned(self, angle: Array, origin: Array, target: Array) -> "Planes":
-        """Return the first homography with the marker turned in its plane."""
-        return Planes(self.homography[0] @ _turns(angle, origin, target))
-
-    def fitted(self, blobs: Indices, ellipses: Ellipses, layout: DotLayout, px: float) -> "Planes":  # noqa: ARG002
-        """Fit each labeling (K, n) by DLT, corrected for the offset between centers of ellipses and of dots."""
-        homography = self.homography.copy()
-        patterns, group = np.unique(blobs >= 0, axis=0, return_inverse=True)
-        for k, used in enumerate(patterns):
-            rows = np.flatnonzero(group.ravel() == k)
-            _, fit = correct_centers(ellipses.center[blobs[rows][:, used]], layout.points[used, :2], layout.radii[used])
-            finite = np.isfinite(fit).all(axis=(-2, -1))
-            homography[rows[finite]] = fit[finite]
-        return Planes(homography)
-
-
-def _turns(angle: Array, origin: Array, target: Array) -> Array:
-    """Return rotations (K, 3, 3) of the plane, homogeneous, that take a point (K, 2) to another one."""
-    turn = np.zeros((len(angle), 3, 3))
-    turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angle)
-    turn[:, 1, 0] = np.sin(angle)
-    turn[:, 0, 1] = -turn[:, 1, 0]
-    turn[:, :2, 2] = target - (turn[:, :2, :2] @ origin[..., None])[..., 0]
-    turn[:, 2, 2] = 1
-    return turn
-
-
 def find_labelings(
     ellipses: Ellipses,
     layout: DotLayout,
@@ -234,6 +92,7 @@ def find_labelings(
     calibrated: bool = True,
     rings_tell: bool = True,
     judge: Judge | None = None,
+    thorough: bool = True,
 ) -> Labelings:
     """Find and fit labelings of `LEAST_DOTS` or more dots; if there are none, the best of fewer, for messages.
 
@@ -249,28 +108,27 @@ def find_labelings(
         True if rings match only rings, and disks only disks.
     judge : callable
         Tells which labelings (A,) are good, and which are so good that the search ends; by default, none.
+    thorough : bool
+        False to try only likely guesses, and only those with a ring if there is one in the layout.
     """
     judge = judge or _never
     pool = none(layout, calibrated)
     ringed = rings_tell and bool(layout.rings.any() and ellipses.ring.any())
-    for phase in (True, False) if ringed else (False,):
-        for seeds, start in _guesses(ellipses, layout, px, calibrated, rings_tell, phase):
-            done = 0
-            for size in _BATCHES:
-                batch = np.arange(done, min(done + size, len(start)))
-                done += size
-                if not len(batch):
-                    break
-                fresh = _followed(seeds.take(batch), start[batch], ellipses, layout, px, rings_tell)
-                pool = joined(pool, fresh)
-                if judge(fresh)[1].any():
-                    return pool.take(distinct(pool.blobs, pool.misfit))
+    phases = [True] * ringed + [False] * (thorough or not layout.rings.any())
+    for phase in phases:
+        rounds = _guesses(ellipses, layout, px, calibrated, rings_tell, phase)
+        for model, start in _likely_first(rounds, layout, thorough):
+            fresh = _followed(model, start, ellipses, layout, px, rings_tell)
+            pool = joined(pool, fresh)
+            if judge(fresh)[1].any():
+                pool = pool.take(np.flatnonzero(pool.count >= LEAST_DOTS))
+                return pool.take(distinct(pool.blobs, pool.misfit))
         if not len(pool):
             continue
         pool = pool.take(distinct(pool.blobs, pool.misfit))
         enough = np.flatnonzero(pool.count >= LEAST_DOTS)
         best = pool.take(enough[np.argsort(pool.misfit[enough] - pool.count[enough], kind="stable")][:MAX_TRIMMED])
-        for _ in range(ROUNDS if len(best) else 0):
+        for _ in range(ROUNDS if thorough and len(best) else 0):
             labelings, origin = _next(best, ellipses, layout, px, rings_tell, trim=True)
             if not len(labelings):
                 break
@@ -281,6 +139,32 @@ def find_labelings(
             break
     count = pool.count
     return pool.take(np.flatnonzero((count >= LEAST_DOTS) | (count == count.max(initial=0))))
+
+
+def _likely_first(
+    rounds: Iterator[tuple[Model, Indices, Indices]], layout: DotLayout, thorough: bool
+) -> Iterator[tuple[Model, Indices]]:
+    """Return batches of guesses: of each round those with most of the near dots, in the end the best of the others."""
+    strong, tried, waiting = STRONG_VOTES * layout.near.shape[1], 0, list[tuple[Model, Indices, Indices]]()
+    for model, start, votes in rounds:
+        count, done = int(np.count_nonzero(votes >= strong)), 0
+        for size in _BATCHES[:2]:
+            batch = np.arange(done, min(done + size, count, done + MAX_TRIED - tried))
+            if len(batch):
+                yield model.take(batch), start[batch]
+            done += len(batch)
+            tried += len(batch)
+        rest = np.arange(done, min(len(start), done + _BATCHES[2]))
+        waiting.append((model.take(rest), start[rest], votes[rest]))
+    if not waiting or not thorough:
+        return
+    model, *parts = waiting[0]
+    for other, *more in waiting[1:]:
+        model, parts = model.joined(other), [np.concatenate(pair) for pair in zip(parts, more, strict=True)]
+    best = np.argsort(-parts[1], kind="stable")[: _BATCHES[2]]
+    for part in (best[: _BATCHES[1]], best[_BATCHES[1] :]):
+        if len(part):
+            yield model.take(part), parts[0][part]
 
 
 def _never(candidates: Labelings) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -354,7 +238,9 @@ def _compiled(
     labels, misfit, *pose = kernel.follow_poses(
         parts, start, blobs, shown, gates, model.rotation, model.translation, SCHEDULE
     )
-    return Labelings(labels, misfit, Poses(*pose), layout)
+    found = Labelings(labels, misfit, Poses(*pose), layout)
+    enough = np.flatnonzero(found.count >= LEAST_DOTS)
+    return found.take(enough) if len(enough) else found
 
 
 def misfits(predicted: Outlines, ellipses: Ellipses, blobs: Indices, px: float) -> Array:
@@ -420,18 +306,18 @@ def _next(
 
 def _guesses(
     ellipses: Ellipses, layout: DotLayout, px: float, calibrated: bool, rings_tell: bool, ringed: bool
-) -> Iterator[tuple[Model, Indices]]:
-    """Return rounds of guesses, with the control point that each starts from."""
+) -> Iterator[tuple[Model, Indices, Indices]]:
+    """Return rounds of guesses, with the control point that each starts from and its votes."""
     if calibrated:
         for seeds in guess_poses(ellipses, layout, px, rings_tell, ringed):
-            yield Poses(seeds.rotation, seeds.translation), seeds.start
+            yield Poses(seeds.rotation, seeds.translation), seeds.start, seeds.votes
         return
     for factor in FOCAL_FACTORS:
         scaled = replace(ellipses, center=ellipses.center / factor, shape=ellipses.shape / factor**2)
         for seeds in guess_poses(scaled, layout, px * factor, rings_tell, ringed):
             origin = seeds.translation + layout.points[0, 2] * seeds.rotation[:, :, 2]
             homography = np.concatenate([seeds.rotation[:, :, :2], origin[..., None]], axis=-1)
-            yield Planes(np.diag([factor, factor, 1.0]) @ homography), seeds.start
+            yield Planes(np.diag([factor, factor, 1.0]) @ homography), seeds.start, seeds.votes
 
 
 def assign(

@@ -1,6 +1,7 @@
 """Pose of labeled points, with its error budget and the second pose that may also fit."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,8 @@ from markergen.detect.conic_projection import mirrored_poses, outlines, pose_row
 from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget, print_covariance
+from markergen.maths.dlt import estimate_homography, four_in_general_position
+from markergen.maths.projection import plane_homography
 from markergen.maths.rotation import angle_between
 from markergen.model.camera import Camera
 
@@ -28,6 +31,9 @@ DISTINCT_SIGMA = 3.0
 
 DEFAULT_ERRORS = ErrorSources()
 """A tenth of a millimeter in the print, an exact calibration."""
+
+ROUGH_SIGMA = 5.0
+"""Multiple of the median point's standard deviation above which a point tells nothing of the others' errors."""
 
 OUTLIER_SIGMA, OUTLIER_PX = 5.0, 0.05
 LEAST_TO_DROP = 6
@@ -50,10 +56,13 @@ class PoseEstimate:
         Sum of the residuals weighted by the inverse of their covariance from image and print.
     degrees_of_freedom : int
         Expected value of chi2, if the covariances are right: twice the number of points, less 6.
+    scale : float
+        Factor on the covariances from image and print, already in `budget`; see `residual_scale`.
     alternative : (rotation, translation) or None
         Other pose from which a flat marker looks much the same, if it is a contender.
     likelihood_ratio : float
-        Likelihood of the alternative relative to this pose: exp(-(chi2 of the alternative - chi2)/2); 0 without one.
+        Likelihood of the alternative relative to this pose: exp(-(chi2 of the alternative - chi2)/(2 scale)); 0 without
+        one.
     """
 
     rotation: Array
@@ -61,6 +70,7 @@ class PoseEstimate:
     budget: PoseBudget
     chi2: float
     degrees_of_freedom: int
+    scale: float
     alternative: tuple[Array, Array] | None = None
     likelihood_ratio: float = 0.0
 
@@ -141,21 +151,51 @@ def fit_pose(
     if not np.isfinite(chi2[best]):
         return None
     solutions = [(rotation[best], translation[best], float(chi2[best]))]
+    freedom = 2 * len(points) - 6
+    scale = max(1.0, solutions[0][2] / freedom)
     if not np.ptp(points[:, 2]):
         rotation, translation, chi2 = refined(*mirrored_poses(points, rotation[[best]], translation[[best]]), COARSE)
-        if float(chi2[0]) - solutions[0][2] < 2 * SEARCHED:
+        if float(chi2[0]) - solutions[0][2] < 2 * SEARCHED * scale:
             rotation, translation, chi2 = refined(rotation, translation)
         solutions.append((rotation[0], translation[0], float(chi2[0])))
     (rotation, translation, least), *others = sorted(solutions, key=lambda solution: solution[2])
     budget = pose_budget(points, rotation[None], translation[None], camera, covariance, errors)
-    budget = PoseBudget(budget.image[0], budget.print[0], budget.camera[0], budget.total[0])
+    spread = image + print_covariance(
+        pose_rows(points, rotation[None], translation[None]), points, rotation[None], errors
+    )
+    residual = seen - outlines(points, radii, rotation[None], translation[None]).center[0]
+    scale = residual_scale(residual, spread[0])
+    image_part, print_part, camera_part = scale * budget.image[0], scale * budget.print[0], budget.camera[0]
+    budget = PoseBudget(image_part, print_part, camera_part, image_part + print_part + camera_part)
     alternative, ratio = None, 0.0
     for other, place, more in others:
-        likelihood = float(np.exp((least - more) / 2))
+        likelihood = float(np.exp((least - more) / (2 * scale)))
         sigma = np.sqrt(np.trace(budget.total[:3, :3]))
         if likelihood > CONTENDER and angle_between(other, rotation) > DISTINCT_SIGMA * sigma:
             alternative, ratio = (other, place), likelihood
-    return PoseEstimate(rotation, translation, budget, least, 2 * len(points) - 6, alternative, ratio)
+    return PoseEstimate(rotation, translation, budget, least, freedom, scale, alternative, ratio)
+
+
+def residual_scale(residual: Array, spread: Array) -> float:
+    """Return the factor, 1 or more, by which residuals show the covariances of image and print to be too small.
+
+    chi2/d, the estimate of a factor common to all points by d = 2 m - 6 degrees of freedom, where it exceeds 1 (as in
+    C. F. Gauss's estimate of the variance of an adjustment). Reflections, shadows and compression move dots by more
+    than the noise of the grey levels says. Points far less precise than the others, such as rough ellipses, whose
+    covariance is a guess, do not take part: they hardly affect the pose, so each has two degrees of freedom.
+
+    Parameters
+    ----------
+    residual : array (m, 2)
+        Measured less predicted points.
+    spread : array (m, 2, 2)
+        Covariance of the points from image and print.
+    """
+    chi2 = np.einsum("mi,mij,mj->m", residual, np.linalg.inv(spread), residual)
+    variance = np.trace(spread, axis1=-2, axis2=-1)
+    precise = variance <= ROUGH_SIGMA**2 * np.median(variance)
+    freedom = 2 * int(precise.sum()) - 6
+    return max(1.0, float(chi2[precise].sum()) / freedom) if freedom > 0 else 1.0
 
 
 def outlier(
@@ -212,3 +252,23 @@ def _normalized_covariance(seen: Array, covariance: Array, camera: Camera) -> Ar
     """Return the covariance (m, 2, 2) of normalized coordinates from that of px."""
     lens = np.linalg.inv(camera.pixel_jacobian(seen))
     return lens @ (covariance + _LEAST_PX**2 * np.eye(2)) @ lens.swapaxes(-1, -2)
+
+
+def homography_of(points: Array, corrected: Array, camera: Camera, pose: PoseEstimate) -> Array:
+    """Return the homography from a flat marker's plane, m, to ideal px, by DLT, or from the pose of degenerate points.
+
+    Parameters
+    ----------
+    points, corrected : arrays (m, 3) and (m, 2)
+        Control points, m, and their images in normalized coordinates.
+    """
+    if _in_general_position(points[:, :2].tobytes()):
+        return np.asarray(estimate_homography(points[:, :2], camera.ideal.to_pixels(corrected)), dtype=float)
+    origin = pose.translation + points[0, 2] * pose.rotation[:, 2]
+    return plane_homography(pose.rotation[None], origin[None], camera.matrix)[0]
+
+
+@lru_cache(maxsize=256)
+def _in_general_position(points: bytes) -> bool:
+    """Return whether points (n, 2), as bytes, determine a homography."""
+    return bool(four_in_general_position(np.frombuffer(points).reshape(-1, 2)))

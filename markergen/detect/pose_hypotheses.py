@@ -7,13 +7,14 @@ pairs pass. Triples or quadruples of blobs are never enumerated: the cost is onl
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.detect import kernel
 from markergen.detect.blobs import Ellipses
 from markergen.errors import InputError
 from markergen.model.marker import Marker
@@ -120,17 +121,17 @@ def _pairs(points: Array, rings: NDArray[np.bool_], near: Indices) -> Indices:
     return pairs[np.argsort(~one_ring, kind="stable")]
 
 
-MAX_POSES = 2000
-"""Maximum number of guesses in a round, those of the most consistent pairs first."""
-
-MAX_TRIALS = 400_000
+MAX_TRIALS = 12_000
 """Maximum number of pairs of blobs times pairs of control points in a round."""
 
-MAX_ROUNDS = 24
+MAX_ROUNDS = 600
 """Maximum number of rounds. With as many, 30 dots are found among a thousand."""
 
 NEAR_BLOBS = 16
 """Number of nearest blobs with which a blob forms pairs; with all where there is a ring, or with few blobs."""
+
+VOTERS = 40
+"""Number of nearest blobs among which near dots are looked for if a marker has many."""
 
 LEAST_VOTES = 3
 """Minimum number of near dots that must have a blob, beside the first of the pair."""
@@ -139,24 +140,28 @@ _SLACK, _SLACK_PX = 0.2, 0.4
 """Tolerated error of a semi-axis: a share of it, which covers the change of perspective within a dot, plus px over the
 smaller semi-axis, where the outline of small dots is blurred most."""
 
-_DRIFT, _DRIFT_PX, _SIZE = 0.2, 2.0, 0.5
+_DRIFT, _DRIFT_PX, _SIZE = 0.2, 1.5, 0.5
 """Tolerated error of a guess at a near dot: a share of its distance, plus px; and the logarithm of its size."""
 
 
 @dataclass(frozen=True, eq=False)
 class PoseHypotheses:
-    """K guessed poses: rotation (K, 3, 3), translation (K, 3) in m, and the control point (K,) they start from."""
+    """K guessed poses: rotation (K, 3, 3), translation (K, 3) in m.
+
+    `start` (K,) is the control point that each starts from, `votes` (K,) the number of dots near it that have a blob.
+    """
 
     rotation: Array
     translation: Array
     start: Indices
+    votes: Indices
 
     def __len__(self) -> int:
         return len(self.translation)
 
     def take(self, chosen: Indices | slice) -> "PoseHypotheses":
         """Return a subset."""
-        return PoseHypotheses(self.rotation[chosen], self.translation[chosen], self.start[chosen])
+        return PoseHypotheses(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
 
 def guess_poses(
@@ -188,7 +193,9 @@ def guess_poses(
     step = max(1, MAX_TRIALS // (2 * len(pairs)))
     for start in range(0, rounds * step, step):
         part = slice(start, start + step)
-        seeds = _round(first[part], second[part], shown, layout, pairs, rings_tell)
+        seeds = (_round if kernel.library() is None else _compiled)(
+            first[part], second[part], shown, layout, pairs, rings_tell
+        )
         if len(seeds):
             yield seeds
 
@@ -255,9 +262,6 @@ def _round(
     m, q = np.nonzero(good)
     stretch = stretch[m, q]
     quality = np.hypot(stretch, growth[m, q]) / allowed[m]
-    if len(m) > MAX_POSES:
-        order = np.argsort(quality, kind="stable")[:MAX_POSES]
-        m, q, stretch, quality = m[order], q[order], stretch[order], quality[order]
     a = a[q]
     seeds = _turned(
         layout.points[a],
@@ -268,13 +272,33 @@ def _round(
         np.exp(stretch[:, None]),
         a,
     )
-    votes = _votes(seeds, shown, layout)
+    votes = _votes(seeds, first[m], shown, layout, _voters(shown, layout))
     order = np.lexsort((quality, -votes))
     # If none has enough, the best ones tell how far they go.
-    return seeds.take(order[: max(8, np.count_nonzero(votes >= LEAST_VOTES))])
+    return replace(seeds, votes=votes).take(order[: max(8, np.count_nonzero(votes >= LEAST_VOTES))])
 
 
-def _votes(seeds: PoseHypotheses, shown: _Shown, layout: DotLayout) -> Indices:
+def _compiled(
+    first: Indices, second: Indices, shown: "_Shown", layout: DotLayout, pairs: Indices, rings_tell: bool
+) -> PoseHypotheses:
+    """Run `_round` by one compiled call."""
+    ellipses = shown.ellipses
+    parts = layout.points, layout.radii, layout.rings, layout.near
+    blobs = ellipses.center, ellipses.shape, shown.area, shown.slack, shown.position, shown.normal
+    settings = shown.px, _DRIFT, _DRIFT_PX, _SIZE
+    strange = shown.strange & rings_tell
+    for least in (LEAST_VOTES, 1):
+        start, votes, quality, rotation, translation = kernel.guess_poses(
+            (first, second, pairs), parts, blobs, strange, settings, least
+        )
+        if len(votes):
+            break
+    order = np.lexsort((quality, -votes))
+    order = order[: max(8, np.count_nonzero(votes >= LEAST_VOTES))]
+    return PoseHypotheses(rotation, translation, start, votes).take(order)
+
+
+def _votes(seeds: PoseHypotheses, first: Indices, shown: _Shown, layout: DotLayout, voters: Indices) -> Indices:
     """Return the number (K,) of dots near the first one of a guess that have a blob of about their size."""
     near = layout.near[seeds.start]
     point = layout.points[near] @ seeds.rotation.swapaxes(-1, -2) + seeds.translation[:, None]
@@ -284,15 +308,17 @@ def _votes(seeds: PoseHypotheses, shown: _Shown, layout: DotLayout) -> Indices:
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = np.where(point[..., 2] > 0, point[..., 2], np.nan)
         place = point[..., :2] / depth[..., None]
-        gate = (_DRIFT * apart + layout.radii[near]) / depth + _DRIFT_PX / shown.px
+        gate = _DRIFT * apart / depth + _DRIFT_PX / shown.px
         facing = -np.sum(point * seeds.rotation[:, None, :, 2], axis=-1)
         # The area of a small disk's image: pi r^2 |n . P| / z^3.
         expected = np.log(layout.radii[near]) + 0.5 * np.log(facing / depth**3)
-        chunk = max(1, _CHUNK // max(1, near.shape[1] * len(shown.ray)))
+        chunk = max(1, _CHUNK // max(1, near.shape[1] * voters.shape[1]))
         for start in range(0, len(seeds), chunk):
             part = slice(start, start + chunk)
-            dx, dy = (place[part, :, None, i] - shown.ray[:, i] for i in (0, 1))
-            hit = (dx * dx + dy * dy < (gate[part] ** 2)[..., None]) & (np.abs(expected[part, :, None] - size) < _SIZE)
+            blobs = voters[first[part], None]
+            dx, dy = (place[part, :, None, i] - shown.ray[blobs, i] for i in (0, 1))
+            hit = dx * dx + dy * dy < (gate[part] ** 2)[..., None]
+            hit &= np.abs(expected[part, :, None] - size[blobs]) < _SIZE
             votes[part] = np.count_nonzero(hit.any(axis=-1), axis=-1)
     return votes
 
@@ -363,6 +389,16 @@ def _neighbors(shown: _Shown, layout: DotLayout, ringed: bool) -> tuple[Indices,
     return first, second
 
 
+def _voters(shown: _Shown, layout: DotLayout) -> Indices:
+    """Return the blobs (B, k) that may be near dots of each one as the first: all, or the nearest if dots are many."""
+    count = len(shown.area)
+    everything = np.broadcast_to(np.arange(count), (count, count))
+    if len(layout) <= MANY_DOTS or count <= VOTERS:
+        return everything
+    distance = np.sum((shown.ray[:, None] - shown.ray) ** 2, axis=-1)
+    return np.argpartition(distance, VOTERS, axis=-1)[:, :VOTERS]
+
+
 def _elongation(shape: Array, center: Array, normal: Array) -> Array:
     """Return the logarithm (m,) of the elongation of ellipses relative to that of disks with given normals.
 
@@ -390,4 +426,4 @@ def _turned(
     cosine, sine = step[:, :1] / length, step[:, 1:2] / length
     rotation = np.stack([cosine * along - sine * across, sine * along + cosine * across, normal], axis=-1)
     # The distance between dots tells the scale better than the size of one.
-    return PoseHypotheses(rotation, scale * place - np.einsum("kij,kj->ki", rotation, point), start)
+    return PoseHypotheses(rotation, scale * place - np.einsum("kij,kj->ki", rotation, point), start, start)

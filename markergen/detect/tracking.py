@@ -2,19 +2,22 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.blobs import Blobs, Image, as_dark, undo_lens
+from markergen.detect.blobs import Blobs, Ellipses, Image, as_dark, undo_lens
 from markergen.detect.candidates import find_blobs
 from markergen.detect.conic_projection import Outlines
 from markergen.detect.detection import Detection, Sought, finish, made_up_camera
 from markergen.detect.ellipse_fit import fit_blobs
 from markergen.detect.fiducials import CONFIRMS, NO_TAGS, Sightings, look_for_tags
-from markergen.detect.identification import EDGE_PX, Search, View, ambiguity, confirm, search
-from markergen.detect.labeling_hypotheses import LEAST_DOTS, Planes, Poses
+from markergen.detect.identification import EDGE_PX, REFUSED_PX, UNIQUE_PX, Search, View, ambiguity, confirm, given
+from markergen.detect.labeling_hypotheses import LEAST_DOTS, find_labelings, misfits
+from markergen.detect.pose_hypotheses import DotLayout
+from markergen.detect.seen_models import Planes, Poses
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
@@ -26,12 +29,13 @@ Indices = NDArray[np.intp]
 _LEAST_MARGIN = 12.0
 """Minimum distance in px that a dot may have moved since the frame before; a large dot, by its own diameter."""
 
-_COARSE_PX, _FINE_PX = 14.0, 48.0
+_COARSE_PX, _FINE_PX = 14.0, 32.0
 """Diameter in px of dots in the coarse windows, at least, and in the fine ones, at most: the pixels between are left
 out to find a large dot, and averaged to measure it. Its blur then is that of the averages, but its outline is long."""
 
-_LEAST_SIDE, _BAND = 32, 12.0
-"""Minimum side of a window, px: the noise is estimated from pieces of this length. Margin around a dot for its fit."""
+_LEAST_SIDE, _BAND, _SHARP = 32, 8.0, 0.8
+"""Minimum side of a window, px: the noise is estimated from pieces of this length. Margin around a dot for its fit, and
+the blur from which that starts, px."""
 
 _SIZE_RATIO = 1.6
 """Maximum ratio of a dot's semi-axes to those predicted."""
@@ -40,6 +44,15 @@ _GATE, _GATE_PX = 0.5, 2.0
 _NEAR, _NEAR_PX = 0.3, 1.0
 """Maximum distance of a dot from its predicted place, moved as another one: a share of its diameter, plus px; and from
 its place by the affine map that fits all of them."""
+
+_ALIKE_RATIO, _ALIKE_PX = 1.5, UNIQUE_PX / 2
+_ALIKE_STRETCH = 0.7, 1.5
+"""Labels that were compared in an earlier frame need not be again while the marker is seen much as it was then: maximum
+misfit, relative to the one then plus px, halfway to the least that another labeling had; limits for the squared stretch
+of the marker's image since then, in any direction."""
+
+_DOUBLE_EXTENT, _DOUBLE_SHARE = 200.0, 0.03
+"""Extent in px at which layouts are compared, and misfit up to which one may be taken for another, as a share of it."""
 
 _TAG_QUIET, _TAG_MARGIN, _TAG_PX = 0.6, 0.25, 160.0
 """Of a tag's window, in its sides: quiet zones, at most, and the margin for motion; maximum side of the tag, px."""
@@ -55,9 +68,10 @@ def track(
     """Find markers again, near where they were in the frame before; None if not every one of them is there for certain.
 
     Only the windows of `frame` in which dots may be are looked at, and converted to grey. The dots that moved together
-    are fitted to the grey levels, and these alone are searched for the marker, as in a whole frame: the labels do not
-    follow from those of the frame before. Of each marker, all labelings of these dots are compared without regard to
-    dots that would be missing, since nothing is known about other places.
+    are fitted to the grey levels, and what they were in the frame before must pass the tests of a whole frame: all
+    labelings of these dots are compared, without regard to dots that would be missing, since nothing is known about
+    other places. As long as all dots are found again and the marker is seen much as when they were compared last, they
+    need not be compared again (`_still_certain`).
 
     Parameters
     ----------
@@ -71,7 +85,10 @@ def track(
     eye = camera or made_up_camera(width, height)
     found = list[Detection]()
     for each in near:
-        again = _again(frame, each, sought, eye, camera is not None, errors)
+        again, hurried = _again(frame, each, sought, eye, camera is not None, errors)
+        if again is not None and hurried:
+            more, _ = _again(frame, again, sought, eye, camera is not None, errors)
+            again = again if more is None or len(more.ids) < len(again.ids) else more
         if again is None or any(_same_place(again, other) for other in found):
             return None
         found.append(again)
@@ -80,38 +97,115 @@ def track(
 
 def _again(
     frame: NDArray[Any], before: Detection, sought: Sought, camera: Camera, calibrated: bool, errors: ErrorSources
-) -> Detection | None:
-    """Find one marker again."""
+) -> tuple[Detection | None, bool]:
+    """Find one marker again; also return whether some of its dots may have left their windows, or entered the image."""
+    lost = None, False
     marker, layout = sought.markers[before.marker], sought.layouts[before.marker]
     model = _model(before, camera, calibrated)
     predicted = None if model is None else _predicted(model.outlines(layout), camera)
-    if model is None or predicted is None:
-        return None
-    blobs, _ = _dots(frame, predicted, marker.light)
+    alone = not _has_double(before.marker, sought, calibrated)
+    if model is None or predicted is None or not (alone or marker.tag):
+        return lost
+    blobs, dots = _dots(frame, predicted, marker.light)
     ellipses = undo_lens(blobs, camera)
     if len(ellipses) < LEAST_DOTS:
-        return None
-    tags = _tags(frame, model, marker, sought, camera)
-    result = search(ellipses, View(layout, camera, calibrated, errors.print_sigma))
-    if not result.reason:
-        result = confirm(result, ellipses, tag=marker.tag, tags=tags)
-    if result.reason or _doubtful(result, before.marker, sought):
-        return None
+        return lost
+    labels = np.full(len(layout), -1)
+    labels[dots[ellipses.index]] = np.arange(len(ellipses))
+    rough = np.where(blobs.fitted[ellipses.index], 0.0, REFUSED_PX)
+    view = View(layout, camera, calibrated, errors.print_sigma)
+    guess = given(labels, model, view)
+    if marker.tag is None and not rough.any() and _was_certain(before, predicted, labels):
+        detection = finish(guess, blobs, ellipses, marker, camera, calibrated, errors)
+        certain = _still_certain(detection, before, labels, ellipses, view)
+        if certain is not None:
+            return replace(certain, marker=before.marker), False
+    result = confirm(guess, ellipses, rough, marker.tag, _tags(frame, model, marker, sought, camera))
+    if result.reason or _doubtful(result, labels) or not (alone or result.tags[0] == CONFIRMS):
+        return lost
     detection = finish(result, blobs, ellipses, marker, camera, calibrated, errors)
     if not detection.found:
+        return lost
+    hurried = False
+    if (result.blobs < 0).any():
+        now = _predicted(result.candidates.predicted.take(np.arange(1)), camera)
+        hurried = now is not None and _hurried(np.flatnonzero(result.blobs < 0), predicted, now)
+    return replace(detection, marker=before.marker, tag=result.corners), hurried
+
+
+def _was_certain(before: Detection, predicted: "_Predicted", labels: Indices) -> bool:
+    """Return whether all dots were labeled, also when labels were compared last, and are where the pose has them."""
+    known = before.checked or before
+    everything = len(known.ids) == len(before.ids) == len(predicted.dots) == len(labels)
+    if not everything or (labels < 0).any() or not np.isfinite(known.misfit):
+        return False
+    return bool(np.abs(predicted.center - before.ellipse_centers).max() < 1 + 3 * before.misfit)
+
+
+def _still_certain(
+    now: Detection, before: Detection, labels: Indices, ellipses: Ellipses, view: View
+) -> Detection | None:
+    """Return a detection if no other labeling of its dots can fit, since none did when the marker was seen alike.
+
+    Then, another labeling was worse by `UNIQUE_PX` and more, and it is now by nearly as much if the marker's image is
+    no smaller, and seen from nearly the same side. So if the given labels fit well, no other ones do.
+    """
+    known, layout = before.checked or before, view.layout
+    model, first = (_model(each, view.camera, view.calibrated) for each in (now, known))
+    if len(now.ids) < len(layout) or model is None or first is None:
         return None
-    return replace(detection, marker=before.marker, tag=result.corners)
+    if (ellipses.ring[labels] != layout.rings).any():
+        return None
+    misfit = float(misfits(model.outlines(layout), ellipses, labels[None], view.px)[0])
+    if not misfit < _ALIKE_RATIO * known.misfit + _ALIKE_PX:
+        return None
+    # Squared stretch (2, 2) from m to normalized coordinates, at the middle of the marker.
+    middle, step = layout.points.mean(axis=0), 0.1 * np.ptp(layout.points[:, :2])
+    spots = middle + step * np.eye(3)[[2, 0, 1]] * [1, 1, 0]
+    sides = [np.diff(each.project(spots)[0], axis=0) for each in (model, first)]
+    new, old = (each @ each.T for each in sides)
+    seen = np.linalg.eigvals(np.linalg.solve(old, new)).real
+    if not (seen.min() > _ALIKE_STRETCH[0] and seen.max() < _ALIKE_STRETCH[1]):
+        return None
+    return replace(now, misfit=misfit, checked=known)
 
 
-def _doubtful(result: Search, index: int, sought: Sought) -> bool:
-    """Return whether the labels may be others, or the marker another one of those sought."""
-    # Dots of another labeling may be outside of the windows.
-    if ambiguity(replace(result, missing=np.zeros_like(result.missing))):
-        return True
+def _hurried(missing: Indices, before: "_Predicted", now: "_Predicted") -> bool:
+    """Return whether missing dots are now where their windows may not have shown them."""
+    looked = np.full((max(before.dots.max(), now.dots.max()) + 1, 2), np.inf)
+    looked[before.dots] = before.center
+    with np.errstate(invalid="ignore"):
+        away = np.linalg.norm(now.center - looked[now.dots], axis=-1) > 0.5 * now.margin
+    return bool((away & np.isin(now.dots, missing)).any())
+
+
+def _doubtful(result: Search, labels: Indices) -> bool:
+    """Return whether the labels may be others than given."""
+    # Other labelings are not refuted by the lack of dots where there are no windows.
+    blind = replace(result, missing=np.full_like(result.missing, result.missing[0]))
+    return bool(ambiguity(blind)) or bool(((result.blobs >= 0) & (result.blobs != labels)).any())
+
+
+def _has_double(index: int, sought: Sought, calibrated: bool) -> bool:
+    """Return whether a marker's dots may be those of another one that is sought, or a part of them."""
     marker, layout = sought.markers[index], sought.layouts[index]
-    pairs = zip(sought.markers, sought.layouts, strict=True)
-    alike = sum(other is layout and each.light == marker.light for each, other in pairs) > 1
-    return alike and result.tags[0] != CONFIRMS
+    others = (k for k, each in enumerate(sought.markers) if k != index and each.light == marker.light)
+    return any(_is_part(layout, sought.layouts[k], calibrated) for k in others)
+
+
+@lru_cache(maxsize=256)
+def _is_part(layout: DotLayout, other: DotLayout, calibrated: bool) -> bool:
+    """Return whether a layout, seen from the front, looks much like some of the dots of another one."""
+    if layout is other:
+        return True
+    if len(other) < len(layout):
+        return False
+    extent = float(np.ptp(layout.points[:, :2], axis=0).max())
+    pose = Poses(np.diag([1.0, -1.0, -1.0])[None], np.array([[0.0, 0.0, 5 * extent]]))
+    drawn = pose.outlines(layout)
+    ellipses = Ellipses(drawn.center[0], drawn.shape[0], layout.rings.astype(float), np.arange(len(layout)))
+    found = find_labelings(ellipses, other, 5 * _DOUBLE_EXTENT, calibrated)
+    return bool(((found.count == len(layout)) & (found.misfit < _DOUBLE_SHARE * _DOUBLE_EXTENT)).any())
 
 
 def _same_place(one: Detection, other: Detection) -> bool:
@@ -135,6 +229,11 @@ class _Predicted:
     dots: Indices
     center: Array
     semi: Array
+
+    @property
+    def margin(self) -> Array:
+        """How far (n,) dots may have moved to be seen, px."""
+        return np.maximum(_LEAST_MARGIN, 2 * self.semi[:, 0])
 
 
 def _model(before: Detection, camera: Camera, calibrated: bool) -> Poses | Planes | None:
@@ -166,9 +265,8 @@ def _predicted(drawn: Outlines, camera: Camera) -> _Predicted | None:
 def _dots(frame: NDArray[Any], predicted: _Predicted, light: bool) -> tuple[Blobs, Indices]:
     """Return blobs, fitted, that moved together from where dots are predicted, and which of the marker's each is."""
     diameter = 2 * predicted.semi[:, 0]
-    margin = np.maximum(_LEAST_MARGIN, diameter)
     factor = np.maximum(diameter // _COARSE_PX, 1).astype(int)
-    windows = _look(frame, predicted.center, diameter + 2 * margin, factor, light)
+    windows = _look(frame, predicted.center, diameter + 2 * predicted.margin, factor, light)
     blobs, owner = windows.find()
     size = np.log(np.sqrt(blobs.semi.prod(axis=-1)) / np.sqrt(predicted.semi.prod(axis=-1))[owner])
     alike = np.abs(size) < np.log(_SIZE_RATIO)
@@ -178,19 +276,21 @@ def _dots(frame: NDArray[Any], predicted: _Predicted, light: bool) -> tuple[Blob
     dots = predicted.dots[owner]
     if len(blobs) < LEAST_DOTS:
         return blobs, dots
-    if (factor > 1).any():
-        diameter = 2 * blobs.semi[:, 0]
-        factor = np.ceil(diameter / _FINE_PX).astype(int)
-        windows = _look(frame, blobs.center, diameter + 2 * _BAND * factor, factor, light, average=True)
-        fine, owner = windows.find()
-        away = np.linalg.norm(fine.center - blobs.center[owner], axis=-1) / (0.2 * diameter[owner] + 1)
-        # The nearest to the middle of each window.
-        order = np.lexsort((away, owner))
-        order = order[away[order] < 1]
-        _, first = np.unique(owner[order], return_index=True)
-        blobs, owner = fine.take(order[first]), owner[order[first]]
-        dots = dots[owner]
-    return windows.fit(blobs, owner), dots
+    if (factor == 1).all():
+        return windows.fit(blobs, owner), dots
+    size, owner = 2 * blobs.semi[:, 0], np.arange(len(blobs))
+    factor = np.ceil(size / _FINE_PX).astype(int)
+    windows = _look(frame, blobs.center, size + 2 * _BAND * factor, factor, light, average=True)
+    # Pixels left out tell nothing about the blur.
+    blobs = windows.fit(replace(blobs, blur=np.minimum(blobs.blur, _SHARP * factor)), owner)
+    if blobs.fitted.all():
+        return blobs, dots
+    # Where the fit refuses a dot, its rough ellipse counts, which all pixels tell better.
+    fine, window = windows.find()
+    near = np.linalg.norm(fine.center - blobs.center[window], axis=-1) < 0.1 * size[window] + 1
+    own = np.flatnonzero(near & ~blobs.fitted[window])
+    kept = np.flatnonzero(blobs.fitted)
+    return blobs.take(kept).joined(fine.take(own)), np.concatenate([dots[kept], dots[window[own]]])
 
 
 def _moved_together(center: Array, owner: Indices, predicted: Array, diameter: Array) -> Indices:

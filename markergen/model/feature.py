@@ -8,8 +8,11 @@ from markergen.errors import InputError, brief
 
 Polarity = Literal["dark", "light"]
 
-LEAST_PIXELS = 4.0
-"""Extent in px of a dot's image along its short axis below which it is hardly found."""
+DOT_PIXELS, RING_PIXELS = 2.5, 6.0
+"""Mean diameter of an image, in px, below which a dot is hardly found, and a ring hardly told from a disk.
+
+It is the root of long times short axis. Of markers with eight such dots, or with a ring, three quarters and more are
+found, from the front and tilted by 70 deg, at a blur of 1 px and a noise of 3 % of the contrast."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,11 @@ class Feature:
     def kind(self) -> str:
         """``dot`` or ``ring``."""
         return "ring" if self.inner_diameter else "dot"
+
+    @property
+    def least_pixels(self) -> float:
+        """Mean diameter of its image, in px, below which it is hardly found for what it is."""
+        return RING_PIXELS if self.inner_diameter else DOT_PIXELS
 
 
 def key_ring(diameter: float) -> Feature:

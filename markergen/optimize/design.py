@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from markergen import __version__
 from markergen.errors import InputError
 from markergen.files import Written
-from markergen.model.feature import LEAST_PIXELS
+from markergen.model.feature import DOT_PIXELS
 from markergen.model.marker import Marker, build_marker
 from markergen.model.occlusion import eyes_of
 from markergen.model.openings import near_holes
@@ -169,12 +169,14 @@ class Design(Result):
             found.append(
                 "c(A) in Hartley's coordinates does not depend on size: the layout is degenerate, for study only"
             )
-        across = pixels_across(self.dots.diameter, self.setting.camera, self.setting.poses)
+        across = pixels_across(self.dots.diameter, self.setting.camera, self.setting.poses, mean=True)
+        least = max(point.feature.least_pixels for point in self.marker.control_points)
         if not self.dots.diameter:
             found.append("bare points (--dot 0) are for studies and cannot be printed or made")
-        elif across < LEAST_PIXELS:
+        elif across < least:
+            ring = " for the key ring" if least > DOT_PIXELS else ""
             found.append(
-                f"dots of {across:.1f} px are hardly detected, which takes {LEAST_PIXELS:g} px: use fewer, more room, "
+                f"dots of {across:.1f} px are hardly detected, which takes {least:g} px{ring}: use fewer, more room, "
                 "or a better camera"
             )
         if self.setting.poses.doubt:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
-from markergen.model.feature import LEAST_PIXELS
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
@@ -38,8 +37,8 @@ PERCENTILE = 94.0
 ROOM = 0.9
 """Maximum fraction of the diameter that just fits; the optimizer needs room to move the dots."""
 
-LEAST_PIXELS_LONG = 6.0
-"""Extent in px along the long axis from which a dot's image is measured well, beside `LEAST_PIXELS` along the short."""
+FEWEST_PIXELS, FEWEST_PIXELS_LONG = 4.0, 6.0
+"""Extents in px along the short and long axis of a dot's image for reliable detection, also of the key ring."""
 
 CLEARANCE = 0.1
 """Default clearance as a fraction of the diameter."""
@@ -124,7 +123,7 @@ def smallest_detectable(camera: Camera, poses: PoseDistribution) -> float:
     """Diameter in m, a whole tenth of a mm, whose image is 4 px wide and 6 px long or more in 94 % of the poses."""
     focal = np.sqrt(camera.fx * camera.fy)
     depth = poses.translation[:, 2]
-    needed = np.maximum(LEAST_PIXELS * depth / poses.cos_tilt, LEAST_PIXELS_LONG * depth) / focal
+    needed = np.maximum(FEWEST_PIXELS * depth / poses.cos_tilt, FEWEST_PIXELS_LONG * depth) / focal
     return float(np.ceil(np.percentile(needed, PERCENTILE) * 1e4 - 1e-6) / 1e4)
 
 
@@ -140,10 +139,14 @@ def _default(spec: Spec, poses: PoseDistribution) -> DotSize:
     return DotSize(diameter, clearance_of(spec, diameter), reason)
 
 
-def pixels_across(diameter: float, camera: Camera, poses: PoseDistribution) -> float:
-    """Extent in px of a dot's image along its short axis, reached in 94 % of the poses (see `wanted_diameter`)."""
+def pixels_across(diameter: float, camera: Camera, poses: PoseDistribution, mean: bool = False) -> float:
+    """Extent in px of a dot's image along its short axis, reached in 94 % of the poses (see `wanted_diameter`).
+
+    If `mean`, the root of long times short axis instead.
+    """
     focal = np.sqrt(camera.fx * camera.fy)
-    return float(diameter * focal / np.percentile(poses.translation[:, 2] / poses.cos_tilt, PERCENTILE))
+    shortening = np.sqrt(poses.cos_tilt) if mean else poses.cos_tilt
+    return float(diameter * focal / np.percentile(poses.translation[:, 2] / shortening, PERCENTILE))
 
 
 def _pixels(diameter: float, spec: Spec, poses: PoseDistribution) -> str:
@@ -266,7 +269,7 @@ def _reason(spec: Spec, diameter: float, value: float, detectable: float, room: 
         return f"{size}, {most}, with a predicted error of {error}{short}"
     if diameter <= detectable:
         return (
-            f"{size}, the smallest whose image is {LEAST_PIXELS:g} px wide and {LEAST_PIXELS_LONG:g} px long in "
+            f"{size}, the smallest whose image is {FEWEST_PIXELS:g} px wide and {FEWEST_PIXELS_LONG:g} px long in "
             f"{PERCENTILE:g} % of the poses; the predicted error of {error} would be less with smaller ones"
         )
     return (

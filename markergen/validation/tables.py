@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from markergen.model.feature import LEAST_PIXELS
 from markergen.optimize.comparisons import LAYOUTS
 from markergen.presentation.tables import Table, number, percent
 from markergen.validation.metrics import STATISTICS, mean_nees_interval
@@ -233,8 +232,8 @@ def view_sentences(results: Mapping[str, Any]) -> list[str]:
     views, dots = results["views"], results.get("dots")
     if dots and dots["too_small"]:
         found.append(
-            f"In {percent(dots['too_small'])} of the poses a dot is less than {LEAST_PIXELS:g} px across, and hardly "
-            f"found: down to {number(dots['least_px'], 2)} px; larger dots, a longer focal length, or nearer poses."
+            f"In {percent(dots['too_small'])} of the poses dots are hardly found: one is {number(dots['least_px'], 2)} "
+            f"px across, of {dots['needed_px']:g} px that it takes; use larger dots, a longer lens, or nearer poses."
         )
     if views:
         line = f"Views: {views['detected']} of {views['count']} detected, {views['wrong']} with wrong labels"

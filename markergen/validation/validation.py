@@ -14,7 +14,6 @@ from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources
 from markergen.files import Written, write_all
 from markergen.model.camera import Camera
-from markergen.model.feature import LEAST_PIXELS
 from markergen.model.marker import Marker, build_marker, check_supported
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
@@ -34,7 +33,7 @@ from markergen.validation.bounds import budget_of, error_budget
 from markergen.validation.metrics import STATISTICS
 from markergen.validation.report import html_report
 from markergen.validation.report.plots import errors_over
-from markergen.validation.report.subject import short_axes
+from markergen.validation.report.subject import mean_diameters
 from markergen.validation.trials import TrialResults, run_experiment
 from markergen.validation.view_records import stress, summarize, take_records
 from markergen.validation.views import Picture, SyntheticViews, pictures, remove_earlier
@@ -151,9 +150,12 @@ def validate(
 
 
 def _extent(marker: Marker, setting: Setting) -> dict[str, float]:
-    """Return the least extent of a dot's image in px, and in which share of the poses it is below `LEAST_PIXELS`."""
-    least = short_axes(marker, setting.camera, setting.poses).min(axis=1)
-    return {"least_px": float(least.min()), "too_small": float(np.mean(least < LEAST_PIXELS))}
+    """Return the least mean diameter of a dot's image, what it takes to be found, and the share of poses without."""
+    seen = mean_diameters(marker, setting.camera, setting.poses)
+    needed = np.array([point.feature.least_pixels for point in marker.control_points])
+    dot = np.unravel_index(np.argmin(seen / needed), seen.shape)
+    too_small = float(np.mean((seen < needed).any(axis=1)))
+    return {"least_px": float(seen[dot]), "needed_px": float(needed[dot[1]]), "too_small": too_small}
 
 
 def median_layout(layouts: Array, setting: Setting) -> Array:

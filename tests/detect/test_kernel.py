@@ -12,7 +12,9 @@ FRESH = kernel._loaded.__wrapped__
 
 
 @pytest.fixture
-def built(tmp_path):
+def built(tmp_path, monkeypatch):
+    # Optimizing takes most of the time.
+    monkeypatch.setattr(kernel_build, "_FLAGS", [flag.replace("-O3", "-O0") for flag in kernel_build._FLAGS])
     try:
         return kernel_build.build(tmp_path)
     except OSError as error:

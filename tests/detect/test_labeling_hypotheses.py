@@ -6,15 +6,9 @@ import pytest
 from markergen.detect import kernel
 from markergen.detect.blobs import undo_lens
 from markergen.detect.conic_projection import outlines
-from markergen.detect.labeling_hypotheses import (
-    LEAST_DOTS,
-    Planes,
-    Poses,
-    find_labelings,
-    fit_labelings,
-    misfits,
-)
+from markergen.detect.labeling_hypotheses import LEAST_DOTS, find_labelings, fit_labelings, misfits
 from markergen.detect.pose_hypotheses import layout_of
+from markergen.detect.seen_models import Planes, Poses
 from markergen.maths.projection import plane_homography
 from markergen.maths.rotation import angle_between
 from markergen.model.camera import PAPER_CAMERA

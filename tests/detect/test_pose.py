@@ -3,7 +3,7 @@ import pytest
 
 from markergen.detect.conic_projection import pose_rows
 from markergen.detect.detection import identify
-from markergen.detect.pose import LEAST_TO_DROP, estimate_pose, outlier
+from markergen.detect.pose import LEAST_TO_DROP, estimate_pose, outlier, residual_scale
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources, pose_budget, print_covariance
 from markergen.maths.information import mirrored_rotation
@@ -24,6 +24,11 @@ def observe(points, pose, sigma_px, seed=0, camera=PAPER_CAMERA):
     exact = camera.project(points, POSES.rotation[[pose]], POSES.translation[[pose]])[0]
     noise = np.einsum("mij,mj->mi", np.linalg.cholesky(covariance), rng.standard_normal((len(points), 2)))
     return exact + noise, covariance
+
+
+def stated(estimate):
+    """Covariance of a pose as it follows from the errors that were stated, whatever the residuals."""
+    return estimate.budget.total / estimate.scale
 
 
 def error_of(estimate, pose):
@@ -52,7 +57,7 @@ def test_covariance_is_that_of_the_errors(ngon, heights):
         pixels, covariance = observe(points, pose, 0.02)
         found = estimate_pose(points, pixels, covariance, PAPER_CAMERA, EXACT)
         error = error_of(found, pose)
-        nees.append(error @ np.linalg.solve(found.budget.total, error))
+        nees.append(error @ np.linalg.solve(stated(found), error))
         chi2.append(found.chi2)
     # Means of 400 of chi2 with 6 and 4 degrees of freedom scatter by 0.17 and 0.14: four times that.
     assert abs(np.mean(nees) - 6) < 0.7
@@ -68,7 +73,7 @@ def test_print_errors_are_in_weights_and_covariance(ngon):
         pixels, covariance = observe(printed, pose, 0.05)
         found = estimate_pose(points, pixels, covariance, PAPER_CAMERA, errors)
         error = error_of(found, pose)
-        nees.append(error @ np.linalg.solve(found.budget.total, error))
+        nees.append(error @ np.linalg.solve(stated(found), error))
         chi2.append(found.chi2)
     # As above, with 6 degrees of freedom both. At 0.3 mm some far frontal poses leave the range of first order.
     assert abs(np.mean(nees) - 6) < 0.8
@@ -96,9 +101,40 @@ def test_budget_is_that_of_the_pose(pentagon):
     expected = pose_budget(
         pentagon.xyz, found.rotation[None], found.translation[None], PAPER_CAMERA, covariance, errors
     )
-    for part in ("image", "print", "camera", "total"):
-        np.testing.assert_allclose(getattr(found.budget, part), getattr(expected, part)[0])
+    for part, scale in (("image", found.scale), ("print", found.scale), ("camera", 1.0)):
+        np.testing.assert_allclose(getattr(found.budget, part), scale * getattr(expected, part)[0])
         assert getattr(found.budget, part).shape == (6, 6)
+    whole = found.budget.image + found.budget.print + found.budget.camera
+    np.testing.assert_allclose(found.budget.total, whole)
+
+
+@pytest.mark.parametrize("n", [4, 8])
+@pytest.mark.parametrize("factor", [1.0, 4.0])
+def test_the_covariance_holds_where_the_errors_are_larger_than_stated(ngon, n, factor):
+    points, held = ngon(n).xyz, []
+    for pose in range(0, 400, 4):
+        pixels, covariance = observe(points, pose, factor * 0.02)
+        found = estimate_pose(points, pixels, covariance / factor**2, PAPER_CAMERA, EXACT)
+        error = error_of(found, pose)
+        # The 95 % point of chi^2 with 6 degrees of freedom.
+        held.append(error @ np.linalg.solve(found.budget.total, error) < 12.59)
+    # Larger errors are estimated from 2 and 10 residuals: Fisher's distribution has 0.64 and 0.86 within 12.59, where
+    # the stated covariance has 0.01. A share of 100 scatters by 0.05 and 0.035, and by 0.02 about 0.95: three times.
+    assert np.mean(held) > ({4: 0.5, 8: 0.75}[n] if factor > 1 else 0.88)
+
+
+def test_rough_points_tell_nothing_of_the_others_errors():
+    rng = np.random.default_rng(5)
+    spread = np.broadcast_to(np.eye(2), (40, 2, 2)).copy()
+    residual = 3 * rng.standard_normal((40, 2))
+    few = residual_scale(residual, spread)
+    # 74 degrees of freedom: 9, with a standard deviation of 1.5.
+    assert 5 < few < 13
+    spread[:10] *= 100
+    # Rough ones that are much better than they say would hide it; 54 degrees of freedom.
+    assert 5 < residual_scale(residual, spread) < 13
+    assert residual_scale(0.1 * residual, spread) == 1
+    assert residual_scale(residual[:3], spread[:3]) == 1
 
 
 def test_second_pose_is_told_where_it_is_a_contender(ngon):
@@ -119,7 +155,7 @@ def test_second_pose_is_told_where_it_is_a_contender(ngon):
         # Its chi2 is what the ratio says.
         residual = (pixels - PAPER_CAMERA.project(points, rotation[None], translation[None])[0])[..., None]
         chi2 = np.sum(residual * np.linalg.solve(covariance, residual))
-        np.testing.assert_allclose(np.exp(-(chi2 - found.chi2) / 2), found.likelihood_ratio, rtol=1e-3)
+        np.testing.assert_allclose(np.exp(-(chi2 - found.chi2) / 2 / found.scale), found.likelihood_ratio, rtol=1e-3)
         best, other = (angle_between(r, POSES.rotation[pose]) for r in (found.rotation, rotation))
         mirrored_better += other < best
     assert told > 0.3 * len(poses)
@@ -190,6 +226,6 @@ def test_pose_from_ellipses_is_consistent_too(pentagon, sight):
         found = identify(view.blobs, [pentagon], PAPER_CAMERA, True, EXACT, 1)[0].pose
         turn = logarithm(view.rotation @ found.rotation.T)
         error = np.concatenate([turn, view.translation - found.translation])
-        nees.append(error @ np.linalg.solve(found.budget.total, error))
+        nees.append(error @ np.linalg.solve(stated(found), error))
     # As above.
     assert abs(np.mean(nees) - 6) < 0.7

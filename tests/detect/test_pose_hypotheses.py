@@ -27,7 +27,10 @@ POSES = paper_roll()
 def guesses(ellipses, layout, **options):
     """All guesses of all rounds."""
     rounds = list(guess_poses(ellipses, layout, 800.0, **options))
-    parts = (np.concatenate([getattr(each, name) for each in rounds]) for name in ("rotation", "translation", "start"))
+    parts = (
+        np.concatenate([getattr(each, name) for each in rounds])
+        for name in ("rotation", "translation", "start", "votes")
+    )
     return PoseHypotheses(*parts)
 
 

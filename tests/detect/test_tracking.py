@@ -75,7 +75,7 @@ def searched(monkeypatch):
 
 @pytest.mark.parametrize(
     ("camera", "pose"),
-    [(PAPER_CAMERA, 130), (BARREL, 3), (FISHEYE, 200), (sized(0.5), 350), (sized(4), 20), (None, 130)],
+    [(PAPER_CAMERA, 130), (BARREL, 3), (FISHEYE, 200), (sized(0.5), 350), (sized(2.5), 20), (None, 130)],
     ids=["plain", "barrel", "fisheye", "small", "large", "no camera"],
 )
 def test_every_frame_of_a_motion_is_as_from_the_whole_frame(irregular, searched, camera, pose):
@@ -84,7 +84,7 @@ def test_every_frame_of_a_motion_is_as_from_the_whole_frame(irregular, searched,
     for k, place in enumerate(walk(lens, pose, 3, seed=1)):
         frame = view(irregular, lens, place, seed=k)
         found, whole = finder(frame, near=found), finder(frame)
-        # Of dots of several times 48 px, blocks of pixels are averaged: their edges are known a little less well.
+        # Of dots of more than 32 px, blocks of pixels are averaged: their edges are known a little less well.
         same(found[0], whole[0], SAME_PX * max(1, lens.width / 640))
         assert found[0].ok
         if camera is not None:
@@ -92,6 +92,19 @@ def test_every_frame_of_a_motion_is_as_from_the_whole_frame(irregular, searched,
             assert (np.abs(found[0].translation - whole[0].translation) < 0.5 * sigma[3:]).all()
     # The first frame, and each once for comparison.
     assert len(searched) == 4
+
+
+def test_light_dots_are_tracked_too(irregular, searched):
+    points = irregular.control_points
+    light = tuple(replace(each, feature=replace(each.feature, polarity="light")) for each in points)
+    marker, found = replace(irregular, control_points=light), None
+    finder = Detector(marker, PAPER_CAMERA)
+    for k, place in enumerate(walk(PAPER_CAMERA, 130, 2, seed=1)):
+        frame = view(marker, PAPER_CAMERA, place, seed=k)
+        found = finder(frame, near=found)
+        assert found[0].ok
+    assert len(searched) == 1
+    same(found[0], finder(frame)[0])
 
 
 def test_colors_and_depth_do_not_matter(pentagon, searched):
@@ -104,7 +117,8 @@ def test_colors_and_depth_do_not_matter(pentagon, searched):
         (found,) = finder(frame, near=before)
         np.testing.assert_array_equal(found.pixels, grey.pixels)
     (deep,) = finder((second.astype(np.uint16) * 257).astype(">u2"), near=before)
-    np.testing.assert_allclose(deep.pixels, grey.pixels, atol=2e-3)
+    # A fit ends when its steps are under 0.002 px.
+    np.testing.assert_allclose(deep.pixels, grey.pixels, atol=5e-3)
     assert len(searched) == 1
     # The weights of the colors are those of a whole frame.
     rng = np.random.default_rng(0)
@@ -189,7 +203,7 @@ def test_occluded_dots_and_those_beyond_the_edge_may_be_missing(irregular, searc
 def test_several_markers_and_copies(irregular, make, searched):
     """Two copies and another marker; when one copy is gone, or takes the other's place, the whole frame is searched."""
     other = make([(-y, x) for x, y in ((0.1, 0.1), (-0.11, 0.08), (-0.02, -0.1), (0.03, 0.02), (0.12, -0.06))])
-    wide = replace(PAPER_CAMERA, width=1400, height=900, cx=700.0, cy=450.0)
+    wide = replace(PAPER_CAMERA, width=1400, height=320, cx=700.0, cy=160.0)
     finder = Detector([irregular, other], wide)
     up = np.diag([1.0, -1.0, -1.0])
 
@@ -246,6 +260,18 @@ def test_a_tag_tells_the_member_of_a_family(make, searched):
         same(one, other)
 
 
+def test_a_part_of_another_marker_is_not_taken_for_it(irregular, make):
+    """The larger marker has all dots of the smaller one, and has taken its place since the frame before."""
+    points = irregular.xyz[:, :2]
+    larger = make([*points, (0.12, -0.08), (-0.13, 0.0)])
+    finder = Detector([irregular, larger], PAPER_CAMERA)
+    place = POSES.rotation[100], POSES.translation[100]
+    before = [each for each in finder(view(irregular, PAPER_CAMERA, place)) if each.ok]
+    assert [each.index for each in before] == [0]
+    found = [each for each in finder(view(larger, PAPER_CAMERA, place), near=before) if each.ok]
+    assert [(each.index, len(each.ids)) for each in found] == [(1, 8)]
+
+
 def test_what_near_may_be(irregular, pentagon, searched):
     finder = Detector(irregular, PAPER_CAMERA)
     frame = view(irregular, PAPER_CAMERA, (POSES.rotation[100], POSES.translation[100]))
@@ -266,3 +292,125 @@ def test_what_near_may_be(irregular, pentagon, searched):
             finder(frame, near=near)
     with pytest.raises(InputError, match="of the camera's"):
         finder(frame[:100], near=found)
+
+
+def drawn_at_random(make, rng):
+    """A marker of 5 to 12 dots at random places, with or without a key ring."""
+    count, points = int(rng.integers(5, 13)), []
+    diameter = rng.uniform(0.02, 0.032)
+    while len(points) < count:
+        point = rng.uniform(-0.13, 0.13, 2)
+        if np.hypot(*point) < 0.13 and all(np.hypot(*(point - each)) > 1.15 * diameter for each in points):
+            points.append(point)
+    return make(points, rings=(0,) if rng.random() < 0.6 else (), diameter=diameter)
+
+
+def labels_are_right(found, camera, pose):
+    """Return whether each dot is nearer to its own place than to any other dot's; covered ones may be off by pixels."""
+    places = camera.project(found.marker.xyz, pose[0][None], pose[1][None])[0]
+    ids = np.array([point.id for point in found.marker.control_points])
+    nearest = np.linalg.norm(found.pixels[:, None] - places, axis=-1).argmin(axis=1)
+    return np.array_equal(ids[nearest], found.ids)
+
+
+@pytest.mark.long
+def test_many_motions(make, searched):
+    """Noise, blur, light from the side, occluded dots: 2,000 frames, of which some 400 are searched as a whole."""
+    frames, lost, fewer, differences = 0, 0, 0, []
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        marker, camera = drawn_at_random(make, rng), sized(rng.choice([0.5, 1, 1, 1.5]))
+        optics = Optics(
+            blur_px=rng.uniform(0.4, 1.4), noise_grey=rng.choice([0.5, 2, 5]), gradient=rng.choice([0, 0.5]),
+            motion_px=rng.choice([0, 3]), motion_deg=rng.uniform(0, 180),
+        )  # fmt: skip
+        finder, found = Detector(marker, camera), None
+        for k, pose in enumerate(walk(camera, int(rng.integers(400)), 20, seed)):
+            frame = view(marker, camera, pose, seed=[seed, k], optics=optics)
+            if 8 <= k < 12 and seed % 2:
+                for x, y in camera.project(marker.xyz[:2], pose[0][None], pose[1][None])[0]:
+                    corner = np.array([x, y]) + rng.uniform(-20, 0, 2)
+                    cv2.rectangle(frame, corner.astype(int), (corner + 20).astype(int), float(rng.integers(255)), -1)
+            (whole,) = finder(frame)
+            searched.clear()
+            (tracked,) = finder(frame, near=found)
+            assert tracked.ok >= whole.ok
+            if tracked.ok:
+                assert labels_are_right(tracked, camera, pose), (seed, k)
+                common = np.isin(whole.ids, tracked.ids)
+                at = np.isin(tracked.ids, whole.ids)
+                sigma = np.sqrt(np.trace(whole.pixel_covariance[common], axis1=1, axis2=2))
+                away = np.linalg.norm(tracked.pixels[at] - whole.pixels[common], axis=-1)
+                # The same grey levels, but for the estimates of noise and slope of the light, on which may depend what
+                # is left out of a dot's outline.
+                differences.append(away)
+                assert (away < 0.3 + 3 * sigma).all(), (seed, k)
+                frames, fewer = frames + 1, fewer + (len(tracked.ids) < len(whole.ids))
+                lost += bool(searched) and found is not None and found.ok
+            found = tracked
+    assert np.percentile(np.concatenate(differences), 99) < SAME_PX
+    # Where dots leave the image or are covered.
+    assert frames > 1700
+    assert lost < 0.1 * frames
+    assert fewer < 0.05 * frames
+
+
+@pytest.mark.long
+def test_many_wrong_poses(make, ngon):
+    """Results of other frames, turned and moved, and nearly regular markers: never a wrong label."""
+    told = 0
+    for seed in range(150):
+        rng = np.random.default_rng(seed)
+        marker = drawn_at_random(make, rng)
+        if seed % 3 == 0:
+            regular = ngon(int(rng.integers(5, 9))).xyz[:, :2]
+            regular[1] *= rng.uniform(0.85, 0.97)
+            marker = make(regular, rings=(0,) if seed % 2 else ())
+        finder, count = Detector(marker, PAPER_CAMERA), len(marker.control_points)
+        pose = POSES.rotation[rng.integers(400)], POSES.translation[rng.integers(400)]
+        frame = view(marker, PAPER_CAMERA, pose, seed=seed)
+        (whole,) = finder(frame)
+        if not whole.ok:
+            continue
+        for _ in range(8):
+            k = int(rng.integers(400))
+            rotation, translation = whole.rotation, whole.translation
+            if rng.random() < 0.3:
+                rotation, translation = POSES.rotation[k], POSES.translation[k]
+            turn = 2 * np.pi * rng.integers(count) / count + rng.normal(0, 0.02)
+            shift = rng.normal(0, 0.02, 3) * translation[2]
+            (found,) = finder(frame, near=placed(whole, rotation @ turned(turn), translation + shift))
+            assert found.ok
+            assert labels_are_right(found, PAPER_CAMERA, pose), seed
+            told += 1
+    assert told > 800
+
+
+@pytest.mark.long
+def test_two_copies_that_cross(irregular):
+    """One passes in front of the other; each keeps its labels, and two results are never of one copy."""
+    finder, seen = Detector(irregular, PAPER_CAMERA), 0
+    up = np.diag([1.0, -1.0, -1.0])
+    rim = 0.15 * np.stack(
+        [np.cos(np.linspace(0, 2 * np.pi, 60)), np.sin(np.linspace(0, 2 * np.pi, 60)), np.zeros(60)], 1
+    )
+    for seed in range(10):
+        rng, found = np.random.default_rng(seed), []
+        behind, before = (up @ turned(angle) for angle in rng.uniform(-3, 3, 2))
+        for x in np.linspace(-0.45, 0.45, 80):
+            poses = (behind, np.array([-x, 0.05, 1.5])), (before, np.array([x, -0.03, 1.4]))
+            frame, over = (view(irregular, PAPER_CAMERA, pose, seed=seed) for pose in poses)
+            plate = np.zeros_like(frame)
+            outline = PAPER_CAMERA.project(rim, poses[1][0][None], poses[1][1][None])[0]
+            cv2.fillPoly(plate, [np.rint(outline).astype(np.int32)], 1)
+            frame = np.where(plate > 0, over, frame)
+            # A copy that comes back is noticed by a search of the whole frame.
+            found = finder(frame, near=found if len(found) == 2 else None)
+            shown = [each for each in found if each.ok]
+            assert shown
+            for each in shown:
+                assert any(labels_are_right(each, PAPER_CAMERA, pose) for pose in poses), (seed, x)
+            if len(shown) == 2:
+                assert np.linalg.norm(shown[0].translation - shown[1].translation) > 0.05
+                seen += 1
+    assert seen > 300

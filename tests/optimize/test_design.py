@@ -6,7 +6,7 @@ import pytest
 from markergen.errors import InputError
 from markergen.model.boundary import Circle
 from markergen.model.camera import Camera
-from markergen.model.feature import LEAST_PIXELS
+from markergen.model.feature import RING_PIXELS
 from markergen.model.marker_json import from_json, to_json
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES
@@ -110,7 +110,7 @@ def test_studies_may_use_bare_points_and_are_warned():
     assert found.marker.dot_diameter == 0
     assert any("bare points" in warning for warning in found.warnings)
     small = design(Spec(dot=0.005, restarts=1, poses=FEW)).warnings
-    assert any(f"hardly detected, which takes {LEAST_PIXELS:g} px" in warning for warning in small)
+    assert any(f"hardly detected, which takes {RING_PIXELS:g} px for the key ring" in warning for warning in small)
     assert any(
         "Hartley" in warning
         for warning in design(Spec(objective="condition", coordinates="hartley", restarts=1, poses=FEW)).warnings

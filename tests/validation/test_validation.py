@@ -6,7 +6,7 @@ import pytest
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.boundary import Circle
-from markergen.model.feature import LEAST_PIXELS
+from markergen.model.feature import RING_PIXELS
 from markergen.model.marker import Marker
 from markergen.objectives import OBJECTIVES
 from markergen.optimize.label_ambiguity import label_safety
@@ -68,18 +68,20 @@ def test_tables_show_the_numbers_of_the_results(results):
 
 def test_dots_too_small_to_be_found_are_named(results, make_ngon):
     assert results["dots"]["too_small"] == 0
-    assert not any("px across" in line for line in tables.view_sentences(results))
+    assert not any("px that it takes" in line for line in tables.view_sentences(results))
     small = make_ngon(5, 0.15, 0.012)
     setting = setting_of(small)
     told = validate(small, setting, runs=0)
-    # f d cos(tilt) / z at the middle; the farthest dots are up to 0.14 m farther away, and seen at a lower angle.
+    # f d sqrt(cos(tilt)) / z at the middle; the ring is up to 0.12 m farther away, and seen at a lower angle.
     tilt = np.cos(np.deg2rad(setting.poses.polar_angle_deg))
-    extent = 800 * 0.012 * tilt / setting.poses.distance
-    assert told["dots"]["least_px"] == pytest.approx(extent.min(), rel=0.2)
-    assert told["dots"]["too_small"] == pytest.approx(np.mean(extent < LEAST_PIXELS), abs=0.1)
+    extent = 800 * 0.012 * np.sqrt(tilt) / setting.poses.distance
+    assert told["dots"]["least_px"] == pytest.approx(extent.min(), rel=0.15)
+    assert told["dots"]["needed_px"] == RING_PIXELS
+    assert told["dots"]["too_small"] == pytest.approx(np.mean(extent < RING_PIXELS), abs=0.1)
     assert 0 < told["dots"]["too_small"] < 1
-    share = f"{100 * told['dots']['too_small']:.3g} %"
-    assert tables.view_sentences(told)[0].startswith(f"In {share} of the poses a dot is less than {LEAST_PIXELS:g} px")
+    line = tables.view_sentences(told)[0]
+    assert line.startswith("In ")
+    assert f"of {RING_PIXELS:g} px that it takes" in line
 
 
 def test_the_setting_is_what_the_marker_was_designed_for(pentagon):

@@ -12,7 +12,6 @@ from markergen.estimators.budget import PoseBudget
 from markergen.maths.information import covariance, rotation_bound
 from markergen.maths.projection import circle_image, plane_homography
 from markergen.model.camera import Camera
-from markergen.model.feature import LEAST_PIXELS
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.objectives import Setting
@@ -243,7 +242,13 @@ def short_axes(marker: Marker, camera: Camera, poses: PoseDistribution, scale: f
     the circle's image is not an ellipse.
     """
     radii = scale / 2 * np.array([point.feature.diameter for point in marker.control_points])
-    return _short_axes(marker.xyz, radii, camera, poses)
+    return _axes(marker.xyz, radii, camera, poses)[..., 1]
+
+
+def mean_diameters(marker: Marker, camera: Camera, poses: PoseDistribution) -> Array:
+    """Roots (P, n) of long times short axis in px of the dots' images; see `short_axes`."""
+    radii = np.array([point.feature.diameter / 2 for point in marker.control_points])
+    return np.asarray(np.sqrt(_axes(marker.xyz, radii, camera, poses).prod(axis=-1)))
 
 
 def advise(marker: Marker, camera: Camera, poses: PoseDistribution) -> Advice | None:
@@ -259,6 +264,7 @@ def advise(marker: Marker, camera: Camera, poses: PoseDistribution) -> Advice | 
 
 def advice_sentences(advice: Advice, marker: Marker, poses: PoseDistribution) -> list[str]:
     """Advice as sentences."""
+    least = max(point.feature.least_pixels for point in marker.control_points)
     now, worst, most = format_length(marker.dot_diameter), advice.worst, advice.most
     where = at(poses.distance[worst.pose], poses.polar_angle_deg[worst.pose])
     found = (
@@ -277,7 +283,7 @@ def advice_sentences(advice: Advice, marker: Marker, poses: PoseDistribution) ->
     else:
         said.append(
             f"For {share} {format_length(most.diameter)} would do; now it is {number(most.thinnest_px, 2)} px there. "
-            f"Smaller dots are found as well, down to {LEAST_PIXELS:g} px, but with less margin."
+            f"Smaller dots are found as well, down to {least:g} px, but with less margin."
         )
     room = format_length(np.floor(advice.largest * 1e4) / 1e4)
     if worst.diameter > advice.largest:
@@ -321,7 +327,7 @@ def labeled(draw: Callable[["Axes"], object], x: str, y: str = "") -> Callable[[
 
 def _extent(marker: Marker, camera: Camera, poses: PoseDistribution, pose: int) -> Extent:
     one = PoseDistribution("one", poses.rotation[[pose]], poses.translation[[pose]])
-    center = _short_axes(np.zeros((1, 3)), np.array([marker.dot_diameter / 2]), camera, one)
+    center = _axes(np.zeros((1, 3)), np.array([marker.dot_diameter / 2]), camera, one)[..., 1]
     thinnest = float(short_axes(marker, camera, one).min())
     extent, scale = thinnest, 1.0
     # The extent is nearly proportional to the diameter, so that the iteration converges fast.
@@ -334,9 +340,9 @@ def _extent(marker: Marker, camera: Camera, poses: PoseDistribution, pose: int) 
     return Extent(pose, thinnest, float(center[0, 0]), diameter)
 
 
-def _short_axes(points: Array, radii: Array, camera: Camera, poses: PoseDistribution) -> Array:
+def _axes(points: Array, radii: Array, camera: Camera, poses: PoseDistribution) -> Array:
     # A raised dot's plane is closer to the camera along the marker's z axis.
     lifted = poses.translation[:, None] + points[:, 2, None] * poses.rotation[:, None, :, 2]
     rotation = np.broadcast_to(poses.rotation[:, None], (*lifted.shape, 3))
     _, semi, _ = circle_image(points[:, :2], radii, plane_homography(rotation, lifted, camera.ideal.matrix))
-    return np.asarray(np.nan_to_num(2 * semi[..., 1]))
+    return np.asarray(np.nan_to_num(2 * semi))
