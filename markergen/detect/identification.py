@@ -235,7 +235,16 @@ def confirm(
     if len(rivals):
         pool = joined(judged.candidates, rivals)
         judged = _judged(pool.take(distinct(pool.blobs, pool.misfit)), ellipses, view, rough, ringed)
-    return _answered(_told(judged, tag, tags), ellipses, tag)
+    answer = _answered(_told(judged, tag, tags), ellipses, tag)
+    if answer.reason or answer.tags[0] == CONFIRMS or rough is None:
+        return answer
+    labeled = answer.blobs[answer.blobs >= 0]
+    refused = int(np.count_nonzero(rough[labeled] == REFUSED_PX))
+    if 2 * refused <= len(labeled):
+        return answer
+    # Anything regular, such as a checkerboard, has some places where four dots would be.
+    said = f"found {_dots(len(ellipses))}, but of {len(labeled)} in the marker's layout {refused} are not round"
+    return replace(answer, reason=said)
 
 
 def _judged(candidates: Labelings, ellipses: Ellipses, view: View, rough: Array | None, ringed: bool = True) -> Search:
