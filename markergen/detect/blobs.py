@@ -29,7 +29,8 @@ class Blobs:
     blur : array (B,), px
         Width of the edge as the standard deviation of a normal distribution.
     middle : array (B,)
-        Level in the middle, from 0 where it is dark to 1 where it is light.
+        Level in the middle relative to what a disk, 0, and a key ring, 1, of this outline and blur would show; 0.5
+        where both would show the same.
     fitted : array (B,) of bool
         True if fitted to grey levels, false if from a few points of the edge alone.
     """
@@ -47,6 +48,11 @@ class Blobs:
 
     def __len__(self) -> int:
         return len(self.center)
+
+    @property
+    def hole(self) -> Array:
+        """Evidence of a ring (B,), from 0 for a disk to 1."""
+        return np.clip(self.middle, 0, 1)
 
     @property
     def axes(self) -> Array:
@@ -73,20 +79,6 @@ class Blobs:
 
 DOUBTFUL = 0.25
 """Evidence of a ring below which a blob is surely a disk, and beyond one minus which it is surely a ring."""
-
-
-def _hole(blobs: Blobs) -> Array:
-    """Return the evidence (B,) of a ring: the level in the middle, between those expected of disk and ring.
-
-    The blur of width s leaves exp(-r^2/2 s^2) of a step at radius r. A key ring's hole has half its radius. Where the
-    levels of disk and ring differ little, nothing is told: 0.5.
-    """
-    # Along a long and a short axis; the pixel's own width counts as blur.
-    square = blobs.semi**2 / (2 * (blobs.blur**2 + 1 / 12))[:, None]
-    disk, light = np.exp(-square).mean(axis=-1), 1 - np.exp(-square / 4).mean(axis=-1)
-    gap = np.maximum(light, 1e-3)
-    share = np.clip((blobs.middle - disk) / gap, 0, 1)
-    return 0.5 + (share - 0.5) * np.minimum(1, gap / 0.3)
 
 
 def as_dark(image: Image, light: bool) -> Image:
@@ -154,7 +146,7 @@ def undo_lens(blobs: Blobs, camera: Camera) -> Ellipses:
     if camera == camera.ideal:
         center = camera.from_pixels(blobs.center)
         axes = axes / camera.focal[:, None]
-        return Ellipses(center, axes @ axes.swapaxes(-1, -2), _hole(blobs), np.arange(len(blobs)))
+        return Ellipses(center, axes @ axes.swapaxes(-1, -2), blobs.hole, np.arange(len(blobs)))
     angle = 2 * np.pi * np.arange(_SAMPLES) / _SAMPLES
     circle = np.stack([np.cos(angle), np.sin(angle)])
     pixels = blobs.center[:, None] + (axes @ circle).swapaxes(-1, -2)
@@ -163,7 +155,7 @@ def undo_lens(blobs: Blobs, camera: Camera) -> Ellipses:
     outline = camera.from_pixels(pixels)
     usable = np.flatnonzero(np.isfinite(outline).all(axis=(-2, -1)))
     center, shape = _fit_ellipse(outline[usable], circle, speed[usable])
-    return Ellipses(center, shape, _hole(blobs)[usable], usable)
+    return Ellipses(center, shape, blobs.hole[usable], usable)
 
 
 def _fit_ellipse(points: Array, circle: Array, weight: Array) -> tuple[Array, Array]:

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from markergen.detect import kernel
 from markergen.detect.blobs import Blobs, Image
+from markergen.detect.blurred_outlines import unblurred
 from markergen.detect.components import Components, find_components
 
 Array = NDArray[np.float64]
@@ -44,11 +45,11 @@ washed out by light, or cut off."""
 _MIN_STEP = 12.0
 _ALIKE = 0.35
 """Minimum step: in grey levels of 8 bits, and, like the inverse of its maximum, relative to the median."""
-_MAX_UNEVEN = 0.7, 0.5
+_MAX_UNEVEN = 0.7, 0.38
 """Maximum standard deviation of the step over the sectors, without the three least and three largest, over its median,
 of a component's outline and of the ellipse found. In photographs, dots have 0.02, 95 % of them below 0.15; leaves,
 letters, cloth and stones 0.1 to 0.6."""
-_MAX_RMS = (0.4, 0.04), (0.3, 0.03)
+_MAX_RMS = (0.4, 0.04), (0.22, 0.015)
 """Maximum RMS distance of the edge from the ellipse, px, and what is added for each px of its shorter semi-axis. Dots
 have 0.02 to 0.15, clutter 0.1 to 1."""
 _MIN_SEMI, _MAX_ELONGATION = 0.5, 12.0
@@ -59,12 +60,15 @@ _LEAST_SCALE, _SOFT = 0.04, 2.5
 
 _TURNS = 2 * np.pi * np.arange(_SECTORS) / _SECTORS
 _CIRCLE = np.stack([np.cos(_TURNS), np.sin(_TURNS)])
-_MIDDLE_SHARE = 0.2
+_MIDDLE, _MIDDLE_SHARE, _MIDDLE_PX = 0.05, 0.2, 0.6
+"""The middle is the mean of center and eight points at 0.2 of the outline less 0.6 px of its shorter semi-axis, but at
+0.05 at least: where the hole is wide, noise is averaged away."""
 
 _LIMITS = np.array(
     [
         _INSIDE, _OUTSIDE, _LEAST_STEP, _STEP_SHARE, _LEAST_EIGHTHS, *_MIN_SECTORS, _MIN_STEP, _ALIKE, *_MAX_UNEVEN,
-        *_MAX_RMS[0], *_MAX_RMS[1], *_ROUNDS, _MIN_SEMI, _MAX_ELONGATION, _LEAST_SCALE, _SOFT, _MIDDLE_SHARE,
+        *_MAX_RMS[0], *_MAX_RMS[1], *_ROUNDS, _MIN_SEMI, _MAX_ELONGATION, _LEAST_SCALE, _SOFT, _MIDDLE,
+        _MIDDLE_SHARE, _MIDDLE_PX,
     ]
 )  # fmt: skip
 """In the order of kernel.c."""
@@ -73,20 +77,7 @@ _MIN_COARSE = 3.0
 """Minimum shorter semi-axis of a component of a coarser level than the finest: the finer level has seen smaller dots
 better."""
 
-_BILINEAR = 1 / 6
-"""Variance of the mean kernel of bilinear interpolation along any direction, px^2."""
-_PIXEL = 1 / 12
-_LEAST_BLUR = 0.28
-
-_RING_ABOVE = 0.5
-_LEAST_MIDDLE = 0.15
-"""Least level in the middle of a ring, relative to the step at its outline, that counts in telling it from a disk."""
-_LEAST_SHARE, _MAX_SHARE, _LEAST_DEPTH = 0.05, 0.954, 0.5
-"""Limits for the share of the step within 1 px of the edge, which is less even for the sharpest, and for the share of
-the ink's darkness that is left of a small dot."""
-_MAX_INWARD = 1.0
-_STEPS = 5
-
+_CLEAR_DOUBT = 0.5
 _CLEAR_UNEVEN, _CLEAR_RMS = 0.2, 0.15
 _GROWN_PX = 1.0
 """Dots whose edge is more even than this, and closer to the ellipse, px, are not measured again at coarser levels,
@@ -115,7 +106,7 @@ def find_blobs(image: Image) -> Blobs:
     hundredths of a pixel.
 
     Near convex edges, and where a dot or a ring's ink is no wider than the blur, the grey level halfway is not at the
-    edge; the semi-axes are corrected for that (`_unblurred`).
+    edge; the semi-axes are corrected for that (`unblurred`).
 
     Parameters
     ----------
@@ -124,9 +115,9 @@ def find_blobs(image: Image) -> Blobs:
     Returns
     -------
     Blobs
-        None of them fitted. `middle` is the level in the middle relative to what a disk, 0, and a ring with a hole of
-        half the size, 1, of this outline and blur would show. `covariance` follows from the distances of the edge from
-        the ellipse.
+        None of them fitted. `middle` is evidence of a ring: the level in the middle relative to what a disk, 0, and a
+        ring with a hole of half its size, 1, of this outline and blur would show; 0.5 where both would show the same.
+        `covariance` follows from the distances of the edge from the ellipse.
     """
     components = find_components(image)
     scale = np.ldexp(1.0, components.level)
@@ -142,6 +133,10 @@ def find_blobs(image: Image) -> Blobs:
             continue
         edges = even_edges(grey, of_level[~_known(of_level, clear, grey.shape[1])])
         clear = np.concatenate([clear, _clear(edges)])
+        if level > finest:
+            # Corners show at the finer level, which gives more exact ellipses, too.
+            level, grey = level - 1, components.levels[level - 1 - finest]
+            edges = even_edges(grey, np.column_stack([2 * edges[:, CENTER] + 0.5, 2 * edges[:, AXES]]))
         parts.append(edges)
         scales.append(np.full(len(edges), float(1 << level)))
     edges, scale = np.concatenate(parts), np.concatenate(scales)
@@ -221,8 +216,10 @@ def _even_edges(image: Eight, rough: Array) -> Array:
     found = rough[chosen]
     for done in range(2):
         found = _at_crossings(image, found[:, :5], done)
-    spots = np.concatenate([np.zeros((2, 1)), _MIDDLE_SHARE * _CIRCLE[:, ::3]], axis=1)
-    x, y = _on_outline(found, spots)
+    size = np.maximum(_MIDDLE, _MIDDLE_SHARE - _MIDDLE_PX / _least(found[:, AXES]))
+    inside = found.copy()
+    inside[:, AXES] *= size[:, None]
+    x, y = _on_outline(inside, np.concatenate([np.zeros((2, 1)), _CIRCLE[:, ::3]], axis=1))
     found[:, MIDDLE] = _bilinear(image, x, y).mean(axis=-1)
     return found
 
@@ -351,115 +348,22 @@ def _blobs(edges: Array, scale: Array, components: Components) -> Blobs:
     longer = a + c - shorter
     slope = edges[:, SLOPE] / edges[:, STEP]
     middle = 1 - (edges[:, LIGHT] - edges[:, MIDDLE]) / edges[:, STEP]
-    # What is light in the middle is a disk or a ring; a blurred hole is less light than a wide one.
-    count, open_ = len(edges), np.flatnonzero(middle > _RING_ABOVE * _LEAST_MIDDLE)
-    both, ring = np.concatenate([np.arange(count), open_]), np.arange(count + len(open_)) >= count
-    semi, blur, depth = _unblurred(longer[both], shorter[both], slope[both], ring)
-    middle[open_] /= np.maximum(_ring_middle(semi[:, ring], blur[ring], depth[ring]), _LEAST_MIDDLE)
-    hollow = middle > _RING_ABOVE
-    best = np.arange(count)
-    best[open_[hollow[open_]]] = count + np.flatnonzero(hollow[open_])
-    semi, blur, depth = semi[:, best], blur[best], depth[best]
-    # Finer pixels are a part of this level's, and so is their share of the blur.
-    blur = scale**2 * (blur**2 - _BILINEAR - _PIXEL) + _PIXEL
+    found = unblurred(longer, shorter, slope, middle, scale, _doubt(edges) < _CLEAR_DOUBT)
     variance = np.maximum(_MISFIT * edges[:, RMS] ** 2, _CROSSING_PX**2)
     covariance = edges[:, INVERSE] * variance[:, None] + _CENTER_PX**2 * np.array([1, 0, 1])
     light = components.low + components.unit * edges[:, LIGHT]
     return Blobs(
         center=scale[:, None] * edges[:, CENTER] + (scale[:, None] - 1) / 2,
-        semi=(scale * np.maximum(semi, _MIN_SEMI)).T,
+        semi=(scale * np.maximum(found.semi, _MIN_SEMI)).T,
         angle=np.arctan2(2 * b, a - c) / 2,
-        ring=hollow,
+        ring=found.hole > 0.5,
         covariance=(scale[:, None] ** 2 * covariance)[:, [0, 1, 1, 2]].reshape(-1, 2, 2),
         light=light,
-        dark=light - components.unit * edges[:, STEP] / depth,
-        blur=np.sqrt(np.maximum(blur, _LEAST_BLUR**2)),
-        middle=middle,
+        dark=light - components.unit * edges[:, STEP] / found.depth,
+        blur=found.blur,
+        middle=found.hole,
         fitted=np.zeros(len(edges), dtype=bool),
     )
-
-
-def _unblurred(longer: Array, shorter: Array, slope: Array, ring: Bools) -> tuple[Array, Array, Array]:
-    """Return what disks or rings would be whose outline at half of the visible step has these semi-axes (k,).
-
-    With the normal distribution F, a straight edge blurred by s has the level F(e/s) at the distance e outside of it,
-    so F(1/s) - F(-1/s) is the share of the step within 1 px of it. The darkest place is not as dark as the ink: in the
-    middle of a disk, by the mean of 1 - exp(-r^2 / 2 s^2) over the directions to its outline at r; in a ring's ink of
-    width w, a quarter of the diameter, by 2 F(w / 2 s) - 1. So the half of what is visible lies outside of the edge.
-    Curvature k moves the half-level inward by k s^2 / 2.
-
-    Parameters
-    ----------
-    slope : array (k,)
-        Difference of the levels 1 px outside and 1 px inside of the outline, relative to the step.
-    ring : array (k,)
-
-    Returns
-    -------
-    semi : array (2, k), longest first
-    blur : array (k,), px, with that of sampling
-    depth : array (k,)
-        The step as a share of the difference between paper and ink.
-    """
-    from scipy.special import ndtr, ndtri
-
-    square = _squares(longer, shorter)
-    mean = longer * shorter / np.sqrt((longer**2 + shorter**2) / 2)
-    one, outside, lost = np.ones_like(longer), np.zeros_like(longer), np.zeros_like(longer)
-    depth = one
-    for _ in range(_STEPS):
-        blur = 1 / ndtri((1 + np.minimum(np.maximum(slope * depth + lost, _LEAST_SHARE), _MAX_SHARE)) / 2)
-        width = np.where(ring, (mean - outside) / 2, np.inf)
-        places = np.stack([one, 1 - outside, -1 - outside, -outside, width / 2]) / blur
-        whole, inner, outer, _, half = ndtr(places)
-        hole_inner, hole_outer, beyond = ndtr(places[1:4] - width / blur)
-        depth = np.maximum(np.where(ring, 2 * half - 1, _darkness(square, blur)), _LEAST_DEPTH)
-        outside = -blur * ndtri(np.minimum(depth / 2 + beyond, 0.5))
-        # Between the two places is not the steepest part of a ring's edge, and the rise to the hole's level begins.
-        lost = np.where(ring, 2 * whole - 1 - inner + outer + hole_inner - hole_outer, 0)
-    return np.stack([longer, shorter]) - outside + _moved_inward(longer, shorter, blur), blur, depth
-
-
-def _ring_middle(semi: Array, blur: Array, depth: Array) -> Array:
-    """Return the level in the middle (k,) of rings with these outlines, relative to the visible step."""
-    square = _squares(*semi)
-    return 1 - (_darkness(square, blur) - _darkness(square / 4, blur)) / depth
-
-
-_QUARTER = np.cos((np.arange(12) + 0.5) / 24 * np.pi) ** 2
-"""Squared cosines of an ellipse's parameter over a quarter of it."""
-
-
-def _moved_inward(longer: Array, shorter: Array, blur: Array) -> Array:
-    """Return by how much (2, k) the semi-axes of the ellipse through the half-level are too short.
-
-    The half-level is moved inward by k s^2 / 2, k = a b / D^3 with D^2 = b^2 cos^2 + a^2 sin^2, which no ellipse
-    follows: near sharp tips it has the least squares of distances along the normal. These change by b cos^2 / D with
-    the longer semi-axis, and by a sin^2 / D with the shorter one.
-    """
-    a, b, s = longer[:, None], shorter[:, None], blur[:, None]
-    along, across = b * _QUARTER, a * (1 - _QUARTER)
-    square = b * along + a * across
-    inward = s * np.minimum(s * a * b / (2 * square**1.5), _MAX_INWARD)
-    aa, ab, bb = ((each / square).sum(axis=1) for each in (along * along, along * across, across * across))
-    x, y = ((each * inward / np.sqrt(square)).sum(axis=1) for each in (along, across))
-    return np.asarray(np.stack([bb * x - ab * y, aa * y - ab * x]) / (aa * bb - ab * ab))
-
-
-def _squares(longer: Array, shorter: Array) -> Array:
-    """Return the squared distances (k, 12) from the center to points of the outline, at even steps of its parameter."""
-    return np.multiply.outer(longer**2, _QUARTER) + np.multiply.outer(shorter**2, 1 - _QUARTER)
-
-
-def _darkness(square: Array, blur: Array) -> Array:
-    """Return how dark the middle (k,) of blurred ellipses is, from 0 to 1.
-
-    The integral of a normal distribution out to the distance r in every direction is the mean of 1 - exp(-r^2 / 2 s^2)
-    over directions; at even steps of the ellipse's parameter, a direction counts by its angle, in proportion to 1/r^2.
-    """
-    share = 1 / square
-    inside = -np.expm1(square * (-0.5 / blur**2)[:, None])
-    return np.asarray((share * inside).sum(axis=1) / share.sum(axis=1))
 
 
 def _distinct(blobs: Blobs, scale: Array) -> Indices:

@@ -311,11 +311,14 @@ def identify(
     rough = np.full(len(ellipses), 0.0 if fit is None else ROUGH_PX)
     left, reasons, found = dict.fromkeys(range(len(markers)), copies), dict[int, str](), list[Detection]()
     rivals, unlabeled = dict[int, int](), dict[int, Unlabeled]()
+    searches = dict[DotLayout, Search]()
     while left:
         # Of further copies, those in plain sight are enough.
         first_of = {sought.layouts[k] for k, more in left.items() if more == copies}
         own = dict.fromkeys(sought.layouts[k] for k in left)
-        searches = {each: search(ellipses, views[each], rough, thorough=each in first_of) for each in own}
+        searches = {
+            each: searches.get(each) or search(ellipses, views[each], rough, thorough=each in first_of) for each in own
+        }
         for k in list(left):
             if searches[sought.layouts[k]].reason:
                 reasons.setdefault(k, searches[sought.layouts[k]].reason)
@@ -334,10 +337,12 @@ def identify(
         if answers and others.any():
             # Another labeling is better than the one that was fitted.
             blobs, ellipses, rough = _fitted(blobs, ellipses, rough, others, fit, camera)
+            searches = {}
             continue
         reasons = {k: each.reason for k, each in confirmed.items() if each.reason} | reasons
         if not answers and fresh.any() and all(each.tags[0] != REFUTES for each in confirmed.values()):
             # The labeling does not hold now that its dots are known better: others may.
+            searches = {}
             continue
         if answers:
             chosen = answers[best]
@@ -359,6 +364,8 @@ def identify(
                 if not left[best]:
                     del left[best]
         # An ambiguous detection also claims its blobs, exclusively.
+        kept = {layout: each.without(claimed) for layout, each in searches.items()}
+        searches = {layout: each for layout, each in kept.items() if each and not each.reason}
         ellipses, rough = ellipses.take(~claimed), rough[~claimed]
     seen = {each.marker for each in found}
     return found + [

@@ -44,8 +44,8 @@ _MAX_MISFIT, _MAX_NOISE = 0.12, 0.2
 edges leave 0.08."""
 _MIN_MAJOR_PX, _MAX_ELONGATION, _MAX_SIGMA_PX = 1.0, 10.0, 0.5
 _HOLE_SCALES = 0.15, 0.85
-_OWN_SLOPE = 5.0
-"""Ratio of a slope squared to its variance above which the slope is the dot's own: one in a hundred by chance."""
+_OWN_SLOPE = 10.0
+"""Ratio of a slope squared to its variance above which the slope is the dot's own: one in 20,000 by chance."""
 
 _MUCH_UNEVEN = 2.0
 """Ratio of the sectors' shifts, squared, to what noise explains, above which the covariance grows by it. One dot in a

@@ -43,6 +43,12 @@ ROUGH_PX, REFUSED_PX = 1.0, 0.4
 """Additional misfit of ellipses that are not fitted to the grey levels yet, and of those that the fit refuses: these
 are good to 0.1 to 0.3 px, along each of five axes."""
 
+LEAST_ROUND = 3
+"""Minimum number of dots that the fit to the grey levels does not refuse, beside half of a labeling."""
+
+ALIKE_SHARE = 0.6
+"""Share of a labeling's dots that another one has in common if it differs in single dots only."""
+
 WHOLE_SHARE = 0.75
 """Share of a marker's dots that a labeling must have to end the search, in which case rivals are sought among them."""
 
@@ -153,6 +159,14 @@ class Search:
         parts = {name: getattr(self, name)[chosen] for name in per_labeling}
         return replace(self, candidates=self.candidates.take(chosen), **parts)
 
+    def without(self, claimed: NDArray[np.bool_]) -> "Search | None":
+        """Return the labelings that use no claimed blobs (B,), numbered without these; None if the best one does."""
+        taken = np.asarray((claimed[self.candidates.blobs] & (self.candidates.blobs >= 0)).any(axis=-1))
+        if taken[:1].any():
+            return None
+        rest, number = self.take(np.flatnonzero(~taken)), np.append(np.cumsum(~claimed) - 1, -1)
+        return replace(rest, candidates=replace(rest.candidates, blobs=number[rest.candidates.blobs]))
+
     @property
     def blobs(self) -> Indices:
         """Blobs (n,) of the best labeling, -1 for none."""
@@ -186,7 +200,7 @@ def search(ellipses: Ellipses, view: View, rough: Array | None = None, thorough:
         enough = candidates.take(np.flatnonzero(candidates.misfit < np.inf))
         if not len(enough):
             return np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
-        judged = _judged(enough, ellipses, view, rough)
+        judged = _judged(enough, ellipses, view, rough, kinds=False)
         misfit, count = judged.candidates.misfit, judged.candidates.count
         whole = (judged.missing == 0) & (count >= WHOLE_SHARE * len(view.layout)) & (misfit <= 0.5 * judged.bound)
         return misfit <= judged.bound, whole
@@ -235,19 +249,18 @@ def confirm(
     if len(rivals):
         pool = joined(judged.candidates, rivals)
         judged = _judged(pool.take(distinct(pool.blobs, pool.misfit)), ellipses, view, rough, ringed)
-    answer = _answered(_told(judged, tag, tags), ellipses, tag)
-    if answer.reason or answer.tags[0] == CONFIRMS or rough is None:
-        return answer
-    labeled = answer.blobs[answer.blobs >= 0]
-    refused = int(np.count_nonzero(rough[labeled] == REFUSED_PX))
-    if 2 * refused <= len(labeled):
-        return answer
-    # Anything regular, such as a checkerboard, has some places where four dots would be.
-    said = f"found {_dots(len(ellipses))}, but of {len(labeled)} in the marker's layout {refused} are not round"
-    return replace(answer, reason=said)
+    answered = _answered(_told(judged, tag, tags), ellipses, tag)
+    return answered if answered.reason else _settled(answered)
 
 
-def _judged(candidates: Labelings, ellipses: Ellipses, view: View, rough: Array | None, ringed: bool = True) -> Search:
+def _judged(
+    candidates: Labelings,
+    ellipses: Ellipses,
+    view: View,
+    rough: Array | None,
+    ringed: bool = True,
+    kinds: bool = True,
+) -> Search:
     """Rank labelings with the evidence against them, by misfit and missing dots; rejected ones come last."""
     layout, px = view.layout, view.px
     absent = candidates.blobs < 0
@@ -259,7 +272,7 @@ def _judged(candidates: Labelings, ellipses: Ellipses, view: View, rough: Array 
     order = np.lexsort((candidates.misfit + lack, candidates.misfit > bound))[:_KEPT]
     candidates, bound, missing = candidates.take(order), bound[order], missing[order]
     there = candidates.blobs if ringed else np.full(candidates.blobs.shape, -1)
-    if (candidates.blobs < 0).any():
+    if kinds and (candidates.blobs < 0).any():
         near, _ = assign(candidates.predicted, ellipses, layout, NEAR_REACH, NEAR_PX / px, rings_tell=False)
         there = np.where(candidates.blobs < 0, near, there)
     strange = np.sum(np.abs(ellipses.hole[there] - layout.rings) * (there >= 0), axis=-1)
@@ -301,6 +314,8 @@ def _answered(judged: Search, ellipses: Ellipses, tag: Tag | None = None) -> Sea
         return replace(
             judged, reason=f"{said}: at most {seen} of {expected} dots that should be seen are where they should be"
         )
+    if best.bound[0] < 0 and view.calibrated:
+        return replace(judged, reason=f"{said}: most of the {seen} that are where dots should be are not round")
     if best.bound[0] < 0:
         few = f"{seen} of {len(layout)} dots"
         return replace(judged, reason=f"{said}: without a camera, {few} fit too loosely to tell their labels")
@@ -327,6 +342,8 @@ def contender(chosen: Search, others: Search, same_marker: bool) -> int | None:
     if same_marker:
         same = labelings == best
         shared &= ~(same | (labelings < 0)).all(axis=-1) & ~(same | (best < 0)).all(axis=-1)
+        # With most dots in common, the pose is the same, and only the others are in doubt: see `_settled`.
+        shared &= ~_alike(chosen.candidates.count[0], best, labelings)
     # Fewer dots explained, or more expected dots missing, count against a labeling.
     fewer = chosen.candidates.count[0] - others.candidates.count
     more = MISSING_PX * np.maximum(fewer, others.missing - chosen.missing[0])
@@ -337,6 +354,28 @@ def contender(chosen: Search, others: Search, same_marker: bool) -> int | None:
     told = others.tags >= chosen.tags[0]
     rivals = np.flatnonzero(shared & told & (excess < allowed))
     return int(rivals[np.argmin(excess[rivals])]) if len(rivals) else None
+
+
+def _alike(count: int, best: Indices, labelings: Indices) -> NDArray[np.bool_]:
+    """Return which labelings (A, n) have the same blobs as the best one for most of its dots."""
+    agreed = np.count_nonzero((labelings == best) & (best >= 0), axis=-1)
+    return np.asarray(agreed >= max(LEAST_DOTS, ALIKE_SHARE * count))
+
+
+def _settled(found: Search) -> Search:
+    """Return labelings without the best one's dots that others like it, which fit as well, give to other blobs."""
+    candidates = found.candidates
+    best, count = found.blobs, int(candidates.count[0])
+    close = candidates.misfit < UNIQUE_RATIO * candidates.misfit[0] + UNIQUE_PX
+    others = candidates.blobs[close & _alike(count, best, candidates.blobs) & (found.tags >= found.tags[0])]
+    doubtful = ((others != best) & (others >= 0) & (best >= 0)).any(axis=0)
+    # A blob that is another dot's in another labeling is in doubt, too.
+    doubtful |= (best >= 0) & ((others[:, :, None] == best) & (np.eye(len(best)) == 0)).any(axis=(0, 1))
+    if not doubtful.any() or count - np.count_nonzero(doubtful) < LEAST_DOTS:
+        return found
+    blobs = candidates.blobs.copy()
+    blobs[0, doubtful] = -1
+    return replace(found, candidates=replace(candidates, blobs=blobs))
 
 
 def _printing(candidates: Labelings, px: float, print_sigma: float) -> Array:
@@ -360,13 +399,17 @@ def _bound(
     extent = px * np.max(high.max(axis=1) - low.min(axis=1), axis=-1)
     count = candidates.count
     bound = (ACCEPT_PX + ACCEPT_SHARE * extent) * (count - 3) / np.maximum(count + missing - 3, 1)
-    unsure = np.zeros(len(count))
+    unsure, refused = np.zeros((2, len(count)))
     if rough is not None:
-        unsure = np.sqrt(np.sum(rough[candidates.blobs] ** 2 * used, axis=-1) / count)
+        own = rough[candidates.blobs] * used
+        unsure, refused = np.sqrt(np.sum(own**2, axis=-1) / count), np.count_nonzero(own == REFUSED_PX, axis=-1)
+    # What is no dot may be where one should be, but does not carry a labeling.
+    round_ = count - refused >= np.maximum(LEAST_ROUND, count / 2)
     if isinstance(candidates.model, Poses):
         # Four corners of a square are a third of a regular 12-gon, wherever equal dots are on a grid.
-        return np.where(count >= missing, np.hypot(np.hypot(bound, printing), unsure), -1.0)
-    return np.where(_plane_is_told(candidates, missing, ellipses, px, unsure), np.hypot(bound, unsure), -1.0)
+        return np.where(round_ & (count >= missing), np.hypot(np.hypot(bound, printing), unsure), -1.0)
+    told = _plane_is_told(candidates, missing, ellipses, px, unsure)
+    return np.where(round_ & told, np.hypot(bound, unsure), -1.0)
 
 
 def _plane_is_told(

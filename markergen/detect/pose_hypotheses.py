@@ -127,14 +127,15 @@ MAX_TRIALS = 12_000
 MAX_ROUNDS = 600
 """Maximum number of rounds. With as many, 30 dots are found among a thousand."""
 
-NEAR_BLOBS = 16
-"""Number of nearest blobs with which a blob forms pairs; with all where there is a ring, or with few blobs."""
+NEAR_BLOBS, NEAREST_BLOBS = 16, 10
+"""Number of nearest blobs with which a blob forms pairs, of few dots and of many; with all if it is a
+ring, or if blobs are few."""
 
 VOTERS = 40
 """Number of nearest blobs among which near dots are looked for if a marker has many."""
 
 LEAST_VOTES = 3
-"""Minimum number of near dots that must have a blob, beside the first of the pair."""
+"""Minimum number of near dots that must have a blob, beside the first of the pair; half of them if they are more."""
 
 _SLACK, _SLACK_PX = 0.2, 0.4
 """Tolerated error of a semi-axis: a share of it, which covers the change of perspective within a dot, plus px over the
@@ -275,7 +276,9 @@ def _round(
     votes = _votes(seeds, first[m], shown, layout, _voters(shown, layout))
     order = np.lexsort((quality, -votes))
     # If none has enough, the best ones tell how far they go.
-    return replace(seeds, votes=votes).take(order[: max(8, np.count_nonzero(votes >= LEAST_VOTES))])
+    return replace(seeds, votes=votes).take(
+        order[: max(8, np.count_nonzero(votes >= max(LEAST_VOTES, layout.near.shape[1] // 2)))]
+    )
 
 
 def _compiled(
@@ -287,14 +290,15 @@ def _compiled(
     blobs = ellipses.center, ellipses.shape, shown.area, shown.slack, shown.position, shown.normal
     settings = shown.px, _DRIFT, _DRIFT_PX, _SIZE
     strange = shown.strange & rings_tell
-    for least in (LEAST_VOTES, 1):
+    enough = max(LEAST_VOTES, layout.near.shape[1] // 2)
+    for least in (enough, 1):
         start, votes, quality, rotation, translation = kernel.guess_poses(
             (first, second, pairs), parts, blobs, strange, settings, least
         )
         if len(votes):
             break
     order = np.lexsort((quality, -votes))
-    order = order[: max(8, np.count_nonzero(votes >= LEAST_VOTES))]
+    order = order[: max(8, np.count_nonzero(votes >= enough))]
     return PoseHypotheses(rotation, translation, start, votes).take(order)
 
 
@@ -377,8 +381,9 @@ def _neighbors(shown: _Shown, layout: DotLayout, ringed: bool) -> tuple[Indices,
     distance[np.arange(len(chosen)), chosen] = np.inf
     distance[other | (distance >= most**2)] = np.inf
     if not ringed and len(ellipses) > 2 * NEAR_BLOBS:
-        nearest = np.argpartition(distance, NEAR_BLOBS, axis=-1)[:, :NEAR_BLOBS]
-        first = np.repeat(chosen, NEAR_BLOBS)
+        some = NEAR_BLOBS if len(layout) <= MANY_DOTS else NEAREST_BLOBS
+        nearest = np.argpartition(distance, some, axis=-1)[:, :some]
+        first = np.repeat(chosen, some)
         keep = np.isfinite(np.take_along_axis(distance, nearest, axis=-1).ravel())
         return first[keep], nearest.ravel()[keep]
     first, second = np.nonzero(np.isfinite(distance))
