@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from benchmarks import detection_quality as quality
 
 import markergen as mg
+from benchmarks import detection_quality as quality
 
 SOUGHT = (1, 4, 10, 13, 16)
 
