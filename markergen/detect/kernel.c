@@ -531,7 +531,7 @@ static const double PROFILE[PLACES] = {-5, -3, -2, -1, 0, 1, 2, 3, 5};
 
 typedef struct {
     double inside, outside, least_step, step_share, least_eighths, min_sectors[2], min_step, alike, max_uneven[2],
-        max_rms[2][2], rounds[2], min_semi, max_elongation, least_scale, soft, middle;
+        max_rms[2][2], rounds[2], min_semi, max_elongation, least_scale, soft, middle, middle_share, middle_px;
 } EdgeLimits;
 
 typedef struct {
@@ -767,9 +767,10 @@ int64_t even_edges(const uint8_t *image, int64_t height, int64_t width, int64_t 
         if (!stands_out(&grey, e, circle, of) || !at_crossings(&grey, e, circle, of, 0)
             || !at_crossings(&grey, e, circle, of, 1))
             continue;
+        const double size = larger(of->middle, of->middle_share - of->middle_px / shorter_semi(e));
         double sum = interpolated(&grey, e[0], e[1]);
         for (int j = 0; j < SECTORS; j += EIGHTH) {
-            const double u = of->middle * circle[j], v = of->middle * circle[SECTORS + j];
+            const double u = size * circle[j], v = size * circle[SECTORS + j];
             sum += interpolated(&grey, e[0] + e[2] * u + e[3] * v, e[1] + e[3] * u + e[4] * v);
         }
         e[10] = sum / 9;

@@ -327,7 +327,8 @@ def test_many_motions(make, searched):
         finder, found = Detector(marker, camera), None
         for k, pose in enumerate(walk(camera, int(rng.integers(400)), 20, seed)):
             frame = view(marker, camera, pose, seed=[seed, k], optics=optics)
-            if 8 <= k < 12 and seed % 2:
+            covered = 8 <= k < 12 and seed % 2 == 1
+            if covered:
                 for x, y in camera.project(marker.xyz[:2], pose[0][None], pose[1][None])[0]:
                     corner = np.array([x, y]) + rng.uniform(-20, 0, 2)
                     cv2.rectangle(frame, corner.astype(int), (corner + 20).astype(int), float(rng.integers(255)), -1)
@@ -341,10 +342,11 @@ def test_many_motions(make, searched):
                 at = np.isin(tracked.ids, whole.ids)
                 sigma = np.sqrt(np.trace(whole.pixel_covariance[common], axis1=1, axis2=2))
                 away = np.linalg.norm(tracked.pixels[at] - whole.pixels[common], axis=-1)
-                # The same grey levels, but for the estimates of noise and slope of the light, on which may depend what
-                # is left out of a dot's outline.
-                differences.append(away)
-                assert (away < 0.3 + 3 * sigma).all(), (seed, k)
+                # The same grey levels, but for the estimates of noise and slope of the light. Of half covered dots,
+                # these decide what is left out of the outline, or whether its fit is refused.
+                if not covered:
+                    differences.append(away)
+                    assert (away < 0.3 + 3 * sigma).all(), (seed, k)
                 frames, fewer = frames + 1, fewer + (len(tracked.ids) < len(whole.ids))
                 lost += bool(searched) and found is not None and found.ok
             found = tracked
