@@ -45,11 +45,11 @@ washed out by light, or cut off."""
 _MIN_STEP = 12.0
 _ALIKE = 0.35
 """Minimum step: in grey levels of 8 bits, and, like the inverse of its maximum, relative to the median."""
-_MAX_UNEVEN = 0.7, 0.5
+_MAX_UNEVEN = 0.7, 0.38
 """Maximum standard deviation of the step over the sectors, without the three least and three largest, over its median,
 of a component's outline and of the ellipse found. In photographs, dots have 0.02, 95 % of them below 0.15; leaves,
 letters, cloth and stones 0.1 to 0.6."""
-_MAX_RMS = (0.4, 0.04), (0.3, 0.03)
+_MAX_RMS = (0.4, 0.04), (0.22, 0.015)
 """Maximum RMS distance of the edge from the ellipse, px, and what is added for each px of its shorter semi-axis. Dots
 have 0.02 to 0.15, clutter 0.1 to 1."""
 _MIN_SEMI, _MAX_ELONGATION = 0.5, 12.0
@@ -60,12 +60,15 @@ _LEAST_SCALE, _SOFT = 0.04, 2.5
 
 _TURNS = 2 * np.pi * np.arange(_SECTORS) / _SECTORS
 _CIRCLE = np.stack([np.cos(_TURNS), np.sin(_TURNS)])
-_MIDDLE_SHARE = 0.05
+_MIDDLE, _MIDDLE_SHARE, _MIDDLE_PX = 0.05, 0.2, 0.6
+"""The middle is the mean of center and eight points at 0.2 of the outline less 0.6 px of its shorter semi-axis, but at
+0.05 at least: where the hole is wide, noise is averaged away."""
 
 _LIMITS = np.array(
     [
         _INSIDE, _OUTSIDE, _LEAST_STEP, _STEP_SHARE, _LEAST_EIGHTHS, *_MIN_SECTORS, _MIN_STEP, _ALIKE, *_MAX_UNEVEN,
-        *_MAX_RMS[0], *_MAX_RMS[1], *_ROUNDS, _MIN_SEMI, _MAX_ELONGATION, _LEAST_SCALE, _SOFT, _MIDDLE_SHARE,
+        *_MAX_RMS[0], *_MAX_RMS[1], *_ROUNDS, _MIN_SEMI, _MAX_ELONGATION, _LEAST_SCALE, _SOFT, _MIDDLE,
+        _MIDDLE_SHARE, _MIDDLE_PX,
     ]
 )  # fmt: skip
 """In the order of kernel.c."""
@@ -133,6 +136,10 @@ def find_blobs(image: Image) -> Blobs:
             continue
         edges = even_edges(grey, of_level[~_known(of_level, clear, grey.shape[1])])
         clear = np.concatenate([clear, _clear(edges)])
+        if level > finest:
+            # Corners show at the finer level, which gives more exact ellipses, too.
+            level, grey = level - 1, components.levels[level - 1 - finest]
+            edges = even_edges(grey, np.column_stack([2 * edges[:, CENTER] + 0.5, 2 * edges[:, AXES]]))
         parts.append(edges)
         scales.append(np.full(len(edges), float(1 << level)))
     edges, scale = np.concatenate(parts), np.concatenate(scales)
@@ -213,8 +220,10 @@ def _even_edges(image: Eight, rough: Array) -> Array:
     found = rough[chosen]
     for done in range(2):
         found = _at_crossings(image, found[:, :5], done)
-    spots = np.concatenate([np.zeros((2, 1)), _MIDDLE_SHARE * _CIRCLE[:, ::3]], axis=1)
-    x, y = _on_outline(found, spots)
+    size = np.maximum(_MIDDLE, _MIDDLE_SHARE - _MIDDLE_PX / _least(found[:, AXES]))
+    inside = found.copy()
+    inside[:, AXES] *= size[:, None]
+    x, y = _on_outline(inside, np.concatenate([np.zeros((2, 1)), _CIRCLE[:, ::3]], axis=1))
     found[:, MIDDLE] = _bilinear(image, x, y).mean(axis=-1)
     return found
 
