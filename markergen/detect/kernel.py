@@ -17,8 +17,8 @@ VARIABLE = "MARKERGEN_KERNEL"
 """Environment variable; `off` switches the compiled part off. Read at its first use."""
 
 _FIELDS, _SETTINGS, _UNKNOWNS, _FACTS = 11, 46, 15, 7
-_SECTORS, _LIMITS, _EDGE = 24, 22, 14
-_DAMPING, _STAGES, _GATES, _GUESS = 5, 4, 7, 4
+_SECTORS, _LIMITS, _EDGE = 24, 24, 14
+_DAMPING, _STAGES, _GATES, _GUESS = 5, 4, 7, 5
 """Lengths of rows and structures in kernel.c and kernel_fit.c."""
 
 

@@ -124,7 +124,7 @@ def guessed(first=0, pair=1, near=2, area=2):
     center, shape, space = np.zeros((2, 2)), np.stack([np.eye(2)] * 2), np.ones((2, 2, 3))
     blobs = center, shape, np.ones(area), np.ones(2), space, space
     pairs = np.array([first]), np.array([1]), np.array([[0, pair]])
-    return kernel.guess_poses(pairs, layout, blobs, np.zeros((2, 2), bool), (1.0,) * 4, 1)
+    return kernel.guess_poses(pairs, layout, blobs, np.zeros((2, 2), bool), (1.0,) * 5, 1)
 
 
 @pytest.mark.usefixtures("compiled")
