@@ -102,7 +102,7 @@ def detect_video(
 ) -> Watched:
     """Find markers in every frame of a video, or in the newest ones of a camera or stream until it is interrupted.
 
-    Outputs are complete, up to the last frame, however it ends.
+    Outputs are complete, up to the last frame, even if an error or an interruption ends it.
 
     Parameters
     ----------
