@@ -37,7 +37,12 @@ def progress_bar() -> Iterator["Progress"]:
         TimeRemainingColumn(),
     )
     with Bar(
-        *columns, console=Console(stderr=True), transient=True, redirect_stdout=False, disable=not sys.stderr.isatty()
+        *columns,
+        console=Console(stderr=True),
+        transient=True,
+        # Lines for the same terminal go above the bar; a file or a pipe gets its own.
+        redirect_stdout=sys.stdout.isatty(),
+        disable=not sys.stderr.isatty(),
     ) as bar:
         tasks: dict[str, Any] = {}
 
@@ -54,6 +59,8 @@ def progress_bar() -> Iterator["Progress"]:
 def status_line(first: str) -> Iterator[Callable[[str], None]]:
     """Yield a callback for a line that is shown on stderr until the next one comes; nothing is shown in a log."""
     from rich.console import Console
+    from rich.live import Live
+    from rich.spinner import Spinner
     from rich.text import Text
 
     console = Console(stderr=True)
@@ -66,8 +73,9 @@ def status_line(first: str) -> Iterator[Callable[[str], None]]:
         room = console.width - 3
         return Text(line if len(line) <= room else f"{line[: room - 3]}...")
 
-    with console.status(shown(first)) as status:
-        yield lambda line: status.update(shown(line))
+    spinner = Spinner("dots", shown(first))
+    with Live(spinner, console=console, refresh_per_second=12.5, transient=True, redirect_stdout=sys.stdout.isatty()):
+        yield lambda line: spinner.update(text=shown(line))
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from markergen.errors import InputError, OutputError
 from markergen.files import check_outputs, make_folder, write_atomic
 from markergen.options import CameraLike, MarkerLike, Progress, as_list
 from markergen.pool import as_completed_chunks, ranges, workers_for
-from markergen.read.images import Image, find_images, read_image
+from markergen.read.images import Image, find_images, quiet, read_image
 from markergen.read.videos import SUFFIXES
 
 Task = tuple[Path, Path | None]
@@ -204,12 +204,13 @@ def detect_files(
         # In the order of the images, whatever order they are done in.
         while told in done:
             now, told = done[told], told + 1
-            for line in now.lines():
-                (warn if now.error else tell)(line)
-            if now.unwritten:
-                warn(f"{now.path}: {now.unwritten}")
-            if progress:
-                progress("detecting", told, len(paths))
+            with quiet.lifted():
+                for line in now.lines():
+                    (warn if now.error else tell)(line)
+                if now.unwritten:
+                    warn(f"{now.path}: {now.unwritten}")
+                if progress:
+                    progress("detecting", told, len(paths))
 
     try:
         if progress:

@@ -14,7 +14,7 @@ same in all frames, and no filter reduces it: it is left out of the update, and 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from math import isfinite, log
+from math import log
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,9 @@ PERSISTENT = 5
 
 FORGOTTEN = 1.0
 """Time in s without its marker after which a track ends."""
+
+FASTEST = 1e6
+"""Largest acceleration in m/s^2 or rad/s^2: far more than anything seen, and far less than numbers can hold."""
 
 RAMP, SPIN, VELOCITY = 1.0, 3.0, 1.0
 """Standard deviations of the velocities that a new track may have: what the accelerations reach in this time in s, or
@@ -114,14 +117,15 @@ def parse_accelerations(given: str | Sequence[float]) -> Accelerations:
     Raises
     ------
     InputError
-        If these are not two positive numbers.
+        If these are not two positive numbers up to `FASTEST`.
     """
     try:
         linear, angular = map(float, given.split(",") if isinstance(given, str) else given)
     except (TypeError, ValueError):
         linear = angular = 0.0
-    if not (linear > 0 and angular > 0 and isfinite(linear) and isfinite(angular)):
-        raise InputError("two positive accelerations, in m/s^2 and rad/s^2", brief(given), "give --smooth 2,10")
+    if not (0 < linear <= FASTEST and 0 < angular <= FASTEST):
+        expected = f"two positive accelerations, in m/s^2 and rad/s^2, up to {FASTEST:.0f}"
+        raise InputError(expected, brief(given), "give --smooth 2,10")
     return Accelerations(linear, angular)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import cached_property
+from math import log10
 from pathlib import Path
 from time import monotonic
 from typing import Any, Self, TextIO
@@ -134,12 +135,16 @@ def detect_video(
         If a file cannot be written, or an output is also an input.
     """
     tell, warn, show = tell or _silent, warn or _silent, show or _silent
-    (one, *more), sought = as_list(source) or [None], as_list(markers)
-    if more:
-        raise InputError("one video, camera or stream at a time", f"{one} and {more[0]}", "start one process for each")
+    sources, sought = as_list(source), as_list(markers)
+    if len(sources) != 1:
+        given = " and ".join(map(str, sources[:2])) or "none"
+        raise InputError("one video, camera or stream at a time", given, "start one process for each")
+    (one,) = sources
     if workers is not None:
         raise InputError("images for --workers", f"the video {one}", "leave it out: frames come one after the other")
     detector = Detector(sought, camera, camera_covariance=camera_covariance, print_sigma=print_sigma, refine=refine)
+    if smooth is not None and detector.camera is None:
+        raise InputError("a camera for --smooth", "none, so that there are no poses", "give its --camera")
     smoother = None if smooth is None else Smoother(parse_accelerations(smooth))
     files = [Path(each) for each in (json, overlay) if isinstance(each, str | Path)]
     inputs = [Path(each) for each in (one, *sought, camera, camera_covariance) if isinstance(each, str | Path)]
@@ -311,6 +316,10 @@ class _Lines(_Sink):
             self._write(look)
         except OSError as error:
             with suppress(OSError):
+                if self._stream:
+                    # First, since this writes what is left of the line.
+                    self._stream.close()
+            with suppress(OSError):
                 os.truncate(self._path, self._whole)
             reason = f"{error.strerror or error} at frame {look.frame.number}"
             raise OutputError(f"expected to write {self._path}, found: {reason}; choose another place") from error
@@ -336,7 +345,9 @@ class _Overlay(_Sink):
 
     def __init__(self, path: Path, video: Video, tell: Callable[[str], None]) -> None:
         self._path, self._tell = path, tell
-        self._live, self._rate = video.live, video.rate or USUAL_RATE
+        rate = video.rate or USUAL_RATE
+        # MPEG-4 takes a rate of decimal places if it is below 65536 without its point.
+        self._live, self._rate = video.live, round(rate, int(log10(65535 / rate)))
         self._temporary: Path | None = None
         self._writer: Any = None
         self._shape: tuple[int, ...] = ()
@@ -354,12 +365,13 @@ class _Overlay(_Sink):
                 f"{image.shape[1]}x{image.shape[0]} px",
                 "leave out --overlay for a video that changes its size",
             )
-        # What is live plays as fast as it was: a frame stays until the next one that was searched.
-        while self._live and self._written < round(look.frame.time * self._rate):
+        # What is live plays as fast as it was: a frame stays until the next one that was searched, if its time comes.
+        due = round(look.frame.time * self._rate) if self._live else self._written
+        while self._written < due:
             self._write(self._last)
-        self._write(image)
-        folder = self._path.resolve().parent
-        if look.watched.frames % 100 == 1 and (free := shutil.disk_usage(folder).free) < LEAST_FREE:
+        if self._written == due:
+            self._write(image)
+        if (free := shutil.disk_usage(self._path.resolve().parent).free) < LEAST_FREE:
             raise OutputError(
                 f"expected space for {self._path}, found {free / 1e6:.0f} MB; it ends at frame {look.frame.number}, "
                 "free some space or choose another place"

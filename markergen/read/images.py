@@ -375,7 +375,7 @@ class _Quiet:
     """
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._inside = 0
         self._undo = ExitStack()
 
@@ -383,15 +383,29 @@ class _Quiet:
         with self._lock:
             self._inside += 1
             if self._inside == 1:
-                self._undo.enter_context(warnings.catch_warnings())
-                warnings.simplefilter("ignore")
-                self._undo.enter_context(_standard_error_nowhere())
+                self._begin()
 
     def __exit__(self, *_: object) -> None:
         with self._lock:
             self._inside -= 1
             if not self._inside:
                 self._undo.close()
+
+    @contextmanager
+    def lifted(self) -> Iterator[None]:
+        """Let this thread write to standard error while others decode; those that begin or end meanwhile wait."""
+        with self._lock:
+            self._undo.close()
+            try:
+                yield
+            finally:
+                if self._inside:
+                    self._begin()
+
+    def _begin(self) -> None:
+        self._undo.enter_context(warnings.catch_warnings())
+        warnings.simplefilter("ignore")
+        self._undo.enter_context(_standard_error_nowhere())
 
 
 @contextmanager

@@ -139,7 +139,6 @@ def open_capture(source: str, kind: str) -> Capture:
         if kind == "pipeline":
             capture = cv2.VideoCapture(source, cv2.CAP_GSTREAMER)
         elif kind == "stream":
-            limit = int(1000 * STALLED)
             # Our own limit for a frame comes before that of FFmpeg, which would print about it.
             limit = int(1000 * STALLED)
             limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, limit, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 3 * limit]
@@ -281,6 +280,8 @@ def _kind(source: str) -> str:
         return "pipeline"
     if "://" in source:
         return "stream"
-    if source.startswith("/dev/video") or (source.isdecimal() and source.isascii() and not exists(Path(source))):
+    # A longer number is none of OpenCV's.
+    number = source.isdecimal() and source.isascii() and len(source) < 10
+    if source.startswith("/dev/video") or (number and not exists(Path(source))):
         return "camera"
     return "file"

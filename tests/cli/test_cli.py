@@ -72,7 +72,7 @@ def test_the_main_job(here, capsys):
     results = json.loads((here / "results.json").read_text())
     assert set(results) == {
         "marker", "criteria", "comparisons", "nees", "camera", "poses", "noise_px", "runs", "seed", "condition",
-        "homography", "estimators", "bound", "budget", "labels", "views",
+        "homography", "estimators", "bound", "budget", "labels", "views", "dots",
     }  # fmt: skip
     assert set(results["comparisons"]) == {"ngon", "square", "random"}
     assert set(results["estimators"]) == {"epnp", "ippe", "lm", "sqpnp"}

@@ -89,6 +89,7 @@ def test_standard_output_is_lines_of_json_alone(here, capsys):
         (["walk.mp4", *ALL, "--overlay", "seen"], "a name for a video"),
         (["walk.mp4", *ALL, "--window"], "a display for a window"),
         (["walk.mp4", *ALL, "--smooth", "2"], "give --smooth 2,10"),
+        (["walk.mp4", "--marker", "marker.json", "--smooth", "2,10"], "a camera for --smooth, found none"),
         (["photo.png", *ALL, "--smooth", "2,10"], "a video or camera for --smooth, found images"),
         (["photo.png", *ALL, "--window"], "a video or camera for --window, found images"),
         (["photo.png", *ALL, "--overlay", "seen.mp4"], "a folder for overlays of images"),
@@ -138,9 +139,14 @@ def test_a_terminal_shows_one_line_that_changes(monkeypatch):
     for name, value in {"COLUMNS": "60", "TERM": "xterm", "NO_COLOR": "1"}.items():
         monkeypatch.setenv(name, value)
     monkeypatch.setattr(sys, "stderr", Terminal())
+    monkeypatch.setattr(sys, "stdout", io.StringIO())
     with console.status_line("waiting for a frame") as show:
         show("0.04 s, [12] frames per second; " + 10 * "marker.json, ")
         time.sleep(0.2)
+        print("the sum")
+    # A file or a pipe has what is printed meanwhile; a terminal has it above that line.
+    assert sys.stdout.getvalue() == "the sum\n"
+    assert "the sum" not in sys.stderr.getvalue()
     shown = sys.stderr.getvalue()
     assert "0.04 s, [12] frames per second; marker.json" in shown
     assert max(len(line) for line in re.split(r"\x1b\[[0-9?;]*[A-Za-z]|[\r\n]", shown)) <= 60

@@ -1,18 +1,20 @@
 import io
 import json
 import os
+from threading import Event
 
 import cv2
 import numpy as np
 import pytest
 
 from markergen.detect import Detector, batch
-from markergen.detect.batch import Outcomes, detect_files, look_at, overlay_names
+from markergen.detect.batch import Outcome, Outcomes, detect_files, look_at, overlay_names
 from markergen.errors import InputError, OutputError
 from markergen.maths.rotation import angle_between, exponential
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.marker_json import to_json as marker_to_json
 from markergen.model.poses import paper
+from markergen.read.images import quiet
 from markergen.render import Optics, render_view
 
 POSES = paper()
@@ -150,6 +152,30 @@ def test_the_number_of_workers_does_not_show(detector, photo, tmp_path, monkeypa
     assert written[0] == written[1] == written[2]
     assert len(written[0]) == 6
     assert os.path.samestat(os.fstat(2), before)
+
+
+def test_what_is_told_while_others_decode_is_not_lost(detector, tmp_path, monkeypatch, capfd):
+    """Decoders are kept from standard error, which is that of the whole process."""
+    decoding, told = Event(), Event()
+
+    def look_at(detector, path):
+        if path.stem == "slow":
+            with quiet:
+                decoding.set()
+                assert told.wait(20)
+        assert decoding.wait(20)
+        return Outcome(path, None, None, (), (), "for a reason")
+
+    def warn(line):
+        os.write(2, f"{line}\n".encode())
+        told.set()
+
+    monkeypatch.setattr(batch, "look_at", look_at)
+    images = [tmp_path / "fast.png", tmp_path / "slow.png"]
+    for path in images:
+        path.touch()
+    detect_files(images, tmp_path / "marker.json", workers=2, warn=warn)
+    assert capfd.readouterr().err == "".join(f"{path}: not used: for a reason\n" for path in images)
 
 
 def test_what_cannot_begin_is_refused(detector, photo, tmp_path):

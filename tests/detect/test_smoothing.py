@@ -262,7 +262,7 @@ def test_each_copy_has_its_own_motion():
     assert set(fresh.as_dict()) >= {"rotation", "translation", "covariance", "velocity", "angular_velocity", "outlier"}
 
 
-@pytest.mark.parametrize("given", ["", "2", "2,x", "0,1", "-1,1", "nan,1", "inf,1", "1,2,3", (1,), None, 5])
+@pytest.mark.parametrize("given", ["1e200,1", "", "2", "2,x", "0,1", "-1,1", "nan,1", "inf,1", "1,2,3", (1,), None, 5])
 def test_accelerations_are_two_positive_numbers(given):
     with pytest.raises(InputError, match="--smooth 2,10"):
         parse_accelerations(given)

@@ -1,5 +1,6 @@
 """The same as for images, frame by frame, with outputs that are complete however it ends."""
 
+import errno
 import io
 import json
 import os
@@ -12,7 +13,7 @@ import pytest
 from videos import FakeCamera, read_video, write_video
 
 from markergen.detect import Detector, video
-from markergen.detect.video import detect_video
+from markergen.detect.video import Watched, detect_video
 from markergen.errors import InputError, OutputError
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.marker_json import to_json
@@ -268,12 +269,60 @@ def test_a_disk_that_is_full(folder, monkeypatch):
         watch(json="/dev/full")
 
 
+class NearlyFull(io.FileIO):
+    """A file that takes the first line and half of the second one, and all that comes after its failure."""
+
+    written = 0
+
+    def write(self, data):
+        self.written += 1
+        if self.written == 3:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return super().write(data if self.written != 2 else data[: len(data) // 2])
+
+
+def test_a_line_that_does_not_fit_leaves_the_others_whole(folder, monkeypatch):
+    whole = Path.open
+
+    def nearly_full(path, mode="r", **options):
+        if mode == "w":
+            return io.TextIOWrapper(io.BufferedWriter(NearlyFull(path, mode)), **options)
+        return whole(path, mode, **options)
+
+    monkeypatch.setattr(Path, "open", nearly_full)
+    with pytest.raises(OutputError, match=r"expected to write found.jsonl, found: No space left on device at frame 1"):
+        watch(json="found.jsonl")
+    assert [each["frame"] for each in entries((folder / "found.jsonl").read_text())] == [0]
+
+
+@pytest.mark.parametrize("rate", [23.976, 59.94, 90.1234, 239.7312, 333.333, 959.04, 1000])
+def test_rates_of_fast_cameras_are_written(folder, frames, rate):
+    """MPEG-4 has 16 bits for the rate's numerator."""
+    with video._Overlay(folder / "seen.mp4", SimpleNamespace(live=False, rate=rate), lambda line: None) as overlay:
+        overlay.put(SimpleNamespace(drawn=np.zeros((48, 64, 3), np.uint8), watched=Watched("walk", 1)))
+    assert cv2.VideoCapture(str(folder / "seen.mp4")).get(cv2.CAP_PROP_FPS) == pytest.approx(rate, rel=2e-4)
+
+
+def test_a_camera_faster_than_its_overlay_plays_as_fast_as_it_was(folder):
+    """100 frames per second, of which it states nothing; 25 are written."""
+    camera = SimpleNamespace(live=True, rate=None, notes=[])
+    with video._Overlay(folder / "seen.avi", camera, lambda line: None) as overlay:
+        for k in range(101):
+            look = SimpleNamespace(frame=SimpleNamespace(time=k / 100), watched=Watched("camera 0", k + 1))
+            look.drawn = np.full((48, 64, 3), k, np.uint8)
+            overlay.put(look)
+    levels = [each.mean() for each in read_video("seen.avi")]
+    # Half an interval is two levels, and the codec loses as many.
+    np.testing.assert_allclose(levels, np.arange(26) * 4, atol=4)
+
+
 VIDEO_WRITER = cv2.VideoWriter
 
 
 def test_what_cannot_begin_is_refused(folder, tmp_path):
     for source, options, said in [
         (["walk.avi", "0"], {}, "one video, camera or stream at a time, found walk.avi and 0"),
+        ([], {}, "one video, camera or stream at a time, found none"),
         ("walk.avi", {"workers": 2}, "images for --workers"),
         ("walk.avi", {"smooth": "fast"}, "two positive accelerations"),
         ("walk.avi", {"overlay": "seen"}, "a name for a video that ends in .mp4 or .avi, found seen"),

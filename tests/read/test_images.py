@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from markergen import guard
 from markergen.errors import InputError
-from markergen.read.images import ORIENTATION_NOTE, TRANSPARENCY_NOTE, find_images, grey_frame, read_image
+from markergen.read.images import ORIENTATION_NOTE, TRANSPARENCY_NOTE, find_images, grey_frame, quiet, read_image
 
 HEIGHT, WIDTH = 30, 40
 GREY = (np.arange(WIDTH) * 3 + np.arange(HEIGHT)[:, None] * 4).astype(np.uint8)
@@ -248,6 +248,17 @@ def test_truncated_files(read, suffix, share, capfd):
     refused(read, whole[: int(share * len(whole))], "cut" + suffix)
     # The decoders' own complaints stay inside.
     assert capfd.readouterr().err == ""
+
+
+def test_others_may_speak_while_one_decodes(capfd):
+    with quiet:
+        os.write(2, b"of a decoder\n")
+        with quiet.lifted():
+            os.write(2, b"of another thread\n")
+        os.write(2, b"of a decoder\n")
+    with quiet.lifted():
+        os.write(2, b"afterward\n")
+    assert capfd.readouterr().err == "of another thread\nafterward\n"
 
 
 @pytest.fixture(scope="session")

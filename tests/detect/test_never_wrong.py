@@ -1,0 +1,38 @@
+"""No wrong label and no marker where none is, in the views and images of the benchmark."""
+
+import numpy as np
+import pytest
+
+import markergen as mg
+from benchmarks import detection_quality as quality
+
+SOUGHT = (1, 4, 10, 13, 16)
+
+
+def test_no_label_is_wrong_and_nearly_all_markers_are_found():
+    rows = quality.labels(0.0048, None)["labels"]["all"]
+    # The detector before compiled parts found 90.3 % of 1500; fewer than 16 of 24 has a chance of 1 in 4000.
+    assert (rows["views"], rows["wrong"]) == (24, 0)
+    assert rows["found %"] * 24 / 100 >= 16
+
+
+@pytest.mark.parametrize("k", [pytest.param(4, marks=pytest.mark.long), 12])
+def test_nothing_is_found_in_checkerboards(k):
+    kind, image = quality.empty(k)
+    # Wherever labels come to lie, among 800 equal squares some four are where dots would be.
+    assert kind == "checkerboard"
+    detector = mg.Detector([quality.layouts()[i] for i in SOUGHT], quality.CAMERA)
+    assert not any(result.ok for result in detector(image))
+
+
+@pytest.mark.long
+def test_no_label_is_wrong_in_1000_views():
+    rows = quality.labels(0.2, None)["labels"]["all"]
+    assert rows["wrong"] == 0
+    # Four standard errors below the 90.3 % of the detector before.
+    assert rows["found %"] > 90.3 - 400 * np.sqrt(0.903 * 0.097 / 1000)
+
+
+@pytest.mark.long
+def test_nothing_is_found_in_300_images():
+    assert quality.finds(0.3, None)["finds"]["all"] == {"images": 300, "finds": 0}
