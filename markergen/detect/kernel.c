@@ -1062,7 +1062,7 @@ int follow_poses(int64_t k, int64_t n, int64_t b, int64_t flat, int64_t near_cou
    their size; `by_x` (b) has the blobs in the order of their columns.
 
    first, second (m); pairs (q, 2); center (b, 2), shape (b, 3), area (b); strange (2, b) as in follow_poses;
-   settings: px, drift, drift in px, size (log). Returns the number of good guesses, of which at most `capacity` are
+   settings: px, drift, drift in px, size (log), tolerance of the sizes' ratio. Returns the number of good guesses, of which at most `capacity` are
    written: start, votes, quality, rotation and translation. */
 
 static double stretched(const double *e, double det, double x, double y, const double *n)
@@ -1092,7 +1092,7 @@ int64_t guess_poses(int64_t m, int64_t q, int64_t b, int64_t near_count, int64_t
         const double toward = n[0] * x + n[1] * y + n[2], allowed = hypot(slack[i], slack[j]);
         if (!(toward < 0) || !(stretched(shape + 3 * j, area[j] * area[j], x, y, n) < allowed))
             continue;
-        const double limit = exp(3 * allowed);
+        const double limit = exp(2 * allowed), growth = exp(2 * settings[4] * allowed);
         const double away = n[0] * p[0] + n[1] * p[1] + n[2] * p[2];
         const double square_ray = x * x + y * y + 1, along_ray = x * p[0] + y * p[1] + p[2];
         const double square_p = p[0] * p[0] + p[1] * p[1] + p[2] * p[2];
@@ -1106,7 +1106,7 @@ int64_t guess_poses(int64_t m, int64_t q, int64_t b, int64_t near_count, int64_t
             const double far = depth * depth * square_ray - 2 * depth * r * along_ray + r * r * square_p - step[2] * step[2];
             const double size = radii[c] * radii[c] * -toward / (depth * depth * area[j]);
             /* The squares of the ratios; a guess that is no number is no good one. */
-            if (!(depth > 0 && lateral < far * limit && lateral * limit > far && size < limit && size * limit > 1))
+            if (!(depth > 0 && lateral < far * limit && lateral * limit > far && size < growth && size * growth > 1))
                 continue;
             const double scale = sqrt(lateral / far);
             double u[3] = {depth * x - r * p[0] - step[2] * n[0], depth * y - r * p[1] - step[2] * n[1],

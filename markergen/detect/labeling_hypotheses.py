@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from markergen.detect import kernel
 from markergen.detect.blobs import Ellipses
 from markergen.detect.conic_projection import SCHEDULE, Outlines
-from markergen.detect.pose_hypotheses import DotLayout, guess_poses
+from markergen.detect.pose_hypotheses import STRONG_VOTES, DotLayout, guess_poses
 from markergen.detect.seen_models import FIT_TOLERANCE, Model, Planes, Poses
 
 Array = NDArray[np.float64]
@@ -22,9 +22,9 @@ LEAST_DOTS = 4
 MAX_LABELINGS = 600
 """Maximum number of fitted labelings of a batch times the marker's dots; those with the most dots first."""
 
-_BATCHES, MAX_TRIED, STRONG_VOTES = (8, 32, 256), 1000, 0.75
+_BATCHES, MAX_TRIED = (8, 32, 256), 1000
 """Numbers of likely guesses of a round that are tried at a time, and of all others in the end; maximum number of likely
-ones; share of the near dots that make a guess likely."""
+ones."""
 
 ROUNDS, TRIM_PX, MAX_TRIMMED = 3, 1.0, 60
 """Maximum number of refinement rounds; misfit above which the last ones leave dots out; maximum number of labelings
@@ -116,7 +116,7 @@ def find_labelings(
     ringed = rings_tell and bool(layout.rings.any() and ellipses.ring.any())
     phases = [True] * ringed + [False] * (thorough or not layout.rings.any())
     for phase in phases:
-        rounds = _guesses(ellipses, layout, px, calibrated, rings_tell, phase)
+        rounds = _guesses(ellipses, layout, px, calibrated, rings_tell, phase, not thorough)
         for model, start in _likely_first(rounds, layout, thorough):
             fresh = _followed(model, start, ellipses, layout, px, rings_tell)
             pool = joined(pool, fresh)
@@ -305,16 +305,16 @@ def _next(
 
 
 def _guesses(
-    ellipses: Ellipses, layout: DotLayout, px: float, calibrated: bool, rings_tell: bool, ringed: bool
+    ellipses: Ellipses, layout: DotLayout, px: float, calibrated: bool, rings_tell: bool, ringed: bool, likely: bool
 ) -> Iterator[tuple[Model, Indices, Indices]]:
     """Return rounds of guesses, with the control point that each starts from and its votes."""
     if calibrated:
-        for seeds in guess_poses(ellipses, layout, px, rings_tell, ringed):
+        for seeds in guess_poses(ellipses, layout, px, rings_tell, ringed, likely):
             yield Poses(seeds.rotation, seeds.translation), seeds.start, seeds.votes
         return
     for factor in FOCAL_FACTORS:
         scaled = replace(ellipses, center=ellipses.center / factor, shape=ellipses.shape / factor**2)
-        for seeds in guess_poses(scaled, layout, px * factor, rings_tell, ringed):
+        for seeds in guess_poses(scaled, layout, px * factor, rings_tell, ringed, likely):
             origin = seeds.translation + layout.points[0, 2] * seeds.rotation[:, :, 2]
             homography = np.concatenate([seeds.rotation[:, :, :2], origin[..., None]], axis=-1)
             yield Planes(np.diag([factor, factor, 1.0]) @ homography), seeds.start, seeds.votes

@@ -6,6 +6,7 @@ its distance from the first must occur in the layout, and its size and shape mus
 pairs pass. Triples or quadruples of blobs are never enumerated: the cost is only quadratic in the number of blobs.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -134,14 +135,18 @@ ring, or if blobs are few."""
 VOTERS = 40
 """Number of nearest blobs among which near dots are looked for if a marker has many."""
 
-LEAST_VOTES = 3
-"""Minimum number of near dots that must have a blob, beside the first of the pair; half of them if they are more."""
+LEAST_VOTES, STRONG_VOTES = 3, 0.75
+"""Minimum number of near dots that must have a blob, beside the first of the pair; half of them if they are more. Share
+of the near dots that makes a guess likely."""
 
 _SLACK, _SLACK_PX = 0.2, 0.4
 """Tolerated error of a semi-axis: a share of it, which covers the change of perspective within a dot, plus px over the
 smaller semi-axis, where the outline of small dots is blurred most."""
 
-_DRIFT, _DRIFT_PX, _SIZE = 0.2, 1.5, 0.5
+_GROWTH = 0.75
+"""Tolerated error of two sizes' ratio, in units of that of their distance in radii, which changes with the ink."""
+
+_DRIFT, _DRIFT_PX, _SIZE = 0.2, 1.5, 0.4
 """Tolerated error of a guess at a near dot: a share of its distance, plus px; and the logarithm of its size."""
 
 
@@ -166,7 +171,12 @@ class PoseHypotheses:
 
 
 def guess_poses(
-    ellipses: Ellipses, layout: DotLayout, px: float, rings_tell: bool = True, ringed: bool = False
+    ellipses: Ellipses,
+    layout: DotLayout,
+    px: float,
+    rings_tell: bool = True,
+    ringed: bool = False,
+    likely: bool = False,
 ) -> Iterator[PoseHypotheses]:
     """Guess poses from pairs of blobs that a pair of dots could be, in rounds of bounded size.
 
@@ -181,12 +191,16 @@ def guess_poses(
         True if rings match only rings, and disks only disks.
     ringed : bool
         True for pairs with a ring alone, and with blobs at any distance.
+    likely : bool
+        True for only those with most of the near dots.
     """
     pairs = layout.pairs
     if ringed:
         pairs = pairs[layout.rings[pairs].sum(axis=-1) == 1]
     if not len(pairs) or len(ellipses) < 2:
         return
+    near = layout.near.shape[1]
+    least = (math.ceil(STRONG_VOTES * near),) if likely else (max(LEAST_VOTES, near // 2), 1)
     shown = _Shown(ellipses, px)
     first, second = _neighbors(shown, layout, ringed)
     rounds = min(MAX_ROUNDS, 1 + 2 * len(first) * len(pairs) // MAX_TRIALS)
@@ -195,7 +209,7 @@ def guess_poses(
     for start in range(0, rounds * step, step):
         part = slice(start, start + step)
         seeds = (_round if kernel.library() is None else _compiled)(
-            first[part], second[part], shown, layout, pairs, rings_tell
+            first[part], second[part], shown, layout, pairs, rings_tell, least
         )
         if len(seeds):
             yield seeds
@@ -217,7 +231,13 @@ class _Shown:
 
 
 def _round(
-    first: Indices, second: Indices, shown: _Shown, layout: DotLayout, pairs: Indices, rings_tell: bool
+    first: Indices,
+    second: Indices,
+    shown: _Shown,
+    layout: DotLayout,
+    pairs: Indices,
+    rings_tell: bool,
+    least: tuple[int, ...],
 ) -> PoseHypotheses:
     """Return the guesses from some pairs of blobs, those with the most near dots first."""
     ellipses = shown.ellipses
@@ -256,7 +276,7 @@ def _round(
             )
             stretch = 0.5 * np.log(lateral / square)
             growth = 0.5 * np.log(layout.radii[b] ** 2 * -toward[:, None] / (depth**2 * shown.area[second][:, None]))
-        good = (depth > 0) & (np.maximum(np.abs(stretch), np.abs(growth)) < 1.5 * allowed[:, None])
+        good = (depth > 0) & (np.abs(stretch) < allowed[:, None]) & (np.abs(growth) < _GROWTH * allowed[:, None])
     if rings_tell:
         ring_a, ring_b = layout.rings[a].astype(int), layout.rings[b].astype(int)
         good &= ~shown.strange[ring_a][:, first].T & ~shown.strange[ring_b][:, second].T
@@ -275,30 +295,37 @@ def _round(
     )
     votes = _votes(seeds, first[m], shown, layout, _voters(shown, layout))
     order = np.lexsort((quality, -votes))
-    # If none has enough, the best ones tell how far they go.
-    return replace(seeds, votes=votes).take(
-        order[: max(8, np.count_nonzero(votes >= max(LEAST_VOTES, layout.near.shape[1] // 2)))]
-    )
+    return replace(seeds, votes=votes).take(order[: _kept(votes, least)])
+
+
+def _kept(votes: Indices, least: tuple[int, ...]) -> int:
+    """Return the number of guesses with enough votes; if none has, the best ones tell how far they go."""
+    return max(8 * (len(least) > 1), int(np.count_nonzero(votes >= least[0])))
 
 
 def _compiled(
-    first: Indices, second: Indices, shown: "_Shown", layout: DotLayout, pairs: Indices, rings_tell: bool
+    first: Indices,
+    second: Indices,
+    shown: "_Shown",
+    layout: DotLayout,
+    pairs: Indices,
+    rings_tell: bool,
+    least: tuple[int, ...],
 ) -> PoseHypotheses:
     """Run `_round` by one compiled call."""
     ellipses = shown.ellipses
     parts = layout.points, layout.radii, layout.rings, layout.near
     blobs = ellipses.center, ellipses.shape, shown.area, shown.slack, shown.position, shown.normal
-    settings = shown.px, _DRIFT, _DRIFT_PX, _SIZE
+    settings = shown.px, _DRIFT, _DRIFT_PX, _SIZE, _GROWTH
     strange = shown.strange & rings_tell
-    enough = max(LEAST_VOTES, layout.near.shape[1] // 2)
-    for least in (enough, 1):
+    for fewest in least:
         start, votes, quality, rotation, translation = kernel.guess_poses(
-            (first, second, pairs), parts, blobs, strange, settings, least
+            (first, second, pairs), parts, blobs, strange, settings, fewest
         )
         if len(votes):
             break
     order = np.lexsort((quality, -votes))
-    order = order[: max(8, np.count_nonzero(votes >= enough))]
+    order = order[: _kept(votes, least)]
     return PoseHypotheses(rotation, translation, start, votes).take(order)
 
 

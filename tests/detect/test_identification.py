@@ -5,7 +5,7 @@ import pytest
 from plain_blobs import plain_blobs
 
 from markergen.detect.blobs import undo_lens
-from markergen.detect.identification import View, ambiguity, confirm, search
+from markergen.detect.identification import REFUSED_PX, ROUGH_PX, View, ambiguity, confirm, search
 from markergen.detect.pose_hypotheses import layout_of
 from markergen.model.camera import PAPER_CAMERA
 
@@ -235,3 +235,38 @@ def test_dots_on_one_line_or_point_are_refused_without_a_warning(pentagon):
         for calibrated in (True, False):
             blobs = plain_blobs(center, np.full((5, 2), 10.0), np.zeros(5), ring, covariance)
             assert labels(blobs, pentagon, calibrated)[0] is None
+
+
+@pytest.mark.parametrize("n", [5, 8])
+def test_a_doubtful_ring_is_told_by_the_lightest_middle(ngon, sight, n):
+    """Blur leaves little of a small hole: the ring is found if no other dot comes near it, and is never guessed."""
+    marker = ngon(n)
+    for pose in range(0, 400, 61):
+        view = sight(marker, pose)
+        view.blobs.middle[:] = np.where(view.dot == 0, 0.62, 0.15)
+        check(view, marker)
+        view.blobs.middle[:] = np.where(view.dot == 0, 0.62, 0.58)
+        assert labels(view.blobs, marker)[0] is None
+
+
+def test_dots_that_the_grey_levels_refuse_carry_no_labeling(pentagon, sight):
+    view = sight(pentagon, 130)
+    ellipses, seen = undo_lens(view.blobs, PAPER_CAMERA), View(layout_of(pentagon), PAPER_CAMERA)
+    for refused, reason in ((2, ""), (3, "most of the 5 that are where dots should be are not round")):
+        rough = np.where(np.arange(5) < refused, REFUSED_PX, 0.0)
+        found = search(ellipses, seen, np.full(5, ROUGH_PX))
+        assert found.reason == ""
+        found = confirm(found, ellipses, rough)
+        assert (reason in found.reason) if reason else (found.reason == ambiguity(found) == "")
+
+
+def test_thirty_plain_dots_among_a_thousand(make, sight):
+    rng = np.random.default_rng(3)
+    points = list[np.ndarray]()
+    while len(points) < 30:
+        point = rng.uniform(-0.13, 0.13, 2)
+        if all(np.linalg.norm(point - other) > 0.02 for other in points):
+            points.append(point)
+    marker = make(points, rings=(), diameter=0.012)
+    for pose in (3, 250):
+        check(sight(marker, pose, strangers=970), marker)
