@@ -45,11 +45,11 @@ washed out by light, or cut off."""
 _MIN_STEP = 12.0
 _ALIKE = 0.35
 """Minimum step: in grey levels of 8 bits, and, like the inverse of its maximum, relative to the median."""
-_MAX_UNEVEN = 0.7, 0.38
+_MAX_UNEVEN = 0.5, 0.38
 """Maximum standard deviation of the step over the sectors, without the three least and three largest, over its median,
 of a component's outline and of the ellipse found. In photographs, dots have 0.02, 95 % of them below 0.15; leaves,
 letters, cloth and stones 0.1 to 0.6."""
-_MAX_RMS = (0.4, 0.04), (0.22, 0.015)
+_MAX_RMS = (0.28, 0.03), (0.22, 0.015)
 """Maximum RMS distance of the edge from the ellipse, px, and what is added for each px of its shorter semi-axis. Dots
 have 0.02 to 0.15, clutter 0.1 to 1."""
 _MIN_SEMI, _MAX_ELONGATION = 0.5, 12.0

@@ -368,6 +368,8 @@ def _settled(found: Search) -> Search:
     best, count = found.blobs, int(candidates.count[0])
     close = candidates.misfit < UNIQUE_RATIO * candidates.misfit[0] + UNIQUE_PX
     others = candidates.blobs[close & _alike(count, best, candidates.blobs) & (found.tags >= found.tags[0])]
+    if len(others) < 2:
+        return found
     doubtful = ((others != best) & (others >= 0) & (best >= 0)).any(axis=0)
     # A blob that is another dot's in another labeling is in doubt, too.
     doubtful |= (best >= 0) & ((others[:, :, None] == best) & (np.eye(len(best)) == 0)).any(axis=(0, 1))

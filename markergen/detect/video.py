@@ -24,7 +24,7 @@ from markergen.presentation.window import Window, has_display
 from markergen.read.images import quiet
 from markergen.read.videos import Frame, Video, open_video, silent_opencv
 
-CODECS = {".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".mkv": "mp4v", ".avi": "MJPG"}
+CODECS = {".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".avi": "MJPG"}
 """Codec by suffix of a video that is written."""
 
 LEAST_FREE = 20_000_000
@@ -102,7 +102,7 @@ def detect_video(
 ) -> Watched:
     """Find markers in every frame of a video, or in the newest ones of a camera or stream until it is interrupted.
 
-    Outputs are complete, up to the last frame, however it ends.
+    Outputs are complete, up to the last frame, even if an error or an interruption ends it.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def detect_video(
     json
         File or text stream for the results, one line of JSON for each frame, written at once.
     overlay
-        File for a video with detections drawn in: .mp4, .avi, .mov or .mkv.
+        File for a video with detections drawn in: .mp4, .avi or .mov.
     show : callable
         Takes a line about each frame.
     tell, warn : callables
