@@ -22,9 +22,9 @@ from markergen.files import check_outputs, put_in_place, temporary_beside
 from markergen.options import CameraLike, MarkerLike, as_list
 from markergen.presentation.window import Window, has_display
 from markergen.read.images import quiet
-from markergen.read.videos import Frame, Video, open_video, silent_opencv
+from markergen.read.videos import Frame, Video, is_video, open_video, silent_opencv
 
-CODECS = {".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".mkv": "mp4v", ".avi": "MJPG"}
+CODECS = {".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".avi": "MJPG"}
 """Codec by suffix of a video that is written."""
 
 LEAST_FREE = 20_000_000
@@ -102,7 +102,7 @@ def detect_video(
 ) -> Watched:
     """Find markers in every frame of a video, or in the newest ones of a camera or stream until it is interrupted.
 
-    Outputs are complete, up to the last frame, however it ends.
+    Outputs are complete, up to the last frame, even if an error or an interruption ends it.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def detect_video(
     json
         File or text stream for the results, one line of JSON for each frame, written at once.
     overlay
-        File for a video with detections drawn in: .mp4, .avi, .mov or .mkv.
+        File for a video with detections drawn in: .mp4, .avi or .mov.
     show : callable
         Takes a line about each frame.
     tell, warn : callables
@@ -137,8 +137,8 @@ def detect_video(
     tell, warn, show = tell or _silent, warn or _silent, show or _silent
     sources, sought = as_list(source), as_list(markers)
     if len(sources) != 1:
-        given = " and ".join(map(str, sources[:2])) or "none"
-        raise InputError("one video, camera or stream at a time", given, "start one process for each")
+        given = f"{next(filter(is_video, sources), sources[0])} and {len(sources) - 1} more" if sources else "none"
+        raise InputError("one video, camera or stream at a time", given, "give images, and each video, by themselves")
     (one,) = sources
     if workers is not None:
         raise InputError("images for --workers", f"the video {one}", "leave it out: frames come one after the other")

@@ -303,6 +303,17 @@ def test_rates_of_fast_cameras_are_written(folder, frames, rate):
     assert cv2.VideoCapture(str(folder / "seen.mp4")).get(cv2.CAP_PROP_FPS) == pytest.approx(rate, rel=2e-4)
 
 
+@pytest.mark.parametrize("suffix", video.CODECS)
+def test_every_format_has_the_same_bytes_again(folder, suffix):
+    written = []
+    for name in ("one", "other"):
+        path = folder / f"{name}{suffix}"
+        with video._Overlay(path, SimpleNamespace(live=False, rate=25.0), lambda line: None) as overlay:
+            overlay.put(SimpleNamespace(drawn=np.zeros((48, 64, 3), np.uint8), watched=Watched("walk", 1)))
+        written.append(path.read_bytes())
+    assert written[0] == written[1]
+
+
 def test_a_camera_faster_than_its_overlay_plays_as_fast_as_it_was(folder):
     """100 frames per second, of which it states nothing; 25 are written."""
     camera = SimpleNamespace(live=True, rate=None, notes=[])
@@ -321,7 +332,7 @@ VIDEO_WRITER = cv2.VideoWriter
 
 def test_what_cannot_begin_is_refused(folder, tmp_path):
     for source, options, said in [
-        (["walk.avi", "0"], {}, "one video, camera or stream at a time, found walk.avi and 0"),
+        (["a.png", "walk.avi", "0"], {}, "one video, camera or stream at a time, found walk.avi and 2 more"),
         ([], {}, "one video, camera or stream at a time, found none"),
         ("walk.avi", {"workers": 2}, "images for --workers"),
         ("walk.avi", {"smooth": "fast"}, "two positive accelerations"),
