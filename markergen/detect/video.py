@@ -22,7 +22,7 @@ from markergen.files import check_outputs, put_in_place, temporary_beside
 from markergen.options import CameraLike, MarkerLike, as_list
 from markergen.presentation.window import Window, has_display
 from markergen.read.images import quiet
-from markergen.read.videos import Frame, Video, open_video, silent_opencv
+from markergen.read.videos import Frame, Video, is_video, open_video, silent_opencv
 
 CODECS = {".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".avi": "MJPG"}
 """Codec by suffix of a video that is written."""
@@ -137,8 +137,8 @@ def detect_video(
     tell, warn, show = tell or _silent, warn or _silent, show or _silent
     sources, sought = as_list(source), as_list(markers)
     if len(sources) != 1:
-        given = " and ".join(map(str, sources[:2])) or "none"
-        raise InputError("one video, camera or stream at a time", given, "start one process for each")
+        given = f"{next(filter(is_video, sources), sources[0])} and {len(sources) - 1} more" if sources else "none"
+        raise InputError("one video, camera or stream at a time", given, "give images, and each video, by themselves")
     (one,) = sources
     if workers is not None:
         raise InputError("images for --workers", f"the video {one}", "leave it out: frames come one after the other")

@@ -268,5 +268,4 @@ def test_thirty_plain_dots_among_a_thousand(make, sight):
         if all(np.linalg.norm(point - other) > 0.02 for other in points):
             points.append(point)
     marker = make(points, rings=(), diameter=0.012)
-    for pose in (3, 250):
-        check(sight(marker, pose, strangers=970), marker)
+    check(sight(marker, 3, strangers=970), marker)

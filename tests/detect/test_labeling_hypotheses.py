@@ -96,7 +96,7 @@ def test_the_compiled_part_finds_the_same(ngon, sight, monkeypatch, heights, n):
     if kernel.library() is None:
         pytest.skip(kernel.missing())
     marker = ngon(n, diameter=0.024, heights=heights and (3 * heights)[:n])
-    for pose in range(5, 400, 97):
+    for pose in (5, 250):
         view = sight(marker, pose, strangers=15, noise=0.1)
         ellipses = undo_lens(view.blobs, PAPER_CAMERA)
         compiled = find_labelings(ellipses, layout_of(marker), 800.0)

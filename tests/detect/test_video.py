@@ -332,7 +332,7 @@ VIDEO_WRITER = cv2.VideoWriter
 
 def test_what_cannot_begin_is_refused(folder, tmp_path):
     for source, options, said in [
-        (["walk.avi", "0"], {}, "one video, camera or stream at a time, found walk.avi and 0"),
+        (["a.png", "walk.avi", "0"], {}, "one video, camera or stream at a time, found walk.avi and 2 more"),
         ([], {}, "one video, camera or stream at a time, found none"),
         ("walk.avi", {"workers": 2}, "images for --workers"),
         ("walk.avi", {"smooth": "fast"}, "two positive accelerations"),
