@@ -1,7 +1,7 @@
 """Complete detection, from an image to labeled centers and a pose, with a reason if it fails."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 
 import numpy as np
@@ -15,6 +15,7 @@ from markergen.detect.fiducials import NO_TAGS, REFUTES, Sightings, TagReader
 from markergen.detect.identification import REFUSED_PX, ROUGH_PX, Search, View, ambiguity, confirm, contender, search
 from markergen.detect.pose import DEFAULT_ERRORS, PoseEstimate, fit_pose, homography_of, outlier
 from markergen.detect.pose_hypotheses import DotLayout, layout_of
+from markergen.detect.results import Detection, Unlabeled
 from markergen.detect.seen_models import Poses
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
@@ -27,87 +28,11 @@ Array = NDArray[np.float64]
 MAX_COPIES = 32
 """Maximum number of copies of one marker in one image."""
 
+COPY_CONTRAST = 0.3
+"""Least contrast of the dots of a further copy of a marker, as a share of the least contrast of those found."""
+
 CLAIMED = "labels are ambiguous between two markers that fit the same dots"
 UNREAD = "the tag could not be read, and two markers fit the same dots"
-
-
-def _empty(*shape: int) -> Array:
-    return np.zeros((0, *shape))
-
-
-@dataclass(frozen=True, eq=False)
-class Unlabeled:
-    """Dots of a marker whose labels are ambiguous, in no particular order.
-
-    Attributes
-    ----------
-    pixels : array (k, 2), px
-        Images of the dots' centers in the image as taken, corrected with the pose or homography of the best-fitting
-        labeling. Labelings that fit equally well predict the same outlines, so the correction is nearly the same; it
-        may differ, by up to its own size, only between the two planar poses of a marker seen from afar.
-    covariance, ellipse_centers : arrays (k, 2, 2), px^2, and (k, 2), px
-        As in `Detection`.
-    """
-
-    pixels: Array
-    covariance: Array
-    ellipse_centers: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Detection:
-    """Detection of one marker in one image.
-
-    Attributes
-    ----------
-    found : bool
-        True if there are four or more control points with unique labels.
-    ids : array (m,) of int
-        Ids of the control points found, in the marker's order; empty if not found, like the other arrays.
-    pixels : array (m, 2), px
-        Images of the control points, in the image as taken: lens distortion included.
-    covariance : array (m, 2, 2), px^2
-        Covariance of `pixels`, from the image's noise.
-    ellipse_centers : array (m, 2), px
-        Centers of the dots' image ellipses, in the image as taken, from which `pixels` were corrected.
-    homography : array (3, 3) or None
-        Homography from the marker plane (m) to ideal px, those of `camera.ideal`; None for a marker with relief.
-    pose : PoseEstimate or None
-        Pose; None without a camera.
-    reason : str
-        Reason why the marker was not found; empty otherwise.
-    marker : int
-        Index among the markers that were looked for.
-    rival : int or None
-        Index of another marker that fits the same dots, if that is the reason.
-    dropped : array (k,) of int
-        Control points that were labeled, but lie farther from their predicted place than any error explains.
-    tag : array (4, 2) in px, or None
-        Corners of the marker's tag in the image as taken, in the order of `Tag.corners`; None if it was not read.
-    unlabeled : Unlabeled or None
-        The dots, if ambiguous labels are the reason; None otherwise.
-    misfit : float, px
-        RMS by which the dots miss the labeling's prediction: see `misfits`; inf if not found.
-    checked : Detection or None
-        If the marker was tracked: the detection in an earlier frame in which other labelings were last looked for. None
-        if they were in this one.
-    """
-
-    found: bool
-    ids: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    pixels: Array = field(default_factory=lambda: _empty(2))
-    covariance: Array = field(default_factory=lambda: _empty(2, 2))
-    ellipse_centers: Array = field(default_factory=lambda: _empty(2))
-    homography: Array | None = None
-    pose: PoseEstimate | None = None
-    reason: str = ""
-    marker: int = 0
-    rival: int | None = None
-    dropped: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    tag: Array | None = None
-    unlabeled: Unlabeled | None = None
-    misfit: float = float("inf")
-    checked: "Detection | None" = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,13 +236,18 @@ def identify(
     rough = np.full(len(ellipses), 0.0 if fit is None else ROUGH_PX)
     left, reasons, found = dict.fromkeys(range(len(markers)), copies), dict[int, str](), list[Detection]()
     rivals, unlabeled = dict[int, int](), dict[int, Unlabeled]()
-    searches = dict[DotLayout, Search]()
+    searches, plain = dict[DotLayout, Search](), np.inf
     while left:
-        # Of further copies, those in plain sight are enough.
         first_of = {sought.layouts[k] for k, more in left.items() if more == copies}
         own = dict.fromkeys(sought.layouts[k] for k in left)
         searches = {
-            each: searches.get(each) or search(ellipses, views[each], rough, thorough=each in first_of) for each in own
+            each: searches.get(each)
+            or (
+                search(ellipses, views[each], rough)
+                if each in first_of
+                else _copy(blobs, ellipses, views[each], rough, plain)
+            )
+            for each in own
         }
         for k in list(left):
             if searches[sought.layouts[k]].reason:
@@ -360,6 +290,7 @@ def identify(
             else:
                 detection = finish(chosen, blobs, ellipses, markers[best], camera, calibrated, errors)
                 found.append(replace(detection, marker=best, tag=chosen.corners if detection.found else None))
+                plain = min(plain, _contrast(blobs, ellipses)[_among(ellipses, chosen)].min())
                 left[best] -= 1
                 if not left[best]:
                     del left[best]
@@ -373,6 +304,20 @@ def identify(
         for k in range(len(markers))
         if k not in seen
     ]
+
+
+def _copy(blobs: Blobs, ellipses: Ellipses, view: View, rough: Array, contrast: float) -> Search:
+    """Search for a further copy of a marker in plain sight: likely ones alone, and not in much less contrast."""
+    part = np.flatnonzero(_contrast(blobs, ellipses) >= COPY_CONTRAST * contrast)
+    found = search(ellipses.take(part), view, rough[part], thorough=False)
+    labels = found.candidates.blobs
+    return replace(
+        found, candidates=replace(found.candidates, blobs=np.where(labels >= 0, np.append(part, -1)[labels], -1))
+    )
+
+
+def _contrast(blobs: Blobs, ellipses: Ellipses) -> Array:
+    return (blobs.light - blobs.dark)[ellipses.index]
 
 
 def _among(ellipses: Ellipses, chosen: Search) -> NDArray[np.bool_]:

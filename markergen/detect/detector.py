@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.detection import MAX_COPIES, Detection, detect_dots, find_all, prepare
+from markergen.detect.detection import MAX_COPIES, detect_dots, find_all, prepare
 from markergen.detect.photometric import check_refinement, refine
 from markergen.detect.pose import PoseEstimate
 from markergen.detect.presentation import as_dict, draw, in_words, reason
+from markergen.detect.results import Detection
 from markergen.detect.tracking import track
 from markergen.errors import InputError, brief
 from markergen.estimators.budget import ErrorSources

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.detect.blobs import Image, as_dark
-from markergen.detect.detection import Detection
 from markergen.detect.plane_model import (
     BLUR,
     DARK,
@@ -31,6 +30,7 @@ from markergen.detect.plane_model import (
     surroundings,
 )
 from markergen.detect.pose import DEFAULT_ERRORS, estimate_pose
+from markergen.detect.results import Detection
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.dlt import estimate_homography

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.detection import Detection
 from markergen.detect.pose import PoseEstimate
+from markergen.detect.results import Detection
 from markergen.errors import InputError
 from markergen.geometry.outlines import walked
 from markergen.maths.projection import apply_homography, to_camera

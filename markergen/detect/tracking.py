@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from markergen.detect.blobs import Blobs, Ellipses, Image, as_dark, undo_lens
 from markergen.detect.candidates import find_blobs
 from markergen.detect.conic_projection import Outlines
-from markergen.detect.detection import Detection, Sought, finish, made_up_camera
+from markergen.detect.detection import Sought, finish, made_up_camera
 from markergen.detect.ellipse_fit import fit_blobs
 from markergen.detect.fiducials import CONFIRMS, NO_TAGS, Sightings, look_for_tags
 from markergen.detect.identification import EDGE_PX, REFUSED_PX, UNIQUE_PX, Search, View, ambiguity, confirm, given
 from markergen.detect.labeling_hypotheses import LEAST_DOTS, find_labelings, misfits
 from markergen.detect.pose_hypotheses import DotLayout
+from markergen.detect.results import Detection
 from markergen.detect.seen_models import Planes, Poses
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera

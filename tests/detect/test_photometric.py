@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from markergen.detect import detect
-from markergen.detect.detection import Detection
 from markergen.detect.photometric import refine
+from markergen.detect.results import Detection
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.maths.projection import apply_homography, circle_image, plane_homography
