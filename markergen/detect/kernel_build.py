@@ -45,17 +45,18 @@ def build(folder: Path | None = None) -> Path:
         If there is no compiler, or it fails: the message is one line. An older library stays.
     """
     target = (folder or SOURCE.parent) / LIBRARY
-    compiler = (
-        shlex.split(os.environ.get("CC", ""))
-        or [path for path in map(shutil.which, ("cc", "gcc", "clang")) if path][:1]
-    )
+    try:
+        named = shlex.split(os.environ.get("CC", ""))
+    except ValueError as error:
+        raise OSError(f"CC is no command: {error}") from error
+    compiler = named or [path for path in map(shutil.which, ("cc", "gcc", "clang")) if path][:1]
     if not compiler:
         raise OSError("no C compiler found: none of cc, gcc and clang, and CC is not set")
     with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
         made = Path(scratch) / LIBRARY
         command = [*compiler, *_FLAGS, f'-DSOURCE="{digest()}"', "-o", str(made), *map(str, SOURCES), "-lm"]
         try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE_S)
+            done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=_PATIENCE_S)
         except subprocess.TimeoutExpired as late:
             raise OSError(f"{compiler[0]} took more than {_PATIENCE_S} s") from late
         if done.returncode or not made.is_file():

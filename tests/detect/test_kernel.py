@@ -63,7 +63,17 @@ def test_it_can_be_switched_off(monkeypatch):
     assert kernel.VARIABLE in reason
 
 
-@pytest.mark.parametrize("compiler", ["false", "no-such-compiler", f"{sys.executable} -c 'raise SystemExit(3)'"])
+@pytest.mark.parametrize(
+    "compiler",
+    [
+        "false",
+        "no-such-compiler",
+        f"{sys.executable} -c 'raise SystemExit(3)'",
+        # Its messages need not be in the encoding of the locale.
+        f"""{sys.executable} -c 'import sys; sys.stderr.buffer.write(b"Fehler \\xfc"); sys.exit(1)'""",
+        "cc 'unfinished",
+    ],
+)
 def test_without_a_working_compiler_there_is_one_line_and_what_was_there_stays(tmp_path, monkeypatch, compiler):
     (tmp_path / kernel_build.LIBRARY).write_bytes(b"older")
     monkeypatch.setenv("CC", compiler)
