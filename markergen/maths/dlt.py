@@ -122,10 +122,14 @@ def estimate_homography(object_points: Array, image_points: Array) -> Array:
 
     Uses the eigenvector of the smallest eigenvalue of the 9x9 A'A instead of the last right singular vector of A: after
     normalization A is so well conditioned that squaring costs no more than 1e-12 px, and it is four times as fast.
+    nan where points are not finite, or all in one place.
     """
     object_center, object_scale = normalization(object_points)
     image_center, image_scale = normalization(image_points)
     normal = normal_matrix((object_points - object_center) * object_scale, (image_points - image_center) * image_scale)
+    if not np.isfinite(normal).all():
+        # LAPACK raises an error; what is nan in the similarities makes the result nan as well.
+        normal = np.nan_to_num(normal, nan=0.0, posinf=0.0, neginf=0.0)
     h = np.linalg.eigh(normal)[1][..., :, 0].reshape(*normal.shape[:-2], 3, 3)
     h = np.linalg.inv(_similarity(image_center, image_scale)) @ h @ _similarity(object_center, object_scale)
     return h / h[..., 2:, 2:]

@@ -97,15 +97,19 @@ def test_noise_moves_the_center_no_more_than_it_must():
 @pytest.mark.long
 @pytest.mark.parametrize(("semi", "noise"), [((12, 12), 2), ((9, 3), 2), ((4, 2), 2), ((12, 6), 20), ((3, 1.5), 4)])
 def test_the_covariance_is_that_of_many_fits(semi, noise):
+    # Eight at a time, as many as a marker's dots: they tell together whether the light has slopes.
     errors, squared = [], []
-    for seed in range(200):
-        rng = np.random.default_rng([2, seed])
-        center, angle = np.array([48.0, 40.0]) + rng.random(2), rng.uniform(0, np.pi)
-        image = expose(inside(center, semi, angle), noise=noise, seed=seed)
-        dots = fit(image, center, semi, angle)
-        if len(dots):
-            errors.append(dots.center[0] - center)
-            squared.append(errors[-1] @ np.linalg.solve(dots.covariance[0], errors[-1]))
+    for group in range(25):
+        rng = np.random.default_rng([2, group])
+        center, angle = np.array([48.0, 40.0]) + rng.random((8, 2)), rng.uniform(0, np.pi, 8)
+        parts = [expose(inside(center[i], semi, angle[i]), noise=noise, seed=8 * group + i) for i in range(8)]
+        center += WIDTH * np.arange(8)[:, None] * [1, 0]
+        starts = [outline(center[i] + [0.3, -0.3], np.add(0.3, semi), angle[i]) for i in range(8)]
+        rough = Blobs(*(np.concatenate([getattr(each, name) for each in starts]) for name in vars(starts[0])))
+        dots = fit_blobs(np.hstack(parts), rough)
+        error = (dots.center - center)[dots.fitted]
+        errors.extend(error)
+        squared.extend(np.einsum("bi,bij,bj->b", error, np.linalg.inv(dots.covariance[dots.fitted]), error))
     assert len(errors) > 195
     # 2.6 standard deviations of a mean of 200 values of chi^2 with 2 degrees of freedom.
     assert abs(np.mean(squared) - 2) < 2.6 * 2 / np.sqrt(len(errors))

@@ -132,3 +132,12 @@ def test_noise_free_homography_is_exact(n):
     estimate = estimate_homography(points, image)
     corners = np.array([[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]])
     np.testing.assert_allclose(apply_homography(estimate, corners), apply_homography(truth, corners), atol=1e-5)
+
+
+def test_points_in_one_place_or_not_finite_have_no_homography_and_do_no_harm_to_others():
+    object_points = np.random.default_rng(0).uniform(-1, 1, (5, 2))
+    image = np.stack([object_points, np.full((5, 2), 0.3), np.full((5, 2), np.nan)])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = estimate_homography(object_points, image)
+    np.testing.assert_allclose(found[0], np.eye(3), rtol=0, atol=1e-12)
+    assert np.isnan(found[1:]).all()
