@@ -13,6 +13,7 @@ from markergen.detect.conic_projection import correct_centers, outlines
 from markergen.detect.ellipse_fit import fit_blobs
 from markergen.detect.fiducials import NO_TAGS, REFUTES, Sightings, TagReader
 from markergen.detect.identification import REFUSED_PX, ROUGH_PX, Search, View, ambiguity, confirm, contender, search
+from markergen.detect.labeling_hypotheses import LEAST_DOTS
 from markergen.detect.pose import DEFAULT_ERRORS, PoseEstimate, fit_pose, homography_of, outlier
 from markergen.detect.pose_hypotheses import DotLayout, layout_of
 from markergen.detect.results import Detection, Unlabeled
@@ -287,7 +288,7 @@ def identify(
                         reasons[k] = doubt or (UNREAD if markers[k].tag and markers[rival].tag else CLAIMED)
                         if not doubt:
                             rivals[k] = rival
-            else:
+            elif left[best] == copies or _is_told(chosen):
                 detection = finish(chosen, blobs, ellipses, markers[best], camera, calibrated, errors)
                 found.append(replace(detection, marker=best, tag=chosen.corners if detection.found else None))
                 plain = min(plain, _contrast(blobs, ellipses)[_among(ellipses, chosen)].min())
@@ -314,6 +315,12 @@ def _copy(blobs: Blobs, ellipses: Ellipses, view: View, rough: Array, contrast: 
     return replace(
         found, candidates=replace(found.candidates, blobs=np.where(labels >= 0, np.append(part, -1)[labels], -1))
     )
+
+
+def _is_told(chosen: Search) -> bool:
+    """Return whether a further copy has all its dots or more than four: any four may be those of another marker."""
+    count = chosen.candidates.count[0]
+    return bool(count > LEAST_DOTS or count == len(chosen.layout))
 
 
 def _contrast(blobs: Blobs, ellipses: Ellipses) -> Array:
