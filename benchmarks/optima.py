@@ -25,6 +25,7 @@ from markergen.objectives import OBJECTIVES, Setting
 from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.dot_size import choose_dots
 from markergen.optimize.problem import FeasibleRegion, breach, objective_of, room_of, rough_of
+from markergen.optimize.regular import regular_layouts
 from markergen.optimize.search import Optimum, search
 
 HEADINGS = "shape      n dot mm      best  best/n-gon  worst/best  <=0.1 %  <=0.5 %   breach m  CPU s each"
@@ -77,6 +78,33 @@ def row(name: str, spec: Spec, seeds: int, starts: int) -> str:
         f"{name:<9} {spec.n:>2} {dots.diameter * 1e3:>6.1f} {best:>9.6f} {ratio:>11} {values.max() / best:>11.5f} "
         f"{within[0]:>8} {within[1]:>8} {worst:>10.1e} {seconds:>11.2f}"
     )
+
+
+BESIDE = "room       n objective    aggregate   design/best  best is   seconds"
+
+
+def beside(name: str, spec: Spec, starts: int) -> tuple[str, float]:
+    """One line, and the ratio of a design to the best of the regular layouts and a search with other seed and `starts`.
+
+    Zero starts leaves that search out.
+    """
+    setting = Setting(spec.boundary, spec.camera, paper().seen_whole(spec.boundary, spec.camera))
+    dots = choose_dots(spec, setting.poses)
+    region = FeasibleRegion(room_of(spec), dots.diameter, dots.clearance)
+    objective, rough = objective_of(spec, setting), rough_of(spec, setting)
+    start = time.process_time()
+    value = search(objective, region, spec.n, np.random.default_rng(spec.seed), rough=rough).value
+    seconds = time.process_time() - start
+    layouts, count = regular_layouts(region, spec.n)
+    values = objective(layouts) if len(layouts) else np.array([np.inf])
+    others = {"polygon": values[:count].min(initial=np.inf), "regular": values[count:].min(initial=np.inf)}
+    if starts:
+        more = search(objective, region, spec.n, np.random.default_rng(10_000), starts, rough=rough)
+        others["search"] = more.value
+    best = min(others, key=lambda other: others[other])
+    ratio = float(value / others[best])
+    line = f"{name:<9} {spec.n:>2} {spec.objective:<12} {objective.aggregate:<11} {ratio:>11.5f}"
+    return f"{line}  {best:<8} {seconds:>8.1f}", ratio
 
 
 if __name__ == "__main__":

@@ -1,11 +1,15 @@
-"""How reliably the search finds the best known optimum in six shapes whose corners, holes and gaps trap a descent.
+"""How reliably the search finds the best known optimum in a disk and in shapes that trap a descent.
 
     python -m benchmarks.shapes --dot 0.01                        the pose objective, n = 4..12, 10 seeds
     python -m benchmarks.shapes condition --shapes L star --n 12
     python -m benchmarks.shapes --aggregate max --n 7             dots as large as `design` takes them
+    python -m benchmarks.shapes --beside rotation homography --shapes disk L --n 10 16 --starts 0
 
 Each row is as of `benchmarks.optima`. At least 9 of 10 seeds are to end within 0.5 % of the best of all, and no
 constraint is to be broken by more than 1e-9 m.
+
+With --beside, each row is one design beside the best of the regular layouts and of a search with another seed and
+--starts starts, and the last line counts the designs that are more than 0.1 % above.
 """
 
 import os
@@ -13,13 +17,15 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.optima import HEADINGS, add_options, row
+from benchmarks.optima import BESIDE, HEADINGS, add_options, beside, row
 from markergen.model.boundary import Boundary, Circle, polygon_from
 from markergen.model.spec import Spec
+from markergen.objectives import OBJECTIVES
 
 Array = NDArray[np.float64]
 
@@ -30,7 +36,11 @@ def main() -> None:
     add_options(parser, seeds=10, starts=60)
     parser.add_argument("--shapes", nargs="*", choices=list(shapes()), default=list(shapes()))
     parser.add_argument("--dot", type=float, help="diameter in m; default what design takes")
+    parser.add_argument("--beside", nargs="+", choices=list(OBJECTIVES), help="objectives of designs to compare")
     options = parser.parse_args()
+    if options.beside:
+        compare(options)
+        return
     print(f"{options.objective}, {options.seeds} seeds\n{HEADINGS}")
     for name in options.shapes:
         boundary, keep_outs = shapes()[name]
@@ -42,11 +52,29 @@ def main() -> None:
             print(row(name, spec, options.seeds, options.starts), flush=True)
 
 
+def compare(options: argparse.Namespace) -> None:
+    """Print a design of each shape, n and objective beside other layouts."""
+    print(BESIDE)
+    ratios = []
+    for name in options.shapes:
+        boundary, keep_outs = shapes()[name]
+        for n in options.n:
+            for objective in options.beside:
+                spec = Spec(n=n, objective=objective, aggregate=options.aggregate, dot=options.dot)
+                line, ratio = beside(name, replace(spec, boundary=boundary, keep_outs=keep_outs), options.starts)
+                ratios.append(ratio)
+                print(line, flush=True)
+    print(f"{sum(not ratio <= 1.001 for ratio in ratios)} of {len(ratios)} above 1.001, at most {max(ratios):.5f}")
+
+
 def shapes() -> dict[str, tuple[Boundary, tuple[Boundary, ...]]]:
     """Boundaries and keep-outs by name, all about as large as the paper's disk."""
     corners = [(x, y) for x in (-0.075, 0.075) for y in (-0.075, 0.075)]
     arms = np.array([[0, 0], [0.22, 0], [0.22, 0.09], [0.09, 0.09], [0.09, 0.22], [0, 0.22]])
+    screws = [0.031 * np.array([np.cos(angle), np.sin(angle)]) for angle in np.pi / 3 * np.arange(6)]
     return {
+        "disk": (Circle(0.15), ()),
+        "flange": (Circle(0.05), (Circle(0.016), *(Circle(0.005, (float(x), float(y))) for x, y in screws))),
         "rectangle": (polygon_from([_box(0, 0, 0.134, 0.067)]), ()),
         "L": (polygon_from([arms]), ()),
         "annulus": (Circle(0.15), (Circle(0.08),)),

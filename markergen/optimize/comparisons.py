@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.geometry import region as geometry
 from markergen.objectives import Setting
-from markergen.objectives.criteria import RANDOM_LAYOUTS, Criteria, columns, criteria, median_criteria, regular_polygon
+from markergen.objectives.criteria import RANDOM_LAYOUTS, Criteria, columns, criteria, median_criteria
 from markergen.objectives.pose import PoseObjective
 from markergen.objectives.survive import HiddenDots
 from markergen.optimize.problem import FeasibleRegion
+from markergen.optimize.regular import polygons
 from markergen.presentation.tables import Table, number
 
 Array = NDArray[np.float64]
@@ -23,14 +23,8 @@ LAYOUTS = {
 }
 """Names of the comparison layouts."""
 
-PHASES = 24
-"""Number of rotations of a regular polygon that are compared."""
-
 NOTICEABLE = 1e-3
 """Relative gain that justifies rotating a polygon away from having a corner straight up."""
-
-SIZES, HALVINGS = 100, 30
-"""Number of polygon sizes tried, and of bisections between the largest that fits and the next."""
 
 
 def compare(
@@ -69,10 +63,7 @@ def comparison_layouts(
 
 def _polygon(region: FeasibleRegion, n: int, setting: Setting | None) -> Array:
     """Best regular n-gon (1, n, 2) in m, infeasible if there is none."""
-    turned = 2 * np.pi / n * np.arange(PHASES) / PHASES
-    cosine, sine = np.cos(turned), np.sin(turned)
-    unit = regular_polygon(n, 1.0) @ np.stack([cosine, sine, -sine, cosine], axis=-1).reshape(-1, 2, 2)
-    found = np.concatenate([_largest(region, unit, center) for center in _centers(region)])
+    found = polygons(region, n)
     held = found[region.holds(found)]
     if not len(held):
         return found[:1]
@@ -82,37 +73,6 @@ def _polygon(region: FeasibleRegion, n: int, setting: Setting | None) -> Array:
         worth = np.log(PoseObjective(setting)(held))
     # The first is upright.
     return held[:1] if worth[0] <= worth.min() + NOTICEABLE * abs(worth.min()) else held[[np.argmin(worth)]]
-
-
-def _largest(region: FeasibleRegion, unit: Array, center: Array) -> Array:
-    """Largest feasible polygons (B, n, 2) with corners in directions (B, n, 2) from a center."""
-    boundary = region.boundary
-    if len(region.walls) == 1:
-        return unit * (boundary.radius - region.inset)
-
-    def fits(size: Array) -> NDArray[np.bool_]:
-        corners = center + unit * size[..., None, None]
-        return np.all(boundary.depth(corners) >= region.inset, axis=-1)
-
-    # In an annulus a large polygon may fit where a smaller one does not.
-    sizes = 2 * boundary.radius * np.arange(SIZES) / SIZES
-    fitting = fits(np.broadcast_to(sizes[:, None], (SIZES, len(unit))))
-    low = sizes[SIZES - 1 - np.argmax(fitting[::-1], axis=0)] * fitting.any(axis=0)
-    high = low + sizes[1]
-    for _ in range(HALVINGS):
-        middle = (low + high) / 2
-        inside = fits(middle)
-        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-    return np.asarray(center + unit * low[:, None, None])
-
-
-def _centers(region: FeasibleRegion) -> Array:
-    """Centers (1 or 2, 2) in m: that of the marker, and that of the largest circle in the region."""
-    if len(region.walls) == 1:
-        return np.zeros((1, 2))
-    # A point is inside if an odd number of outlines enclose it.
-    inside = geometry.Region.odd(region.boundary.outlines())
-    return np.stack([np.zeros(2), inside.largest_circle(1e-4 * region.boundary.radius)])
 
 
 def criteria_table(criteria: Mapping[str, Mapping[str, float]], n: int, noise: str) -> Table:

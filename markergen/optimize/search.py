@@ -2,7 +2,8 @@
 
 In a disk: a batch of descents from random starts, then a polish of the best few distinct results. Where corners, holes
 or many dots would trap a descent: exchange on a grid, polish, and moves of single dots, all of it for a subset of the
-poses, which is enough to rank layouts; only the best ones are polished for all poses.
+poses, which is enough to rank layouts; only the best ones are polished for all poses. The best regular layouts are
+polished as well, so that no result is worse than one of them.
 """
 
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from markergen.optimize.exchange import ExchangeTable, distances, edge, exchange
 from markergen.optimize.packing import fitting, lattice, pack
 from markergen.optimize.polish import ALL_PAIRS_UP_TO, polish
 from markergen.optimize.problem import FeasibleRegion
+from markergen.optimize.regular import regular_layouts
 from markergen.optimize.supersab import descend
 from markergen.optimize.trace import Record
 from markergen.options import Progress
@@ -50,6 +52,10 @@ MOVES = 4
 
 GAIN = 1e-6
 """Relative gain that justifies another round."""
+
+REGULAR, LIKELY = 6, 24
+"""Numbers of distinct regular layouts that are polished, and of those other than polygons that a subset of the poses
+selects to be evaluated for all."""
 
 OVERLAP = 0.7
 """Fraction of the spacing enforced in every other exchange: dots hardly ever touch on a grid, but do so once
@@ -110,6 +116,10 @@ def search(
         found = Optimum(*place(objective, rough or objective, region, n, rng, restarts, progress, record))
     else:
         found = _descended(objective, region, n, rng, restarts or objective.default_restarts, progress, record)
+    # Spawned, so that what callers draw afterwards does not depend on it.
+    regular = _from_regular(objective, rough or objective, region, n, rng.spawn(1)[0], progress, record)
+    if not found.value * (1 - GAIN) <= regular.value:
+        found = regular
     if not np.isfinite(found.value):
         raise InputError(
             f"a {region.boundary} with room for {n} control points that are not in one line",
@@ -117,6 +127,44 @@ def search(
             "use a larger marker, a smaller --dot or a smaller --n",
         )
     return found
+
+
+def _from_regular(
+    objective: Objective,
+    rough: Objective,
+    region: FeasibleRegion,
+    n: int,
+    rng: np.random.Generator,
+    progress: Progress | None,
+    record: Record | None,
+) -> Optimum:
+    """Return the best result of polishing regular layouts, no worse than any regular polygon."""
+    tell = progress or _silent
+    layouts, count = regular_layouts(region, n)
+    if not len(layouts):
+        return Optimum(layouts, np.inf)
+    # Polygons are judged for all poses, since designs are compared with them.
+    likely = count + np.argsort(rough(layouts[count:]), kind="stable")[:LIKELY]
+    layouts = layouts[np.concatenate([np.arange(count), likely])]
+    found = _best(list(zip(layouts, objective(layouts), strict=True)), REGULAR)
+    shakes = rng.normal(scale=JITTER * region.boundary.radius, size=(len(found), n, 2))
+    total = len(shakes) + KEPT
+    for done, (start, shake) in enumerate(zip([points for points, _ in found], shakes, strict=True)):
+        tell("regular", done, total)
+        # A symmetric layout may be a saddle point, which gradient steps do not leave.
+        shaken = region.project((start + shake)[None])
+        if record:
+            record("polish", start[None], shaken)
+        for begin in (start, shaken[0]):
+            points, _ = polish(rough, region, begin, QUICK, record)
+            if region.holds(points[None])[0]:
+                found.append((points, float(objective(points[None])[0])))
+    ends = _best(found)
+    for done, (points, _) in enumerate(tuple(ends), len(shakes)):
+        tell("regular", done, total)
+        ends.append(polish(objective, region, points, record=record))
+    tell("regular", total, total)
+    return Optimum(*min(ends, key=lambda end: end[1]))
 
 
 def _descended(
@@ -302,10 +350,10 @@ def _touching(points: Array, rim: Array, spacing: float) -> Array:
     return rim[np.any((gap >= 0) & (gap <= 2 * np.median(pitch)), axis=1)]
 
 
-def _best(found: list[tuple[Array, float]]) -> list[tuple[Array, float]]:
+def _best(found: list[tuple[Array, float]], count: int = KEPT) -> list[tuple[Array, float]]:
     """Select the best few layouts with distinct values, best first."""
     kept: list[tuple[Array, float]] = []
     for points, value in sorted(found, key=lambda pair: pair[1]):
         if not kept or value > kept[-1][1] * (1 + DISTINCT):
             kept.append((points, value))
-    return kept[:KEPT]
+    return kept[:count]

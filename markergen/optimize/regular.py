@@ -1,0 +1,120 @@
+"""Regular layouts in a feasible region: polygons, concentric rings, and lattices cut to the region.
+
+They are what designs are compared with, and starts of the search.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.geometry import region as geometry
+from markergen.maths.rotation import turn_z
+from markergen.objectives.criteria import regular_polygon
+from markergen.optimize.packing import fitting
+from markergen.optimize.problem import FeasibleRegion
+
+Array = NDArray[np.float64]
+
+PHASES = 24
+"""Number of rotations of a regular polygon within its period."""
+
+SIZES, HALVINGS = 100, 30
+"""Number of polygon sizes tried, and of bisections between the largest that fits and the next."""
+
+RATIOS = (0.0, 0.35, 0.6, 0.8)
+"""Radii of an inner ring, in those of the outer one; 0 places its dots about the center."""
+
+TURNS = np.deg2rad([0.0, 15.0, 30.0, 45.0])
+"""Rotations of lattices, and of rings as a whole."""
+
+PITCHES = 6
+"""Number of pitches of a lattice, from dots that touch to the largest pitch with enough sites."""
+
+
+def polygons(region: FeasibleRegion, n: int) -> Array:
+    """Largest regular n-gons (B, n, 2) in m at every phase, the upright one first; some may be infeasible.
+
+    They are centered on the marker or on the largest circle in the region.
+    """
+    unit = regular_polygon(n, 1.0) @ _turns(2 * np.pi / n * np.arange(PHASES) / PHASES)
+    return np.concatenate([_largest(region, unit, center) for center in _centers(region)])
+
+
+def regular_layouts(region: FeasibleRegion, n: int) -> tuple[Array, int]:
+    """Feasible regular layouts (B, n, 2) in m, and how many of them are polygons.
+
+    Polygons come first, then two concentric rings, lattices, and a packing where nothing else fits.
+    """
+    first, others = polygons(region, n), region.project(np.array([*_rings(region, n), *_lattices(region, n)]))
+    first, others = first[region.holds(first)], others[region.holds(others)]
+    packed = None if len(first) + len(others) else fitting(region, n)
+    return np.concatenate([first, others] if packed is None else [first, packed[None]]), len(first)
+
+
+def _rings(region: FeasibleRegion, n: int) -> Iterator[Array]:
+    """Rings of n - k and k dots, aligned and staggered, on circles of several ratios."""
+    radius = region.boundary.radius - region.inset
+    center = _centers(region)[-1]
+    for inner in range(1, n // 2 + 1):
+        for ratio in RATIOS[: 1 if inner == 1 else None]:
+            outside, within = regular_polygon(n - inner, radius), regular_polygon(inner, max(ratio, 0.01) * radius)
+            for shift in (0.0, np.pi / (n - inner)):
+                for turn in _turns(TURNS):
+                    yield center + np.concatenate([outside, within @ _turns(np.array([shift]))[0]]) @ turn
+
+
+def _lattices(region: FeasibleRegion, n: int) -> Iterator[Array]:
+    """The n outermost sites of hexagonal and square lattices with different pitches, shifts and rotations."""
+    boundary = region.boundary
+    most = np.sqrt(2 * boundary.area / n)
+    reach = int(np.ceil(np.sqrt(8 * n))) + 2
+    i, j = (axis.ravel() for axis in np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1)))
+    for sites in (np.stack([i + j / 2, j * np.sqrt(0.75)], axis=-1), np.stack([i, j], axis=-1)):
+        for shift in (np.zeros(2), np.array([0.5, 0.0]), (sites[i + j == 1][:1] + [[1.0, 0.0]])[0] / 3):
+            for turn in _turns(TURNS):
+                kept = 0
+                for pitch in np.geomspace(most, max(region.spacing, most / 4), 4 * PITCHES):
+                    placed = boundary.center + (sites + shift) @ turn * pitch
+                    inside = placed[boundary.depth(placed) >= region.inset]
+                    if len(inside) >= n:
+                        yield inside[np.argsort(-np.linalg.norm(inside - inside.mean(axis=0), axis=-1))[:n]]
+                        kept += 1
+                    if kept == PITCHES:
+                        break
+
+
+def _turns(angles: Array) -> Array:
+    """Matrices (..., 2, 2) that turn rows of points."""
+    return np.stack([turn_z(angle)[:2, :2].T for angle in angles])
+
+
+def _largest(region: FeasibleRegion, unit: Array, center: Array) -> Array:
+    """Largest feasible polygons (B, n, 2) with corners in directions (B, n, 2) from a center."""
+    boundary = region.boundary
+    if len(region.walls) == 1:
+        return unit * (boundary.radius - region.inset)
+
+    def fits(size: Array) -> NDArray[np.bool_]:
+        corners = center + unit * size[..., None, None]
+        return np.all(boundary.depth(corners) >= region.inset, axis=-1)
+
+    # In an annulus a large polygon may fit where a smaller one does not.
+    sizes = 2 * boundary.radius * np.arange(SIZES) / SIZES
+    fitting = fits(np.broadcast_to(sizes[:, None], (SIZES, len(unit))))
+    low = sizes[SIZES - 1 - np.argmax(fitting[::-1], axis=0)] * fitting.any(axis=0)
+    high = low + sizes[1]
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        inside = fits(middle)
+        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+    return np.asarray(center + unit * low[:, None, None])
+
+
+def _centers(region: FeasibleRegion) -> Array:
+    """Centers (1 or 2, 2) in m: that of the marker, and that of the largest circle in the region."""
+    if len(region.walls) == 1:
+        return np.zeros((1, 2))
+    # A point is inside if an odd number of outlines enclose it.
+    inside = geometry.Region.odd(region.boundary.outlines())
+    return np.stack([np.zeros(2), inside.largest_circle(1e-4 * region.boundary.radius)])

@@ -1,0 +1,37 @@
+import numpy as np
+import pytest
+
+from markergen.model.boundary import Circle
+from markergen.optimize.problem import FeasibleRegion
+from markergen.optimize.regular import polygons, regular_layouts
+
+
+@pytest.mark.parametrize("n", [4, 7, 30])
+def test_every_layout_is_feasible(rooms, n):
+    for room in rooms.values():
+        region = FeasibleRegion(room, 0.01, 0.001)
+        layouts, count = regular_layouts(region, n)
+        assert layouts.shape[1:] == (n, 2)
+        assert region.holds(layouts).all()
+        assert count <= len(layouts)
+        np.testing.assert_array_equal(layouts[:count], (every := polygons(region, n))[region.holds(every)])
+
+
+def test_in_a_disk_they_are_rings_and_lattices():
+    layouts, count = regular_layouts(FeasibleRegion(Circle(0.15), 0.01, 0.001), 7)
+    radius = np.sort(np.hypot(*np.moveaxis(layouts, -1, 0)), axis=-1)
+    np.testing.assert_allclose(radius[:count], 0.15 - 0.006)
+    # Six dots around one, and a hexagonal lattice of seven sites, which is the same.
+    around = (radius[:, 0] < 0.01) & (np.ptp(radius[:, 1:], axis=-1) < 1e-6)
+    assert around[count:].any()
+    # A square lattice: many equal distances along two directions at right angles.
+    nearest = np.sort(np.linalg.norm(layouts[:, :, None] - layouts[:, None], axis=-1), axis=-1)
+    assert np.any(np.ptp(nearest[count:, :, 1], axis=-1) < 1e-9)
+
+
+def test_dots_that_nearly_fill_the_room_have_a_packing(rooms):
+    # Nothing regular fits in two squares that hold nine dots.
+    region = FeasibleRegion(rooms["two squares"], 0.03, 0.003)
+    layouts, count = regular_layouts(region, 9)
+    assert count == 0
+    assert region.holds(layouts).all()
