@@ -22,11 +22,11 @@ from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
 from markergen.model.spec import Spec
 from markergen.model.substrate_checks import check_holes
 from markergen.objectives import OBJECTIVES, Objective, Setting
-from markergen.objectives.criteria import Criteria
+from markergen.objectives.criteria import Criteria, columns
 from markergen.objectives.observation import DotNoise
 from markergen.objectives.survive import hidden_dot_errors
 from markergen.optimize.certificate import Certificate, certify
-from markergen.optimize.comparisons import compare, criteria_table, hidden_table
+from markergen.optimize.comparisons import LAYOUTS, compare, criteria_table, hidden_table
 from markergen.optimize.dot_size import DotSize, choose_dots, pixels_across
 from markergen.optimize.keyless import AsymmetricOptimum, asymmetric_search
 from markergen.optimize.label_ambiguity import LabelSafety, layout_safety
@@ -50,6 +50,9 @@ Array = NDArray[np.float64]
 
 UPRIGHT = 1e-5
 """Relative loss of the objective allowed for turning the layout upright, far below anything measurable."""
+
+WORSE = 0.1
+"""Relative excess of another criterion over that of a comparison layout that is worth a warning."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -211,7 +214,7 @@ class Design(Result):
             found.append("most poses do not see the whole marker and are left out")
         if self.dots.warning:
             found.append(self.dots.warning)
-        found.extend(self._weak_homography())
+        found.extend(self._weak_criteria())
         found.extend(self._idle_keep_outs())
         found.extend(near_holes(self.marker))
         return tuple(found)
@@ -228,15 +231,25 @@ class Design(Result):
             if not keep_out.region.meets(boundary)
         ]
 
-    def _weak_homography(self) -> list[str]:
-        """Warnings about layouts, such as nearly collinear ones, that are weak for a homography."""
-        own, usual = (self.criteria.get(name, {}).get("homography_px", np.nan) for name in ("design", "random"))
-        if not own > usual:
-            return []
-        return [
-            f"the layout is weak for a homography, off by {own:.3g} px (that of a random layout by {usual:.3g}), "
-            "and estimators that begin with one may flip; use --objective homography, or more dots"
-        ]
+    def _weak_criteria(self) -> list[str]:
+        """Warnings about errors, other than the objective, that a layout printed beside the design has less of."""
+        own, found = self.criteria["design"], []
+        for name, each in columns().items():
+            if name == self.spec.objective or not each.proportional or each.key not in own:
+                continue
+            others = {layout: row[each.key] for layout, row in self.criteria.items() if each.key in row}
+            best = min(others, key=lambda layout: others[layout])
+            if own[each.key] <= others[best] * (1 + WORSE):
+                continue
+            error, least = (f"{value * each.factor:.3g}" for value in (own[each.key], others[best]))
+            # Nearly collinear dots determine a pose, but hardly the homography that estimators begin with.
+            flat = OBJECTIVES[name].planar_only
+            found.append(
+                f"the layout is weak for {'a ' * flat}{name}, off by {error} {each.title.rpartition(' ')[2]} "
+                f"({LAYOUTS[best]}: {least}){', and estimators that begin with one may flip' * flat}; "
+                f"use --objective {name}, or more dots"
+            )
+        return found
 
 
 def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -> Design:

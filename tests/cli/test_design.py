@@ -198,3 +198,16 @@ def test_a_layout_with_a_weak_homography_is_told(here, capsys):
     )
     assert main(quick("--n", "4", "--boundary", "L.svg", "--dot", "15mm")) == 0
     assert "weak for a homography" in capsys.readouterr().err
+
+
+def test_other_criteria_that_suffer_are_told(here, capsys):
+    """A camera to one side: less displacement than the square's, for more rotation."""
+    sided = ("--poses", "cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,roll=0,count=60")
+    options = ("--n", "4", "--radius", "150mm", "--dot", "10mm", *sided)
+    assert main(quick(*options)) == 0
+    said = capsys.readouterr().err
+    assert "weak for rotation" in said
+    assert "regular n-gon" in said
+    assert "weak for pose" not in said
+    assert main(quick(*options, "--objective", "rotation")) == 0
+    assert "weak for rotation" not in capsys.readouterr().err
