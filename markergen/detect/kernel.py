@@ -18,7 +18,7 @@ VARIABLE = "MARKERGEN_KERNEL"
 
 _FIELDS, _SETTINGS, _UNKNOWNS, _FACTS = 11, 46, 15, 7
 _SECTORS, _LIMITS, _EDGE = 24, 24, 14
-_DAMPING, _STAGES, _GATES, _GUESS = 5, 4, 7, 5
+_DAMPING, _STAGES, _GATES, _GUESS, _POSE = 5, 4, 7, 5, 4
 """Lengths of rows and structures in kernel.c and kernel_fit.c."""
 
 
@@ -76,6 +76,8 @@ def _declare(loaded: ctypes.CDLL) -> None:
     loaded.disk_outlines.restype = None
     loaded.refine_poses.argtypes = [whole, whole, *[address] * 7, whole, ctypes.c_double, address]
     loaded.refine_poses.restype = ctypes.c_int
+    loaded.estimate_pose.argtypes = [whole, whole, *[address] * 5, whole, *[address] * 3, whole, *[address] * 4]
+    loaded.estimate_pose.restype = whole
     loaded.guess_poses.argtypes = [*[whole] * 6, *[address] * 21]
     loaded.guess_poses.restype = whole
     loaded.follow_poses.argtypes = [*[whole] * 5, *[address] * 14]
@@ -258,6 +260,44 @@ def refine_poses(
     if loaded.refine_poses(k, n, *addresses, steps, tolerance, schedule.ctypes.data):
         raise MemoryError("no memory for residuals")
     return refined[0], refined[1], chi2
+
+
+def estimate_pose(
+    dots: tuple[Array, Array, Array, Array, Array],
+    flat: bool,
+    rotation: Array,
+    translation: Array,
+    steps: int,
+    settings: tuple[float, ...],
+    damping: tuple[float, ...],
+) -> tuple[Array, Array, Array, Array, float]:
+    """Return one or two poses, or none, with chi2, covariances, scale: see kernel_pose.c, and the twin in pose.py.
+
+    Parameters
+    ----------
+    dots : tuple
+        Points (n, 3), radii (n,), centers seen (n, 2), their covariance (n, 2, 2), and that of the print (n, 3, 3).
+    flat : bool
+        True if there is a mirrored pose.
+    rotation, translation : arrays (k, 3, 3) and (k, 3)
+        Starts.
+    settings, damping : tuple
+        As in kernel_pose.c, and as for `refine_poses`.
+    """
+    loaded = library()
+    assert loaded is not None
+    n, k = len(dots[0]), len(rotation)
+    shapes: tuple[tuple[int, ...], ...] = (3,), (), (2,), (2, 2), (3, 3)
+    given = [_shaped(each, n, *shape) for each, shape in zip(dots, shapes, strict=True)]
+    turn, shift, chi2 = np.empty((k + 2, 3, 3)), np.empty((k + 2, 3)), np.empty(k + 2)
+    turn[:k], shift[:k] = rotation, translation
+    covariance, scale = np.empty((2, 6, 6)), np.empty(1)
+    arrays = [_shaped(settings, _POSE), _shaped(damping, _DAMPING), covariance, scale]
+    inputs, outputs, rest = ([each.ctypes.data for each in part] for part in (given, (turn, shift, chi2), arrays))
+    count = loaded.estimate_pose(n, k, *inputs, flat, *outputs, steps, *rest)
+    if count < 0:
+        raise MemoryError("no memory for a pose")
+    return turn[:count], shift[:count], chi2[:count], covariance, float(scale[0])
 
 
 def guess_poses(
