@@ -264,7 +264,7 @@ def _judged(
     """Rank labelings with the evidence against them, by misfit and missing dots; rejected ones come last."""
     layout, px = view.layout, view.px
     absent = candidates.blobs < 0
-    missing = np.count_nonzero(_expected(candidates, view.camera) & absent, axis=-1)
+    missing = (_expected(candidates, view.camera) & absent).sum(axis=-1)
     printing = _printing(candidates, px, view.print_sigma)
     bound = _bound(candidates, missing, ellipses, px, printing, rough)
     # In a coarse print, leaving out any dot may improve the fit: if all dots are acceptable, keep them all.
@@ -338,7 +338,10 @@ def contender(chosen: Search, others: Search, same_marker: bool) -> int | None:
     Labelings that share no blob are other copies; those that agree on their common blobs are parts of one labeling.
     """
     best, labelings = chosen.blobs, others.candidates.blobs
-    shared = np.isin(labelings, best[best >= 0]).any(axis=-1)
+    taken = np.zeros(max(best.max(), labelings.max(initial=-1)) + 2, dtype=bool)
+    # The last is that of -1, no blob.
+    taken[best[best >= 0]] = True
+    shared = taken[labelings].any(axis=-1)
     if same_marker:
         same = labelings == best
         shared &= ~(same | (labelings < 0)).all(axis=-1) & ~(same | (best < 0)).all(axis=-1)
@@ -358,7 +361,7 @@ def contender(chosen: Search, others: Search, same_marker: bool) -> int | None:
 
 def _alike(count: int, best: Indices, labelings: Indices) -> NDArray[np.bool_]:
     """Return which labelings (A, n) have the same blobs as the best one for most of its dots."""
-    agreed = np.count_nonzero((labelings == best) & (best >= 0), axis=-1)
+    agreed = ((labelings == best) & (best >= 0)).sum(axis=-1)
     return np.asarray(agreed >= max(LEAST_DOTS, ALIKE_SHARE * count))
 
 
@@ -384,8 +387,8 @@ def _printing(candidates: Labelings, px: float, print_sigma: float) -> Array:
     """Return the error (A,) of the print in px, at `PRINT_SIGMAS`, at each pose's distance; 0 without a camera."""
     if not isinstance(candidates.model, Poses):
         return np.zeros(len(candidates))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.nan_to_num(PRINT_SIGMAS * print_sigma * px / np.abs(candidates.model.translation[:, 2]), posinf=0.0)
+    depth = np.abs(candidates.model.translation[:, 2])
+    return np.divide(PRINT_SIGMAS * print_sigma * px, depth, out=np.zeros(len(depth)), where=depth > 0)
 
 
 def _bound(
@@ -404,7 +407,7 @@ def _bound(
     unsure, refused = np.zeros((2, len(count)))
     if rough is not None:
         own = rough[candidates.blobs] * used
-        unsure, refused = np.sqrt(np.sum(own**2, axis=-1) / count), np.count_nonzero(own == REFUSED_PX, axis=-1)
+        unsure, refused = np.sqrt((own * own).sum(axis=-1) / count), (own == REFUSED_PX).sum(axis=-1)
     # What is no dot may be where one should be, but does not carry a labeling.
     round_ = count - refused >= np.maximum(LEAST_ROUND, count / 2)
     if isinstance(candidates.model, Poses):

@@ -19,6 +19,7 @@ VARIABLE = "MARKERGEN_KERNEL"
 _FIELDS, _SETTINGS, _UNKNOWNS, _FACTS = 11, 46, 15, 7
 _SECTORS, _LIMITS, _EDGE = 24, 24, 14
 _DAMPING, _STAGES, _GATES, _GUESS, _POSE = 5, 4, 7, 5, 4
+_QUARTER, _TABLE, _BLUR = 12, 14, 4
 """Lengths of rows and structures in kernel.c and kernel_fit.c."""
 
 
@@ -78,6 +79,8 @@ def _declare(loaded: ctypes.CDLL) -> None:
     loaded.refine_poses.restype = ctypes.c_int
     loaded.estimate_pose.argtypes = [whole, whole, *[address] * 5, whole, *[address] * 3, whole, *[address] * 4]
     loaded.estimate_pose.restype = whole
+    loaded.solve_blurred.argtypes = [whole, whole, *[address] * 13]
+    loaded.solve_blurred.restype = None
     loaded.guess_poses.argtypes = [*[whole] * 6, *[address] * 21]
     loaded.guess_poses.restype = whole
     loaded.follow_poses.argtypes = [*[whole] * 5, *[address] * 14]
@@ -442,6 +445,33 @@ def even_edges(image: Eight, rough: Array, circle: Array, limits: Array) -> Arra
     addresses = [each.ctypes.data for each in (circle, limits, found)]
     count = loaded.even_edges(image.ctypes.data, height, width, image.strides[0], rough.ctypes.data, k, *addresses)
     return found[:count]
+
+
+def solve_blurred(
+    outlines: tuple[Array, Array, Array, NDArray[np.bool_], Array, Array],
+    steps: int,
+    quarter: Array,
+    table: Array,
+    settings: tuple[float, ...],
+) -> tuple[Array, Array, Array, Array]:
+    """Return semi-axes (2, k), blur, depth and level (k,): see kernel_blur.c, and the twin in blurred_outlines.py.
+
+    Parameters
+    ----------
+    outlines : tuple of arrays (k,)
+        Longer and shorter semi-axes, slope, whether it is a ring's, and limits of the blur.
+    quarter, table, settings : arrays (12,), (4, 14) and (4,)
+        Constants in the order of kernel_blur.c.
+    """
+    loaded = library()
+    assert loaded is not None
+    k = len(outlines[0])
+    given = [_shaped(each, k, dtype=np.bool_ if i == 3 else float) for i, each in enumerate(outlines)]
+    constants = _shaped(quarter, _QUARTER), _shaped(table, 4, _TABLE), _shaped(settings, _BLUR)
+    solved = np.empty((5, k))
+    addresses = [each.ctypes.data for each in (*given, *constants, solved, *solved[2:])]
+    loaded.solve_blurred(k, steps, *addresses)
+    return solved[:2], solved[2], solved[3], solved[4]
 
 
 def _shaped(values: ArrayLike, *shape: int, dtype: DTypeLike = float) -> NDArray[Any]:

@@ -72,10 +72,10 @@ class Labelings:
         """Predicted outlines of all dots."""
         return self.model.outlines(self.layout)
 
-    @property
+    @cached_property
     def count(self) -> Indices:
         """Number (A,) of dots that have a blob."""
-        return np.count_nonzero(self.blobs >= 0, axis=-1)
+        return np.asarray((self.blobs >= 0).sum(axis=-1))
 
     def take(self, chosen: Indices) -> "Labelings":
         """Return a subset."""
