@@ -439,10 +439,10 @@ def _expected(candidates: Labelings, camera: Camera) -> NDArray[np.bool_]:
     drawn = candidates.predicted
     with np.errstate(invalid="ignore", divide="ignore"):
         pixels = camera.to_pixels(drawn.center)
-        half = np.sqrt(drawn.shape[..., [0, 1], [0, 1]]) * camera.focal + EDGE_PX
-        size = np.array([camera.width, camera.height])
-        inside = ((pixels - half >= 0) & (pixels + half <= size - 1)).all(axis=-1)
-    return drawn.seen & inside
+        half = np.sqrt(drawn.shape.diagonal(axis1=-2, axis2=-1)) * camera.focal + EDGE_PX
+        middle = np.array([camera.width - 1, camera.height - 1]) / 2
+        inside = np.abs(pixels - middle) + half <= middle
+    return drawn.seen & inside[..., 0] & inside[..., 1]
 
 
 def _how_far(ellipses: Ellipses, candidates: Labelings, view: View) -> str:
