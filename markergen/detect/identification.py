@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.detect import kernel
 from markergen.detect.blobs import Ellipses
 from markergen.detect.fiducials import CONFIRMS, NO_TAGS, REFUTES, Sightings, TagReader, verdicts
 from markergen.detect.labeling_hypotheses import (
@@ -263,10 +264,16 @@ def _judged(
 ) -> Search:
     """Rank labelings with the evidence against them, by misfit and missing dots; rejected ones come last."""
     layout, px = view.layout, view.px
-    absent = candidates.blobs < 0
-    missing = (_expected(candidates, view.camera) & absent).sum(axis=-1)
     printing = _printing(candidates, px, view.print_sigma)
-    bound = _bound(candidates, missing, ellipses, px, printing, rough)
+    if kernel.library() is not None and isinstance(candidates.model, Poses):
+        drawn, camera = candidates.predicted, view.camera
+        predicted = camera.to_pixels(drawn.center), drawn.shape, drawn.seen
+        size = camera.width, camera.height, camera.fx, camera.fy, EDGE_PX
+        settings = *size, px, ACCEPT_PX, ACCEPT_SHARE, REFUSED_PX, LEAST_ROUND
+        missing, bound = kernel.judge_poses(candidates.blobs, (ellipses.center, rough), predicted, printing, settings)
+    else:
+        missing = (_expected(candidates, view.camera) & (candidates.blobs < 0)).sum(axis=-1)
+        bound = _bound(candidates, missing, ellipses, px, printing, rough)
     # In a coarse print, leaving out any dot may improve the fit: if all dots are acceptable, keep them all.
     lack = np.hypot(MISSING_PX, printing) * (len(layout) - candidates.count)
     order = np.lexsort((candidates.misfit + lack, candidates.misfit > bound))[:_KEPT]

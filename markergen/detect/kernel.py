@@ -19,7 +19,7 @@ VARIABLE = "MARKERGEN_KERNEL"
 _FIELDS, _SETTINGS, _UNKNOWNS, _FACTS = 11, 46, 15, 7
 _SECTORS, _LIMITS, _EDGE = 24, 24, 14
 _DAMPING, _STAGES, _GATES, _GUESS, _POSE = 5, 4, 7, 5, 4
-_QUARTER, _TABLE, _BLUR = 12, 14, 4
+_QUARTER, _TABLE, _BLUR, _SAME, _JUDGE = 12, 14, 4, 4, 10
 """Lengths of rows and structures in kernel.c and kernel_fit.c."""
 
 
@@ -81,6 +81,12 @@ def _declare(loaded: ctypes.CDLL) -> None:
     loaded.estimate_pose.restype = whole
     loaded.solve_blurred.argtypes = [whole, whole, *[address] * 13]
     loaded.solve_blurred.restype = None
+    loaded.distinct_blobs.argtypes = [whole, *[address] * 7]
+    loaded.distinct_blobs.restype = None
+    loaded.judge_poses.argtypes = [whole, whole, *[address] * 10]
+    loaded.judge_poses.restype = None
+    loaded.homography.argtypes = [whole, *[address] * 3]
+    loaded.homography.restype = None
     loaded.guess_poses.argtypes = [*[whole] * 6, *[address] * 21]
     loaded.guess_poses.restype = whole
     loaded.follow_poses.argtypes = [*[whole] * 5, *[address] * 14]
@@ -472,6 +478,65 @@ def solve_blurred(
     addresses = [_at(each) for each in (*given, *constants, solved, *solved[2:])]
     loaded.solve_blurred(k, steps, *addresses)
     return solved[:2], solved[2], solved[3], solved[4]
+
+
+def distinct_blobs(
+    center: Array, semi: Array, variance: Array, side: Array, settings: tuple[float, ...]
+) -> NDArray[np.bool_]:
+    """Return which blobs (k,) are kept: see kernel_blur.c, and the twin in candidates.py."""
+    loaded = library()
+    assert loaded is not None
+    k, kept = len(center), np.empty(len(center), dtype=np.bool_)
+    order = _shaped(np.argsort(center[:, 0], kind="stable"), k, dtype=np.int64)
+    given = _shaped(center, k, 2), _shaped(semi, k, 2), _shaped(variance, k), _shaped(side, k), _shaped(settings, _SAME)
+    loaded.distinct_blobs(k, *(_at(each) for each in (order, *given, kept)))
+    return kept
+
+
+def homography(points: Array, image: Array) -> Array:
+    """Return the homography (3, 3) from points (n, 2) to their images (n, 2): see kernel_pose.c."""
+    loaded = library()
+    assert loaded is not None
+    n, found = len(points), np.empty((3, 3))
+    loaded.homography(n, *(_at(each) for each in (_shaped(points, n, 2), _shaped(image, n, 2), found)))
+    return found
+
+
+def judge_poses(
+    labels: NDArray[np.intp],
+    ellipses: tuple[Array, Array | None],
+    predicted: tuple[Array, Array, NDArray[np.bool_]],
+    printing: Array,
+    settings: tuple[float, ...],
+) -> tuple[NDArray[np.intp], Array]:
+    """Return missing dots and largest misfits (k,) of labelings (k, n): see kernel_pose.c, twin in identification.py.
+
+    Parameters
+    ----------
+    ellipses : tuple
+        Centers (b, 2), and additional misfits (b,) or None.
+    predicted : tuple
+        Pixels (k, n, 2), shapes (k, n, 2, 2), and which are seen (k, n).
+    printing : array (k,), px
+    settings : tuple
+        As in kernel_pose.c.
+    """
+    loaded = library()
+    assert loaded is not None
+    (k, n), (center, rough), (pixels, shape, seen) = labels.shape, ellipses, predicted
+    arrays = [
+        _indices(labels, len(center), k, n, least=-1),
+        _shaped(center, len(center), 2),
+        None if rough is None else _shaped(rough, len(center)),
+        _shaped(pixels, k, n, 2),
+        _shaped(shape, k, n, 2, 2),
+        _shaped(seen, k, n, dtype=np.bool_),
+        _shaped(printing, k),
+        _shaped(settings, _JUDGE),
+    ]
+    missing, bound = np.empty(k, dtype=np.int64), np.empty(k)
+    loaded.judge_poses(k, n, *(None if each is None else _at(each) for each in (*arrays, missing, bound)))
+    return missing, bound
 
 
 _START = ctypes.c_char * 0

@@ -94,3 +94,34 @@ void solve_blurred(int64_t k, int64_t steps, const double *longer, const double 
         blur[i] = s;
     }
 }
+
+/* ------------------------------------------------------------------------------------------------------------------
+   distinct_blobs: blobs without one of the same place and size whose center is more certain
+   (twin: candidates.py, _distinct).
+
+   order (k): the blobs by their columns; center (k, 2), semi (k, 2), variance, side (k); settings: share of the place, of
+   the size, pixels of the level, size in between both groups. Writes kept (k). */
+
+void distinct_blobs(int64_t k, const int64_t *order, const double *center, const double *semi, const double *variance,
+                    const double *side, const double *settings, uint8_t *kept)
+{
+    const double large = settings[3];
+    for (int64_t i = 0; i < k; i++)
+        kept[i] = 1;
+    for (int64_t first = 0; first < k; first++) {
+        const int64_t i = order[first];
+        const double a = semi[2 * i], b = semi[2 * i + 1], reach = settings[0] * b;
+        for (int64_t second = first + 1; second < k; second++) {
+            const int64_t j = order[second];
+            const double c = semi[2 * j], d = semi[2 * j + 1];
+            if (!(center[2 * j] - center[2 * i] < reach))
+                break;
+            if (!(fabs(center[2 * j + 1] - center[2 * i + 1]) < reach))
+                continue;
+            const double same = settings[1] * larger(b, d) + settings[2] * (side[i] == side[j] ? 0 : larger(side[i], side[j]));
+            const int group = (b < 2 * large && d < 2 * large) || (b > large && d > large);
+            if (group && fabs(a - c) < same && fabs(b - d) < same)
+                kept[variance[i] <= variance[j] ? j : i] = 0;
+        }
+    }
+}

@@ -189,3 +189,106 @@ end:
     free(measured);
     return count;
 }
+
+/* ------------------------------------------------------------------------------------------------------------------
+   homography: from n points to their images by normalized DLT (twin: maths/dlt.py, estimate_homography, which says more).
+
+   The eigenvector of the smallest eigenvalue of A'A by inverse iteration: four steps leave the others' share, which
+   shrinks by the ratio of the eigenvalues each time, below rounding. points, image (n, 2); H (3, 3). */
+
+static void normalization(int64_t n, const double *points, double *center, double *scale)
+{
+    double square = 0;
+    center[0] = center[1] = 0;
+    for (int64_t i = 0; i < n; i++) {
+        center[0] += points[2 * i] / (double)n;
+        center[1] += points[2 * i + 1] / (double)n;
+    }
+    for (int64_t i = 0; i < n; i++)
+        for (int a = 0; a < 2; a++)
+            square += (points[2 * i + a] - center[a]) * (points[2 * i + a] - center[a]) / (double)n;
+    *scale = sqrt(2 / square);
+}
+
+void homography(int64_t n, const double *points, const double *image, double *H)
+{
+    double from[2], to[2], in, out, N[81], M[81], h[9] = {1, 0.1, 0.2, 0.3, 1, 0.4, 0.5, 0.6, 1};
+    normalization(n, points, from, &in);
+    normalization(n, image, to, &out);
+    memset(N, 0, sizeof N);
+    for (int64_t i = 0; i < n; i++) {
+        const double x = (points[2 * i] - from[0]) * in, y = (points[2 * i + 1] - from[1]) * in;
+        const double u = (image[2 * i] - to[0]) * out, v = (image[2 * i + 1] - to[1]) * out;
+        const double rows[2][9] = {{x, y, 1, 0, 0, 0, -u * x, -u * y, -u}, {0, 0, 0, x, y, 1, -v * x, -v * y, -v}};
+        for (int r = 0; r < 2; r++)
+            for (int p = 0; p < 9; p++)
+                for (int q = 0; q < 9; q++)
+                    N[9 * p + q] += rows[r][p] * rows[r][q];
+    }
+    for (int p = 0; p < 9; p++)
+        N[10 * p] += 1e-13 * (double)n;
+    for (int step = 0; step < 4; step++) {
+        double norm = 0;
+        memcpy(M, N, sizeof M);
+        solve_positive(9, M, h, 1, 1e-300);
+        for (int p = 0; p < 9; p++)
+            norm += h[p] * h[p];
+        for (int p = 0; p < 9; p++)
+            h[p] /= sqrt(norm);
+    }
+    /* H = (scale and center of the image)^-1 h (scale and center of the points). */
+    for (int r = 0; r < 3; r++) {
+        const double a = h[3 * r] * in, b = h[3 * r + 1] * in;
+        M[3 * r] = a;
+        M[3 * r + 1] = b;
+        M[3 * r + 2] = h[3 * r + 2] - a * from[0] - b * from[1];
+    }
+    for (int c = 0; c < 3; c++) {
+        H[c] = M[c] / out + to[0] * M[6 + c];
+        H[3 + c] = M[3 + c] / out + to[1] * M[6 + c];
+        H[6 + c] = M[6 + c];
+    }
+    for (int e = 0; e < 9; e++)
+        H[e] /= M[8];
+}
+
+/* ------------------------------------------------------------------------------------------------------------------
+   judge_poses: dots that labelings miss, and the largest misfit to accept (twin: identification.py, _expected and _bound).
+
+   labels (k, n); center (b, 2); rough (b) or NULL; pixels (k, n, 2), shape (k, n, 2, 2) and seen (k, n) of the dots as
+   predicted; printing (k); settings: width, height, focal lengths, margin of the image, px, largest misfit (px, share of
+   the extent), misfit of refused dots, fewest dots that are none of these. missing, bound (k). */
+
+void judge_poses(int64_t k, int64_t n, const int64_t *labels, const double *center, const double *rough,
+                 const double *pixels, const double *shape, const uint8_t *seen, const double *printing,
+                 const double *settings, int64_t *missing, double *bound)
+{
+    const double right = settings[0] - 1, bottom = settings[1] - 1, fx = settings[2], fy = settings[3], edge = settings[4];
+    for (int64_t i = 0; i < k; i++) {
+        double low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY}, squares = 0;
+        int64_t count = 0, refused = 0, absent = 0;
+        for (int64_t d = n * i; d < n * (i + 1); d++) {
+            if (labels[d] < 0) {
+                const double x = pixels[2 * d], y = pixels[2 * d + 1];
+                const double wide = sqrt(shape[4 * d]) * fx + edge, tall = sqrt(shape[4 * d + 3]) * fy + edge;
+                absent += seen[d] && x - wide >= 0 && x + wide <= right && y - tall >= 0 && y + tall <= bottom;
+                continue;
+            }
+            const double *at = center + 2 * labels[d], own = rough ? rough[labels[d]] : 0;
+            for (int a = 0; a < 2; a++) {
+                low[a] = at[a] < low[a] ? at[a] : low[a];
+                high[a] = at[a] > high[a] ? at[a] : high[a];
+            }
+            squares += own * own;
+            refused += rough && own == settings[8];
+            count++;
+        }
+        const double extent = settings[5] * fmax(high[0] - low[0], high[1] - low[1]), checks = (double)(count + absent - 3);
+        const double most = (settings[6] + settings[7] * extent) * (double)(count - 3) / fmax(checks, 1);
+        const double unsure = sqrt(squares / (double)count);
+        const int round = (double)(count - refused) >= fmax(settings[9], (double)count / 2);
+        missing[i] = absent;
+        /* Four corners of a square are a third of a regular 12-gon, wherever equal dots are on a grid. */
+        bound[i] = round && count >= absent ? hypot(hypot(most, printing[i]), unsure) : -1;
+    }
+}

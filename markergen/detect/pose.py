@@ -308,7 +308,8 @@ def homography_of(points: Array, corrected: Array, camera: Camera, pose: PoseEst
         Control points, m, and their images in normalized coordinates.
     """
     if _in_general_position(points[:, :2].tobytes()):
-        return np.asarray(estimate_homography(points[:, :2], camera.ideal.to_pixels(corrected)), dtype=float)
+        estimate = estimate_homography if kernel.library() is None else kernel.homography
+        return np.asarray(estimate(points[:, :2], corrected * camera.focal + [camera.cx, camera.cy]), dtype=float)
     origin = pose.translation + points[0, 2] * pose.rotation[:, 2]
     return plane_homography(pose.rotation[None], origin[None], camera.matrix)[0]
 
