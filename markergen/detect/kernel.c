@@ -1051,7 +1051,7 @@ int follow_poses(int64_t k, int64_t n, int64_t b, int64_t flat, int64_t near_cou
 
    first, second (m); pairs (q, 2); center (b, 2), shape (b, 3), area (b); strange (2, b) as in follow_poses;
    settings: px, drift, drift in px, size (log), tolerance of the sizes' ratio. Returns the number of good guesses, of which at most `capacity` are
-   written: start, votes, quality, rotation and translation. */
+   written, or -1 without memory: start, votes, quality, rotation and translation. */
 
 static double stretched(const double *e, double det, double x, double y, const double *n)
 {
@@ -1072,7 +1072,16 @@ int64_t guess_poses(int64_t m, int64_t q, int64_t b, int64_t near_count, int64_t
 {
     const double px = settings[0], drift = settings[1], drift_px = settings[2], alike = settings[3];
     const double least_size = exp(-2 * alike), most_size = exp(2 * alike);
+    /* Squared distances in radii of the first dot, which tell at once that a pair of one height is out of the question. */
+    double *apart = malloc(sizeof(double) * (size_t)(q + 1));
     int64_t count = 0;
+    if (!apart)
+        return -1;
+    for (int64_t k = 0; k < q; k++) {
+        const double *X = points + 3 * pairs[2 * k], *Y = points + 3 * pairs[2 * k + 1], r = radii[pairs[2 * k]];
+        const double dx = Y[0] - X[0], dy = Y[1] - X[1];
+        apart[k] = X[2] == Y[2] ? (dx * dx + dy * dy) / (r * r) : NAN;
+    }
     for (int64_t pair = 0; pair < 2 * m; pair++) {
         const int64_t i = first[pair % m], j = second[pair % m], side = pair / m;
         const double *p = position + 6 * i + 3 * side, *n = normal + 6 * i + 3 * side;
@@ -1083,8 +1092,11 @@ int64_t guess_poses(int64_t m, int64_t q, int64_t b, int64_t near_count, int64_t
         const double limit = exp(2 * allowed), growth = exp(2 * settings[4] * allowed);
         const double away = n[0] * p[0] + n[1] * p[1] + n[2] * p[2];
         const double square_ray = x * x + y * y + 1, along_ray = x * p[0] + y * p[1] + p[2];
-        const double square_p = p[0] * p[0] + p[1] * p[1] + p[2] * p[2];
+        const double square_p = p[0] * p[0] + p[1] * p[1] + p[2] * p[2], deep = away / toward;
+        const double far_out = deep * deep * square_ray - 2 * deep * along_ray + square_p, slack_out = limit * (1 + 1e-6);
         for (int64_t k = 0; k < q; k++) {
+            if (apart[k] > far_out * slack_out || apart[k] * slack_out < far_out)
+                continue;
             const int64_t a = pairs[2 * k], c = pairs[2 * k + 1];
             if (strange[rings[a] * b + i] || strange[rings[c] * b + j])
                 continue;
@@ -1153,5 +1165,6 @@ int64_t guess_poses(int64_t m, int64_t q, int64_t b, int64_t near_count, int64_t
             count++;
         }
     }
+    free(apart);
     return count;
 }

@@ -365,6 +365,8 @@ def guess_poses(
         quality, rotation, translation = np.empty(capacity), np.empty((capacity, 3, 3)), np.empty((capacity, 3))
         arrays = *fixed, start, votes, quality, rotation, translation
         count: int = loaded.guess_poses(*sizes, capacity, *(_at(each) for each in arrays))
+        if count < 0:
+            raise MemoryError("no memory for pairs of dots")
         if count <= capacity:
             return start[:count], votes[:count], quality[:count], rotation[:count], translation[:count]
         capacity = count
