@@ -193,7 +193,7 @@ end:
 /* ------------------------------------------------------------------------------------------------------------------
    homography: from n points to their images by normalized DLT (twin: maths/dlt.py, estimate_homography, which says more).
 
-   The eigenvector of the smallest eigenvalue of A'A by inverse iteration: four steps leave the others' share, which
+   The eigenvector of the smallest eigenvalue of A'A by inverse iteration: eight steps leave the others' share, which
    shrinks by the ratio of the eigenvalues each time, below rounding. points, image (n, 2); H (3, 3). */
 
 static void normalization(int64_t n, const double *points, double *center, double *scale)
@@ -227,7 +227,7 @@ void homography(int64_t n, const double *points, const double *image, double *H)
     }
     for (int p = 0; p < 9; p++)
         N[10 * p] += 1e-13 * (double)n;
-    for (int step = 0; step < 4; step++) {
+    for (int step = 0; step < 8; step++) {
         double norm = 0;
         memcpy(M, N, sizeof M);
         solve_positive(9, M, h, 1, 1e-300);

@@ -208,7 +208,8 @@ def _estimated(
         if other[2][0] - found[2][0] < 2 * SEARCHED * max(1.0, found[2][0] / (2 * len(points) - 6)):
             other = refined(*other[:2])
         order = [1, 0] if other[2][0] < found[2][0] else [0, 1]
-        found = tuple(np.concatenate(pair)[order] for pair in zip(found, other, strict=True))
+        turned, moved, chi2 = (np.concatenate(pair)[order] for pair in zip(found, other, strict=True))
+        found = turned, moved, chi2
     best_rotation, best_translation = found[0][:1], found[1][:1]
     rows, printed = spread_at(best_rotation, best_translation)
     residual = seen - outlines(points, radii, best_rotation, best_translation).center[0]
