@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect import kernel
+from markergen.detect import kernel, kernel_pose
 from markergen.detect.blobs import Ellipses
 from markergen.detect.fiducials import CONFIRMS, NO_TAGS, REFUTES, Sightings, TagReader, verdicts
 from markergen.detect.labeling_hypotheses import (
@@ -179,6 +179,9 @@ class Search:
         return self.seen.pixels[self.sighting[0]] if self.tags[0] == CONFIRMS else None
 
 
+CUT = "there are too many alike for a full search"
+
+
 def search(ellipses: Ellipses, view: View, rough: Array | None = None, thorough: bool = True) -> Search:
     """Find the labelings of blobs that are consistent with the camera, best first.
 
@@ -208,8 +211,10 @@ def search(ellipses: Ellipses, view: View, rough: Array | None = None, thorough:
 
     candidates = find_labelings(ellipses, view.layout, view.px, view.calibrated, judge=judge, thorough=thorough)
     if not len(candidates) or candidates.count[0] < LEAST_DOTS:
-        return _failed(view, _how_far(ellipses, candidates, view))
-    return _answered(_judged(candidates, ellipses, view, rough), ellipses)
+        found = _failed(view, _how_far(ellipses, candidates, view))
+    else:
+        found = _answered(_judged(candidates, ellipses, view, rough), ellipses)
+    return replace(found, reason=f"{found.reason}; {CUT}") if found.reason and candidates.cut else found
 
 
 def given(blobs: Indices, model: Model, view: View) -> Search:
@@ -270,7 +275,9 @@ def _judged(
         predicted = camera.to_pixels(drawn.center), drawn.shape, drawn.seen
         size = camera.width, camera.height, camera.fx, camera.fy, EDGE_PX
         settings = *size, px, ACCEPT_PX, ACCEPT_SHARE, REFUSED_PX, LEAST_ROUND
-        missing, bound = kernel.judge_poses(candidates.blobs, (ellipses.center, rough), predicted, printing, settings)
+        missing, bound = kernel_pose.judge_poses(
+            candidates.blobs, (ellipses.center, rough), predicted, printing, settings
+        )
     else:
         missing = (_expected(candidates, view.camera) & (candidates.blobs < 0)).sum(axis=-1)
         bound = _bound(candidates, missing, ellipses, px, printing, rough)

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect import kernel
+from markergen.detect import kernel, kernel_pose
 from markergen.detect.conic_projection import SCHEDULE, mirrored_poses, outlines, pose_rows, refine_poses
 from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
@@ -142,7 +142,7 @@ def fit_pose(
     rotation, translation = _starts(points, seen, camera) if start is None else (start[0][None], start[1][None])
     if not len(rotation):
         return None
-    image = _normalized_covariance(seen, covariance, camera)
+    image = normalized_covariance(seen, covariance, camera)
     dots = points, radii, seen, image
     rotations, translations, chi2, spread, scale = _estimated(dots, rotation, translation, errors)
     if not len(chi2):
@@ -185,18 +185,10 @@ def _estimated(
         axes, place = 3 if points[:, 2].any() else 2, np.zeros((len(points), 3, 3))
         place[:, :axes, :axes] = errors.place_blocks(len(points), axes)
         settings = TOLERANCE, COARSE, SEARCHED, ROUGH_SIGMA
-        return kernel.estimate_pose((*dots, place), flat, rotation, translation, _STEPS, settings, SCHEDULE)
-
-    def spread_at(rotation: Array, translation: Array) -> tuple[Array, Array]:
-        rows = pose_rows(points, rotation, translation)
-        return rows, print_covariance(rows, points, rotation, errors)
+        return kernel_pose.estimate_pose((*dots, place), flat, rotation, translation, _STEPS, settings, SCHEDULE)
 
     def refined(rotation: Array, translation: Array, tolerance: float = TOLERANCE) -> tuple[Array, Array, Array]:
-        # The print's share of the weights depends smoothly on the pose: from a start that is right to a percent, they
-        # are right to a percent, and the estimate then to second order.
-        weight = np.asarray(np.linalg.inv(image + spread_at(rotation, translation)[1]), dtype=float)
-        measured = np.broadcast_to(seen, (len(rotation), *seen.shape))
-        return refine_poses(points, radii, measured, weight, rotation, translation, _STEPS, tolerance)
+        return refine_weighted(points, radii, seen[None], image, rotation, translation, errors, tolerance)
 
     found = refined(rotation, translation)
     best = int(np.argmin(found[2]))
@@ -211,12 +203,43 @@ def _estimated(
         turned, moved, chi2 = (np.concatenate(pair)[order] for pair in zip(found, other, strict=True))
         found = turned, moved, chi2
     best_rotation, best_translation = found[0][:1], found[1][:1]
-    rows, printed = spread_at(best_rotation, best_translation)
+    rows = pose_rows(points, best_rotation, best_translation)
+    printed = print_covariance(rows, points, best_rotation, errors)
     residual = seen - outlines(points, radii, best_rotation, best_translation).center[0]
     weighted = np.linalg.inv(image + printed[0]) @ rows[0]
     gain = weighted @ information_inverse(np.einsum("mia,mib->ab", weighted, rows[0]))
     covariance = np.stack([np.einsum("mia,mij,mjb->ab", gain, part, gain) for part in (image, printed[0])])
     return *found, covariance, residual_scale(residual, image + printed[0])
+
+
+def refine_weighted(
+    points: Array,
+    radii: Array,
+    seen: Array,
+    image: Array,
+    rotation: Array,
+    translation: Array,
+    errors: ErrorSources,
+    tolerance: float = TOLERANCE,
+) -> tuple[Array, Array, Array]:
+    """Refine poses (k, 3, 3), (k, 3) with points weighted by the inverse of their image and print covariance.
+
+    Parameters
+    ----------
+    seen, image : arrays broadcastable to (k, n, 2) and (k, n, 2, 2)
+        Centers of the ellipses, and their covariance from the image, in normalized coordinates.
+
+    Returns
+    -------
+    rotation (k, 3, 3), translation (k, 3), chi2 (k,)
+        See `conic_projection.refine_poses`.
+    """
+    # The print's share of the weights depends smoothly on the pose: from a start that is right to a percent, they
+    # are right to a percent, and the estimate then to second order.
+    spread = image + print_covariance(pose_rows(points, rotation, translation), points, rotation, errors)
+    weight = np.asarray(np.linalg.inv(spread), dtype=float)
+    measured = np.broadcast_to(seen, (len(rotation), len(points), 2))
+    return refine_poses(points, radii, measured, weight, rotation, translation, _STEPS, tolerance)
 
 
 def residual_scale(residual: Array, spread: Array) -> float:
@@ -260,7 +283,7 @@ def outlier(
     if len(points) < LEAST_TO_DROP or pose.chi2 <= OUTLIER_SIGMA**2:
         return None
     rotation, translation = pose.rotation[None], pose.translation[None]
-    spread = _normalized_covariance(seen, covariance + OUTLIER_PX**2 * np.eye(2), camera)
+    spread = normalized_covariance(seen, covariance + OUTLIER_PX**2 * np.eye(2), camera)
     rows = pose_rows(points, rotation, translation)
     spread, rows = spread + print_covariance(rows, points, rotation, errors)[0], rows[0]
     weighted = np.linalg.inv(spread) @ rows
@@ -291,11 +314,12 @@ def _starts(points: Array, seen: Array, camera: Camera) -> tuple[Array, Array]:
     return rotation, translation - (height * rotation[:, :, 2] if flat else 0.0)
 
 
-def _normalized_covariance(seen: Array, covariance: Array, camera: Camera) -> Array:
-    """Return the covariance (m, 2, 2) of normalized coordinates from that of px."""
+def normalized_covariance(seen: Array, covariance: Array, camera: Camera) -> Array:
+    """Return the covariance (..., m, 2, 2) of normalized coordinates (..., m, 2) from that of px."""
     covariance = covariance + _LEAST_PX**2 * np.eye(2)
     if camera.distortion == NO_DISTORTION:
-        return covariance / np.multiply.outer(camera.focal, camera.focal)
+        scaled = covariance / np.multiply.outer(camera.focal, camera.focal)
+        return np.broadcast_to(scaled, (*seen.shape[:-1], 2, 2))
     lens = np.linalg.inv(camera.pixel_jacobian(seen))
     return lens @ covariance @ lens.swapaxes(-1, -2)
 
@@ -309,7 +333,7 @@ def homography_of(points: Array, corrected: Array, camera: Camera, pose: PoseEst
         Control points, m, and their images in normalized coordinates.
     """
     if _in_general_position(points[:, :2].tobytes()):
-        estimate = estimate_homography if kernel.library() is None else kernel.homography
+        estimate = estimate_homography if kernel.library() is None else kernel_pose.homography
         return np.asarray(estimate(points[:, :2], corrected * camera.focal + [camera.cx, camera.cy]), dtype=float)
     origin = pose.translation + points[0, 2] * pose.rotation[:, 2]
     return plane_homography(pose.rotation[None], origin[None], camera.matrix)[0]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from plain_blobs import plain_blobs
 
-from markergen.detect import candidates, kernel, kernel_build
+from markergen.detect import candidates, kernel, kernel_build, kernel_pose
 from markergen.detect.blobs import Ellipses
 from markergen.detect.conic_projection import SCHEDULE
 from markergen.detect.ellipse_fit import _constants
@@ -281,14 +281,14 @@ def test_numbers_that_are_none_end(value):
     # Of what is no pose, no ellipse and no point, nothing is expected but an end.
     with np.errstate(all="ignore"):
         dots = np.full((5, 3), value), np.ones(5), np.full((5, 2), value), np.eye(2), np.eye(3)
-        kernel.estimate_pose(dots, True, np.eye(3)[None], np.ones((1, 3)), 20, (1e-8, 1e-3, 20.0, 5.0), SCHEDULE)
-        kernel.homography(np.full((4, 2), value), np.ones((4, 2)))
+        kernel_pose.estimate_pose(dots, True, np.eye(3)[None], np.ones((1, 3)), 20, (1e-8, 1e-3, 20.0, 5.0), SCHEDULE)
+        kernel_pose.homography(np.full((4, 2), value), np.ones((4, 2)))
         many = np.full(20, value)
         outlines = many, many, many, np.arange(20) < 10, many, many
         kernel.solve_blurred(outlines, 3, np.ones(12), np.tile(np.arange(14.0), (4, 1)), (0.05, 0.954, 0.5, 1.0))
         kernel.distinct_blobs(np.full((20, 2), value), np.full((20, 2), value), many, many, (0.5, 0.3, 1.0, 8.0))
     with pytest.raises(ValueError):
-        kernel.judge_poses(
+        kernel_pose.judge_poses(
             np.full((2, 4), 7), (np.ones((5, 2)), None), (np.ones((2, 4, 2)), np.eye(2), np.ones((2, 4), bool)),
             np.zeros(2), (1.0,) * 10,
         )  # fmt: skip
