@@ -32,6 +32,7 @@ from markergen.validation.metrics import flipped
 
 FISHEYE = Camera(1280, 1024, 420, 420, 639.5, 511.5, Distortion("equidistant", (0.02, -0.01, 0.003, -0.0005)))
 HIGH = Camera(2592, 1944, 3240, 3240, 1295.5, 971.5)
+SMALL = {"n": 5, "radius": "60mm", "dot": "18mm"}
 HEADINGS = (
     "marker       hardest, m deg (views)    claimed  expected     views    95 % interval    all: claimed  expected     "
     "views    95 % interval   flips  views  found    sampled  wrong     CPU s"
@@ -59,8 +60,9 @@ CASES = {
     "fisheye": Case({"n": 8}, FISHEYE, "cone:distance=0.4..0.9,tilt=0..60"),
     "2592 x 1944": Case({"n": 8, "radius": "75mm", "dot": "15mm"}, HIGH, "cone:distance=0.6..1.5,tilt=0..65"),
     "far": Case({"n": 5}, poses="cone:distance=2.5..4,tilt=0..50"),
-    "small": Case({"n": 5, "radius": "60mm", "dot": "18mm"}, poses="cone:distance=0.4..1.5,tilt=0..60,count=2000"),
-    "bad print": Case({"n": 5, "radius": "60mm", "dot": "18mm"}, validate={"print_sigma": "0.3mm"}),
+    "frontal": Case(SMALL, poses="cone:distance=1.3..1.5,tilt=0..10"),
+    "flips": Case(SMALL, poses="cone:distance=1.3..1.5,tilt=12..22", validate={"print_sigma": "0.3mm"}),
+    "bad print": Case(SMALL, validate={"print_sigma": "0.3mm"}),
     "exact print": Case({"n": 5}, validate={"print_sigma": 0.0}),
 }
 """Markers and cameras by name."""
