@@ -28,12 +28,13 @@ from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
 from markergen.model.shape_file import BoundaryFile, HoleFile, SubstrateFile, built
-from markergen.model.spec import ImageNoise, Spec
+from markergen.model.spec import AUTO, ImageNoise, Spec
 from markergen.model.substrate import Hole, parse_dowel, parse_mount
 from markergen.options import Option, declared
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
 from markergen.options.shared import PlateKeywords
 from markergen.read.cameras import load_camera
+from markergen.read.cameras.covariance import read_camera_covariance
 from markergen.read.outlines.boundary import drawn_plate, is_drawing, parse_boundary, read_room
 from markergen.read.poses import settled
 from markergen.read.poses.rows import numbers_of_rows
@@ -55,6 +56,12 @@ def _length_or_auto(value: object) -> float | str:
         return _length(value)
     except ValueError as error:
         raise ValueError(f"{error}, or auto") from None
+
+
+def _int_or_auto(value: object) -> object:
+    if value != "auto" and (isinstance(value, bool) or not isinstance(value, int)):
+        raise ValueError("write a whole number, or auto")
+    return value
 
 
 def _radius(value: object) -> float:
@@ -215,6 +222,7 @@ DRAWING = ("boundary_unit", "layer", "origin")
 
 KINDS: dict[str, Any] = {
     "int": Whole,
+    "int or auto": Annotated[Whole | Literal["auto"], BeforeValidator(_int_or_auto)],
     "float": Finite,
     "str": str,
     "bool": bool,
@@ -223,6 +231,7 @@ KINDS: dict[str, Any] = {
     "length or fit": Annotated[float, BeforeValidator(_radius)],
     "shape": Shape,
     "shapes": list[Shape],
+    "file": Any,
     "camera": CameraTable,
     "poses": Annotated[Any, BeforeValidator(_poses)],
 }
@@ -283,6 +292,13 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
     }
     if "camera" in given:
         given["camera"] = _camera(table.camera)
+    if given.get("n", "auto" if given.get("target") else None) == "auto":
+        given["n"] = AUTO
+    elif given.get("n") == AUTO:
+        raise InputError(f"at least 4 control points in {name}", "n=0", "give 4 or more, or auto")
+    if given.get("camera_covariance") is not None:
+        found = read_camera_covariance(given["camera_covariance"], given.get("camera", Spec.camera))
+        given["camera_covariance"] = tuple(map(tuple, found.tolist()))
     if "image_noise" in given:
         given["image_noise"] = ImageNoise(**given["image_noise"])
     if table.poses is not None:
@@ -381,6 +397,8 @@ _JSON_TYPES: dict[str, dict[str, Any]] = {
     "str": _TEXT,
     "length": _LENGTH,
     "length or auto": _LENGTH,
+    "int or auto": {"anyOf": [{"type": "integer"}, {"const": "auto"}]},
+    "file": _TEXT,
     "length or fit": _LENGTH,
     "shape": _SHAPE,
     "shapes": {"type": "array", "items": _SHAPE},

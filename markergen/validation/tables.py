@@ -259,6 +259,8 @@ def view_sentences(results: Mapping[str, Any]) -> list[str]:
         found.append(
             f"The {most} limits the rotation: {percent((parts[most] / total) ** 2)} of its variance; {remedy}."
         )
+    if outlook := results["budget"].get("outlook"):
+        found.append(f"{outlook[0].upper()}{outlook[1:]}.")
     return found
 
 

@@ -326,6 +326,8 @@ def limit_sentences(budget: Mapping[str, Any]) -> list[str]:
         said.append(line)
     if first and not any(parts.get("camera") for parts in found.values()):
         said.append("The camera's calibration is taken as exact; --camera-covariance tells how good it is.")
+    if outlook := budget.get("outlook"):
+        said.append(f"{outlook[0].upper()}{outlook[1:]}.")
     return said
 
 
