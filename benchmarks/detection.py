@@ -17,7 +17,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +110,7 @@ def rendered(camera: Camera, views: int) -> Rows:
     """Every detector on its own mark in the same disk, poses and backgrounds."""
     ring, plain = scenes.ring_marker(), scenes.random_marker(scenes.PLAIN, ringed=False, seed=1)
     detectors = {"ring": mg.Detector(ring, camera), "no ring": mg.Detector(plain, camera)}
+    arucos, apriltags = aruco(), apriltag()
     scores = dict[str, Score]()
     for k in range(views):
         rng = np.random.default_rng([k, 0])
@@ -123,7 +124,7 @@ def rendered(camera: Camera, views: int) -> Rows:
             if name == "ring":
                 empty = render_patches([], camera, *placed, Optics(), np.random.default_rng([k, 2]), Scenery(behind))
                 score(scores, "markergen, no marker there").run(partial(ours, detector, empty), None)
-        for tag, peers in ((ARUCO, aruco()), (APRILTAG, apriltag())):
+        for tag, peers in ((ARUCO, arucos), (APRILTAG, apriltags)):
             image, corners = tag_scene(tag, camera, placed, behind, k)
             for label, detect in peers.items():
                 score(scores, label).run(partial(detect, image), corners)
@@ -174,12 +175,15 @@ def aruco() -> dict[str, Callable[[Image], Sight]]:
     }
 
 
+@cache
 def apriltag() -> dict[str, Callable[[Image], Sight]]:
     """Return AprilTag's own detector, if it is installed; its pixels have their origin at a corner of the image."""
     try:
         from pupil_apriltags import Detector as Engine  # type: ignore[import-untyped, unused-ignore]
     except ImportError:
         return {}
+    # Its destructor crashes now and then.
+    del Engine.__del__
     # Shrunk by two, its default; the full image takes three times as long and is more accurate.
     engines = {f"pupil-apriltags, quad_decimate={n}": Engine("tag36h11", nthreads=1, quad_decimate=n) for n in (2, 1)}
 

@@ -3,7 +3,7 @@
 from markergen.render.optics import DEFAULT_OPTICS, Optics, optics_from_text
 from markergen.render.patches import Patch, circle
 from markergen.render.scenery import Scenery
-from markergen.render.view import marker_patches, render_patches, render_view
+from markergen.render.view import expected_levels, marker_patches, render_patches, render_view, seen_patches
 
 __all__ = [
     "DEFAULT_OPTICS",
@@ -11,8 +11,10 @@ __all__ = [
     "Patch",
     "Scenery",
     "circle",
+    "expected_levels",
     "marker_patches",
     "optics_from_text",
     "render_patches",
     "render_view",
+    "seen_patches",
 ]

@@ -5,6 +5,7 @@ substrate, or, if its dots are light, plate and pillars in ink and the rest in s
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import dropwhile
 
 import numpy as np
@@ -16,12 +17,13 @@ from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
 from markergen.model.marker import ControlPoint, Marker, check_supported
 from markergen.model.occlusion import pillar_radius
-from markergen.render.optics import FINENESS, Optics, expose, quantize
+from markergen.render.optics import FINENESS, FULL_SCALE, Optics, expose, quantize
 from markergen.render.patches import CIRCLE_VERTICES, Patch, circle, circle_vertices, project_patches
 from markergen.render.scenery import Scenery
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+Grey = NDArray[np.float32]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 INK, SUBSTRATE = 0.0, 1.0
@@ -43,10 +45,15 @@ def render_view(
     See `render_patches`; the patches are those of `marker_patches`, with the default margin of the plate.
     """
     check_supported(marker, "to render", joint=False)
+    patches = seen_patches(marker, camera, rotation, translation)
+    return render_patches(patches, camera, rotation, translation, optics, rng, scenery)
+
+
+def seen_patches(marker: Marker, camera: Camera, rotation: Array, translation: Array) -> list[Patch]:
+    """Return the patches of a marker (see `marker_patches`) as they are seen from one pose T_camera_marker."""
     eye = -rotation.T @ translation
     count = circle_vertices(_largest_radius(marker, camera, rotation, translation))
-    patches = marker_patches(marker, eye=eye, count=count)
-    return render_patches(patches, camera, rotation, translation, optics, rng, scenery)
+    return marker_patches(marker, eye=eye, count=count)
 
 
 def render_patches(
@@ -82,7 +89,29 @@ def render_patches(
     InputError
         If a background's size is not the camera's.
     """
-    scenery = scenery or Scenery()
+    ink, corner = _ink(patches, camera, rotation, translation, optics, scenery or Scenery())
+    return quantize(expose(ink, optics, rng, corner, (camera.height, camera.width)), optics.bits)
+
+
+def expected_levels(
+    patches: Sequence[Patch], camera: Camera, rotation: Array, translation: Array, optics: Optics
+) -> Grey:
+    """Mean grey levels (height, width) of `render_patches`: without noise, and saturated but not rounded."""
+    silent = replace(optics, noise_grey=0.0, full_well=None)
+    ink, corner = _ink(patches, camera, rotation, translation, silent, Scenery())
+    grey = expose(ink, silent, np.random.default_rng(0), corner, (camera.height, camera.width))
+    return np.clip(grey, 0, FULL_SCALE, out=grey)
+
+
+def _ink(
+    patches: Sequence[Patch],
+    camera: Camera,
+    rotation: Array,
+    translation: Array,
+    optics: Optics,
+    scenery: Scenery,
+) -> tuple[Grey, Indices]:
+    """Ink coverage of the subpixels around all that is not substrate, and the top left pixel of that window."""
     ink = scenery.ink_behind(camera, optics, FINENESS)
     if ink is None:
         # Skip substrate painted on substrate.
@@ -97,7 +126,7 @@ def render_patches(
     for patch, outlines in zip(patches, projected, strict=True):
         paint(ink, [outline - corner for outline in outlines], np.float32(1 - patch.reflectance), FINENESS)
     scenery.cover(ink, optics, FINENESS)
-    return quantize(expose(ink, optics, rng, corner, (camera.height, camera.width)), optics.bits)
+    return ink, corner
 
 
 def _window(projected: list[tuple[Array, ...]], reach_px: int, size: Indices) -> tuple[Indices, Indices]:

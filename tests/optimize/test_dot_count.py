@@ -11,7 +11,7 @@ from markergen.maths.projection import circle_image, plane_homography
 from markergen.model.boundary import Circle
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.spec import AUTO, Spec
-from markergen.objectives import OBJECTIVES, Setting
+from markergen.objectives import OBJECTIVES
 from markergen.objectives.criteria import regular_polygon
 from markergen.objectives.observation import DotNoise
 from markergen.optimize.dot_count import Forecaster, choose_count, least_sizes, marker_budget, outlook

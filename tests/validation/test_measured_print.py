@@ -62,7 +62,7 @@ def test_displacements_scatter_as_measured(make_ngon):
 
 def test_weights_and_covariance_of_the_pose(make_ngon):
     marker = measured(make_ngon(8, 0.15, 0.03), every=2)
-    nees, plain, chi2 = [], [], []
+    nees, plain, chi2, plain_chi2 = [], [], [], []
     for pose in range(400):
         rng = np.random.default_rng([3, pose])
         R, t = POSES.rotation[pose], POSES.translation[pose]
@@ -70,17 +70,17 @@ def test_weights_and_covariance_of_the_pose(make_ngon):
         printed = misprinted(marker, errors, rng).xyz
         pixels = PAPER_CAMERA.project(printed, R[None], t[None])[0] + 0.03 * rng.standard_normal((8, 2))
         spread = np.broadcast_to(9e-4 * np.eye(2), (8, 2, 2))
-        for own, told in ((errors.of(marker), nees), (errors, plain)):
+        for own, told, residual in ((errors.of(marker), nees, chi2), (errors, plain, plain_chi2)):
             found = estimate_pose(marker.xyz, pixels, spread, PAPER_CAMERA, own)
             error = np.concatenate([logarithm(found.rotation @ R.T), found.translation - t])
             told.append(error @ np.linalg.solve(found.budget.total, error))
-            if told is nees:
-                chi2.append(found.chi2)
+            residual.append(found.chi2)
     # Means of 400 of chi2 with 6 and 10 degrees of freedom scatter by 0.17 and 0.22: four times that.
     assert abs(np.mean(nees) - 6) < 0.7
     assert abs(np.mean(chi2) - 10) < 0.9
-    # What the tool would claim if it did not know.
-    assert np.mean(plain) > 12
+    # Without that knowledge the residuals are too large, and the covariance that they enlarge is still too small.
+    assert np.mean(plain_chi2) > 20
+    assert np.mean(plain) > 6.7
 
 
 def test_the_budget_of_a_shoot_knows(make_ngon):
