@@ -394,15 +394,19 @@ class Forecaster:
         weighed = np.linalg.solve(spread, jacobian).swapaxes(-1, -2)
         together = [slopes @ self.sources.scaled(points)]
         if self.sources.camera_covariance is not None:
-            root = np.linalg.cholesky(self.sources.camera_covariance + 1e-300 * np.eye(1))
-            together.append(camera.parameter_jacobian(normalized) @ root)
+            # A Cholesky factor does not exist where a parameter is exact.
+            size, axes = np.linalg.eigh(self.sources.camera_covariance)
+            together.append(camera.parameter_jacobian(normalized) @ (axes * np.sqrt(np.maximum(size, 0.0))))
         moved = np.concatenate(together, axis=-1)
         found = covariance(np.cumsum(weighed @ jacobian, axis=1)[:, 3:])
-        common = found @ np.cumsum(weighed @ moved, axis=1)[:, 3:]
-        found = found + common @ common.swapaxes(-1, -2)
-        variance = np.trace(objective.weight[:, None] @ found, axis1=-2, axis2=-1)
-        values = np.sqrt(np.where(variance > 0, variance, np.inf)).T
-        return np.nan_to_num(objective.aggregated(values, 0.0)[0], nan=np.inf)
+        # Four dots in one line determine no pose: their covariance is infinite.
+        with np.errstate(invalid="ignore"):
+            shared = found @ np.cumsum(weighed @ moved, axis=1)[:, 3:]
+            variance = np.trace(
+                objective.weight[:, None] @ (found + shared @ shared.swapaxes(-1, -2)), axis1=-2, axis2=-1
+            )
+            values = np.sqrt(np.where(variance > 0, variance, np.inf)).T
+            return np.nan_to_num(objective.aggregated(values, 0.0)[0], nan=np.inf)
 
 
 def rows(region: FeasibleRegion) -> Array:

@@ -58,12 +58,6 @@ def _length_or_auto(value: object) -> float | str:
         raise ValueError(f"{error}, or auto") from None
 
 
-def _int_or_auto(value: object) -> object:
-    if value != "auto" and (isinstance(value, bool) or not isinstance(value, int)):
-        raise ValueError("write a whole number, or auto")
-    return value
-
-
 def _radius(value: object) -> float:
     if value == "fit":
         raise ValueError("fit is for markergen design, which has a paper: give a length")
@@ -222,7 +216,7 @@ DRAWING = ("boundary_unit", "layer", "origin")
 
 KINDS: dict[str, Any] = {
     "int": Whole,
-    "int or auto": Annotated[Whole | Literal["auto"], BeforeValidator(_int_or_auto)],
+    "int or auto": Whole,
     "float": Finite,
     "str": str,
     "bool": bool,
@@ -283,6 +277,9 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
     if not isinstance(values, Mapping):
         raise InputError(f"a table of values in {name}", brief(values), "write for example n = 5 or radius = 0.15")
     plain = _in_spec_terms(dict(values))
+    count = plain.get("n")
+    if count == "auto":
+        del plain["n"]
     try:
         table = _SpecFile.model_validate(plain if stored else _with_files_read(plain))
     except ValidationError as error:
@@ -292,10 +289,10 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
     }
     if "camera" in given:
         given["camera"] = _camera(table.camera)
-    if given.get("n", "auto" if given.get("target") else None) == "auto":
+    if given.get("n") == AUTO:
+        raise InputError(f"at least 4 control points in {name}", f"n={AUTO}", "give 4 or more, or auto")
+    if count == "auto" or (count is None and "target" in given):
         given["n"] = AUTO
-    elif given.get("n") == AUTO:
-        raise InputError(f"at least 4 control points in {name}", "n=0", "give 4 or more, or auto")
     if given.get("camera_covariance") is not None:
         found = read_camera_covariance(given["camera_covariance"], given.get("camera", Spec.camera))
         given["camera_covariance"] = tuple(map(tuple, found.tolist()))
