@@ -64,8 +64,7 @@ TYPES: dict[str, Any] = {
     **dict.fromkeys(("int or auto", "length or auto", "length or fit", "shape", "camera", "poses"), str),
     "file": Path,
     "files": list[Path],
-    "texts": list[str],
-    "shapes": list[str],
+    **dict.fromkeys(("texts", "shapes"), list[str]),
 }
 """Type given to typer for each kind of value."""
 
@@ -183,6 +182,7 @@ def design(**options: Any) -> None:
     options.setdefault("output", [Path("marker.json" if options.get("relief") else "marker.pdf")])
     with console.progress_bar() as progress:
         found = find(progress=progress, **options)
+        found.certify(progress)
     console.print_parts([*found.parts(), *map(str, found.written)])
 
 

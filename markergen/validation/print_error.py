@@ -11,19 +11,22 @@ from markergen.model.marker import Marker
 Array = NDArray[np.float64]
 
 
-def displacement(marker: Marker, errors: ErrorSources, rng: np.random.Generator, axes: int = 3) -> Array:
+def displacement(
+    marker: Marker, errors: ErrorSources, rng: np.random.Generator, axes: int = 3, prints: tuple[int, ...] = ()
+) -> Array:
     """Sample errors (n, axes) in m of the dots: Gaussian in the plane, with 3 axes also in height if any dot is raised.
 
     Errors of measured dots follow their covariance, those of others ``errors.print_sigma`` along each axis and, all
-    together, ``errors.scale_sigma``.
+    together, ``errors.scale_sigma``. `prints` is the shape of a batch, the first axes of the result; () samples one
+    print.
     """
-    offset = rng.standard_normal((len(marker), axes))
+    offset = rng.standard_normal((*prints, len(marker), axes))
     if not marker.xyz[:, 2].any():
-        offset[:, 2:] = 0
+        offset[..., 2:] = 0
     places = errors.of(marker)
     scaled = np.zeros_like(offset)
     if places.scale_sigma:
-        scaled[:, :2] = places.scaled(marker.xyz) @ rng.standard_normal(2)
+        scaled[..., :2] = (places.scaled(marker.xyz) @ rng.standard_normal((*prints, 1, 2, 1)))[..., 0]
     if places.place_covariance is None:
         return errors.print_sigma * offset + scaled
     values, vectors = np.linalg.eigh(places.place_blocks(len(marker), axes))
