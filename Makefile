@@ -59,7 +59,7 @@ $(VENV)/installed: $(VENV)/python pyproject.toml constraints.txt
 	touch $@
 
 # The compiled part of detection, once more after a change; without a compiler one line says so, and all goes on.
-$(VENV)/kernel: $(VENV)/installed markergen/detect/kernel.c markergen/detect/kernel_fit.c markergen/detect/kernel_build.py
+$(VENV)/kernel: $(VENV)/installed $(wildcard markergen/detect/kernel*.c) markergen/detect/kernel_build.py
 	@$(BIN)/python -m markergen.detect.kernel_build || true
 	@touch $@
 

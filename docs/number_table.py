@@ -26,11 +26,18 @@ RELIEF_20, RELIEF_50 = (
 ONE_SIDED = [Command(f"python examples/one_sided_camera.py {n}", 10) for n in range(4, 9)]
 EPNP, DOT_BOUND = Command("python -m benchmarks.epnp", 4), Command("python -m benchmarks.dot_bound", 1)
 SPEED = Command("python -m benchmarks.detection --sizes 640x480", 120)
+DOT_COUNT = Command("python -m benchmarks.dot_count", 600)
 SMALL = Command("python -m benchmarks.detection_quality small", 60)
 COMPARED = Command(f"{FIVE.line} && markergen compare marker.json", 300)
 STUDIED = Command(
     "markergen study paper -o quarter --scale 0.25 && cat quarter/claims.md quarter/joint.csv quarter/claims.csv", 1500
 )
+
+
+def _counted(room: str, camera: str) -> Number:
+    five, said = f"{room} {camera} 5 @ @ # # @", "# | # | # | # | # | #"
+    sources = [(DOT_COUNT, f"{room} {camera} # # @ # # @"), (DOT_COUNT, five)]
+    return Number(DESIGN, f"| {room}, {camera} | {said} |", DOT_COUNT.line, sources)
 
 
 def _table_row(n: int, command: Command) -> Number:
@@ -135,6 +142,20 @@ MEASURED: Sequence[Entry] = (
     ),
     Number(
         README,
+        "rotation is # to # % worse than the polygon's",
+        "python examples/one_sided_camera.py",
+        [(command, "rotation: # times") for command in ONE_SIDED],
+        lambda *times: [100 * (min(times) - 1), 100 * (max(times) - 1)],
+    ),
+    Number(
+        README,
+        "the homography # to # times as far off",
+        "python examples/one_sided_camera.py",
+        [(command, "homography: # times") for command in ONE_SIDED],
+        lambda *times: [min(times), max(times)],
+    ),
+    Number(
+        README,
         "A print error of @ mm costs # deg, the noise of the image #. A calibration off by @ px in fx and fy and @ px "
         "in the principal point costs more: # deg with both",
         "`validate marker.json`",
@@ -166,6 +187,7 @@ MEASURED: Sequence[Entry] = (
         [(EPNP, "paper a single call # @ @% paper epnp #")],
     ),
     Number(PAPER, "instead of the layout: # deg RMS", EPNP.line, [(EPNP, "paper a single call #")]),
+    *(_counted(room, camera) for camera in ("paper", "hd", "lens") for room in ("disk", "rectangle", "L")),
     Number(VALIDATE, "it is # px per axis", DOT_BOUND.line, [(DOT_BOUND, "radius 10 px: # px")]),
     Number(
         DETECT,
@@ -270,6 +292,19 @@ GIVEN: Sequence[Given] = tuple(
             ],
         ),
         (DESIGN, DEFAULT, ["a disk of `--radius`, # mm by default", "approximated to # um", "a distance of #..1.5 m"]),
+        (
+            DESIGN,
+            DEFAULT,
+            [
+                "sources is within # % of the least",
+                "a print good to # mm unless",
+                "In # % of the poses the images of its dots are at least # px",
+                "and # px or more apart",
+                "it is # px or more; of more",
+                "are at least # px apart from",
+            ],
+        ),
+        (DESIGN, SETTING, ["f = #, *lens*"]),
         (DESIGN, EXAMPLE, ["up to image errors of # px", "on pillars up to # mm high"]),
         (
             VALIDATE,
