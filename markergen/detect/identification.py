@@ -178,6 +178,9 @@ class Search:
         return self.seen.pixels[self.sighting[0]] if self.tags[0] == CONFIRMS else None
 
 
+CUT = "there are too many alike for a full search"
+
+
 def search(ellipses: Ellipses, view: View, rough: Array | None = None, thorough: bool = True) -> Search:
     """Find the labelings of blobs that are consistent with the camera, best first.
 
@@ -207,8 +210,10 @@ def search(ellipses: Ellipses, view: View, rough: Array | None = None, thorough:
 
     candidates = find_labelings(ellipses, view.layout, view.px, view.calibrated, judge=judge, thorough=thorough)
     if not len(candidates) or candidates.count[0] < LEAST_DOTS:
-        return _failed(view, _how_far(ellipses, candidates, view))
-    return _answered(_judged(candidates, ellipses, view, rough), ellipses)
+        found = _failed(view, _how_far(ellipses, candidates, view))
+    else:
+        found = _answered(_judged(candidates, ellipses, view, rough), ellipses)
+    return replace(found, reason=f"{found.reason}; {CUT}") if found.reason and candidates.cut else found
 
 
 def given(blobs: Indices, model: Model, view: View) -> Search:

@@ -57,12 +57,15 @@ class Labelings:
     model : Poses or Planes
         Fitted model.
     layout : DotLayout
+    cut : bool
+        True if the search ended before all guesses were tried.
     """
 
     blobs: Indices
     misfit: Array
     model: "Model"
     layout: DotLayout
+    cut: bool = False
 
     def __len__(self) -> int:
         return len(self.blobs)
@@ -112,12 +115,13 @@ def find_labelings(
         False to try only likely guesses, and only those with a ring if there is one in the layout.
     """
     judge = judge or _never
-    pool = none(layout, calibrated)
+    pool, cut = none(layout, calibrated), False
     ringed = rings_tell and bool(layout.rings.any() and ellipses.ring.any())
     phases = [True] * ringed + [False] * (thorough or not layout.rings.any())
     for phase in phases:
         rounds = _guesses(ellipses, layout, px, calibrated, rings_tell, phase, not thorough)
-        for model, start in _likely_first(rounds, layout, thorough):
+        for model, start, left_out in _likely_first(rounds, layout, thorough):
+            cut |= left_out
             fresh = _followed(model, start, ellipses, layout, px, rings_tell)
             pool = joined(pool, fresh)
             if judge(fresh)[1].any():
@@ -138,20 +142,29 @@ def find_labelings(
         if judge(pool)[0].any():
             break
     count = pool.count
-    return pool.take(np.flatnonzero((count >= LEAST_DOTS) | (count == count.max(initial=0))))
+    return replace(pool.take(np.flatnonzero((count >= LEAST_DOTS) | (count == count.max(initial=0)))), cut=cut)
 
 
 def _likely_first(
-    rounds: Iterator[tuple[Model, Indices, Indices]], layout: DotLayout, thorough: bool
-) -> Iterator[tuple[Model, Indices]]:
-    """Return batches of guesses: of each round those with most of the near dots, in the end the best of the others."""
+    rounds: Iterator[tuple[Model, Indices, Indices] | None], layout: DotLayout, thorough: bool
+) -> Iterator[tuple[Model, Indices, bool]]:
+    """Return batches of guesses: of each round those with most of the near dots, in the end the best of the others.
+
+    With each batch comes whether guesses were left out: the rounds end with `MAX_TRIED` likely guesses that lead
+    nowhere, as in a regular pattern of spots, where nearly all guesses are likely.
+    """
     strong, tried, waiting = STRONG_VOTES * layout.near.shape[1], 0, list[tuple[Model, Indices, Indices]]()
-    for model, start, votes in rounds:
+    cut = False
+    for each in rounds:
+        cut = each is None or tried >= MAX_TRIED
+        if cut or each is None:
+            break
+        model, start, votes = each
         count, done = int(np.count_nonzero(votes >= strong)), 0
         for size in _BATCHES[:2]:
             batch = np.arange(done, min(done + size, count, done + MAX_TRIED - tried))
             if len(batch):
-                yield model.take(batch), start[batch]
+                yield model.take(batch), start[batch], False
             done += len(batch)
             tried += len(batch)
         rest = np.arange(done, min(len(start), done + _BATCHES[2]))
@@ -164,7 +177,7 @@ def _likely_first(
     best = np.argsort(-parts[1], kind="stable")[: _BATCHES[2]]
     for part in (best[: _BATCHES[1]], best[_BATCHES[1] :]):
         if len(part):
-            yield model.take(part), parts[0][part]
+            yield model.take(part), parts[0][part], cut
 
 
 def _never(candidates: Labelings) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -306,15 +319,18 @@ def _next(
 
 def _guesses(
     ellipses: Ellipses, layout: DotLayout, px: float, calibrated: bool, rings_tell: bool, ringed: bool, likely: bool
-) -> Iterator[tuple[Model, Indices, Indices]]:
-    """Return rounds of guesses, with the control point that each starts from and its votes."""
+) -> Iterator[tuple[Model, Indices, Indices] | None]:
+    """Return rounds of guesses, with the control point that each starts from and its votes; None for those left out."""
     if calibrated:
         for seeds in guess_poses(ellipses, layout, px, rings_tell, ringed, likely):
-            yield Poses(seeds.rotation, seeds.translation), seeds.start, seeds.votes
+            yield None if seeds is None else (Poses(seeds.rotation, seeds.translation), seeds.start, seeds.votes)
         return
     for factor in FOCAL_FACTORS:
         scaled = replace(ellipses, center=ellipses.center / factor, shape=ellipses.shape / factor**2)
         for seeds in guess_poses(scaled, layout, px * factor, rings_tell, ringed, likely):
+            if seeds is None:
+                yield None
+                continue
             origin = seeds.translation + layout.points[0, 2] * seeds.rotation[:, :, 2]
             homography = np.concatenate([seeds.rotation[:, :, :2], origin[..., None]], axis=-1)
             yield Planes(np.diag([factor, factor, 1.0]) @ homography), seeds.start, seeds.votes

@@ -177,8 +177,8 @@ def guess_poses(
     rings_tell: bool = True,
     ringed: bool = False,
     likely: bool = False,
-) -> Iterator[PoseHypotheses]:
-    """Guess poses from pairs of blobs that a pair of dots could be, in rounds of bounded size.
+) -> Iterator[PoseHypotheses | None]:
+    """Guess poses from pairs of blobs that a pair of dots could be, in rounds of bounded size; None if not all.
 
     In each round, the guesses with blobs at most of the near dots' places come first, the more consistent pairs first
     among equals.
@@ -203,7 +203,8 @@ def guess_poses(
     least = (math.ceil(STRONG_VOTES * near),) if likely else (max(LEAST_VOTES, near // 2), 1)
     shown = _Shown(ellipses, px)
     first, second = _neighbors(shown, layout, ringed)
-    rounds = min(MAX_ROUNDS, 1 + 2 * len(first) * len(pairs) // MAX_TRIALS)
+    needed = 1 + 2 * len(first) * len(pairs) // MAX_TRIALS
+    rounds = min(MAX_ROUNDS, needed)
     # Pairs of one blob stay in one round; blobs come in the detector's order, the best first.
     step = max(1, MAX_TRIALS // (2 * len(pairs)))
     for start in range(0, rounds * step, step):
@@ -213,6 +214,8 @@ def guess_poses(
         )
         if len(seeds):
             yield seeds
+    if rounds < needed:
+        yield None
 
 
 class _Shown:

@@ -269,3 +269,13 @@ def test_thirty_plain_dots_among_a_thousand(make, sight):
             points.append(point)
     marker = make(points, rings=(), diameter=0.012)
     check(sight(marker, 3, strangers=970), marker)
+
+
+def test_a_search_that_ends_early_among_regular_spots_says_so(ngon):
+    place = np.stack(np.meshgrid(np.arange(20.0, 620, 15), np.arange(20.0, 460, 15)), axis=-1).reshape(-1, 2)
+    many = len(place)
+    blobs = plain_blobs(
+        place, np.full((many, 2), 5.0), np.zeros(many), np.zeros(many), np.tile(1e-4 * np.eye(2), (many, 1, 1))
+    )
+    found = search(undo_lens(blobs, PAPER_CAMERA), View(layout_of(ngon(12, rings=())), PAPER_CAMERA))
+    assert "full search" in found.reason

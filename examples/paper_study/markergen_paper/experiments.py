@@ -1,5 +1,6 @@
 """Experiments, one for each kind of cell: their computation and resulting arrays."""
 
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -25,15 +26,20 @@ from markergen_paper.measurements import (
     conditions,
     layout_trials,
 )
-from markergen_paper.options import BOUNDARY, CAMERAS, COORDINATES, REGION, objective_for, poses_of
+from markergen_paper.methods import Decomposition, FromTruth, Harker, OpenCv, PlainDlt
+from markergen_paper.options import BOUNDARY, CAMERAS, COORDINATES, RECTANGLE, REGION, objective_for, poses_of
 
 Array = NDArray[np.float64]
 
 CONDITIONED, DESCENT, EARLY, JOINT = "conditioned", "descent", "early", "joint"
+METHODS, LIMITS = "methods", "limits"
 """Kinds of cells."""
 
 BOUNDED = 10
 """Number of layouts per pose on which the bounds of the relative error are tested, once each."""
+
+FURTHER = ("dlt", "ippe", "lm", Harker(), OpenCv(), PlainDlt(), Decomposition())
+"""Estimators compared beside the paper's three: names, or estimators of this study."""
 
 FRONTAL, POINTS = 0, 4
 """Pose of the paper's example, at 0.6 m, and its number of points."""
@@ -87,9 +93,8 @@ def _one_pose(settings: Mapping[str, Any], pose: PoseDistribution, rng: np.rando
     layouts = {"ill": REGION.sample(starts, n, rng)}
     for name, count in settings["optimized"].items():
         layouts[name] = descend(objective_for(name, pose), REGION, layouts["ill"][:count]).points
-    # The paper's square has its corners at 45 degrees; the polygon gets a fifth as many trials as the random layouts.
-    ngon = regular_polygon(n, BOUNDARY.radius) @ _turn(np.pi / 4 if n == 4 else 0.0)
-    layouts["ngon"] = np.broadcast_to(ngon, (max(2, starts // 5), n, 2))
+    # A fifth as many trials as the random layouts.
+    layouts["ngon"] = _polygons(n, max(2, starts // 5))
     result: Kept = {}
     for name, batch in layouts.items():
         kept = layout_trials(batch, pose, PAPER_CAMERA, settings["noise_px"], settings["runs"], rng)
@@ -119,8 +124,76 @@ def _rng(cell: Cell, pose: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(cell.seed, spawn_key=(pose,)))
 
 
+def _polygons(n: int, count: int) -> Array:
+    """Copies (count, n, 2) of the regular polygon; the paper's square has its corners at 45 degrees."""
+    ngon = regular_polygon(n, BOUNDARY.radius) @ _turn(np.pi / 4 if n == 4 else 0.0)
+    return np.broadcast_to(ngon, (count, n, 2))
+
+
 def _turn(angle: float) -> Array:
     return np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+
+
+def methods(cell: Cell) -> Result:
+    """The errors of further estimators, of random layouts, of those with the least c(A), and of the regular polygon.
+
+    Settings: ``n``, ``poses`` (indices), ``starts``, ``runs``, ``noise_px``, ``seed``.
+
+    Returns
+    -------
+    dict of arrays (P, B)
+        Named as those of `conditioned`, with the sets ``ill``, ``metric`` and ``ngon``, the estimators `FURTHER`, and
+        LM from the true pose.
+    """
+    settings = cell.settings
+    poses = poses_of(settings["poses"])
+    rows = [
+        _one_pose_by_all(settings, poses.taken(np.array([i]), 0), _rng(cell, index))
+        for i, index in enumerate(settings["poses"])
+    ]
+    return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
+
+
+def _one_pose_by_all(settings: Mapping[str, Any], pose: PoseDistribution, rng: np.random.Generator) -> Kept:
+    n, starts = settings["n"], settings["starts"]
+    truth = FromTruth(pose.rotation[0], pose.translation[0])
+    ill = REGION.sample(starts, n, rng)
+    layouts = {"ill": ill, "metric": descend(objective_for("metric", pose), REGION, ill).points}
+    layouts["ngon"] = _polygons(n, starts)
+    # One batch for all: Levenberg-Marquardt takes as many steps as its slowest trial.
+    together = np.concatenate(list(layouts.values()))
+    kept = layout_trials(
+        together, pose, PAPER_CAMERA, settings["noise_px"], settings["runs"], rng, [*FURTHER, truth]
+    )  # fmt: skip
+    result: Kept = {"metric.layouts": layouts["metric"].astype(np.float32)}
+    for i, name in enumerate(layouts):
+        part = slice(i * starts, (i + 1) * starts)
+        result |= {f"{name}.{key}": value[part] for key, value in kept.items()}
+    return result
+
+
+def limits(cell: Cell) -> Result:
+    """Descents in a disk and in a rectangle of its area.
+
+    Settings: ``n``, ``poses`` (indices), ``starts``, ``seed``.
+
+    Returns
+    -------
+    dict of arrays (P, B), by region
+        ``disk.c`` is c(A) at the end in metric coordinates, ``disk.moved`` the mean distance of the points from their
+        starts in m; and those of the ``rectangle``.
+    """
+    settings, rng = cell.settings, cell.rng
+    poses = poses_of(settings["poses"])
+    result: dict[str, list[Array]] = defaultdict(list)
+    for i in range(len(poses)):
+        objective = objective_for("metric", poses.taken(np.array([i]), 0))
+        for name, region in (("disk", REGION), ("rectangle", RECTANGLE)):
+            starts = region.sample(settings["starts"], settings["n"], rng)
+            found = descend(objective, region, starts)
+            result[f"{name}.c"].append(found.values)
+            result[f"{name}.moved"].append(np.linalg.norm(found.points - starts, axis=-1).mean(axis=-1))
+    return {key: np.stack(rows) for key, rows in result.items()}
 
 
 def descent(cell: Cell) -> Result:
@@ -252,4 +325,6 @@ _WORK: dict[str, Callable[[Cell], Result]] = {
     DESCENT: descent,
     EARLY: early,
     JOINT: joint,
+    METHODS: methods,
+    LIMITS: limits,
 }

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import markergen as mg
-from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
+from markergen.estimators import ESTIMATORS, AnyEstimator, Correspondences, PoseEstimator
 from markergen.estimators.base import turned
 from markergen.maths.dlt import condition, dlt_matrix, normalization
 from markergen.maths.information import flip_separation
@@ -50,7 +50,7 @@ def layout_trials(
     noise_px: float,
     runs: int,
     rng: np.random.Generator,
-    estimators: Sequence[str] = ESTIMATORS_FLAT,
+    estimators: Sequence[str | AnyEstimator] = ESTIMATORS_FLAT,
 ) -> Kept:
     """Mean and standard deviation of every error over the noisy runs of each layout; failures are only counted.
 
@@ -63,6 +63,8 @@ def layout_trials(
         Standard deviation of the noise on every image coordinate.
     runs : int
         Noisy runs of each layout.
+    estimators : sequence of str or estimator
+        Names in the table of estimators, or others.
 
     Returns
     -------
@@ -70,6 +72,7 @@ def layout_trials(
         ``dlt.he_px2.mean``, ``lm.rotation_deg.std``, ``lm.failed`` (share of the runs), ``lm.flipped`` and so on; nan
         if no run succeeded.
     """
+    solvers = [ESTIMATORS[each] if isinstance(each, str) else each for each in estimators]
     exact = camera.project(layouts, pose.rotation, pose.translation)[:, 0]
     covariance = PoseObjective(Setting(BOUNDARY, camera, pose)).covariance(layouts)
     with np.errstate(invalid="ignore"):
@@ -84,9 +87,9 @@ def layout_trials(
         flips = np.repeat(can_flip[block], runs)
         parts.append(
             {
-                f"{name}.{key}": value
-                for name in estimators
-                for key, value in _summary(batch, name, pose, flips, runs).items()
+                f"{solver.name}.{key}": value
+                for solver in solvers
+                for key, value in _summary(batch, solver, pose, flips, runs).items()
             }
         )
     return {key: np.concatenate([part[key] for part in parts]).astype(np.float32) for key in parts[0]}
@@ -161,10 +164,12 @@ def bound_ratios(
     return error / upper, lower / error
 
 
-def _summary(batch: Correspondences, name: str, pose: PoseDistribution, can_flip: Mask, runs: int) -> dict[str, Array]:
+def _summary(
+    batch: Correspondences, estimator: AnyEstimator, pose: PoseDistribution, can_flip: Mask, runs: int
+) -> dict[str, Array]:
     """Statistics of an estimator's trials: arrays (B,) from those (B * runs,) of the batch."""
     values: dict[str, Array] = {}
-    if isinstance(estimator := ESTIMATORS[name], PoseEstimator):
+    if isinstance(estimator, PoseEstimator):
         rotation, translation = batch.once(estimator).best
         te_pct = translation_error_pct(translation, pose.translation[0])
         depth = (turned(batch.xyz, rotation) + translation[:, None])[..., 2]

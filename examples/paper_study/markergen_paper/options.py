@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import markergen as mg
-from markergen.model.boundary import Circle
+from markergen.model.boundary import Circle, Polygon
 from markergen.model.camera import PAPER_CAMERA
 from markergen.model.poses import PoseDistribution, paper
 from markergen.objectives import OBJECTIVES, Objective, Setting
@@ -17,6 +17,10 @@ Index = NDArray[np.intp]
 BOUNDARY = Circle(0.15)
 REGION = FeasibleRegion(BOUNDARY)
 """The paper's disk; control points are bare, and may lie on its rim."""
+
+_HALF = np.sqrt(BOUNDARY.area / 12) * np.array([2.0, 1.5])
+RECTANGLE = FeasibleRegion(Polygon((tuple(map(tuple, (_HALF * [[-1, -1], [1, -1], [1, 1], [-1, 1]]).tolist())),)))
+"""A rectangle of the disk's area, with the sides of an image."""
 
 REAL_CAMERA = mg.Camera(1288, 964, 1070.82, 1071.20, 647.98, 488.27)
 """Camera of the paper's experiment with a screen."""
@@ -38,8 +42,10 @@ NUMBERS = (4, 5, 6, 7, 8)
 RANDOM_ONLY = 9
 """Maximum number of control points of random layouts compared with four optimized ones."""
 
-NOISE_PX, QUIET_PX = 4.0, 1.0
-"""The only noise stated in the paper, and a quarter of it, at which estimates from afar do not break down."""
+NOISE_PX, QUIET_PX, LEAST_PX = 4.0, 1.0, 0.2
+"""The only noise stated in the paper, a quarter of it, at which estimates from afar do not break down, and that of dots
+found in an image, `validate`'s default.
+"""
 
 STARTS, RUNS, STEP_RUNS, AZIMUTHS, GROUPS = 100, 20, 1000, 20, 20
 """Random starts per pose and n; noisy runs per layout; runs per step of the descent; azimuths for each pair of distance

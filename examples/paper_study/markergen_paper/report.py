@@ -8,11 +8,13 @@ from numpy.typing import NDArray
 
 from markergen.presentation.pages import page_bytes
 from markergen.presentation.tables import csv_bytes
-from markergen_paper.claims import Claim, ClaimTest, verdict
+from markergen_paper.claims import Claim, verdict
 from markergen_paper.figures import Draw
 from markergen_paper.measurements import MEASURES
 from markergen_paper.options import COORDINATES, GROUPS, NOISE_PX, QUIET_PX
 from markergen_paper.results import TYPICAL_GROUPS, PaperResults, PoseLayouts, histogram, typical_of
+from markergen_paper.sentences import SENTENCES
+from markergen_paper.statistics import NO_A, ClaimTest
 
 Array = NDArray[np.float64]
 Row = Mapping[str, Any]
@@ -251,7 +253,37 @@ def claims_page(findings: Findings, study: PaperResults) -> str:
         for row in _verdicts(group):
             lines.append(f"| {row['coordinates']} | {row['noise']} | **{row['verdict']}** | {row['measured']} |")
         lines.append("")
-    return "\n".join([*lines, "Every single test, with its 99 % interval, is in claims.csv.", ""])
+    lines += ["Every single test, with its 99 % interval, is in claims.csv.", ""]
+    lines += ["## All claims", "", *summary_table(findings), "", "## The paper's sentences", ""]
+    return "\n".join([*lines, *sentence_table(findings), ""])
+
+
+def summary_table(findings: Findings) -> list[str]:
+    """Lines of a table of all claims: the verdict in the paper's own setting and in all, and the range measured."""
+    lines = ["| claim | paper's setting | measured there | all settings |", "|---|---|---|---|"]
+    for claim, group in findings:
+        own = _own(group)
+        lines.append(f"| {claim.words} | **{verdict(own)}** | {_measured(own)} | {verdict(group)} |")
+    return lines
+
+
+def sentence_table(findings: Findings) -> list[str]:
+    """Lines of a table of the paper's sentences, with the verdicts on them in the paper's own setting."""
+    own = {claim.name: verdict(_own(group)) for claim, group in findings}
+    lines = ["| | section | the paper | here |", "|---|---|---|---|"]
+    for number, each in enumerate(SENTENCES, start=1):
+        here = "; ".join(f"*{name}*: **{own[name]}**" for name in each.claims) or f"not tested, because {each.reason}"
+        lines.append(f'| {number} | {each.section} | "{each.words}" | {here} |')
+    return lines
+
+
+def _own(group: Sequence[ClaimTest]) -> list[ClaimTest]:
+    """Tests with A as the paper writes it, or without A, and its noise, or none."""
+    return [
+        finding
+        for finding in group
+        if finding.coordinates in (COORDINATES[0], NO_A) and finding.noise_px in (None, NOISE_PX)
+    ]
 
 
 def index_page(

@@ -1,15 +1,17 @@
 """Combined results of the cells, and shapes of final layouts: similarity to a square, alignment, typical layouts."""
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.studies.cells import Cell, Result
-from markergen_paper.experiments import CONDITIONED, DESCENT, EARLY, JOINT
+from markergen_paper.experiments import CONDITIONED, DESCENT, EARLY, JOINT, LIMITS, METHODS
 from markergen_paper.options import COORDINATES, NOISE_PX, OBJECTIVE_OF, QUIET_PX, PaperOptions, poses_of
 
 Array = NDArray[np.float64]
@@ -54,13 +56,17 @@ class PoseLayouts:
         rows = np.flatnonzero(np.isin(self.poses, poses))
         return PoseLayouts(self.poses[rows], {key: array[rows] for key, array in self.arrays.items()})
 
-    def level(self, key: str, count: int | None = None) -> Array:
+    def level(self, key: str, count: int | None = None, chosen: NDArray[np.bool_] | None = None) -> Array:
         """Geometric mean (P,) over the first `count` layouts of a positive value (P, B); nan if there are no values.
+
+        `chosen` (P, B) selects layouts.
 
         An arithmetic mean would be dominated by the few random layouts that are nearly collinear.
         """
         values = np.asarray(self.arrays[key][:, :count], dtype=float)
         usable = np.isfinite(values) & (values > 0)
+        if chosen is not None:
+            usable &= chosen
         total = np.sum(np.log(np.where(usable, values, 1.0)), axis=1)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.exp(total / usable.sum(axis=1))
@@ -88,6 +94,10 @@ class PaperResults:
         By coordinates and n, the results of `early`.
     joint : mapping
         By layout and n, the results of `joint`.
+    methods : mapping
+        By noise in px and n, the errors of further estimators, of all poses.
+    limits : mapping
+        By n, the results of `limits`.
     """
 
     options: PaperOptions
@@ -96,10 +106,17 @@ class PaperResults:
     descents: Mapping[str, Result]
     early: Mapping[tuple[str, int], Result]
     joint: Mapping[tuple[str, int], Result]
+    methods: Mapping[tuple[float, int], PoseLayouts]
+    limits: Mapping[int, Result]
 
     def table(self, name: str, noise_px: float, n: int) -> PoseLayouts:
         """Largest table with layouts optimized under that name."""
         return self.full[n] if (name, noise_px) == (COORDINATES[0], NOISE_PX) else self.beside[noise_px, n]
+
+    def everywhere(self) -> Iterator[tuple[str, float, Callable[[int], PoseLayouts]]]:
+        """Coordinates, noise, and the table by n of each setting."""
+        for name, noise_px in self.settings:
+            yield name, noise_px, partial(self.table, name, noise_px)
 
     @property
     def settings(self) -> list[tuple[str, float]]:
@@ -109,13 +126,17 @@ class PaperResults:
 
 def gather(options: PaperOptions, results: Mapping[Cell, Result]) -> PaperResults:
     """Combine the results of all cells, in the order of the cells."""
-    blocks: dict[tuple[bool, float, int], list[tuple[list[int], Result]]] = defaultdict(list)
+    blocks: dict[tuple[str, float, int], list[tuple[list[int], Result]]] = defaultdict(list)
     others: dict[str, dict[Any, Result]] = defaultdict(dict)
     for cell, result in results.items():
         settings = cell.settings
         if cell.kind == CONDITIONED:
-            everything = len(settings["optimized"]) == len(OBJECTIVE_OF)
-            blocks[everything, settings["noise_px"], settings["n"]].append((settings["poses"], result))
+            extent = "beside" if len(settings["optimized"]) == len(OBJECTIVE_OF) else "full"
+            blocks[extent, settings["noise_px"], settings["n"]].append((settings["poses"], result))
+        elif cell.kind == METHODS:
+            blocks[METHODS, settings["noise_px"], settings["n"]].append((settings["poses"], result))
+        elif cell.kind == LIMITS:
+            others[cell.kind][settings["n"]] = result
         elif cell.kind == DESCENT:
             others[cell.kind][settings["camera"]] = result
         elif cell.kind == EARLY:
@@ -123,13 +144,19 @@ def gather(options: PaperOptions, results: Mapping[Cell, Result]) -> PaperResult
         else:
             others[JOINT][settings["layout"], settings["n"]] = result
     tables = {key: _joined(parts) for key, parts in blocks.items()}
+
+    def of(extent: str) -> dict[tuple[float, int], PoseLayouts]:
+        return {(noise_px, n): table for (name, noise_px, n), table in tables.items() if name == extent}
+
     return PaperResults(
         options,
-        {n: table for (everything, _, n), table in tables.items() if not everything},
-        {(noise_px, n): table for (everything, noise_px, n), table in tables.items() if everything},
+        {n: table for (_, n), table in of("full").items()},
+        of("beside"),
         others[DESCENT],
         others[EARLY],
         others[JOINT],
+        of(METHODS),
+        others[LIMITS],
     )
 
 
@@ -177,8 +204,27 @@ def square_misfit(layouts: Array) -> Array:
 
 
 def best_square_misfit(layouts: Array) -> Array:
-    """Minimum `square_misfit` (...) of any four of five points (..., 5, 2)."""
-    return np.min([square_misfit(np.delete(layouts, i, axis=-2)) for i in range(layouts.shape[-2])], axis=0)
+    """Minimum `square_misfit` (...) of any four of the points (..., n, 2)."""
+    fours = combinations(range(layouts.shape[-2]), 4)
+    return np.min([square_misfit(layouts[..., four, :]) for four in fours], axis=0)
+
+
+def mirror_misfit(layouts: Array) -> Array:
+    """Distance (...) of points (..., n, 2) from their mirror image at the best axis through the centroid, over size.
+
+    RMS distance from a mirrored point to the nearest point, divided by that of the points from their centroid: 0 for a
+    layout with an axis of symmetry.
+    """
+    centered = layouts - layouts.mean(axis=-2, keepdims=True)
+    z = centered[..., 0] + 1j * centered[..., 1]
+    # An axis maps a point to itself or to another one, so it halves the angle between two of them.
+    first, second = np.triu_indices(layouts.shape[-2])
+    turns = np.exp(1j * (np.angle(z[..., first]) + np.angle(z[..., second])))
+    mirrored = turns[..., None] * z.conj()[..., None, :]
+    nearest = np.min(np.abs(mirrored[..., None] - z[..., None, None, :]), axis=-1)
+    size = np.sqrt(np.mean(np.abs(z) ** 2, axis=-1))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.sqrt(np.mean(nearest**2, axis=-1)).min(axis=-1) / size)
 
 
 def aligned(layouts: Array) -> Array:

@@ -14,8 +14,8 @@ from markergen.validation.metrics import share_interval
 
 Array = NDArray[np.float64]
 
-LEVEL = 1e-5
-"""Significance level of a test. With about 1,300 two-sided tests, the probability of any false positive is below 3 %,
+LEVEL = 5e-6
+"""Significance level of a test. With about 2,500 two-sided tests, the probability of any false positive is below 3 %,
 however they depend on one another.
 """
 
@@ -58,6 +58,34 @@ NOTHING = Judged(np.nan, np.nan, np.nan, 1.0, 1.0, 0)
 """Result for no values."""
 
 
+NO_A = "none"
+"""Coordinates of a test in which A does not occur."""
+
+
+@dataclass(frozen=True)
+class ClaimTest:
+    """Test of a claim.
+
+    Attributes
+    ----------
+    coordinates : str
+        Coordinates in which A is written, or `NO_A`.
+    noise_px : float or None
+        None if no noise is drawn.
+    measure : str
+        Compared quantity, in a few words.
+    judged : Judged
+    note : str
+        Remark.
+    """
+
+    coordinates: str
+    noise_px: float | None
+    measure: str
+    judged: Judged
+    note: str = ""
+
+
 def above(values: Array, threshold: float = 0.0) -> Judged:
     """Median of values (k,) and Wilcoxon signed-rank test that they lie above a threshold; nan is ignored."""
     kept = values[np.isfinite(values)] - threshold
@@ -69,6 +97,12 @@ def below(values: Array, threshold: float = 0.0) -> Judged:
     """Median of values (k,) and Wilcoxon signed-rank test that they lie below a threshold; nan is ignored."""
     found = above(values, threshold)
     return replace(found, p=found.p_against, p_against=found.p)
+
+
+def as_factor(judged: Judged) -> Judged:
+    """Convert the logarithms of a result to factors."""
+    value, low, high = np.exp([judged.value, judged.low, judged.high])
+    return replace(judged, value=float(value), low=float(low), high=float(high))
 
 
 def within(values: Array, margin: float) -> Judged:

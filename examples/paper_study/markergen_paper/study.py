@@ -5,6 +5,8 @@ from math import isnan
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from markergen.files import write_atomic
 from markergen.pool import processor_count
 from markergen.presentation.plots import svg_bytes
@@ -12,12 +14,23 @@ from markergen.studies.cells import Cell
 from markergen.studies.engines import Engine
 from markergen.studies.run import CellProgress, run_cells
 from markergen_paper.claims import CLAIMS
-from markergen_paper.experiments import CONDITIONED, DESCENT, EARLY, JOINT, RANDOM, RELIEFS, work
+from markergen_paper.experiments import (
+    CONDITIONED,
+    DESCENT,
+    EARLY,
+    JOINT,
+    LIMITS,
+    METHODS,
+    RANDOM,
+    RELIEFS,
+    work,
+)
 from markergen_paper.figures import figures_of
 from markergen_paper.options import (
     CAMERAS,
     COORDINATES,
     GROUPS,
+    LEAST_PX,
     NOISE_PX,
     NUMBERS,
     OBJECTIVE_OF,
@@ -39,7 +52,10 @@ SEARCH_S, AUTOGRAD_S = 0.025, 13.0
 CELL_S = 25.0
 """Target duration of a cell in s: short enough to lose little, long enough to make its overhead negligible."""
 
-EARLY_NUMBERS, EARLY_STARTS = (4, 6, 8), 10
+FURTHER_S = 2.6e-4
+"""Seconds on one core for a trial with all estimators of `methods`."""
+
+EARLY_NUMBERS, EARLY_STARTS, METHODS_STARTS = (4, 6, 8), 10, 5
 JOINT_NUMBERS, JOINT_RUNS, JOINT_RANDOM_RUNS = (4, 5, 6, 8), 50, 10
 """Numbers of points of layouts for all poses, and numbers of noisy runs per pose of a layout, and of a random one."""
 
@@ -134,6 +150,10 @@ def cells_of(options: PaperOptions) -> list[Cell]:
             for cell in _conditioned(options, options.fewer_poses, noise_px, options.fewer, tuple(OBJECTIVE_OF))
         ),
         *_joint(options),
+        *_methods(options),
+        *(
+            _cell(LIMITS, options, n=n, poses=options.fewer_poses, starts=options.fewer) for n in EARLY_NUMBERS
+        ),
     ]  # fmt: skip
 
 
@@ -147,6 +167,18 @@ def _conditioned(
         "optimized": dict.fromkeys(optimized, starts),
     }
     return [cell for n in NUMBERS for cell in _in_blocks(options, poses, {**settings, "n": n})]
+
+
+def _methods(options: PaperOptions) -> list[Cell]:
+    """Cells of one distance and polar angle each, at every second azimuth."""
+    blocks = np.reshape(options.poses, (GROUPS, -1))[:, ::2].tolist()
+    settings = {"runs": options.runs, "starts": min(METHODS_STARTS, options.fewer)}
+    return [
+        _cell(METHODS, options, n=n, poses=block, noise_px=noise_px, **settings)
+        for noise_px in (NOISE_PX, QUIET_PX, LEAST_PX)
+        for n in NUMBERS
+        for block in blocks
+    ]
 
 
 def _random_only(options: PaperOptions) -> list[Cell]:
@@ -176,6 +208,11 @@ def seconds_of(cell: Cell) -> float:
         return STEPS * settings["runs"] * TRIAL_S
     if cell.kind == EARLY:
         return len(settings["poses"]) * (DESCENTS_S + 2 * settings["starts"] * DESCENT_S)
+    if cell.kind == METHODS:
+        trials = 3 * settings["starts"] * settings["runs"]
+        return len(settings["poses"]) * (trials * FURTHER_S + DESCENTS_S + settings["starts"] * DESCENT_S)
+    if cell.kind == LIMITS:
+        return 2 * len(settings["poses"]) * (DESCENTS_S + settings["starts"] * DESCENT_S)
     layouts = RANDOM if settings["layout"] == "random" else 1
     searched = SEARCH_S * len(settings["poses"]) if settings["layout"] in OBJECTIVE_OF else 0.0
     if settings["layout"] == "hartley":

@@ -13,15 +13,19 @@ from markergen.objectives.criteria import regular_polygon
 TINY = PaperOptions(runs=2, scale=1e-4)
 
 
+HOMOGRAPHIES = ("dlt", "harker", "opencv", "plain")
+ALL = (*HOMOGRAPHIES, "ippe", "lm", "decomposition", "lm from the truth")
+
+
 def _errors(before, shape, rng, level, estimators=ESTIMATORS_FLAT):
     made = {}
     for name in estimators:
-        keys = ("he_px2",) if name == "dlt" else ("rotation_deg", "translation_pct")
+        keys = ("he_px2",) if name in HOMOGRAPHIES else ("rotation_deg", "translation_pct")
         for key in keys:
             made[f"{before}{name}.{key}.mean"] = level * rng.lognormal(0, 0.1, shape)
             made[f"{before}{name}.{key}.std"] = level * rng.lognormal(-1, 0.1, shape)
         made[f"{before}{name}.failed"] = np.zeros(shape)
-        if name != "dlt":
+        if name not in HOMOGRAPHIES:
             made[f"{before}{name}.flipped"] = np.zeros(shape)
     return made
 
@@ -46,11 +50,28 @@ def _conditioned(settings, rng):
     return {key: value.astype(np.float32) for key, value in made.items()}
 
 
+def _methods(settings, rng):
+    shape = len(settings["poses"]), settings["starts"]
+    made = {"metric.layouts": regular_polygon(settings["n"], BOUNDARY.radius) + rng.normal(0, 1e-3, (*shape, 1, 1))}
+    for name in ("ill", "metric", "ngon"):
+        made |= _errors(f"{name}.", shape, rng, 10 / (settings["n"] - 3) if name == "ill" else 1.0, ALL)
+    return {key: value.astype(np.float32) for key, value in made.items()}
+
+
 def made_up(cell):
     """Arrays of a cell with the names and shapes of the real ones, in which every claim but those on c(A) holds."""
     settings, rng = cell.settings, cell.rng
     if cell.kind == "conditioned":
         return _conditioned(settings, rng)
+    if cell.kind == "methods":
+        return _methods(settings, rng)
+    if cell.kind == "limits":
+        shape = len(settings["poses"]), settings["starts"]
+        regions = {"disk": (0.02, 2.0), "rectangle": (0.4, 1.0)}
+        made = {f"{region}.c": rng.lognormal(0, spread, shape) for region, (spread, _) in regions.items()}
+        return made | {
+            f"{region}.moved": moved * rng.lognormal(0, 0.1, shape) for region, (_, moved) in regions.items()
+        }
     if cell.kind == "descent":
         made = {"layouts": np.linspace(0.2, 1, 6)[:, None, None] * regular_polygon(4, 0.15)}
         for before, count in (("", 6), ("square.", 1)):

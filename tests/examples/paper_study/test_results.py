@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from markergen_paper.results import aligned, best_square_misfit, least_gap, square_misfit, typical
+from markergen_paper.results import aligned, best_square_misfit, least_gap, mirror_misfit, square_misfit, typical
 
 from markergen.maths.rotation import turn_z
 from markergen.objectives.criteria import regular_polygon
@@ -60,3 +60,17 @@ def test_typical_layouts_are_those_of_the_largest_groups():
 
 def test_least_gap():
     assert least_gap(np.array([[0.0, 0], [3, 4], [3, 5], [10, 0]])) == 1
+
+
+def test_mirror_images():
+    for n in (4, 5, 8):
+        assert mirror_misfit(regular_polygon(n, 0.15) @ turn_z(0.3)[:2, :2] + [0.2, 0.1]) < 1e-9
+    kite = np.array([[0.0, 1], [0.4, 0.2], [-0.4, 0.2], [0, -1]])
+    assert mirror_misfit(kite) < 1e-9
+    # A parallelogram has no axis; one turned by half is itself, which is another symmetry.
+    assert mirror_misfit(np.array([[0.0, 0], [1, 0], [1.5, 0.6], [0.5, 0.6]])) > 0.1
+
+
+def test_more_points_hold_a_square_as_well():
+    assert best_square_misfit(regular_polygon(8, 1.0)) < 1e-6
+    assert best_square_misfit(regular_polygon(6, 1.0)) > 0.1
