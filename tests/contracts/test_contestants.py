@@ -30,7 +30,7 @@ WORST_DEG = {"ringgrid": 1.0, "stag": 0.5, "charuco": 0.5}
 """Error of the best setting without noise, deg, where more than 0.2 is allowed: their corners' own error."""
 WORST_PX = {"ringgrid": 2.0}
 """Error of the worst point of the best setting without noise, px, where more than 0.6 is allowed."""
-OFFSET_PX = 0.1
+OFFSET_PX = 0.2
 """Median offset of all points, px: 0.5 if a library counted its pixels from another corner than we say."""
 SILENT = Optics(noise_grey=0)
 

@@ -39,5 +39,5 @@ def _tag(text: str, arena: Arena) -> EdgeTag:
 
 
 KINDS.register("edges")(
-    Kind(_tag, "edges:aruco:DICT[:ID] (or apriltag)", "such a tag with lines fitted to its edges by us", "OpenCV")
+    Kind(_tag, "edges:aruco:DICT[:ID]", "ArUco (or apriltag) tag, our lines on its edges", "OpenCV")
 )

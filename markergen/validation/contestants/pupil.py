@@ -75,10 +75,13 @@ class PupilTag(SquareTag):
 
 @cache
 def _detector(family: str, setting: Settings) -> Any:
-    """Return a detector, kept until the end: the library's destructor may crash."""
     import pupil_apriltags
 
-    return pupil_apriltags.Detector(
+    class Kept(pupil_apriltags.Detector):  # type: ignore[misc]
+        def __del__(self) -> None:
+            """Do nothing: the library's destructor corrupts memory once there are two detectors of one family."""
+
+    return Kept(
         families=f"tag{family}",
         nthreads=1,
         quad_decimate=setting.quad_decimate,
