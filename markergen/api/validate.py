@@ -73,7 +73,7 @@ def validate(
     >>> marker = build_marker(regular_polygon(5, 0.125), Circle(0.15), diameter=0.036, clearance=0.0036)
     >>> found = validate(marker, poses="cone:count=20", runs=20, views=0, workers=1)
     >>> found  # doctest: +ELLIPSIS
-    <Validation: 5 dots, 20 poses x 20 runs, bound ... deg ... %, lm ...>
+    <Validation: 5 dots, 20 poses x 20 runs, plan with ... deg ... mm, bound ... deg ... %, ...>
     >>> found.bound["rotation_deg"] < 0.5
     True
     >>> found.check("estimators.lm.failure_rate > 0")

@@ -178,6 +178,7 @@ def design(**options: Any) -> None:
     options.setdefault("output", [Path("marker.json" if options.get("relief") else "marker.pdf")])
     with console.progress_bar() as progress:
         found = find(progress=progress, **options)
+        found.certify(progress)
     console.print_parts([*found.parts(), *map(str, found.written)])
 
 

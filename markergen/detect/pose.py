@@ -136,15 +136,10 @@ def fit_pose(
     rotation, translation = _starts(points, seen, camera) if start is None else (start[0][None], start[1][None])
     if not len(rotation):
         return None
-    image = _normalized_covariance(seen, covariance, camera)
+    image = normalized_covariance(seen, covariance, camera)
 
     def refined(rotation: Array, translation: Array, tolerance: float = TOLERANCE) -> tuple[Array, Array, Array]:
-        # The print's share of the weights depends smoothly on the pose: from a start that is right to a percent, they
-        # are right to a percent, and the estimate then to second order.
-        spread = image + print_covariance(pose_rows(points, rotation, translation), points, rotation, errors)
-        weight = np.asarray(np.linalg.inv(spread), dtype=float)
-        measured = np.broadcast_to(seen, (len(rotation), *seen.shape))
-        return refine_poses(points, radii, measured, weight, rotation, translation, tolerance=tolerance)
+        return refine_weighted(points, radii, seen[None], image, rotation, translation, errors, tolerance)
 
     rotation, translation, chi2 = refined(rotation, translation)
     best = int(np.argmin(chi2))
@@ -174,6 +169,36 @@ def fit_pose(
         if likelihood > CONTENDER and angle_between(other, rotation) > DISTINCT_SIGMA * sigma:
             alternative, ratio = (other, place), likelihood
     return PoseEstimate(rotation, translation, budget, least, freedom, scale, alternative, ratio)
+
+
+def refine_weighted(
+    points: Array,
+    radii: Array,
+    seen: Array,
+    image: Array,
+    rotation: Array,
+    translation: Array,
+    errors: ErrorSources,
+    tolerance: float = TOLERANCE,
+) -> tuple[Array, Array, Array]:
+    """Refine poses (k, 3, 3), (k, 3) with points weighted by the inverse of their image and print covariance.
+
+    Parameters
+    ----------
+    seen, image : arrays broadcastable to (k, n, 2) and (k, n, 2, 2)
+        Centers of the ellipses, and their covariance from the image, in normalized coordinates.
+
+    Returns
+    -------
+    rotation (k, 3, 3), translation (k, 3), chi2 (k,)
+        See `conic_projection.refine_poses`.
+    """
+    # The print's share of the weights depends smoothly on the pose: from a start that is right to a percent, they
+    # are right to a percent, and the estimate then to second order.
+    spread = image + print_covariance(pose_rows(points, rotation, translation), points, rotation, errors)
+    weight = np.asarray(np.linalg.inv(spread), dtype=float)
+    measured = np.broadcast_to(seen, (len(rotation), len(points), 2))
+    return refine_poses(points, radii, measured, weight, rotation, translation, tolerance=tolerance)
 
 
 def residual_scale(residual: Array, spread: Array) -> float:
@@ -217,7 +242,7 @@ def outlier(
     if len(points) < LEAST_TO_DROP or pose.chi2 <= OUTLIER_SIGMA**2:
         return None
     rotation, translation = pose.rotation[None], pose.translation[None]
-    spread = _normalized_covariance(seen, covariance + OUTLIER_PX**2 * np.eye(2), camera)
+    spread = normalized_covariance(seen, covariance + OUTLIER_PX**2 * np.eye(2), camera)
     rows = pose_rows(points, rotation, translation)
     spread, rows = spread + print_covariance(rows, points, rotation, errors)[0], rows[0]
     weighted = np.linalg.inv(spread) @ rows
@@ -248,8 +273,8 @@ def _starts(points: Array, seen: Array, camera: Camera) -> tuple[Array, Array]:
     return rotation, translation - (height * rotation[:, :, 2] if flat else 0.0)
 
 
-def _normalized_covariance(seen: Array, covariance: Array, camera: Camera) -> Array:
-    """Return the covariance (m, 2, 2) of normalized coordinates from that of px."""
+def normalized_covariance(seen: Array, covariance: Array, camera: Camera) -> Array:
+    """Return the covariance (..., m, 2, 2) of normalized coordinates (..., m, 2) from that of px."""
     lens = np.linalg.inv(camera.pixel_jacobian(seen))
     return lens @ (covariance + _LEAST_PX**2 * np.eye(2)) @ lens.swapaxes(-1, -2)
 

@@ -25,6 +25,7 @@ from markergen.objectives import OBJECTIVES, Objective, Setting
 from markergen.objectives.criteria import Criteria
 from markergen.objectives.observation import DotNoise
 from markergen.objectives.survive import hidden_dot_errors
+from markergen.optimize.certificate import Certificate, certify
 from markergen.optimize.comparisons import compare, criteria_table, hidden_table
 from markergen.optimize.dot_size import DotSize, choose_dots, pixels_across
 from markergen.optimize.keyless import AsymmetricOptimum, asymmetric_search
@@ -63,6 +64,7 @@ class Design(Result):
     criteria : dict
         Criteria of the design (``design``) and of the layouts it is compared with (``ngon``, ``square``, ``random``,
         and for a relief the best flat layout, ``flat``), for the noise given by ``setting.noise_words``.
+    spec : Spec
     labels : LabelSafety or None
         Label safety of the dots; None for bare points, unless the layout alone has to identify them.
     value : float
@@ -90,6 +92,7 @@ class Design(Result):
     setting: Setting
     dots: DotSize
     criteria: dict[str, Criteria]
+    spec: Spec = field(compare=False)
     labels: LabelSafety | None = field(default=None, compare=False)
     value: float = field(default=0.0, compare=False)
     seconds: float = field(default=0.0, compare=False)
@@ -108,7 +111,21 @@ class Design(Result):
         tables = [criteria_table(self.criteria, len(self.marker), words)]
         if lost:
             tables.append(hidden_table(hidden_dot_errors(self.marker.xyz, self.setting, lost), words))
-        return [self.summary, *tables, _effort(self.seconds)]
+        return [self.summary, self._bound, *tables, _effort(self.seconds)]
+
+    @property
+    def certificate(self) -> Certificate:
+        """Lower bound on the value of any layout in the same room; computed when first needed, see `certify`."""
+        return self.certify()
+
+    def certify(self, progress: Progress | None = None) -> Certificate:
+        """Compute `certificate`, which may take as long as the search."""
+        if "_certificate" not in self.__dict__:
+            region = FeasibleRegion(room_of(self.spec), self.dots.diameter, self.dots.clearance)
+            objective, points = objective_of(self.spec, self.setting), self.marker.xyz
+            found = certify(objective, region, points if self.spec.relief else points[:, :2], progress)
+            self.__dict__["_certificate"] = found
+        return self.__dict__["_certificate"]
 
     def __str__(self) -> str:
         return "\n".join([*(f"warning: {each}" for each in self.warnings), super().__str__()])
@@ -150,6 +167,15 @@ class Design(Result):
         words = f" {spec['aggregate']}" if spec["aggregate"] else ""
         words += f" after the worst loss of {lost} dot{'s' * (lost > 1)}" if lost else ""
         return f"{words} of {self.value:.4g}{f' {unit}' if unit else ''}"
+
+    @property
+    def _bound(self) -> str:
+        """Lower bound in the unit of the table, and the certificate in words."""
+        column, found = OBJECTIVES[self.spec.objective].criterion, self.certificate
+        if column is None or found.reason:
+            return found.sentence
+        unit = column.title.rpartition(" ")[2]
+        return f"lower bound {found.lower_bound * column.factor:.4g} {unit}: {found.sentence}"
 
     @property
     def _labels(self) -> str:
@@ -261,7 +287,7 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
     value = float(objective(points[None])[0])
     way = [*recorder.way(optimum.points), ("upright", points)] if recorder else []
     trace = tuple(trace_of(way, objective)) if way else ()
-    found = Design(marker, setting, dots, table, labels, value, perf_counter() - begin, trace)
+    found = Design(marker, setting, dots, table, spec, labels, value, perf_counter() - begin, trace)
     log.info("designed %r in %.1f s", marker, found.seconds)
     return found
 

@@ -11,14 +11,17 @@ from markergen.model.marker import Marker
 Array = NDArray[np.float64]
 
 
-def displacement(marker: Marker, errors: ErrorSources, rng: np.random.Generator, axes: int = 3) -> Array:
+def displacement(
+    marker: Marker, errors: ErrorSources, rng: np.random.Generator, axes: int = 3, prints: tuple[int, ...] = ()
+) -> Array:
     """Sample errors (n, axes) in m of the dots: Gaussian in the plane, with 3 axes also in height if any dot is raised.
 
-    Errors of measured dots follow their covariance, those of others ``errors.print_sigma`` along each axis.
+    Errors of measured dots follow their covariance, those of others ``errors.print_sigma`` along each axis. `prints`
+    is the shape of a batch, the first axes of the result; () samples one print.
     """
-    offset = rng.standard_normal((len(marker), axes))
+    offset = rng.standard_normal((*prints, len(marker), axes))
     if not marker.xyz[:, 2].any():
-        offset[:, 2:] = 0
+        offset[..., 2:] = 0
     places = errors.of(marker)
     if places.place_covariance is None:
         return errors.print_sigma * offset

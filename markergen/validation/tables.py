@@ -28,6 +28,23 @@ BOUND = "bound (CRLB)"
 SOURCES = ("image", "print", "camera", "total")
 """Sources of an error budget, and their total."""
 
+NAMES = {"image": "the noise of the image", "print": "the print", "camera": "the calibration"}
+"""Sources of an error budget, in sentences."""
+REMEDIES = {
+    "image": (
+        "let the dots cover more pixels (a larger marker, a shorter distance, a longer focal length, more pixels), or "
+        "get more light and a sharper focus"
+    ),
+    "print": (
+        "print on a better printer and a stiffer, flatter material, make the marker larger, or measure where the dots "
+        "really are"
+    ),
+    "camera": "calibrate again, with more images that fill the corners, at the focus that you work with",
+}
+"""How to reduce the error of each source."""
+DOMINANT = 0.9
+"""Share of the variance above which improving any other source gains less than 5 % of the error."""
+
 _VIEW_HEADER = ["", "views", "found", "wrong", "dots px", "bound", "RE deg", "TE %", "H px", "NEES", "in 95 %"]
 
 
@@ -253,19 +270,59 @@ def view_sentences(results: Mapping[str, Any]) -> list[str]:
             f"  not detected: {view['polar_angle_deg']:g} deg at {view['distance']:.3g} m: {view['reason']}"
             for view in views["failures"][:5]
         ]
-    parts = {source: results["budget"]["rotation_deg"][source] or 0.0 for source in SOURCES[:3]}
-    most = max(parts, key=lambda source: parts[source])
-    total = results["budget"]["rotation_deg"]["total"]
-    if total:
-        remedy = {
-            "image": "larger dots, more light, a sharper lens, or more pixels",
-            "print": "a better print, or measured dot centers",
-            "camera": "a better calibration of the camera",
-        }[most]
-        found.append(
-            f"The {most} limits the rotation: {percent((parts[most] / total) ** 2)} of its variance; {remedy}."
-        )
+    found += limit_sentences(results)
     return found
+
+
+def limit_sentences(results: Mapping[str, Any]) -> list[str]:
+    """Say what limits the pose of all that was counted, what was not counted, and what that would cost."""
+    budget = results["budget"]
+    found = {
+        what: shares(budget, key) for what, key in (("rotation", "rotation_deg"), ("translation", "translation_pct"))
+    }
+    first = {what: max(parts, key=lambda name: parts[name]) for what, parts in found.items() if parts}
+    exact = budget.get("camera_exact", not any(parts.get("camera") for parts in found.values()))
+    counted = [name for name in SOURCES[:3] if not (exact and name == "camera")]
+    said = []
+    for name in dict.fromkeys(first.values()):
+        limited = [what for what, largest in first.items() if largest == name]
+        line = f"Of {_listed(counted)}, {NAMES[name]} limits the {' and the '.join(limited)}: {REMEDIES[name]}."
+        if all(found[what][name] > DOMINANT for what in limited):
+            others = _listed([other for other in counted if other != name])
+            line += f" Improving {others} would gain next to nothing."
+        said.append(line)
+    if first and exact:
+        said.append(f"The camera's calibration is taken as exact{_cost(results)}; --camera-covariance counts it.")
+    return said
+
+
+def shares(budget: Mapping[str, Any], key: str) -> dict[str, float]:
+    """Return each source's share of the variance of ``rotation_deg`` or ``translation_pct``; empty if all are 0."""
+    parts = budget.get(key) or {}
+    squares = {name: (parts.get(name) or 0.0) ** 2 for name in SOURCES if name != "total"}
+    total = sum(squares.values())
+    return {name: part / total for name, part in squares.items()} if total else {}
+
+
+def _cost(results: Mapping[str, Any]) -> str:
+    """What an inexact calibration would cost, where the results say it."""
+    headline: Mapping[str, Any] = results.get("headline") or {}
+    off = headline.get("calibration") or {}
+    if off.get("rotation_deg") is None:
+        return ""
+    then, now = (
+        f"{number(each['rotation_deg'], 2)} deg and {number(each['translation_pct'], 2)} %"
+        for each in (off, headline["all"])
+    )
+    return (
+        f". If fx and fy were off by {off['focal_px']:g} px and the principal point by {off['center_px']:g} px, "
+        f"the errors over all poses would be {then} instead of {now}"
+    )
+
+
+def _listed(names: list[str]) -> str:
+    words = [NAMES[name] for name in names]
+    return " and ".join([", ".join(words[:-1]), words[-1]] if words[1:] else words)
 
 
 def _sentence(words: str) -> str:

@@ -141,12 +141,14 @@ class TrialResults:
         budget: Any = None,
         labels: Any = None,
         dots: Any = None,
+        headline: Any = None,
+        expected: Any = None,
     ) -> dict[str, Any]:
         """Return the results as plain JSON values, with None for undefined numbers.
 
         Parameters
         ----------
-        criteria, comparisons, views, budget, labels, dots
+        criteria, comparisons, views, budget, labels, dots, headline, expected
             JSON values computed elsewhere, to be included.
         """
         experiment = self.experiment
@@ -159,6 +161,7 @@ class TrialResults:
                 "dot_diameter": self.marker.dot_diameter,
                 "spec_hash": self.marker.spec_hash,
             },
+            "headline": headline,
             "criteria": criteria,
             "comparisons": comparisons,
             "nees": self._nees(by_polar_angle),
@@ -187,6 +190,7 @@ class TrialResults:
             "labels": labels,
             "dots": dots,
             "budget": budget,
+            "expected": expected,
             "views": views,
         }
         values: dict[str, Any] = plain(content)

@@ -28,8 +28,9 @@ from markergen.presentation.results import SavableResult, StrPath, Targets, json
 from markergen.presentation.tables import Table, data_frame, number
 from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_of
-from markergen.validation import fail_if, tables
+from markergen.validation import fail_if, headline, tables
 from markergen.validation.bounds import budget_of, error_budget
+from markergen.validation.expectation import expect, without_calibration
 from markergen.validation.metrics import STATISTICS
 from markergen.validation.report import html_report
 from markergen.validation.report.plots import errors_over
@@ -142,11 +143,18 @@ def validate(
     if views is not None and stressed:
         views["stress"] = stress(series, workers, told("stress"))
     budget = error_budget(series, noise_px)
+    expected = expect(series, noise_px, seed, progress=told("expected errors"))
+    claim = headline.of(expected, series, noise_px, seed)
+    if views is not None:
+        exact = series.errors.camera_covariance is None
+        of_views = expected if exact else expect(without_calibration(series), noise_px, seed)
+        claim["views"] = headline.compare_views(of_views, series.poses, views, claim, seed)
     labels = label_safety(marker, setting).as_dict(noise_px) if marker.dot_diameter else None
     dots = _extent(marker, setting) if marker.dot_diameter else None
     return own.as_dict(
-        criteria=table["design"], comparisons=beside, views=views, budget=budget, labels=labels, dots=dots
-    )
+        criteria=table["design"], comparisons=beside, views=views, budget=budget, labels=labels, dots=dots,
+        headline=claim, expected=expected.as_dict(),
+    )  # fmt: skip
 
 
 def _extent(marker: Marker, setting: Setting) -> dict[str, float]:
@@ -240,8 +248,13 @@ class Validation(SavableResult):
 
     @property
     def budget(self) -> Mapping[str, Any]:
-        """RMS pose errors by source: image, print, camera, total."""
+        """RMS pose errors by source, to first order: image, print, camera, total."""
         return MappingProxyType(self._results["budget"])
+
+    @property
+    def headline(self) -> Mapping[str, Any]:
+        """The error to plan with, such as ``headline["rotation_deg"]``, and what the views say to it."""
+        return MappingProxyType(self._results["headline"])
 
     def check(self, expression: str) -> tuple[bool, str]:
         """Evaluate a condition that must not hold, such as ``estimators.lm.rotation_deg.rms > 0.5``.
@@ -368,7 +381,7 @@ class Validation(SavableResult):
     def parts(self) -> list[str | Table]:
         """Return sentences and tables in the order in which the command prints them."""
         results = self._results
-        shown: list[str | Table] = [tables.heading(results)]
+        shown: list[str | Table] = [*headline.sentences(results["headline"]), tables.heading(results)]
         if results["estimators"]:
             shown += [tables.rotation_table(results), tables.translation_table(results)]
             shown += [tables.polar_angle_table(results, key) for key in ("rotation_deg", "translation_pct")]
@@ -386,9 +399,13 @@ class Validation(SavableResult):
 
     def __repr__(self) -> str:
         results, views = self._results, self._results["views"]
+        plan = results["headline"]
         said = [f"{len(self.marker)} dots", f"{results['poses']['count']} poses x {results['runs']} runs"]
         if views:
             said.append(f"{views['detected']} of {views['count']} views found")
+        said.append(f"plan with {number(plan['rotation_deg'])} deg {number(plan['translation_mm'])} mm")
+        if views and plan["views"]["disagreements"]:
+            said.append("the views disagree")
         measured = {"bound": self.bound, **{name: _rms(row) for name, row in self.estimators.items()}}
         said += [
             f"{name} {number(row['rotation_deg'])} deg {number(row['translation_pct'])} %"

@@ -261,6 +261,7 @@ def test_lm_is_near_the_bound_over_all_poses_of_the_paper(pentagon):
 
 STATS = {"count", "mean", "std", "rms", "median", "p95", "max"}
 KEYS = {
+    "headline", "expected",
     "marker", "criteria", "comparisons", "nees", "camera", "poses", "noise_px", "runs", "seed", "condition",
     "homography", "estimators", "bound", "budget", "labels", "dots", "views",
 }  # fmt: skip

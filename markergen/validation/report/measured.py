@@ -12,6 +12,7 @@ from markergen.presentation.tables import Table
 from markergen.render import Optics
 from markergen.validation import tables
 from markergen.validation.bounds import image_covariance
+from markergen.validation.headline import middle
 from markergen.validation.metrics import rms
 from markergen.validation.report.plots import (
     Ellipse,
@@ -32,7 +33,6 @@ from markergen.validation.report.subject import (
     Results,
     Subject,
     labeled,
-    middle,
     noise_of,
     number,
     pose_bins,

@@ -4,7 +4,6 @@ import json
 import shlex
 from collections.abc import Mapping
 from functools import partial
-from typing import Any
 
 from markergen.model.marker import Marker
 from markergen.model.picture import draw_marker, shows_origin
@@ -15,47 +14,25 @@ from markergen.presentation.tables import Table, percent
 from markergen.render import DEFAULT_OPTICS
 from markergen.units import format_length
 from markergen.validation import tables
-from markergen.validation.metrics import rms
+from markergen.validation.headline import middle, sentences
 from markergen.validation.report.plots import budget_over_tilt, compared, fan, pose_sphere, variance_shares
 from markergen.validation.report.subject import (
     ERRORS,
     SOURCES,
-    Expected,
-    PoseBin,
     ReportSection,
     Results,
     Subject,
     advice_sentences,
     advise,
     labeled,
-    middle,
     noise_of,
     number,
-    shares,
 )
 
 LONGEST_TEXT, LONGEST_PROVENANCE = 200, 4000
 """Maximum number of characters shown from a marker's file, which is untrusted."""
 _WIDE, _LOW, _SQUARE = (5.8, 2.1), (4.9, 2.5), (4.9, 5.1)
 """Widths and heights of plots in inches."""
-
-REMEDIES = {
-    "image": (
-        "the noise of the image. Let the dots cover more pixels (a larger marker, a shorter distance, a longer focal "
-        "length, more pixels), or get more light and a sharper focus"
-    ),
-    "print": (
-        "the print. Print on a better printer and a stiffer, flatter material, make the marker larger, or measure "
-        "where the dots really are"
-    ),
-    "camera": (
-        "the camera's calibration. Calibrate again, with more images that fill the corners, at the focus that you work "
-        "with"
-    ),
-}
-"""Description of each error source, and how to reduce it."""
-DOMINANT = 0.9
-"""Share of the variance above which improving any other source gains less than 5 % of the error."""
 
 
 def title(marker: Marker) -> str:
@@ -65,7 +42,6 @@ def title(marker: Marker) -> str:
 
 def answer(subject: Subject) -> ReportSection:
     """Expected errors, in words and by tilt and distance."""
-    found = subject.expected
     distances = sorted({each.distance for each in subject.bins}, key=middle)
     tilts = sorted({each.tilt for each in subject.bins}, key=middle)
     by_place = {
@@ -78,7 +54,7 @@ def answer(subject: Subject) -> ReportSection:
         ["tilt", *(f"{distance} m" for distance in distances)],
         rows,
     )
-    return ReportSection(answer_sentences(found, subject.bins), tables=[table])
+    return ReportSection(sentences(subject.headline), tables=[table])
 
 
 def limits(subject: Subject) -> ReportSection:
@@ -89,8 +65,8 @@ def limits(subject: Subject) -> ReportSection:
             missing="How much of it the print and the calibration make is not in these results; markergen validate "
             "tells it with --print-sigma and --camera-covariance."
         )
-    said = {name: in_words(shares(budget, key)) for key, name, _ in ERRORS}
-    section = ReportSection(limit_sentences(budget), tables=[tables.budget_table(subject.results)])
+    said = {name: in_words(tables.shares(budget, key)) for key, name, _ in ERRORS}
+    section = ReportSection(tables.limit_sentences(subject.results), tables=[tables.budget_table(subject.results)])
     section.plots.append(
         plot(
             partial(variance_shares, budget),
@@ -294,41 +270,6 @@ def command(subject: Subject) -> str:
     return shlex.join([*parts, "--json", "results.json", "--report", "report.html"])
 
 
-def answer_sentences(found: Expected, bins: list[PoseBin]) -> list[str]:
-    """Summarize the expected errors in up to three sentences: far and tilted, the worst, and over all poses."""
-    farthest = [each for each in bins if each.distance == max((other.distance for other in bins), key=middle)]
-    steep = max(farthest, key=lambda each: middle(each.tilt))
-    worst = max(bins, key=lambda each: each.rotation_deg)
-    said = [f"At {_place(steep)} expect {_errors(steep)} RMS."]
-    if worst is not steep:
-        frontal = " (seen frontally, a small tilt hardly changes the image)" if middle(worst.tilt) < 10 else ""
-        said.append(f"Hardest is {_place(worst)}{frontal}: {_errors(worst)}.")
-    said.append(
-        f"Over all {len(found.poses)} poses: {number(rms(found.rotation_deg), 2)} deg and "
-        f"{number(rms(found.translation_mm), 2)} mm ({number(rms(found.translation_pct), 2)} % of the distance), "
-        f"with {found.source}."
-    )
-    return said
-
-
-def limit_sentences(budget: Mapping[str, Any]) -> list[str]:
-    """Say what limits rotation and translation, and what to improve first."""
-    found = {
-        what: shares(budget, key) for what, key in (("rotation", "rotation_deg"), ("translation", "translation_pct"))
-    }
-    first = {what: max(parts, key=lambda name: parts[name]) for what, parts in found.items() if parts}
-    said = []
-    for name in dict.fromkeys(first.values()):
-        limited = [what for what, largest in first.items() if largest == name]
-        line = f"What limits the {' and the '.join(limited)} is {REMEDIES[name]}."
-        if all(found[what][name] > DOMINANT for what in limited):
-            line += " Improving anything else would gain next to nothing."
-        said.append(line)
-    if first and not any(parts.get("camera") for parts in found.values()):
-        said.append("The camera's calibration is taken as exact; --camera-covariance tells how good it is.")
-    return said
-
-
 def in_words(parts: Mapping[str, float]) -> str:
     """Shares of the variance, the largest first."""
     ordered = sorted(parts.items(), key=lambda part: -part[1])
@@ -352,11 +293,3 @@ def _lm_rms(row: Results, key: str) -> float | None:
 def _short(value: object) -> str:
     text = ", ".join(f"{key} {item}" for key, item in value.items()) if isinstance(value, dict) else str(value)
     return text if len(text) <= LONGEST_TEXT else text[:LONGEST_TEXT] + " ..."
-
-
-def _place(each: PoseBin) -> str:
-    return f"{each.distance.replace('..', ' to ')} m and {each.tilt.replace('..', ' to ')} deg"
-
-
-def _errors(each: PoseBin) -> str:
-    return f"{number(each.rotation_deg, 2)} deg and {number(each.translation_mm, 2)} mm"

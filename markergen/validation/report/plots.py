@@ -12,9 +12,10 @@ from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.presentation.plots import FAINT, INK, MUTED, SERIES, legend_below, log_axis, positive, ticks
 from markergen.presentation.tables import percent
+from markergen.validation.headline import middle
 from markergen.validation.metrics import rms
-from markergen.validation.report.subject import SOURCES, PoseBin, interval, middle, number, shares
-from markergen.validation.tables import TITLES
+from markergen.validation.report.subject import SOURCES, PoseBin, interval, number
+from markergen.validation.tables import TITLES, shares
 from markergen.validation.view_records import DETECTOR
 
 if TYPE_CHECKING:

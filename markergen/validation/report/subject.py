@@ -22,6 +22,8 @@ from markergen.presentation.plots import Plot
 from markergen.presentation.tables import Table
 from markergen.units import format_length
 from markergen.validation.bounds import pose_bounds
+from markergen.validation.expectation import Expectation
+from markergen.validation.headline import cells_of, headline, middle, source_of
 from markergen.validation.metrics import rms
 
 if TYPE_CHECKING:
@@ -52,29 +54,40 @@ class ReportSection:
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """First-order expected errors at each of P poses.
+    """Expected errors at each of P poses.
 
     Attributes
     ----------
     covariance : array (P, 6, 6)
-        Covariances of the pose (w, dt), see `maths.information`; rad and m.
+        First-order covariances of the pose (w, dt), see `maths.information`; rad and m.
     poses : PoseDistribution
     source : str
         Sources of the errors, in words.
+    sampled : mapping
+        RMS ``rotation_deg`` and ``translation_mm`` (P,), with flips, where they were computed by `expectation.expect`;
+        empty for those of the covariance.
     """
 
     covariance: Array
     poses: PoseDistribution
     source: str
+    sampled: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def first_order_deg(self) -> Array:
+        """RMS rotation error (P,) in degrees by the covariance."""
+        return np.rad2deg(rotation_bound(self.covariance))
 
     @property
     def rotation_deg(self) -> Array:
         """RMS rotation error (P,) in degrees."""
-        return np.rad2deg(rotation_bound(self.covariance))
+        return self.sampled["rotation_deg"] if self.sampled else self.first_order_deg
 
     @property
     def translation_mm(self) -> Array:
         """RMS translation error (P,) in mm."""
+        if self.sampled:
+            return self.sampled["translation_mm"]
         return 1e3 * np.sqrt(np.trace(self.covariance[:, 3:, 3:], axis1=-2, axis2=-1))
 
     @property
@@ -109,6 +122,19 @@ class Subject:
         return expected(self.results, self.marker, self.setting, self.budget)
 
     @cached_property
+    def headline(self) -> Results:
+        """What to plan with: as in the results, or to first order."""
+        stated: Results | None = self.results.get("headline")
+        if stated:
+            return stated
+        found, none = self.expected, np.zeros(len(self.expected.poses))
+        undrawn = np.zeros((len(none), 0))
+        first_order = Expectation(
+            found.first_order_deg, found.rotation_deg, found.translation_mm, none, none, none > 0, undrawn, undrawn
+        )
+        return headline(first_order, found.poses, found.source)
+
+    @cached_property
     def bins(self) -> list[PoseBin]:
         """Expected errors at each distance and tilt."""
         return pose_bins(self.expected)
@@ -130,7 +156,8 @@ class Subject:
             return None
         if self.budget is not None:
             printed = self.budget.print if self.views.get("print_sigma_mm") else 0.0
-            return Expected(self.budget.image + printed, self.setting.poses, "predicted")
+            sampled = {} if np.any(self.budget.camera) else self.expected.sampled
+            return Expected(self.budget.image + printed, self.setting.poses, "predicted", sampled)
         # The bound of a dot's center is the root of the sum of both axes' variances.
         pixels = self.views.get("image_bound_px")
         return bound(self.marker, self.setting, pixels / np.sqrt(2)) if pixels else None
@@ -145,11 +172,12 @@ def expected(results: Mapping[str, Any], marker: Marker, setting: Setting, budge
     """Expected errors of this marker: for the whole budget if there is one, else for image noise alone."""
     if budget is not None:
         parts = results.get("budget") or {}
-        sigma = parts.get("print_sigma_mm")
-        printed = "print errors" if sigma is None else f"a print good to {sigma:g} mm"
-        calibrated = " and the camera's calibration" if np.any(budget.camera) else ""
-        joint = ", " if calibrated else " and "
-        return Expected(budget.total, setting.poses, f"image noise{joint}{printed}{calibrated}")
+        source = source_of(parts.get("print_sigma_mm"), bool(np.any(budget.camera)))
+        stated = results.get("expected") or {}
+        keys = ("rotation_deg", "translation_mm") if stated else ()
+        # JSON has no infinity.
+        sampled = {key: np.array([np.inf if value is None else value for value in stated[key]]) for key in keys}
+        return Expected(budget.total, setting.poses, source, sampled)
     return bound(marker, setting, noise_of(results))
 
 
@@ -164,15 +192,8 @@ def pose_bins(found: Expected) -> list[PoseBin]:
     rotation, translation = found.rotation_deg, found.translation_mm
     return [
         PoseBin(distance, tilt, both, rms(rotation[both]), rms(translation[both]))
-        for distance, near in found.poses.by_distance().items()
-        for tilt, leaning in found.poses.by_polar_angle().items()
-        if (both := near & leaning).any()
+        for (distance, tilt), both in cells_of(found.poses).items()
     ]
-
-
-def middle(group: str) -> float:
-    """Center of a group from its name, such as ``35`` or ``30..40``."""
-    return float(np.mean([float(end) for end in group.split("..")]))
 
 
 def interval(group: str, groups: list[str]) -> tuple[float, float]:
@@ -187,14 +208,6 @@ def interval(group: str, groups: list[str]) -> tuple[float, float]:
         return 0.9 * values[0], 1.1 * values[0] or 1.0
     before, after = steps[max(i - 1, 0)], steps[min(i, len(steps) - 1)]
     return float(values[i] - before / 2), float(values[i] + after / 2)
-
-
-def shares(budget: Mapping[str, Any], key: str) -> dict[str, float]:
-    """Return each source's share of the variance of ``rotation_deg`` or ``translation_pct``; empty if all are 0."""
-    parts = budget.get(key) or {}
-    squares = {name: (parts.get(name) or 0.0) ** 2 for name in SOURCES if name != "total"}
-    total = sum(squares.values())
-    return {name: part / total for name, part in squares.items()} if total else {}
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,20 @@ def test_without_results_there_is_still_a_marker_and_what_to_run(content, pentag
     assert "image noise of 1 px alone" in text
 
 
-PARTS = ("criteria", "comparisons", "nees", "noise_px", "runs", "homography", "estimators", "bound", "budget", "views")
+PARTS = (
+    "criteria",
+    "comparisons",
+    "nees",
+    "noise_px",
+    "runs",
+    "homography",
+    "estimators",
+    "bound",
+    "budget",
+    "views",
+    "headline",
+    "expected",
+)
 
 
 @pytest.mark.parametrize("part", PARTS)
@@ -144,4 +157,5 @@ def test_bare_points_have_no_size_to_print(results, make_ngon, few, quick):
 
 def test_one_pose_is_enough(results, pentagon, few, quick):
     one = replace(few, poses=PoseDistribution("one", few.poses.rotation[[30]], few.poses.translation[[30]]))
-    assert "Over all 1 poses" in html_report({**results, "views": None}, pentagon, one).decode()
+    without = {**results, "views": None, "headline": None, "expected": None}
+    assert "Over all 1 poses" in html_report(without, pentagon, one).decode()

@@ -1,0 +1,130 @@
+"""The error to plan with beside the views' own figure, for ten markers and cameras.
+
+    python -m benchmarks.headline [--views 400] [--only NAME ...] [--json F]
+
+Each row: what `validate` says to expect in its hardest distance and tilt and over all poses, and the RMS that rendered
+views gave there, with its 95 % interval (bootstrap over the views). `claimed` is the first-order covariance alone.
+`wrong` counts the comparisons of `headline.views` that failed, of four; flips are counted where the mirrored pose is
+10 deg off.
+"""
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import argparse
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import markergen as mg
+from markergen.maths.information import mirrored_rotation
+from markergen.maths.rotation import angle_between, exponential
+from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
+from markergen.model.poses import PoseDistribution
+from markergen.validation.headline import cells_of
+from markergen.validation.metrics import flipped
+
+FISHEYE = Camera(1280, 1024, 420, 420, 639.5, 511.5, Distortion("equidistant", (0.02, -0.01, 0.003, -0.0005)))
+HIGH = Camera(2592, 1944, 3240, 3240, 1295.5, 971.5)
+HEADINGS = (
+    "marker       hardest, m deg (views)    claimed  expected     views    95 % interval    all: claimed  expected     "
+    "views    95 % interval  flips  found   sampled  wrong     CPU s"
+)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A marker, by the options of `design`, and how it is validated."""
+
+    design: Mapping[str, Any]
+    camera: Camera = PAPER_CAMERA
+    poses: str = "paper"
+    validate: Mapping[str, Any] = field(default_factory=dict)
+
+
+CASES = {
+    "pentagon": Case({"n": 5}),
+    "four small": Case({"n": 4, "radius": "50mm", "dot": "16mm"}),
+    "twenty": Case({"n": 20, "dot": "24mm"}, poses="paper-roll"),
+    "rectangle": Case({"n": 6, "boundary": "rect:0.2x0.1"}, poses="cone:distance=0.5..1.2,tilt=40..70,azimuth=-30..30"),
+    "relief": Case({"n": 6, "relief": "25mm"}),
+    "tag": Case({"n": 8, "tag": "aruco:DICT_4X4_50:7"}),
+    "light dots": Case({"n": 7, "colors": "inverted"}, poses="cone:distance=0.5..1.5,tilt=0..60"),
+    "fisheye": Case({"n": 8}, FISHEYE, "cone:distance=0.4..0.9,tilt=0..60"),
+    "2592 x 1944": Case({"n": 8, "radius": "75mm", "dot": "15mm"}, HIGH, "cone:distance=0.6..1.5,tilt=0..65"),
+    "far": Case({"n": 5}, poses="cone:distance=2.5..4,tilt=0..50"),
+    "bad print": Case({"n": 5, "radius": "60mm", "dot": "18mm"}, validate={"print_sigma": "0.3mm"}),
+    "exact print": Case({"n": 5}, validate={"print_sigma": 0.0}),
+}
+"""Markers and cameras by name."""
+
+
+def main() -> None:
+    """Print a row for each case, and the number of disagreements."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--views", type=int, default=400)
+    parser.add_argument("--only", nargs="*", choices=list(CASES), default=list(CASES))
+    parser.add_argument("--json", type=Path, help="where to write the headlines")
+    options = parser.parse_args()
+    print(HEADINGS, flush=True)
+    found, wrong = {}, 0
+    for name in options.only:
+        start = time.process_time()
+        validation = run(CASES[name], options.views)
+        found[name] = dict(validation.headline)
+        wrong += validation.headline["views"]["disagreements"]
+        print(row(name, validation, time.process_time() - start), flush=True)
+    print(f"{wrong} of {4 * len(found)} comparisons disagree")
+    if options.json:
+        options.json.write_text(json.dumps(found, indent=2) + "\n")
+
+
+def run(case: Case, views: int) -> mg.Validation:
+    """Design a marker and validate it by views alone."""
+    marker = mg.design(**case.design, camera=case.camera, poses=case.poses).marker
+    return mg.validate(marker, case.camera, poses=case.poses, runs=0, views=views, workers=1, **case.validate)
+
+
+def row(name: str, validation: mg.Validation, seconds: float) -> str:
+    """One line: expected errors, those of the views, and whether they agree."""
+    headline, views, poses = validation.headline, validation.views, validation.setting.poses
+    assert views is not None
+    hardest, over_all = headline["hardest"]["rotation_deg"], headline["all"]
+    samples = [each for each in views["samples"] if each["rotation_deg"] is not None]
+    inside = cells_of(poses)[hardest["distance"], hardest["tilt"]]
+    there = [each for each in samples if inside[each["pose"]]]
+    flips = sum(_flipped(poses, each) for each in samples)
+    place = f"{hardest['distance']} {hardest['tilt']} ({len(there)})"
+    return (
+        f"{name:<12} {place:>21}  {hardest['first_order_deg']:9.4f} {hardest['rotation_deg']:9.4f} "
+        f"{_measured(there)}  {over_all['first_order_deg']:14.4f} {over_all['rotation_deg']:9.4f} {_measured(samples)} "
+        f"{flips:>6} {views['detected']:>6} {over_all['sampled']:>4}/{over_all['poses']:<4} "
+        f"{headline['views']['disagreements']:>6} {seconds:9.1f}"
+    )
+
+
+def _flipped(poses: PoseDistribution, each: Mapping[str, Any]) -> bool:
+    rotation, translation = poses.rotation[each["pose"]], poses.translation[each["pose"]]
+    estimate = exponential(np.deg2rad(each["rotation_vector_deg"])) @ rotation
+    apart = np.rad2deg(angle_between(mirrored_rotation(rotation, translation), rotation)) > 10
+    return bool(apart and flipped(estimate[None], rotation, translation)[0])
+
+
+def _measured(samples: list[Any]) -> str:
+    errors = np.square([each["rotation_deg"] for each in samples])
+    if not len(errors):
+        return f"{'-':>9} {'-':>16}"
+    rng = np.random.default_rng(0)
+    drawn = np.sqrt(np.mean(rng.choice(errors, size=(2000, len(errors))), axis=1))
+    low, high = np.quantile(drawn, [0.025, 0.975])
+    return f"{np.sqrt(np.mean(errors)):9.4f} {f'{low:.4f}..{high:.4f}':>16}"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,474 @@
+"""Lower bound on the value that any n dots in a room can reach, by convex duality.
+
+**Concavity.** A dot at x adds M_p(x) to the information of pose p, so a layout, or any measure w on the room with
+total weight n, has M_p = sum_x w_x M_p(x) and the values v_p = sqrt(tr(W_p M_p^-1)). h_p = v_p^-2 is concave in M_p and
+homogeneous of degree 1: the harmonic mean of such functions 1/(c'M^-1 c), up to a factor. Every aggregate A is the
+largest (sum_p q_p v_p^t)^(1/t) over some set of weights q: equal ones with t = 2 for rms, 1 for mean and 0 for logmean,
+any with sum 1 for max (t = 2), those up to 1/k for the mean of the worst k (t = 1). For each q,
+g = (sum_p q_p v_p^t)^(-2/t) is a mean of the h_p with exponent -t/2 <= 0, hence concave and homogeneous as well.
+Therefore at any measure w, with the sensitivity s(x) = sum_p <dg/dM_p, M_p(x)>,
+
+    A(v)^-2 <= g(v) <= sum_x v_x s(x)    for every measure v,
+
+and averages of such s, taken at several w and q, do the same: w and q affect how tight a bound is, never its validity.
+
+**Packing.** Let phi(r) fall from 1 to 0 within delta of r = pitch/2, phi(r) + phi(pitch - r) = 1, with
+pitch/2 + delta = pitch/sqrt(3). Of dots a pitch apart, sum_i phi(|y - x_i|) <= 1 around every y: three of them do not
+fit within pitch/sqrt(3) of y, and two are at distances whose sum is a pitch or more. With multipliers mu_k >= 0 of such
+caps around y_k, any layout of n dots has
+
+    A^-2 <= sum_k mu_k + n max_x u(x),    u(x) = s(x) - sum_k mu_k phi(|x - y_k|).
+
+**The whole room.** The maximum is over the continuous room, by branch and bound: u is at most its value at the center
+of a box plus gradient and curvature times the box's size, and boxes that cannot exceed the best point found are left
+out, others are quartered. s is a polynomial, whose derivatives Markov's inequality bounds: the M_p(x) are
+interpolated at Chebyshev nodes. They are smooth (for a pinhole, rational with poles in the camera's own plane), so that
+this converges geometrically; ten times the largest error found at random places is added to the maximum.
+
+Measures and multipliers come from linear programs, whose candidate places include the edge of the room: each maximizes
+the smallest of the known bounds sum_x w_x s(x) over w, and gives the next w and mu. Pukelsheim, Optimal Design of
+Experiments (1993), has the theory without caps.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from markergen.maths.information import covariance
+from markergen.maths.rotation import turn_z
+from markergen.objectives import Objective
+from markergen.objectives.aggregates import DEFAULT_LEVEL
+from markergen.objectives.base import TraceObjective
+from markergen.optimize.problem import FeasibleRegion
+from markergen.options import Progress
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+EXPONENTS = {"rms": 2, "mean": 1, "logmean": 0, "max": 2, "cvar": 1}
+"""Exponent t by aggregate."""
+
+DEGREES = (12, 18, 27, 40)
+"""Degrees of the interpolation, tried in turn."""
+
+ACCURATE = 1e-7
+"""Error of the interpolation, relative to the largest sensitivity, at which a higher degree is not tried."""
+
+ROUNDS, PATIENCE, WORK = 60, 10, 20_000
+"""Maximum number of linear programs, of those in a row without a noticeable gain, and of simplex iterations in all."""
+
+NOTICEABLE = 0.98
+"""Ratio of gaps that counts as a gain."""
+
+CLOSE = 2e-4
+"""Relative gap in A^-2 at which the bound is not improved any more."""
+
+EDGE, INSIDE = 1500, 5000
+"""Approximate number of candidate places on the edge of the room and inside."""
+
+MORE = 120
+"""Maximum number of candidate places, and of caps, that are added to a linear program at a time."""
+
+STEPS = (0.5, 0.25, 0.1)
+"""Fractions of the way to the solution of a linear program, at the best of which the next bound is taken."""
+
+SLACKEST = 0.9
+"""Share of a full cap, and of the largest u, below which caps and places are left out of the next linear program."""
+
+LEVELS, MOST_BOXES = 14, 400_000
+"""Limits of branch and bound; where they end it, the bound is the best so far, still valid."""
+
+TESTED = 100
+"""Number of random places at which the interpolation is tested."""
+
+SOFTNESS = 0.002
+"""Final softness of aggregates with kinks."""
+
+COARSE = 10
+"""The first linear program has one candidate place, and one cap, in this many."""
+
+TURNS = 90
+"""Number of angles by which a layout in a disk is turned for the first measure."""
+
+BOXES = 24
+"""Number of boxes along the longer side of the room that branch and bound starts from."""
+
+AT_ONCE = 4096
+"""Number of places in one chunk of the sum over caps."""
+
+_SLACK = 1e-9
+"""Violation in m of inset and spacing that a layout may have."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Lower bound on an objective for n dots in a room, or why there is none.
+
+    Attributes
+    ----------
+    n : int
+    value : float
+        Value of the layout that was found, in the objective's unit.
+    lower_bound : float
+        No layout of n dots in the room has a smaller value; 0 if none is known.
+    reason : str
+        Why none is known, otherwise empty.
+    """
+
+    n: int
+    value: float
+    lower_bound: float = 0.0
+    reason: str = ""
+
+    @property
+    def gap(self) -> float:
+        """Fraction of the value by which another layout can be better, at most."""
+        return max(0.0, 1 - self.lower_bound / self.value)
+
+    @property
+    def sentence(self) -> str:
+        """The certificate in words."""
+        if self.reason:
+            return f"no lower bound: {self.reason}"
+        # Rounded up.
+        percent = np.ceil(1000 * self.gap) / 10
+        return f"no {self.n} dots in this room can be more than {percent:.1f} % better"
+
+
+def certify(
+    objective: Objective, region: FeasibleRegion, points: Array, progress: Progress | None = None
+) -> Certificate:
+    """Certificate of a layout (n, 2) in m for an objective of all poses; see the module for the method and its proof.
+
+    There is none for a relief, for objectives without information matrices and their own aggregates, or where the
+    matrices cannot be interpolated, very close to the camera or at the edge of a lens model.
+    """
+    n, value = len(points), float(objective(points[None])[0])
+    if points.shape[-1] > 2:
+        return Certificate(n, value, reason="the dots of a relief may hide each other")
+    if not isinstance(objective, TraceObjective):
+        return Certificate(n, value, reason="the objective is not a convex function of the layout")
+    if objective.aggregate.partition(":")[0] not in EXPONENTS:
+        return Certificate(n, value, reason=f"the aggregate {objective.aggregate} is not known to be convex")
+    for degree in DEGREES:
+        program = _Program(_Fields(objective, region, degree), region, points, value)
+        if program.accurate:
+            return Certificate(n, value, value / np.sqrt(program.solve(progress)))
+    return Certificate(n, value, reason="some pose is too close to the marker, or its lens model ends there")
+
+
+class _Fields:
+    """Chebyshev interpolation of the information matrices of a dot as functions of its place.
+
+    A sensitivity is a vector (P T,): its product with the packed matrices of a place, T = k (k + 1) / 2 entries each,
+    is s at that place.
+    """
+
+    def __init__(self, objective: TraceObjective, region: FeasibleRegion, degree: int) -> None:
+        self.objective = objective
+        corners = np.concatenate(region.boundary.outlines())
+        self.middle = (corners.max(axis=0) + corners.min(axis=0)) / 2
+        self.half = np.maximum(np.ptp(corners, axis=0) / 2 - region.inset, 0.0) + 1e-6 * region.boundary.radius
+        nodes = chebyshev.chebpts1(degree + 1)
+        grid = np.stack(np.meshgrid(nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 2)
+        inverse = np.linalg.inv(chebyshev.chebvander(nodes, degree))
+        self._upper = np.triu_indices(objective.weight.shape[-1])
+        packed = self._packed(self.middle + self.half * grid).reshape(degree + 1, degree + 1, -1)
+        self._shape = packed.shape[:2]
+        once = np.tensordot(inverse, packed, (1, 0))
+        self._coefficients = np.tensordot(once, inverse, (1, 1)).transpose(0, 2, 1).reshape(grid.shape[0], -1)
+        self._places = region.boundary.sample(TESTED, region.inset, np.random.default_rng(0))
+        self._exact = self._packed(self._places)
+
+    def _packed(self, places: Array) -> Array:
+        """Information matrices (C, P T) of dots at places (C, 2), their entries on and above the diagonal."""
+        parts = [self.objective.information(some[:, None])[0] for some in np.array_split(places, len(places) // 16 + 1)]
+        i, j = self._upper
+        return np.concatenate(parts)[..., i, j].reshape(len(places), -1)
+
+    def basis(self, places: Array) -> tuple[Array, Array]:
+        """Values (C, d + 1) of the Chebyshev polynomials of both coordinates at places (C, 2)."""
+        x, y = ((places - self.middle) / self.half).T
+        return chebyshev.chebvander(x, self._shape[0] - 1), chebyshev.chebvander(y, self._shape[1] - 1)
+
+    def _values(self, moments: Array) -> tuple[Array, Array]:
+        """C (P, k, k) and values (P,) at a measure with moments (d + 1, d + 1), sums of products of the basis."""
+        i, j = self._upper
+        matrix = np.empty_like(self.objective.weight)
+        matrix[:, i, j] = matrix[:, j, i] = (moments.ravel() @ self._coefficients).reshape(len(matrix), -1)
+        inverse = covariance(matrix)
+        return inverse, np.sqrt(np.einsum("pij,pji->p", self.objective.weight, inverse))
+
+    def sensitivity(self, moments: Array, softness: float) -> Array:
+        """Sensitivity (P T,) at a measure; aggregates with kinks take weights q of the softened aggregate."""
+        inverse, values = self._values(moments)
+        turned = inverse @ self.objective.weight @ inverse
+        exponent, share = EXPONENTS[self.objective.aggregate.partition(":")[0]], self._shares(values, softness)
+        if exponent:
+            whole = np.sum(share * values**exponent) ** (-2 / exponent - 1)
+        else:
+            whole = np.exp(-2 * np.sum(share * np.log(values)))
+        weights = share * values ** (exponent - 2) * whole
+        i, j = self._upper
+        packed = turned[:, i, j] * np.where(i == j, 1.0, 2.0) * weights[:, None]
+        return packed.ravel()
+
+    def worth(self, moments: Array) -> float:
+        """A^-2 of a measure."""
+        return float(self.objective.aggregated(self._values(moments)[1], 0.0)[0]) ** -2
+
+    def _shares(self, values: Array, softness: float) -> Array:
+        """Weights q (P,) for which (sum q v^t)^(1/t) is at most the aggregate, for all values v."""
+        name, _, level = self.objective.aggregate.partition(":")
+        count = len(values)
+        if name == "max":
+            share = self.objective.aggregated(values, softness)[1] * values
+            return share / share.sum()
+        if name == "cvar":
+            worst = max((1 - float(level or DEFAULT_LEVEL)) * count, 1.0)
+            share = self.objective.aggregated(values, softness)[1]
+            return share / max(share.sum(), worst * share.max())
+        return np.full(count, 1 / count)
+
+    def polynomial(self, sensitivity: Array) -> Array:
+        """Chebyshev coefficients (d + 1, d + 1) of a sensitivity as a function of the place."""
+        return (self._coefficients @ sensitivity).reshape(self._shape)
+
+    def error(self, sensitivity: Array) -> float:
+        """Largest error of `polynomial` at random places of the room."""
+        x, y = self.basis(self._places)
+        return float(np.abs(np.sum(x @ self.polynomial(sensitivity) * y, axis=1) - self._exact @ sensitivity).max())
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """Weights (C,) of places, shares of the bounds with sum 1, multipliers of the caps, and simplex iterations."""
+
+    weights: Array
+    shares: Array
+    prices: Array
+    work: int
+
+
+class _Program:
+    """Linear programs whose multipliers give a bound; values are in units of that of the layout, A^-2 in its own."""
+
+    def __init__(self, fields: _Fields, region: FeasibleRegion, points: Array, value: float) -> None:
+        self.fields, self.region, self.n, self.square = fields, region, len(points), value**2
+        self.pitch = max(region.spacing - _SLACK, 0.0)
+        self.places = np.concatenate([points, _candidates(region)])
+        self.basis = fields.basis(self.places)
+        self._design = np.where(np.arange(len(self.places)) < self.n, 1.0, 0.0)
+        spread = [self._moments(self._design)]
+        if len(region.walls) == 1:
+            # In a disk, the layout turned by all angles is a measure that keeps the caps, and often the best one.
+            turns = [turn_z(angle)[:2, :2] for angle in 2 * np.pi * np.arange(TURNS) / TURNS]
+            spread = [x.T @ y for x, y in (fields.basis(points @ turn) for turn in turns)]
+        self.start = np.mean(spread, axis=0)
+
+    @property
+    def accurate(self) -> bool:
+        """True if the error of the interpolation is far below the gaps that matter."""
+        start = self.fields.sensitivity(self.start, 0.1) * self.square
+        return self.n * self.fields.error(start) < ACCURATE
+
+    def _moments(self, weights: Array) -> Array:
+        x, y = self.basis
+        used = np.flatnonzero(weights)
+        return (x[used] * weights[used, None]).T @ y[used]
+
+    def solve(self, progress: Progress | None) -> float:
+        """Upper bound of A^-2 for n dots, in units of the layout's."""
+        fields, moments, cuts, work = self.fields, self.start, list[Array](), 0
+        caps = self.places[::COARSE] if self.pitch else np.zeros((0, 2))
+        column = np.arange(len(self.places)) % COARSE == 0
+        column[: self.n] = True
+        best, since = np.inf, 0
+        for done in range(ROUNDS):
+            if progress:
+                progress("lower bound", done, ROUNDS)
+            cuts.append(fields.sensitivity(moments, max(0.1 * 0.8**done, SOFTNESS)) * self.square)
+            seen = np.array([self._at_places(cut) for cut in cuts])
+            found = self._linear_program(seen, caps, np.flatnonzero(column))
+            work += found.work
+            cut, priced = found.shares @ cuts, found.prices > 0
+            excess = found.shares @ seen - found.prices @ _overlap(caps, self.places, self.pitch)
+            least = float(excess[column].max())
+            bound = found.prices.sum() + self.n * float(excess.max())
+            before, more = best, np.zeros((0, 2))
+            if bound - 1 < (best - 1) * NOTICEABLE:
+                tolerance = max(CLOSE / 4, (bound - 1) / 20) / self.n
+                highest, more = self._highest(cut, caps[priced], found.prices[priced], least, tolerance)
+                best = min(best, float(found.prices.sum() + self.n * (highest + 10 * fields.error(cut))))
+            since = 0 if best - 1 < (before - 1) * NOTICEABLE else since + 1
+            crowded = self._crowded(found.weights)
+            reached = fields.worth(moments) * self.square if not len(crowded) else 1.0
+            if best < reached + CLOSE or since == PATIENCE or work > WORK:
+                break
+            used = found.weights > 0
+            load = _overlap(caps, self.places[used], self.pitch) @ found.weights[used]
+            caps = np.concatenate([caps[load > SLACKEST], crowded])
+            column &= (excess > SLACKEST * least) | used | (np.arange(len(column)) < self.n)
+            outside = np.where(column, -np.inf, excess)
+            column[_apart(self.places, outside, least + CLOSE / (10 * self.n), self.pitch / 10)] = True
+            target = self._moments(found.weights)
+            moments = max((moments + step * (target - moments) for step in STEPS), key=fields.worth)
+            column = np.append(column, np.ones(len(more), dtype=bool))
+            self.places = np.concatenate([self.places, more])
+            self.basis = fields.basis(self.places)
+        if progress:
+            progress("lower bound", ROUNDS, ROUNDS)
+        return best
+
+    def _at_places(self, cut: Array) -> Array:
+        x, y = self.basis
+        return np.sum(x @ self.fields.polynomial(cut) * y, axis=1)
+
+    def _linear_program(self, seen: Array, caps: Array, column: Index) -> "_Solution":
+        """Maximize the smallest bound over the weights of the places in columns."""
+        from scipy.optimize import linprog
+        from scipy.sparse import csc_array
+
+        cover = _overlap(caps, self.places[column], self.pitch)
+        rows = np.concatenate([-seen[:, column], cover])
+        epigraph = np.append(np.ones(len(seen)), np.zeros(len(caps)))
+        found = linprog(
+            np.append(np.zeros(len(column)), -1.0),
+            csc_array(np.column_stack([rows, epigraph])),
+            1 - epigraph,
+            np.append(np.ones(len(column)), 0.0)[None],
+            [self.n],
+            bounds=[(0, None)] * len(column) + [(None, None)],
+        )
+        if found.x is None:
+            # The solver stopped early, on a degenerate program: any multipliers are valid, such as those without caps.
+            return _Solution(self._design, np.eye(len(seen))[0], np.zeros(len(caps)), WORK + 1)
+        weights, prices = np.zeros(len(self.places)), np.maximum(-found.ineqlin.marginals, 0.0)
+        weights[column] = np.maximum(found.x[:-1], 0.0)
+        shares = prices[: len(seen)]
+        return _Solution(weights, shares / shares.sum(), prices[len(seen) :], found.nit)
+
+    def _crowded(self, weights: Array) -> Array:
+        """Centers (c, 2) of caps that a measure violates."""
+        if not self.pitch:
+            return np.zeros((0, 2))
+        used = np.flatnonzero(weights > 1e-9)
+        held = self.places[used]
+        i, j = np.triu_indices(len(held), 1)
+        near = np.linalg.norm(held[i] - held[j], axis=-1) < self.pitch
+        centers = np.concatenate([(held[i[near]] + held[j[near]]) / 2, held, self.places])
+        load = weights[used] @ _overlap(held, centers, self.pitch)
+        return centers[_apart(centers, load, 1 + 1e-3, self.pitch / 20)]
+
+    def _highest(self, cut: Array, caps: Array, prices: Array, least: float, tolerance: float) -> tuple[float, Array]:
+        """Upper bound of u over the room, at most the tolerance too large, and places (c, 2) where u exceeds `least`.
+
+        See the module. Where the limits of branch and bound end it, the bound is larger than need be, still valid.
+        """
+        fields, region = self.fields, self.region
+        value, inset = fields.polynomial(cut), region.inset - _SLACK
+        by_x, by_y = (chebyshev.chebder(value, axis=axis) for axis in (0, 1))
+        # Markov: |T_i'| <= i^2 and |T_i''| <= i^2 (i^2 - 1) / 3.
+        first, size = np.arange(len(value)) ** 2.0, np.abs(value)
+        second = first * (first - 1) / 3
+        bends = second @ size.sum(axis=1), 2 * (first @ size @ first), size.sum(axis=0) @ second
+
+        def at(places: Array, half: Array) -> tuple[Array, Array]:
+            """Values of u (C,), and their upper bounds within a distance of `half`, in units of the room, by axis."""
+            x, y = ((places - fields.middle) / fields.half).T
+            covered, slope, bend = _cap(places, caps, prices, self.pitch, float(np.hypot(*(half * fields.half))))
+            here = chebyshev.chebval2d(x, y, value) - covered
+            gradient = np.stack([chebyshev.chebval2d(x, y, by_x), chebyshev.chebval2d(x, y, by_y)], axis=-1)
+            gradient -= slope * fields.half
+            curved = np.array([half[0] ** 2, half[0] * half[1], half[1] ** 2]) @ bends
+            curved = curved + bend * np.sum((half * fields.half) ** 2)
+            return here, here + np.abs(gradient) @ half + curved / 2
+
+        count = np.maximum(np.ceil(BOXES * fields.half / fields.half.max()), 1).astype(int)
+        axes = [(2 * np.arange(k) + 1) / k - 1 for k in count]
+        centers, half = fields.middle + fields.half * np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2), 1 / count
+        best, more, score = least, [np.zeros((0, 2))], [np.zeros(0)]
+        for level in range(LEVELS):
+            radius = float(np.hypot(*(half * fields.half)))
+            centers = centers[region.boundary.depth(centers) >= inset - radius]
+            if not len(centers):
+                return best + tolerance, more[0]
+            inner = region.boundary.project(centers, region.inset)
+            inner = inner[region.boundary.depth(inner) >= inset]
+            here, upper = at(inner, 0 * half)[0], at(centers, half)[1]
+            best = max(best, float(here.max(initial=-np.inf)))
+            more.append(inner[here > least + tolerance])
+            score.append(here[here > least + tolerance])
+            left = upper > best + tolerance
+            if not left.any() or level == LEVELS - 1 or 4 * left.sum() > MOST_BOXES:
+                break
+            half = half / 2
+            shift = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]]) * half * fields.half
+            centers = (centers[left, None] + shift).reshape(-1, 2)
+        found = np.concatenate(more)
+        chosen = _apart(found, np.concatenate(score), least, self.pitch / 20)
+        return max(best + tolerance, float(upper.max())), found[chosen]
+
+
+def _cap(places: Array, caps: Array, prices: Array, pitch: float, radius: float) -> tuple[Array, Array, Array]:
+    """Sum of caps at places, its gradient, and the largest curvature of its negative within a radius."""
+    covered, slope, bend = np.zeros(len(places)), np.zeros((len(places), 2)), np.zeros(len(places))
+    if not len(caps):
+        return covered, slope, bend
+    delta = _ramp(pitch)
+    for start in range(0, len(places), AT_ONCE):
+        some = slice(start, start + AT_ONCE)
+        apart = places[some, None] - caps
+        distance = np.hypot(apart[..., 0], apart[..., 1])
+        along = np.clip((distance - pitch / 2) / delta, -1.0, 1.0)
+        covered[some] = (0.5 - along + along * np.abs(along) / 2) @ prices
+        steep = prices * (np.abs(along) - 1) / (delta * np.maximum(distance, 1e-12))
+        slope[some] = np.einsum("ck,ckd->cd", steep, apart)
+        bend[some] = (np.abs(distance - pitch / 2) < delta + radius) @ prices / delta**2
+    return covered, slope, bend
+
+
+def _overlap(caps: Array, places: Array, pitch: float) -> Array:
+    """Values phi (K, C) of places (C, 2) in caps around (K, 2)."""
+    if not len(caps):
+        return np.zeros((0, len(places)))
+    distance = np.hypot(caps[:, None, 0] - places[:, 0], caps[:, None, 1] - places[:, 1])
+    along = np.clip((distance - pitch / 2) / _ramp(pitch), -1.0, 1.0)
+    return 0.5 - along + along * np.abs(along) / 2
+
+
+def _ramp(pitch: float) -> float:
+    """delta, see the module."""
+    return pitch * (1 / np.sqrt(3) - 0.5)
+
+
+def _apart(places: Array, score: Array, least: float, apart: float) -> Index:
+    """Indices of places with a score above the least, the highest first, none closer than `apart` to another."""
+    order = np.flatnonzero(score > least)
+    order = order[np.argsort(-score[order], kind="stable")]
+    chosen: list[int] = []
+    while len(order) and len(chosen) < MORE:
+        chosen.append(int(order[0]))
+        order = order[np.linalg.norm(places[order] - places[order[0]], axis=-1) > apart]
+    return np.array(chosen, dtype=np.int64)
+
+
+def _candidates(region: FeasibleRegion) -> Array:
+    """Places (C, 2) in m on the edge of the region and inside."""
+    boundary = region.boundary
+    rings = boundary.outlines()
+    around = sum(float(np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=-1).sum()) for ring in rings)
+    edge = []
+    for ring in rings:
+        step = np.roll(ring, -1, axis=0) - ring
+        parts = np.ceil(np.linalg.norm(step, axis=-1) * EDGE / around).astype(int)
+        edge += [a + np.arange(k)[:, None] / k * d for a, d, k in zip(ring, step, np.maximum(parts, 1), strict=True)]
+    low, high = np.concatenate(rings).min(axis=0), np.concatenate(rings).max(axis=0)
+    pitch = np.sqrt(boundary.area / INSIDE)
+    x, y = (np.arange(a + pitch / 2, b, pitch) for a, b in zip(low, high, strict=True))
+    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    grid = grid[boundary.depth(grid) >= region.inset]
+    found = np.concatenate([boundary.project(np.concatenate(edge), region.inset), grid])
+    return found[boundary.depth(found) >= region.inset - _SLACK]

@@ -1,0 +1,261 @@
+"""The error that a user should plan with: that of the hardest distance and tilt, checked against the rendered views."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.model.poses import PoseDistribution
+from markergen.presentation.tables import number, percent
+from markergen.validation.expectation import Expectation, expect
+from markergen.validation.metrics import rms, share_interval
+from markergen.validation.views import SyntheticViews
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FOCAL_PX, CENTER_PX = 2.0, 1.5
+"""Standard deviations of a calibration that is not exact."""
+CONFIDENCE = 0.99
+"""Probability with which views agree in all comparisons together, if the expected errors are right."""
+MODEL = 0.03
+"""Relative error of the expected errors, by which the intervals are widened; see `expectation`."""
+LOST = 0.01
+"""Share of views without a pose that is not worth a word of disagreement."""
+LEAST_SAID = 1e-3
+"""Share of flips from which it is stated."""
+SERIES, LOOKUPS = 4000, 20_000_000
+"""Number of series of views that are drawn for an interval, and the most views in all of them."""
+_KEYS = ("rotation_deg", "translation_mm")
+_UNITS = {"rotation_deg": "deg", "translation_mm": "mm"}
+
+
+def of(expected: Expectation, series: SyntheticViews, bare_px: float, seed: int) -> dict[str, Any]:
+    """`headline` for a series, with ``calibration``: if it is taken as exact, what one that is a little off would cost.
+
+    ``calibration`` has ``focal_px`` and ``center_px``, the standard deviations of fx and fy and of cx and cy, and the
+    RMS over all poses of ``rotation_deg`` and ``translation_pct`` with this calibration.
+    """
+    errors, camera = series.errors, series.camera
+    calibrated = errors.camera_covariance is not None
+    found = headline(expected, series.poses, source_of(1e3 * errors.print_sigma, calibrated))
+    found["calibration"] = None
+    if not calibrated:
+        sigma = [FOCAL_PX] * 2 + [CENTER_PX] * 2 + [0.0] * len(camera.distortion.coefficients)
+        off = replace(series, errors=replace(errors, camera_covariance=np.diag(np.square(sigma))))
+        with_it = expect(off, bare_px, seed)
+        over_all = _cell(with_it, series.poses, np.ones(len(series.poses), dtype=bool))
+        found["calibration"] = {"focal_px": FOCAL_PX, "center_px": CENTER_PX} | {
+            key: over_all[key] for key in ("rotation_deg", "translation_pct")
+        }
+    return found
+
+
+def headline(expected: Expectation, poses: PoseDistribution, source: str) -> dict[str, Any]:
+    """Expected errors in the hardest cell, the distance and tilt with the largest error, and over all poses.
+
+    Returns
+    -------
+    dict
+        ``rotation_deg`` and ``translation_mm``, to plan with: the RMS in its hardest cell. ``hardest`` with these cells
+        as ``rotation_deg`` and ``translation_mm``, and ``all``, with ``poses``, the RMS ``rotation_deg``,
+        ``translation_mm``, ``translation_pct`` and ``first_order_deg``, ``flip_rate``, ``failure_rate``, and the number
+        of ``sampled`` poses; the cells also with ``distance`` and ``tilt``. ``draws``: estimates at each sampled pose.
+        ``source``: the errors that were counted, in words.
+    """
+    cells = cells_of(poses)
+    hardest = {}
+    for key in _KEYS:
+        values = getattr(expected, key)
+        name = max(cells, key=lambda cell: rms(values[cells[cell]]))
+        hardest[key] = _cell(expected, poses, cells[name]) | {"distance": name[0], "tilt": name[1]}
+    return {
+        **{key: hardest[key][key] for key in _KEYS},
+        "hardest": hardest,
+        "all": _cell(expected, poses, np.ones(len(poses), dtype=bool)),
+        "draws": expected.drawn_deg.shape[1],
+        "source": source,
+        "views": None,
+    }
+
+
+def cells_of(poses: PoseDistribution) -> dict[tuple[str, str], Mask]:
+    """Masks (P,) of the poses at each distance and tilt, by their names; nearest first, without empty ones."""
+    return {
+        (distance, tilt): both
+        for distance, near in poses.by_distance().items()
+        for tilt, leaning in poses.by_polar_angle().items()
+        if (both := near & leaning).any()
+    }
+
+
+def middle(group: str) -> float:
+    """Center of a group from its name, such as ``35`` or ``30..40``."""
+    return float(np.mean([float(end) for end in group.split("..")]))
+
+
+def compare_views(
+    expected: Expectation, poses: PoseDistribution, views: Mapping[str, Any], found: Mapping[str, Any], seed: int
+) -> dict[str, Any]:
+    """Compare the errors of rendered views with those expected at their poses.
+
+    The interval of an RMS over N views comes from drawing such series of N errors again and again at the same poses,
+    flips included. All intervals together hold with probability `CONFIDENCE`, if the expected errors are right to 3 %.
+
+    Parameters
+    ----------
+    expected : Expectation
+        Expected errors with an exact calibration, as that of the views.
+    views : mapping
+        Summary of the views, see `view_records.summarize`.
+    found : mapping
+        Return value of `headline`.
+
+    Returns
+    -------
+    dict
+        ``hardest`` and ``all``, each with ``rotation_deg`` and ``translation_mm``: ``count``, ``rms``, ``expected``,
+        ``low``, ``high``, ``agrees`` (1 or 0). ``lost``: views without a pose; ``lost_interval`` of their share.
+        ``disagreements``: comparisons that failed.
+    """
+    cells, every = cells_of(poses), np.ones(len(poses), dtype=bool)
+    samples = [each for each in views["samples"] if np.isfinite(each["rotation_deg"])]
+    hardest = {key: cells[cell["distance"], cell["tilt"]] for key, cell in found["hardest"].items()}
+    compared: dict[str, Any] = {
+        name: {
+            key: _compared(expected, key, [each for each in samples if masks[key][each["pose"]]], seed) for key in _KEYS
+        }
+        for name, masks in (("hardest", hardest), ("all", dict.fromkeys(_KEYS, every)))
+    }
+    lost = views["count"] - len(samples)
+    interval = share_interval(lost, views["count"])
+    failed = sum(each["agrees"] == 0 for part in compared.values() for each in part.values())
+    return {
+        **compared,
+        "lost": lost,
+        "lost_interval": interval,
+        "disagreements": failed + int(interval[0] > LOST),
+    }
+
+
+def source_of(print_sigma_mm: float | None, calibrated: bool) -> str:
+    """Name the sources of the expected errors: image noise, the print, and the calibration if its errors are given."""
+    printed = "print errors" if print_sigma_mm is None else f"a print good to {print_sigma_mm:g} mm"
+    return f"image noise, {printed} and the camera's calibration" if calibrated else f"image noise and {printed}"
+
+
+def sentences(found: Mapping[str, Any]) -> list[str]:
+    """Say what to plan with, how it was computed, and what the views of the same run say to it.
+
+    Parameters
+    ----------
+    found : mapping
+        Return value of `headline`, with that of `compare_views` under ``views``.
+    """
+    turned, moved = (found["hardest"][key] for key in _KEYS)
+    over_all, deg, mm = found["all"], amount(found["rotation_deg"]), amount(found["translation_mm"])
+    frontal = ", seen frontally, where a small tilt hardly changes the image" if middle(turned["tilt"]) < 10 else ""
+    flips = f"{percent(turned['flip_rate'])} of flips" if turned["flip_rate"] > LEAST_SAID else "flips"
+    if _place(turned) == _place(moved):
+        plan = f"Plan with {deg} deg and {mm} mm RMS, {flips} included: {_place(turned)}{frontal}, is the hardest case."
+    else:
+        places = f"{deg} deg (at {_place(turned)}{frontal}) and {mm} mm (at {_place(moved)})"
+        plan = f"Plan with {places} RMS, {flips} included: these are the hardest cases."
+    said = [plan]
+    if turned["failure_rate"]:
+        said.append(f"{percent(turned['failure_rate'])} of the estimates fail there, and are not included.")
+    said.append(
+        f"Over all {over_all['poses']} poses: {amount(over_all['rotation_deg'])} deg and "
+        f"{amount(over_all['translation_mm'])} mm ({amount(over_all['translation_pct'])} % of the distance), with "
+        f"{found['source']}."
+    )
+    if over_all["sampled"]:
+        says = f", which claims {amount(turned['first_order_deg'])} deg in the hardest," if turned["sampled"] else ""
+        said.append(
+            f"In {over_all['sampled']} of the {over_all['poses']} poses a first-order covariance{says} is not to be "
+            f"relied on: {found['draws']} estimates were sampled in each."
+        )
+    return said + (_of_views(found["views"]) if found.get("views") else [])
+
+
+def amount(value: float | None, digits: int = 2) -> str:
+    """Format an error with that many significant digits; a missing or infinite one as a word."""
+    return "unbounded" if value is None or not np.isfinite(value) else number(float(value), digits)
+
+
+def _cell(expected: Expectation, poses: PoseDistribution, chosen: Mask) -> dict[str, Any]:
+    return {
+        "poses": int(chosen.sum()),
+        "rotation_deg": rms(expected.rotation_deg[chosen]),
+        "translation_mm": rms(expected.translation_mm[chosen]),
+        "translation_pct": rms(expected.translation_mm[chosen] / (10 * poses.distance[chosen])),
+        "first_order_deg": rms(expected.first_order_deg[chosen]),
+        "flip_rate": np.mean(expected.flip_rate[chosen]),
+        "failure_rate": np.mean(expected.failure_rate[chosen]),
+        "sampled": int(expected.sampled[chosen].sum()),
+    }
+
+
+def _compared(expected: Expectation, key: str, samples: Sequence[Mapping[str, Any]], seed: int) -> dict[str, Any]:
+    if not samples:
+        return {"count": 0, "rms": None, "expected": None, "low": None, "high": None, "agrees": None}
+    at = np.array([each["pose"] for each in samples])
+    if key == "rotation_deg":
+        measured, drawn = np.array([each["rotation_deg"] for each in samples]), expected.drawn_deg
+    else:
+        measured, drawn = np.linalg.norm([each["translation_error_mm"] for each in samples], axis=-1), expected.drawn_mm
+    low, high = _interval(drawn, at, np.random.default_rng([seed, len(samples)]))
+    seen = rms(measured)
+    return {
+        "count": len(samples),
+        "rms": seen,
+        "expected": rms(getattr(expected, key)[at]),
+        "low": low,
+        "high": high,
+        "agrees": int(low <= seen <= high),
+    }
+
+
+def _interval(drawn: Array, at: NDArray[np.intp], rng: np.random.Generator) -> tuple[float, float]:
+    """Interval of the RMS of one draw at each pose `at`, by drawing such series."""
+    squares = np.square(drawn)
+    if not np.isfinite(squares[at]).any(axis=1).all():
+        return 0.0, np.inf
+    count = int(np.clip(LOOKUPS // len(at), 1000, SERIES))
+    found = np.empty(count)
+    at_once = max(1, 1_000_000 // len(at))
+    for start in range(0, count, at_once):
+        chosen = rng.integers(squares.shape[1], size=(min(at_once, count - start), len(at)))
+        found[start : start + at_once] = np.nanmean(squares[at, chosen], axis=1)
+    # Two errors in two sets of views.
+    tail = (1 - CONFIDENCE) / 8
+    low, high = np.sqrt(np.quantile(found, [tail, 1 - tail]))
+    return float(low * (1 - MODEL)), float(high * (1 + MODEL))
+
+
+def _of_views(views: Mapping[str, Any]) -> list[str]:
+    said, agreed = [], []
+    for name, where in (("hardest", "in the hardest case"), ("all", "over all poses")):
+        for key, unit in _UNITS.items():
+            each = views[name][key]
+            if not each["count"]:
+                continue
+            line, between = f"{amount(each['rms'])} {unit}", f"{amount(each['low'])} to {amount(each['high'])}"
+            if not each["agrees"]:
+                said.append(
+                    f"The views of this run gave {line} {where} where {amount(each['expected'])} was expected: "
+                    f"{each['count']} views would give {between}. Rely on the views."
+                )
+            elif key == "rotation_deg":
+                agreed.append(f"{line} {where} in {each['count']} views, where {between} was to be expected")
+    if agreed and not said:
+        said.append(f"The views of this run agree: {'; '.join(agreed)}.")
+    if views["lost"]:
+        said.append(f"In {views['lost']} views of this run the marker was not found. No error includes these.")
+    return said
+
+
+def _place(cell: Mapping[str, Any]) -> str:
+    return f"{cell['distance'].replace('..', ' to ')} m and {cell['tilt'].replace('..', ' to ')} deg"

@@ -1,0 +1,179 @@
+"""The lower bound of `markergen.optimize.certificate`: closed forms, its ingredients, and attempts to break it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from markergen.model.boundary import Circle, polygon_from
+from markergen.model.camera import Distortion
+from markergen.model.poses import paper
+from markergen.model.spec import Spec
+from markergen.objectives import OBJECTIVES, Setting
+from markergen.objectives.criteria import regular_polygon
+from markergen.objectives.observation import DotNoise
+from markergen.objectives.survive import SurvivalObjective
+from markergen.optimize import certificate
+from markergen.optimize.certificate import certify
+from markergen.optimize.design import design
+from markergen.optimize.packing import lattice
+from markergen.optimize.problem import FeasibleRegion, fewer
+from markergen.optimize.search import search
+
+AGGREGATES = ("rms", "mean", "logmean", "max", "cvar:0.8")
+TRACES = ("pose", "rotation", "translation", "homography")
+
+
+def layouts(region, n, count, rng):
+    """Feasible layouts (B, n, 2) of many kinds: random, on the edge, in rings, of lattices."""
+    r = region.boundary.radius
+    found = [region.sample(count, n, rng)]
+    for _ in range(count // 4):
+        angles = 2 * np.pi * (np.arange(n) / n + rng.random()) + rng.normal(scale=0.1, size=n)
+        rim = r * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        ring = rim * np.where(np.arange(n) % rng.integers(1, 4), 0.5, 1.0)[:, None]
+        found += [region.project(each[None]) for each in (rim, ring)]
+    places = lattice(region.boundary, region.diameter or r / n, region.clearance)
+    for _ in range(count // 4 if len(places) >= n else 0):
+        taken = places[rng.permutation(len(places))[:n]]
+        found.append(region.project(taken[None]))
+    found = np.concatenate(found)
+    return found[region.holds(found)]
+
+
+def attempt_to_break(objective, region, n, count=1000):
+    """Values of many layouts, all of which the bound for the best of them must not exceed."""
+    rng = np.random.default_rng(n)
+    tried = layouts(region, n, count, rng)
+    values = objective(tried)
+    best = search(objective, region, n, rng, 6, rough=objective)
+    found = certify(objective, region, best.points)
+    assert found.lower_bound > 0.5 * best.value
+    assert len(tried) > count / 2
+    # The layout itself may be the optimum; then the bound is below it by its tolerance alone.
+    assert min(values.min(), best.value) >= found.lower_bound
+    return found
+
+
+def test_regular_polygons_of_bare_points_are_as_good_as_a_ring(setting):
+    # A measure on the disk is best when uniform on its rim, whose information a polygon of many corners has.
+    region, objective = FeasibleRegion(Circle(0.15)), OBJECTIVES["pose"](setting)
+    ring = objective(regular_polygon(120, 0.15)[None])[0] * np.sqrt(120)
+    for n in (4, 8):
+        found = certify(objective, region, regular_polygon(n, 0.15))
+        assert found.lower_bound * np.sqrt(n) == pytest.approx(ring, rel=2e-4)
+        assert found.lower_bound * np.sqrt(n) <= ring
+        assert found.gap < (7e-4 if n == 4 else 2e-4)
+
+
+@pytest.mark.parametrize("aggregate", AGGREGATES)
+@pytest.mark.parametrize("name", ["pose", "homography"])
+def test_sensitivity_is_the_derivative_and_bounds_every_measure(criterion, aggregate, name):
+    region, rng = FeasibleRegion(Circle(0.15), 0.03, 0.003), np.random.default_rng(1)
+    objective = criterion(region.boundary, name, aggregate)
+    fields = certificate._Fields(objective, region, 18)
+    places = region.sample(1, 9, rng)[0]
+    x, y = fields.basis(places)
+
+    def worth(weights):
+        return fields.worth((x * weights[:, None]).T @ y)
+
+    weights = rng.uniform(0.5, 1.5, len(places))
+    moments = (x * weights[:, None]).T @ y
+    sensitivity = fields.sensitivity(moments, 0.0)
+    slopes = np.sum(x @ fields.polynomial(sensitivity) * y, axis=1)
+    step = 1e-5 * np.eye(len(places))
+    differences = [(worth(weights + each) - worth(weights - each)) / 2e-5 for each in step]
+    np.testing.assert_allclose(slopes, differences, rtol=1e-5, atol=1e-6 * slopes.max())
+    assert weights @ slopes == pytest.approx(worth(weights))
+    for softness in (0.0, 0.03):
+        slopes = np.sum(x @ fields.polynomial(fields.sensitivity(moments, softness)) * y, axis=1)
+        for _ in range(20):
+            other = rng.exponential(size=len(places))
+            assert worth(other) <= other @ slopes * (1 + 1e-9)
+    ones = np.ones(len(places))
+    assert worth(ones) == pytest.approx(float(objective(places[None])[0]) ** -2, rel=1e-7)
+
+
+def test_no_more_than_one_dot_is_in_a_cap():
+    rng, pitch = np.random.default_rng(0), 1.0
+    hexagonal = np.stack([np.array([1, 0]), np.array([0.5, np.sqrt(0.75)])])
+    sites = np.array([i * hexagonal[0] + j * hexagonal[1] for i in range(-3, 4) for j in range(-3, 4)])
+    region = FeasibleRegion(Circle(2.2), 0.9, 0.1)
+    packed = region.sample(40, 10, rng)
+    packed = packed[region.holds(packed)]
+    assert len(packed) > 20
+    for points in [sites, *packed]:
+        centers = np.concatenate([rng.uniform(-2, 2, (500, 2)), points, (points[:1] + points) / 2])
+        assert certificate._overlap(centers, points, pitch).sum(axis=1).max() <= 1 + 1e-9
+
+
+def test_other_layouts_do_not_break_the_bound(rooms, criterion):
+    region = FeasibleRegion(rooms["rectangle"], 0.03, 0.003)
+    assert attempt_to_break(criterion(rooms["rectangle"]), region, 7).gap < 0.05
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("aggregate", AGGREGATES)
+@pytest.mark.parametrize("name", TRACES)
+def test_no_layout_in_any_room_breaks_the_bound(rooms, criterion, name, aggregate):
+    for place, boundary in enumerate(rooms.values()):
+        region = FeasibleRegion(boundary, 0.02, 0.002)
+        attempt_to_break(criterion(boundary, name, aggregate), region, (4, 6, 9, 14)[place % 4])
+    disk = Circle(0.15)
+    for n in (4, 9, 20):
+        attempt_to_break(criterion(disk, name, aggregate), FeasibleRegion(disk, 0.02, 0.002), n)
+
+
+def test_bound_with_lens_and_noise_of_dots(criterion):
+    camera = replace(Spec(n=4).camera, distortion=Distortion("radtan", (-0.1, 0.05, 1e-3, -1e-3)))
+    boundary = polygon_from([np.array([[-0.1, -0.05], [0.1, -0.05], [0.1, 0.05], [-0.1, 0.05]])])
+    poses = fewer(paper().seen_whole(boundary, camera))
+    objective = OBJECTIVES["rotation"](Setting(boundary, camera, poses, DotNoise(0.02, print_sigma=1e-4)))
+    assert attempt_to_break(objective, FeasibleRegion(boundary, 0.02, 0.002), 5, 200).gap < 0.05
+
+
+def test_smaller_rooms_and_fewer_dots_have_larger_bounds(criterion):
+    objective = criterion(Circle(0.15), "rotation")
+    points = regular_polygon(6, 0.1)
+
+    def bound(radius, diameter=0.03, count=6):
+        region = FeasibleRegion(Circle(radius), diameter, 0.003)
+        return certify(objective, region, np.concatenate([points, [[0.0, 0.0]]])[:count]).lower_bound
+
+    bounds = [bound(0.15, count=7), bound(0.15, 0.02), bound(0.15), bound(0.13)]
+    assert np.all(np.diff(bounds) > 0)
+
+
+def test_a_coarse_search_for_the_bound_gives_a_lower_one(monkeypatch, rooms, criterion):
+    region, objective = FeasibleRegion(rooms["L"], 0.03, 0.003), criterion(rooms["L"])
+    best = search(objective, region, 8, np.random.default_rng(0), 4, rough=objective)
+    fine = certify(objective, region, best.points).lower_bound
+    for name, value in {"EDGE": 15, "INSIDE": 15, "COARSE": 1, "BOXES": 3, "LEVELS": 4, "ROUNDS": 3}.items():
+        monkeypatch.setattr(certificate, name, value)
+    coarse = certify(objective, region, best.points).lower_bound
+    assert 0 < coarse <= fine * 1.0005 <= best.value * 1.0005
+    assert coarse < 0.999 * fine
+
+
+def test_reasons_for_no_bound(criterion):
+    region, points = FeasibleRegion(Circle(0.15)), regular_polygon(6, 0.15)
+    pose = criterion(region.boundary)
+    high = np.concatenate([points, np.linspace(0, 0.02, 6)[:, None]], axis=1)
+    cases = [
+        (criterion(region.boundary, "condition"), points, "not a convex function"),
+        (SurvivalObjective(pose, 1), points, "not a convex function"),
+        (pose, high, "hide each other"),
+    ]
+    for objective, layout, words in cases:
+        found = certify(objective, region, layout)
+        assert words in found.sentence
+        assert found.lower_bound == 0
+        assert found.gap == 1
+
+
+def test_a_design_says_how_much_better_another_layout_can_be():
+    found = design(Spec(n=5, restarts=3))
+    assert found.certificate.lower_bound <= found.value
+    assert "no 5 dots in this room can be more than 0.1 % better" in str(found)
+    assert found.certificate is found.certify()
