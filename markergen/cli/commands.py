@@ -355,10 +355,7 @@ def _contestants() -> Rows:
 def compare(
     contestants: Annotated[
         list[str],
-        typer.Argument(
-            metavar="A B...",
-            help="Markers, layouts, tags and boards, in the forms below; one alone is compared with nine of them.",
-        ),
+        typer.Argument(metavar="A B...", help="In the forms above; one alone is compared with nine of them."),
     ],
     json: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the results as JSON; - is standard output.")
