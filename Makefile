@@ -6,7 +6,7 @@ BIN = $(VENV)/bin
 # The tests start hundreds of interpreters, each of which would compile everything anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-docs test-long test-outside test-package lint bench docs clean
+.PHONY: demo test test-docs test-long test-outside test-package lint bench docs numbers clean
 
 demo: $(VENV)/installed $(VENV)/kernel
 	@PATH="$(CURDIR)/$(BIN):$$PATH" sh examples/demo.sh out
@@ -40,6 +40,10 @@ bench: $(VENV)/developed $(VENV)/kernel
 docs: $(VENV)/developed
 	$(BIN)/python -m docs.generate
 
+# Runs every command that README and docs name for their numbers, and fails where the text has another.
+numbers: $(VENV)/developed $(VENV)/kernel
+	$(BIN)/python -m docs.numbers
+
 clean:
 	rm -rf $(VENV) out
 
@@ -55,7 +59,7 @@ $(VENV)/installed: $(VENV)/python pyproject.toml constraints.txt
 	touch $@
 
 # The compiled part of detection, once more after a change; without a compiler one line says so, and all goes on.
-$(VENV)/kernel: $(VENV)/installed markergen/detect/kernel.c markergen/detect/kernel_fit.c markergen/detect/kernel_build.py
+$(VENV)/kernel: $(VENV)/installed $(wildcard markergen/detect/kernel*.c) markergen/detect/kernel_build.py
 	@$(BIN)/python -m markergen.detect.kernel_build || true
 	@touch $@
 

@@ -26,7 +26,7 @@ from markergen.optimize.design import design as find
 from markergen.optimize.trace import check_trace_path, trace_bytes
 from markergen.options import Progress, check_progress, given, signature_of
 from markergen.options.declarations import DesignKeywords
-from markergen.read.spec_file import spec_from_mapping
+from markergen.read.spec_file import spec_from_mapping, spec_of
 from markergen.read.templates import read_template
 
 log = logging.getLogger(__name__)
@@ -71,14 +71,14 @@ def design(*, progress: Progress | None = None, **options: Unpack[DesignKeywords
     for path in request.traces:
         check_trace_path(path)
     check_files([*targets, *request.traces], request.inputs)
-    log.info("designing %d control points in a %s", request.spec.n, request.spec.boundary)
+    log.info("designing %s control points in a %s", request.spec.n or "the best number of", request.spec.boundary)
     spec, found = request.find(lambda spec: find(spec, progress, traced=bool(request.traces)))
     if request.choices.sheet.colors.inverted:
         found = replace(found, marker=light_marker(found.marker))
     for warning in found.warnings:
         log.warning("%s", warning)
     if request.ids:
-        found = replace(found, family=members(found.marker, spec, request.ids))
+        found = replace(found, family=members(found.marker, spec_of(found.marker) or spec, request.ids))
     if progress and (paths or request.traces):
         progress("writing", 0, 1)
     written = []
@@ -132,6 +132,10 @@ def _request(options: Mapping[str, Any]) -> _Request:
             values.pop(other, None)
     values |= {name: list(value) if isinstance(value, tuple) else value for name, value in asked.items()}
     fit = values.get("radius") == "fit"
+    if fit and (values.get("n") == "auto" or values.get("target")):
+        raise InputError(
+            "a length for the radius", "--radius fit with --n auto or --target", "give --radius 90mm, for example"
+        )
     if fit:
         values = {"paper": USUAL.name, **values}
         if hasattr(values.get("camera"), "read"):  # An open file can be read only once.
@@ -165,7 +169,7 @@ def _request(options: Mapping[str, Any]) -> _Request:
 def _named_in(values: Mapping[str, Any]) -> list[Any]:
     """Return all values that may name an input file, from options or from the template."""
     plate = values.get("substrate")
-    named = [values.get(key) for key in ("camera", "poses", "boundary", "outline")]
+    named = [values.get(key) for key in ("camera", "camera_covariance", "poses", "boundary", "outline")]
     named += [plate.get("outline")] if isinstance(plate, Mapping) else []
     for key in ("keep_out", "keep_outs"):
         several = values.get(key)

@@ -91,7 +91,7 @@ def validate(
     covariance = settled["camera_covariance"] and read_camera_covariance(settled["camera_covariance"], setting.camera)
     series = SyntheticViews(
         judged, setting.camera, setting.poses, views, settled["seed"], optics, settled["background"], settled["hide"],
-        ErrorSources(settled["print_sigma"], covariance), settled["refine"],
+        ErrorSources(settled["print_sigma"], covariance, scale_sigma=settled["scale_sigma"]), settled["refine"],
     )  # fmt: skip
     check_pictures(targets, views)
     targets.check(files_among(marker, camera, settled["camera_covariance"], settled["poses"]))

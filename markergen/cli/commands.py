@@ -38,12 +38,21 @@ def length(text: str) -> float:
         raise typer.BadParameter(str(error)) from None
 
 
-def length_or(word: str) -> Callable[[str], float | str]:
-    """Return a parser of an option that is a length or one word."""
-    return lambda text: text if text == word else length(text)
+def or_word(word: str, read: Callable[[str], Any]) -> Callable[[str], Any]:
+    """Return a parser of an option that is one word or what another one reads."""
+    return lambda text: text if text == word else read(text)
 
 
-PARSERS = {"length": length, "length or auto": length_or("auto"), "length or fit": length_or("fit")}
+def number(text: str) -> int:
+    """Parse a whole number so that an error tells of the word, too."""
+    try:
+        return int(text)
+    except ValueError:
+        raise typer.BadParameter(f"expected a whole number or auto, found {text!r}; write 8, or auto") from None
+
+
+PARSERS = {"length": length, "int or auto": or_word("auto", number)}
+PARSERS |= {f"length or {word}": or_word(word, length) for word in ("auto", "fit")}
 """Parsers for kinds that typer cannot read itself."""
 
 TYPES: dict[str, Any] = {
@@ -52,15 +61,10 @@ TYPES: dict[str, Any] = {
     "str": str,
     "bool": bool,
     "length": float,
-    "length or auto": str,
-    "length or fit": str,
+    **dict.fromkeys(("int or auto", "length or auto", "length or fit", "shape", "camera", "poses"), str),
     "file": Path,
     "files": list[Path],
-    "texts": list[str],
-    "shape": str,
-    "shapes": list[str],
-    "camera": str,
-    "poses": str,
+    **dict.fromkeys(("texts", "shapes"), list[str]),
 }
 """Type given to typer for each kind of value."""
 
@@ -357,9 +361,7 @@ def compare(
         list[str],
         typer.Argument(metavar="A B...", help="In the forms above; one alone is compared with nine of them."),
     ],
-    json: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the results as JSON; - is standard output.")
-    ] = None,
+    json: Annotated[Path | None, typer.Option(metavar="FILE", help="Results as JSON; - is standard output.")] = None,
     plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the errors: .svg or .png.")] = None,
     **options: Any,
 ) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.model.camera import Camera
+from markergen.model.camera import NO_DISTORTION, Camera
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
@@ -57,13 +57,15 @@ class Blobs:
     @property
     def axes(self) -> Array:
         """Semi-axes (B, 2, 2) as columns, px, longest first."""
-        turn = np.stack([np.cos(self.angle), np.sin(self.angle)], axis=-1)
-        across = np.stack([-turn[:, 1], turn[:, 0]], axis=-1)
-        return np.stack([turn * self.semi[:, :1], across * self.semi[:, 1:]], axis=-1)
+        cosine, sine, axes = np.cos(self.angle), np.sin(self.angle), np.empty((len(self), 2, 2))
+        axes[:, 0, 0], axes[:, 1, 0] = cosine, sine
+        axes[:, 0, 1], axes[:, 1, 1] = -sine, cosine
+        axes *= self.semi[:, None]
+        return axes
 
     def take(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> "Blobs":
         """Return a subset."""
-        return Blobs(*(getattr(self, each.name)[index] for each in fields(self)))
+        return Blobs(*(each[index] for each in vars(self).values()))
 
     def joined(self, other: "Blobs") -> "Blobs":
         """Return these blobs, then the others."""
@@ -125,7 +127,7 @@ class Ellipses:
 
     def take(self, chosen: NDArray[np.intp] | NDArray[np.bool_]) -> "Ellipses":
         """Return a subset."""
-        return Ellipses(*(getattr(self, each.name)[chosen] for each in fields(self)))
+        return Ellipses(*(each[chosen] for each in vars(self).values()))
 
     def put(self, index: NDArray[np.intp], others: "Ellipses") -> "Ellipses":
         """Return a copy with others in the place of some."""
@@ -143,8 +145,8 @@ def undo_lens(blobs: Blobs, camera: Camera) -> Ellipses:
     out.
     """
     axes = blobs.axes
-    if camera == camera.ideal:
-        center = camera.from_pixels(blobs.center)
+    if camera.distortion == NO_DISTORTION:
+        center = (blobs.center - [camera.cx, camera.cy]) / camera.focal
         axes = axes / camera.focal[:, None]
         return Ellipses(center, axes @ axes.swapaxes(-1, -2), blobs.hole, np.arange(len(blobs)))
     angle = 2 * np.pi * np.arange(_SAMPLES) / _SAMPLES

@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.detect import kernel
+
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
@@ -36,6 +38,10 @@ _RING_MIDDLE = np.array([0, 0, 0.005, 0.196, 0.456, 0.665, 0.807, 0.894, 0.945, 
 in blurs; visible step, as a share of that between paper and ink; and level in the middle relative to the visible step.
 Of a disk of radius R, the ink seen at radius x has the noncentral chi-squared distribution with 2 degrees of freedom,
 of R^2 at x^2, both in blurs."""
+
+_RINGS = np.stack([_RING_SIZE, _RING_SEEN, _RING_DEPTH, _RING_MIDDLE])
+_LIMITS = _LEAST_SHARE, _MAX_SHARE, _LEAST_DEPTH, _MAX_INWARD
+"""In the order of kernel_blur.c."""
 
 _QUARTER = np.cos((np.arange(12) + 0.5) / 24 * np.pi) ** 2
 """Squared cosines of an ellipse's parameter over a quarter of it."""
@@ -114,11 +120,16 @@ def _solved(
 ) -> tuple[Array, Array, Array, Array]:
     """Return semi-axes (2, k), blur with that of sampling, depth, and level expected in the middle of a ring (k,).
 
+    In NumPy, this is the twin of the function in kernel_blur.c.
+
     Parameters
     ----------
     least, most : arrays (k,), px
         Limits of the blur.
     """
+    if kernel.library() is not None:
+        outlines = longer, shorter, slope, ring, least, most
+        return kernel.solve_blurred(outlines, steps, _QUARTER, _RINGS, _LIMITS)
     from scipy.special import ndtr, ndtri
 
     square = _squares(longer, shorter)
@@ -133,7 +144,7 @@ def _solved(
             continue
         seen = mean / blur
         size = np.where(seen < _RING_SEEN[-1], np.interp(seen, _RING_SEEN, _RING_SIZE), seen)
-        level = np.interp(size, _RING_SIZE, _RING_MIDDLE)
+        level = np.where(ring, np.interp(size, _RING_SIZE, _RING_MIDDLE), 0)
         depth = np.where(ring, np.maximum(np.interp(size, _RING_SIZE, _RING_DEPTH), _LEAST_DEPTH), depth)
         outside = np.where(ring, mean - blur * (size - 0.5 / size), outside)
         # Between the two places is not the steepest part of a ring's edge, and the rise to the hole's level begins.

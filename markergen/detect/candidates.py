@@ -372,7 +372,10 @@ def _blobs(edges: Array, scale: Array, components: Components) -> Blobs:
 
 def _distinct(blobs: Blobs, scale: Array) -> Indices:
     """Return the indices of blobs without one of the same place and size whose center is more certain."""
-    variance = np.trace(blobs.covariance, axis1=-2, axis2=-1)
+    variance = blobs.covariance[:, 0, 0] + blobs.covariance[:, 1, 1]
+    if kernel.library() is not None:
+        limits = _SAME_PLACE, _SAME_SIZE, _BLURRED_PX, _LARGE_PX
+        return np.flatnonzero(kernel.distinct_blobs(blobs.center, blobs.semi, variance, scale, limits))
     shorter, kept = blobs.semi[:, 1], np.ones(len(blobs), dtype=bool)
     # Small ones, of which there may be many, are near few others in x. Those in between are in both groups.
     for group in (shorter < 2 * _LARGE_PX, shorter > _LARGE_PX):

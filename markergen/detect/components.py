@@ -263,12 +263,13 @@ def grey_noise(image: Image) -> float:
     else:
         sums = _difference_squares(pieces)
     # Saturated pieces show no noise.
-    sums = np.sort(sums[sums > 0])
+    sums = sums[sums > 0]
     if not len(sums):
         return 0.0
     place = _PLAIN * (len(sums) - 1)
     low = int(place)
     high = min(low + 1, len(sums) - 1)
+    sums.partition([low, high])
     square = (sums[low] + (place - low) * (sums[high] - sums[low])) / (_PIECE - 1)
     return float(np.sqrt(square / 2))
 

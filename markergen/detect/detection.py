@@ -329,7 +329,10 @@ def _contrast(blobs: Blobs, ellipses: Ellipses) -> Array:
 
 def _among(ellipses: Ellipses, chosen: Search) -> NDArray[np.bool_]:
     """Return which ellipses (B,) belong to a search's best labeling."""
-    return np.isin(np.arange(len(ellipses)), chosen.blobs)
+    among = np.zeros(len(ellipses) + 1, dtype=bool)
+    # The last is that of -1, no blob.
+    among[chosen.blobs] = True
+    return among[:-1]
 
 
 def _fitted(
@@ -415,7 +418,7 @@ def finish(
         blobs.center[index],
         None if homography is None else homography / homography[2, 2],
         pose,
-        dropped=ids[np.setdiff1d(labeled, used)],
+        dropped=np.delete(ids[labeled], np.searchsorted(labeled, used)),
         misfit=float(chosen.candidates.misfit[0]),
     )
 

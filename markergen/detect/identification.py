@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.detect import kernel, kernel_pose
 from markergen.detect.blobs import Ellipses
 from markergen.detect.fiducials import CONFIRMS, NO_TAGS, REFUTES, Sightings, TagReader, verdicts
 from markergen.detect.labeling_hypotheses import (
@@ -268,10 +269,18 @@ def _judged(
 ) -> Search:
     """Rank labelings with the evidence against them, by misfit and missing dots; rejected ones come last."""
     layout, px = view.layout, view.px
-    absent = candidates.blobs < 0
-    missing = np.count_nonzero(_expected(candidates, view.camera) & absent, axis=-1)
     printing = _printing(candidates, px, view.print_sigma)
-    bound = _bound(candidates, missing, ellipses, px, printing, rough)
+    if kernel.library() is not None and isinstance(candidates.model, Poses):
+        drawn, camera = candidates.predicted, view.camera
+        predicted = camera.to_pixels(drawn.center), drawn.shape, drawn.seen
+        size = camera.width, camera.height, camera.fx, camera.fy, EDGE_PX
+        settings = *size, px, ACCEPT_PX, ACCEPT_SHARE, REFUSED_PX, LEAST_ROUND
+        missing, bound = kernel_pose.judge_poses(
+            candidates.blobs, (ellipses.center, rough), predicted, printing, settings
+        )
+    else:
+        missing = (_expected(candidates, view.camera) & (candidates.blobs < 0)).sum(axis=-1)
+        bound = _bound(candidates, missing, ellipses, px, printing, rough)
     # In a coarse print, leaving out any dot may improve the fit: if all dots are acceptable, keep them all.
     lack = np.hypot(MISSING_PX, printing) * (len(layout) - candidates.count)
     order = np.lexsort((candidates.misfit + lack, candidates.misfit > bound))[:_KEPT]
@@ -343,7 +352,10 @@ def contender(chosen: Search, others: Search, same_marker: bool) -> int | None:
     Labelings that share no blob are other copies; those that agree on their common blobs are parts of one labeling.
     """
     best, labelings = chosen.blobs, others.candidates.blobs
-    shared = np.isin(labelings, best[best >= 0]).any(axis=-1)
+    taken = np.zeros(max(best.max(), labelings.max(initial=-1)) + 2, dtype=bool)
+    # The last is that of -1, no blob.
+    taken[best[best >= 0]] = True
+    shared = taken[labelings].any(axis=-1)
     if same_marker:
         same = labelings == best
         shared &= ~(same | (labelings < 0)).all(axis=-1) & ~(same | (best < 0)).all(axis=-1)
@@ -363,7 +375,7 @@ def contender(chosen: Search, others: Search, same_marker: bool) -> int | None:
 
 def _alike(count: int, best: Indices, labelings: Indices) -> NDArray[np.bool_]:
     """Return which labelings (A, n) have the same blobs as the best one for most of its dots."""
-    agreed = np.count_nonzero((labelings == best) & (best >= 0), axis=-1)
+    agreed = ((labelings == best) & (best >= 0)).sum(axis=-1)
     return np.asarray(agreed >= max(LEAST_DOTS, ALIKE_SHARE * count))
 
 
@@ -389,8 +401,8 @@ def _printing(candidates: Labelings, px: float, print_sigma: float) -> Array:
     """Return the error (A,) of the print in px, at `PRINT_SIGMAS`, at each pose's distance; 0 without a camera."""
     if not isinstance(candidates.model, Poses):
         return np.zeros(len(candidates))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.nan_to_num(PRINT_SIGMAS * print_sigma * px / np.abs(candidates.model.translation[:, 2]), posinf=0.0)
+    depth = np.abs(candidates.model.translation[:, 2])
+    return np.divide(PRINT_SIGMAS * print_sigma * px, depth, out=np.zeros(len(depth)), where=depth > 0)
 
 
 def _bound(
@@ -409,7 +421,7 @@ def _bound(
     unsure, refused = np.zeros((2, len(count)))
     if rough is not None:
         own = rough[candidates.blobs] * used
-        unsure, refused = np.sqrt(np.sum(own**2, axis=-1) / count), np.count_nonzero(own == REFUSED_PX, axis=-1)
+        unsure, refused = np.sqrt((own * own).sum(axis=-1) / count), (own == REFUSED_PX).sum(axis=-1)
     # What is no dot may be where one should be, but does not carry a labeling.
     round_ = count - refused >= np.maximum(LEAST_ROUND, count / 2)
     if isinstance(candidates.model, Poses):
@@ -441,10 +453,10 @@ def _expected(candidates: Labelings, camera: Camera) -> NDArray[np.bool_]:
     drawn = candidates.predicted
     with np.errstate(invalid="ignore", divide="ignore"):
         pixels = camera.to_pixels(drawn.center)
-        half = np.sqrt(drawn.shape[..., [0, 1], [0, 1]]) * camera.focal + EDGE_PX
-        size = np.array([camera.width, camera.height])
-        inside = ((pixels - half >= 0) & (pixels + half <= size - 1)).all(axis=-1)
-    return drawn.seen & inside
+        half = np.sqrt(drawn.shape.diagonal(axis1=-2, axis2=-1)) * camera.focal + EDGE_PX
+        middle = np.array([camera.width - 1, camera.height - 1]) / 2
+        inside = np.abs(pixels - middle) + half <= middle
+    return drawn.seen & inside[..., 0] & inside[..., 1]
 
 
 def _how_far(ellipses: Ellipses, candidates: Labelings, view: View) -> str:

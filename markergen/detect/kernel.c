@@ -426,25 +426,28 @@ static void center_equations(int64_t n, const double *points, const double *weig
     }
 }
 
-/* Solves N s = g by Cholesky, in the lower triangle of N; a matrix that is not positive gives nan. */
-static void solve_six(double *N, double *s)
+/* Solves N x = b for symmetric positive N (n, n) by Cholesky's decomposition, whose factor replaces its lower triangle, for
+   each of `count` b (n). Pivots are `least` or more; without that, a matrix that is not positive gives nan. */
+void solve_positive(int n, double *N, double *columns, int count, double least)
 {
-    for (int i = 0; i < 6; i++)
+    for (int i = 0; i < n; i++)
         for (int j = 0; j <= i; j++) {
-            double sum = N[6 * i + j];
+            double sum = N[n * i + j];
             for (int k = 0; k < j; k++)
-                sum -= N[6 * i + k] * N[6 * j + k];
-            N[6 * i + j] = i == j ? sqrt(sum) : sum / N[6 * j + j];
+                sum -= N[n * i + k] * N[n * j + k];
+            N[n * i + j] = i == j ? sqrt(sum > least ? sum : least) : sum / N[n * j + j];
         }
-    for (int i = 0; i < 6; i++) {
-        for (int k = 0; k < i; k++)
-            s[i] -= N[6 * i + k] * s[k];
-        s[i] /= N[6 * i + i];
-    }
-    for (int i = 5; i >= 0; i--) {
-        for (int k = i + 1; k < 6; k++)
-            s[i] -= N[6 * k + i] * s[k];
-        s[i] /= N[6 * i + i];
+    for (double *b = columns; b < columns + n * count; b += n) {
+        for (int i = 0; i < n; i++) {
+            for (int k = 0; k < i; k++)
+                b[i] -= N[n * i + k] * b[k];
+            b[i] /= N[n * i + i];
+        }
+        for (int i = n - 1; i >= 0; i--) {
+            for (int k = i + 1; k < n; k++)
+                b[i] -= N[n * k + i] * b[k];
+            b[i] /= N[n * i + i];
+        }
     }
 }
 
@@ -490,7 +493,7 @@ int refine_poses(int64_t k, int64_t n, const double *points, const double *radii
                 most = fmax(most, normal[7 * p]);
             for (int p = 0; p < 6; p++)
                 normal[7 * p] += normal[7 * p] * strength[i] + ridge * most + 1e-300;
-            solve_six(normal, move);
+            solve_positive(6, normal, move, 1, -INFINITY);
             turned(move, R, tried);
             for (int p = 0; p < 3; p++)
                 place[p] = t[p] + move[3 + p];
@@ -625,31 +628,6 @@ static int stands_out(const Grey *image, const double *e, const double *circle, 
     return good >= limits->least_eighths;
 }
 
-/* Solve N x = b for symmetric positive N by Cholesky's decomposition, whose factor is left in N; `columns` of b, each
-   UNKNOWNS long. */
-static void solve_five(double N[UNKNOWNS][UNKNOWNS], double *b, int columns)
-{
-    for (int i = 0; i < UNKNOWNS; i++)
-        for (int j = 0; j <= i; j++) {
-            double sum = N[i][j];
-            for (int k = 0; k < j; k++)
-                sum -= N[i][k] * N[j][k];
-            N[i][j] = i == j ? sqrt(sum) : sum / N[j][j];
-        }
-    for (int c = 0; c < columns; c++, b += UNKNOWNS) {
-        for (int i = 0; i < UNKNOWNS; i++) {
-            for (int k = 0; k < i; k++)
-                b[i] -= N[i][k] * b[k];
-            b[i] /= N[i][i];
-        }
-        for (int i = UNKNOWNS - 1; i >= 0; i--) {
-            for (int k = i + 1; k < UNKNOWNS; k++)
-                b[i] -= N[k][i] * b[k];
-            b[i] /= N[i][i];
-        }
-    }
-}
-
 /* Move the ellipse `e` to the edges near it, and fill in the rest of its row but for the middle; false without edges. */
 static int at_crossings(const Grey *image, double *e, const double *circle, const EdgeLimits *limits, int pass)
 {
@@ -726,7 +704,7 @@ static int at_crossings(const Grey *image, double *e, const double *circle, cons
         for (int j = 0; j < UNKNOWNS; j++)
             N[j][j] += 1e-9;
         solved[UNKNOWNS] = solved[2 * UNKNOWNS + 1] = 1;
-        solve_five(N, solved, last ? 3 : 1);
+        solve_positive(UNKNOWNS, N[0], solved, last ? 3 : 1, -INFINITY);
         for (int i = 0; i < sectors; i++) {
             residual[i] = away[i];
             for (int j = 0; j < UNKNOWNS; j++)
@@ -928,12 +906,12 @@ static int fit_pose(const Scene *s, const int64_t *labels, double *R, double *t)
 }
 
 /* The pose with nearly the same image of a flat marker: its normal reflected about the line of sight to its middle. */
-static void mirror(const Scene *s, const double *R, const double *t, double *result, double *place)
+void mirrored_pose(int64_t count, const double *points, const double *R, const double *t, double *result, double *place)
 {
     double m[3] = {0, 0, 0}, p[3], l[3], target[3], axis[3], along = 0, norm = 0, cosine = 0;
-    for (int64_t i = 0; i < s->n; i++)
+    for (int64_t i = 0; i < count; i++)
         for (int a = 0; a < 3; a++)
-            m[a] += s->points[3 * i + a] / (double)s->n;
+            m[a] += points[3 * i + a] / (double)count;
     for (int a = 0; a < 3; a++) {
         p[a] = R[3 * a] * m[0] + R[3 * a + 1] * m[1] + R[3 * a + 2] * m[2] + t[a];
         norm += p[a] * p[a];
@@ -996,7 +974,7 @@ static int follow(const Scene *s, int64_t near_count, const int64_t *own, int64_
         memcpy(other, R, sizeof R);
         memcpy(place, t, sizeof t);
         if (s->flat)
-            mirror(s, R, t, other, place);
+            mirrored_pose(s->n, s->points, R, t, other, place);
         if (fit_pose(s, labels, R, t))
             return -1;
         misfit[stage] = misfit_of(s, labels, R, t);
@@ -1073,7 +1051,7 @@ int follow_poses(int64_t k, int64_t n, int64_t b, int64_t flat, int64_t near_cou
 
    first, second (m); pairs (q, 2); center (b, 2), shape (b, 3), area (b); strange (2, b) as in follow_poses;
    settings: px, drift, drift in px, size (log), tolerance of the sizes' ratio. Returns the number of good guesses, of which at most `capacity` are
-   written: start, votes, quality, rotation and translation. */
+   written, or -1 without memory: start, votes, quality, rotation and translation. */
 
 static double stretched(const double *e, double det, double x, double y, const double *n)
 {
@@ -1094,7 +1072,16 @@ int64_t guess_poses(int64_t m, int64_t q, int64_t b, int64_t near_count, int64_t
 {
     const double px = settings[0], drift = settings[1], drift_px = settings[2], alike = settings[3];
     const double least_size = exp(-2 * alike), most_size = exp(2 * alike);
+    /* Squared distances in radii of the first dot, which tell at once that a pair of one height is out of the question. */
+    double *apart = malloc(sizeof(double) * (size_t)(q + 1));
     int64_t count = 0;
+    if (!apart)
+        return -1;
+    for (int64_t k = 0; k < q; k++) {
+        const double *X = points + 3 * pairs[2 * k], *Y = points + 3 * pairs[2 * k + 1], r = radii[pairs[2 * k]];
+        const double dx = Y[0] - X[0], dy = Y[1] - X[1];
+        apart[k] = X[2] == Y[2] ? (dx * dx + dy * dy) / (r * r) : NAN;
+    }
     for (int64_t pair = 0; pair < 2 * m; pair++) {
         const int64_t i = first[pair % m], j = second[pair % m], side = pair / m;
         const double *p = position + 6 * i + 3 * side, *n = normal + 6 * i + 3 * side;
@@ -1105,8 +1092,11 @@ int64_t guess_poses(int64_t m, int64_t q, int64_t b, int64_t near_count, int64_t
         const double limit = exp(2 * allowed), growth = exp(2 * settings[4] * allowed);
         const double away = n[0] * p[0] + n[1] * p[1] + n[2] * p[2];
         const double square_ray = x * x + y * y + 1, along_ray = x * p[0] + y * p[1] + p[2];
-        const double square_p = p[0] * p[0] + p[1] * p[1] + p[2] * p[2];
+        const double square_p = p[0] * p[0] + p[1] * p[1] + p[2] * p[2], deep = away / toward;
+        const double far_out = deep * deep * square_ray - 2 * deep * along_ray + square_p, slack_out = limit * (1 + 1e-6);
         for (int64_t k = 0; k < q; k++) {
+            if (apart[k] > far_out * slack_out || apart[k] * slack_out < far_out)
+                continue;
             const int64_t a = pairs[2 * k], c = pairs[2 * k + 1];
             if (strange[rings[a] * b + i] || strange[rings[c] * b + j])
                 continue;
@@ -1175,5 +1165,6 @@ int64_t guess_poses(int64_t m, int64_t q, int64_t b, int64_t near_count, int64_t
             count++;
         }
     }
+    free(apart);
     return count;
 }

@@ -19,7 +19,8 @@ VARIABLE = "MARKERGEN_KERNEL"
 _FIELDS, _SETTINGS, _UNKNOWNS, _FACTS = 11, 46, 15, 7
 _SECTORS, _LIMITS, _EDGE = 24, 24, 14
 _DAMPING, _STAGES, _GATES, _GUESS = 5, 4, 7, 5
-"""Lengths of rows and structures in kernel.c and kernel_fit.c."""
+_QUARTER, _TABLE, _BLUR, _SAME = 12, 14, 4, 4
+"""Lengths of rows and structures in kernel.c, kernel_fit.c and kernel_blur.c."""
 
 
 def library() -> ctypes.CDLL | None:
@@ -76,6 +77,16 @@ def _declare(loaded: ctypes.CDLL) -> None:
     loaded.disk_outlines.restype = None
     loaded.refine_poses.argtypes = [whole, whole, *[address] * 7, whole, ctypes.c_double, address]
     loaded.refine_poses.restype = ctypes.c_int
+    loaded.estimate_pose.argtypes = [whole, whole, *[address] * 5, whole, *[address] * 3, whole, *[address] * 4]
+    loaded.estimate_pose.restype = whole
+    loaded.solve_blurred.argtypes = [whole, whole, *[address] * 13]
+    loaded.solve_blurred.restype = None
+    loaded.distinct_blobs.argtypes = [whole, *[address] * 7]
+    loaded.distinct_blobs.restype = None
+    loaded.judge_poses.argtypes = [whole, whole, *[address] * 10]
+    loaded.judge_poses.restype = None
+    loaded.homography.argtypes = [whole, *[address] * 3]
+    loaded.homography.restype = None
     loaded.guess_poses.argtypes = [*[whole] * 6, *[address] * 21]
     loaded.guess_poses.restype = whole
     loaded.follow_poses.argtypes = [*[whole] * 5, *[address] * 14]
@@ -109,7 +120,7 @@ def dark_components(image: Eight, step: int, least: int) -> Integers:
     while True:
         found = np.empty((capacity, _FIELDS), dtype=np.int64)
         count: int = loaded.dark_components(
-            image.ctypes.data, height, width, image.strides[0], step, max(least, 1), found.ctypes.data, capacity
+            image.ctypes.data, height, width, image.strides[0], step, max(least, 1), at(found), capacity
         )
         if count < 0:
             raise MemoryError("no memory for rows of dark pixels")
@@ -159,17 +170,17 @@ def fit_dots(
     if image.strides[1] != image.itemsize or image.strides[0] < 0:
         image = image.copy()
     count, (height, width) = len(unknowns), image.shape
-    inputs = _shaped(semi, count, 2), _shaped(angle, count), _shaped(band, count)
-    kinds = _shaped(ring + 2 * filled, count, dtype=np.uint8)
-    settings = _shaped(settings, _SETTINGS)
-    table = _shaped(table, int(settings[-1]), 2)
-    unknowns = np.array(_shaped(unknowns, count, _UNKNOWNS))
+    inputs = shaped(semi, count, 2), shaped(angle, count), shaped(band, count)
+    kinds = shaped(ring + 2 * filled, count, dtype=np.uint8)
+    settings = shaped(settings, _SETTINGS)
+    table = shaped(table, int(settings[-1]), 2)
+    unknowns = np.array(shaped(unknowns, count, _UNKNOWNS))
     inverse, facts = np.empty((count, _UNKNOWNS, _UNKNOWNS)), np.empty((count, _FACTS))
     arrays = settings, table, unknowns, inverse, facts
     status = loaded.fit_dots(
         image.ctypes.data, height, width, image.strides[0], image.itemsize == 2, count,
-        *(each.ctypes.data for each in (*inputs, kinds)), noise, saturation, unlit,
-        *(each.ctypes.data for each in arrays),
+        *(at(each) for each in (*inputs, kinds)), noise, saturation, unlit,
+        *(at(each) for each in arrays),
     )  # fmt: skip
     if status < 0:
         raise MemoryError("no memory for the pixels of a dot")
@@ -191,7 +202,7 @@ def elliptic(found: Integers, limits: Array) -> tuple[Array, Array, Integers]:
         raise ValueError(f"components of {_FIELDS} numbers and 6 limits are needed, not {found.shape}, {limits.shape}")
     index, center, spread = np.empty(len(found), np.int64), np.empty((len(found), 2)), np.empty((len(found), 2, 2))
     arrays = found, np.ascontiguousarray(limits, dtype=float), index, center, spread
-    count: int = loaded.elliptic(len(found), *(each.ctypes.data for each in arrays))
+    count: int = loaded.elliptic(len(found), *(at(each) for each in arrays))
     return center[:count], spread[:count], index[:count]
 
 
@@ -204,7 +215,7 @@ def difference_squares(pieces: Eight) -> Integers:
     if width % 32:
         raise ValueError(f"rows of {width} px are not made of pieces of 32")
     sums = np.empty(pieces.size // 32, dtype=np.int64)
-    loaded.difference_squares(pieces.ctypes.data, height, width, pieces.strides[0], sums.ctypes.data)
+    loaded.difference_squares(pieces.ctypes.data, height, width, pieces.strides[0], at(sums))
     return sums
 
 
@@ -216,11 +227,11 @@ def disk_outlines(
     assert loaded is not None
     k, n = len(rotation), len(points)
     given = (
-        _shaped(points, n, 3), _shaped(radii, n), _shaped(rotation, k, 3, 3), _shaped(translation, k, 3),
+        shaped(points, n, 3), shaped(radii, n), shaped(rotation, k, 3, 3), shaped(translation, k, 3),
     )  # fmt: skip
     center, point, shape = np.empty((k, n, 2)), np.empty((k, n, 2)), np.empty((k, n, 2, 2))
     seen = np.empty((k, n), dtype=np.bool_)
-    loaded.disk_outlines(k, n, *(each.ctypes.data for each in (*given, center, point, shape, seen)))
+    loaded.disk_outlines(k, n, *(at(each) for each in (*given, center, point, shape, seen)))
     return center, point, shape, seen
 
 
@@ -247,15 +258,15 @@ def refine_poses(
     loaded = library()
     assert loaded is not None
     k, n = len(rotation), len(points)
-    fixed = _shaped(points, n, 3), _shaped(radii, n), _shaped(seen, k, n, 2), _shaped(weight, k, n, 2, 2)
+    fixed = shaped(points, n, 3), shaped(radii, n), shaped(seen, k, n, 2), shaped(weight, k, n, 2, 2)
     refined = [
         np.array(each, dtype=float, order="C").reshape(k, *shape)
         for each, shape in ((rotation, (3, 3)), (translation, (3,)))
     ]
     chi2 = np.empty(k)
-    schedule = _shaped(damping, _DAMPING)
-    addresses = [each.ctypes.data for each in (*fixed, *refined, chi2)]
-    if loaded.refine_poses(k, n, *addresses, steps, tolerance, schedule.ctypes.data):
+    schedule = shaped(damping, _DAMPING)
+    addresses = [at(each) for each in (*fixed, *refined, chi2)]
+    if loaded.refine_poses(k, n, *addresses, steps, tolerance, at(schedule)):
         raise MemoryError("no memory for residuals")
     return refined[0], refined[1], chi2
 
@@ -292,22 +303,22 @@ def guess_poses(
     center, shape, area, slack, position, normal = blobs
     m, q, b, n, close = len(first), len(chosen), len(center), len(points), near.shape[1]
     fixed = [
-        _indices(first, b, m),
-        _indices(second, b, m),
-        _indices(chosen, n, q, 2),
-        _shaped(points, n, 3),
-        _shaped(radii, n),
-        _shaped(rings, n, dtype=np.bool_),
-        _indices(near, n, n, close),
-        _shaped(center, b, 2),
-        _shaped(shape[:, [0, 0, 1], [0, 1, 1]], b, 3),
-        _shaped(area, b),
-        _shaped(slack, b),
-        _shaped(position, b, 2, 3),
-        _shaped(normal, b, 2, 3),
-        _shaped(strange, 2, b, dtype=np.bool_),
-        _shaped(np.argsort(center[:, 0]), b, dtype=np.int64),
-        _shaped(settings, _GUESS),
+        indices(first, b, m),
+        indices(second, b, m),
+        indices(chosen, n, q, 2),
+        shaped(points, n, 3),
+        shaped(radii, n),
+        shaped(rings, n, dtype=np.bool_),
+        indices(near, n, n, close),
+        shaped(center, b, 2),
+        shaped(shape[:, [0, 0, 1], [0, 1, 1]], b, 3),
+        shaped(area, b),
+        shaped(slack, b),
+        shaped(position, b, 2, 3),
+        shaped(normal, b, 2, 3),
+        shaped(strange, 2, b, dtype=np.bool_),
+        shaped(np.argsort(center[:, 0]), b, dtype=np.int64),
+        shaped(settings, _GUESS),
     ]
     sizes = m, q, b, close, least
     capacity = 1024
@@ -315,7 +326,9 @@ def guess_poses(
         start, votes = np.empty((2, capacity), dtype=np.int64)
         quality, rotation, translation = np.empty(capacity), np.empty((capacity, 3, 3)), np.empty((capacity, 3))
         arrays = *fixed, start, votes, quality, rotation, translation
-        count: int = loaded.guess_poses(*sizes, capacity, *(each.ctypes.data for each in arrays))
+        count: int = loaded.guess_poses(*sizes, capacity, *(at(each) for each in arrays))
+        if count < 0:
+            raise MemoryError("no memory for pairs of dots")
         if count <= capacity:
             return start[:count], votes[:count], quality[:count], rotation[:count], translation[:count]
         capacity = count
@@ -351,27 +364,27 @@ def follow_poses(
     k, n, b, close = len(rotation), len(points), len(center), near.shape[1]
     found = np.full((k, _STAGES, n), -1, dtype=np.int64)
     if labels is not None:
-        found[:, 0] = _indices(labels, b, k, n, least=-1)
+        found[:, 0] = indices(labels, b, k, n, least=-1)
     misfit = np.full((k, _STAGES), np.nan)
     turn, shift = np.empty((k, _STAGES, 3, 3)), np.empty((k, _STAGES, 3))
     turn[:, 0], shift[:, 0] = rotation, translation
     arrays = [
-        _shaped(points, n, 3),
-        _shaped(radii, n),
-        _shaped(rings, n, dtype=np.bool_),
-        _indices(near, n, n, close),
-        None if start is None else _indices(start, n, k),
-        _shaped(center, b, 2),
-        _shaped(shape[:, [0, 0, 1], [0, 1, 1]], b, 3),
-        _shaped(strange, 2, b, dtype=np.bool_),
-        _shaped(gates, _GATES),
-        _shaped(damping, _DAMPING),
+        shaped(points, n, 3),
+        shaped(radii, n),
+        shaped(rings, n, dtype=np.bool_),
+        indices(near, n, n, close),
+        None if start is None else indices(start, n, k),
+        shaped(center, b, 2),
+        shaped(shape[:, [0, 0, 1], [0, 1, 1]], b, 3),
+        shaped(strange, 2, b, dtype=np.bool_),
+        shaped(gates, _GATES),
+        shaped(damping, _DAMPING),
         found,
         misfit,
         turn,
         shift,
     ]
-    addresses = [None if each is None else each.ctypes.data for each in arrays]
+    addresses = [None if each is None else at(each) for each in arrays]
     if loaded.follow_poses(k, n, b, int(flat), close, *addresses):
         raise MemoryError("no memory for labelings")
     there = ~np.isnan(misfit)
@@ -397,22 +410,71 @@ def even_edges(image: Eight, rough: Array, circle: Array, limits: Array) -> Arra
     if min(height, width) < 2:
         raise ValueError(f"an image of at least 2 x 2 px is needed, not {width} x {height} px")
     k = len(rough)
-    rough, circle, limits = _shaped(rough, k, 5), _shaped(circle, 2, _SECTORS), _shaped(limits, _LIMITS)
+    rough, circle, limits = shaped(rough, k, 5), shaped(circle, 2, _SECTORS), shaped(limits, _LIMITS)
     found = np.empty((k + 1, _EDGE))
-    addresses = [each.ctypes.data for each in (circle, limits, found)]
-    count = loaded.even_edges(image.ctypes.data, height, width, image.strides[0], rough.ctypes.data, k, *addresses)
+    addresses = [at(each) for each in (circle, limits, found)]
+    count = loaded.even_edges(image.ctypes.data, height, width, image.strides[0], at(rough), k, *addresses)
     return found[:count]
 
 
-def _shaped(values: ArrayLike, *shape: int, dtype: DTypeLike = float) -> NDArray[Any]:
+def solve_blurred(
+    outlines: tuple[Array, Array, Array, NDArray[np.bool_], Array, Array],
+    steps: int,
+    quarter: Array,
+    table: Array,
+    settings: tuple[float, ...],
+) -> tuple[Array, Array, Array, Array]:
+    """Return semi-axes (2, k), blur, depth and level (k,): see kernel_blur.c, and the twin in blurred_outlines.py.
+
+    Parameters
+    ----------
+    outlines : tuple of arrays (k,)
+        Longer and shorter semi-axes, slope, whether it is a ring's, and limits of the blur.
+    quarter, table, settings : arrays (12,), (4, 14) and (4,)
+        Constants in the order of kernel_blur.c.
+    """
+    loaded = library()
+    assert loaded is not None
+    k = len(outlines[0])
+    given = [shaped(each, k, dtype=np.bool_ if i == 3 else float) for i, each in enumerate(outlines)]
+    constants = shaped(quarter, _QUARTER), shaped(table, 4, _TABLE), shaped(settings, _BLUR)
+    solved = np.empty((5, k))
+    addresses = [at(each) for each in (*given, *constants, solved, *solved[2:])]
+    loaded.solve_blurred(k, steps, *addresses)
+    return solved[:2], solved[2], solved[3], solved[4]
+
+
+def distinct_blobs(
+    center: Array, semi: Array, variance: Array, side: Array, settings: tuple[float, ...]
+) -> NDArray[np.bool_]:
+    """Return which blobs (k,) are kept: see kernel_blur.c, and the twin in candidates.py."""
+    loaded = library()
+    assert loaded is not None
+    k, kept = len(center), np.empty(len(center), dtype=np.bool_)
+    order = shaped(np.argsort(center[:, 0], kind="stable"), k, dtype=np.int64)
+    given = shaped(center, k, 2), shaped(semi, k, 2), shaped(variance, k), shaped(side, k), shaped(settings, _SAME)
+    loaded.distinct_blobs(k, *(at(each) for each in (order, *given, kept)))
+    return kept
+
+
+_START = ctypes.c_char * 0
+
+
+def at(array: NDArray[Any]) -> Any:
+    """Return an array's address for a call, in a third of the time of `array.ctypes.data`."""
+    data: Any = array
+    return _START.from_buffer(data) if array.flags.writeable and array.size else array.ctypes.data
+
+
+def shaped(values: ArrayLike, *shape: int, dtype: DTypeLike = float) -> NDArray[Any]:
     """Return a contiguous array with this shape, or raise ValueError."""
     values = np.ascontiguousarray(values, dtype=dtype)
     return values if values.shape == shape else np.ascontiguousarray(np.broadcast_to(values, shape))
 
 
-def _indices(values: NDArray[np.intp], end: int, *shape: int, least: int = 0) -> Integers:
+def indices(values: NDArray[np.intp], end: int, *shape: int, least: int = 0) -> Integers:
     """Return a contiguous array with this shape of indices from `least` to below `end`, or raise ValueError."""
-    values = _shaped(values, *shape, dtype=np.int64)
+    values = shaped(values, *shape, dtype=np.int64)
     if values.size and not (values.min() >= least and values.max() < end):
         raise ValueError(f"indices from {least} to {end - 1} are needed, not {values.min()} to {values.max()}")
     return values

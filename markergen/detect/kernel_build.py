@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 SOURCE = Path(__file__).with_name("kernel.c")
-SOURCES = [SOURCE, SOURCE.with_name("kernel_fit.c")]
+SOURCES = [SOURCE, *(SOURCE.with_name(f"kernel_{part}.c") for part in ("fit", "pose", "blur"))]
 
 LIBRARY = "libkernel.dll" if sys.platform == "win32" else "libkernel.so"
 """Name of the compiled library, in the same folder. Python would import a `kernel.so` instead of kernel.py."""

@@ -8,6 +8,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* In kernel.c. */
+void solve_positive(int n, double *N, double *columns, int count, double least);
+
 /* Two copies of the innermost function where the processor can be asked which it takes; both give the same numbers. */
 #if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__gnu_linux__)
 #define WIDEST __attribute__((target_clones("avx2", "default")))
@@ -464,9 +467,9 @@ WIDEST static void evaluate(Dot *dot, int fresh)
     }
 }
 
-/* Cholesky's factor, in the lower triangle, of the normal matrix with its priors, scaled to a diagonal of ones and with a
-   ridge of rounding's size; the gradient with them, and the scale. */
-static void factor(const Dot *dot, double ridge, double (*a)[COUNT], double *gradient, double *scale)
+/* The normal matrix with its priors, scaled to a diagonal of ones and with a ridge of rounding's size; the gradient with
+   them, and the scale. */
+static void equations(const Dot *dot, double ridge, double (*a)[COUNT], double *gradient, double *scale)
 {
     const double *p = dot->p, contrast = p[LIGHT] - p[DARK];
     const double norm = sqrt(p[LIGHT] * p[LIGHT] + p[DARK] * p[DARK]) * larger(fabs(p[LIGHT]), fabs(p[DARK]));
@@ -490,40 +493,21 @@ static void factor(const Dot *dot, double ridge, double (*a)[COUNT], double *gra
     for (int r = 0; r < COUNT; r++)
         scale[r] = 1 / sqrt(larger(a[r][r], 1e-12));
     for (int r = 0; r < COUNT; r++)
-        for (int c = 0; c <= r; c++) {
-            double sum = a[r][c] * (scale[r] * scale[c]) + (r == c ? ridge : 0);
-            for (int k = 0; k < c; k++)
-                sum -= a[r][k] * a[c][k];
-            a[r][c] = r == c ? sqrt(larger(sum, 1e-14)) : sum / a[c][c];
-        }
-}
-
-static void solve(double (*a)[COUNT], const double *scale, double *x)
-{
-    for (int r = 0; r < COUNT; r++) {
-        x[r] *= scale[r];
-        for (int k = 0; k < r; k++)
-            x[r] -= a[r][k] * x[k];
-        x[r] /= a[r][r];
-    }
-    for (int r = COUNT - 1; r >= 0; r--) {
-        for (int k = r + 1; k < COUNT; k++)
-            x[r] -= a[k][r] * x[k];
-        x[r] /= a[r][r];
-    }
-    for (int r = 0; r < COUNT; r++)
-        x[r] *= scale[r];
+        for (int c = 0; c <= r; c++)
+            a[r][c] = a[r][c] * (scale[r] * scale[c]) + (r == c ? ridge : 0);
 }
 
 static void inverse(const Dot *dot, double *inverted)
 {
     double a[COUNT][COUNT], gradient[COUNT], scale[COUNT];
-    factor(dot, 1e-12, a, gradient, scale);
+    equations(dot, 1e-12, a, gradient, scale);
     memset(inverted, 0, COUNT * COUNT * sizeof *inverted);
-    for (int r = 0; r < COUNT; r++) {
+    for (int r = 0; r < COUNT; r++)
         inverted[COUNT * r + r] = 1;
-        solve(a, scale, inverted + COUNT * r);
-    }
+    solve_positive(COUNT, a[0], inverted, COUNT, 1e-14);
+    for (int r = 0; r < COUNT; r++)
+        for (int c = 0; c < COUNT; c++)
+            inverted[COUNT * r + c] *= scale[r] * scale[c];
 }
 
 static void move(Dot *dot)
@@ -531,9 +515,12 @@ static void move(Dot *dot)
     const Settings *set = dot->set;
     double a[COUNT][COUNT], step[COUNT], scale[COUNT], p[COUNT], trace, root;
     int sane = 1;
-    factor(dot, 1e-9, a, step, scale);
-    solve(a, scale, step);
+    equations(dot, 1e-9, a, step, scale);
+    for (int r = 0; r < COUNT; r++)
+        step[r] *= scale[r];
+    solve_positive(COUNT, a[0], step, 1, 1e-14);
     for (int r = 0; r < COUNT; r++) {
+        step[r] *= scale[r];
         p[r] = dot->p[r] + step[r];
         sane = sane && isfinite(p[r]);
     }

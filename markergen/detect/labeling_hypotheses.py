@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,10 +75,10 @@ class Labelings:
         """Predicted outlines of all dots."""
         return self.model.outlines(self.layout)
 
-    @property
+    @cached_property
     def count(self) -> Indices:
         """Number (A,) of dots that have a blob."""
-        return np.count_nonzero(self.blobs >= 0, axis=-1)
+        return np.asarray((self.blobs >= 0).sum(axis=-1))
 
     def take(self, chosen: Indices) -> "Labelings":
         """Return a subset."""
@@ -374,11 +374,15 @@ def assign(
 
 def distinct(blobs: Indices, error: Array) -> Indices:
     """Return indices of distinct labelings (A, n), most dots first, then by error; of equal ones the best."""
-    order = np.lexsort((error, -np.sum(blobs >= 0, axis=-1)))
-    # A random linear form tells rows apart: exact in integers up to overflow, which wraps around the same way.
-    weight = np.random.default_rng(0).integers(1, 2**62, blobs.shape[1])
-    _, first = np.unique((blobs[order] + 2) @ weight, return_index=True)
+    order = np.lexsort((error, -(blobs >= 0).sum(axis=-1)))
+    _, first = np.unique((blobs[order] + 2) @ _weights(blobs.shape[1]), return_index=True)
     return order[np.sort(first)]
+
+
+@lru_cache(maxsize=64)
+def _weights(count: int) -> Indices:
+    """Return a random linear form that tells rows apart: exact in integers up to overflow, which wraps the same way."""
+    return np.random.default_rng(0).integers(1, 2**62, count)
 
 
 def joined(first: Labelings, second: Labelings) -> Labelings:

@@ -1,19 +1,22 @@
 """Pose of labeled points, with its error budget and the second pose that may also fit."""
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.conic_projection import mirrored_poses, outlines, pose_rows, refine_poses
+from markergen.detect import kernel, kernel_pose
+from markergen.detect.conic_projection import SCHEDULE, mirrored_poses, outlines, pose_rows, refine_poses
 from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
 from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget, print_covariance
 from markergen.maths.dlt import estimate_homography, four_in_general_position
+from markergen.maths.information import covariance as information_inverse
 from markergen.maths.projection import plane_homography
 from markergen.maths.rotation import angle_between
-from markergen.model.camera import Camera
+from markergen.model.camera import NO_DISTORTION, Camera
 
 Array = NDArray[np.float64]
 
@@ -22,6 +25,9 @@ CONTENDER = 1e-3
 
 TOLERANCE, COARSE = 1e-8, 1e-3
 """Tolerances of `refine_poses`: for the best pose; for the second one, until it is known to be a contender."""
+
+_STEPS = 20
+"""Maximum number of steps of a refinement."""
 
 SEARCHED = 20.0
 """Maximum difference of half chi2 at which the second pose is refined completely."""
@@ -39,7 +45,7 @@ OUTLIER_SIGMA, OUTLIER_PX = 5.0, 0.05
 LEAST_TO_DROP = 6
 """Minimum number of points for dropping one: with fewer, the outlier could hardly be identified."""
 
-_LEAST_PX = 1e-5
+_LEAST_PX = 1e-6
 """Lower limit for a point's standard deviation, so that its weight stays finite without any error source."""
 
 
@@ -137,38 +143,73 @@ def fit_pose(
     if not len(rotation):
         return None
     image = normalized_covariance(seen, covariance, camera)
+    dots = points, radii, seen, image
+    rotations, translations, chi2, spread, scale = _estimated(dots, rotation, translation, errors)
+    if not len(chi2):
+        return None
+    rotation, translation = rotations[0], translations[0]
+    image_part, print_part = scale * spread
+    camera_part = np.zeros((6, 6))
+    if errors.camera_covariance is not None:
+        camera_part = pose_budget(points, rotations[:1], translations[:1], camera, covariance, errors).camera[0]
+    budget = PoseBudget(image_part, print_part, camera_part, image_part + print_part + camera_part)
+    alternative, ratio = None, 0.0
+    if len(chi2) > 1:
+        likelihood = math.exp(float(chi2[0] - chi2[1]) / (2 * scale))
+        sigma = math.sqrt(budget.total.trace() - budget.total[3:, 3:].trace())
+        if likelihood > CONTENDER and angle_between(rotations[1], rotation) > DISTINCT_SIGMA * sigma:
+            alternative, ratio = (rotations[1], translations[1]), likelihood
+    freedom = 2 * len(points) - 6
+    return PoseEstimate(rotation, translation, budget, float(chi2[0]), freedom, scale, alternative, ratio)
+
+
+def _estimated(
+    dots: tuple[Array, Array, Array, Array], rotation: Array, translation: Array, errors: ErrorSources
+) -> tuple[Array, Array, Array, Array, float]:
+    """Return the best pose and the mirrored one of a flat marker, the better first, with the covariance of the first.
+
+    Parameters
+    ----------
+    dots : tuple
+        Points (m, 3), radii (m,), centers seen (m, 2), and their covariance (m, 2, 2) in normalized coordinates.
+    rotation, translation : arrays (k, 3, 3) and (k, 3)
+        Starts.
+
+    Returns
+    -------
+    rotation (0 to 2, 3, 3), translation, chi2; covariances (2, 6, 6) from image and print, without the scale; the scale
+    """
+    points, radii, seen, image = dots
+    flat = not np.ptp(points[:, 2])
+    if kernel.library() is not None:
+        axes, place = 3 if points[:, 2].any() else 2, np.zeros((len(points), 3, 3))
+        place[:, :axes, :axes] = errors.place_blocks(len(points), axes)
+        settings = TOLERANCE, COARSE, SEARCHED, ROUGH_SIGMA
+        return kernel_pose.estimate_pose((*dots, place), flat, rotation, translation, _STEPS, settings, SCHEDULE)
 
     def refined(rotation: Array, translation: Array, tolerance: float = TOLERANCE) -> tuple[Array, Array, Array]:
         return refine_weighted(points, radii, seen[None], image, rotation, translation, errors, tolerance)
 
-    rotation, translation, chi2 = refined(rotation, translation)
-    best = int(np.argmin(chi2))
-    if not np.isfinite(chi2[best]):
-        return None
-    solutions = [(rotation[best], translation[best], float(chi2[best]))]
-    freedom = 2 * len(points) - 6
-    scale = max(1.0, solutions[0][2] / freedom)
-    if not np.ptp(points[:, 2]):
-        rotation, translation, chi2 = refined(*mirrored_poses(points, rotation[[best]], translation[[best]]), COARSE)
-        if float(chi2[0]) - solutions[0][2] < 2 * SEARCHED * scale:
-            rotation, translation, chi2 = refined(rotation, translation)
-        solutions.append((rotation[0], translation[0], float(chi2[0])))
-    (rotation, translation, least), *others = sorted(solutions, key=lambda solution: solution[2])
-    budget = pose_budget(points, rotation[None], translation[None], camera, covariance, errors)
-    spread = image + print_covariance(
-        pose_rows(points, rotation[None], translation[None]), points, rotation[None], errors
-    )
-    residual = seen - outlines(points, radii, rotation[None], translation[None]).center[0]
-    scale = residual_scale(residual, spread[0])
-    image_part, print_part, camera_part = scale * budget.image[0], scale * budget.print[0], budget.camera[0]
-    budget = PoseBudget(image_part, print_part, camera_part, image_part + print_part + camera_part)
-    alternative, ratio = None, 0.0
-    for other, place, more in others:
-        likelihood = float(np.exp((least - more) / (2 * scale)))
-        sigma = np.sqrt(np.trace(budget.total[:3, :3]))
-        if likelihood > CONTENDER and angle_between(other, rotation) > DISTINCT_SIGMA * sigma:
-            alternative, ratio = (other, place), likelihood
-    return PoseEstimate(rotation, translation, budget, least, freedom, scale, alternative, ratio)
+    found = refined(rotation, translation)
+    best = int(np.argmin(found[2]))
+    found = found[0][[best]], found[1][[best]], found[2][[best]]
+    if not np.isfinite(found[2][0]):
+        return found[0][:0], found[1][:0], found[2][:0], np.zeros((2, 6, 6)), 1.0
+    if flat:
+        other = refined(*mirrored_poses(points, *found[:2]), COARSE)
+        if other[2][0] - found[2][0] < 2 * SEARCHED * max(1.0, found[2][0] / (2 * len(points) - 6)):
+            other = refined(*other[:2])
+        order = [1, 0] if other[2][0] < found[2][0] else [0, 1]
+        turned, moved, chi2 = (np.concatenate(pair)[order] for pair in zip(found, other, strict=True))
+        found = turned, moved, chi2
+    best_rotation, best_translation = found[0][:1], found[1][:1]
+    rows = pose_rows(points, best_rotation, best_translation)
+    printed = print_covariance(rows, points, best_rotation, errors)
+    residual = seen - outlines(points, radii, best_rotation, best_translation).center[0]
+    weighted = np.linalg.inv(image + printed[0]) @ rows[0]
+    gain = weighted @ information_inverse(np.einsum("mia,mib->ab", weighted, rows[0]))
+    covariance = np.stack([np.einsum("mia,mij,mjb->ab", gain, part, gain) for part in (image, printed[0])])
+    return *found, covariance, residual_scale(residual, image + printed[0])
 
 
 def refine_weighted(
@@ -198,7 +239,7 @@ def refine_weighted(
     spread = image + print_covariance(pose_rows(points, rotation, translation), points, rotation, errors)
     weight = np.asarray(np.linalg.inv(spread), dtype=float)
     measured = np.broadcast_to(seen, (len(rotation), len(points), 2))
-    return refine_poses(points, radii, measured, weight, rotation, translation, tolerance=tolerance)
+    return refine_poses(points, radii, measured, weight, rotation, translation, _STEPS, tolerance)
 
 
 def residual_scale(residual: Array, spread: Array) -> float:
@@ -275,8 +316,12 @@ def _starts(points: Array, seen: Array, camera: Camera) -> tuple[Array, Array]:
 
 def normalized_covariance(seen: Array, covariance: Array, camera: Camera) -> Array:
     """Return the covariance (..., m, 2, 2) of normalized coordinates (..., m, 2) from that of px."""
+    covariance = covariance + _LEAST_PX**2 * np.eye(2)
+    if camera.distortion == NO_DISTORTION:
+        scaled = covariance / np.multiply.outer(camera.focal, camera.focal)
+        return np.broadcast_to(scaled, (*seen.shape[:-1], 2, 2))
     lens = np.linalg.inv(camera.pixel_jacobian(seen))
-    return lens @ (covariance + _LEAST_PX**2 * np.eye(2)) @ lens.swapaxes(-1, -2)
+    return lens @ covariance @ lens.swapaxes(-1, -2)
 
 
 def homography_of(points: Array, corrected: Array, camera: Camera, pose: PoseEstimate) -> Array:
@@ -288,7 +333,8 @@ def homography_of(points: Array, corrected: Array, camera: Camera, pose: PoseEst
         Control points, m, and their images in normalized coordinates.
     """
     if _in_general_position(points[:, :2].tobytes()):
-        return np.asarray(estimate_homography(points[:, :2], camera.ideal.to_pixels(corrected)), dtype=float)
+        estimate = estimate_homography if kernel.library() is None else kernel_pose.homography
+        return np.asarray(estimate(points[:, :2], corrected * camera.focal + [camera.cx, camera.cy]), dtype=float)
     origin = pose.translation + points[0, 2] * pose.rotation[:, 2]
     return plane_homography(pose.rotation[None], origin[None], camera.matrix)[0]
 

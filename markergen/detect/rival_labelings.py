@@ -5,7 +5,9 @@ takes dots to other dots: for few dots any affine mapping near a rotation, since
 roughly; for many a rotation. Rivals that label nearly all of the blobs are found from a few of them.
 """
 
+import math
 from dataclasses import replace
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -56,15 +58,16 @@ def rival_labelings(
     linear, origin, target = (_affine if len(layout) <= FEW_DOTS else _rigid)(layout, used, lack, limit)
     strange = rings_tell & own.strange(layout.rings)
     nearest = _nearest(linear, origin, target, layout, used, short, strange)
-    count = np.count_nonzero(nearest >= 0, axis=-1)
+    count = (nearest >= 0).sum(axis=-1)
     turn = np.arctan2(linear[:, 1, 0] - linear[:, 0, 1], linear[:, 0, 0] + linear[:, 1, 1])
     itself = ((nearest < 0) | (used[nearest] == np.arange(len(layout)))).all(axis=-1)
 
     kept = np.flatnonzero((count >= least) & ~itself)
-    _, first = np.unique(nearest[kept], axis=0, return_index=True)
-    kept = kept[first]
-    model = chosen.model.turned(turn[kept], origin[kept], target[kept])
     if len(kept):
+        _, first = np.unique(nearest[kept], axis=0, return_index=True)
+        kept = kept[first]
+    if len(kept):
+        model = chosen.model.turned(turn[kept], origin[kept], target[kept])
         rivals = fit_labelings(nearest[kept], model, own, layout, px, rings_tell)
         rivals = replace(rivals, blobs=np.where(rivals.blobs >= 0, index[rivals.blobs], -1))
     else:
@@ -116,7 +119,15 @@ def _nearest(
 
 def _affine(layout: DotLayout, used: Indices, lack: int, limit: float) -> tuple[Array, Array, Array]:
     """Return mappings A (K, 2, 2), origin, and target (K, 2) that take any three dots to three labeled ones."""
-    points = layout.points[:, :2]
+    linear, least, most, origin, target = _affine_mappings(layout, used.tobytes(), lack)
+    good = (most < math.exp(2 * limit)) & (least > math.exp(-2 * limit))
+    return linear[good], origin[good], target[good]
+
+
+@lru_cache(maxsize=64)
+def _affine_mappings(layout: DotLayout, labeled: bytes, lack: int) -> tuple[Array, Array, Array, Array, Array]:
+    """Return all such mappings that do not mirror, the squares of their singular values, origins and targets."""
+    points, used = layout.points[:, :2], np.frombuffer(labeled, dtype=np.intp)
     triples = np.array(list(combinations(used, 3)), dtype=np.intp)
     area = np.abs(np.linalg.det(points[triples[:, 1:]] - points[triples[:, :1]]))
     triples = triples[np.argsort(-area, kind="stable")]
@@ -133,11 +144,10 @@ def _affine(layout: DotLayout, used: Indices, lack: int, limit: float) -> tuple[
     half = 0.5 * (gram[..., 0, 0] + gram[..., 1, 1])
     det = linear[..., 0, 0] * linear[..., 1, 1] - linear[..., 0, 1] * linear[..., 1, 0]
     most = half + np.sqrt(np.maximum(half**2 - det**2, 0))
+    k, q = np.nonzero(det > 0)
     # Squared singular values; their product is det^2.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        good = (det > 0) & (most < np.exp(2 * limit)) & (det**2 / most > np.exp(-2 * limit))
-    k, q = np.nonzero(good)
-    return linear[k, q], points[layout.corners[0][q]], points[base[k, 0]]
+    least, most = det[k, q] ** 2 / most[k, q], most[k, q]
+    return linear[k, q], least, most, points[layout.corners[0][q]], points[base[k, 0]]
 
 
 def _rigid(layout: DotLayout, used: Indices, lack: int, limit: float) -> tuple[Array, Array, Array]:

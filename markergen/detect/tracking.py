@@ -165,8 +165,11 @@ def _still_certain(
     spots = middle + step * np.eye(3)[[2, 0, 1]] * [1, 1, 0]
     sides = [np.diff(each.project(spots)[0], axis=0) for each in (model, first)]
     new, old = (each @ each.T for each in sides)
-    seen = np.linalg.eigvals(np.linalg.solve(old, new)).real
-    if not (seen.min() > _ALIKE_STRETCH[0] and seen.max() < _ALIKE_STRETCH[1]):
+    # The eigenvalues of old^-1 new.
+    area = old[0, 0] * old[1, 1] - old[0, 1] ** 2
+    mean = (old[1, 1] * new[0, 0] - 2 * old[0, 1] * new[0, 1] + old[0, 0] * new[1, 1]) / (2 * area)
+    apart = max(mean**2 - (new[0, 0] * new[1, 1] - new[0, 1] ** 2) / area, 0.0) ** 0.5
+    if not (mean - apart > _ALIKE_STRETCH[0] and mean + apart < _ALIKE_STRETCH[1]):
         return None
     return replace(now, misfit=misfit, checked=known)
 
@@ -311,25 +314,24 @@ def _moved_together(center: Array, owner: Indices, predicted: Array, diameter: A
     if len(center) < LEAST_DOTS:
         return none
     order = np.argsort(owner, kind="stable")
-    start = np.unique(owner[order], return_index=True)[1]
+    own = owner[order]
+    start = np.flatnonzero(np.append(True, own[1:] != own[:-1]))
     offset = (center - predicted[owner])[order]
 
     def nearest(away: Array) -> tuple[Array, Indices]:
         """Return the least distance (places,) in each window, and its index among the sorted."""
-        least = np.minimum.reduceat(away, start)
-        at = np.flatnonzero(away == np.repeat(least, np.diff(np.append(start, len(away)))))
-        _, first = np.unique(owner[order][at], return_index=True)
-        return least, at[first]
+        at = np.lexsort((away, own))[start]
+        return away[at], at
 
-    gate = (_GATE * diameter + _GATE_PX)[owner[order]]
+    gate = (_GATE * diameter + _GATE_PX)[own]
     away = np.sum((offset[:, None] - offset) ** 2, axis=-1) / gate**2
     score = np.sum(np.maximum(1 - np.minimum.reduceat(away, start, axis=1), 0), axis=1)
     least, at = nearest(away[int(np.argmax(score))])
     chosen = at[least < 1]
-    gate = (_NEAR * diameter + _NEAR_PX)[owner[order]]
+    gate = (_NEAR * diameter + _NEAR_PX)[own]
     middle = predicted.mean(axis=0)
     reach = np.abs(predicted - middle).max() + 1
-    rows = np.column_stack([(predicted[owner[order]] - middle) / reach, np.ones(len(order))])
+    rows = np.column_stack([(predicted[own] - middle) / reach, np.ones(len(order))])
     for _ in range(2):
         if len(chosen) < LEAST_DOTS:
             return none

@@ -5,8 +5,9 @@ Jacobian of the image points and e their errors. The three errors are independen
 
     C = G (S_image + S_print + S_camera) G'
 
-W is the inverse of S_image + S_print, block by block. Calibration errors move all points together; weights of single
-points cannot compensate for that, so W ignores them.
+W is the inverse of S_image + S_print, block by block. Calibration errors and a wrong scale of the print move all points
+together; weights of single points cannot compensate for that, so W ignores them, and no number of points averages them
+out.
 """
 
 from collections.abc import Callable
@@ -20,6 +21,7 @@ from markergen.maths.information import covariance, pose_jacobian, rotation_boun
 from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
+from markergen.model.spec import check_scale
 
 Array = NDArray[np.float64]
 
@@ -39,22 +41,27 @@ class ErrorSources:
     place_covariance : array (n, 2, 2) or None
         Covariance in m^2 of the positions, along x and y, of n points measured on the print, which replaces
         print_sigma; nan for points that were not measured. See `of`.
+    scale_sigma : float
+        Standard deviation of the print's scale along x, and independently along y, as a fraction: 0.001 is 0.1 %.
+        Measured points have none.
 
     Raises
     ------
     InputError
-        If print_sigma is not 0 to 1 m, or the matrix is no covariance.
+        If print_sigma is not 0 to 1 m, scale_sigma not 0 to 0.1, or the matrix is no covariance.
     """
 
     print_sigma: float = 1e-4
     camera_covariance: Array | None = None
     place_covariance: Array | None = None
+    scale_sigma: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0 <= self.print_sigma <= 1:
             raise InputError(
                 "a print error of 0 to 1 m", f"print_sigma={self.print_sigma} m", "give a length such as 0.1mm"
             )
+        check_scale(self.scale_sigma)
         if self.camera_covariance is not None:
             matrix = np.asarray(self.camera_covariance, dtype=float)
             if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix).all():
@@ -82,6 +89,13 @@ class ErrorSources:
             known = np.isfinite(self.place_covariance).all(axis=(-2, -1))
             blocks[known, :2, :2] = self.place_covariance[known]
         return blocks
+
+    def scaled(self, points: Array) -> Array:
+        """Displacements (n, 2, 2) in m of points (n, 2 or 3) by one sigma of the scale of x (columns: 0) and y (1)."""
+        moved: Array = self.scale_sigma * points[:, :2, None] * np.eye(2)
+        if self.place_covariance is not None:
+            moved[np.isfinite(self.place_covariance).all(axis=(-2, -1))] = 0.0
+        return moved
 
     @property
     def largest_place_sigma(self) -> float:
@@ -169,6 +183,10 @@ def pose_budget(
     image, printed = (
         gain.swapaxes(-1, -2) @ _stack(part @ gain.reshape(count, n, 2, 6)) for part in (image_covariance, printing)
     )
+    if sources.scale_sigma:
+        together = _stack(jacobian[..., 3:] @ rotation[:, None, :, :2] @ sources.scaled(points))
+        scaled = gain.swapaxes(-1, -2) @ together
+        printed = printed + scaled @ scaled.swapaxes(-1, -2)
     calibration = np.zeros_like(image)
     if sources.camera_covariance is not None:
         moved = _stack(camera.parameter_jacobian(normalized))

@@ -14,6 +14,9 @@ DOT_PIXELS, RING_PIXELS = 2.5, 6.0
 It is the root of long times short axis. Of markers with eight such dots, or with a ring, three quarters and more are
 found, from the front and tilted by 70 deg, at a blur of 1 px and a noise of 3 % of the contrast."""
 
+RELIABLE_PIXELS = 6.0
+"""Mean diameter of the images of dots, in px, from which on nearly all markers of them are found."""
+
 
 @dataclass(frozen=True)
 class Feature:

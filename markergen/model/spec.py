@@ -14,6 +14,7 @@ from markergen.model.recorded_poses import RecordedPoses
 from markergen.model.substrate import Substrate
 from markergen.model.substrate_checks import check_plate
 from markergen.model.tag import Tag, place_tag
+from markergen.model.target import parse_target
 
 PIXEL_VARIANCE = 1 / 12
 """Variance of a uniform unit interval: added to the blur by the area of a pixel (px^2), to the noise by rounding."""
@@ -81,6 +82,15 @@ MOST_RESTARTS = 10_000
 MOST_POINTS = 200
 """Maximum number of control points, for which a design takes minutes."""
 
+AUTO = 0
+"""Number of control points that stands for the best one."""
+
+USUAL_PRINT = 1e-4
+"""Print error in m that the number of dots is chosen for, unless another one is given."""
+
+UNSET: Any = None
+"""Placeholder for a default that depends on other attributes."""
+
 
 @dataclass(frozen=True)
 class Spec:
@@ -89,7 +99,7 @@ class Spec:
     Attributes
     ----------
     n : int
-        Number of control points, 4 to 200.
+        Number of control points, 4 to 200; `AUTO` is the best one (see `markergen.optimize.dot_count`).
     boundary : Boundary
     camera : Camera
     poses : str or RecordedPoses
@@ -101,6 +111,8 @@ class Spec:
         Dot diameter in m; None: determined by camera and poses; ``auto``: by the predicted error of the objective.
     clearance : float or None
         Minimum gap around dots, m; None is a tenth of the dot's diameter.
+    gap : float
+        Smallest gap between dots in m, where it is larger than the clearance.
     seed : int
     restarts : int
         Number of random starts of the descent; 0 is the objective's own default.
@@ -115,7 +127,7 @@ class Spec:
         Regions without dots, such as mounting holes, in the marker frame.
     print_sigma : float
         Standard deviation in m of a printed dot's place along each axis, which ``image`` adds to the image's errors; 0
-        is a perfect print.
+        is a perfect print, and the default unless the number of dots is open.
     asymmetric : float
         Minimum margin in px by which the layout alone must identify every dot, instead of a key ring; 0 uses a key
         ring.
@@ -127,6 +139,12 @@ class Spec:
         Side of the tag's black square, m; None is a third of the radius, or less if room is short (see `place_tag`).
     substrate : Substrate
         Plate, if the marker is made as a solid; no dot lies on its holes.
+    scale_sigma : float
+        Standard deviation of the print's scale along x and y, as a fraction, for choosing the number of dots.
+    camera_covariance : tuple of tuple of float or None
+        Covariance of the camera's parameters, for the same; None is an exact calibration.
+    target : str
+        Error to reach with the smallest disk and the fewest dots, such as ``0.1deg@1.5m``; empty for none.
     """
 
     n: int = 5
@@ -144,19 +162,23 @@ class Spec:
     image_noise: ImageNoise = ImageNoise()
     survive: int = 0
     keep_outs: tuple[Boundary, ...] = ()
-    print_sigma: float = 0.0
+    print_sigma: float = UNSET
     asymmetric: float = 0.0
     relief: float = 0.0
     tag: str = ""
     tag_side: float | None = None
     substrate: Substrate = Substrate()  # noqa: RUF009
+    gap: float = 0.0
+    scale_sigma: float = 0.0
+    camera_covariance: tuple[tuple[float, ...], ...] | None = None
+    target: str = ""
 
     def __post_init__(self) -> None:
-        if self.n < 4:
+        if self.n < 4 and self.n != AUTO:
             raise InputError("at least 4 control points", f"n={self.n}", "a homography needs four: use --n 4 or more")
         if self.n > MOST_POINTS:
             raise InputError(f"at most {MOST_POINTS} control points", f"n={self.n}", "use a smaller --n")
-        for name in ("dot", "clearance"):
+        for name in ("dot", "clearance", "gap"):
             value = getattr(self, name)
             if value is None or value == "auto" == self.dot:
                 continue
@@ -168,7 +190,8 @@ class Spec:
             )
         if self.seed < 0:
             raise InputError("a seed of 0 or more", f"seed={self.seed}", "give a non-negative whole number")
-        check_losses(self.n, self.survive)
+        check_losses(self.n or MOST_LOST + 4, self.survive)
+        self._settle_count()
         # Raises if nothing is left.
         area_without(self.boundary, self._taken)
         self._settle_tag()
@@ -184,6 +207,21 @@ class Spec:
                 "give --print-sigma a length such as 0.1mm",
             )
         self._settle_noise_model()
+
+    def _settle_count(self) -> None:
+        if self.target:
+            object.__setattr__(self, "target", str(parse_target(self.target)))
+            if self.n != AUTO:
+                raise InputError("the fewest dots for a target", f"n={self.n}", "leave out --n, or --target")
+        if self.n == AUTO and self.relief:
+            raise InputError(
+                "a number of dots for a relief", f"n=auto, relief={self.relief} m", "give --n a number such as 6"
+            )
+        if self.n == AUTO and self.dot is None:
+            object.__setattr__(self, "dot", "auto")
+        check_scale(self.scale_sigma)
+        if self.print_sigma is UNSET:
+            object.__setattr__(self, "print_sigma", USUAL_PRINT if self.n == AUTO else 0.0)
 
     def _check_relief_and_labels(self) -> None:
         if not (isfinite(self.asymmetric) and self.asymmetric >= 0):
@@ -234,7 +272,8 @@ class Spec:
     def _settle_noise_model(self) -> None:
         # Normalized here, so that equivalent specs are equal and have the same hash.
         if not self.noise_model:
-            object.__setattr__(self, "noise_model", "image" if self.dot == "auto" else "point")
+            image = self.dot == "auto" or self.n == AUTO
+            object.__setattr__(self, "noise_model", "image" if image else "point")
         if self.noise_model not in NOISE_MODELS:
             raise InputError("a known noise model", repr(self.noise_model), f"known: {', '.join(NOISE_MODELS)}")
         if self.noise_model == "point" and self.dot == "auto":
@@ -276,7 +315,7 @@ class Spec:
         values["substrate"] = self.substrate.as_dict()
         if self.substrate == Substrate():
             del values["substrate"]
-        for name in ("print_sigma", "asymmetric", "relief", "tag"):
+        for name in ("print_sigma", "asymmetric", "relief", "tag", "gap", "scale_sigma", "camera_covariance", "target"):
             if not values[name]:
                 del values[name]
         return values
@@ -289,6 +328,14 @@ class Spec:
         values["poses"] = self.poses if isinstance(self.poses, str) else self.poses.sha256
         text = json.dumps(values, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:8]
+
+
+def check_scale(sigma: float) -> None:
+    """Refuse a standard deviation of a print's scale that is not 0 to 0.1; raises InputError."""
+    if not 0 <= sigma <= 0.1:
+        raise InputError(
+            "a scale error of 0 to 0.1", f"scale_sigma={sigma}", "give a fraction: 0.001 is 0.1 %, 1 mm in a meter"
+        )
 
 
 def check_losses(n: int, lost: int) -> None:

@@ -4,6 +4,7 @@ import logging
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,7 @@ from markergen.model.occlusion import eyes_of
 from markergen.model.openings import near_holes
 from markergen.model.poses import PoseDistribution
 from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
-from markergen.model.spec import Spec
+from markergen.model.spec import USUAL_PRINT, Spec
 from markergen.model.substrate_checks import check_holes
 from markergen.objectives import OBJECTIVES, Objective, Setting
 from markergen.objectives.criteria import Criteria
@@ -27,12 +28,14 @@ from markergen.objectives.observation import DotNoise
 from markergen.objectives.survive import hidden_dot_errors
 from markergen.optimize.certificate import Certificate, certify
 from markergen.optimize.comparisons import compare, criteria_table, hidden_table
+from markergen.optimize.dot_count import outlook, sources_of
 from markergen.optimize.dot_size import DotSize, choose_dots, pixels_across
 from markergen.optimize.keyless import AsymmetricOptimum, asymmetric_search
 from markergen.optimize.label_ambiguity import LabelSafety, layout_safety
 from markergen.optimize.problem import FeasibleRegion, check, check_objective, objective_of, room_of, rough_of
 from markergen.optimize.relief import ReliefRoom, check_relief, search_relief
 from markergen.optimize.search import Optimum, search
+from markergen.optimize.target import settled
 from markergen.optimize.trace import Recorder, Step, trace_of
 from markergen.options import Progress
 from markergen.presentation.results import Result
@@ -111,7 +114,7 @@ class Design(Result):
         tables = [criteria_table(self.criteria, len(self.marker), words)]
         if lost:
             tables.append(hidden_table(hidden_dot_errors(self.marker.xyz, self.setting, lost), words))
-        return [self.summary, self._bound, *tables, _effort(self.seconds)]
+        return [self.summary, self._bound, *tables, *filter(None, [self.outlook]), _effort(self.seconds)]
 
     @property
     def certificate(self) -> Certificate:
@@ -121,7 +124,7 @@ class Design(Result):
     def certify(self, progress: Progress | None = None) -> Certificate:
         """Compute `certificate`, which may take as long as the search."""
         if "_certificate" not in self.__dict__:
-            region = FeasibleRegion(room_of(self.spec), self.dots.diameter, self.dots.clearance)
+            region = FeasibleRegion(room_of(self.spec), self.dots.diameter, self.dots.clearance, self.spec.gap)
             objective, points = objective_of(self.spec, self.setting), self.marker.xyz
             found = certify(objective, region, points if self.spec.relief else points[:, :2], progress)
             self.__dict__["_certificate"] = found
@@ -155,6 +158,15 @@ class Design(Result):
             + (f"dots of {self.dots.reason}" if self.dots.diameter else "bare points")
             + self._labels
         )
+
+    @cached_property
+    def outlook(self) -> str:
+        """Predicted error from all sources, and what more dots would bring; empty for a relief or bare points."""
+        if self.spec.relief or not self.dots.diameter:
+            return ""
+        sources = sources_of(self.spec)
+        sources = sources if sources.print_sigma else replace(sources, print_sigma=USUAL_PRINT)
+        return outlook(self.marker.xyz[:, :2], self.dots.diameter, self.spec, self.setting, sources)
 
     @property
     def _aggregate(self) -> str:
@@ -251,15 +263,18 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
         homography, or no layout was found with the demanded label safety.
     """
     begin = perf_counter()
+    choice = settled(spec, progress)
+    spec = choice.spec if choice else spec
     check_objective(spec, spec.noise_model == "image")
     poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera, spec.relief)
     setting = Setting(spec.boundary, spec.camera, poses)
     OBJECTIVES[spec.objective](setting, spec.aggregate, spec.coordinates)  # reject wrong names before any search
     dots = choose_dots(spec, setting.poses, progress)
+    dots = replace(dots, reason=choice.reason) if choice else dots
     if spec.noise_model == "image":
         setting = replace(setting, noise=DotNoise(dots.diameter, spec.image_noise, spec.print_sigma))
     objective = objective_of(spec, setting)
-    region = FeasibleRegion(room_of(spec), dots.diameter, dots.clearance)
+    region = FeasibleRegion(room_of(spec), dots.diameter, dots.clearance, spec.gap)
     rng = np.random.default_rng(spec.seed)
     recorder = Recorder() if traced else None
     more = spec.restarts, progress, rough_of(spec, setting), recorder

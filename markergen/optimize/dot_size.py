@@ -107,7 +107,8 @@ def largest_that_leaves_room(spec: Spec) -> float:
     InputError
         If it is below 0.1 mm.
     """
-    fits = ROOM * largest_diameter(room_of(spec), spec.n, spec.clearance)
+    clearance = max(spec.clearance or 0.0, spec.gap) if spec.gap else spec.clearance
+    fits = ROOM * largest_diameter(room_of(spec), spec.n, clearance)
     # Whole tenths of a millimeter can be measured on the sheet.
     diameter = float(np.floor(fits * 1e4) / 1e4)
     if not diameter:
@@ -156,9 +157,9 @@ def _pixels(diameter: float, spec: Spec, poses: PoseDistribution) -> str:
 def _refuse_what_does_not_fit(spec: Spec, size: DotSize) -> None:
     room = room_of(spec)
     # The search relies on the same packing: where it is stuck, it starts from it.
-    if fitting(FeasibleRegion(room, size.diameter, size.clearance), spec.n) is not None:
+    if fitting(FeasibleRegion(room, size.diameter, size.clearance, spec.gap), spec.n) is not None:
         return
-    fit = count_that_fit(room, size.diameter, size.clearance, spec.n - 1)
+    fit = count_that_fit(room, size.diameter, max(size.clearance, spec.gap), spec.n - 1)
     raise InputError(
         f"{spec.n} dots that fit in a {room}",
         f"dots of {format_length(size.diameter)} with {format_length(size.clearance)} clearance, of which {fit} fit",
@@ -210,7 +211,7 @@ class _Prediction:
         spec = self._spec
         setting = self._with(diameter, spec.print_sigma)
         objective = objective_of(spec, setting)
-        region = FeasibleRegion(room_of(spec), diameter, clearance_of(spec, diameter))
+        region = FeasibleRegion(room_of(spec), diameter, clearance_of(spec, diameter), spec.gap)
         if self._found:
             points, value = polish(objective, region, self._start(region), STEPS)
         else:
@@ -239,7 +240,8 @@ class _Prediction:
         if region.holds(start)[0]:
             return start[0]
         # Jammed: the layout of the densest packing is feasible for any diameter that fits.
-        return pack(region.boundary, self._spec.n, self._spec.clearance)[0]
+        packed = fitting(region, self._spec.n) if self._spec.gap else None
+        return pack(region.boundary, self._spec.n, self._spec.clearance)[0] if packed is None else packed
 
     def done(self) -> None:
         if self._progress:

@@ -56,10 +56,10 @@ def pack(boundary: Boundary, n: int, clearance: float | None = None) -> tuple[Ar
 
 def fitting(region: FeasibleRegion, n: int) -> Array | None:
     """Find a feasible layout (n, 2) in m, such as a packing; None if none is found."""
-    points, _ = pack(region.boundary, n, region.clearance)
+    points, _ = pack(region.boundary, n, region.spacing - region.diameter)
     if region.holds(points[None])[0]:
         return points
-    dense = lattice(region.boundary, region.diameter, region.clearance)
+    dense = lattice(region.boundary, region.diameter, region.clearance, region.gap)
     return dense[:n] if len(dense) >= n else None
 
 
@@ -142,9 +142,9 @@ def _spread(boundary: Boundary, n: int, rng: np.random.Generator) -> Array:
     return chosen
 
 
-def lattice(boundary: Boundary, diameter: float, clearance: float) -> Array:
+def lattice(boundary: Boundary, diameter: float, clearance: float, gap: float = 0.0) -> Array:
     """Points (k, 2) of a hexagonal lattice, with the best shift and rotation, at which dots of that diameter fit."""
-    pitch = diameter + clearance
+    pitch = diameter + max(clearance, gap)
     reach = int(np.ceil(2 * boundary.radius / pitch)) + 1
     i, j = np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1))
     sites = np.stack([i + j / 2, j * np.sqrt(0.75)], axis=-1).reshape(-1, 2) * pitch

@@ -95,11 +95,14 @@ class FeasibleRegion:
     boundary : Boundary
     diameter, clearance : float
         Diameter and clearance of the dots, m.
+    gap : float
+        Smallest gap between dots in m, where it is larger than the clearance.
     """
 
     boundary: Boundary
     diameter: float = 0.0
     clearance: float = 0.0
+    gap: float = 0.0
 
     @property
     def inset(self) -> float:
@@ -108,8 +111,8 @@ class FeasibleRegion:
 
     @property
     def spacing(self) -> float:
-        """Smallest distance in m between control points: dot diameter plus clearance."""
-        return self.diameter + self.clearance
+        """Smallest distance in m between control points: dot diameter plus clearance or gap."""
+        return self.diameter + max(self.clearance, self.gap)
 
     @cached_property
     def walls(self) -> Walls:

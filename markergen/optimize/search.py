@@ -244,7 +244,7 @@ def _grid(region: FeasibleRegion, n: int, rng: np.random.Generator) -> tuple[Arr
     if layout is not None:
         return grid, layout
     # Dots that nearly fill the region jam when placed one by one, so they start on a lattice, or as packed.
-    dense = lattice(region.boundary, region.diameter, region.clearance)
+    dense = lattice(region.boundary, region.diameter, region.clearance, region.gap)
     if len(dense) < n:
         dense = pack(region.boundary, n, region.clearance)[0]
     return np.concatenate([dense, grid]), np.arange(n)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     Length = float | str
     LengthOrAuto = float | str
+    IntOrAuto = int | str
     LengthOrFit = float | str
     File = str | PathLike[str]
     Files = str | PathLike[str] | Sequence[str | PathLike[str]]
@@ -39,6 +40,7 @@ else:
     # Type checkers see the accepted types above; at runtime the aliases carry the kind, one of `ACCEPTED`.
     Length = Annotated[object, "length"]
     LengthOrAuto = Annotated[object, "length or auto"]
+    IntOrAuto = Annotated[object, "int or auto"]
     LengthOrFit = Annotated[object, "length or fit"]
     File = Annotated[object, "file"]
     Files = Annotated[object, "files"]
@@ -55,6 +57,7 @@ Progress = Callable[[str, int, int], None]
 ACCEPTED = {
     "length": "float | str",
     "length or auto": "float | str",
+    "int or auto": "int | str",
     "length or fit": "float | str",
     "file": "str | Path",
     "files": "str | Path | list[str | Path]",
@@ -304,6 +307,15 @@ def _int(value: Any, _: str) -> int:
     return int(value)
 
 
+def _int_or_auto(value: Any, name: str) -> int | str:
+    if isinstance(value, str) and value == "auto":
+        return value
+    try:
+        return _int(value, name)
+    except InputError:
+        raise _wrong("a whole number, or 'auto'") from None
+
+
 def _float(value: Any, _: str) -> float:
     if isinstance(value, bool) or not isinstance(value, Real):
         raise _wrong("a number")
@@ -380,6 +392,7 @@ _READERS: dict[str, Callable[[Any, str], Any]] = {
     "str": _str,
     "length": _length,
     "length or auto": _length_or("auto"),
+    "int or auto": _int_or_auto,
     "length or fit": _length_or("fit"),
     "file": _file,
     "files": _several(_file, "a path, or a list of paths"),

@@ -22,6 +22,7 @@ from markergen.options import (
     CameraLike,
     File,
     Files,
+    IntOrAuto,
     Length,
     LengthOrAuto,
     LengthOrFit,
@@ -43,7 +44,25 @@ from markergen.options.shared import (
 class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
     """Options of a design."""
 
-    n: Annotated[int, Option(LAYOUT, "Number of control points, 4 to 200.", 5)]
+    n: Annotated[
+        IntOrAuto,
+        Option(
+            LAYOUT,
+            "Number of control points, 4 to 200; auto is the fewest whose whole predicted error is within 5 % of the "
+            "least, with --dot auto unless given.",
+            5,
+            metavar="N|auto",
+        ),
+    ]
+    target: Annotated[
+        str,
+        Option(
+            LAYOUT,
+            "Smallest disk within --radius, or else the boundary, and fewest dots with this RMS error at a distance, "
+            "such as 0.1deg@1.5m or 1mm@1.5m.",
+            metavar="ERROR@LENGTH",
+        ),
+    ]
     radius: Annotated[
         LengthOrFit,
         Option(
@@ -124,7 +143,25 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         Option(
             VIEW,
             "Standard deviation of a printed dot's position along each axis, for --noise-model image and --dot auto.",
-            "0mm",
+            otherwise="0mm; 0.1mm with --n auto and --target",
+        ),
+    ]
+    scale_sigma: Annotated[
+        float,
+        Option(
+            VIEW,
+            "Standard deviation of the print's scale along x and y, for --n auto and --target: 0.001 is 0.1 %.",
+            0,
+            metavar="SHARE",
+        ),
+    ]
+    camera_covariance: Annotated[
+        File,
+        Option(
+            VIEW,
+            "Covariance of the camera's parameters for --n auto and --target, as for markergen validate.",
+            otherwise="an exact calibration",
+            metavar="FILE",
         ),
     ]
     dot: Annotated[
@@ -137,6 +174,14 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         ),
     ]
     clearance: Annotated[Length, Option(DOTS, "Smallest gap around dots.", otherwise="a tenth of --dot")]
+    gap: Annotated[
+        Length,
+        Option(
+            DOTS,
+            "Smallest gap between dots, if larger than --clearance.",
+            otherwise="--clearance; 2 px in the image with --n auto and --target",
+        ),
+    ]
     asymmetric: Annotated[
         float,
         Option(
@@ -314,6 +359,10 @@ class ValidateKeywords(TypedDict, total=False):
         Option(IMAGES, "Repeat the views with blur, noise, low light, a hidden dot, clutter.", False, flags="--stress"),
     ]
     print_sigma: Printed
+    scale_sigma: Annotated[
+        float,
+        Option(ERRORS, "Standard deviation of the print's scale along x and y; 0.001 is 0.1 %.", 0, metavar="SHARE"),
+    ]
     camera_covariance: Calibrated
     seed: Annotated[int, Option(RUN, "Seed for the noise; the same seed gives the same results.", 0)]
     workers: Workers

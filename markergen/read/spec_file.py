@@ -28,12 +28,13 @@ from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
 from markergen.model.recorded_poses import MOST_KEPT, RecordedPoses
 from markergen.model.shape_file import BoundaryFile, HoleFile, SubstrateFile, built
-from markergen.model.spec import ImageNoise, Spec
+from markergen.model.spec import AUTO, ImageNoise, Spec
 from markergen.model.substrate import Hole, parse_dowel, parse_mount
 from markergen.options import Option, declared
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
 from markergen.options.shared import PlateKeywords
 from markergen.read.cameras import load_camera
+from markergen.read.cameras.covariance import read_camera_covariance
 from markergen.read.outlines.boundary import drawn_plate, is_drawing, parse_boundary, read_room
 from markergen.read.poses import settled
 from markergen.read.poses.rows import numbers_of_rows
@@ -215,6 +216,7 @@ DRAWING = ("boundary_unit", "layer", "origin")
 
 KINDS: dict[str, Any] = {
     "int": Whole,
+    "int or auto": Whole,
     "float": Finite,
     "str": str,
     "bool": bool,
@@ -223,6 +225,7 @@ KINDS: dict[str, Any] = {
     "length or fit": Annotated[float, BeforeValidator(_radius)],
     "shape": Shape,
     "shapes": list[Shape],
+    "file": Any,
     "camera": CameraTable,
     "poses": Annotated[Any, BeforeValidator(_poses)],
 }
@@ -274,6 +277,9 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
     if not isinstance(values, Mapping):
         raise InputError(f"a table of values in {name}", brief(values), "write for example n = 5 or radius = 0.15")
     plain = _in_spec_terms(dict(values))
+    count = plain.get("n")
+    if count == "auto":
+        del plain["n"]
     try:
         table = _SpecFile.model_validate(plain if stored else _with_files_read(plain))
     except ValidationError as error:
@@ -283,6 +289,13 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
     }
     if "camera" in given:
         given["camera"] = _camera(table.camera)
+    if given.get("n") == AUTO:
+        raise InputError(f"at least 4 control points in {name}", f"n={AUTO}", "give 4 or more, or auto")
+    if count == "auto" or (count is None and "target" in given):
+        given["n"] = AUTO
+    if given.get("camera_covariance") is not None:
+        found = read_camera_covariance(given["camera_covariance"], given.get("camera", Spec.camera))
+        given["camera_covariance"] = tuple(map(tuple, found.tolist()))
     if "image_noise" in given:
         given["image_noise"] = ImageNoise(**given["image_noise"])
     if table.poses is not None:
@@ -381,6 +394,8 @@ _JSON_TYPES: dict[str, dict[str, Any]] = {
     "str": _TEXT,
     "length": _LENGTH,
     "length or auto": _LENGTH,
+    "int or auto": {"anyOf": [{"type": "integer"}, {"const": "auto"}]},
+    "file": _TEXT,
     "length or fit": _LENGTH,
     "shape": _SHAPE,
     "shapes": {"type": "array", "items": _SHAPE},

@@ -22,7 +22,10 @@ from markergen.maths.projection import perspective, to_camera
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
+from markergen.model.spec import ImageNoise, Spec
+from markergen.objectives import Setting
 from markergen.objectives.observation import lens_blocks, through_lens
+from markergen.optimize.dot_count import outlook
 from markergen.render import Optics, Patch, expected_levels
 from markergen.render.optics import FULL_SCALE, light_at
 from markergen.render.view import dot_ellipses
@@ -172,7 +175,24 @@ def error_budget(series: SyntheticViews, bare_px: float = 0.0) -> dict[str, Any]
     return {
         "print_sigma_mm": 1e3 * series.errors.print_sigma,
         "camera_exact": series.errors.camera_covariance is None,
+        "outlook": _outlook(series),
         "image_px": float(np.sqrt(np.mean(np.trace(image, axis1=-2, axis2=-1)))),
         "rotation_deg": {name: rms(part) for name, part in budget.rotation_deg.items()},
         "translation_pct": {name: rms(part) for name, part in budget.translation_pct(series.poses.translation).items()},
     }
+
+
+def _outlook(series: SyntheticViews) -> str | None:
+    """What more dots would bring (see `outlook`); None for a relief, bare points and measured prints."""
+    marker, errors = series.marker, series.errors
+    if marker.height or not marker.dot_diameter or marker.place_covariance is not None or not len(series.poses):
+        return None
+    optics = series.optics
+    spec = Spec(
+        boundary=marker.boundary,
+        camera=series.camera,
+        keep_outs=marker.blocked,
+        image_noise=ImageNoise(optics.blur_px, optics.noise_grey, optics.light - optics.dark),
+    )
+    setting = Setting(marker.boundary, series.camera, series.poses)
+    return outlook(marker.xyz[:, :2], marker.dot_diameter, spec, setting, errors)

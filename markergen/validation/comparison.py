@@ -243,7 +243,7 @@ def _common(results: Mapping[str, Any]) -> Table:
 
 
 def _interval(ends: Sequence[float] | None) -> str:
-    return f"{number(ends[0], 2)}..{number(ends[1], 2)}" if ends else "-"
+    return f"{number(ends[0], 2)}–{number(ends[1], 2)}" if ends else "-"
 
 
 def _split(results: Mapping[str, Any], by: str, unit: str, words: str) -> Table:

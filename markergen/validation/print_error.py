@@ -16,23 +16,27 @@ def displacement(
 ) -> Array:
     """Sample errors (n, axes) in m of the dots: Gaussian in the plane, with 3 axes also in height if any dot is raised.
 
-    Errors of measured dots follow their covariance, those of others ``errors.print_sigma`` along each axis. `prints`
-    is the shape of a batch, the first axes of the result; () samples one print.
+    Errors of measured dots follow their covariance, those of others ``errors.print_sigma`` along each axis and, all
+    together, ``errors.scale_sigma``. `prints` is the shape of a batch, the first axes of the result; () samples one
+    print.
     """
     offset = rng.standard_normal((*prints, len(marker), axes))
     if not marker.xyz[:, 2].any():
         offset[..., 2:] = 0
     places = errors.of(marker)
+    scaled = np.zeros_like(offset)
+    if places.scale_sigma:
+        scaled[..., :2] = (places.scaled(marker.xyz) @ rng.standard_normal((*prints, 1, 2, 1)))[..., 0]
     if places.place_covariance is None:
-        return errors.print_sigma * offset
+        return errors.print_sigma * offset + scaled
     values, vectors = np.linalg.eigh(places.place_blocks(len(marker), axes))
     roots: Array = (vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]) @ vectors.swapaxes(-1, -2)
-    return np.asarray((roots @ offset[..., None])[..., 0])
+    return np.asarray((roots @ offset[..., None])[..., 0]) + scaled
 
 
 def misprinted(marker: Marker, errors: ErrorSources, rng: np.random.Generator) -> Marker:
     """Return the marker as printed, or itself if there are no errors."""
-    if not errors.of(marker).largest_place_sigma:
+    if not (errors.scale_sigma or errors.of(marker).largest_place_sigma):
         return marker
     return displaced(marker, displacement(marker, errors, rng))
 

@@ -293,6 +293,8 @@ def limit_sentences(results: Mapping[str, Any]) -> list[str]:
         said.append(line)
     if first and exact:
         said.append(f"The camera's calibration is taken as exact{_cost(results)}; --camera-covariance counts it.")
+    if outlook := budget.get("outlook"):
+        said.append(f"{outlook[0].upper()}{outlook[1:]}.")
     return said
 
 

@@ -132,8 +132,8 @@ def test_a_template_gives_way_to_what_is_given(tmp_path):
     ("options", "words"),
     [
         ({"rdius": 5}, "rdius=5 (no such option: did you mean 'radius'?)"),
-        ({"n": "five", "radius": [1]}, "n='five' (a whole number), radius=[1] (a length"),
-        ({"n": True}, "n=True (a whole number)"),
+        ({"n": "five", "radius": [1]}, "n='five' (a whole number, or 'auto'), radius=[1] (a length"),
+        ({"n": True}, "n=True (a whole number, or 'auto')"),
         ({"camera": 5}, "camera=5 (a camera, a path, or a dictionary)"),
         ({"camera": {"width": 640}}, "camera.height: missing"),
         ({"poses": object}, "poses"),

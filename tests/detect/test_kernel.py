@@ -5,10 +5,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plain_blobs import plain_blobs
 
-from markergen.detect import candidates, kernel, kernel_build
+from markergen.detect import candidates, kernel, kernel_build, kernel_pose
+from markergen.detect.blobs import Ellipses
 from markergen.detect.conic_projection import SCHEDULE
 from markergen.detect.ellipse_fit import _constants
+from markergen.detect.identification import REFUSED_PX, ROUGH_PX, View, _judged
+from markergen.detect.labeling_hypotheses import Labelings
+from markergen.detect.pose import estimate_pose, homography_of
+from markergen.detect.pose_hypotheses import layout_of
+from markergen.detect.seen_models import Poses
+from markergen.model.camera import PAPER_CAMERA
+from markergen.model.poses import paper_roll
 
 FRESH = kernel._loaded.__wrapped__
 
@@ -197,3 +206,89 @@ def test_arrays_that_do_not_fit_are_refused():
     with pytest.raises(ValueError, match="11 numbers"):
         kernel.elliptic(np.zeros((3, 10), np.int64), np.zeros(6))
     assert kernel.dark_components(image[:0], 6, 7).shape == (0, 11)
+
+
+@pytest.fixture
+def both(monkeypatch):
+    """Run a function with the compiled part, then without it."""
+    if kernel.library() is None:
+        pytest.skip(kernel.missing())
+
+    def run(call):
+        compiled = call()
+        with monkeypatch.context() as patch:
+            patch.setattr(kernel, "library", lambda: None)
+            return compiled, call()
+
+    return run
+
+
+@pytest.mark.parametrize("heights", [None, [0, 0.02, 0.01, 0.02, 0]])
+def test_pose_covariance_and_homography_are_those_of_numpy(both, ngon, heights):
+    points, poses = ngon(5, heights=heights).xyz, paper_roll()
+    for pose in range(0, 400, 23):
+        rng = np.random.default_rng(pose)
+        exact = PAPER_CAMERA.project(points, poses.rotation[[pose]], poses.translation[[pose]])[0]
+        pixels = exact + rng.normal(0, 0.05, exact.shape)
+        spread = 0.05**2 * rng.uniform(0.5, 2, (5, 1, 1)) * np.eye(2)
+        ours, plain = both(lambda: estimate_pose(points, pixels, spread, PAPER_CAMERA))  # noqa: B023
+        np.testing.assert_allclose(ours.translation, plain.translation, rtol=1e-7)
+        np.testing.assert_allclose(ours.rotation, plain.rotation, atol=1e-7)
+        np.testing.assert_allclose([ours.chi2, ours.scale], [plain.chi2, plain.scale], rtol=1e-6)
+        np.testing.assert_allclose(ours.likelihood_ratio, plain.likelihood_ratio, rtol=1e-4, atol=1e-12)
+        for part in ("image", "print", "total"):
+            theirs = getattr(plain.budget, part)
+            np.testing.assert_allclose(getattr(ours.budget, part), theirs, rtol=1e-4, atol=1e-6 * np.abs(theirs).max())
+        normalized = PAPER_CAMERA.from_pixels(pixels)
+        ours, plain = both(lambda: homography_of(points, normalized, PAPER_CAMERA, plain))  # noqa: B023
+        np.testing.assert_allclose(ours, plain, rtol=1e-7, atol=1e-9)
+
+
+def test_labelings_are_judged_as_by_numpy(both, ngon):
+    layout, rng = layout_of(ngon(8)), np.random.default_rng(3)
+    poses = paper_roll()
+    model = Poses(poses.rotation[:40], poses.translation[:40])
+    model.translation[::3, 0] += 0.25  # m, across the image's edge.
+    drawn = model.outlines(layout)
+    ellipses = Ellipses(drawn.center[5], drawn.shape[5], np.zeros(8), np.arange(8))
+    labels = np.where(rng.random((40, 8)) < 0.75, rng.permuted(np.tile(np.arange(8), (40, 1)), axis=1), -1)
+    labels[:, :2] = [0, 1]
+    labelings = Labelings(labels, np.ones(40), model, layout)
+    rough = rng.choice([0.0, REFUSED_PX, ROUGH_PX], 8, p=[0.6, 0.2, 0.2])
+    view = View(layout, PAPER_CAMERA, True, 1e-4)
+    for given in (None, rough):
+        ours, plain = both(lambda: _judged(labelings, ellipses, view, given))  # noqa: B023
+        np.testing.assert_array_equal(ours.missing, plain.missing)
+        np.testing.assert_allclose(ours.bound, plain.bound, rtol=1e-12)
+        np.testing.assert_array_equal(ours.candidates.blobs, plain.candidates.blobs)
+
+
+def test_blobs_of_one_dot_are_those_of_numpy(both):
+    rng = np.random.default_rng(4)
+    semi = np.sort(rng.uniform(2, 30, (400, 2)))[:, ::-1]
+    center, near = rng.uniform(0, 300, (400, 2)), rng.integers(0, 400, 200)
+    center[200:], semi[200:] = center[near] + rng.normal(0, 1, (200, 2)), semi[near] * rng.uniform(0.9, 1.1, (200, 1))
+    blobs = plain_blobs(center, semi, np.zeros(400), np.zeros(400, bool), rng.uniform(0.1, 1, (400, 1, 1)) * np.eye(2))
+    scale = rng.choice([1.0, 2.0], 400)
+    ours, plain = both(lambda: candidates._distinct(blobs, scale))
+    assert len(plain) < 399
+    np.testing.assert_array_equal(ours, plain)
+
+
+@pytest.mark.usefixtures("compiled")
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300, 0.0])
+def test_numbers_that_are_none_end(value):
+    # Of what is no pose, no ellipse and no point, nothing is expected but an end.
+    with np.errstate(all="ignore"):
+        dots = np.full((5, 3), value), np.ones(5), np.full((5, 2), value), np.eye(2), np.eye(3)
+        kernel_pose.estimate_pose(dots, True, np.eye(3)[None], np.ones((1, 3)), 20, (1e-8, 1e-3, 20.0, 5.0), SCHEDULE)
+        kernel_pose.homography(np.full((4, 2), value), np.ones((4, 2)))
+        many = np.full(20, value)
+        outlines = many, many, many, np.arange(20) < 10, many, many
+        kernel.solve_blurred(outlines, 3, np.ones(12), np.tile(np.arange(14.0), (4, 1)), (0.05, 0.954, 0.5, 1.0))
+        kernel.distinct_blobs(np.full((20, 2), value), np.full((20, 2), value), many, many, (0.5, 0.3, 1.0, 8.0))
+    with pytest.raises(ValueError):
+        kernel_pose.judge_poses(
+            np.full((2, 4), 7), (np.ones((5, 2)), None), (np.ones((2, 4, 2)), np.eye(2), np.ones((2, 4), bool)),
+            np.zeros(2), (1.0,) * 10,
+        )  # fmt: skip

@@ -157,20 +157,30 @@ def converge(study: PaperResults) -> Iterator[ClaimTest]:
                     yield ClaimTest(name, noise_px, words, as_factor(within(ratio, np.log1p(SIMILAR))))
 
 
-def square_is_enough(study: PaperResults) -> Iterator[ClaimTest]:
-    """Square-like layouts err as the perfect square does, and far less than random ones."""
+def square_like(study: PaperResults) -> Iterator[ClaimTest]:
+    """Square-like layouts err far less than random ones."""
+    for name, noise_px, table, words, level, alike in _square_like(study):
+        ill = np.log(table.level(f"ill.{words.replace(' ', '.')}.mean", alike.shape[1]))
+        radical = as_factor(above(ill - level, np.log(RADICAL)))
+        yield ClaimTest(name, noise_px, f"{words}, random layouts over square-like ones", radical)
+
+
+def perfect_square(study: PaperResults) -> Iterator[ClaimTest]:
+    """Square-like layouts err as the perfect square does."""
+    for name, noise_px, table, words, level, _ in _square_like(study):
+        perfect = level - np.log(table.level(f"ngon.{words.replace(' ', '.')}.mean"))
+        same = as_factor(within(perfect, np.log1p(MARGIN)))
+        yield ClaimTest(name, noise_px, f"{words}, square-like layouts over the square", same)
+
+
+def _square_like(study: PaperResults) -> Iterator[tuple[str, float, PoseLayouts, str, Array, Mask]]:
+    """Setting and table of four points, each error, its logarithm in square-like layouts (P,), and which are (P, B)."""
     for name, noise_px, table_of in study.everywhere():
         table = table_of(4)
         alike = square_misfit(table[f"{name}.layouts"].astype(float)) < SQUARE_LIKE
         for estimator, measure in _errors():
-            key = f"{estimator}.{measure}.mean"
-            level = np.log(table.level(f"{name}.{key}", chosen=alike))
-            perfect = within(level - np.log(table.level(f"ngon.{key}")), np.log1p(MARGIN))
-            words = f"{estimator} {measure}, square-like layouts over the square"
-            yield ClaimTest(name, noise_px, words, as_factor(perfect))
-            radical = above(np.log(table.level(f"ill.{key}", alike.shape[1])) - level, np.log(RADICAL))
-            words = f"{estimator} {measure}, random layouts over square-like ones"
-            yield ClaimTest(name, noise_px, words, as_factor(radical))
+            level = np.log(table.level(f"{name}.{estimator}.{measure}.mean", chosen=alike))
+            yield name, noise_px, table, f"{estimator} {measure}", level, alike
 
 
 def other_dlts(study: PaperResults) -> Iterator[ClaimTest]:

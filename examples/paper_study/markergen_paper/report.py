@@ -263,7 +263,9 @@ def summary_table(findings: Findings) -> list[str]:
     lines = ["| claim | paper's setting | measured there | all settings |", "|---|---|---|---|"]
     for claim, group in findings:
         own = _own(group)
-        lines.append(f"| {claim.words} | **{verdict(own)}** | {_measured(own)} | {verdict(group)} |")
+        # Bars of absolute values would divide cells.
+        words = claim.words.replace("|", "\\|")
+        lines.append(f"| {words} | **{verdict(own)}** | {_measured(own)} | {verdict(group)} |")
     return lines
 
 

@@ -18,6 +18,7 @@ from markergen.optimize.comparisons import comparison_layouts
 from markergen.optimize.design import design
 from markergen.optimize.dot_size import DotSize, choose_dots
 from markergen.optimize.problem import FeasibleRegion, room_of
+from markergen.optimize.target import settled
 from markergen.presentation.tables import csv_bytes
 from markergen.read.poses import poses_from
 from markergen.read.spec_file import spec_from_mapping
@@ -131,12 +132,14 @@ def _layout(spec: Spec, cell: Cell) -> Result:
 
 
 def _given_layout(spec: Spec, kind: str, seed: int) -> tuple[Array, DotSize, Mapping[str, float]]:
+    choice = settled(spec)
+    spec = choice.spec if choice else spec
     poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera)
     setting = Setting(spec.boundary, spec.camera, poses)
     dots = choose_dots(spec, poses)
     if spec.noise_model == "image":
         setting = replace(setting, noise=DotNoise(dots.diameter, spec.image_noise, spec.print_sigma))
-    region = FeasibleRegion(room_of(spec), dots.diameter, dots.clearance)
+    region = FeasibleRegion(room_of(spec), dots.diameter, dots.clearance, spec.gap)
     layouts = comparison_layouts(region, spec.n, seed, setting).get(kind)
     if layouts is None:
         raise MarkergenError(f"expected room for the layout {kind}, found that its dots would touch")

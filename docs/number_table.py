@@ -1,0 +1,420 @@
+"""Every number of README and docs: the command that gives it, or what it is if none does."""
+
+from collections.abc import Callable, Sequence
+
+from docs.numbers import Block, Command, Entry, Given, Number
+
+README, DESIGN, VALIDATE, DETECT = "README.md", "docs/design.md", "docs/validate.md", "docs/detect.md"
+PRINT, FABRICATE, PAPER, STUDY = "docs/print.md", "docs/fabricate.md", "docs/paper.md", "docs/study.md"
+CONVENTIONS = "docs/conventions.md"
+
+THIS, NGON = "this marker @ # @ @ @", "regular ...-gon @ # @ @ @"
+POSE, POSE_NGON = "this marker # @ @ @ @", "regular ...-gon # @ @ @ @"
+
+
+def _design(options: str, seconds: float) -> Command:
+    return Command(f"markergen design {options} -o marker.json", seconds)
+
+
+FOUR, FIVE, SIX, EIGHT = (_design(f"--n {n}", 4) for n in (4, 5, 6, 8))
+HOMOGRAPHY = _design("--n 4 --objective homography", 5)
+CONDITION = _design("--n 6 --objective condition", 10)
+VALIDATED = Command(f"{FIVE.line} && markergen validate marker.json --runs 2 --views 0", 8)
+RELIEF_20, RELIEF_50 = (
+    _design(f"--n 6 --dot 0 --clearance 0 --relief {height}mm --objective rotation", 8) for height in (20, 50)
+)
+ONE_SIDED = [Command(f"python examples/one_sided_camera.py {n}", 10) for n in range(4, 9)]
+EPNP, DOT_BOUND = Command("python -m benchmarks.epnp", 4), Command("python -m benchmarks.dot_bound", 1)
+SPEED = Command("python -m benchmarks.detection --sizes 640x480", 120)
+DOT_COUNT = Command("python -m benchmarks.dot_count", 600)
+SMALL = Command("python -m benchmarks.detection_quality small", 60)
+COMPARED = Command(f"{FIVE.line} && markergen compare marker.json", 600)
+STUDIED = Command(
+    "markergen study paper -o quarter --scale 0.25 && cat quarter/claims.md quarter/joint.csv quarter/claims.csv", 1500
+)
+
+
+def _counted(room: str, camera: str) -> Number:
+    five, said = f"{room} {camera} 5 @ @ # # @", "# | # | # | # | # | #"
+    sources = [(DOT_COUNT, f"{room} {camera} # # @ # # @"), (DOT_COUNT, five)]
+    return Number(DESIGN, f"| {room}, {camera} | {said} |", DOT_COUNT.line, sources)
+
+
+def _table_row(n: int, command: Command) -> Number:
+    # With four dots the square is the regular polygon, whose row has it.
+    output = f"{THIS} {NGON} ... random, median @ # @ @ @"
+    return Number(README, f"| {n} | # | # | # |", "markergen design --n 5", [(command, output)])
+
+
+def _asymmetric() -> Number:
+    return Number(
+        DESIGN,
+        "That costs little: # % of the pose error for 5 dots, # % for 6, # % for 8",
+        "markergen design --n 5",
+        [
+            source
+            for n, command in ((5, FIVE), (6, SIX), (8, EIGHT))
+            for source in ((_design(f"--n {n} --asymmetric 3", 60), POSE), (command, POSE))
+        ],
+        lambda a5, b5, a6, b6, a8, b8: [100 * (a5 / b5 - 1), 100 * (a6 / b6 - 1), 100 * (a8 / b8 - 1)],
+    )
+
+
+def _speed(row: str, label: str) -> Number:
+    """Processor time and errors of a detector, on other machines and before other photographs."""
+    return Number(
+        DETECT,
+        f"| {row} | # | #, # |",
+        "python -m benchmarks.detection",
+        [(SPEED, f"{label} @ @ @ # # #")],
+        lambda median, most, milliseconds: [milliseconds, median, most],
+        factor=3.0,
+    )
+
+
+def _rival(row: str, label: str) -> Number:
+    """Errors and share of views of a contestant, and the bound of its pattern."""
+    return Number(
+        README,
+        f"| {row} | # (# to #) | # | # % | # |",
+        "markergen compare marker.json",
+        [(COMPARED, f"{label} # % # #–# #"), (COMPARED, f"{label} @ cm2 #")],
+        lambda found, rms, low, high, median, bound: [rms, low, high, median, found, bound],
+    )
+
+
+def _all_found() -> Number:
+    """Smallest dots of which all markers are found, with a key ring and without."""
+    sizes = (2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0, 7.0)
+
+    def least(found: Sequence[float]) -> float:
+        return next(size for k, size in enumerate(sizes) if min(found[k:]) == 100)
+
+    return Number(
+        DETECT,
+        "all found from # px on, those without from # px",
+        SMALL.line,
+        [(SMALL, f"{size:.1f} px, {kind} 50 #") for kind in ("ring", "no ring") for size in sizes],
+        lambda *found: [least(found[: len(sizes)]), least(found[len(sizes) :])],
+    )
+
+
+def _paper(place: str, tests: Sequence[str], compute: Callable[..., Sequence[float]] | None = None) -> Number:
+    """Place with values of single tests, each a claim with its setting and what it measures."""
+    rows = [(STUDIED, f'{test.rpartition(",")[0]},"{test.rpartition(",")[2].replace(";", ",")}",#') for test in tests]
+    return Number(PAPER, place, "markergen study paper -o quarter --scale 0.25", rows, compute)
+
+
+def _ippe(noise: str, numbers: Sequence[int], at: str = "") -> list[str]:
+    return [f"IPPE equals LM,metric,{noise},rotation_deg; ippe over lm; n = {n}{at}" for n in numbers]
+
+
+def _extremes(*values: float) -> Sequence[float]:
+    return [min(values), max(values)]
+
+
+def _middle(*values: float) -> Sequence[float]:
+    return [sum(_extremes(*values)) / 2]
+
+
+MEASURED: Sequence[Entry] = (
+    _table_row(4, FOUR),
+    _table_row(5, FIVE),
+    _table_row(8, EIGHT),
+    Number(
+        README,
+        "the homography's error of four dots is # px if the square has its corners on the diagonals, and # px if",
+        "`--objective homography`",
+        [(HOMOGRAPHY, "this marker @ @ @ # @ regular 4-gon @ @ @ # @")],
+    ),
+    Number(
+        README,
+        "from six dots on c(A) is smaller with one of them in the middle, # instead of #",
+        "`--objective condition`",
+        [(CONDITION, "this marker @ @ @ @ # regular 6-gon @ @ @ @ #")],
+    ),
+    Number(
+        README,
+        "the expected displacement is # to # % below that of the polygon",
+        "python examples/one_sided_camera.py",
+        [(command, "mm, # % less") for command in ONE_SIDED],
+        lambda *less: [min(less), max(less)],
+    ),
+    Number(
+        README,
+        "A print error of @ mm costs # deg, the noise of the image #. A calibration off by @ px in fx and fy and @ px "
+        "in the principal point costs more: # deg with both",
+        "`validate marker.json`",
+        [(VALIDATED, "RE, deg # # @ @"), (VALIDATED, "the errors over all poses would be # deg")],
+        lambda image, print_, both: [print_, image, both],
+    ),
+    Number(
+        README,
+        "lower the rotation bound of six control points from # deg to # or # deg",
+        "--relief 50mm --objective rotation",
+        [(RELIEF_20, "this marker @ # @ - - best without relief @ #"), (RELIEF_50, "this marker @ # @ - -")],
+        lambda low, flat, high: [flat, low, high],
+    ),
+    _rival("markergen, 5 dots", "marker.json"),
+    _rival("5 x 5 circles, OpenCV", "circles:5x5"),
+    _rival("ArUco 4x4, our lines fitted to its edges", "edges:aruco:DICT_4X4_50"),
+    _rival("ArUco 4x4, OpenCV", "aruco:DICT_4X4_50"),
+    _rival("AprilTag 36h11, OpenCV", "apriltag:36h11"),
+    _rival("checkerboard of 9 x 9, OpenCV", "checkerboard:9x9"),
+    _rival("ChArUco 5x5, OpenCV", "charuco:5x5"),
+    Number(
+        README,
+        "are as good as five dots, with # times the ink",
+        "markergen compare marker.json",
+        [(COMPARED, "circles:5x5 # cm2"), (COMPARED, "marker.json # cm2")],
+        lambda grid, dots: [grid / dots],
+    ),
+    Number(
+        README,
+        "those of tags and boards stay # to # times above theirs",
+        "markergen compare marker.json",
+        [(COMPARED, f"{label} @ cm2 @ #") for label in ("aruco:DICT_4X4_50", "charuco:5x5")],
+    ),
+    _asymmetric(),
+    Number(
+        VALIDATE,
+        "in # % of the paper's poses, and in # % of them with random roll",
+        EPNP.line,
+        [(EPNP, "paper a single call @ @ #% "), (EPNP, "paper-roll a single call @ @ #%")],
+    ),
+    Number(
+        VALIDATE,
+        "its rotation error is # deg RMS where that of the better call is #",
+        EPNP.line,
+        [(EPNP, "paper a single call # @ @% paper epnp #")],
+    ),
+    Number(PAPER, "instead of the layout: # deg RMS", EPNP.line, [(EPNP, "paper a single call #")]),
+    *(_counted(room, camera) for camera in ("paper", "hd", "lens") for room in ("disk", "rectangle", "L")),
+    Number(VALIDATE, "it is # px per axis", DOT_BOUND.line, [(DOT_BOUND, "radius 10 px: # px")]),
+    Number(
+        DETECT,
+        "Of dots of @ px (the root of long times short axis) # % are located among others, of those of @ px # %",
+        SMALL.line,
+        [(SMALL, "2.5 px, ring 50 @ @ @ @ #"), (SMALL, "5.0 px, ring 50 @ @ @ @ #")],
+    ),
+    _all_found(),
+    Number(
+        DETECT,
+        "the median error of a center is # px at 3 px and # px at 7 px",
+        SMALL.line,
+        [(SMALL, "3.0 px, ring 50 @ @ #"), (SMALL, "7.0 px, ring 50 @ @ #")],
+    ),
+    _speed("marker with key ring, of 5 dots", "markergen, ring"),
+    _speed("the same, near the pose of the frame before", "markergen, ring, tracking"),
+    _speed("marker without ring, of 8 dots", "markergen, no ring"),
+    _speed("cv2.aruco, corners refined to subpixels", "cv2.aruco, subpixel"),
+    _speed("pupil-apriltags", "pupil-apriltags, quad_decimate=2"),
+    _speed("cv2.findCirclesGrid", "cv2.findCirclesGrid"),
+    Number(
+        DETECT,
+        "with one marker takes about # ms",
+        "#how-fast-how-accurate",
+        [(SPEED, "markergen, ring @ @ @ @ @ #")],
+        factor=3.0,
+    ),
+    _paper("errs # times as much as LM with five to eight points", _ippe("4", range(5, 9)), _middle),
+    _paper("In frontal views it is # to # times", _ippe("4", range(5, 9), "; at 0 deg"), _extremes),
+    _paper("at 1 px # to # times, and", _ippe("1", range(5, 9), "; at 0 deg"), _extremes),
+    _paper("at 0.2 px # to # times;", _ippe("0.2", range(5, 9), "; at 0 deg"), _extremes),
+    _paper(
+        "or 70 degrees it is # to # times at 4 px",
+        [*_ippe("4", range(5, 9), "; at 52.5 deg"), *_ippe("4", range(5, 9), "; at 70 deg")],
+        _extremes,
+    ),
+    _paper("With four points it is # times,", _ippe("4", [4])),
+    _paper("it is # times, at 1 and", ["IPPE equals LM,metric,4,rotation_deg; ippe over lm; square-like layouts"]),
+    _paper(
+        "0.2 px # times.",
+        [f"IPPE equals LM,metric,{noise},rotation_deg; ippe over lm; square-like layouts" for noise in ("1", "0.2")],
+        _middle,
+    ),
+    _paper(
+        "it errs # to # times as much at 4 px",
+        [f"methods converge,metric,4,rotation_deg; epnp over lm; n = {n}" for n in range(4, 9)],
+        _extremes,
+    ),
+    _paper(
+        "and # to # times at 1 px, where",
+        [f"methods converge,metric,1,rotation_deg; epnp over lm; n = {n}" for n in range(4, 9)],
+        _extremes,
+    ),
+    _paper(
+        "# to # % of its gain is left",
+        [
+            "initial guess,metric,4,rotation_deg; share of lm's gain that is left if it starts from the true pose; "
+            f"n = {n}"
+            for n in range(4, 9)
+        ],
+        lambda *shares: [100 * share for share in _extremes(*shares)],
+    ),
+    Number(
+        PAPER,
+        "the rotation bound of six points is # deg as the regular hexagon, which the pose objective finds, # deg as "
+        "the best layout by c(A) in unit coordinates, # deg as a random one, and with relief # deg (@ mm) and # deg",
+        "`--scale 0.25`",
+        [(STUDIED, f"{name},6,@,@,@,@,#") for name in ("ngon", "unit", "random")]
+        + [(STUDIED, f"relief-{height},6,1,@,,,#") for height in (20, 50)],
+    ),
+    Block(PAPER, "<!-- sentences -->", "<!-- end -->", "markergen study paper -o quarter --scale 0.25", STUDIED),
+    Block(PAPER, "<!-- claims -->", "<!-- end of claims -->", "markergen study paper -o quarter --scale 0.25", STUDIED),
+)
+"""Places whose numbers are compared, by file."""
+
+DEFAULT = "a default or a limit of the program"
+SETTING = "a condition of the numbers beside it"
+STANDARD = "a standard, a product's version, or a law of geometry"
+MEANING = "what a word means here"
+EXAMPLE = "an example of what to type, or of a size"
+
+GIVEN: Sequence[Given] = tuple(
+    Given(file, place, reason)
+    for file, reason, places in (
+        (README, DEFAULT, ["`rect:0.2x0.1` | # mm |"]),
+        (
+            README,
+            STANDARD,
+            ["Python # or newer, make", "supports Python # to #:", "runs on #, and parts of it were run on #, on #,"],
+        ),
+        (
+            README,
+            SETTING,
+            [
+                "degrees for # px of noise, dots of # mm inside a disk of # m:",
+                "(tilt 40 to # degrees, azimuth within 30)",
+                "With the same circle of # m, the same poses",
+                "A print error of # mm costs",
+                "RMS rotation error in degrees with its # % interval",
+                "A calibration off by # px in fx and fy and # px",
+                "Dots on pillars of 20 or # mm",
+                "(point dots, # px of noise;",
+            ],
+        ),
+        (DESIGN, DEFAULT, ["a disk of `--radius`, # mm by default", "approximated to # um", "a distance of #..1.5 m"]),
+        (
+            DESIGN,
+            DEFAULT,
+            [
+                "sources is within # % of the least",
+                "a print good to # mm unless",
+                "In # % of the poses the images of its dots are at least # px",
+                "and # px or more apart",
+                "it is # px or more; of more",
+                "are at least # px apart from",
+            ],
+        ),
+        (DESIGN, SETTING, ["f = #, *lens*"]),
+        (DESIGN, EXAMPLE, ["up to image errors of # px", "on pillars up to # mm high"]),
+        (
+            VALIDATE,
+            DEFAULT,
+            [
+                "(default 1000, noise # px)",
+                "the rotation bound exceeds # degrees",
+                "as of a grid turned by # degrees",
+                "- **# %**: interval",
+                "over that of its square (# and # are tried",
+                "(standard deviation, default # mm)",
+                "standard deviation | # |",
+                "with # px of blur, noise of # grey levels",
+                "reported more than # px from",
+                "its second difference exceeds # % of the first",
+                "rotate the pose by # % of its standard",
+                "what # % of such series give (by drawing series from the expected errors, # % wider)",
+                "their share is above # %",
+                "off by # px in fx and fy and # px in cx",
+            ],
+        ),
+        (
+            VALIDATE,
+            MEANING,
+            ["rotated by # degrees", "the # % interval for", "*In # %* is", "# % region;", "is the # % Clopper"],
+        ),
+        (VALIDATE, SETTING, ["for a radius of # px, a contrast of # grey levels, a blur of # px and noise of # grey"]),
+        (VALIDATE, EXAMPLE, ["gave # deg in the hardest case where # was expected"]),
+        (DETECT, DEFAULT, ["gives no frame for # s", "(default # mm along each axis)", "`design` takes # px along"]),
+        (
+            DETECT,
+            MEANING,
+            ["the d = # m - # degrees of freedom", "median, # % |", "keep their rough ellipse, # px along"],
+        ),
+        (
+            DETECT,
+            SETTING,
+            [
+                "Of dots of # px (the",
+                "of those of # px @ %",
+                "at # px and @ px at # px",
+            ],
+        ),
+        (DETECT, SETTING, ["One thread, 640 x # px", "A frame of 640 x # px"]),
+        (
+            PRINT,
+            DEFAULT,
+            [
+                "(`--overlap`, # mm)",
+                "50 or # mm that is within # % is assumed",
+                "off by # % or more are probably",
+                "off by # % of the outermost",
+                "which is # um (a quarter of a pixel for a PNG below # dpi)",
+            ],
+        ),
+        (PRINT, MEANING, ['"actual size" or # %', "printed at # %"]),
+        (PRINT, STANDARD, ["turned by # degrees", "a principal point # px larger"]),
+        (
+            FABRICATE,
+            DEFAULT,
+            [
+                "inlays of a second material, # mm deep | # mm |",
+                "pockets # mm deep, and discs that fit them | # mm,",
+                "stay inlays | # mm |",
+                "engraved # mm deep, and a DXF of the same name | # mm |",
+                "a recess # mm deep",
+                "on the control points | # mm |",
+                "which assumes # mm",
+                "nozzle diameter, # mm by default",
+                "largest common one up to # mm",
+                "the recess # mm of the plate remains",
+                "an `--edge` (# mm)",
+                "are engraved # mm deep",
+                "`--tolerance` (# um)",
+                "compares to # um",
+            ],
+        ),
+        (FABRICATE, EXAMPLE, ["*of diameter* # mm", "by # degrees; `--foot`", "for a disc of # mm |"]),
+        (FABRICATE, STANDARD, ["with PrusaSlicer #,", "engine of Cura #,", "density of PLA (# kg"]),
+        (
+            PAPER,
+            SETTING,
+            [
+                "f = # px",
+                "disk of radius # m |",
+                "| noise | # px | # px, and also # px |",
+                "`metric` with noise of # px is computed in full, the others and noise of # px",
+                "noise of #, # and # px",
+                "coordinates, # px, or without",
+                "noise of # px, and of # px where",
+                "relief of 20 and # mm. Over",
+                "points at # px. In frontal",
+                "at # px @ to @ times, and at # px @ to",
+                "tilted by # or # degrees it is @ to @ times at # px.",
+                "times, at 1 and # px",
+                "times as much at # px, and @ to @ times at # px",
+                "is left at # px, and with five points or more all of it at # px",
+                "poses at # px, the rotation bound",
+                "@ deg (# mm) and @ deg (# mm)",
+            ],
+        ),
+        (PAPER, MEANING, ["# times as wide", "over # %) are", "p < #,", "below # %.", "their # % intervals"]),
+        (STUDY, DEFAULT, ["times out after # s"]),
+        (CONVENTIONS, DEFAULT, ["an edge (# mm)", "polygons within # um", "at most # um off"]),
+        (CONVENTIONS, MEANING, ["a hole of # mm is # mm in every file", "are for # px;", "a TE over # %"]),
+        (CONVENTIONS, STANDARD, ["are # px larger"]),
+    )
+    for place in places
+)
+"""Numbers without a command."""

@@ -1,0 +1,427 @@
+"""Number of dots of `--n auto`, and what more dots would bring.
+
+The error of a dot's printed place averages over the dots, and so does that of its image, which grows only slowly as
+dots shrink. So more and smaller dots are better, until they cannot be detected, do not fit, or an error that moves all
+of them together remains: the calibration, or the scale of the print.
+
+Searching layouts of every number would take hours. A forecast is a layout by itself, found in milliseconds: dots are
+added one by one where they help most, among the sites of a packing of dots of one diameter. Its layouts of n and n + 1
+dots differ by a dot, so one pass gives all numbers, within a few percent of what the search then finds.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import islice
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.errors import InputError
+from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget
+from markergen.maths.dot_crlb import center_covariance
+from markergen.maths.information import covariance, pose_jacobian
+from markergen.maths.projection import perspective, to_camera
+from markergen.model.boundary import Boundary
+from markergen.model.camera import Camera
+from markergen.model.feature import RELIABLE_PIXELS
+from markergen.model.poses import PoseDistribution
+from markergen.model.spec import MOST_LOSSES, MOST_POINTS, ImageNoise, Spec
+from markergen.objectives import OBJECTIVES, Setting
+from markergen.objectives.base import either
+from markergen.objectives.observation import DotNoise
+from markergen.objectives.pose import PoseCovarianceObjective
+from markergen.optimize.dot_size import clearance_of
+from markergen.optimize.exchange import TraceExchangeTable, exchange, exchange_table, places
+from markergen.optimize.label_ambiguity import MANY, layout_safety
+from markergen.optimize.packing import lattice
+from markergen.optimize.polish import polish
+from markergen.optimize.problem import FeasibleRegion, fewer, room_of
+from markergen.options import Progress
+from markergen.read.poses import poses_from
+from markergen.units import format_length
+
+Array = NDArray[np.float64]
+
+NEAR_BEST = 1.05
+"""Predicted error of the chosen number of dots, relative to the least that any number reaches."""
+
+SHARE = 0.95
+"""Share of the poses in which every dot is large enough to be detected reliably."""
+
+WORTH = 1.1
+"""Ratio of errors from which more dots are worth a word."""
+
+POSES, POSES_AT_A_GLANCE = 48, 16
+"""Approximate number of poses that represent all in a forecast."""
+
+STEP = 1.2
+"""Ratio of successive diameters tried; the error is flat about the best one."""
+
+FEWEST_SITES = 12
+"""Number of sites below which larger dots are not tried."""
+
+ROW = 0.9
+"""Distance between rows of dots that follow the edge, as a fraction of the spacing."""
+
+SAFE_PX = 1.0
+"""Label safety in px that the dots should have."""
+
+HOPEFUL, QUICK = 1.2, 25
+"""Ratio of a forecast to the least error up to which refining it may show it to be near, and iterations of that."""
+
+GAP_PIXELS = 2.0
+"""Gap in px between the images of dots that keeps them apart: at 1.5 px one in twenty markers of 60 was not found."""
+
+RIM = 64
+"""Number of places on the outline at which sizes of images are measured."""
+
+NEIGHBORS = 4
+"""Number of nearest pairs per dot that may be exchanged."""
+
+FINE = 8
+"""Positions per spacing along a row at which a dot is tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """A layout of n dots found at a glance.
+
+    Attributes
+    ----------
+    points : array (n, 2), m
+    diameter : float, m
+    gap : float, m
+        Smallest gap between dots.
+    value : float
+        Objective with all error sources, over the poses of the forecast.
+    """
+
+    points: Array
+    diameter: float
+    gap: float
+    value: float
+
+    @property
+    def n(self) -> int:
+        """Number of dots."""
+        return len(self.points)
+
+
+def image_slopes(points: Array, camera: Camera, poses: PoseDistribution) -> Array:
+    """Derivatives (P, n, 2, 2), px per m, of the images of points (n, 2) by their place in the plane."""
+    normalized = perspective(to_camera(points, poses.rotation, poses.translation))
+    ideal = pose_jacobian(points, poses.rotation, poses.translation, np.ones(2))
+    ideal = ideal.reshape(*normalized.shape[:2], 2, 6)
+    return np.asarray(camera.pixel_jacobian(normalized) @ ideal[..., 3:] @ poses.rotation[:, None, :, :2])
+
+
+def least_sizes(boundary: Boundary, camera: Camera, poses: PoseDistribution) -> tuple[float, float]:
+    """Diameter and gap of dots in m, whole tenths of a mm, that are large enough anywhere in 95 % of the poses.
+
+    With A of `image_slopes`, the mean diameter of an image is d sqrt(|det A|), the root of long times short axis, and a
+    gap g is no less than g times the smaller singular value of A.
+    """
+    slopes = np.nan_to_num(image_slopes(boundary.rim(RIM), camera, poses))
+    area = np.sqrt(np.abs(np.linalg.det(slopes)))
+    narrow = np.linalg.svd(slopes, compute_uv=False)[..., -1]
+    found = []
+    for pixels, scale in ((RELIABLE_PIXELS, area), (GAP_PIXELS, narrow)):
+        worst = np.sort(scale.min(axis=1))[int((1 - SHARE) * len(poses) + 1e-9)]
+        if not worst:
+            raise InputError("poses that see dots anywhere on the marker", "edge-on ones", "leave such poses out")
+        found.append(float(np.ceil(pixels / worst * 1e4 - 1e-6) / 1e4))
+    return found[0], found[1]
+
+
+def marker_budget(
+    points: Array, diameter: float, setting: Setting, image: ImageNoise, sources: ErrorSources
+) -> PoseBudget:
+    """Error budget of dots of one diameter in m at points (n, 2) in m, for all poses of a setting."""
+    poses, seen = setting.poses, dot_covariances(points, diameter, setting, image)
+    return pose_budget(points, poses.rotation, poses.translation, setting.camera, seen, sources)
+
+
+def dot_covariances(points: Array, diameter: float, setting: Setting, image: ImageNoise) -> Array:
+    """Least covariances (P, n, 2, 2) in px^2 of the centers of dots at points (n, 2) in m, for the image noise."""
+    affine = image_slopes(points, setting.camera, setting.poses) * (diameter / 2)
+    return center_covariance(affine, image.edge_px, image.contrast_to_noise)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A spec whose number and size of dots are settled, and a line that explains them."""
+
+    spec: Spec
+    reason: str
+
+
+def sources_of(spec: Spec) -> ErrorSources:
+    """Error sources of a spec: its print, the scale of that, and its calibration."""
+    covariance = None if spec.camera_covariance is None else np.array(spec.camera_covariance)
+    return ErrorSources(spec.print_sigma, covariance, scale_sigma=spec.scale_sigma)
+
+
+def choose_count(spec: Spec, progress: Progress | None = None) -> Choice:
+    """Settle the number of dots, and unless the spec has one their diameter.
+
+    The fewest dots are chosen whose forecast is within `NEAR_BEST` of the least of up to 200 dots. All are at least
+    `RELIABLE_PIXELS` large in `SHARE` of the poses, and labels are safe to `SAFE_PX`.
+
+    Raises
+    ------
+    InputError
+        If the objective is not the error of a pose, or no four dots fit that are large enough.
+    """
+    poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera)
+    forecaster = Forecaster(spec, poses, sources_of(spec))
+    known = forecaster.by_count(progress)
+    least = forecaster.refined(min(known.values(), key=lambda each: each.value))
+    # Forecasts are above what polishing finds, the more so the more freedom the dots have.
+    low, high = next(n for n, each in known.items() if each.value <= HOPEFUL * least.value), least.n
+    chosen = least
+    while low < high:
+        if progress:
+            progress("refinement", least.n - high + low, least.n)
+        tried = forecaster.refined(known[(low + high) // 2])
+        if tried.value <= NEAR_BEST * least.value and _safe(tried, Setting(spec.boundary, spec.camera, poses), spec):
+            high, chosen = tried.n, tried
+        else:
+            low = tried.n + 1
+    if progress:
+        progress("refinement", 1, 1)
+    settled = replace(spec, n=chosen.n, dot=chosen.diameter, gap=chosen.gap)
+    asked = spec.dot == chosen.diameter
+    large = "as asked" if asked else f"{RELIABLE_PIXELS:g} px or more in {100 * SHARE:g} % of the poses"
+    reason = f"{format_length(chosen.diameter)}, {large}; with a print good to {format_length(spec.print_sigma)}, "
+    reason += f"{chosen.n} are the fewest whose predicted error is within {100 * (NEAR_BEST - 1):.0f} % of the least, "
+    return Choice(settled, f"{reason}that of {least.n}{common(spec)}")
+
+
+def common(spec: Spec) -> str:
+    """Errors that are the same for all dots and taken as 0, in words."""
+    missing = ["scale (--scale-sigma)"] if not spec.scale_sigma else []
+    missing += ["calibration (--camera-covariance)"] if spec.camera_covariance is None else []
+    return f"; {' and '.join(missing)} exact" if missing else ""
+
+
+def outlook(points: Array, diameter: float, spec: Spec, setting: Setting, sources: ErrorSources) -> str:
+    """Predicted rotation error of a flat marker from all sources, and what more dots would bring, in a sentence.
+
+    Parameters
+    ----------
+    points : array (n, 2), m
+    diameter : float, m
+    spec : Spec
+        Room and objective; the pose's if that is no error of a pose.
+    setting : Setting
+        Camera and poses.
+    sources : ErrorSources
+    """
+
+    def degrees(points: Array, diameter: float) -> str:
+        found = marker_budget(points, diameter, setting, spec.image_noise, sources).rotation_deg["total"]
+        return f"{np.sqrt(np.mean(found**2)):.3g} deg"
+
+    said = f"with a print good to {format_length(sources.print_sigma)}"
+    said += "" if sources.camera_covariance is not None else " and an exact calibration"
+    said += f", expect {degrees(points, diameter)} RMS in all"
+    usual = issubclass(OBJECTIVES[spec.objective], PoseCovarianceObjective)
+    asked = replace(spec, dot="auto", noise_model="image", objective=spec.objective if usual else "pose", aggregate="")
+    try:
+        forecaster = Forecaster(asked, setting.poses, sources, count=POSES_AT_A_GLANCE)
+        known = forecaster.by_count(most=1)
+    except InputError:
+        return said
+    now = forecaster.value(points, diameter)
+    more = {n: each for n, each in known.items() if n > len(points) and each.value < now / WORTH}
+    if not more:
+        return said
+    least = min(each.value for each in more.values())
+    best = next(each for each in more.values() if each.value <= NEAR_BEST * least)
+    half = next((each for each in more.values() if each.value <= now / 2), None)
+    if half and half.n < best.n:
+        size = format_length(half.diameter)
+        said += f"; {half.n} dots of {size}: half the error, {degrees(half.points, half.diameter)}"
+    return f"{said}; about {best.n} (--n auto): {degrees(best.points, best.diameter)}"
+
+
+def _safe(forecast: Forecast, setting: Setting, spec: Spec) -> bool:
+    """Whether labels are safe to `SAFE_PX`, RMS over all dots, or of many over those that a labeling exchanges.
+
+    The nearest rival labelings of many dots exchange two neighbors, which lie halfway between their images then.
+    """
+    if forecast.n <= MANY:
+        return layout_safety(forecast.points, setting, not spec.asymmetric).least >= SAFE_PX
+    from scipy.spatial.distance import pdist
+
+    poses, first = setting.poses, np.triu_indices(forecast.n, 1)
+    near = np.argsort(pdist(forecast.points))[: NEIGHBORS * forecast.n]
+    seen = spec.camera.project(forecast.points, poses.rotation, poses.translation)
+    gaps = seen[:, first[0][near]] - seen[:, first[1][near]]
+    return float(np.linalg.norm(gaps, axis=-1).min()) / 2 >= SAFE_PX
+
+
+class Forecaster:
+    """Forecasts for a spec, whose own number of dots does not matter.
+
+    Parameters
+    ----------
+    spec : Spec
+    seen : PoseDistribution
+        Poses that see the whole marker, in which dots are to be detected.
+    sources : ErrorSources
+    judged : PoseDistribution or None
+        Poses of the objective, if other ones.
+    count : int
+        Approximate number of poses that represent them.
+
+    Raises
+    ------
+    InputError
+        If the objective is not the error of a pose.
+    """
+
+    def __init__(
+        self,
+        spec: Spec,
+        seen: PoseDistribution,
+        sources: ErrorSources,
+        judged: PoseDistribution | None = None,
+        count: int = POSES,
+    ) -> None:
+        self.spec, self.sources, self.room = spec, sources, room_of(spec)
+        self.setting = Setting(spec.boundary, spec.camera, fewer(judged or seen, count))
+        self.least, gap = least_sizes(spec.boundary, spec.camera, seen)
+        self.gap = spec.gap or gap
+        self.most = max(n for n in range(5, MOST_POINTS + 1) if comb(n, spec.survive) <= MOST_LOSSES)
+        if not issubclass(OBJECTIVES[spec.objective], PoseCovarianceObjective):
+            known = (name for name in OBJECTIVES if issubclass(OBJECTIVES[name], PoseCovarianceObjective))
+            raise InputError(
+                "an objective that is the error of a pose, for the number of dots",
+                f"objective={spec.objective!r}",
+                f"use --objective {either(known)}, or give --n",
+            )
+
+    def diameters(self) -> Iterator[float]:
+        """Diameters in m to try: the spec's if it has one, else the least and larger ones while many dots fit."""
+        if isinstance(self.spec.dot, float):
+            yield self.spec.dot
+            return
+        diameter = self.least
+        yield diameter
+        while len(self._lattice(self._region(diameter))) >= FEWEST_SITES:
+            diameter = round(diameter * STEP, 4)
+            yield diameter
+
+    def by_count(self, progress: Progress | None = None, most: int | None = None) -> dict[int, Forecast]:
+        """Best forecast by number of dots, from 4 to as many as fit; of the `most` smallest diameters, if given.
+
+        Raises
+        ------
+        InputError
+            If there is no room for four.
+        """
+        best: dict[int, Forecast] = {}
+        diameters = list(islice(self.diameters(), most))
+        for done, diameter in enumerate(diameters):
+            if progress:
+                progress("number of dots", done, len(diameters))
+            region = self._region(diameter)
+            for sites in (rows(region), self._lattice(region)):
+                if len(sites) < 4:
+                    continue
+                order = self._order(sites, diameter)
+                for n, value in enumerate(self._values(sites[order], diameter), 4):
+                    if n not in best or value < best[n].value:
+                        best[n] = Forecast(sites[order[:n]], diameter, self.gap, float(value))
+        if progress:
+            progress("number of dots", 1, 1)
+        if not best:
+            raise InputError(
+                f"room for 4 dots of {format_length(self.least)}, which {100 * SHARE:g} % of the poses see well",
+                str(self.room),
+                "use a larger marker, poses nearer by or a better camera, or give --n and --dot",
+            )
+        return dict(sorted(best.items()))
+
+    def refined(self, forecast: Forecast) -> Forecast:
+        """Forecast with dots moved one by one to better places, and polished; itself if that is no better."""
+        objective, region = self._objective(forecast.diameter), self._region(forecast.diameter)
+        table = exchange_table(objective, np.concatenate([forecast.points, places(region, forecast.n)]))
+        layout = table.places[exchange(table, region.spacing, np.arange(forecast.n))]
+        polished, _ = polish(objective, region, layout, QUICK)
+        found = [each for each in (layout, polished) if region.holds(each[None])[0]]
+        each = [replace(forecast, points=points, value=self.value(points, forecast.diameter)) for points in found]
+        return min([forecast, *each], key=lambda one: one.value)
+
+    def value(self, points: Array, diameter: float) -> float:
+        """Objective with all sources of dots of one diameter in m at points (n, 2) in m."""
+        return float(self._values(points, diameter)[-1])
+
+    def _region(self, diameter: float) -> FeasibleRegion:
+        return FeasibleRegion(self.room, diameter, clearance_of(self.spec, diameter), self.gap)
+
+    def _lattice(self, region: FeasibleRegion) -> Array:
+        return lattice(region.boundary, region.diameter, region.clearance, region.gap)
+
+    def _objective(self, diameter: float) -> PoseCovarianceObjective:
+        noise = DotNoise(diameter, self.spec.image_noise, self.sources.print_sigma)
+        found = OBJECTIVES[self.spec.objective](replace(self.setting, noise=noise), self.spec.aggregate)
+        assert isinstance(found, PoseCovarianceObjective)
+        return found
+
+    def _order(self, sites: Array, diameter: float) -> NDArray[np.intp]:
+        """Order (m,) in which dots are added at sites (C, 2) in m, each where it helps most."""
+        table = TraceExchangeTable(self._objective(diameter), sites)
+        every, free, order = np.arange(len(sites)), np.ones(len(sites), dtype=bool), list[int]()
+        for _ in range(min(self.most, len(sites))):
+            values = table.values(np.array(order, dtype=np.intp), every)
+            order.append(int(np.argmin(np.where(free, values, np.inf))))
+            free[order[-1]] = False
+        return np.array(order, dtype=np.intp)
+
+    def _values(self, points: Array, diameter: float) -> Array:
+        """Objective (m - 3,) with all sources, for the first 4, 5, ..., m dots at points (m, 2) in m."""
+        objective, poses, camera = self._objective(diameter), self.setting.poses, self.spec.camera
+        normalized = perspective(to_camera(points, poses.rotation, poses.translation))
+        jacobian = pose_jacobian(points, poses.rotation, poses.translation, np.ones(2))
+        jacobian = camera.pixel_jacobian(normalized) @ jacobian.reshape(*normalized.shape[:2], 2, 6)
+        slopes = jacobian[..., 3:] @ poses.rotation[:, None, :, :2]
+        image = self.spec.image_noise
+        spread = center_covariance(slopes * (diameter / 2), image.edge_px, image.contrast_to_noise)
+        spread = spread + self.sources.print_sigma**2 * slopes @ slopes.swapaxes(-1, -2)
+        weighed = np.linalg.solve(spread, jacobian).swapaxes(-1, -2)
+        together = [slopes @ self.sources.scaled(points)]
+        if self.sources.camera_covariance is not None:
+            # A Cholesky factor does not exist where a parameter is exact.
+            size, axes = np.linalg.eigh(self.sources.camera_covariance)
+            together.append(camera.parameter_jacobian(normalized) @ (axes * np.sqrt(np.maximum(size, 0.0))))
+        moved = np.concatenate(together, axis=-1)
+        found = covariance(np.cumsum(weighed @ jacobian, axis=1)[:, 3:])
+        # Four dots in one line determine no pose: their covariance is infinite.
+        with np.errstate(invalid="ignore"):
+            shared = found @ np.cumsum(weighed @ moved, axis=1)[:, 3:]
+            variance = np.trace(
+                objective.weight[:, None] @ (found + shared @ shared.swapaxes(-1, -2)), axis1=-2, axis2=-1
+            )
+            values = np.sqrt(np.where(variance > 0, variance, np.inf)).T
+            return np.nan_to_num(objective.aggregated(values, 0.0)[0], nan=np.inf)
+
+
+def rows(region: FeasibleRegion) -> Array:
+    """Places (C, 2) in m of dots in rows that follow the edge of a region, from the outside in."""
+    boundary, spacing = region.boundary, region.spacing
+    chosen = np.zeros((0, 2))
+    inset = region.inset
+    while inset < boundary.radius:
+        around = sum(float(np.linalg.norm(np.diff(ring, axis=0), axis=-1).sum()) for ring in boundary.outlines())
+        edge = boundary.project(boundary.rim(int(FINE * around / spacing) + FINE), inset)
+        before = len(chosen)
+        for place in edge[np.abs(boundary.depth(edge) - inset) < 1e-3 * spacing]:
+            if not len(chosen) or np.min(np.sum((chosen - place) ** 2, axis=-1)) >= spacing**2:
+                chosen = np.append(chosen, place[None], axis=0)
+        if len(chosen) == before:
+            break
+        inset += ROW * spacing
+    return chosen[boundary.depth(chosen) >= region.inset - 1e-12]

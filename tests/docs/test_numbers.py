@@ -1,0 +1,54 @@
+"""Numbers in README and docs: `make numbers` compares them with what commands print; here, that none is left out."""
+
+import pytest
+
+from docs import numbers
+from docs.number_table import GIVEN, MEASURED
+from docs.numbers import GENERATED, PAGES, Block, Command, Given, Number, agree, block, faults, numbers_in, uncovered
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page not in GENERATED])
+def test_every_number_has_a_command_or_a_reason(page):
+    assert uncovered(page, [*MEASURED, *GIVEN]) == []
+
+
+def test_places_have_numbers_and_their_commands_are_named_there():
+    for entry in MEASURED:
+        text = numbers.text_of(entry.file)
+        assert " ".join(entry.named.split()) in " ".join(text.split()), entry.named
+        if isinstance(entry, Block):
+            assert block(entry).strip()
+        else:
+            assert numbers_in(text, entry.place), entry.place
+
+
+def test_rounding():
+    assert agree("3.71", 3.7145)
+    assert agree("3.71", 3.705)
+    assert not agree("3.71", 3.7151)
+    assert not agree("3.7", 3.6)
+    assert agree("1,647", 1647)
+    assert agree("10", 25, factor=3)
+    assert not agree("10", 31, factor=3)
+
+
+def test_places_are_found_whatever_their_lines():
+    text = "an error\nof 1.5 px (12 % more), -3 in all"
+    assert numbers_in(text, "an error of # px (@ % more), #") == ["1.5", "-3"]
+    assert numbers_in(text, "an error of # deg") is None
+    assert numbers_in("a  b 7\n c 8 d", "a ... # c #") == ["7", "8"]
+
+
+def test_what_differs_is_told(monkeypatch):
+    monkeypatch.setattr(numbers, "text_of", lambda file: "It is 2.5 px off by `true`, and 4 m away, 6 mm high.")
+    right, wrong = Command("true", 1), Command("false", 1)
+    entries = [Number("a", "It is # px off", "true", [(command, "off: #")]) for command in (right, wrong)]
+    outputs = {right: "off: 2.46", wrong: "off: 2.6"}
+    assert [list(faults(entry, outputs)) for entry in entries] == [
+        [],
+        ["a: 2.5 in the text, 2.6 by true: It is # px off"],
+    ]
+    assert list(faults(entries[0], {})) == []
+    assert "does not print" in next(faults(entries[0], {right: "nothing"}))
+    given = Given("a", "# m away", "a place")
+    assert [line.split(" in ")[0] for line in uncovered("a", [entries[0], given])] == ["a:1: 6"]
