@@ -33,7 +33,7 @@ _UNITS = (
     "%|deg|degrees?|um|mm|cm|m|px|ms|s|seconds?|min|minutes?|hours?|kB|MB|GB|times|dpi|rad|grey levels|kg|micrometers?"
 )
 _CLAIMED = re.compile(
-    rf"(?<![\w.^-]){_NUMBER}(?!\w|\.\d|,\d)(?=\s*(?:{_UNITS})(?!\w)|x(?!\w))"
+    rf"(?<![\w.^-]){_NUMBER}(?!\w|\.\d|,\d)(?=\s*(?:{_UNITS})(?!\w))"
     r"|(?<![\w.,^-])-?\d[\d,]*\.\d+(?!\w|\.\d)"
 )
 """Numbers with a unit, and numbers with decimals."""

@@ -56,8 +56,8 @@ DEGREES = (12, 18, 27, 40)
 ACCURATE = 1e-7
 """Error of the interpolation, relative to the largest sensitivity, at which a higher degree is not tried."""
 
-ROUNDS, PATIENCE, WORK = 60, 10, 20_000
-"""Maximum number of linear programs, of those in a row without a noticeable gain, and of simplex iterations in all."""
+ROUNDS, PATIENCE, WORK = 60, 12, 12_000_000
+"""Maximum number of linear programs, of those in a row without a noticeable gain, and of the coefficients of all."""
 
 NOTICEABLE = 0.98
 """Ratio of gaps that counts as a gain."""
@@ -68,16 +68,16 @@ CLOSE = 2e-4
 EDGE, INSIDE = 1500, 5000
 """Approximate number of candidate places on the edge of the room and inside."""
 
-MORE = 120
+MORE = 200
 """Maximum number of candidate places, and of caps, that are added to a linear program at a time."""
 
 STEPS = (0.5, 0.25, 0.1)
 """Fractions of the way to the solution of a linear program, at the best of which the next bound is taken."""
 
-SLACKEST = 0.9
-"""Share of a full cap, and of the largest u, below which caps and places are left out of the next linear program."""
+SLACKEST = 0.8
+"""Weight in a cap below which it is left out of the next linear program."""
 
-LEVELS, MOST_BOXES = 14, 400_000
+LEVELS, MOST_BOXES = 14, 100_000
 """Limits of branch and bound; where they end it, the bound is the best so far, still valid."""
 
 TESTED = 100
@@ -94,9 +94,6 @@ TURNS = 90
 
 BOXES = 24
 """Number of boxes along the longer side of the room that branch and bound starts from."""
-
-AT_ONCE = 4096
-"""Number of places in one chunk of the sum over caps."""
 
 _SLACK = 1e-9
 """Violation in m of inset and spacing that a layout may have."""
@@ -244,12 +241,11 @@ class _Fields:
 
 @dataclass(frozen=True)
 class _Solution:
-    """Weights (C,) of places, shares of the bounds with sum 1, multipliers of the caps, and simplex iterations."""
+    """Weights (C,) of places, shares of the bounds with sum 1, and multipliers of the caps."""
 
     weights: Array
     shares: Array
     prices: Array
-    work: int
 
 
 class _Program:
@@ -292,11 +288,11 @@ class _Program:
             cuts.append(fields.sensitivity(moments, max(0.1 * 0.8**done, SOFTNESS)) * self.square)
             seen = np.array([self._at_places(cut) for cut in cuts])
             found = self._linear_program(seen, caps, np.flatnonzero(column))
-            work += found.work
+            work += (len(cuts) + len(caps)) * int(column.sum())
             cut, priced = found.shares @ cuts, found.prices > 0
-            excess = found.shares @ seen - found.prices @ _overlap(caps, self.places, self.pitch)
+            excess = found.shares @ seen - _cap(self.places, caps[priced], found.prices[priced], self.pitch, 0.0)[0]
             least = float(excess[column].max())
-            bound = found.prices.sum() + self.n * float(excess.max())
+            bound = found.prices.sum() + self.n * max(float(excess.max()), 0.0)
             before, more = best, np.zeros((0, 2))
             if bound - 1 < (best - 1) * NOTICEABLE:
                 tolerance = max(CLOSE / 4, (bound - 1) / 20) / self.n
@@ -308,11 +304,10 @@ class _Program:
             if best < reached + CLOSE or since == PATIENCE or work > WORK:
                 break
             used = found.weights > 0
-            load = _overlap(caps, self.places[used], self.pitch) @ found.weights[used]
+            load = _cap(caps, self.places[used], found.weights[used], self.pitch, 0.0)[0]
             caps = np.concatenate([caps[load > SLACKEST], crowded])
-            column &= (excess > SLACKEST * least) | used | (np.arange(len(column)) < self.n)
             outside = np.where(column, -np.inf, excess)
-            column[_apart(self.places, outside, least + CLOSE / (10 * self.n), self.pitch / 10)] = True
+            column[_apart(self.places, outside, least + CLOSE / (10 * self.n), self.pitch / 20)] = True
             target = self._moments(found.weights)
             moments = max((moments + step * (target - moments) for step in STEPS), key=fields.worth)
             column = np.append(column, np.ones(len(more), dtype=bool))
@@ -332,23 +327,24 @@ class _Program:
         from scipy.sparse import csc_array
 
         cover = _overlap(caps, self.places[column], self.pitch)
-        rows = np.concatenate([-seen[:, column], cover])
-        epigraph = np.append(np.ones(len(seen)), np.zeros(len(caps)))
+        # At most n in total: where dots are jammed, places for exactly n would make the multipliers huge.
+        rows = np.concatenate([-seen[:, column], cover, np.ones((1, len(column)))])
+        epigraph = np.append(np.ones(len(seen)), np.zeros(len(caps) + 1))
         found = linprog(
             np.append(np.zeros(len(column)), -1.0),
             csc_array(np.column_stack([rows, epigraph])),
-            1 - epigraph,
-            np.append(np.ones(len(column)), 0.0)[None],
-            [self.n],
+            np.concatenate([np.zeros(len(seen)), np.ones(len(caps)), [self.n]]),
             bounds=[(0, None)] * len(column) + [(None, None)],
+            # In round rooms the programs are degenerate, and the simplex method takes seven times as long.
+            method="highs-ipm",
         )
         if found.x is None:
             # The solver stopped early, on a degenerate program: any multipliers are valid, such as those without caps.
-            return _Solution(self._design, np.eye(len(seen))[0], np.zeros(len(caps)), WORK + 1)
+            return _Solution(self._design, np.eye(len(seen))[0], np.zeros(len(caps)))
         weights, prices = np.zeros(len(self.places)), np.maximum(-found.ineqlin.marginals, 0.0)
         weights[column] = np.maximum(found.x[:-1], 0.0)
         shares = prices[: len(seen)]
-        return _Solution(weights, shares / shares.sum(), prices[len(seen) :], found.nit)
+        return _Solution(weights, shares / shares.sum(), prices[len(seen) : -1])
 
     def _crowded(self, weights: Array) -> Array:
         """Centers (c, 2) of caps that a measure violates."""
@@ -359,7 +355,7 @@ class _Program:
         i, j = np.triu_indices(len(held), 1)
         near = np.linalg.norm(held[i] - held[j], axis=-1) < self.pitch
         centers = np.concatenate([(held[i[near]] + held[j[near]]) / 2, held, self.places])
-        load = weights[used] @ _overlap(held, centers, self.pitch)
+        load = _cap(centers, held, weights[used], self.pitch, 0.0)[0]
         return centers[_apart(centers, load, 1 + 1e-3, self.pitch / 20)]
 
     def _highest(self, cut: Array, caps: Array, prices: Array, least: float, tolerance: float) -> tuple[float, Array]:
@@ -409,25 +405,30 @@ class _Program:
             centers = (centers[left, None] + shift).reshape(-1, 2)
         found = np.concatenate(more)
         chosen = _apart(found, np.concatenate(score), least, self.pitch / 20)
-        return max(best + tolerance, float(upper.max())), found[chosen]
+        return max(best + tolerance, float(upper.max()), 0.0), found[chosen]
 
 
 def _cap(places: Array, caps: Array, prices: Array, pitch: float, radius: float) -> tuple[Array, Array, Array]:
     """Sum of caps at places, its gradient, and the largest curvature of its negative within a radius."""
-    covered, slope, bend = np.zeros(len(places)), np.zeros((len(places), 2)), np.zeros(len(places))
     if not len(caps):
-        return covered, slope, bend
+        return np.zeros(len(places)), np.zeros((len(places), 2)), np.zeros(len(places))
+    from scipy.spatial import cKDTree
+
     delta = _ramp(pitch)
-    for start in range(0, len(places), AT_ONCE):
-        some = slice(start, start + AT_ONCE)
-        apart = places[some, None] - caps
-        distance = np.hypot(apart[..., 0], apart[..., 1])
-        along = np.clip((distance - pitch / 2) / delta, -1.0, 1.0)
-        covered[some] = (0.5 - along + along * np.abs(along) / 2) @ prices
-        steep = prices * (np.abs(along) - 1) / (delta * np.maximum(distance, 1e-12))
-        slope[some] = np.einsum("ck,ckd->cd", steep, apart)
-        bend[some] = (np.abs(distance - pitch / 2) < delta + radius) @ prices / delta**2
-    return covered, slope, bend
+    pairs = cKDTree(places).sparse_distance_matrix(cKDTree(caps), pitch / 2 + delta + radius, output_type="ndarray")
+    i, j, distance = pairs["i"], pairs["j"], pairs["v"]
+    along = np.clip((distance - pitch / 2) / delta, -1.0, 1.0)
+    steep = prices[j] * (np.abs(along) - 1) / (delta * np.maximum(distance, 1e-12))
+    ramp = np.abs(distance - pitch / 2) < delta + radius
+
+    def total(parts: Array) -> Array:
+        return np.bincount(i, parts, len(places)).astype(float)
+
+    return (
+        total(prices[j] * (0.5 - along + along * np.abs(along) / 2)),
+        np.stack([total(steep * each) for each in (places[i] - caps[j]).T], axis=-1),
+        total(prices[j] * ramp) / delta**2,
+    )
 
 
 def _overlap(caps: Array, places: Array, pitch: float) -> Array:

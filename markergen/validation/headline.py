@@ -156,13 +156,14 @@ def sentences(found: Mapping[str, Any]) -> list[str]:
     """
     turned, moved = (found["hardest"][key] for key in _KEYS)
     over_all, deg, mm = found["all"], amount(found["rotation_deg"]), amount(found["translation_mm"])
-    frontal = ", seen frontally, where a small tilt hardly changes the image" if middle(turned["tilt"]) < 10 else ""
-    flips = f"{percent(turned['flip_rate'])} of flips" if turned["flip_rate"] > LEAST_SAID else "flips"
+    frontal = " Seen frontally, a small tilt hardly changes the image." if middle(turned["tilt"]) < 10 else ""
+    rate = f" ({percent(turned['flip_rate'])} there)" if turned["flip_rate"] > LEAST_SAID else ""
+    with_flips = f"RMS, including flips{rate}"
     if _place(turned) == _place(moved):
-        plan = f"Plan with {deg} deg and {mm} mm RMS, {flips} included: {_place(turned)}{frontal}, is the hardest case."
+        plan = f"Plan with {deg} deg and {mm} mm {with_flips}: the hardest case, at {_place(turned)}.{frontal}"
     else:
-        places = f"{deg} deg (at {_place(turned)}{frontal}) and {mm} mm (at {_place(moved)})"
-        plan = f"Plan with {places} RMS, {flips} included: these are the hardest cases."
+        places = f"{deg} deg (at {_place(turned)}) and {mm} mm (at {_place(moved)})"
+        plan = f"Plan with {places} {with_flips}: the hardest cases.{frontal}"
     said = [plan]
     if turned["failure_rate"]:
         said.append(f"{percent(turned['failure_rate'])} of the estimates fail there, and are not included.")
@@ -172,10 +173,10 @@ def sentences(found: Mapping[str, Any]) -> list[str]:
         f"{found['source']}."
     )
     if over_all["sampled"]:
-        says = f", which claims {amount(turned['first_order_deg'])} deg in the hardest," if turned["sampled"] else ""
+        says = f" (in the hardest it claims {amount(turned['first_order_deg'])} deg)" if turned["sampled"] else ""
         said.append(
-            f"In {over_all['sampled']} of the {over_all['poses']} poses a first-order covariance{says} is not to be "
-            f"relied on: {found['draws']} estimates were sampled in each."
+            f"The first-order covariance does not hold in {over_all['sampled']} of the {over_all['poses']} poses{says}:"
+            f" {found['draws']} estimates were sampled in each."
         )
     return said + (_of_views(found["views"]) if found.get("views") else [])
 
@@ -246,15 +247,19 @@ def _of_views(views: Mapping[str, Any]) -> list[str]:
             if not each["agrees"]:
                 said.append(
                     f"The views of this run gave {line} {where} where {amount(each['expected'])} was expected: "
-                    f"{each['count']} views would give {between}. Rely on the views."
+                    f"{_views(each['count'])} would give {between}. Rely on the views."
                 )
             elif key == "rotation_deg":
-                agreed.append(f"{line} {where} in {each['count']} views, where {between} was to be expected")
+                agreed.append(f"{line} {where} in {_views(each['count'])}, where {between} was to be expected")
     if agreed and not said:
         said.append(f"The views of this run agree: {'; '.join(agreed)}.")
     if views["lost"]:
-        said.append(f"In {views['lost']} views of this run the marker was not found. No error includes these.")
+        said.append(f"In {_views(views['lost'])} of this run the marker was not found. No error includes that.")
     return said
+
+
+def _views(count: int) -> str:
+    return "1 view" if count == 1 else f"{count} views"
 
 
 def _place(cell: Mapping[str, Any]) -> str:

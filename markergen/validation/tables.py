@@ -28,7 +28,7 @@ BOUND = "bound (CRLB)"
 SOURCES = ("image", "print", "camera", "total")
 """Sources of an error budget, and their total."""
 
-NAMES = {"image": "the noise of the image", "print": "the print", "camera": "the calibration"}
+NAMES = {"image": "image noise", "print": "the print", "camera": "the calibration"}
 """Sources of an error budget, in sentences."""
 REMEDIES = {
     "image": (
@@ -288,8 +288,7 @@ def limit_sentences(results: Mapping[str, Any]) -> list[str]:
         limited = [what for what, largest in first.items() if largest == name]
         line = f"Of {_listed(counted)}, {NAMES[name]} limits the {' and the '.join(limited)}: {REMEDIES[name]}."
         if all(found[what][name] > DOMINANT for what in limited):
-            others = _listed([other for other in counted if other != name])
-            line += f" Improving {others} would gain next to nothing."
+            line += " Improving anything else of these would gain next to nothing."
         said.append(line)
     if first and exact:
         said.append(f"The camera's calibration is taken as exact{_cost(results)}; --camera-covariance counts it.")

@@ -133,7 +133,8 @@ def test_bound_with_lens_and_noise_of_dots(criterion):
     assert attempt_to_break(objective, FeasibleRegion(boundary, 0.02, 0.002), 5, 200).gap < 0.05
 
 
-def test_smaller_rooms_and_fewer_dots_have_larger_bounds(criterion):
+def test_smaller_rooms_and_fewer_dots_have_larger_bounds(monkeypatch, criterion):
+    monkeypatch.setattr(certificate, "ROUNDS", 4)
     objective = criterion(Circle(0.15), "rotation")
     points = regular_polygon(6, 0.1)
 
@@ -147,7 +148,7 @@ def test_smaller_rooms_and_fewer_dots_have_larger_bounds(criterion):
 
 def test_a_coarse_search_for_the_bound_gives_a_lower_one(monkeypatch, rooms, criterion):
     region, objective = FeasibleRegion(rooms["L"], 0.03, 0.003), criterion(rooms["L"])
-    best = search(objective, region, 8, np.random.default_rng(0), 4, rough=objective)
+    best = search(objective, region, 8, np.random.default_rng(0), 2, rough=objective)
     fine = certify(objective, region, best.points).lower_bound
     for name, value in {"EDGE": 15, "INSIDE": 15, "COARSE": 1, "BOXES": 3, "LEVELS": 4, "ROUNDS": 3}.items():
         monkeypatch.setattr(certificate, name, value)
