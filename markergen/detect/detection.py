@@ -12,7 +12,17 @@ from markergen.detect.candidates import find_blobs
 from markergen.detect.conic_projection import correct_centers, outlines
 from markergen.detect.ellipse_fit import fit_blobs
 from markergen.detect.fiducials import NO_TAGS, REFUTES, Sightings, TagReader
-from markergen.detect.identification import REFUSED_PX, ROUGH_PX, Search, View, ambiguity, confirm, contender, search
+from markergen.detect.identification import (
+    CUT,
+    REFUSED_PX,
+    ROUGH_PX,
+    Search,
+    View,
+    ambiguity,
+    confirm,
+    contender,
+    search,
+)
 from markergen.detect.labeling_hypotheses import LEAST_DOTS
 from markergen.detect.pose import DEFAULT_ERRORS, PoseEstimate, fit_pose, homography_of, outlier
 from markergen.detect.pose_hypotheses import DotLayout, layout_of
@@ -28,6 +38,12 @@ Array = NDArray[np.float64]
 
 MAX_COPIES = 32
 """Maximum number of copies of one marker in one image."""
+
+MAX_RESTARTED = 4
+"""Number of labelings in a row that do not hold once their dots are fitted, at which the search ends. Markers that are
+found had one at most, in 800 views; regular patterns have thousands."""
+
+NOT_HELD = f"found labelings, but none that holds once its dots are fitted; {CUT}"
 
 COPY_CONTRAST = 0.3
 """Least contrast of the dots of a further copy of a marker, as a share of the least contrast of those found."""
@@ -237,7 +253,7 @@ def identify(
     rough = np.full(len(ellipses), 0.0 if fit is None else ROUGH_PX)
     left, reasons, found = dict.fromkeys(range(len(markers)), copies), dict[int, str](), list[Detection]()
     rivals, unlabeled = dict[int, int](), dict[int, Unlabeled]()
-    searches, plain = dict[DotLayout, Search](), np.inf
+    searches, plain, restarted = dict[DotLayout, Search](), np.inf, 0
     while left:
         first_of = {sought.layouts[k] for k, more in left.items() if more == copies}
         own = dict.fromkeys(sought.layouts[k] for k in left)
@@ -265,17 +281,21 @@ def identify(
         answers = {k: each for k, each in confirmed.items() if not each.reason}
         best = min(answers, key=lambda k: answers[k].rank, default=-1)
         others = _among(ellipses, answers.get(best, first)) & (rough == ROUGH_PX)
-        if answers and others.any():
-            # Another labeling is better than the one that was fitted.
-            blobs, ellipses, rough = _fitted(blobs, ellipses, rough, others, fit, camera)
-            searches = {}
-            continue
         reasons = {k: each.reason for k, each in confirmed.items() if each.reason} | reasons
-        if not answers and fresh.any() and all(each.tags[0] != REFUTES for each in confirmed.values()):
-            # The labeling does not hold now that its dots are known better: others may.
-            searches = {}
-            continue
+        better = bool(answers) and bool(others.any())
+        if better:
+            blobs, ellipses, rough = _fitted(blobs, ellipses, rough, others, fit, camera)
+        untold = all(each.tags[0] != REFUTES for each in confirmed.values())
+        if better or (not answers and fresh.any() and untold):
+            # Another labeling is better than the one that was fitted, or it does not hold now that its dots are known
+            # better: others may.
+            searches, restarted = {}, restarted + 1
+            if restarted < MAX_RESTARTED:
+                continue
+            reasons |= {k: f"{reasons[k]}; {CUT}" if k in reasons else NOT_HELD for k in left}
+            break
         if answers:
+            restarted = 0
             chosen = answers[best]
             claimed |= _among(ellipses, chosen)
             doubt = ambiguity(chosen)

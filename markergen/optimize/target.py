@@ -89,15 +89,23 @@ def reach(spec: Spec, progress: Progress | None = None) -> Choice:
         chosen, spec = _smallest(whole, target, bound, progress) if shrinks else (_fewest(whole, target, bound), whole)
         if chosen is None:
             break
+        chosen = _refined(chosen, spec, target)
         error = sampled_error(chosen, spec, target)
         if error <= target.error:
             return _choice(chosen, spec, target, error, shrinks)
-        bound *= 0.98 * target.error / error
-    raise _unreachable(whole, target)
+        bound *= target.error / error
+    # The least of all forecasts may be above the target, and what refining makes of it below.
+    best = _refined(_best(whole, target), whole, target)
+    error = sampled_error(best, whole, target)
+    if error > target.error:
+        raise _unreachable(best, error, whole, target)
+    return _choice(best, whole, target, error, shrinks)
 
 
 def _choice(chosen: Forecast, spec: Spec, target: Target, error: float, shrinks: bool) -> Choice:
-    found = replace(spec, n=chosen.n, dot=chosen.diameter, gap=chosen.gap, target="")
+    found = replace(
+        _asked(spec, target), n=chosen.n, dot=chosen.diameter, gap=chosen.gap, target="", aggregate=spec.aggregate
+    )
     reached = f"{target.words(error)} at {format_length(target.distance)}"
     rest = "the smallest disk and " if shrinks else ""
     reason = f"{format_length(chosen.diameter)}, {rest}the fewest that reach {target}: predicted {reached}"
@@ -156,11 +164,27 @@ def _judged(spec: Spec, target: Target) -> PoseDistribution:
     return at_distance(poses_from(spec.poses), target.distance).seen_whole(spec.boundary, spec.camera)
 
 
+def _asked(spec: Spec, target: Target) -> Spec:
+    """Spec whose objective is what the target is about."""
+    return replace(spec, objective="rotation" if target.angle else "translation", aggregate="rms")
+
+
+def _forecaster(spec: Spec, target: Target) -> Forecaster:
+    seen = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera)
+    return Forecaster(_asked(spec, target), seen, sources_of(spec), _judged(spec, target))
+
+
+def _refined(forecast: Forecast, spec: Spec, target: Target) -> Forecast:
+    return _forecaster(spec, target).refined(forecast)
+
+
+def _best(spec: Spec, target: Target) -> Forecast:
+    return min(_forecasts(spec, target).values(), key=lambda each: each.value)
+
+
 def _forecasts(spec: Spec, target: Target, most: int | None = None) -> dict[int, Forecast]:
     """Forecasts by number of dots whose value is the target's error, to first order, in its unit."""
-    asked = replace(spec, objective="rotation" if target.angle else "translation", aggregate="rms")
-    seen = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera)
-    found = Forecaster(asked, seen, sources_of(spec), _judged(spec, target)).by_count(most=most)
+    found = _forecaster(spec, target).by_count(most=most)
     unit = 1.0 if target.angle else target.distance / 100
     return {n: replace(each, value=each.value * unit) for n, each in found.items()}
 
@@ -194,16 +218,13 @@ def _smallest(spec: Spec, target: Target, bound: float, progress: Progress | Non
     return best
 
 
-def _unreachable(spec: Spec, target: Target) -> InputError:
-    known = _forecasts(spec, target)
-    best = min(known.values(), key=lambda each: each.value)
+def _unreachable(best: Forecast, error: float, spec: Spec, target: Target) -> InputError:
     setting = Setting(spec.boundary, spec.camera, _judged(spec, target))
     budget = marker_budget(best.points, best.diameter, setting, spec.image_noise, sources_of(spec))
     parts = budget.rotation_deg if target.angle else budget.translation
     rms = {name: float(np.sqrt(np.mean(part**2))) for name, part in parts.items() if name != "total"}
     limit = max(rms, key=lambda name: rms[name])
     names = {"image": "the noise of the image", "print": "the print", "camera": "the calibration"}
-    error = sampled_error(best, spec, target)
     size = f"at radius {format_length(spec.boundary.radius)}" if isinstance(spec.boundary, Circle) else "in this room"
     return InputError(
         f"a marker that reaches {target}",

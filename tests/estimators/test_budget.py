@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 
 from markergen.errors import InputError
+from markergen.estimators import Correspondences
 from markergen.estimators.budget import ErrorSources, point_budget, pose_budget
+from markergen.estimators.lm import LM
 from markergen.maths.information import covariance, information, pose_jacobian
 from markergen.maths.projection import project
 from markergen.maths.rotation import exponential, logarithm
@@ -155,3 +157,26 @@ def test_a_covariance_of_other_parameters_is_refused(setting, pentagon):
             pentagon.xyz, setting.poses.rotation[:1], setting.poses.translation[:1], PAPER_CAMERA, 0.1,
             ErrorSources(1e-4, np.eye(5)),
         )  # fmt: skip
+
+
+def test_a_wrong_scale_moves_the_pose_as_estimates_from_scaled_points_say(setting, pentagon):
+    chosen = setting.poses.taken(np.array([30, 170, 399]), 0)
+    sigma, xy = 1e-3, pentagon.xyz[:, :2]
+    budget, exact = (
+        point_budget(xy, chosen.rotation, chosen.translation, PAPER_CAMERA, 0.1, ErrorSources(0.0, scale_sigma=scale))
+        for scale in (sigma, 0.0)
+    )
+    expected = np.zeros((3, 6, 6))
+    for scaled in ([1 + 1e-5, 1], [1, 1 + 1e-5]):
+        images = project(xy * scaled, chosen.rotation, chosen.translation, PAPER_CAMERA.matrix)
+        rotation, translation = LM.solve(Correspondences(xy, images, PAPER_CAMERA)).best
+        turned = logarithm(rotation @ chosen.rotation.swapaxes(-1, -2))
+        step = np.concatenate([turned, translation - chosen.translation], axis=-1) / 1e-5
+        expected += sigma**2 * step[:, :, None] * step[:, None, :]
+    # Differences of 1e-5 are good to 1e-4 of the largest entry.
+    np.testing.assert_allclose(budget.print, expected, atol=1e-3 * np.abs(expected).max())
+    np.testing.assert_allclose(budget.total - exact.total, budget.print, atol=1e-9 * np.abs(expected).max())
+    # A scale along both axes by s is a distance that is off by s: half of the variance of either.
+    assert np.all(budget.translation["print"] >= sigma / np.sqrt(2) * chosen.distance * 0.999)
+    with pytest.raises(InputError, match=r"0\.001 is 0\.1 %"):
+        ErrorSources(scale_sigma=0.5)

@@ -48,6 +48,7 @@ def test_the_smallest_disk_reaches_a_target_that_a_smaller_one_does_not():
     spec = Spec(n=AUTO, boundary=Circle(0.06), poses=NEAR, target="1mm@0.6m", dot=0.012)
     choice = settled(spec)
     assert choice.spec.target == ""
+    assert choice.spec.objective == "translation"
     assert 0.02 < choice.spec.boundary.radius < 0.06
     assert "the smallest disk and the fewest that reach 1mm@0.6m: predicted 0." in choice.reason
 
