@@ -28,7 +28,7 @@ EPNP, DOT_BOUND = Command("python -m benchmarks.epnp", 4), Command("python -m be
 SPEED = Command("python -m benchmarks.detection --sizes 640x480", 120)
 DOT_COUNT = Command("python -m benchmarks.dot_count", 600)
 SMALL = Command("python -m benchmarks.detection_quality small", 60)
-COMPARED = Command(f"{FIVE.line} && markergen compare marker.json", 300)
+COMPARED = Command(f"{FIVE.line} && markergen compare marker.json", 600)
 STUDIED = Command(
     "markergen study paper -o quarter --scale 0.25 && cat quarter/claims.md quarter/joint.csv quarter/claims.csv", 1500
 )
@@ -73,13 +73,13 @@ def _speed(row: str, label: str) -> Number:
 
 
 def _rival(row: str, label: str) -> Number:
-    """Errors and share of views of a contestant."""
+    """Errors and share of views of a contestant, and the bound of its pattern."""
     return Number(
         README,
-        f"| {row} | # | # | # % |",
+        f"| {row} | # (# to #) | # | # % | # |",
         "markergen compare marker.json",
-        [(COMPARED, f"{label} # % @ # @ #")],
-        lambda found, rotation, translation: [rotation, translation, found],
+        [(COMPARED, f"{label} # % # #–# #"), (COMPARED, f"{label} @ cm2 #")],
+        lambda found, rms, low, high, median, bound: [rms, low, high, median, found, bound],
     )
 
 
@@ -170,9 +170,25 @@ MEASURED: Sequence[Entry] = (
         lambda low, flat, high: [flat, low, high],
     ),
     _rival("markergen, 5 dots", "marker.json"),
-    _rival("ArUco 4x4", "aruco:DICT_4X4_50"),
-    _rival("AprilTag 36h11", "apriltag:36h11"),
-    _rival("ChArUco 5x5", "charuco:5x5"),
+    _rival("5 x 5 circles, OpenCV", "circles:5x5"),
+    _rival("ArUco 4x4, our lines fitted to its edges", "edges:aruco:DICT_4X4_50"),
+    _rival("ArUco 4x4, OpenCV", "aruco:DICT_4X4_50"),
+    _rival("AprilTag 36h11, OpenCV", "apriltag:36h11"),
+    _rival("checkerboard of 9 x 9, OpenCV", "checkerboard:9x9"),
+    _rival("ChArUco 5x5, OpenCV", "charuco:5x5"),
+    Number(
+        README,
+        "are as good as five dots, with # times the ink",
+        "markergen compare marker.json",
+        [(COMPARED, "circles:5x5 # cm2"), (COMPARED, "marker.json # cm2")],
+        lambda grid, dots: [grid / dots],
+    ),
+    Number(
+        README,
+        "those of tags and boards stay # to # times above theirs",
+        "markergen compare marker.json",
+        [(COMPARED, f"{label} @ cm2 @ #") for label in ("aruco:DICT_4X4_50", "charuco:5x5")],
+    ),
     _asymmetric(),
     Number(
         VALIDATE,
@@ -286,6 +302,7 @@ GIVEN: Sequence[Given] = tuple(
                 "(tilt 40 to # degrees, azimuth within 30)",
                 "With the same circle of # m, the same poses",
                 "A print error of # mm costs",
+                "RMS rotation error in degrees with its # % interval",
                 "A calibration off by # px in fx and fy and # px",
                 "Dots on pillars of 20 or # mm",
                 "(point dots, # px of noise;",
@@ -312,6 +329,9 @@ GIVEN: Sequence[Given] = tuple(
             [
                 "(default 1000, noise # px)",
                 "the rotation bound exceeds # degrees",
+                "as of a grid turned by # degrees",
+                "- **# %**: interval",
+                "over that of its square (# and # are tried",
                 "(standard deviation, default # mm)",
                 "standard deviation | # |",
                 "with # px of blur, noise of # grey levels",

@@ -18,7 +18,8 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 EXTRAS = PROJECT["project"]["optional-dependencies"]
 DISTRIBUTIONS = {
     "OCP": "cadquery", "PIL": "pillow", "cv2": "opencv-contrib-python-headless", "distributed": "dask",
-    "fontTools": "fonttools", "skimage": "scikit-image", "yaml": "pyyaml",
+    "fontTools": "fonttools", "pupil_apriltags": "pupil-apriltags", "skimage": "scikit-image", "stag": "stag-python",
+    "yaml": "pyyaml",
 }  # fmt: skip
 """Distributions of modules that are not named as they are."""
 

@@ -11,9 +11,9 @@ from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
 from markergen.options import File, Files, MarkerLike, Progress, check_progress, settle, signature_of
 from markergen.options.declarations import CompareKeywords
-from markergen.validation.baselines import FORMS
-from markergen.validation.compare import compare as run
+from markergen.validation.compare import compare_and_time as run
 from markergen.validation.comparison import Comparison
+from markergen.validation.contestants import forms
 
 _log = logging.getLogger(__name__)
 
@@ -31,8 +31,9 @@ def compare(
     Parameters
     ----------
     *contestants : Marker, path, dict or str
-        Markers, or ``ngon:N``, ``square``, ``random:N``, ``aruco:DICT[:ID]``, ``apriltag:FAMILY[:ID]`` and
-        ``charuco:CxR[:DICT]``; one alone is compared with one of each.
+        Markers, common layouts such as ``ngon:N``, and patterns of others such as ``aruco:DICT[:ID]`` or
+        ``checkerboard:CxR``: all forms are in ``markergen compare --help``. One alone is compared with nine of them.
+        One whose library is not installed keeps its row, which says what to install.
     save : path or list of paths
         Files to write at the end, by suffix: .json for the results, .svg or .png for a plot of the errors. All targets
         are checked before the work begins.
@@ -70,13 +71,13 @@ def compare(
     texts, given = _named(contestants)
     began = time.perf_counter()
     _log.info("comparing %s", ", ".join(texts))
-    results = run(
+    results, cpu_s = run(
         texts, settled["views"], settled["seed"], settled["poses"], settled["print_sigma"],
         workers=settled["workers"], progress=progress, given=given,
     )  # fmt: skip
     _log.info("compared in %.1f s", time.perf_counter() - began)
     written = Comparison(results).write(targets)
-    return Comparison(results, written)
+    return Comparison(results, written, cpu_s)
 
 
 compare.__signature__ = signature_of(compare, CompareKeywords)  # type: ignore[attr-defined]
@@ -93,7 +94,7 @@ def _named(contestants: Sequence[MarkerLike]) -> tuple[list[str], dict[str, Mark
         elif isinstance(each, str | PathLike):
             text = str(each)
         else:
-            raise InputError("a marker, a path, or a text such as aruco:DICT_4X4_50", brief(each), f"known: {FORMS}")
+            raise InputError("a marker, a path, or a text such as aruco:DICT_4X4_50", brief(each), f"known: {forms()}")
         texts.append(text)
     return texts, given
 

@@ -348,20 +348,20 @@ def detect(
     raise typer.Exit(found.status)
 
 
+def _contestants() -> Rows:
+    from markergen.validation.contestants import listed
+
+    return listed()
+
+
 @app.command(cls=GroupedCommand)
-@with_options(CompareKeywords)
+@with_options(CompareKeywords, listed={"Contestants": _contestants})
 def compare(
     contestants: Annotated[
         list[str],
-        typer.Argument(
-            metavar="A B...",
-            help="MARKER.json, ngon:N, square, random:N, aruco:DICT[:ID], apriltag:FAMILY[:ID] or charuco:CxR[:DICT]; "
-            "one alone is compared with one of each.",
-        ),
+        typer.Argument(metavar="A B...", help="In the forms above; one alone is compared with nine of them."),
     ],
-    json: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the results as JSON; - is standard output.")
-    ] = None,
+    json: Annotated[Path | None, typer.Option(metavar="FILE", help="Results as JSON; - is standard output.")] = None,
     plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the errors: .svg or .png.")] = None,
     **options: Any,
 ) -> None:
@@ -370,7 +370,7 @@ def compare(
     \b
     Example:
       markergen compare marker.json
-      markergen compare marker.json aruco:DICT_4X4_50:7 charuco:4x4 --views 400 --plot compare.svg
+      markergen compare marker.json aruco:DICT_4X4_50:7 charuco:6x6 --views 400 --plot compare.svg
     """
     from markergen.api.compare import compare as run
 

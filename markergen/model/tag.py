@@ -307,8 +307,7 @@ def _dictionary(family: str):  # type: ignore[no-untyped-def]  # cv2 has no type
 class Board:
     """A ChArUco board, upright in the middle of the marker frame, with a black top left square.
 
-    A tag and its quiet zone, one cell wide, fill a white square. So the board needs no margin, and all of its edges lie
-    on one grid of cells.
+    Every white square has a tag in its middle and needs no margin beyond it.
 
     Attributes
     ----------
@@ -318,18 +317,21 @@ class Board:
         Number of squares.
     square : float
         Side of a square, m.
+    share : float or None
+        Side of a tag's black square over that of a square; None leaves it a quiet zone of one cell.
 
     Raises
     ------
     InputError
         If there are fewer than 3 by 3 squares (only inner corners are measured), the family is unknown or has too few
-        tags, or the side is not a positive finite number.
+        tags, the side is not a positive finite number, or the share is not between 0 and 1.
     """
 
     family: str
     columns: int
     rows: int
     square: float
+    share: float | None = None
 
     def __post_init__(self) -> None:
         if min(self.columns, self.rows) < 3:
@@ -345,6 +347,8 @@ class Board:
             )
         if not (isfinite(self.square) and self.square > 0):
             raise InputError("a square side above 0", f"square={self.square} m", "give a length such as 20mm")
+        if self.share is not None and not 0 < self.share < 1:
+            raise InputError("a tag's share of its square, 0 to 1", f"share={self.share}", "give a share such as 0.75")
 
     @property
     def tags(self) -> int:
@@ -352,14 +356,10 @@ class Board:
         return self.columns * self.rows // 2
 
     @property
-    def square_cells(self) -> int:
-        """Number of cells along the side of a square: the tag's bits, its black border, and its quiet zone."""
-        return family_bits(self.family) + 4
-
-    @property
     def tag_side(self) -> float:
         """Side in m of a tag's black square."""
-        return self.square * (self.square_cells - 2) / self.square_cells
+        cells = family_bits(self.family) + 4
+        return self.square * ((cells - 2) / cells if self.share is None else self.share)
 
     @property
     def corners(self) -> Array:
@@ -368,25 +368,12 @@ class Board:
         return to_plane(np.stack([x.ravel(), y.ravel()], axis=-1), self.columns, self.rows, self.square)
 
     @property
-    def ink(self) -> Mask:
-        """Mask (rows s, columns s) of the black cells, s = `square_cells`; row 0 is the top one."""
-        s = self.square_cells
-        ink = np.zeros((self.rows * s, self.columns * s), dtype=bool)
-        tag = 0
-        for row in range(self.rows):
-            for column in range(self.columns):
-                square = ink[row * s : (row + 1) * s, column * s : (column + 1) * s]
-                if (row + column) % 2 == 0:
-                    square[:] = True
-                else:
-                    square[1:-1, 1:-1] = tag_ink(self.family, tag)
-                    tag += 1
-        return ink
-
-    @property
     def outlines(self) -> tuple[Array, ...]:
         """Outlines (m, 2) of all black areas, m, to be filled even-odd; neighboring black cells are merged."""
-        ink = self.ink
-        rows, columns = ink.shape
-        scale = self.square / self.square_cells
-        return tuple(to_plane(outline, columns, rows, scale) for outline in cell_outlines(ink))
+        black = (np.arange(self.rows)[:, None] + np.arange(self.columns)) % 2 == 0
+        squares = [to_plane(outline, self.columns, self.rows, self.square) for outline in cell_outlines(black)]
+        centers = to_plane(
+            np.argwhere(~black)[:, ::-1].astype(float) + 0.5, self.columns, self.rows, self.square
+        ).tolist()
+        tags = (Tag(self.family, k, self.tag_side, (x, y)) for k, (x, y) in enumerate(centers))
+        return (*squares, *(outline for tag in tags for outline in tag.outlines))

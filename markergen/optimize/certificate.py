@@ -77,7 +77,7 @@ STEPS = (0.5, 0.25, 0.1)
 SLACKEST = 0.8
 """Weight in a cap below which it is left out of the next linear program."""
 
-LEVELS, MOST_BOXES = 14, 100_000
+LEVELS, MOST_BOXES = 14, 400_000
 """Limits of branch and bound; where they end it, the bound is the best so far, still valid."""
 
 TESTED = 100

@@ -1,160 +1,43 @@
 """Compare markers, tags and boards: same poses, optics and noise, with the best settings for each."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
-from math import isfinite
+from itertools import chain
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.detect.fiducials import FiducialSettings
 from markergen.errors import InputError
-from markergen.maths.projection import perspective, to_camera
-from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.model.poses import PoseDistribution
-from markergen.objectives import Setting
 from markergen.options import Progress
 from markergen.pool import map_counted, ranges, workers_for
 from markergen.render import DEFAULT_OPTICS, Optics
-from markergen.validation.baselines import Contestant, line_up
-from markergen.validation.bounds import pose_bounds
-from markergen.validation.metrics import (
-    FLIP_SEPARATION,
-    flipped,
-    pose_failed,
-    rotation_error_deg,
-    statistics,
-    translation_error_pct,
-)
-from markergen.validation.views import WRONG_PX
+from markergen.validation.baselines import line_up
+from markergen.validation.comparison_series import TUNING, VIEWS, Choice, Observation, Series
+from markergen.validation.comparison_statistics import comparison_results
+from markergen.validation.metrics import statistics
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Choice = FiducialSettings | None
 
 TUNING_VIEWS = 60
 """Number of views for choosing each peer's settings, separate from those that are evaluated."""
 NEARLY_ALL = 0.95
 """Minimum share of the best setting's detections for a setting to be eligible, however accurate it is."""
-RESAMPLES = 2000
-"""Bootstrap resamples, enough to determine the ends of the 95 % interval to a fiftieth of its length."""
 AT_ONCE = 10
 """Number of views per chunk of work."""
 WORTH_A_WORKER = 60
 """Number of images below which starting another process does not pay."""
 
-_TUNING, _VIEWS = 1, 0
+
+def compare(*arguments: Any, **options: Any) -> dict[str, Any]:
+    """Return the results of `compare_and_time` alone: the same for the same arguments."""
+    return compare_and_time(*arguments, **options)[0]
 
 
-@dataclass(frozen=True, eq=False)
-class Series:
-    """Views of several contestants, from the same poses with the same noise.
-
-    Attributes
-    ----------
-    contestants : tuple of Contestant
-    camera : Camera
-    poses : PoseDistribution
-    count : int
-        Number of views; one pose is drawn from each of `count` equal stretches of the distribution.
-    seed : int
-    optics : Optics
-    print_sigma : float, m
-        Standard deviation along each axis of the printed position of every dot or square corner, drawn anew per view.
-    stage : int
-        Part of the seed that gives different views for tuning and evaluation.
-
-    Raises
-    ------
-    InputError
-        If a number is out of range.
-    """
-
-    contestants: tuple[Contestant, ...]
-    camera: Camera
-    poses: PoseDistribution
-    count: int
-    seed: int = 0
-    optics: Optics = DEFAULT_OPTICS
-    print_sigma: float = 0.0
-    stage: int = _VIEWS
-
-    def __post_init__(self) -> None:
-        if self.count < 1:
-            raise InputError("one or more views", f"views={self.count}", "ask for a positive number of views")
-        if self.seed < 0:
-            raise InputError("a seed of 0 or more", f"seed={self.seed}", "give a non-negative whole number")
-        if not (isfinite(self.print_sigma) and self.print_sigma >= 0):
-            raise InputError(
-                "a print error of 0 or more", f"print_sigma={self.print_sigma} m", "give a length such as 0.1mm"
-            )
-
-    @property
-    def pose(self) -> NDArray[np.intp]:
-        """Index (count,) of each view's pose in the distribution."""
-        jitter = np.random.default_rng([self.stage, self.seed, self.count]).random(self.count)
-        return ((np.arange(self.count) + jitter) * len(self.poses) / self.count).astype(np.intp)
-
-    def observe(self, who: int, choices: Sequence[Choice], view: int) -> list["Observation"]:
-        """Render one view of one contestant and detect it with each of the settings."""
-        contestant, pose = self.contestants[who], self.pose[view]
-        rotation, translation = self.poses.rotation[pose], self.poses.translation[pose]
-        # All contestants share the same pixel noise; print errors have a separate random stream.
-        noise, print_rng = np.random.default_rng([self.stage, self.seed, self.count, view]).spawn(2)
-        moved = contestant.print_error(self.print_sigma, print_rng)
-        image = contestant.render(self.camera, (rotation, translation), self.optics, noise, moved)
-        found = []
-        for choice in choices:
-            sighting = contestant.sight(image, self.camera, choice, self.print_sigma)
-            if sighting.rotation is None or sighting.translation is None:
-                found.append(Observation(reason=sighting.reason))
-                continue
-            truth = self.camera.to_pixels(perspective(to_camera(contestant.points, rotation[None], translation[None])))
-            error_px = np.linalg.norm(sighting.pixels - truth[0, sighting.ids], axis=-1)
-            if error_px.max() > WRONG_PX:
-                found.append(Observation(wrong=True, reason=f"wrong: a point is {error_px.max():.1f} px off"))
-                continue
-            te_pct = translation_error_pct(sighting.translation, translation)
-            estimate = sighting.rotation[None], sighting.translation[None]
-            found.append(
-                Observation(
-                    rotation_deg=float(rotation_error_deg(sighting.rotation, rotation)),
-                    translation_pct=float(te_pct),
-                    point_px=error_px,
-                    failed=bool(pose_failed(contestant.points, *estimate, np.array([te_pct]))[0]),
-                    mirrored=bool(flipped(estimate[0], rotation, translation)[0]),
-                )
-            )
-        return found
-
-
-@dataclass(frozen=True, eq=False)
-class Observation:
-    """Errors of one detector in one view; nan and empty if nothing, or something wrong, was found."""
-
-    rotation_deg: float = np.nan
-    translation_pct: float = np.nan
-    point_px: Array = field(default_factory=lambda: np.zeros(0))
-    wrong: bool = False
-    failed: bool = False
-    mirrored: bool = False
-    reason: str = ""
-
-    @property
-    def detected(self) -> bool:
-        """True if the contestant was found correctly."""
-        return not self.reason
-
-    @property
-    def counts(self) -> bool:
-        """True if it was detected and its pose has not failed."""
-        return self.detected and not self.failed
-
-
-def compare(
+def compare_and_time(
     texts: Sequence[str],
     views: int = 200,
     seed: int = 0,
@@ -164,13 +47,14 @@ def compare(
     workers: int | None = None,
     progress: Progress | None = None,
     given: Mapping[str, Marker] | None = None,
-) -> dict[str, Any]:
+) -> tuple[dict[str, Any], dict[str, float]]:
     """Compare markers, tags and boards in synthetic views.
 
-    Each is as large as the same circle allows, surrounded by white. For every tag and board, the settings of cv2.aruco
-    with the least RMS rotation error over `TUNING_VIEWS` separate views are chosen. All poses come from the same
-    Levenberg-Marquardt solver over the points that a detector found; only our detector provides a covariance for each
-    of its points, which is used as a weight.
+    Each is as large as the same circle allows, surrounded by white. For every tag and board, the settings of its
+    detector with the least RMS rotation error over `TUNING_VIEWS` separate views are chosen. All poses come from the
+    same Levenberg-Marquardt solver over the points that a detector found; only our detector provides a covariance for
+    each of its points, which is used as a weight. Where the detector cannot tell a pattern from itself turned, the pose
+    nearest to the true one counts.
 
     Parameters
     ----------
@@ -189,14 +73,19 @@ def compare(
 
     Returns
     -------
-    dict
-        Plain JSON values. Each entry of ``contestants`` has its ``name``, ``size``, the ``setting`` used to detect it
-        and the candidates of its ``tuning``; how many views were ``detected`` (``rate``), ``wrong`` or ``failed`` (see
-        `pose_failed`; these are left out of the statistics) and how many poses were ``flips``; statistics of
-        ``rotation_deg``, ``translation_pct`` and ``point_px`` over its detected views; the same over the ``common``
-        views (those that every contestant found, ignoring contestants never found), and ``by_polar_angle`` and
-        ``by_distance``; the ``ratio`` of its RMS to that of the first, over the views that both found, with the
-        bootstrap's 95 % interval; and its ``failures``. The remaining keys describe the conditions.
+    results : dict
+        Plain JSON values. Each entry of ``contestants`` has its ``name``, ``size``, area of ``ink`` inside the circle
+        (``cm2`` and ``share``), the ``setting`` used to detect it and the candidates of its ``tuning``; how many views
+        were ``detected`` (``rate``), ``wrong`` or ``failed`` (see `pose_failed`; these are left out of the statistics)
+        and how many poses were ``flips``; statistics of ``rotation_deg``, ``translation_pct`` and ``point_px`` over its
+        detected views, the 95 % ``interval`` of the RMS and the ``bound``, the RMS of the photometric bound of an exact
+        print in them; the same over the ``common`` views (those that every contestant found, ignoring contestants never
+        found), and ``by_polar_angle`` and ``by_distance``; the ``pattern_bound`` over all views; the ``ratio`` of its
+        RMS to that of the first, over the views that both found, with the 95 % interval; and its ``failures``. One
+        whose library is missing is ``absent``. Intervals are bootstraps over views. The remaining keys describe the
+        conditions.
+    cpu_s : dict
+        Median processor time of detection and pose in one view, s, by name; it differs from run to run.
 
     Raises
     ------
@@ -207,27 +96,32 @@ def compare(
     contestants, setting = line_up(texts, poses, seed, given)
     if len(contestants) < 2:
         raise InputError("two or more contestants", f"only {contestants[0].name}", "name another to compare it with")
-
-    def series(count: int, stage: int) -> Series:
-        return Series(tuple(contestants), setting.camera, setting.poses, count, seed, optics, print_sigma, stage)
-
-    counting = series(views, _VIEWS)
-    to_tune = {who: tuple(each.settings) for who, each in enumerate(contestants) if each.settings}
-    tuned = _observe(series(TUNING_VIEWS, _TUNING), to_tune, workers, "settings", progress)
-    chosen = {who: _best(tuned[who]) for who in to_tune}
-    choices: dict[int, tuple[Choice, ...]] = {
-        who: (to_tune[who][chosen[who]] if who in chosen else None,) for who in range(len(contestants))
-    }
+    options = [[(each, choice) for each in one.variants for choice in each.settings] for one in contestants]
+    candidates = [[each for each in one.variants if each.settings] for one in contestants]
+    counting = Series(tuple(contestants), setting.camera, setting.poses, views, seed, optics, print_sigma, VIEWS)
+    tuning = replace(counting, contestants=(*chain(*candidates),), count=TUNING_VIEWS, stage=TUNING)
+    to_tune = {k: tuple(each.settings) for k, each in enumerate(tuning.contestants)}
+    seen = iter(_observe(tuning, to_tune, workers, "settings", progress).values())
+    # By contestant and view, what all settings of all variants found.
+    tuned = [[[*chain(*view)] for view in zip(*(next(seen) for _ in each), strict=True)] for each in candidates]
+    choices: dict[int, tuple[Choice, ...]] = {who: (None,) for who, one in enumerate(contestants) if not one.absent}
+    for who, tried in enumerate(options):
+        if tried:
+            contestants[who], choice = tried[_best(tuned[who])]
+            choices[who] = (choice,)
+    counting = replace(counting, contestants=tuple(contestants))
     found = _observe(counting, choices, workers, "views", progress)
-    observations = [[each[0] for each in found[who]] for who in range(len(contestants))]
-    results = _results(counting, setting, observations)
+    missed = [[Observation(reason=each.absent)] * views for each in contestants]
+    observations = [[each[0] for each in found[who]] if who in found else missed[who] for who in range(len(missed))]
+    results = comparison_results(counting, setting, observations, _bounds(counting, list(choices), workers, progress))
     for who, entry in enumerate(results["contestants"]):
-        entry["setting"] = contestants[who].describe(choices[who][0])
+        entry["setting"] = contestants[who].describe(choices[who][0] if who in choices else None)
         entry["tuning"] = [
-            {"setting": contestants[who].describe(to_tune[who][k]), **row}
-            for k, row in enumerate(_tuning_rows(tuned.get(who, [])))
+            {"size": each.size, "setting": each.describe(choice), **row}
+            for (each, choice), row in zip(options[who], _tuning_rows(tuned[who]), strict=True)
         ]
-    return results
+    seconds = {who: float(np.median([each.cpu_s for each in observations[who]])) for who in choices}
+    return results, {contestants[who].name: each for who, each in seconds.items()}
 
 
 def _observe(
@@ -239,13 +133,41 @@ def _observe(
 ) -> dict[int, list[list[Observation]]]:
     """Observations of each contestant, by view and setting."""
     tasks = [(who, settings, part) for part in ranges(series.count, AT_ONCE) for who, settings in choices.items()]
-    told = (lambda done, total: progress(stage, done, total)) if progress else None
-    workers = workers_for(workers, 1 + series.count * len(choices) // WORTH_A_WORKER)
-    parts = map_counted(partial(_observe_chunk, series), tasks, workers, told, size=lambda task: len(task[2]))
     found: dict[int, list[list[Observation]]] = {who: [] for who in choices}
+    parts = _shared(_observe_chunk, series, tasks, workers, stage, progress)
     for (who, _, _), part in zip(tasks, parts, strict=True):
         found[who] += part
     return found
+
+
+def _bounds(series: Series, present: Sequence[int], workers: int | None, progress: Progress | None) -> Array:
+    """Photometric bounds (contestants, views, 2), deg and %; nan for contestants that are absent."""
+    tasks = [(who, part) for part in ranges(series.count, AT_ONCE) for who in present]
+    bounds = np.full((len(series.contestants), series.count, 2), np.nan)
+    parts = _shared(_bound_chunk, series, tasks, workers, "bounds", progress)
+    for (who, part), found in zip(tasks, parts, strict=True):
+        bounds[who, part] = found
+    return bounds
+
+
+def _shared(
+    function: Callable[[Series, Any], Any],
+    series: Series,
+    tasks: Sequence[Any],
+    workers: int | None,
+    stage: str,
+    progress: Progress | None,
+) -> list[Any]:
+    """Results of all tasks, whose last item is a range of views, shared out among processes."""
+    told = (lambda done, total: progress(stage, done, total)) if progress else None
+    images = sum(len(task[-1]) for task in tasks)
+    workers = workers_for(workers, 1 + images // WORTH_A_WORKER)
+    return map_counted(partial(function, series), tasks, workers, told, size=lambda task: len(task[-1]))
+
+
+def _bound_chunk(series: Series, task: tuple[int, range]) -> list[tuple[float, float]]:
+    who, views = task
+    return [series.bound(who, view) for view in views]
 
 
 def _observe_chunk(series: Series, task: tuple[int, tuple[Choice, ...], range]) -> list[list[Observation]]:
@@ -272,105 +194,3 @@ def _tuning_rows(tuned: Sequence[Sequence[Observation]]) -> list[dict[str, Any]]
         errors = statistics(np.array([each.rotation_deg for each in kept]))
         rows.append({"rate": len(kept) / len(tuned), "rotation_deg": {key: errors[key] for key in ("rms", "median")}})
     return rows
-
-
-def _results(series: Series, setting: Setting, observations: Sequence[Sequence[Observation]]) -> dict[str, Any]:
-    pose = series.pose
-    counts = np.array([[each.counts for each in row] for row in observations])
-    taking_part = counts.any(axis=1)
-    common: Mask = np.asarray(counts[taking_part].all(axis=0) & taking_part.any())
-    groups = {"by_polar_angle": series.poses.by_polar_angle(), "by_distance": series.poses.by_distance()}
-    entries: list[dict[str, Any]] = []
-    for who, contestant in enumerate(series.contestants):
-        row = observations[who]
-        everywhere = np.ones(series.count, dtype=bool)
-        entries.append(
-            {
-                "name": contestant.name,
-                "size": contestant.size,
-                "setting": "",
-                "tuning": [],
-                **_summary(row, everywhere),
-                "flips": _flips(series, contestant, row),
-                "common": _summary(row, common),
-                "ratio": {
-                    key: _ratio(key, row, observations[0], series.seed) for key in ("rotation_deg", "translation_pct")
-                },
-                **{
-                    by: {
-                        name: {**_summary(row, mask[pose]), "common": _summary(row, mask[pose] & common)}
-                        for name, mask in masks.items()
-                        if mask[pose].any()
-                    }
-                    for by, masks in groups.items()
-                },
-                "failures": [
-                    {
-                        "view": k,
-                        "distance": float(series.poses.distance[pose[k]]),
-                        "polar_angle_deg": round(float(series.poses.polar_angle_deg[pose[k]]), 2),
-                        "reason": each.reason or "the pose has failed",
-                    }
-                    for k, each in enumerate(row)
-                    if not each.counts
-                ],
-            }
-        )
-    camera = series.camera
-    return {
-        "camera": camera.as_dict(),
-        "poses": {"name": series.poses.name, "count": len(series.poses), "dropped": series.poses.dropped},
-        "radius": setting.boundary.radius,
-        "optics": dict(vars(series.optics)),
-        "print_sigma_mm": 1e3 * series.print_sigma,
-        "seed": series.seed,
-        "views": {"count": series.count, "common": int(common.sum())},
-        "contestants": entries,
-    }
-
-
-def _summary(row: Sequence[Observation], chosen: Mask) -> dict[str, Any]:
-    seen = [each for each, inside in zip(row, chosen, strict=True) if inside]
-    kept = [each for each in seen if each.counts]
-    detected = sum(each.detected for each in seen)
-    return {
-        "count": len(seen),
-        "detected": detected,
-        "wrong": sum(each.wrong for each in seen),
-        "failed": sum(each.failed for each in seen),
-        "rate": detected / len(seen) if seen else None,
-        "rotation_deg": statistics(np.array([each.rotation_deg for each in kept])),
-        "translation_pct": statistics(np.array([each.translation_pct for each in kept])),
-        "point_px": statistics(np.concatenate([np.zeros(0), *(each.point_px for each in kept)])),
-    }
-
-
-def _flips(series: Series, contestant: Contestant, row: Sequence[Observation]) -> int:
-    """Number of poses nearer to the mirrored one, among those where the contestant's point errors separate the two."""
-    errors = np.concatenate([np.zeros(0), *(each.point_px for each in row if each.counts)])
-    if not len(errors):
-        return 0
-    sigma = float(np.sqrt(np.mean(errors**2) / 2))
-    apart = pose_bounds(contestant.points, series.camera, series.poses, sigma).separation > FLIP_SEPARATION
-    return sum(each.counts and each.mirrored and bool(apart[p]) for each, p in zip(row, series.pose, strict=True))
-
-
-def _ratio(key: str, row: Sequence[Observation], first: Sequence[Observation], seed: int) -> dict[str, Any] | None:
-    """RMS relative to the first contestant's, over the views in which both count, with a 95 % interval.
-
-    The interval is a bootstrap over views: pairs of errors are resampled with replacement.
-    """
-    pairs = [(getattr(a, key), getattr(b, key)) for a, b in zip(row, first, strict=True) if a.counts and b.counts]
-    if not pairs:
-        return None
-    squares = np.array(pairs) ** 2
-    if not squares[:, 1].any():
-        return None
-    weights = np.random.default_rng([seed, len(pairs)]).multinomial(
-        len(pairs), np.full(len(pairs), 1 / len(pairs)), size=RESAMPLES
-    )
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratios = np.sqrt(np.divide(*(weights @ squares).T))
-    low, high = np.nanquantile(ratios, [0.025, 0.975])
-    own, reference = squares.mean(axis=0)
-    return {"count": len(pairs), "rms": float(np.sqrt(own / reference)), "interval": [float(low), float(high)]}

@@ -37,6 +37,8 @@ class Comparison(SavableResult):
         Return value of `markergen.validation.compare.compare`.
     written : sequence of Written
         Files that were written together with the results.
+    cpu_s : mapping
+        Processor time of one view in s by name, which is printed but not saved: it differs from run to run.
 
     Examples
     --------
@@ -48,8 +50,10 @@ class Comparison(SavableResult):
 
     KINDS: ClassVar[Mapping[str, str]] = {".json": "json", ".svg": "plot", ".png": "plot"}
 
-    def __init__(self, results: Mapping[str, Any], written: Sequence[Written] = ()) -> None:
-        self._results, self.written = dict(results), tuple(written)
+    def __init__(
+        self, results: Mapping[str, Any], written: Sequence[Written] = (), cpu_s: Mapping[str, float] | None = None
+    ) -> None:
+        self._results, self.written, self.cpu_s = dict(results), tuple(written), dict(cpu_s or {})
 
     @property
     def results(self) -> Mapping[str, Any]:
@@ -84,8 +88,9 @@ class Comparison(SavableResult):
 
         Its columns are ``name``, ``size``, ``setting``, the share of views in which it was found (``rate``), ``wrong``,
         ``failed``, ``flips``, mean, std, rms, median, p95 and max of ``rotation_deg``, ``translation_pct`` and
-        ``point_px`` (as in ``rotation_deg_rms``), and the ``ratio`` of its RMS rotation error to that of the first with
-        the 95 % interval ``ratio_low`` to ``ratio_high``.
+        ``point_px`` (as in ``rotation_deg_rms``), the 95 % interval ``rotation_deg_low`` to ``rotation_deg_high`` of
+        the RMS, the photometric bound of the pattern ``bound_deg``, ``ink_cm2``, and the ``ratio`` of its RMS rotation
+        error to that of the first with the 95 % interval ``ratio_low`` to ``ratio_high``.
 
         Raises
         ------
@@ -108,7 +113,7 @@ class Comparison(SavableResult):
         """Return sentences and tables in the order in which the command prints them."""
         results = self._results
         return [
-            heading(results), *comparison_tables(results), *sentences(results)
+            heading(results), *comparison_tables(results, self.cpu_s), *sentences(results)
         ]  # fmt: skip
 
     def __repr__(self) -> str:
@@ -123,14 +128,23 @@ def _row(entry: Mapping[str, Any]) -> dict[str, Any]:
     for key in ("rotation_deg", "translation_pct", "point_px"):
         row |= {f"{key}_{name}": entry[key][name] for name in STATISTICS}
     ratio = entry["ratio"]["rotation_deg"] or {"rms": None, "interval": (None, None)}
+    row["rotation_deg_low"], row["rotation_deg_high"] = entry["interval"]["rotation_deg"] or (None, None)
+    row |= {"bound_deg": entry["pattern_bound"]["rotation_deg"], "ink_cm2": entry["ink"]["cm2"]}
     low, high = ratio["interval"]
     return row | {"ratio": ratio["rms"], "ratio_low": low, "ratio_high": high}
 
 
-def comparison_tables(results: Mapping[str, Any]) -> list[Table]:
-    """Results of `compare` as tables: detection rate and accuracy, and the rotation error by tilt and distance."""
+def comparison_tables(results: Mapping[str, Any], cpu_s: Mapping[str, float] | None = None) -> list[Table]:
+    """Results of `compare` as tables: accuracy, pattern and detector, common views, and the error by tilt and distance.
+
+    Parameters
+    ----------
+    cpu_s : mapping or None
+        Processor time of one view in s by name.
+    """
     return [
         _overview(results),
+        _patterns(results, cpu_s or {}),
         _common(results),
         _split(results, "by_polar_angle", "deg", "polar angle"),
         _split(results, "by_distance", "m", "distance"),
@@ -165,40 +179,71 @@ def _overview(results: Mapping[str, Any]) -> Table:
     rows: list[list[str]] = []
     for name, entry in _named(results):
         ratio = entry["ratio"]["rotation_deg"]
-        within = f" ({number(ratio['interval'][0], 2)}..{number(ratio['interval'][1], 2)})" if ratio and rows else ""
+        within = f" ({_interval(ratio['interval'])})" if ratio and rows else ""
         rows.append(
             [
                 name,
-                percent(entry["rate"]),
-                str(entry["wrong"]),
-                *(number(entry["rotation_deg"][key]) for key in ("rms", "median")),
-                number(entry["translation_pct"]["rms"]),
-                number(entry["point_px"]["rms"]),
+                "absent" if entry["absent"] else percent(entry["rate"]),
+                number(entry["rotation_deg"]["rms"]),
+                _interval(entry["interval"]["rotation_deg"]),
+                *(number(entry["rotation_deg"][key]) for key in ("median", "p95")),
                 (number(ratio["rms"], 2) if ratio else "-") + within,
             ]
         )
-    header = ["", "found", "wrong", "RE rms", "median", "TE rms", "px rms", "ratio (95 %)"]
+    header = ["", "found", "RE rms", "95 %", "median", "p95", "ratio (95 %)"]
     caption = (
-        "Over the views that each found; RE in deg, TE in %. "
+        "Over the views that each found; RE in deg. "
         f"Ratio: RMS of RE over that of {rows[0][0]}, in the views that both found."
     )
     return Table("Found, and how accurately", header, rows, caption)
+
+
+def _patterns(results: Mapping[str, Any], cpu_s: Mapping[str, float]) -> Table:
+    rows = []
+    for name, entry in _named(results):
+        found, bound = entry["rotation_deg"]["rms"], entry["bound"]["rotation_deg"]
+        seconds = cpu_s.get(entry["name"])
+        rows.append(
+            [
+                name,
+                "-" if entry["absent"] else f"{entry['ink']['cm2']:.0f} cm2",
+                number(entry["pattern_bound"]["rotation_deg"]),
+                number(found / bound, 2) if found and bound else "-",
+                number(entry["translation_pct"]["rms"]),
+                number(entry["point_px"]["rms"]),
+                str(entry["wrong"]),
+                *([] if not cpu_s else ["-" if seconds is None else f"{1e3 * seconds:.0f} ms"]),
+            ]
+        )
+    header = ["", "ink", "RE bound", "RE/bound", "TE rms", "px rms", "wrong", *(["CPU"] if cpu_s else [])]
+    caption = (
+        "Bound: RMS over all views of what all grey levels would tell about the pose of an exact print. "
+        "RE/bound: what the detector makes of its pattern, in the views that it found; TE in %."
+        + (" CPU: median time of one view, in this run." if cpu_s else "")
+    )
+    return Table("Pattern and detector", header, rows, caption)
 
 
 def _common(results: Mapping[str, Any]) -> Table:
     rows = [
         [
             name,
-            *(number(entry["common"]["rotation_deg"][key]) for key in ("rms", "median", "p95")),
-            *(number(entry["common"]["translation_pct"][key]) for key in ("rms", "median", "p95")),
+            number(entry["common"]["rotation_deg"]["rms"]),
+            _interval(entry["common"]["interval"]["rotation_deg"]),
+            *(number(entry["common"]["rotation_deg"][key]) for key in ("median", "p95")),
+            number(entry["common"]["translation_pct"]["rms"]),
             str(entry["flips"]),
         ]
         for name, entry in _named(results)
     ]
     views = results["views"]
-    header = ["", "RE rms", "median", "p95", "TE rms", "median", "p95", "flips"]
-    title = f"Over the {views['common']} of {views['count']} views that all found"
+    header = ["", "RE rms", "95 %", "median", "p95", "TE rms", "flips"]
+    title = f"Over the {views['common']} of {views['count']} views found by all that found 90 %"
     return Table(title, header, rows, "Flips are counted over all views.")
+
+
+def _interval(ends: Sequence[float] | None) -> str:
+    return f"{number(ends[0], 2)}–{number(ends[1], 2)}" if ends else "-"
 
 
 def _split(results: Mapping[str, Any], by: str, unit: str, words: str) -> Table:
@@ -225,38 +270,45 @@ def comparison_figure(results: Mapping[str, Any]) -> "Figure":
     """Plot rotation errors of all contestants and their RMS by tilt, over the views that all found; deg, log scale."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10, 1.9 + 0.42 * len(results["contestants"])), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=[1, 1.15])
+    figure = Figure(figsize=(12, 1.9 + 0.42 * len(results["contestants"])), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=[1.25, 1])
     draw_errors(results, left)
     draw_by_tilt(results, right)
     views = results["views"]
-    figure.suptitle(f"Rotation error over the {views['common']} of {views['count']} views that all found", fontsize=11)
+    title = f"Rotation error over the {views['common']} of {views['count']} views found by all that found 90 %"
+    figure.suptitle(title, fontsize=11)
     return figure
 
 
 def draw_errors(results: Mapping[str, Any], ax: "Axes") -> "Axes":
-    """Draw median, RMS and 95th percentile of each contestant's rotation error, in one row each."""
+    """Draw median, RMS with its interval, 95th percentile and bound of each rotation error, in one row each."""
     entries = _with_short_names(results)
     looks: dict[str, dict[str, Any]] = {
         "median": {"marker": "o", "markerfacecolor": "white"},
         "rms": {"marker": "D", "markerfacecolor": "#222222"},
         "p95": {"marker": "|", "markersize": 11},
+        "bound": {"marker": "x", "markersize": 5},
     }
     for y, entry in enumerate(entries):
         found = entry["common"]["rotation_deg"]
         if not found["count"]:
-            ax.annotate("not found", (0.5, y), xycoords=("axes fraction", "data"), ha="center", va="center")
+            missing = "not installed" if entry["absent"] else "not found"
+            ax.annotate(missing, (0.5, y), xycoords=("axes fraction", "data"), ha="center", va="center")
             continue
         ax.plot([found["median"], found["p95"]], [y, y], color=_COLORS[y % len(_COLORS)], linewidth=2, zorder=1)
+        values = found | {"bound": entry["common"]["bound"]["rotation_deg"]}
+        words = {"p95": "95th percentile", "bound": "bound of the pattern"}
+        interval = entry["common"]["interval"]["rotation_deg"]
+        if interval:
+            ax.plot(interval, [y + 0.22, y + 0.22], color="#222222", linewidth=1, label="rms, 95 % interval")
         for key, look in looks.items():
-            ax.plot(
-                found[key], y, linestyle="none", color="#222222", zorder=2, label={"p95": "95 %"}.get(key, key), **look
-            )
+            ax.plot(values[key], y, linestyle="none", color="#222222", zorder=2, label=words.get(key, key), **look)
         ax.annotate(number(found["rms"], 2), (found["rms"], y), (0, 6), textcoords="offset points", ha="center",
                     fontsize=8)  # fmt: skip
     ax.set_yticks(range(len(entries)), [entry["name"] for entry in entries])
     ax.set_ylim(len(entries) - 0.4, -0.7)
-    log_axis(ax, "x", _STEPS)
+    low, high = ax.get_xlim()
+    log_axis(ax, "x", _STEPS if high < 50 * max(low, 1e-9) else (1,))
     ax.set_xlabel("RE, deg")
     ax.grid(axis="x", color="#dddddd")
     handles, labels = ax.get_legend_handles_labels()
@@ -274,7 +326,8 @@ def draw_by_tilt(results: Mapping[str, Any], ax: "Axes") -> "Axes":
         values = [entry["by_polar_angle"][group]["common"]["rotation_deg"]["rms"] for group in groups]
         ax.plot(
             angles, [value or np.nan for value in values], label=entry["name"], color=_COLORS[k % len(_COLORS)],
-            linestyle=_LINES[k % len(_LINES)], marker=_MARKS[k % len(_MARKS)], markersize=5,
+            linestyle=_LINES[(k + k // len(_COLORS)) % len(_LINES)], markersize=5,
+            marker=_MARKS[(k + 3 * (k // len(_COLORS))) % len(_MARKS)],
         )  # fmt: skip
     log_axis(ax, "y", _STEPS)
     ax.set_xticks(angles, groups)

@@ -1,10 +1,26 @@
 """Numbers in README and docs: `make numbers` compares them with what commands print; here, that none is left out."""
 
+import subprocess
+import sys
+
 import pytest
 
 from docs import numbers
 from docs.number_table import GIVEN, MEASURED
-from docs.numbers import GENERATED, PAGES, Block, Command, Given, Number, agree, block, faults, numbers_in, uncovered
+from docs.numbers import (
+    GENERATED,
+    PAGES,
+    ROOT,
+    Block,
+    Command,
+    Given,
+    Number,
+    agree,
+    block,
+    faults,
+    numbers_in,
+    uncovered,
+)
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if page not in GENERATED])
@@ -63,3 +79,12 @@ def test_what_differs_is_told(monkeypatch):
     assert "does not print" in next(faults(entries[0], {right: "nothing"}))
     given = Given("a", "# m away", "a place")
     assert [line.split(" in ")[0] for line in uncovered("a", [entries[0], given])] == ["a:1: 6"]
+
+
+def test_the_command_starts_and_has_nothing_to_do_without_time():
+    """Also as a program of its own, whose module has another name than the one that the table imports."""
+    done = subprocess.run(
+        [sys.executable, "-m", "docs.numbers", "--quick", "0"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.startswith("0 of ")
+    assert f"0 of {len(MEASURED)} places checked, 0 differ" in done.stdout

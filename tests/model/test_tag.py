@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from markergen.errors import InputError
+from markergen.geometry.region import Region
 from markergen.model.boundary import Circle, Polygon
 from markergen.model.tag import FAMILIES, Board, Tag, cell_outlines, family_size, parse_ids, parse_tag, place_tag
 
@@ -228,13 +229,16 @@ def test_ink_and_corners_are_opencv_s(columns, rows, family, bits, number):
     import cv2
 
     board = Board(family, columns, rows, 0.04)
-    s = board.square_cells
-    assert s == bits + 4
+    s = bits + 4
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{number}"))
     theirs = cv2.aruco.CharucoBoard((columns, rows), float(s), float(s - 2), dictionary)
     # Ten pixels a cell; the middle of each is far from any edge that their drawing may round.
     drawn = theirs.generateImage((columns * s * 10, rows * s * 10), None, 0, 1)
-    assert np.array_equal(drawn[5::10, 5::10] == 0, board.ink)
+    # Even-odd: a point is black if an odd number of outlines go around it.
+    x, y = np.meshgrid(np.arange(columns * s) + 0.5 - columns * s / 2, rows * s / 2 - np.arange(rows * s) - 0.5)
+    middles = np.stack([x.ravel(), y.ravel()], axis=-1) * 0.04 / s
+    around = [Region.polygon(outline, mend=True).contains(middles) for outline in board.outlines]
+    assert np.array_equal(drawn[5::10, 5::10] == 0, (np.sum(around, axis=0) % 2 == 1).reshape(x.shape))
     # Theirs count from the top left with y down.
     corners = theirs.getChessboardCorners()[:, :2] / s * 0.04
     expected = (corners - [columns * 0.02, rows * 0.02]) * [1, -1]
@@ -245,6 +249,7 @@ def test_geometry_of_a_board():
     board = Board("aruco:DICT_4X4_50", 5, 5, 0.04)
     assert board.tags == 12
     assert board.tag_side == pytest.approx(0.03)
+    assert Board("aruco:DICT_4X4_50", 5, 5, 0.04, 0.6).tag_side == pytest.approx(0.024)
     corners = np.concatenate(board.outlines)
     assert np.hypot(*corners.T).max() == pytest.approx(0.1 * 2**0.5)
 
@@ -261,3 +266,5 @@ def test_geometry_of_a_board():
 def test_boards_that_cannot_be_are_refused(family, columns, rows, square, said):
     with pytest.raises(InputError, match=said):
         Board(family, columns, rows, square)
+    with pytest.raises(InputError, match="share of its square"):
+        Board("aruco:DICT_4X4_50", 5, 5, 0.04, 1.0)

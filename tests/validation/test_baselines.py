@@ -12,13 +12,16 @@ from markergen.model.marker_json import to_json
 from markergen.model.poses import paper
 from markergen.model.tag import Board, Tag
 from markergen.render import Optics
-from markergen.validation.baselines import DEFAULTS, DotMarker, Peer, line_up
+from markergen.validation.baselines import DEFAULTS, line_up
+from markergen.validation.contestants.boards import ChArUco
+from markergen.validation.contestants.layouts import DotMarker
+from markergen.validation.contestants.tags import SquareTag
 from markergen.validation.metrics import rotation_error_deg
 
 POSES = paper()
 OPTICS = Optics(noise_grey=0)
-TAG = Peer("tag", Tag("apriltag:36h11", 0, 0.16), 0.15)
-BOARD = Peer("board", Board("aruco:DICT_4X4_50", 5, 5, 0.042), 0.15)
+TAG = SquareTag("tag", Tag("apriltag:36h11", 0, 0.16), 0.15)
+BOARD = ChArUco("board", Board("aruco:DICT_4X4_50", 5, 5, 0.042), 0.15)
 SETTINGS = {"tag": FiducialSettings("apriltag", 2), "board": FiducialSettings("subpix", 2, calibrated=True)}
 
 
@@ -62,16 +65,17 @@ def test_deep_images_are_looked_at_too():
 
 @pytest.mark.parametrize("contestant", [TAG, BOARD], ids=["tag", "board"])
 def test_squares_follow_their_corners(contestant):
-    columns, rows, side = contestant._squares
-    lattice = np.stack(np.meshgrid(np.arange(columns + 1), np.arange(rows + 1)), axis=-1).reshape(-1, 2)
-    corners = side * (lattice - [columns / 2, rows / 2]) * [1, -1]
+    lattice = contestant.lattice
+    columns, rows, side = lattice.columns, lattice.rows, lattice.side
+    places = np.stack(np.meshgrid(np.arange(columns + 1), np.arange(rows + 1)), axis=-1).reshape(-1, 2)
+    corners = side * (places - [columns / 2, rows / 2]) * [1, -1]
     moved = contestant.print_error(1e-3, np.random.default_rng(1))
     assert moved.shape == corners.shape
     # A corner moves as drawn, a middle by the mean of its square's four; rounding alone is allowed.
-    assert contestant._displacement(corners, moved) == pytest.approx(moved, abs=1e-15)
+    assert lattice.displacement(corners, moved) == pytest.approx(moved, abs=1e-15)
     middle = corners[0] + side / 2 * np.array([1, -1])
     four = moved.reshape(rows + 1, columns + 1, 2)[:2, :2].reshape(4, 2)
-    assert contestant._displacement(middle[None], moved)[0] == pytest.approx(four.mean(axis=0), abs=1e-15)
+    assert lattice.displacement(middle[None], moved)[0] == pytest.approx(four.mean(axis=0), abs=1e-15)
 
 
 def test_a_displaced_print_is_seen_displaced(dots):
@@ -102,9 +106,10 @@ def marker(tmp_path, pentagon):
 def test_one_alone_meets_one_of_each(marker, pentagon):
     contestants, setting = line_up([marker])
     assert [each.name for each in contestants] == [
-        marker, "ngon:5", "square", "random:5", "aruco:DICT_4X4_50", "apriltag:36h11", "charuco:5x5",
+        marker, "ngon:5", "square", "random:5", "aruco:DICT_4X4_50", "edges:aruco:DICT_4X4_50", "apriltag:36h11",
+        "charuco:5x5", "circles:5x5", "checkerboard:9x9",
     ]  # fmt: skip
-    assert len(DEFAULTS) == 6
+    assert len(DEFAULTS) == 9
     assert setting.boundary == pentagon.boundary
     assert len(setting.poses) == 400
     ngon, square, random = (each.marker for each in contestants[1:4])
@@ -128,7 +133,7 @@ def test_an_inverted_marker_meets_inverted_layouts(pentagon):
 def test_every_peer_fills_the_circle_with_the_white_it_needs():
     contestants, setting = line_up(["aruco:DICT_6X6_250:17", "apriltag:16h5", "charuco:4x6:DICT_5X5_100"])
     assert setting.boundary.radius == 0.15
-    tag, april, board = (each.fiducial for each in contestants)
+    tag, april, board = contestants[0].tag, contestants[1].tag, contestants[2].board
     assert isinstance(tag, Tag)
     assert (tag.family, tag.id) == ("aruco:DICT_6X6_250", 17)
     for each in (tag, april):
@@ -136,7 +141,7 @@ def test_every_peer_fills_the_circle_with_the_white_it_needs():
     assert np.linalg.norm(np.concatenate(board.outlines), axis=-1).max() == pytest.approx(0.15)
     assert (board.columns, board.rows, board.family) == (4, 6, "aruco:DICT_5X5_100")
     # All tags of a board have a cell of white around them, inside of their squares.
-    assert board.square == pytest.approx(board.tag_side * 9 / 7)
+    assert board.tag_side < board.square * 7 / 9
 
 
 def test_without_a_marker_dots_are_what_design_would_choose():
@@ -167,6 +172,19 @@ def test_the_same_named_twice_takes_part_once(marker):
     ("text", "said"),
     [
         ("hexagon", "expected a known contestant, found 'hexagon'; known: MARKER.json, ngon:N"),
+        ("edges:aruco:DICT_9X9", "a known family"),
+        ("pupil:36h12", "16h5, 25h9, 36h11"),
+        ("pupil", "16h5, 25h9, 36h11"),
+        ("stag:HD11:0", "stag:HD21[:ID]"),
+        ("stag:HD21:12", "an id of 0 to 11"),
+        ("ringgrid:2x5", "3x3 to 20x40 rings"),
+        ("circles:5", "circles:COLUMNSxROWS[:SHARE]"),
+        ("circles:5x5:0.95", "of 0.1 to 0.9"),
+        ("acircles:2x5", "3x3 circles or more"),
+        ("checkerboard:9x9:3", "checkerboard:COLUMNSxROWS"),
+        ("checkerboard:3x9", "4x4 squares or more"),
+        ("charuco:5x5:0.9", "of 0.3 to 0.8"),
+        ("charuco:5x5:DICT_4X4_50:0.6:1", "charuco:COLUMNSxROWS[:DICT][:SHARE]"),
         ("ngon:x", "ngon:N, N a whole number"),
         ("ngon:-5", "ngon:N, N a whole number"),
         ("ngon:3", "at least 4 control points"),
@@ -178,7 +196,8 @@ def test_the_same_named_twice_takes_part_once(marker):
         ("charuco:5", "charuco:COLUMNSxROWS"),
         ("charuco:5x", "charuco:COLUMNSxROWS"),
         ("charuco:2x5", "3x3 squares or more"),
-        ("charuco:50x50", "at most 50 tags"),
+        ("charuco:50x50", "at most 1000 tags"),
+        ("charuco:11x11:DICT_4X4_50", "at most 50 tags"),
         ("charuco:5x5:DICT_9X9", "a known family"),
         ("missing.json", "missing.json"),
     ],

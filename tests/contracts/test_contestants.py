@@ -1,0 +1,163 @@
+"""What every kind of contestant in `compare` keeps to, with its own library where it has one."""
+
+import sys
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+from markergen.maths.projection import project
+from markergen.maths.rotation import turn_z
+from markergen.model.camera import PAPER_CAMERA, Camera, Distortion
+from markergen.model.poses import paper
+from markergen.objectives import Setting
+from markergen.render import Optics
+from markergen.validation.baselines import line_up
+from markergen.validation.contestants import KINDS, Absent, Arena, forms, listed
+from markergen.validation.metrics import rotation_error_deg
+
+POSES = paper()
+POSE = 138
+"""A pose at 17.5 degrees, 0.9 m away, in which every detector finds its pattern."""
+EXAMPLES = {
+    "ngon": "ngon:6", "square": "square", "random": "random:5", "aruco": "aruco:DICT_4X4_50:3",
+    "apriltag": "apriltag:36h11:7", "edges": "edges:apriltag:25h9:2", "charuco": "charuco:4x5:DICT_4X4_50:0.7",
+    "circles": "circles:4x5", "acircles": "acircles:4x5", "checkerboard": "checkerboard:8x7",
+    "pupil": "pupil:25h9:3", "stag": "stag:HD21:4", "ringgrid": "ringgrid:4x5",
+}  # fmt: skip
+MODULES = {"pupil": "pupil_apriltags", "stag": "stag", "ringgrid": "ringgrid"}
+WORST_DEG = {"ringgrid": 1.0, "stag": 0.5, "charuco": 0.5}
+"""Error of the best setting without noise, deg, where more than 0.2 is allowed: their corners' own error."""
+WORST_PX = {"ringgrid": 2.0}
+"""Error of the worst point of the best setting without noise, px, where more than 0.6 is allowed."""
+OFFSET_PX = 0.2
+"""Median offset of all points, px: 0.5 if a library counted its pixels from another corner than we say."""
+SILENT = Optics(noise_grey=0)
+
+
+@pytest.fixture(scope="module")
+def made():
+    texts = [text for name, text in EXAMPLES.items() if name not in MODULES or find_spec(MODULES[name])]
+    contestants, _ = line_up(texts)
+    return {each.name.partition(":")[0]: each for each in contestants}
+
+
+@pytest.fixture
+def contestant(name, made):
+    if name not in made:
+        pytest.skip(f"{MODULES[name]} is not installed")
+    return made[name]
+
+
+def exact(contestant):
+    return contestant.print_error(0.0, np.random.default_rng(0))
+
+
+def best_sighting(contestant, pose, camera=PAPER_CAMERA):
+    image = contestant.render(camera, pose, SILENT, np.random.default_rng(0), exact(contestant))
+    found = [contestant.sight(image, camera, choice, 0.0) for choice in contestant.settings or (None,)]
+    turned = [
+        (rotation_error_deg(each.rotation @ turn.T, pose[0]), each, turn)
+        for each in found
+        if each.rotation is not None
+        for turn in (turn_z(2 * np.pi * k / contestant.turns) for k in range(contestant.turns))
+    ]
+    assert turned, {each.reason for each in found}
+    return min(turned, key=lambda each: each[0])
+
+
+def test_every_kind_has_an_example_here():
+    assert sorted(EXAMPLES) == KINDS.names()
+    assert {name for name in KINDS if KINDS[name].requires} == set(MODULES)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_its_form_is_listed(name):
+    kind = KINDS[name]
+    assert kind.form.startswith(name)
+    assert kind.form in forms()
+    assert (kind.form, f"{kind.summary}, by {kind.detector}") in listed()
+    # The help of `compare` shows both in two columns.
+    assert max(len(kind.form), len(kind.summary)) <= 60
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_it_is_found_where_it_is(name, contestant):
+    pose = POSES.rotation[POSE], POSES.translation[POSE]
+    error, found, turn = best_sighting(contestant, pose)
+    assert error < WORST_DEG.get(name, 0.2)
+    assert len(set(found.ids.tolist())) == len(found.ids) == len(found.pixels)
+    truth = project(contestant.points @ turn.T, pose[0][None], pose[1][None], PAPER_CAMERA.matrix)[0, found.ids]
+    assert np.linalg.norm(found.pixels - truth, axis=-1).max() < WORST_PX.get(name, 0.6)
+    assert np.abs(np.median(found.pixels - truth, axis=0)).max() < OFFSET_PX
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_it_fills_the_circle_and_has_ink_in_it(name, contestant):
+    patches = contestant.patches(PAPER_CAMERA, (POSES.rotation[0], POSES.translation[0]), exact(contestant))
+    ink = np.concatenate([outline for patch in patches if patch.reflectance == 0 for outline in patch.outlines])
+    reach = np.linalg.norm(ink, axis=-1).max()
+    # Tags and dots have white around them; 1e-3 is the lattice of ringgrid's drawing, which is rounded to 0.1 um.
+    assert 0.1 < reach <= 0.15 * (1 + 1e-3)
+    assert contestant.ink(0.15) > 1e-4
+    # Ink by its outlines: areas inside of others are holes.
+    if name not in ("ngon", "square", "random"):
+        areas = [np.sum(o[:, 0] * np.roll(o[:, 1], -1) - o[:, 1] * np.roll(o[:, 0], -1)) for o in patches[-1].outlines]
+        assert contestant.ink(0.15) == pytest.approx(abs(sum(areas)) / 2, rel=2e-3)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_a_print_error_displaces_its_ink(name, contestant):
+    rng = np.random.default_rng(1)
+    moved = contestant.print_error(1e-3, rng)
+    assert moved.shape[1] == 2
+    shift = np.broadcast_to([2e-3, -1e-3], moved.shape)
+    pose = POSES.rotation[0], POSES.translation[0]
+    ends = [
+        np.concatenate(
+            [o for p in contestant.patches(PAPER_CAMERA, pose, each) if p.reflectance == 0 for o in p.outlines]
+        )
+        for each in (exact(contestant), np.array(shift))
+    ]
+    assert ends[1] - ends[0] == pytest.approx(np.broadcast_to([2e-3, -1e-3, 0], ends[0].shape), abs=1e-9)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_nothing_is_found_in_nothing(name, contestant):
+    nothing = np.full((240, 320), 225, dtype=np.uint8)
+    found = contestant.sight(nothing, PAPER_CAMERA, next(iter(contestant.settings), None), 0.0)
+    assert found.rotation is None
+    assert found.reason
+    assert contestant.size
+    assert contestant.describe(None)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_every_setting_has_words_of_its_own(name, contestant):
+    words = [contestant.describe(each) for each in contestant.settings]
+    assert len(set(words)) == len(words)
+    assert not contestant.absent
+    assert contestant.turns in (1, 2, 4)
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_without_its_library_it_says_what_to_install(name, monkeypatch):
+    monkeypatch.setitem(sys.modules, MODULES[name], None)
+    from markergen.validation.contestants import ringgrid
+
+    ringgrid._drawn.cache_clear()
+    from markergen.model.spec import Spec
+
+    arena = Arena(Setting(Spec().boundary, PAPER_CAMERA, POSES))
+    found = KINDS[name](EXAMPLES[name], arena)
+    assert isinstance(found, Absent)
+    assert found.absent == f"needs {KINDS[name].requires}: pip install 'markergen[peers]'"
+    assert found.sight(np.zeros((9, 9), np.uint8), PAPER_CAMERA, None, 0.0).reason == found.absent
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_it_is_found_through_a_lens(name, contestant):
+    camera = Camera(640, 480, 800, 800, 320, 240, Distortion("radtan", (-0.1, 0.05, 0.001, 0.0)))
+    error, _, _ = best_sighting(contestant, (POSES.rotation[POSE], POSES.translation[POSE]), camera)
+    assert error < 2 * WORST_DEG.get(name, 0.2)
