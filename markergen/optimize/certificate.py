@@ -77,8 +77,8 @@ STEPS = (0.5, 0.25, 0.1)
 SLACKEST = 0.8
 """Weight in a cap below which it is left out of the next linear program."""
 
-LEVELS, MOST_BOXES = 14, 400_000
-"""Limits of branch and bound; where they end it, the bound is the best so far, still valid."""
+LEVELS, MOST_BOXES, BOXES_IN_ALL = 14, 400_000, 600_000
+"""Limits of one branch and bound, and of all; where they end it, the bound is the best so far, still valid."""
 
 TESTED = 100
 """Number of random places at which the interpolation is tested."""
@@ -254,6 +254,7 @@ class _Program:
     def __init__(self, fields: _Fields, region: FeasibleRegion, points: Array, value: float) -> None:
         self.fields, self.region, self.n, self.square = fields, region, len(points), value**2
         self.pitch = max(region.spacing - _SLACK, 0.0)
+        self.boxes = 0
         self.places = np.concatenate([points, _candidates(region)])
         self.basis = fields.basis(self.places)
         self._design = np.where(np.arange(len(self.places)) < self.n, 1.0, 0.0)
@@ -301,7 +302,7 @@ class _Program:
             since = 0 if best - 1 < (before - 1) * NOTICEABLE else since + 1
             crowded = self._crowded(found.weights)
             reached = fields.worth(moments) * self.square if not len(crowded) else 1.0
-            if best < reached + CLOSE or since == PATIENCE or work > WORK:
+            if best < reached + CLOSE or since == PATIENCE or work > WORK or self.boxes > BOXES_IN_ALL:
                 break
             used = found.weights > 0
             load = _cap(caps, self.places[used], found.weights[used], self.pitch, 0.0)[0]
@@ -393,6 +394,7 @@ class _Program:
                 return best + tolerance, more[0]
             inner = region.boundary.project(centers, region.inset)
             inner = inner[region.boundary.depth(inner) >= inset]
+            self.boxes += len(centers)
             here, upper = at(inner, 0 * half)[0], at(centers, half)[1]
             best = max(best, float(here.max(initial=-np.inf)))
             more.append(inner[here > least + tolerance])
