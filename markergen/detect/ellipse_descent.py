@@ -270,7 +270,7 @@ class EllipseDescent:
         information = np.maximum(self.sums[:, :, 1], 1e-12)
         shift = self.sums[:, :, 2] / information
         # An ellipse takes five of the shifts.
-        even = np.sum(information * shift**2 * kept, axis=-1) / variance / (kept.sum(axis=-1) - 5)
+        even = np.sum(information * shift**2 * kept, axis=-1) / variance / np.maximum(kept.sum(axis=-1) - 5, 1)
         both = kept[:, :half] & kept[:, half:]
         spread = 1 / information[:, :half] + 1 / information[:, half:]
         odd = np.sum((shift[:, :half] - shift[:, half:]) ** 2 / spread * both, axis=-1) / variance

@@ -625,7 +625,7 @@ static void uneven(const Dot *dot, double variance, double *facts)
             pairs++;
         }
     }
-    facts[0] = sum / variance / (SECTORS - 5 - left_out(dot));
+    facts[0] = sum / variance / fmax(SECTORS - 5 - left_out(dot), 1);
     facts[1] = odd / variance;
     facts[2] = pairs;
 }

@@ -42,7 +42,7 @@ class PagePicture:
     def of_pixels(grey: NDArray[np.uint8], matrix: Array, shift: Array, measured: bool = False) -> "PagePicture":
         """Picture of an image; a point p is at the pixel matrix p + shift, with pixel centers at integers."""
         size = np.array(grey.shape[::-1])
-        inset = np.maximum((CORNER * size).astype(int), 1)
+        inset = np.minimum(np.maximum((CORNER * size).astype(int), 1), size - 1)
         corners = [grey[y, x] for x in (inset[0], -inset[0] - 1) for y in (inset[1], -inset[1] - 1)]
         grain = float(1 / np.sqrt(abs(np.linalg.det(matrix))))
 

@@ -5,7 +5,7 @@ import time
 import zlib
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from mutants import FLIPS, flipped
 
@@ -119,6 +119,7 @@ def chunk(kind, body):
     st.binary(max_size=9) | st.just(struct.pack(">IIB", 2000, 2000, 1)),
     st.binary(max_size=50) | st.just(b"\0" * 4000),
 )
+@example(1, 1, 1, 0, struct.pack(">IIB", 2000, 2000, 1), b"\0" * 4000)
 def test_images_that_lie(marker, tmp_path, width, height, depth, color, density, pixels):
     header = struct.pack(">IIBBBBB", width, height, depth, color, 0, 0, 0)
     parts = [
