@@ -34,6 +34,17 @@ STUDIED = Command(
 )
 
 
+SIDED = "--n 5 --dot 10mm --poses cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,roll=0"
+SIDED_POSE, SIDED_LOOSE, SIDED_TIGHT = (
+    _design(f"{SIDED} --objective '{objective}'", seconds)
+    for objective, seconds in (("pose", 4), ("pose, rotation <= 1.05 ngon", 20), ("pose, rotation <= ngon", 30))
+)
+
+
+def _sided(row: str, command: Command, output: str = "this marker # # @ # @") -> Number:
+    return Number(DESIGN, f"| {row} | # | # | # |", "markergen design --n 5 --dot 10mm", [(command, output)])
+
+
 def _counted(room: str, camera: str) -> Number:
     five, said = f"{room} {camera} 5 @ @ # # @", "# | # | # | # | # | #"
     sources = [(DOT_COUNT, f"{room} {camera} # # @ # # @"), (DOT_COUNT, five)]
@@ -189,6 +200,17 @@ MEASURED: Sequence[Entry] = (
         "markergen compare marker.json",
         [(COMPARED, f"{label} @ cm2 @ #") for label in ("aruco:DICT_4X4_50", "charuco:5x5")],
     ),
+    _sided("`pose`", SIDED_POSE),
+    _sided("`pose, rotation <= 1.05 ngon`", SIDED_LOOSE),
+    _sided("`pose, rotation <= ngon`", SIDED_TIGHT),
+    _sided("(regular pentagon)", SIDED_POSE, "regular 5-gon # # @ # @"),
+    Number(
+        DESIGN,
+        "a loss of @ % leaves # of # %",
+        "markergen design --n 5 --dot 10mm",
+        [(SIDED_LOOSE, "this marker # @ @ @ @"), (SIDED_POSE, POSE), (SIDED_POSE, "regular 5-gon # @ @ @ @")],
+        lambda loose, pose, ngon: [100 * (1 - loose / ngon), 100 * (1 - pose / ngon)],
+    ),
     _asymmetric(),
     Number(
         VALIDATE,
@@ -308,6 +330,8 @@ GIVEN: Sequence[Given] = tuple(
                 "(point dots, # px of noise;",
             ],
         ),
+        (DESIGN, DEFAULT, ["cannot keep them to # % is refused"]),
+        (DESIGN, SETTING, ["cone:distance=#..1.5,tilt=40..70,azimuth=-30..30,roll=0", "a loss of # % leaves"]),
         (DESIGN, DEFAULT, ["a disk of `--radius`, # mm by default", "approximated to # um", "a distance of #..1.5 m"]),
         (
             DESIGN,

@@ -17,6 +17,7 @@ from markergen.exporters.saving import check_outputs, family_paths, save, save_f
 from markergen.files import Written, write_all
 from markergen.files import check_outputs as check_files
 from markergen.model.camera import Camera
+from markergen.model.goal import parse_goal
 from markergen.model.marker import light_marker
 from markergen.model.spec import Spec
 from markergen.model.tag import parse_ids
@@ -178,5 +179,6 @@ def _named_in(values: Mapping[str, Any]) -> list[Any]:
 
 
 def _label(spec: Spec) -> str:
-    unit = OBJECTIVES[spec.objective].unit
+    goal = parse_goal(spec.objective)
+    unit = OBJECTIVES[goal.lead].unit if len(goal.terms) == 1 else ""
     return f"{spec.objective}, {unit}" if unit else spec.objective

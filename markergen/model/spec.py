@@ -9,6 +9,7 @@ from typing import Any, Literal
 from markergen.errors import InputError
 from markergen.model.boundary import Boundary, Circle, area_without
 from markergen.model.camera import PAPER_CAMERA, Camera
+from markergen.model.goal import parse_goal
 from markergen.model.poses import named_poses
 from markergen.model.recorded_poses import RecordedPoses
 from markergen.model.substrate import Substrate
@@ -105,8 +106,8 @@ class Spec:
     poses : str or RecordedPoses
         A preset or a cone as normalized text (see `Cone`), or poses read from a file.
     objective, aggregate, coordinates : str
-        Quantity to minimize; an empty aggregate is the objective's own default. Coordinates only matter to
-        ``condition``.
+        Quantity to minimize, a weighted sum or with bounds (see `parse_goal`); an empty aggregate is the objective's
+        own default. Coordinates only matter to ``condition``.
     dot : float, "auto" or None
         Dot diameter in m; None: determined by camera and poses; ``auto``: by the predicted error of the objective.
     clearance : float or None
@@ -190,6 +191,7 @@ class Spec:
             )
         if self.seed < 0:
             raise InputError("a seed of 0 or more", f"seed={self.seed}", "give a non-negative whole number")
+        object.__setattr__(self, "objective", str(parse_goal(self.objective)))
         check_losses(self.n or MOST_LOST + 4, self.survive)
         self._settle_count()
         # Raises if nothing is left.

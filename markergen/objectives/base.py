@@ -186,17 +186,24 @@ class Objective(ABC):
         """
 
         def both(chunk: Array) -> tuple[Array, Array]:
-            value, gradient = self._value_and_gradient(chunk, softness)
+            value, pullback = self.reduced(chunk, softness)
+            gradient = pullback(np.ones_like(value))
             return value, np.where(np.isfinite(value)[:, None, None], gradient, 0.0)
 
         values, gradients = zip(*self._in_chunks(both, points), strict=True)
         return np.concatenate(values), np.concatenate(gradients)
 
-    def _value_and_gradient(self, points: Array, softness: float) -> tuple[Array, Array]:
+    def reduced(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
+        """Aggregated values (B,) of layouts (B, n, .), and their pullback: weights (B,) to weights times gradients."""
         per_pose, pullback = self.linearize(points, softness)
         with np.errstate(invalid="ignore"):
             value, derivative = self.aggregated(per_pose, softness)
-            return value, pullback(derivative)
+
+        def back(weights: Array) -> Array:
+            with np.errstate(invalid="ignore"):
+                return pullback(derivative * weights[:, None])
+
+        return value, back
 
     def _in_chunks(self, function: Callable[[Array], T], points: Array) -> list[T]:
         """Apply the function to chunks of the batch in parallel; chunks do not depend on the number of cores."""

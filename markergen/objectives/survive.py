@@ -55,17 +55,23 @@ class SurvivalObjective(Objective):
 
         return values[rows, worst], back
 
-    def _value_and_gradient(self, points: Array, softness: float) -> tuple[Array, Array]:
+    def reduced(self, points: Array, softness: float = 0.0) -> tuple[Array, Pullback]:
+        """See `Objective.reduced`; with softness, the maximum over the losses is smooth as well."""
         if not softness:
-            return super()._value_and_gradient(points, softness)
+            return super().reduced(points, softness)
         values, pullback = self.objective.linearize_without(points, self._losses(points), softness)
         with np.errstate(invalid="ignore"):
             totals, by_value = self.aggregated(values, softness)
             value, by_total = AGGREGATES["max"](totals, softness)
             by_total[by_total < SMALLEST_SHARE] = 0.0
             # A loss that leaves a degenerate layout has an infinite value, and no derivative.
-            weights = np.where(by_total[..., None] > 0, by_value * by_total[..., None], 0.0)
-            return value, pullback(weights)
+            share = np.where(by_total[..., None] > 0, by_value * by_total[..., None], 0.0)
+
+        def back(weights: Array) -> Array:
+            with np.errstate(invalid="ignore"):
+                return pullback(share * weights[:, None, None])
+
+        return value, back
 
     def _losses(self, points: Array) -> Losses:
         return losses(points.shape[1], self.lost)

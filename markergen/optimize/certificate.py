@@ -41,6 +41,7 @@ from markergen.maths.rotation import turn_z
 from markergen.objectives import Objective
 from markergen.objectives.aggregates import DEFAULT_LEVEL
 from markergen.objectives.base import TraceObjective
+from markergen.objectives.composed import ComposedObjective
 from markergen.optimize.problem import FeasibleRegion
 from markergen.options import Progress
 
@@ -145,6 +146,11 @@ def certify(
     n, value = len(points), float(objective(points[None])[0])
     if points.shape[-1] > 2:
         return Certificate(n, value, reason="the dots of a relief may hide each other")
+    if isinstance(objective, ComposedObjective):
+        if len(objective.terms) > 1:
+            return Certificate(n, value, reason="the objective is a weighted sum")
+        # Bounds only raise the least value.
+        return certify(objective.terms[0][1], region, points, progress)
     if not isinstance(objective, TraceObjective):
         return Certificate(n, value, reason="the objective is not a convex function of the layout")
     if objective.aggregate.partition(":")[0] not in EXPONENTS:

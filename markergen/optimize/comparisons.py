@@ -5,6 +5,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from markergen.errors import InputError
+from markergen.model.goal import NGON, parse_goal
+from markergen.model.spec import Spec
 from markergen.objectives import Setting
 from markergen.objectives.criteria import RANDOM_LAYOUTS, Criteria, columns, criteria, median_criteria
 from markergen.objectives.pose import PoseObjective
@@ -59,6 +62,26 @@ def comparison_layouts(
     layouts = {**polygons, "random": region.sample(RANDOM_LAYOUTS, n, np.random.default_rng(seed))}
     # Drop random layouts that stayed jammed, and infeasible regular ones.
     return {name: kept for name, batch in layouts.items() if len(kept := batch[region.holds(batch)])}
+
+
+def reference(spec: Spec, region: FeasibleRegion, setting: Setting) -> Array | None:
+    """Regular polygon (1, n, 2) in m that the spec's objective refers to, as in `comparison_layouts`; None if to none.
+
+    Raises
+    ------
+    InputError
+        If it refers to one, but none fits.
+    """
+    if not parse_goal(spec.objective).relative:
+        return None
+    found = _polygon(region, spec.n, setting)
+    if not region.holds(found)[0]:
+        raise InputError(
+            f"room for a regular polygon of {spec.n} dots, which weights and {NGON} refer to",
+            f"objective={spec.objective!r}",
+            "give bounds as numbers, or use smaller dots",
+        )
+    return found
 
 
 def _polygon(region: FeasibleRegion, n: int, setting: Setting | None) -> Array:

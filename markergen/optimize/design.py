@@ -15,6 +15,7 @@ from markergen import __version__
 from markergen.errors import InputError
 from markergen.files import Written
 from markergen.model.feature import DOT_PIXELS
+from markergen.model.goal import NGON, parse_goal
 from markergen.model.marker import Marker, build_marker
 from markergen.model.occlusion import eyes_of
 from markergen.model.openings import near_holes
@@ -27,12 +28,21 @@ from markergen.objectives.criteria import Criteria, columns
 from markergen.objectives.observation import DotNoise
 from markergen.objectives.survive import hidden_dot_errors
 from markergen.optimize.certificate import Certificate, certify
-from markergen.optimize.comparisons import LAYOUTS, compare, criteria_table, hidden_table
+from markergen.optimize.comparisons import LAYOUTS, compare, criteria_table, hidden_table, reference
 from markergen.optimize.dot_count import outlook, sources_of
 from markergen.optimize.dot_size import DotSize, choose_dots, pixels_across
 from markergen.optimize.keyless import AsymmetricOptimum, asymmetric_search
 from markergen.optimize.label_ambiguity import LabelSafety, layout_safety
-from markergen.optimize.problem import FeasibleRegion, check, check_objective, objective_of, room_of, rough_of
+from markergen.optimize.problem import (
+    FeasibleRegion,
+    check,
+    check_bounds,
+    check_objective,
+    check_parts,
+    objective_of,
+    room_of,
+    rough_of,
+)
 from markergen.optimize.relief import ReliefRoom, check_relief, search_relief
 from markergen.optimize.search import Optimum, search
 from markergen.optimize.target import settled
@@ -128,7 +138,8 @@ class Design(Result):
         """Compute `certificate`, which may take as long as the search."""
         if "_certificate" not in self.__dict__:
             region = FeasibleRegion(room_of(self.spec), self.dots.diameter, self.dots.clearance, self.spec.gap)
-            objective, points = objective_of(self.spec, self.setting), self.marker.xyz
+            ngon, points = reference(self.spec, region, self.setting), self.marker.xyz
+            objective = objective_of(self.spec, self.setting, ngon)
             found = certify(objective, region, points if self.spec.relief else points[:, :2], progress)
             self.__dict__["_certificate"] = found
         return self.__dict__["_certificate"]
@@ -176,9 +187,10 @@ class Design(Result):
         """Value of the objective, where the table of criteria does not contain it."""
         spec = self.marker.provenance["spec"]
         lost = spec.get("survive", 0)
-        if not (spec["aggregate"] or lost):
+        goal = parse_goal(spec["objective"])
+        if not (spec["aggregate"] or lost or len(goal.terms) > 1):
             return ""
-        unit = OBJECTIVES[spec["objective"]].unit
+        unit = OBJECTIVES[goal.lead].unit if len(goal.terms) == 1 else ""
         words = f" {spec['aggregate']}" if spec["aggregate"] else ""
         words += f" after the worst loss of {lost} dot{'s' * (lost > 1)}" if lost else ""
         return f"{words} of {self.value:.4g}{f' {unit}' if unit else ''}"
@@ -186,7 +198,7 @@ class Design(Result):
     @property
     def _bound(self) -> str:
         """Lower bound in the unit of the table, and the certificate in words."""
-        column, found = OBJECTIVES[self.spec.objective].criterion, self.certificate
+        column, found = OBJECTIVES[parse_goal(self.spec.objective).lead].criterion, self.certificate
         if column is None or found.reason:
             return found.sentence
         unit = column.title.rpartition(" ")[2]
@@ -247,7 +259,7 @@ class Design(Result):
         """Warnings about errors, other than the objective, that a layout printed beside the design has less of."""
         own, found = self.criteria["design"], []
         for name, each in columns().items():
-            if name == self.spec.objective or not each.proportional or each.key not in own:
+            if name in parse_goal(self.spec.objective).names or not each.proportional or each.key not in own:
                 continue
             others = {layout: row[each.key] for layout, row in self.criteria.items() if each.key in row}
             best = min(others, key=lambda layout: others[layout])
@@ -256,10 +268,12 @@ class Design(Result):
             error, least = (f"{value * each.factor:.3g}" for value in (own[each.key], others[best]))
             # Nearly collinear dots determine a pose, but hardly the homography that estimators begin with.
             flat = OBJECTIVES[name].planar_only
+            better = own[each.key] > others.get(NGON, np.inf)
+            bounded = f" or --objective '{self.spec.objective}, {name} <= {NGON}'" if better else ""
             found.append(
                 f"the layout is weak for {'a ' * flat}{name}, off by {error} {each.title.rpartition(' ')[2]} "
                 f"({LAYOUTS[best]}: {least}){', and estimators that begin with one may flip' * flat}; "
-                f"use --objective {name}, or more dots"
+                f"use --objective {name}{bounded}, or more dots"
             )
         return found
 
@@ -281,16 +295,17 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
     check_objective(spec, spec.noise_model == "image")
     poses = poses_from(spec.poses).seen_whole(spec.boundary, spec.camera, spec.relief)
     setting = Setting(spec.boundary, spec.camera, poses)
-    OBJECTIVES[spec.objective](setting, spec.aggregate, spec.coordinates)  # reject wrong names before any search
+    check_parts(spec, setting)  # reject wrong names before any search
     dots = choose_dots(spec, setting.poses, progress)
     dots = replace(dots, reason=choice.reason) if choice else dots
     if spec.noise_model == "image":
         setting = replace(setting, noise=DotNoise(dots.diameter, spec.image_noise, spec.print_sigma))
-    objective = objective_of(spec, setting)
     region = FeasibleRegion(room_of(spec), dots.diameter, dots.clearance, spec.gap)
+    ngon = reference(spec, region, setting)
+    objective = objective_of(spec, setting, ngon)
     rng = np.random.default_rng(spec.seed)
     recorder = Recorder() if traced else None
-    more = spec.restarts, progress, rough_of(spec, setting), recorder
+    more = spec.restarts, progress, rough_of(spec, setting, ngon), recorder
     optimum: Optimum | AsymmetricOptimum
     allowed: Callable[[Array], bool] | None = None
     others: dict[str, Array] = {}
@@ -304,6 +319,7 @@ def design(spec: Spec, progress: Progress | None = None, traced: bool = False) -
             optimum, others = search_relief(objective, room, flat, rng, *more), {"flat": flat}
             allowed = room.holds
         points = number(upright(optimum.points, objective, region, allowed))
+    check_bounds(objective, points, spec)
     table = compare(points, region, setting, spec.seed, others)
     _check_homography(table["design"], spec)
     labels = layout_safety(points, setting, not spec.asymmetric) if dots.diameter or spec.asymmetric else None

@@ -25,6 +25,7 @@ from markergen.maths.projection import perspective, to_camera
 from markergen.model.boundary import Boundary
 from markergen.model.camera import Camera
 from markergen.model.feature import RELIABLE_PIXELS
+from markergen.model.goal import parse_goal
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import MOST_LOSSES, MOST_POINTS, ImageNoise, Spec
 from markergen.objectives import OBJECTIVES, Setting
@@ -226,7 +227,7 @@ def outlook(points: Array, diameter: float, spec: Spec, setting: Setting, source
     said = f"with a print good to {format_length(sources.print_sigma)}"
     said += "" if sources.camera_covariance is not None else " and an exact calibration"
     said += f", expect {degrees(points, diameter)} RMS in all"
-    usual = issubclass(OBJECTIVES[spec.objective], PoseCovarianceObjective)
+    usual = issubclass(OBJECTIVES[parse_goal(spec.objective).lead], PoseCovarianceObjective)
     asked = replace(spec, dot="auto", noise_model="image", objective=spec.objective if usual else "pose", aggregate="")
     try:
         forecaster = Forecaster(asked, setting.poses, sources, count=POSES_AT_A_GLANCE)
@@ -295,7 +296,7 @@ class Forecaster:
         self.least, gap = least_sizes(spec.boundary, spec.camera, seen)
         self.gap = spec.gap or gap
         self.most = max(n for n in range(5, MOST_POINTS + 1) if comb(n, spec.survive) <= MOST_LOSSES)
-        if not issubclass(OBJECTIVES[spec.objective], PoseCovarianceObjective):
+        if not issubclass(OBJECTIVES[parse_goal(spec.objective).lead], PoseCovarianceObjective):
             known = (name for name in OBJECTIVES if issubclass(OBJECTIVES[name], PoseCovarianceObjective))
             raise InputError(
                 "an objective that is the error of a pose, for the number of dots",
@@ -367,7 +368,9 @@ class Forecaster:
 
     def _objective(self, diameter: float) -> PoseCovarianceObjective:
         noise = DotNoise(diameter, self.spec.image_noise, self.sources.print_sigma)
-        found = OBJECTIVES[self.spec.objective](replace(self.setting, noise=noise), self.spec.aggregate)
+        found = OBJECTIVES[parse_goal(self.spec.objective).lead](
+            replace(self.setting, noise=noise), self.spec.aggregate
+        )
         assert isinstance(found, PoseCovarianceObjective)
         return found
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.model.camera import Camera
+from markergen.model.goal import parse_goal
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Setting
@@ -178,6 +179,8 @@ def best_dots(spec: Spec, poses: PoseDistribution, progress: Progress | None = N
     InputError
         If there is no room for n dots.
     """
+    # Of several criteria, the first one decides: a regular polygon to refer to need not fit at every diameter.
+    spec = replace(spec, objective=parse_goal(spec.objective).lead)
     room = largest_that_leaves_room(spec)
     detectable = smallest_detectable(spec.camera, poses)
     least = min(detectable, room)

@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from markergen.errors import InputError
 from markergen.geometry.region import Region
 from markergen.model.boundary import Boundary, Circle, area_without
+from markergen.model.goal import NGON, parse_goal
 from markergen.model.poses import PoseDistribution
 from markergen.model.spec import Spec
 from markergen.objectives import OBJECTIVES, Objective, Setting
 from markergen.objectives.base import either
+from markergen.objectives.composed import ComposedObjective
 from markergen.objectives.survive import SurvivalObjective
 from markergen.optimize.constraints import Walls, walls_of
 
@@ -29,6 +31,9 @@ FEW_POSES = 48
 
 SWEEPS, GENTLE = 60, 10
 """Number of rounds of pushing dots apart and inside, and how many of them push no more than needed."""
+
+KEPT = 1e-3
+"""Relative excess over a bound of the objective that is tolerated."""
 
 TOLERANCE = 1e-9
 """Violation in m that the independent check attributes to rounding."""
@@ -52,31 +57,112 @@ def check_objective(spec: Spec, noisy: bool) -> None:
     InputError
         If the name is unknown, or the objective does not support the relief or the noise.
     """
-    kind = OBJECTIVES[spec.objective]
-    if spec.relief and kind.planar_only:
+    goal = parse_goal(spec.objective)
+    kinds = [OBJECTIVES[name] for name in goal.names]
+    if spec.relief and any(kind.planar_only for kind in kinds):
         raise InputError(
             "an objective for points in space with a relief",
             f"objective={spec.objective!r}",
             f"use --objective {either(name for name in OBJECTIVES if not OBJECTIVES[name].planar_only)}",
         )
-    if noisy and not kind.knows_noise:
+    if noisy and not all(kind.knows_noise for kind in kinds):
         raise InputError(
             "an objective that depends on the noise",
             f"objective={spec.objective!r} with the noise model image",
             f"use --objective {either(name for name in OBJECTIVES if OBJECTIVES[name].knows_noise)}",
         )
+    for limit in goal.limits:
+        unit = unit_of(limit.name)
+        if limit.unit not in ("", NGON, unit):
+            raise InputError(
+                f"a bound on {limit.name} in {unit or 'no unit'}, or in multiples of the regular polygon's",
+                f"objective={spec.objective!r}",
+                f"write {' '.join(f'{limit.name} <= {limit.most:g} {unit}'.split())}, or {limit.name} <= 1.05 {NGON}",
+            )
 
 
-def objective_of(spec: Spec, setting: Setting) -> Objective:
-    """Create the spec's objective for a setting; raises the errors of `check_objective`."""
+def unit_of(name: str) -> str:
+    """Unit of an objective in the table of criteria."""
+    kind = OBJECTIVES[name]
+    return kind.criterion.title.rpartition(" ")[2] if kind.criterion and kind.unit else kind.unit
+
+
+def check_parts(spec: Spec, setting: Setting) -> None:
+    """Refuse an aggregate or coordinates that the spec's criteria do not know; raises InputError."""
+    for name in parse_goal(spec.objective).names:
+        _part(spec, setting, name, spec.aggregate)
+
+
+def objective_of(spec: Spec, setting: Setting, ngon: Array | None = None) -> Objective:
+    """Create the spec's objective for a setting; raises the errors of `check_objective`.
+
+    Bounds are on the figures of the table of criteria, that is, with the aggregate of the criterion itself; the spec's
+    aggregate is that of what is minimized.
+
+    Parameters
+    ----------
+    ngon : array (1, n, 2) or None
+        Regular polygon in m that the objective refers to, see `markergen.optimize.comparisons.reference`.
+    """
     check_objective(spec, bool(setting.noise))
-    objective = OBJECTIVES[spec.objective](setting, spec.aggregate, spec.coordinates)
+    goal = parse_goal(spec.objective)
+    if goal.plain:
+        return _part(spec, setting, goal.lead, spec.aggregate)
+    parts = [_part(spec, setting, name, spec.aggregate) for _, name in goal.terms]
+    sums = len(parts) > 1
+    scales = [weight / _value(part, ngon) if sums else 1.0 for (weight, _), part in zip(goal.terms, parts, strict=True)]
+    bounds = []
+    for limit in goal.limits:
+        part, criterion = _part(spec, setting, limit.name, ""), OBJECTIVES[limit.name].criterion
+        scale = _value(part, ngon) if limit.unit == NGON else 1 / criterion.factor if criterion else 1.0
+        bounds.append((part, limit.most * scale))
+    return ComposedObjective(list(zip(scales, parts, strict=True)), bounds)
+
+
+def _part(spec: Spec, setting: Setting, name: str, aggregate: str) -> Objective:
+    """One criterion of a spec's objective, after the worst loss of dots if the spec asks for it."""
+    kinds = [OBJECTIVES[each] for each in parse_goal(spec.objective).names]
+    # Of several criteria, only those that depend on the coordinates need to know them.
+    known = any(spec.coordinates in kind.coordinates for kind in kinds)
+    own = not known or spec.coordinates in OBJECTIVES[name].coordinates
+    objective = OBJECTIVES[name](setting, aggregate, spec.coordinates if own else "unit")
     return SurvivalObjective(objective, spec.survive) if spec.survive else objective
 
 
-def rough_of(spec: Spec, setting: Setting) -> Objective:
+def _value(part: Objective, ngon: Array | None) -> float:
+    if ngon is None:
+        raise ValueError("the objective refers to a regular polygon, which is not given")
+    return float(part(ngon)[0])
+
+
+def check_bounds(objective: Objective, points: Array, spec: Spec) -> None:
+    """Refuse a layout (n, 2 or 3) in m that breaks a bound of the spec's objective by more than `KEPT`.
+
+    Raises
+    ------
+    InputError
+        If it does.
+    """
+    if not isinstance(objective, ComposedObjective):
+        return
+    for limit, (part, most), excess in zip(
+        parse_goal(spec.objective).limits, objective.bounds, objective.excess(points[None])[:, 0], strict=True
+    ):
+        if not excess <= KEPT:
+            criterion = OBJECTIVES[limit.name].criterion
+            factor = criterion.factor if criterion else 1.0
+            best, asked = (
+                f"{value * factor:.4g} {unit_of(limit.name)}".strip() for value in (part(points[None])[0], most)
+            )
+            where = f" (that is, {asked})" if limit.unit == NGON else ""
+            raise InputError(
+                f"a layout with {limit}{where}", f"{best} in the best one", "allow more, or use more dots or more room"
+            )
+
+
+def rough_of(spec: Spec, setting: Setting, ngon: Array | None = None) -> Objective:
     """Create the spec's objective for a subset of the poses."""
-    return objective_of(spec, replace(setting, poses=fewer(setting.poses)))
+    return objective_of(spec, replace(setting, poses=fewer(setting.poses)), ngon)
 
 
 def fewer(poses: PoseDistribution, count: int = FEW_POSES) -> PoseDistribution:

@@ -222,7 +222,11 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
     objective: Annotated[
         str,
         Option(
-            SEARCH, "What to minimize: pose, rotation, translation, homography or condition.", "pose", metavar="NAME"
+            SEARCH,
+            "What to minimize: pose, rotation, translation, homography or condition; or a weighted sum, each relative "
+            "to the regular n-gon's: 'pose + 0.5 rotation'; or with bounds: 'pose, rotation <= 1.05 ngon', or 0.8deg.",
+            "pose",
+            metavar="NAME",
         ),
     ]
     aggregate: Annotated[

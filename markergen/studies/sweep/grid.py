@@ -15,9 +15,9 @@ from markergen.estimators import ESTIMATORS
 from markergen.model.camera import PAPER_CAMERA, Camera
 from markergen.model.findings import listed
 from markergen.model.spec import Spec
-from markergen.objectives import OBJECTIVES, Setting
+from markergen.objectives import Setting
 from markergen.optimize.dot_size import choose_dots
-from markergen.optimize.problem import check_objective
+from markergen.optimize.problem import check_objective, check_parts
 from markergen.read.cameras import read_camera
 from markergen.read.outlines.boundary import read_room
 from markergen.read.poses import poses_from
@@ -358,7 +358,7 @@ class _Feasible:
 
     def _build(self, spec: Spec) -> None:
         poses = poses_from("paper")
-        OBJECTIVES[spec.objective](Setting(spec.boundary, spec.camera, poses), spec.aggregate, spec.coordinates)
+        check_parts(spec, Setting(spec.boundary, spec.camera, poses))
 
     def _check_room(self, spec: Spec) -> None:
         values: dict[str, Any] = spec.as_dict()

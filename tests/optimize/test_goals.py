@@ -1,0 +1,89 @@
+"""Objectives with weights and bounds, from text to layout."""
+
+import numpy as np
+import pytest
+
+from markergen.errors import InputError
+from markergen.model.goal import parse_goal
+from markergen.model.marker_json import to_json
+from markergen.model.spec import Spec
+from markergen.optimize.design import design
+
+VOLUME = "cone:distance=0.6..1.5,tilt=40..70,azimuth=-30..30,roll=0,count=30"
+
+
+def spec(objective, **more):
+    return Spec(n=5, poses=VOLUME, dot=0.01, restarts=1, objective=objective, **more)
+
+
+def ratio(found, key):
+    return found.criteria["design"][key] / found.criteria["ngon"][key]
+
+
+def test_a_bound_is_kept_and_the_rest_is_better_than_the_polygon():
+    found = design(spec("pose, rotation <= 1.05 ngon"))
+    assert ratio(found, "rotation_deg") <= 1.05 * (1 + 1e-3)
+    assert ratio(found, "pose_m") <= 0.95
+    # The bound is what keeps the displacement from being as small as without it.
+    assert ratio(found, "rotation_deg") == pytest.approx(1.05, rel=1e-3)
+    assert found.value == pytest.approx(found.criteria["design"]["pose_m"], rel=1e-3)
+    assert found.marker.provenance["spec"]["objective"] == "pose, rotation <= 1.05 ngon"
+
+
+@pytest.mark.long
+def test_the_lower_bound_of_the_criterion_alone_holds_with_bounds():
+    found = design(spec("pose, rotation <= 1.05 ngon"))
+    alone = design(spec("pose"))
+    assert found.certificate.lower_bound <= alone.value < found.value
+    assert found.certificate.lower_bound == pytest.approx(alone.value, rel=0.01)
+
+
+def test_weights_weigh_criteria_relative_to_the_polygon():
+    found = design(spec("pose + 0.5 rotation"))
+    assert found.value == pytest.approx(ratio(found, "pose_m") + 0.5 * ratio(found, "rotation_deg"), rel=1e-6)
+    assert found.value <= 1.5 * (1 + 1e-9)
+    assert "weighted sum" in found.certificate.sentence
+    assert to_json(design(spec("pose+0.5  rotation")).marker) == to_json(found.marker)
+
+
+def test_a_bound_that_cannot_be_kept_is_refused():
+    with pytest.raises(InputError, match=r"^expected a layout with rotation <= 0.1 deg, found [\d.]+ deg in the best"):
+        design(spec("pose, rotation <= 0.1 deg"))
+
+
+def test_a_weak_criterion_names_the_bound():
+    found = design(spec("pose"))
+    assert any("or --objective 'pose, rotation <= ngon'" in each for each in found.warnings)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["pose,", "pose, rotation", "pose + ", "pose rotation", "0 pose + rotation", "pose, rotation < 1", "pose, a <= deg",
+     "pose, rotation <= 0", "pose, rotation >= ngon", "-1 pose + rotation", ", rotation <= ngon", "pose <= ngon"],
+)  # fmt: skip
+def test_malformed_text_is_refused(text):
+    with pytest.raises(InputError, match="expected a criterion, or a weighted sum") as caught:
+        Spec(objective=text)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("pose, speed <= ngon", "speed"),
+        ("pose, rotation <= 2 mm", "expected a bound on rotation in deg"),
+        ("pose + homography", "expected an objective for points in space"),
+    ],
+)
+def test_what_the_criteria_do_not_support_is_refused(text, words):
+    with pytest.raises(InputError, match=words):
+        design(Spec(objective=text, relief=0.02 if "homography" in text else 0.0))
+
+
+def test_equal_goals_are_equal_specs_and_plain_ones_are_as_given():
+    assert spec("pose,homography<=2px").hash == spec("pose , homography <= 2.0 px").hash
+    assert str(parse_goal("condition")) == "condition"
+    assert str(parse_goal("2 pose")) == "pose"
+    limits = parse_goal("pose, translation <= 1%, rotation <= 1 ngon").limits
+    assert [str(each) for each in limits] == ["translation <= 1 %", "rotation <= ngon"]
+    assert np.all([each.most == 1 for each in limits])
