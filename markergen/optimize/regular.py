@@ -28,6 +28,9 @@ RATIOS = (0.0, 0.35, 0.6, 0.8)
 TURNS = np.deg2rad([0.0, 15.0, 30.0, 45.0])
 """Rotations of lattices, and of rings as a whole."""
 
+PUSHED = 0.2
+"""Largest overlap of dots, as a fraction of their spacing, that is pushed apart."""
+
 PITCHES = 6
 """Number of pitches of a lattice, from dots that touch to the largest pitch with enough sites."""
 
@@ -46,7 +49,10 @@ def regular_layouts(region: FeasibleRegion, n: int) -> tuple[Array, int]:
 
     Polygons come first, then two concentric rings, lattices, and a packing where nothing else fits.
     """
-    first, others = polygons(region, n), region.project(np.array([*_rings(region, n), *_lattices(region, n)]))
+    first, others = polygons(region, n), np.array([*_rings(region, n), *_lattices(region, n)])
+    others = region.boundary.project(others, region.inset)
+    # What has to be pushed far is no longer regular.
+    others = region.project(others[region.violation(others) <= PUSHED * region.spacing])
     first, others = first[region.holds(first)], others[region.holds(others)]
     packed = None if len(first) + len(others) else fitting(region, n)
     return np.concatenate([first, others] if packed is None else [first, packed[None]]), len(first)

@@ -6,7 +6,7 @@ from markergen.optimize.problem import FeasibleRegion
 from markergen.optimize.regular import polygons, regular_layouts
 
 
-@pytest.mark.parametrize("n", [4, 7, 30])
+@pytest.mark.parametrize("n", [4, 7, pytest.param(30, marks=pytest.mark.long)])
 def test_every_layout_is_feasible(rooms, n):
     for room in rooms.values():
         region = FeasibleRegion(room, 0.01, 0.001)

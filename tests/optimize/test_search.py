@@ -21,14 +21,13 @@ def found(objective, room, n, seed=0, dot=0.02, **options):
     return search(objective, FeasibleRegion(room, dot, dot / 10), n, np.random.default_rng(seed), **options)
 
 
-def test_constraints_hold_in_every_shape(rooms, criterion):
+@pytest.mark.parametrize(("n", "dot"), [(4, 0.036), pytest.param(8, 0.015, marks=pytest.mark.long)])
+def test_constraints_hold_in_every_shape(rooms, criterion, n, dot):
     for name, room in rooms.items():
-        objective = criterion(room)
-        for n, dot in ((4, 0.036), (8, 0.015)):
-            points = found(objective, room, n, dot=dot, restarts=2).points
-            boundary, keep_outs = (room.boundary, room.keep_outs) if name in ("ring", "drilled") else (room, ())
-            # A tenth of a nanometer is what a layout may be off before it counts as infeasible.
-            assert breach(points, boundary, keep_outs, dot, dot / 10) <= 1.1e-10
+        points = found(criterion(room), room, n, dot=dot, restarts=2).points
+        boundary, keep_outs = (room.boundary, room.keep_outs) if name in ("ring", "drilled") else (room, ())
+        # A tenth of a nanometer is what a layout may be off before it counts as infeasible.
+        assert breach(points, boundary, keep_outs, dot, dot / 10) <= 1.1e-10
 
 
 @pytest.mark.parametrize("n", [4, pytest.param(7, marks=pytest.mark.long)])
@@ -150,6 +149,7 @@ def test_a_toothed_outline_costs_no_more_than_a_smooth_one(criterion):
     assert region.holds(found(criterion(gear), gear, 12, restarts=1).points[None])[0]
 
 
+@pytest.mark.long
 def test_many_dots(rooms, criterion):
     room = rooms["plate"]
     objective = criterion(room)
