@@ -71,7 +71,7 @@ def test_it_finds_what_descents_find_in_a_disk(criterion):
 
 @pytest.mark.parametrize(("name", "n"), [("rotation", 10), ("rotation", 16), ("homography", 16), ("homography", 20)])
 def test_it_is_no_worse_than_a_regular_polygon(criterion, name, n):
-    # Large dots jam wherever descents begin: alone, they end 1 to 4 % above the polygon.
+    # Descents from random layouts alone end 1 to 4 % above the polygon.
     objective = criterion(Circle(0.15), name)
     dots = choose_dots(Spec(n=n, boundary=Circle(0.15)), objective.setting.poses)
     region = FeasibleRegion(Circle(0.15), dots.diameter, dots.clearance)
