@@ -57,6 +57,10 @@ PRINT_SIGMAS = 4.0
 """Multiple of the print's standard deviation, added in quadrature. The misfit of four dots in sigma follows a chi
 distribution with two degrees of freedom: 1 in 3000 exceeds four."""
 
+CROWD = 20
+"""Number of blobs above which the bound for four dots, which leave but two numbers to check, falls in proportion:
+among 80 dots of strangers there are four that fit to a pixel in 1 of 30 images."""
+
 OUTLINE_PX, OUTLINE_SHARE = 0.1, 0.02
 """Maximum misfit of the outlines alone of four dots without a camera: px, plus a share of a dot's radius in the image.
 A mirrored marker that is nearly symmetric misses by as little as 0.027 of the radius; noise is a tenth of a pixel."""
@@ -274,7 +278,7 @@ def _judged(
         drawn, camera = candidates.predicted, view.camera
         predicted = camera.to_pixels(drawn.center), drawn.shape, drawn.seen
         size = camera.width, camera.height, camera.fx, camera.fy, EDGE_PX
-        settings = *size, px, ACCEPT_PX, ACCEPT_SHARE, REFUSED_PX, LEAST_ROUND
+        settings = *size, px, ACCEPT_PX, ACCEPT_SHARE, REFUSED_PX, LEAST_ROUND, _crowded(ellipses)
         missing, bound = kernel_pose.judge_poses(
             candidates.blobs, (ellipses.center, rough), predicted, printing, settings
         )
@@ -426,9 +430,15 @@ def _bound(
     round_ = count - refused >= np.maximum(LEAST_ROUND, count / 2)
     if isinstance(candidates.model, Poses):
         # Four corners of a square are a third of a regular 12-gon, wherever equal dots are on a grid.
-        return np.where(round_ & (count >= missing), np.hypot(np.hypot(bound, printing), unsure), -1.0)
+        sure = np.hypot(bound, printing) * np.where(count == LEAST_DOTS, _crowded(ellipses), 1.0)
+        return np.where(round_ & (count >= missing), np.hypot(sure, unsure), -1.0)
     told = _plane_is_told(candidates, missing, ellipses, px, unsure)
     return np.where(round_ & told, np.hypot(bound, unsure), -1.0)
+
+
+def _crowded(ellipses: Ellipses) -> float:
+    """Share of the bound that is left to four dots."""
+    return min(1.0, CROWD / max(len(ellipses), 1))
 
 
 def _plane_is_told(

@@ -257,7 +257,8 @@ void homography(int64_t n, const double *points, const double *image, double *H)
 
    labels (k, n); center (b, 2); rough (b) or NULL; pixels (k, n, 2), shape (k, n, 2, 2) and seen (k, n) of the dots as
    predicted; printing (k); settings: width, height, focal lengths, margin of the image, px, largest misfit (px, share of
-   the extent), misfit of refused dots, fewest dots that are none of these. missing, bound (k). */
+   the extent), misfit of refused dots, fewest dots that are none of these, share of the bound that is left to four dots.
+   missing, bound (k). */
 
 void judge_poses(int64_t k, int64_t n, const int64_t *labels, const double *center, const double *rough,
                  const double *pixels, const double *shape, const uint8_t *seen, const double *printing,
@@ -289,6 +290,7 @@ void judge_poses(int64_t k, int64_t n, const int64_t *labels, const double *cent
         const int round = (double)(count - refused) >= fmax(settings[9], (double)count / 2);
         missing[i] = absent;
         /* Four corners of a square are a third of a regular 12-gon, wherever equal dots are on a grid. */
-        bound[i] = round && count >= absent ? hypot(hypot(most, printing[i]), unsure) : -1;
+        const double sure = hypot(most, printing[i]) * (count == 4 ? settings[10] : 1);
+        bound[i] = round && count >= absent ? hypot(sure, unsure) : -1;
     }
 }

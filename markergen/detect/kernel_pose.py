@@ -7,7 +7,7 @@ from markergen.detect.kernel import at, indices, library, shaped
 
 Array = NDArray[np.float64]
 
-_DAMPING, _POSE, _JUDGE = 5, 4, 10
+_DAMPING, _POSE, _JUDGE = 5, 4, 11
 """Lengths of rows in kernel_pose.c."""
 
 

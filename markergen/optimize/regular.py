@@ -74,20 +74,17 @@ def _lattices(region: FeasibleRegion, n: int) -> Iterator[Array]:
     """The n outermost sites of hexagonal and square lattices with different pitches, shifts and rotations."""
     boundary = region.boundary
     most = np.sqrt(2 * boundary.area / n)
+    pitches = np.geomspace(most, max(region.spacing, most / 4), 4 * PITCHES)[:, None, None]
     reach = int(np.ceil(np.sqrt(8 * n))) + 2
     i, j = (axis.ravel() for axis in np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1)))
     for sites in (np.stack([i + j / 2, j * np.sqrt(0.75)], axis=-1), np.stack([i, j], axis=-1)):
         for shift in (np.zeros(2), np.array([0.5, 0.0]), (sites[i + j == 1][:1] + [[1.0, 0.0]])[0] / 3):
             for turn in _turns(TURNS):
-                kept = 0
-                for pitch in np.geomspace(most, max(region.spacing, most / 4), 4 * PITCHES):
-                    placed = boundary.center + (sites + shift) @ turn * pitch
-                    inside = placed[boundary.depth(placed) >= region.inset]
-                    if len(inside) >= n:
-                        yield inside[np.argsort(-np.linalg.norm(inside - inside.mean(axis=0), axis=-1))[:n]]
-                        kept += 1
-                    if kept == PITCHES:
-                        break
+                placed = boundary.center + (sites + shift) @ turn * pitches
+                held = boundary.depth(placed.reshape(-1, 2)).reshape(placed.shape[:2]) >= region.inset
+                for k in np.flatnonzero(held.sum(axis=1) >= n)[:PITCHES]:
+                    inside = placed[k, held[k]]
+                    yield inside[np.argsort(-np.linalg.norm(inside - inside.mean(axis=0), axis=-1))[:n]]
 
 
 def _turns(angles: Array) -> Array:

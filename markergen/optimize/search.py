@@ -54,8 +54,8 @@ GAIN = 1e-6
 """Relative gain that justifies another round."""
 
 REGULAR, LIKELY = 6, 24
-"""Numbers of distinct regular layouts that are polished, and of those other than polygons that a subset of the poses
-selects to be evaluated for all."""
+"""Numbers of distinct regular layouts that are polished, if no fewer restarts are asked for, and of those other than
+polygons that a subset of the poses selects to be evaluated for all."""
 
 OVERLAP = 0.7
 """Fraction of the spacing enforced in every other exchange: dots hardly ever touch on a grid, but do so once
@@ -101,7 +101,7 @@ def search(
     Parameters
     ----------
     restarts : int
-        Random starts; 0 takes the objective's own default.
+        Random starts, and the most regular ones; 0 takes the objective's own default.
     rough : Objective or None
         The same criterion for fewer poses, which saves time in the exchange.
     record : callable or None
@@ -117,7 +117,7 @@ def search(
     else:
         found = _descended(objective, region, n, rng, restarts or objective.default_restarts, progress, record)
     # Spawned, so that what callers draw afterwards does not depend on it.
-    regular = _from_regular(objective, rough or objective, region, n, rng.spawn(1)[0], progress, record)
+    regular = _from_regular(objective, rough or objective, region, n, rng.spawn(1)[0], restarts, progress, record)
     if not found.value * (1 - GAIN) <= regular.value:
         found = regular
     if not np.isfinite(found.value):
@@ -135,6 +135,7 @@ def _from_regular(
     region: FeasibleRegion,
     n: int,
     rng: np.random.Generator,
+    restarts: int,
     progress: Progress | None,
     record: Record | None,
 ) -> Optimum:
@@ -146,7 +147,7 @@ def _from_regular(
     # Polygons are judged for all poses, since designs are compared with them.
     likely = count + np.argsort(rough(layouts[count:]), kind="stable")[:LIKELY]
     layouts = layouts[np.concatenate([np.arange(count), likely])]
-    found = _best(list(zip(layouts, objective(layouts), strict=True)), REGULAR)
+    found = _best(list(zip(layouts, objective(layouts), strict=True)), min(REGULAR, restarts or REGULAR))
     shakes = rng.normal(scale=JITTER * region.boundary.radius, size=(len(found), n, 2))
     total = len(shakes) + KEPT
     for done, (start, shake) in enumerate(zip([points for points, _ in found], shakes, strict=True)):
