@@ -9,7 +9,8 @@ Each row is as of `benchmarks.optima`. At least 9 of 10 seeds are to end within 
 constraint is to be broken by more than 1e-9 m.
 
 With --beside, each row is one design beside the best of the regular layouts and of a search with another seed and
---starts starts, and the last line counts the designs that are more than 0.1 % above.
+--starts starts, and beside the lower bound on all layouts; the last line counts the designs more than 0.1 % above the
+best of these.
 """
 
 import os
