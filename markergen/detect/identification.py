@@ -59,7 +59,7 @@ distribution with two degrees of freedom: 1 in 3000 exceeds four."""
 
 CROWD = 20
 """Number of blobs above which the bound for four dots, which leave but two numbers to check, falls in proportion:
-among 80 dots of strangers there are four that fit to a pixel in 1 of 30 images."""
+among 80 dots of strangers there are four that fit to a pixel in 1 of 40 images."""
 
 OUTLINE_PX, OUTLINE_SHARE = 0.1, 0.02
 """Maximum misfit of the outlines alone of four dots without a camera: px, plus a share of a dot's radius in the image.

@@ -177,6 +177,15 @@ def test_misplaced_dot_is_left_out_or_refused(ngon, sight):
     assert labels(view.blobs, ngon(4))[0] is None
 
 
+@pytest.mark.usefixtures("path")
+def test_four_dots_that_nearly_fit_are_a_marker_alone_and_none_among_a_hundred(ngon, sight):
+    for moved, strangers, expected in ((1.0, 0, True), (1.0, 100, False), (0.0, 100, True)):
+        view = sight(ngon(4), 130, strangers=strangers)
+        view.blobs.center[np.flatnonzero(view.dot == 2)[0]] += [moved, 0]
+        found, reason = labels(view.blobs, ngon(4))
+        assert (found is not None) == expected, reason
+
+
 def test_corners_of_a_square_grid_are_no_12_gon(ngon):
     x, y = np.meshgrid(np.arange(12), np.arange(12))
     center = np.stack([x, y], axis=-1).reshape(-1, 2) * 27.0 + 60

@@ -290,5 +290,5 @@ def test_numbers_that_are_none_end(value):
     with pytest.raises(ValueError):
         kernel_pose.judge_poses(
             np.full((2, 4), 7), (np.ones((5, 2)), None), (np.ones((2, 4, 2)), np.eye(2), np.ones((2, 4), bool)),
-            np.zeros(2), (1.0,) * 10,
+            np.zeros(2), (1.0,) * 11,
         )  # fmt: skip
