@@ -70,7 +70,7 @@ class Made:
         return read_marker(self.folder / "m.json")
 
 
-@pytest.fixture(scope="module", params=DRAWINGS)
+@pytest.fixture(scope="module", params=["flange.dxf", "plate.dxf", pytest.param("flange.svg", marks=pytest.mark.long)])
 def made(request, tmp_path_factory) -> Made:
     """Folder with the marker of a drawing, and its files."""
     folder = tmp_path_factory.mktemp("drawn")

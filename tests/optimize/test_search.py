@@ -34,7 +34,7 @@ def test_constraints_hold_in_every_shape(rooms, criterion, n, dot):
 def test_seeds_agree_in_every_shape(rooms, criterion, n):
     for room in rooms.values():
         objective = criterion(room)
-        values = [found(objective, room, n, seed, 0.01, restarts=2).value for seed in range(2)]
+        values = [found(objective, room, n, seed, 0.01, restarts=1).value for seed in range(2)]
         assert max(values) <= 1.005 * min(values)
 
 

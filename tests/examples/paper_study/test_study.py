@@ -16,7 +16,7 @@ from markergen.errors import InputError
 from markergen.studies.engines import ENGINES, engine_for
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="module", params=[pytest.param("written", marks=pytest.mark.long)])
 def written(tmp_path_factory, tiny, fake):
     """The folder of a study of made-up results, and what was told of its progress."""
     folder = tmp_path_factory.mktemp("paper") / "out"
