@@ -90,6 +90,10 @@ class LeastSquares(ABC):
         """J'WJ (k, p, p) and J'Wr (k, p) for residuals (k, m), with W = 1 unless overridden."""
         return jacobian.swapaxes(-1, -2) @ jacobian, np.einsum("kij,ki->kj", jacobian, residual)
 
+    def damped_step(self, jacobian: Array, residual: Array, strength: Array, ridge: float) -> Array:
+        """Solve for the steps (k, p) with Marquardt's damping (k,) and a ridge; see `Damping`."""
+        return _damped_step(*self.normal_equations(jacobian, residual), strength, ridge)
+
     @abstractmethod
     def moved(self, unknowns: Arrays, step: Array) -> Arrays:
         """Apply steps (k, p) to the unknowns: the retraction."""
@@ -141,7 +145,7 @@ def levenberg_marquardt(problems: LeastSquares, unknowns: Arrays, damping: Dampi
         old, found = current[:parts], current[parts:]
         # Kept until the next Jacobian exists: freed earlier, its memory would go back to the system, page by page.
         jacobian = problems.jacobian(old, found)
-        step = _damped_step(*problems.normal_equations(jacobian, found[1]), strength, damping.ridge)
+        step = problems.damped_step(jacobian, found[1], strength, damping.ridge)
         tried = problems.moved(old, step)
         fresh = problems.residuals(tried)
         good = fresh[0] <= found[0] * (1 + damping.slack)

@@ -1,0 +1,454 @@
+"""Adjustment of a network: Levenberg-Marquardt on dots, poses and camera at once, with their joint covariance.
+
+The weighted squares of the distances between measured and predicted ellipse centers are minimized,
+
+    cost = sum_ij r_ij' W_ij r_ij + prior terms,    r_ij = z_ij - center_ij(R_j, t_j, X_i, camera),
+
+with the exact center of a disk's image. Poses are eliminated view by view (Schur complement), so the system to be
+solved has 3 n + r unknowns, for n dots and r parameters of the camera. What no photograph tells, the marker frame and
+without a measured length the scale, is fixed by inner constraints: the dots, all together, neither shift nor turn nor
+grow with respect to the design, C'(X - X0) = 0. For the singular normal matrix N of the dots, with kernel H,
+
+    (N + s C C')^-1 = Q + H (C'H)^-1 (s)^-1 (H'C)^-1 H',
+
+where Q is the covariance under the constraints (B. Triggs et al., "Bundle adjustment: a modern synthesis", 1999).
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.calibrate.network import Network, Views, moved_camera
+from markergen.detect.conic_projection import pose_rows
+from markergen.maths.information import apply_pose_step
+from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, Mask, levenberg_marquardt
+from markergen.model.camera import Camera
+
+Array = NDArray[np.float64]
+
+DAMPING = Damping(start=1e-3, least=1e-12, most=1e12, slack=1e-12)
+STEPS = 100
+TOLERANCE = 1e-12
+"""Relative decrease of the cost below which the adjustment ends."""
+
+SINGULAR = 1e-13
+"""Smallest eigenvalue of a normal matrix, as correlations, that is not taken for rounding."""
+
+
+class UndeterminedError(Exception):
+    """The photographs leave more than the gauge open, or no more measurements than unknowns."""
+
+
+@dataclass(frozen=True, eq=False)
+class Adjustment:
+    """An adjusted network.
+
+    Attributes
+    ----------
+    network : Network
+        What was adjusted.
+    views : Views
+        With the adjusted poses.
+    places : array (n, 3), m
+        Adjusted dots.
+    camera : Camera
+        Adjusted camera.
+    residual : array (v, n, 2), px
+        Measured minus predicted ellipse centers; 0 where a dot was not seen.
+    chi2 : float
+        Cost at the minimum, with the weights of the image alone.
+    degrees_of_freedom : int
+        Measurements less unknowns: the expected value of chi2 if the covariances are right.
+    """
+
+    network: Network
+    views: Views
+    places: Array
+    camera: Camera
+    residual: Array
+    chi2: float
+    degrees_of_freedom: int
+
+    @property
+    def variance_factor(self) -> float:
+        """chi2 over its expected value: factor by which the covariances of the image are too small."""
+        return self.chi2 / self.degrees_of_freedom if self.degrees_of_freedom > 0 else float("inf")
+
+    @property
+    def scale(self) -> float:
+        """Factor, 1 or more, on all covariances."""
+        return max(1.0, self.variance_factor)
+
+    @property
+    def rms(self) -> float:
+        """RMS over views and dots of the length of the residual, px."""
+        return float(np.sqrt((self.residual[self.views.seen] ** 2).sum(axis=-1).mean()))
+
+    @cached_property
+    def normal(self) -> "NormalEquations":
+        """Normal equations at the minimum."""
+        return _normal_equations(self.network, self.views, self.places, self.camera)
+
+    @cached_property
+    def unscaled(self) -> Array:
+        """Covariance (3 n + r, 3 n + r) of dots (m) and camera parameters u, if the image's covariances are right.
+
+        Raises
+        ------
+        UndeterminedError
+            If the photographs do not determine the unknowns.
+        """
+        reduced, size = self.normal.reduced(), self.normal.dots
+        gauge = self.network.gauge(self.network.design) if size else np.zeros((0, 0))
+        moved = self.network.gauge(self.places) if size else np.zeros((0, 0))
+        weight = float(np.trace(reduced[:size, :size])) / size if size else 0.0
+        reduced[:size, :size] += weight * gauge @ gauge.T
+        inverse = _inverse(reduced)
+        if size:
+            turned = moved @ np.linalg.inv(gauge.T @ moved)
+            inverse[:size, :size] -= turned @ turned.T / weight
+        return (inverse + inverse.T) / 2
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (3 n, 3 n) of the dots, m^2, x y z of each in turn, scaled; singular along the gauge."""
+        size = self.normal.dots
+        return self.scale * self.unscaled[:size, :size]
+
+    @property
+    def camera_covariance(self) -> Array:
+        """Covariance (k, k) of `Camera.parameter_names`, scaled."""
+        size, directions = self.normal.dots, self.network.freedom.directions
+        return self.scale * directions @ self.unscaled[size:, size:] @ directions.T
+
+    @property
+    def joint(self) -> Array:
+        """Covariance (3 n + k, 3 n + k) of the dots and of `Camera.parameter_names` together, scaled."""
+        size, directions = self.normal.dots, self.network.freedom.directions
+        lift = np.zeros((size + len(directions), size + directions.shape[1]))
+        lift[:size, :size] = np.eye(size)
+        lift[size:, size:] = directions
+        return self.scale * lift @ self.unscaled @ lift.T
+
+    def residual_covariance(self) -> Array:
+        """Covariance (v, n, 2, 2) of the residuals, px^2, unscaled: S - J C J', less than the measurement's."""
+        parts = self.normal
+        own = np.linalg.inv(parts.pose)
+        rows = _whole_rows(parts)
+        # J C J' with the poses eliminated: J_q - J_p N_pp^-1 N_pq acts on dots and camera.
+        through = rows - np.einsum("vnia,vab,vbq->vniq", parts.rows_pose, own, parts.cross, optimize=True)
+        known = np.einsum("vnia,vab,vnjb->vnij", parts.rows_pose, own, parts.rows_pose, optimize=True)
+        known += np.matmul(through @ self.unscaled, through.swapaxes(-1, -2))
+        return np.where(self.views.seen[..., None, None], self.views.covariance - known, np.eye(2))
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """Normal matrix of a network in blocks, and what its rows are.
+
+    Attributes
+    ----------
+    pose : array (v, 6, 6)
+    cross : array (v, 6, q)
+        Poses with the q = 3 n + r other unknowns.
+    rest : array (q, q)
+    dots : int
+        3 n, or 0 if the dots are held.
+    rows_pose, rows_dot, rows_camera : arrays (v, n, 2, 6), (v, n, 2, 3) and (v, n, 2, r)
+    gradient_pose, gradient_rest : arrays (v, 6) and (q,)
+    """
+
+    pose: Array
+    cross: Array
+    rest: Array
+    dots: int
+    rows_pose: Array
+    rows_dot: Array
+    rows_camera: Array
+    gradient_pose: Array
+    gradient_rest: Array
+
+    def reduced(self) -> Array:
+        """Matrix (q, q) that remains when the poses are eliminated."""
+        root = np.linalg.inv(np.linalg.cholesky(self.pose)) @ self.cross
+        flat = root.reshape(-1, root.shape[-1])
+        return self.rest - flat.T @ flat
+
+
+def adjust(network: Network, views: Views, weights: Array | None = None) -> Adjustment:
+    """Adjust a network by least squares.
+
+    Parameters
+    ----------
+    network : Network
+    views : Views
+    weights : array (v, n), optional
+        Factors on the weights of the measurements; 1 if not given.
+
+    Raises
+    ------
+    UndeterminedError
+        If a view has fewer than three dots.
+    """
+    if (views.seen.sum(axis=1) < 3).any():
+        raise UndeterminedError("three dots or more in every view")
+    weights = np.ones(views.seen.shape) if weights is None else weights
+    # In 1/m^2, of the order of what the photographs tell of a dot. The minimum does not depend on it.
+    each = np.trace(np.linalg.inv(views.covariance), axis1=2, axis2=3) * weights * views.seen
+    stiffness = (
+        float(each.sum() / len(network.design)) * (network.camera.fx / float(views.translation[:, 2].mean())) ** 2
+    )
+    problem = _Problem(network, views, weights, stiffness)
+    start = (
+        views.rotation[None],
+        views.translation[None],
+        network.design[None].copy(),
+        np.zeros((1, len(network.freedom))),
+    )
+    unknowns, cost = levenberg_marquardt(problem, start, DAMPING, STEPS)
+    rotation, translation, places, moved = (each[0] for each in unknowns)
+    found = replace(views, rotation=rotation, translation=translation)
+    camera = moved_camera(network.camera, network.freedom.directions @ moved)
+    residual = _residual(network.radii, found, places, camera)[0]
+    if not np.isfinite(cost[0]):
+        raise UndeterminedError("poses that see all dots from the front")
+    return Adjustment(network, found, places, camera, residual, float(cost[0]), _freedom(network, views))
+
+
+def _freedom(network: Network, views: Views) -> int:
+    """Measurements less unknowns; what is known before counts as measurements."""
+    known = int(np.linalg.matrix_rank(network.freedom.precision)) if len(network.freedom) else 0
+    unknown = 6 * len(views) + len(network.freedom)
+    if network.free:
+        unknown += 3 * len(network.design) - network.gauge(network.design).shape[1]
+        known += len(network.lengths)
+        if network.prior is not None:
+            known += sum(
+                int(np.linalg.matrix_rank(_without_motion(network, network.design, each)))
+                for each in np.unique(network.marker)
+            )
+    return 2 * int(views.seen.sum()) + known - unknown
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem(LeastSquares):
+    """One network as a batch of one; the unknowns are rotations, translations, dots, and the camera's u."""
+
+    network: Network
+    views: Views
+    weights: Array
+    stiffness: float
+
+    def residuals(self, unknowns: Arrays) -> Arrays:
+        """See `LeastSquares.residuals`."""
+        rotation, translation, places, moved = (each[0] for each in unknowns)
+        camera = moved_camera(self.network.camera, self.network.freedom.directions @ moved)
+        views = replace(self.views, rotation=rotation, translation=translation)
+        residual, front = _residual(self.network.radii, views, places, camera)
+        inverse = np.linalg.inv(self.views.covariance) * self.weights[..., None, None]
+        cost = float(np.einsum("vni,vnij,vnj->", residual, inverse, residual))
+        cost += float(moved @ self.network.freedom.precision @ moved) + _prior(self.network, places)[0]
+        if self.network.free:
+            cost += self.stiffness * float(np.sum((self.gauge.T @ (places - self.network.design).ravel()) ** 2))
+        return np.array([cost if front and cost < np.inf else np.inf]), residual[None]
+
+    @cached_property
+    def gauge(self) -> Array:
+        """See `Network.gauge`."""
+        return self.network.gauge(self.network.design)
+
+    def jacobian(self, unknowns: Arrays, found: Arrays) -> Any:
+        """See `LeastSquares.jacobian`: here the normal equations in blocks."""
+        rotation, translation, places, moved = (each[0] for each in unknowns)
+        camera = moved_camera(self.network.camera, self.network.freedom.directions @ moved)
+        views = replace(self.views, rotation=rotation, translation=translation)
+        parts = _normal_equations(self.network, views, places, camera, self.weights, found[1][0])
+        size = parts.dots
+        parts.gradient_rest[size:] -= self.network.freedom.precision @ moved
+        if size:
+            off = self.gauge.T @ (self.network.design - places).ravel()
+            parts.gradient_rest[:size] += self.stiffness * self.gauge @ off
+        return parts
+
+    def damped_step(self, jacobian: Any, residual: Array, strength: Array, ridge: float) -> Array:
+        """See `LeastSquares.damped_step`, by Schur's complement."""
+        del residual, ridge
+        parts: NormalEquations = jacobian
+        damping, size = 1 + float(strength[0]), parts.dots
+        pose, rest = parts.pose.copy(), parts.rest.copy()
+        diagonal = np.einsum("vii->vi", pose)
+        diagonal *= damping
+        np.einsum("ii->i", rest)[:] *= damping
+        root = np.linalg.inv(np.linalg.cholesky(pose))
+        cross = root @ parts.cross
+        gradient = np.einsum("vab,vb->va", root, parts.gradient_pose)
+        flat = cross.reshape(-1, cross.shape[-1])
+        reduced, right = rest - flat.T @ flat, parts.gradient_rest - flat.T @ gradient.ravel()
+        step = np.zeros(len(rest))
+        if len(rest):
+            if size:
+                reduced[:size, :size] += self.stiffness * self.gauge @ self.gauge.T
+            step = np.linalg.solve(reduced, right)
+        poses = np.einsum("vba,vb->va", root, gradient - cross @ step)
+        return np.concatenate([poses.ravel(), step])[None]
+
+    def moved(self, unknowns: Arrays, step: Array) -> Arrays:
+        """See `LeastSquares.moved`."""
+        rotation, translation, places, moved = (each[0] for each in unknowns)
+        count, size = 6 * len(self.views), places.size if self.network.free else 0
+        rotation, translation = apply_pose_step(rotation, translation, step[0, :count].reshape(-1, 6))
+        if size:
+            places = places + step[0, count : count + size].reshape(-1, 3)
+        return rotation[None], translation[None], places[None], (moved + step[0, count + size :])[None]
+
+    def converged(self, attempt: Attempt) -> Mask:
+        """See `LeastSquares.converged`."""
+        return attempt.good & (attempt.before - attempt.after <= TOLERANCE * attempt.before)
+
+    def take(self, chosen: Mask) -> "_Problem":
+        """See `LeastSquares.take`: the batch is of one."""
+        del chosen
+        return self
+
+
+def _residual(radii: Array, views: Views, places: Array, camera: Camera) -> tuple[Array, bool]:
+    """Residuals (v, n, 2) in px, 0 where not seen; and whether every seen dot is seen from the front."""
+    place = places @ views.rotation.swapaxes(-1, -2) + views.translation[:, None]
+    normal = views.rotation[:, None, :, 2]
+    center, level = _centers(place, normal, radii)
+    front = (place[..., 2] > 0) & (level > 0)
+    with np.errstate(invalid="ignore", over="ignore"):
+        residual = views.pixels - camera.to_pixels(np.where(front[..., None], center, 0.0))
+    bad = views.seen & ~(front & np.isfinite(residual).all(axis=-1))
+    return np.where(views.seen[..., None], residual, 0.0), not bad.any()
+
+
+def _centers(place: Array, normal: Array, radii: Array) -> tuple[Array, Array]:
+    """Centers (v, n, 2) of the disks' normalized images, as `conic_projection.outlines`; positive level: in front."""
+    depth, square = place[..., 2:], radii[:, None] ** 2
+    level = depth**2 - square * (1 - normal[..., 2:] ** 2)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        center = (place[..., :2] * depth + square * normal[..., 2:] * normal[..., :2]) / level
+    return center, level[..., 0]
+
+
+def _normal_equations(
+    network: Network,
+    views: Views,
+    places: Array,
+    camera: Camera,
+    weights: Array | None = None,
+    residual: Array | None = None,
+) -> NormalEquations:
+    place = places @ views.rotation.swapaxes(-1, -2) + views.translation[:, None]
+    center = _centers(place, views.rotation[:, None, :, 2], network.radii)[0]
+    center = np.where(views.seen[..., None], center, 0.0)
+    lens = camera.pixel_jacobian(center)
+    rows = lens @ pose_rows(places, views.rotation, views.translation)
+    rows = np.where(views.seen[..., None, None], rows, 0.0)
+    dots = rows[..., 3:] @ views.rotation[:, None] if network.free else rows[..., :0]
+    moved = camera.parameter_jacobian(center) @ network.freedom.directions
+    moved = np.where(views.seen[..., None, None], moved, 0.0)
+    weight = np.linalg.inv(views.covariance)
+    if weights is not None:
+        weight = weight * weights[..., None, None]
+    v, n = views.seen.shape
+    size, r = 3 * n if network.free else 0, len(network.freedom)
+    weighted = (weight @ rows).swapaxes(-1, -2)
+    pose = (weighted @ rows).sum(axis=1)
+    cross, rest = np.zeros((v, 6, size + r)), np.zeros((size + r, size + r))
+    cross[..., size:] = (weighted @ moved).sum(axis=1)
+    heavy = (weight @ moved).swapaxes(-1, -2)
+    rest[size:, size:] = (heavy @ moved).sum(axis=(0, 1)) + network.freedom.precision
+    gradient_pose, gradient_rest = np.zeros((v, 6)), np.zeros(size + r)
+    if residual is not None:
+        gradient_pose = (weighted @ residual[..., None]).sum(axis=1)[..., 0]
+        gradient_rest[size:] = (heavy @ residual[..., None]).sum(axis=(0, 1))[..., 0]
+    if size:
+        cross[..., :size] = (weighted @ dots).transpose(0, 2, 1, 3).reshape(v, 6, size)
+        turned = (weight @ dots).swapaxes(-1, -2)
+        index = np.arange(n)
+        rest[:size, :size].reshape(n, 3, n, 3)[index, :, index, :] = (turned @ dots).sum(axis=0)
+        rest[:size, size:] = (turned @ moved).sum(axis=0).reshape(size, r)
+        rest[size:, :size] = rest[:size, size:].T
+        _, gradient, matrix = _prior(network, places)
+        rest[:size, :size] += matrix
+        if residual is not None:
+            gradient_rest[:size] = (turned @ residual[..., None]).sum(axis=0).ravel() + gradient
+    return NormalEquations(pose, cross, rest, size, rows, dots, moved, gradient_pose, gradient_rest)
+
+
+def _prior(network: Network, places: Array) -> tuple[float, Array | float, Array | float]:
+    """Cost of what is known of the dots besides the photographs, minus half its gradient (3 n,), and its matrix."""
+    if not network.free or (not network.lengths and network.prior is None):
+        return 0.0, 0.0, 0.0
+    cost = 0.0
+    gradient: Array = np.zeros(places.size)
+    matrix: Array = np.zeros((places.size,) * 2)
+    for each in network.lengths:
+        apart = places[each.first] - places[each.second]
+        length = float(np.linalg.norm(apart))
+        row = np.zeros(places.shape)
+        row[each.first], row[each.second] = apart / length, -apart / length
+        off, weight = each.length - length, each.sigma**-2
+        cost += weight * off**2
+        gradient += weight * off * row.ravel()
+        matrix += weight * np.outer(row, row)
+    if network.prior is not None:
+        for marker in np.unique(network.marker):
+            information = _without_motion(network, places, marker)
+            off = (network.design - places).ravel()
+            cost += float(off @ information @ off)
+            gradient += information @ off
+            matrix += information
+    return cost, gradient, matrix
+
+
+def _without_motion(network: Network, places: Array, marker: int) -> Array:
+    """Information (3 n, 3 n) of the measured dots of one marker about their shape: rigid motions are unknown."""
+    assert network.prior is not None
+    own = network.marker == marker
+    n = len(places)
+    information = np.zeros((n, 3, n, 3))
+    index = np.flatnonzero(own)
+    information[index, :, index, :] = network.prior[index]
+    whole = information.reshape(3 * n, 3 * n)
+    if not whole.any():
+        return whole
+    centered = places - places[own].mean(axis=0)
+    motion = [
+        *(np.broadcast_to(axis, places.shape) for axis in np.eye(3)),
+        *(np.cross(axis, centered) for axis in np.eye(3)),
+    ]
+    columns = np.array([(column * own[:, None]).ravel() for column in motion]).T
+    through = whole @ columns
+    return np.asarray(whole - through @ np.linalg.pinv(columns.T @ through, hermitian=True) @ through.T, dtype=float)
+
+
+def _whole_rows(parts: NormalEquations) -> Array:
+    """Derivatives (v, n, 2, q) of every measurement by the dots and the camera."""
+    v, n = parts.rows_dot.shape[:2]
+    rows = np.zeros((v, n, 2, parts.rest.shape[0]))
+    rows[..., parts.dots :] = parts.rows_camera
+    if parts.dots:
+        index = np.arange(n)
+        rows[..., : parts.dots].reshape(v, n, 2, n, 3)[:, index, :, index] = parts.rows_dot.swapaxes(0, 1)
+    return rows
+
+
+def _inverse(matrix: Array) -> Array:
+    """Inverse of a symmetric positive definite matrix.
+
+    Raises
+    ------
+    UndeterminedError
+        If an eigenvalue of it, as correlations, is that of rounding.
+    """
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / scale / scale[:, None])
+    if len(values) and values[0] <= SINGULAR * values[-1]:
+        raise UndeterminedError("photographs that determine every unknown")
+    return np.asarray((vectors / values) @ vectors.T / scale / scale[:, None], dtype=float)

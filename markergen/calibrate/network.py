@@ -1,0 +1,172 @@
+"""The network that a calibration adjusts: dots seen in views, and what is known besides."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.model.camera import Camera, Distortion
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """Dots seen in v views: each a photograph of one marker, with its approximate pose.
+
+    Attributes
+    ----------
+    pixels : array (v, n, 2), px
+        Centers of the dots' image ellipses in the image as taken; anything finite where a dot was not seen.
+    covariance : array (v, n, 2, 2), px^2
+        Covariance of `pixels`, from the image's noise.
+    seen : array (v, n) of bool
+    rotation, translation : arrays (v, 3, 3) and (v, 3), m
+        Approximate poses T_camera_marker.
+    """
+
+    pixels: Array
+    covariance: Array
+    seen: Mask
+    rotation: Array
+    translation: Array
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+    def take(self, chosen: NDArray[np.intp] | Mask | slice) -> "Views":
+        """Return a subset of the views."""
+        return Views(
+            self.pixels[chosen],
+            self.covariance[chosen],
+            self.seen[chosen],
+            self.rotation[chosen],
+            self.translation[chosen],
+        )
+
+
+@dataclass(frozen=True)
+class Length:
+    """A length in m measured with a ruler between the centers of two dots, by their index, and its sigma."""
+
+    first: int
+    second: int
+    length: float
+    sigma: float
+
+
+@dataclass(frozen=True, eq=False)
+class CameraFreedom:
+    """Parameters of a camera that the photographs may move: c = start + directions u.
+
+    Attributes
+    ----------
+    directions : array (k, r)
+        Columns in the space of `Camera.parameter_names`, px and the units of the distortion coefficients.
+    precision : array (r, r)
+        Information about u before the photographs; 0 if nothing is known.
+    """
+
+    directions: Array
+    precision: Array
+
+    def __len__(self) -> int:
+        return self.directions.shape[1]
+
+    @classmethod
+    def held(cls, camera: Camera) -> "CameraFreedom":
+        """Take the camera as exact."""
+        return cls(np.zeros((len(camera.parameter_names), 0)), np.zeros((0, 0)))
+
+    @classmethod
+    def of_names(cls, camera: Camera, names: Sequence[str], square: bool = True) -> "CameraFreedom":
+        """Free the named parameters, of which nothing is known; if `square`, fx and fy move in proportion."""
+        columns = []
+        for name in names:
+            column = np.array([float(each == name) for each in camera.parameter_names])
+            if square and name == "fx":
+                column[1] = camera.fy / camera.fx
+            if not (square and name == "fy"):
+                columns.append(column)
+        return cls(np.array(columns).reshape(-1, len(camera.parameter_names)).T, np.zeros((len(columns),) * 2))
+
+    @classmethod
+    def of_covariance(cls, covariance: Array) -> "CameraFreedom":
+        """Let the parameters move within the covariance (k, k) of an earlier calibration; exact where that is 0."""
+        scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        inverse = np.divide(1, scale, out=np.zeros_like(scale), where=scale > 0)
+        values, vectors = np.linalg.eigh(covariance * inverse * inverse[:, None])
+        kept = values > 1e-12 * max(values[-1], 1e-300)
+        directions = scale[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+        return cls(directions, np.eye(directions.shape[1]))
+
+
+def moved_camera(camera: Camera, step: Array) -> Camera:
+    """Return the camera with a step (k,) added to its parameters, in the order of `Camera.parameter_names`.
+
+    The focal lengths are bounded below, so that every step gives a camera.
+    """
+    fx, fy, cx, cy = np.array([camera.fx, camera.fy, camera.cx, camera.cy]) + step[:4]
+    model, coefficients = camera.distortion.model, np.array(camera.distortion.coefficients) + step[4:]
+    lens = Distortion(model, tuple(coefficients.tolist()))
+    return replace(
+        camera, fx=max(float(fx), 1e-3), fy=max(float(fy), 1e-3), cx=float(cx), cy=float(cy), distortion=lens
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """What is adjusted, and what is known of it.
+
+    Attributes
+    ----------
+    design : array (n, 3), m
+        Designed places of the dots, each marker's in its own marker frame: they define the gauge, and are the start.
+    radii : array (n,), m
+        Radii of the dots, whose images are ellipses; 0 for points.
+    camera : Camera
+        Camera, or the start for it.
+    freedom : CameraFreedom
+    marker : array (n,) of int
+        Marker that a dot is on; a view sees dots of one.
+    free : bool
+        True if the dots may move; False holds them at `design`.
+    lengths : tuple of Length
+        Measured lengths; without any, the scale of a marker's dots is that of its design.
+    prior : array (n, 3, 3), 1/m^2
+        Inverse covariance of dots measured before, about `design`; 0 for others. Only their shape counts: the rigid
+        motion of the frame they were measured in is unknown.
+    """
+
+    design: Array
+    radii: Array
+    camera: Camera
+    freedom: CameraFreedom
+    marker: NDArray[np.intp]
+    free: bool = True
+    lengths: tuple[Length, ...] = ()
+    prior: Array | None = field(default=None)
+
+    def scale_known(self, marker: int) -> bool:
+        """Return whether measurements on the print fix the scale of a marker's dots."""
+        own = self.marker == marker
+        ruled = any(own[each.first] for each in self.lengths)
+        measured = self.prior is not None and (np.trace(self.prior[own], axis1=1, axis2=2) > 0).sum() > 1
+        return bool(ruled or measured)
+
+    def gauge(self, places: Array) -> Array:
+        """Directions (3 n, g) in which dots at `places` (n, 3) move together, unit columns: what no photograph tells.
+
+        Three shifts and three turns of each marker, and its scale unless measurements fix that.
+        """
+        columns = []
+        for each in np.unique(self.marker):
+            own = self.marker == each
+            centered = np.where(own[:, None], places - places[own].mean(axis=0), 0.0)
+            shifts = [np.where(own[:, None], axis, 0.0) for axis in np.eye(3)]
+            turns = [np.cross(axis, centered) for axis in np.eye(3)]
+            columns += [*shifts, *turns, *([] if self.scale_known(each) else [centered])]
+        matrix = np.array([column.ravel() for column in columns]).T
+        return matrix / np.linalg.norm(matrix, axis=0)
