@@ -15,8 +15,8 @@ ROOT = Path(__file__).parent.parent / "markergen"
 ORDER = [
     ("errors", "units", "registry", "files", "guard", "pool"), ("options",), ("presentation",), ("geometry",),
     ("maths",), ("model",), ("read",), ("objectives",), ("estimators",), ("optimize",), ("drawing",), ("solid",),
-    ("exporters",), ("render",), ("detect",), ("validation",), ("calibrate",), ("verification",), ("studies",), ("api",),
-    ("cli", "__main__"),
+    ("exporters",), ("render",), ("detect",), ("validation",), ("calibrate",), ("verification",), ("studies",),
+    ("api",), ("cli", "__main__"),
 ]  # fmt: skip
 DOORS = {
     # A class is loaded by its own name, from what is read a layer above.

@@ -393,9 +393,9 @@ def _prior(network: Network, places: Array) -> tuple[float, Array | float, Array
         length = float(np.linalg.norm(apart))
         row = np.zeros(places.shape)
         row[each.first], row[each.second] = apart / length, -apart / length
-        off, weight = each.length - length, each.sigma**-2
-        cost += weight * off**2
-        gradient += weight * off * row.ravel()
+        short, weight = each.length - length, each.sigma**-2
+        cost += weight * short**2
+        gradient += weight * short * row.ravel()
         matrix += weight * np.outer(row, row)
     if network.prior is not None:
         for marker in np.unique(network.marker):
