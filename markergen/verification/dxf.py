@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
 from markergen.model.marker import Marker
-from markergen.verification.reading import READERS, Page, Reading, circles_of, round_shape
+from markergen.verification.reading import FARTHEST, READERS, Page, Reading, circles_of, round_shape
 
 Array = NDArray[np.float64]
 Group = tuple[int, str]
@@ -71,7 +71,7 @@ def read(data: bytes, name: str, marker: Marker) -> Reading:  # noqa: ARG001  (e
                 raise InputError(f"at most {MOST_PIECES} pieces of lines to cut in {name}", "more", "simplify it")
     points = np.concatenate(corners) if corners else np.zeros((0, 2))
     found = np.array(circles, dtype=float).reshape(-1, 3)
-    good = np.isfinite(found[:, :2]).all(axis=-1) & (np.abs(found[:, :2]) < 1e7).all(axis=-1)
+    good = (np.abs(found[:, :2]) < FARTHEST).all(axis=-1)
     page = Page(
         circles_of(circles, name),
         None,

@@ -21,6 +21,9 @@ PRINTABLE = 20e-6
 MOST_CIRCLES = 20_000
 """Maximum number of circles in one file; the largest marker has a thousand dots."""
 
+FARTHEST = 1e7
+"""Coordinates in mm beyond which a circle or line is left out, as are those that overflow."""
+
 ROUND = 0.02
 """Maximum deviation of a round outline from its ellipse, as a share of the radius."""
 
@@ -54,7 +57,7 @@ class Page:
     picture : PagePicture or None
         What shows of the page.
     lines : array (k, 2, 2) or None
-        Thin lines as straight pieces, mm; None if the format has none of its own.
+        Thin lines as straight pieces, mm, without those beyond `FARTHEST`; None if the format has none of its own.
     cut : array (k,) of bool or None
         Which of these lines are to be cut; None if the file does not say.
     layers : tuple of str
@@ -80,6 +83,14 @@ class Page:
     hidden: tuple[str, ...] = ()
     unread: tuple[tuple[str, Array], ...] = ()
     surface: Surface | None = None
+
+    def __post_init__(self) -> None:
+        if self.lines is None:
+            return
+        good = (np.abs(self.lines) < FARTHEST).all(axis=(1, 2))
+        if not good.all():
+            object.__setattr__(self, "lines", self.lines[good])
+            object.__setattr__(self, "cut", None if self.cut is None else self.cut[good])
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,4 +195,4 @@ def circles_of(found: list[tuple[float, float, float]], name: str) -> Array:
     if len(found) > MOST_CIRCLES:
         raise InputError(f"at most {MOST_CIRCLES} circles in {name}", str(len(found)), "verify one marker at a time")
     circles = np.array(found, dtype=float).reshape(-1, 3)
-    return circles[np.isfinite(circles[:, :2]).all(axis=-1) & (np.abs(circles[:, :2]) < 1e7).all(axis=-1)]
+    return circles[(np.abs(circles[:, :2]) < FARTHEST).all(axis=-1)]

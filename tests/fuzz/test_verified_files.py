@@ -86,6 +86,8 @@ def test_the_seeds_are_usable(marker, seeds, tmp_path):
 
 @LONG
 @given(st.sampled_from(TEXTS), CHANGES)
+@example(".svg", [(0.15625, 1, "1e999")])
+@example(".svg", [(0.125, 0, "1e999")])
 def test_pieces_replaced_by_others(marker, seeds, tmp_path, suffix, changes):
     data = seeds[suffix]
     # What counts is more often at the beginning: a sheet's text comes last.
