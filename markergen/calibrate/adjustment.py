@@ -56,6 +56,8 @@ class Adjustment:
         Adjusted dots.
     camera : Camera
         Adjusted camera.
+    weights : array (v, n)
+        Factors on the weights of the measurements; 0 where a dot was not seen.
     residual : array (v, n, 2), px
         Measured minus predicted ellipse centers; 0 where a dot was not seen.
     chi2 : float
@@ -68,6 +70,7 @@ class Adjustment:
     views: Views
     places: Array
     camera: Camera
+    weights: Array
     residual: Array
     chi2: float
     degrees_of_freedom: int
@@ -84,13 +87,13 @@ class Adjustment:
 
     @property
     def rms(self) -> float:
-        """RMS over views and dots of the length of the residual, px."""
-        return float(np.sqrt((self.residual[self.views.seen] ** 2).sum(axis=-1).mean()))
+        """RMS over all measurements that took part of the length of the residual, px."""
+        return float(np.sqrt((self.residual[self.weights > 0] ** 2).sum(axis=-1).mean()))
 
     @cached_property
     def normal(self) -> "NormalEquations":
         """Normal equations at the minimum."""
-        return _normal_equations(self.network, self.views, self.places, self.camera)
+        return _normal_equations(self.network, self.views, self.places, self.camera, self.weights)
 
     @cached_property
     def unscaled(self) -> Array:
@@ -134,15 +137,36 @@ class Adjustment:
         return self.scale * lift @ self.unscaled @ lift.T
 
     def residual_covariance(self) -> Array:
-        """Covariance (v, n, 2, 2) of the residuals, px^2, unscaled: S - J C J', less than the measurement's."""
-        parts = self.normal
+        """Covariance (v, n, 2, 2) of the residuals, px^2, unscaled.
+
+        S - J C J' for a measurement that took part, less than its own; S + J C J' for one of weight 0; in between,
+        S + (1 - 2 w) J C J'.
+        """
+        parts, unscaled = self.normal, self.unscaled
         own = np.linalg.inv(parts.pose)
-        rows = _whole_rows(parts)
-        # J C J' with the poses eliminated: J_q - J_p N_pp^-1 N_pq acts on dots and camera.
-        through = rows - np.einsum("vnia,vab,vbq->vniq", parts.rows_pose, own, parts.cross, optimize=True)
-        known = np.einsum("vnia,vab,vnjb->vnij", parts.rows_pose, own, parts.rows_pose, optimize=True)
-        known += np.matmul(through @ self.unscaled, through.swapaxes(-1, -2))
-        return np.where(self.views.seen[..., None, None], self.views.covariance - known, np.eye(2))
+        # Blocks of the covariance of a view's pose (6), a dot (3) and the camera (r).
+        through = own @ parts.cross
+        mixed = -through @ unscaled
+        poses = own - mixed @ through.swapaxes(-1, -2)
+        v, n = self.views.seen.shape
+        size, r = parts.dots, parts.rest.shape[0] - parts.dots
+        known = parts.rows_pose @ poses[:, None] @ parts.rows_pose.swapaxes(-1, -2)
+        cameras = np.broadcast_to(unscaled[size:, size:], (v, n, r, r))
+        rows = parts.rows_camera
+        cross = np.broadcast_to(mixed[:, None, :, size:], (v, n, 6, r))
+        if size:
+            index = np.arange(n)
+            dots = unscaled[:size, :size].reshape(n, 3, n, 3)[index, :, index, :]
+            aside = unscaled[:size, size:].reshape(n, 3, r)
+            block = np.block([[dots, aside], [aside.swapaxes(-1, -2), cameras[0]]])
+            cameras = np.broadcast_to(block, (v, *block.shape))
+            rows = np.concatenate([parts.rows_dot, parts.rows_camera], axis=-1)
+            cross = np.concatenate([mixed[..., :size].reshape(v, 6, n, 3).swapaxes(1, 2), cross], axis=-1)
+        known = known + rows @ cameras @ rows.swapaxes(-1, -2)
+        both = parts.rows_pose @ cross @ rows.swapaxes(-1, -2)
+        known = known + both + both.swapaxes(-1, -2)
+        sign = (1 - 2 * self.weights)[..., None, None]
+        return np.where(self.views.seen[..., None, None], self.views.covariance + sign * known, np.eye(2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,18 +210,18 @@ def adjust(network: Network, views: Views, weights: Array | None = None) -> Adju
     network : Network
     views : Views
     weights : array (v, n), optional
-        Factors on the weights of the measurements; 1 if not given.
+        Factors on the weights of the measurements, 1 if not given; 0 leaves one out.
 
     Raises
     ------
     UndeterminedError
         If a view has fewer than three dots.
     """
-    if (views.seen.sum(axis=1) < 3).any():
+    weights = views.seen * (1.0 if weights is None else weights)
+    if ((weights > 0).sum(axis=1) < 3).any():
         raise UndeterminedError("three dots or more in every view")
-    weights = np.ones(views.seen.shape) if weights is None else weights
     # In 1/m^2, of the order of what the photographs tell of a dot. The minimum does not depend on it.
-    each = np.trace(np.linalg.inv(views.covariance), axis1=2, axis2=3) * weights * views.seen
+    each = np.trace(np.linalg.inv(views.covariance), axis1=2, axis2=3) * weights
     stiffness = (
         float(each.sum() / len(network.design)) * (network.camera.fx / float(views.translation[:, 2].mean())) ** 2
     )
@@ -215,13 +239,14 @@ def adjust(network: Network, views: Views, weights: Array | None = None) -> Adju
     residual = _residual(network.radii, found, places, camera)[0]
     if not np.isfinite(cost[0]):
         raise UndeterminedError("poses that see all dots from the front")
-    return Adjustment(network, found, places, camera, residual, float(cost[0]), _freedom(network, views))
+    freedom = _freedom(network, np.count_nonzero(weights), len(views))
+    return Adjustment(network, found, places, camera, weights, residual, float(cost[0]), freedom)
 
 
-def _freedom(network: Network, views: Views) -> int:
+def _freedom(network: Network, measured: int, views: int) -> int:
     """Measurements less unknowns; what is known before counts as measurements."""
     known = int(np.linalg.matrix_rank(network.freedom.precision)) if len(network.freedom) else 0
-    unknown = 6 * len(views) + len(network.freedom)
+    unknown = 6 * views + len(network.freedom)
     if network.free:
         unknown += 3 * len(network.design) - network.gauge(network.design).shape[1]
         known += len(network.lengths)
@@ -230,7 +255,7 @@ def _freedom(network: Network, views: Views) -> int:
                 int(np.linalg.matrix_rank(_without_motion(network, network.design, each)))
                 for each in np.unique(network.marker)
             )
-    return 2 * int(views.seen.sum()) + known - unknown
+    return 2 * measured + known - unknown
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,7 +365,7 @@ def _normal_equations(
     views: Views,
     places: Array,
     camera: Camera,
-    weights: Array | None = None,
+    weights: Array,
     residual: Array | None = None,
 ) -> NormalEquations:
     place = places @ views.rotation.swapaxes(-1, -2) + views.translation[:, None]
@@ -352,9 +377,7 @@ def _normal_equations(
     dots = rows[..., 3:] @ views.rotation[:, None] if network.free else rows[..., :0]
     moved = camera.parameter_jacobian(center) @ network.freedom.directions
     moved = np.where(views.seen[..., None, None], moved, 0.0)
-    weight = np.linalg.inv(views.covariance)
-    if weights is not None:
-        weight = weight * weights[..., None, None]
+    weight = np.linalg.inv(views.covariance) * weights[..., None, None]
     v, n = views.seen.shape
     size, r = 3 * n if network.free else 0, len(network.freedom)
     weighted = (weight @ rows).swapaxes(-1, -2)
@@ -426,17 +449,6 @@ def _without_motion(network: Network, places: Array, marker: int) -> Array:
     columns = np.array([(column * own[:, None]).ravel() for column in motion]).T
     through = whole @ columns
     return np.asarray(whole - through @ np.linalg.pinv(columns.T @ through, hermitian=True) @ through.T, dtype=float)
-
-
-def _whole_rows(parts: NormalEquations) -> Array:
-    """Derivatives (v, n, 2, q) of every measurement by the dots and the camera."""
-    v, n = parts.rows_dot.shape[:2]
-    rows = np.zeros((v, n, 2, parts.rest.shape[0]))
-    rows[..., parts.dots :] = parts.rows_camera
-    if parts.dots:
-        index = np.arange(n)
-        rows[..., : parts.dots].reshape(v, n, 2, n, 3)[:, index, :, index] = parts.rows_dot.swapaxes(0, 1)
-    return rows
 
 
 def _inverse(matrix: Array) -> Array:

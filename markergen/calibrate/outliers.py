@@ -1,0 +1,116 @@
+"""Outliers of a network: dots that are not where all the others say, found and left out.
+
+A measurement's residual r, with the covariance A that it has in the adjustment (`Adjustment.residual_covariance`), is
+tested by r' A^-1 r / s^2, which has two degrees of freedom (W. Baarda's data snooping); s^2 is a robust estimate of the
+variance factor, so that a marker that bends or a poor lens model does not make outliers of everything. The search starts
+from an adjustment with a robust cost (Cauchy's), and ends when no measurement changes sides.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2 as chi2_distribution
+
+from markergen.calibrate.adjustment import Adjustment, UndeterminedError, adjust
+from markergen.calibrate.network import Network, Views
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FALSE_ALARM = 1e-3
+"""Probability that any measurement of a network without outliers is rejected."""
+
+CAUCHY = 2.385
+"""Scale of Cauchy's cost in sigma: 95 % efficiency for Gaussian errors."""
+
+MEDIAN = float(chi2_distribution.median(2))
+
+LEAST_DOTS = 4
+"""Minimum number of dots of a view: fewer tell nothing of the dots or the camera."""
+
+UNTESTABLE = 1e-4
+"""Share of its covariance that a residual must keep along an axis; otherwise the measurement is not controlled."""
+
+_ROBUST_ROUNDS, _ROUNDS, _SETTLED = 15, 30, 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Cleaned:
+    """An adjustment without outliers.
+
+    Attributes
+    ----------
+    adjustment : Adjustment
+        Of the views that are left.
+    used : array (v,) of bool
+        Views that are left.
+    dropped : array (v, n) of bool
+        Outliers, in all views.
+    """
+
+    adjustment: Adjustment
+    used: Mask
+    dropped: Mask
+
+
+def adjust_robustly(network: Network, views: Views) -> Cleaned:
+    """Adjust a network with a robust cost, and again without its outliers.
+
+    Raises
+    ------
+    UndeterminedError
+        If the photographs do not determine the unknowns.
+    """
+    used = views.seen.sum(axis=1) >= LEAST_DOTS
+    limit = float(chi2_distribution.isf(FALSE_ALARM / max(1, views.seen.sum()), 2))
+    found = adjust(network, views.take(used))
+    test = _tested(found)
+    if test.max(initial=0.0) > limit:
+        # A robust start: one outlier hides others, and spoils the pose of its view.
+        weights = np.ones(test.shape)
+        for _ in range(_ROBUST_ROUNDS):
+            before, weights = weights, 1 / (1 + test / CAUCHY**2)
+            if np.abs(weights - before).max() < _SETTLED:
+                break
+            found = adjust(network, found.views, weights)
+            test = _tested(found)
+    dropped = np.zeros(views.seen.shape, dtype=bool)
+    states: set[bytes] = set()
+    for _ in range(_ROUNDS):
+        outside = np.zeros(views.seen.shape, dtype=bool)
+        outside[used] = found.views.seen & (test > limit)
+        # What was taken until now goes the worst first, since it spoils the others of its view.
+        new = (outside & dropped) | (dropped & ~used[:, None])
+        new[used] |= _worst(outside[used] & ~dropped[used], test)
+        left = used & ((views.seen & ~new).sum(axis=1) >= LEAST_DOTS)
+        settled = np.array_equal(new, dropped) and np.array_equal(left, used)
+        if settled and (found.weights[found.views.seen & ~dropped[used]] == 1).all():
+            break
+        if new.tobytes() in states:
+            new |= dropped  # A measurement that changes sides again and again stays out.
+        states.add(new.tobytes())
+        if not left.any():
+            raise UndeterminedError("photographs whose dots agree with each other")
+        start, dropped, used = found.views.take(left[used]), new, left
+        found = adjust(network, start, (~dropped[used]).astype(float))
+        test = _tested(found)
+    return Cleaned(found, used, dropped)
+
+
+def _tested(found: Adjustment) -> Array:
+    """Test statistics (v, n) in units of the robust variance factor; 0 where a dot was not seen."""
+    spread, own = found.residual_covariance(), found.views.covariance
+    values, vectors = np.linalg.eigh(spread)
+    controlled = values > UNTESTABLE * np.linalg.eigvalsh(own)
+    along = np.einsum("vnij,vni->vnj", vectors, found.residual) ** 2
+    test = np.where(controlled, along / np.where(controlled, values, 1.0), 0.0).sum(axis=-1)
+    taken = (found.weights > 0) & controlled.all(axis=-1)
+    factor = float(np.median(test[taken])) / MEDIAN if taken.any() else 1.0
+    return np.where(found.views.seen, test / max(factor, 0.1), 0.0)
+
+
+def _worst(chosen: Mask, test: Array) -> Mask:
+    """Keep the worst quarter of each row's chosen entries, at least one."""
+    order = np.argsort(np.argsort(np.where(chosen, -test, np.inf), axis=1), axis=1)
+    return chosen & (order < np.maximum(1, chosen.sum(axis=1, keepdims=True) // 4))
