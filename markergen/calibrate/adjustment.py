@@ -217,15 +217,15 @@ def adjust(network: Network, views: Views, weights: Array | None = None) -> Adju
     UndeterminedError
         If a view has fewer than three dots.
     """
-    weights = views.seen * (1.0 if weights is None else weights)
-    if ((weights > 0).sum(axis=1) < 3).any():
+    factors: Array = views.seen * (np.ones(views.seen.shape) if weights is None else weights)
+    if ((factors > 0).sum(axis=1) < 3).any():
         raise UndeterminedError("three dots or more in every view")
     # In 1/m^2, of the order of what the photographs tell of a dot. The minimum does not depend on it.
-    each = np.trace(np.linalg.inv(views.covariance), axis1=2, axis2=3) * weights
+    each = np.trace(np.linalg.inv(views.covariance), axis1=2, axis2=3) * factors
     stiffness = (
         float(each.sum() / len(network.design)) * (network.camera.fx / float(views.translation[:, 2].mean())) ** 2
     )
-    problem = _Problem(network, views, weights, stiffness)
+    problem = _Problem(network, views, factors, stiffness)
     start = (
         views.rotation[None],
         views.translation[None],
@@ -239,8 +239,8 @@ def adjust(network: Network, views: Views, weights: Array | None = None) -> Adju
     residual = _residual(network.radii, found, places, camera)[0]
     if not np.isfinite(cost[0]):
         raise UndeterminedError("poses that see all dots from the front")
-    freedom = _freedom(network, np.count_nonzero(weights), len(views))
-    return Adjustment(network, found, places, camera, weights, residual, float(cost[0]), freedom)
+    freedom = _freedom(network, int(np.count_nonzero(factors)), len(views))
+    return Adjustment(network, found, places, camera, factors, residual, float(cost[0]), freedom)
 
 
 def _freedom(network: Network, measured: int, views: int) -> int:

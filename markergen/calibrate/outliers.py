@@ -1,9 +1,9 @@
 """Outliers of a network: dots that are not where all the others say, found and left out.
 
 A measurement's residual r, with the covariance A that it has in the adjustment (`Adjustment.residual_covariance`), is
-tested by r' A^-1 r / s^2, which has two degrees of freedom (W. Baarda's data snooping); s^2 is a robust estimate of the
-variance factor, so that a marker that bends or a poor lens model does not make outliers of everything. The search starts
-from an adjustment with a robust cost (Cauchy's), and ends when no measurement changes sides.
+tested by r' A^-1 r / s^2, which has two degrees of freedom (W. Baarda's data snooping); s^2 is a robust estimate of
+the variance factor, so that a marker that bends or a poor lens model does not make outliers of everything. The search
+starts from an adjustment with a robust cost (Cauchy's), and ends when no measurement changes sides.
 """
 
 from dataclasses import dataclass
