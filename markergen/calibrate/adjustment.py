@@ -198,7 +198,7 @@ class NormalEquations:
     def reduced(self) -> Array:
         """Matrix (q, q) that remains when the poses are eliminated."""
         root = np.linalg.inv(np.linalg.cholesky(self.pose)) @ self.cross
-        flat = root.reshape(-1, root.shape[-1])
+        flat = root.reshape(self.gradient_pose.size, len(self.rest))
         return self.rest - flat.T @ flat
 
 
@@ -310,7 +310,7 @@ class _Problem(LeastSquares):
         root = np.linalg.inv(np.linalg.cholesky(pose))
         cross = root @ parts.cross
         gradient = np.einsum("vab,vb->va", root, parts.gradient_pose)
-        flat = cross.reshape(-1, cross.shape[-1])
+        flat = cross.reshape(gradient.size, len(rest))
         reduced, right = rest - flat.T @ flat, parts.gradient_rest - flat.T @ gradient.ravel()
         step = np.zeros(len(rest))
         if len(rest):
