@@ -198,11 +198,11 @@ class NormalEquations:
     def reduced(self) -> Array:
         """Matrix (q, q) that remains when the poses are eliminated."""
         root = np.linalg.inv(np.linalg.cholesky(self.pose)) @ self.cross
-        flat = root.reshape(self.gradient_pose.size, len(self.rest))
+        flat = root.reshape(6 * len(root), -1)
         return self.rest - flat.T @ flat
 
 
-def adjust(network: Network, views: Views, weights: Array | None = None) -> Adjustment:
+def adjust(network: Network, views: Views, weights: Array | None = None, places: Array | None = None) -> Adjustment:
     """Adjust a network by least squares.
 
     Parameters
@@ -211,6 +211,8 @@ def adjust(network: Network, views: Views, weights: Array | None = None) -> Adju
     views : Views
     weights : array (v, n), optional
         Factors on the weights of the measurements, 1 if not given; 0 leaves one out.
+    places : array (n, 3), optional, m
+        Start for the dots; the design if not given, and where they are held.
 
     Raises
     ------
@@ -229,7 +231,7 @@ def adjust(network: Network, views: Views, weights: Array | None = None) -> Adju
     start = (
         views.rotation[None],
         views.translation[None],
-        network.design[None].copy(),
+        (network.design if places is None or not network.free else places)[None].copy(),
         np.zeros((1, len(network.freedom))),
     )
     unknowns, cost = levenberg_marquardt(problem, start, DAMPING, STEPS)
@@ -310,7 +312,7 @@ class _Problem(LeastSquares):
         root = np.linalg.inv(np.linalg.cholesky(pose))
         cross = root @ parts.cross
         gradient = np.einsum("vab,vb->va", root, parts.gradient_pose)
-        flat = cross.reshape(gradient.size, len(rest))
+        flat = cross.reshape(6 * len(cross), -1)
         reduced, right = rest - flat.T @ flat, parts.gradient_rest - flat.T @ gradient.ravel()
         step = np.zeros(len(rest))
         if len(rest):

@@ -73,7 +73,7 @@ def adjust_robustly(network: Network, views: Views) -> Cleaned:
             before, weights = weights, 1 / (1 + test / CAUCHY**2)
             if np.abs(weights - before).max() < _SETTLED:
                 break
-            found = adjust(network, found.views, weights)
+            found = adjust(network, found.views, weights, found.places)
             test = _tested(found)
     dropped = np.zeros(views.seen.shape, dtype=bool)
     states: set[bytes] = set()
@@ -93,7 +93,7 @@ def adjust_robustly(network: Network, views: Views) -> Cleaned:
         if not left.any():
             raise UndeterminedError("photographs whose dots agree with each other")
         start, dropped, used = found.views.take(left[used]), new, left
-        found = adjust(network, start, (~dropped[used]).astype(float))
+        found = adjust(network, start, (~dropped[used]).astype(float), found.places)
         test = _tested(found)
     return Cleaned(found, used, dropped)
 
