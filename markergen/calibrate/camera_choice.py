@@ -28,6 +28,9 @@ Index = NDArray[np.intp]
 CHANCE = 0.01
 """Probability by chance alone at which a camera parameter joins, or is held."""
 
+MOST_DOTS = 120
+"""Number of dots above which every second, third... is taken: they are enough for a choice, and many take long."""
+
 
 @dataclass(frozen=True, eq=False)
 class Trial:
@@ -97,8 +100,11 @@ def choose_camera(
     seed : int
         For the random folds.
     """
+    weights = np.ones(views.seen.shape) if weights is None else weights
+    # Dots that take no part, as if they were never seen: a network of fewer.
+    weights = weights * (np.arange(weights.shape[1]) % -(-weights.shape[1] // MOST_DOTS) == 0)
     network = replace(network, camera=_with_lens(network.camera))
-    trials = _Trials(network, views, np.ones(views.seen.shape) if weights is None else weights, photo, seed)
+    trials = _Trials(network, views, weights, photo, seed)
     tried: list[Trial] = []
     names: tuple[str, ...] = ()
     current, left = None, None
@@ -178,14 +184,18 @@ class _Trials:
         """Return the adjustment of all photographs, and the left-out residuals; None where they are too few."""
         network = replace(self.network, freedom=self.freedom(names))
         kept = determined(network, self.views, self.weights)
-        whole = adjusted_part(network, self.views, self.weights, np.ones(len(self.views), dtype=bool), kept)
+        whole = adjusted_part(
+            network, self.views, self.weights, network.design, np.ones(len(self.views), dtype=bool), kept
+        )
         if whole is None:
             return None, None
         network = continued(network, whole[0].camera)
         views = self.views
         if len(whole[0].views) == len(views):
             views = replace(views, rotation=whole[0].views.rotation, translation=whole[0].views.translation)
-        result = predictions(network, views, self.weights, self.photo, self.seed, compared=False)[0]
+        places = network.design.copy()
+        places[kept] = whole[0].places
+        result = predictions(network, views, self.weights, self.photo, places, self.seed, compared=False)[0]
         return whole[0], result if np.isfinite(result.squares).sum() >= LEAST_JUDGED else None
 
 

@@ -235,7 +235,7 @@ def cross_validate(adjustment: Adjustment, photo: Index, seed: int = 0) -> Cross
         For the random folds.
     """
     network = continued(adjustment.network, adjustment.camera)
-    found = predictions(network, adjustment.views, adjustment.weights, photo, seed)
+    found = predictions(network, adjustment.views, adjustment.weights, photo, adjustment.places, seed)
     photos, (measured, nominal, refitted) = np.unique(photo), found
     if np.isfinite(measured.squares).sum() < LEAST_JUDGED:
         return NotJudged(f"{len(photos)} photographs are too few for leaving some out")
@@ -271,7 +271,7 @@ def compare_halves(adjustment: Adjustment, photo: Index, seed: int = 0) -> Halve
     sides = [~second[own], second[own]]
     network = continued(adjustment.network, adjustment.camera)
     kept = np.logical_and.reduce([determined(network, views.take(side), weights[side]) for side in sides])
-    found = [adjusted_part(network, views, weights, side, kept) for side in sides]
+    found = [adjusted_part(network, views, weights, adjustment.places, side, kept) for side in sides]
     if found[0] is None or found[1] is None:
         return NotJudged("half of the photographs does not determine the dots")
     halves = [each[0] for each in found if each is not None]
@@ -305,7 +305,7 @@ def compare_halves(adjustment: Adjustment, photo: Index, seed: int = 0) -> Halve
 
 
 def predictions(
-    network: Network, views: Views, weights: Array, photo: Index, seed: int = 0, compared: bool = True
+    network: Network, views: Views, weights: Array, photo: Index, places: Array, seed: int = 0, compared: bool = True
 ) -> tuple[LeftOut, LeftOut, LeftOut]:
     """Predict each photograph from others: with dots and camera of these; with designed dots; and their camera, too.
 
@@ -315,6 +315,8 @@ def predictions(
         As of `adjust`.
     photo : array (v,) of int
         Photograph of each view.
+    places : array (n, 3), m
+        Start for the dots.
     seed : int
         For the random folds.
     compared : bool
@@ -324,7 +326,7 @@ def predictions(
     sums = [_Sums(len(photos)) for _ in range(3)]
     for left in _folds(len(photos), seed):
         out = np.isin(own, left)
-        found = adjusted_part(network, views, weights, ~out)
+        found = adjusted_part(network, views, weights, places, ~out)
         if found is None:
             continue
         part, kept = found
@@ -422,17 +424,17 @@ def continued(network: Network, camera: Camera) -> Network:
     return network if network.freedom.precision.any() else replace(network, camera=camera)
 
 
-def _adjusted(network: Network, views: Views, weights: Array) -> Adjustment | None:
+def _adjusted(network: Network, views: Views, weights: Array, places: Array | None = None) -> Adjustment | None:
     """Adjust; None if the views do not determine the network."""
     try:
-        found = adjust(network, views, weights)
+        found = adjust(network, views, weights, places)
     except (UndeterminedError, InputError, np.linalg.LinAlgError):
         return None
     return found if found.degrees_of_freedom > 0 and np.isfinite(found.chi2) else None
 
 
 def adjusted_part(
-    network: Network, views: Views, weights: Array, chosen: Mask, kept: Mask | None = None
+    network: Network, views: Views, weights: Array, places: Array, chosen: Mask, kept: Mask | None = None
 ) -> tuple[Adjustment, Mask] | None:
     """Adjust the network by some of the views, and tell the dots that they determine; None if they do not."""
     views, weights = views.take(chosen), weights[chosen]
@@ -442,7 +444,7 @@ def adjusted_part(
         return None
     reduced, views = reduced_to(network, kept), _of_dots(views, kept)
     usable = ((weights[:, kept] > 0) & views.seen).sum(axis=1) >= LEAST_DOTS
-    found = _adjusted(reduced, views.take(usable), weights[usable][:, kept])
+    found = _adjusted(reduced, views.take(usable), weights[usable][:, kept], places[kept])
     return None if found is None else (found, kept)
 
 

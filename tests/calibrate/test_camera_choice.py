@@ -13,6 +13,10 @@ from markergen.model.camera import Distortion
 BASE = ("fx", "cx", "cy", "k1", "k2")
 
 
+def _lens(*coefficients):
+    return replace(CAMERA, distortion=Distortion("radtan", coefficients))
+
+
 def _choice(camera, n=16, photos=12, seed=0):
     made = simulate(n, photos, np.random.default_rng(seed), camera=camera)
     network = made.unknown_camera()
@@ -33,23 +37,27 @@ def test_the_base_set_is_kept_where_the_lens_needs_no_more():
 
 
 @pytest.mark.parametrize(
-    ("camera", "joins"),
+    ("camera", "joins", "n"),
     [
-        (replace(CAMERA, distortion=Distortion("radtan", (-0.1, 0.05, 0.004, -0.003, 0.0))), ("p1", "p2")),
-        (replace(CAMERA, fy=808.0), ("fy",)),
-        (replace(CAMERA, distortion=Distortion("radtan", (-0.3, 0.15, 0.0, 0.0, -2.0))), ("k3",)),
+        (replace(CAMERA, fy=808.0), ("fy",), 16),
+        pytest.param(_lens(-0.1, 0.05, 0.004, -0.003, 0.0), ("p1", "p2"), 16, marks=pytest.mark.long),
+        pytest.param(_lens(-0.3, 0.15, 0.0, 0.0, -2.0), ("k3",), 30, marks=pytest.mark.long),
     ],
 )
-def test_a_parameter_joins_that_left_out_photographs_need(camera, joins):
-    found = _choice(camera)
+def test_a_parameter_joins_that_left_out_photographs_need(camera, joins, n):
+    found = _choice(camera, n)
     assert set(joins) <= set(found.names)
     taken = next(each for each in found.tried[1:] if each.taken)
     assert set(joins) <= set(taken.names)
     assert taken.gain.low > 1
 
 
+@pytest.mark.long
 def test_few_photographs_hold_what_they_do_not_determine():
     found = _choice(CAMERA, 5, 4)
     assert set(found.names) < set(BASE)
     assert "held" in found.notes[0]
+
+
+def test_too_few_photographs_are_told():
     assert isinstance(_choice(CAMERA, 4, 3), NotJudged)
