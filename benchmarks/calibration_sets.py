@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.calibrate.network import CameraFreedom, Network, Views
+from markergen.calibration.network import CameraFreedom, Network, Views
 from markergen.maths.rotation import exponential, turn_z
 from markergen.model.camera import Camera, Distortion
 

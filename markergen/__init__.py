@@ -15,6 +15,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from markergen.api.calibrate import calibrate
     from markergen.api.compare import compare
     from markergen.api.design import design
     from markergen.api.export import export
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from markergen.api.study import Study, study
     from markergen.api.validate import validate
     from markergen.api.verify import verify
+    from markergen.calibration.calibration import Calibration
     from markergen.detect.detector import Detector, Found
     from markergen.errors import InputError, MarkergenError, MissingLibraryError, OutputError
     from markergen.model.camera import Camera
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
 __version__ = "0.2.0"
 
 __all__ = [
+    "Calibration",
     "Camera",
     "Comparison",
     "Design",
@@ -48,6 +51,7 @@ __all__ = [
     "Study",
     "Validation",
     "Verification",
+    "calibrate",
     "compare",
     "design",
     "export",
@@ -66,6 +70,8 @@ _HOMES = {
     "validation.validation": ("Validation",),
     "validation.comparison": ("Comparison",),
     "verification.verification": ("Verification",),
+    "calibration.calibration": ("Calibration",),
+    "api.calibrate": ("calibrate",),
     "api.compare": ("compare",),
     "api.design": ("design",),
     "api.export": ("export",),

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parent.parent / "markergen"
 ORDER = [
     ("errors", "units", "registry", "files", "guard", "pool"), ("options",), ("presentation",), ("geometry",),
     ("maths",), ("model",), ("read",), ("objectives",), ("estimators",), ("optimize",), ("drawing",), ("solid",),
-    ("exporters",), ("render",), ("detect",), ("validation",), ("calibrate",), ("verification",), ("studies",),
+    ("exporters",), ("render",), ("detect",), ("validation",), ("calibration",), ("verification",), ("studies",),
     ("api",), ("cli", "__main__"),
 ]  # fmt: skip
 DOORS = {

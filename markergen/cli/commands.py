@@ -1,20 +1,17 @@
 """The commands: each declares its arguments, calls its library function, and prints the result."""
 
 import sys
-from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from functools import wraps
-from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand
 
 from markergen import __version__
 from markergen.cli import console
-from markergen.errors import InputError
-from markergen.options import VIEW, Option, declared
+from markergen.cli.options import GroupedCommand, Rows, with_options
+from markergen.options import VIEW
+from markergen.options.calibration import CalibrateKeywords
 from markergen.options.declarations import (
     CompareKeywords,
     DesignKeywords,
@@ -25,117 +22,6 @@ from markergen.options.declarations import (
     ValidateKeywords,
     VerifyKeywords,
 )
-from markergen.units import parse_length
-
-Rows = list[tuple[str, str]]
-
-
-def length(text: str) -> float:
-    """Parse a length so that an error names the option."""
-    try:
-        return parse_length(text)
-    except InputError as error:
-        raise typer.BadParameter(str(error)) from None
-
-
-def or_word(word: str, read: Callable[[str], Any]) -> Callable[[str], Any]:
-    """Return a parser of an option that is one word or what another one reads."""
-    return lambda text: text if text == word else read(text)
-
-
-def number(text: str) -> int:
-    """Parse a whole number so that an error tells of the word, too."""
-    try:
-        return int(text)
-    except ValueError:
-        raise typer.BadParameter(f"expected a whole number or auto, found {text!r}; write 8, or auto") from None
-
-
-PARSERS = {"length": length, "int or auto": or_word("auto", number)}
-PARSERS |= {f"length or {word}": or_word(word, length) for word in ("auto", "fit")}
-"""Parsers for kinds that typer cannot read itself."""
-
-TYPES: dict[str, Any] = {
-    "int": int,
-    "float": float,
-    "str": str,
-    "bool": bool,
-    "length": float,
-    **dict.fromkeys(("int or auto", "length or auto", "length or fit", "shape", "camera", "poses"), str),
-    "file": Path,
-    "files": list[Path],
-    **dict.fromkeys(("texts", "shapes"), list[str]),
-}
-"""Type given to typer for each kind of value."""
-
-
-def with_options(
-    table: type, listed: Mapping[str, Callable[[], Rows]] | None = None
-) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Decorate a command so that its ``**options`` are those of a table; options not given are not passed on.
-
-    Parameters
-    ----------
-    table : type
-        One of `markergen.options.declarations`.
-    listed : mapping of title to callable, optional
-        Two-column rows to show in help under each title, created on demand.
-    """
-
-    def decorate(body: Callable[..., None]) -> Callable[..., None]:
-        own = [each for each in signature(body).parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
-        named = {each.name for each in own}
-        more = [_parameter(option) for name, option in declared(table).items() if name not in named]
-
-        @wraps(body)
-        def command(**given: Any) -> None:
-            # A repeatable option that is not given is None in some versions of typer and empty in others.
-            body(**{name: value for name, value in given.items() if name in named or value not in (None, [])})
-
-        command.__signature__ = Signature([*own, *more])  # type: ignore[attr-defined]
-        command.__dict__["listed"] = listed
-        command.__annotations__ = {each.name: each.annotation for each in (*own, *more)}
-        return command
-
-    return decorate
-
-
-def _parameter(option: Option) -> Parameter:
-    info = typer.Option(
-        *(option.flags.split() or [option.flag]),
-        parser=PARSERS.get(option.kind),
-        metavar=option.metavar or None,
-        help=f"{option.help} [default: {option.shown}]" if option.shown else option.help,
-        rich_help_panel=option.group,
-    )
-    kind = TYPES[option.kind]
-    return Parameter(option.name, Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind | None, info])
-
-
-class GroupedCommand(TyperCommand):
-    """A command whose help lists its options by their declared groups, then its own options."""
-
-    def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write arguments, then each group of options."""
-        groups: dict[str, Rows] = {}
-        own = []
-        for param in self.get_params(ctx):
-            record = param.get_help_record(ctx)
-            group = getattr(param, "rich_help_panel", None)
-            if record is None:
-                continue
-            if param.param_type_name == "argument":
-                groups.setdefault("Arguments", []).append(record)
-            elif group:
-                groups.setdefault(group, []).append(record)
-            else:
-                own.append(record)
-        listed = getattr(self.callback, "listed", None) or {}
-        groups = {**{title: rows() for title, rows in listed.items()}, **groups}
-        for title, records in {**groups, "Options": own}.items():
-            with formatter.section(title):
-                formatter.write_dl(records)
-
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -439,6 +325,58 @@ def rescale(
 
     found = correct(marker, output, **options)
     console.print_parts([str(Written(output, found.notes))])
+
+
+@app.command(cls=GroupedCommand)
+@with_options(CalibrateKeywords)
+def calibrate(
+    marker: Annotated[Path, typer.Argument(metavar="MARKER.JSON", help="As written by markergen design.")],
+    photos: Annotated[
+        list[str], typer.Argument(metavar="PHOTO...", help="Image files, folders of them, or patterns such as '*.jpg'.")
+    ],
+    camera: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Calibration: OpenCV, ROS camera_info, Kalibr or COLMAP. [default: estimated from the photos, too]",
+            rich_help_panel=VIEW,
+        ),
+    ] = None,
+    output: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="PATH",
+            help="measured.json: the marker as printed; camera.yaml: the camera; may be repeated.",
+        ),
+    ] = None,
+    report: Annotated[Path | None, typer.Option(metavar="FILE.html", help="Write everything as one HTML page.")] = None,
+    json: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the results as JSON; - is standard output.")
+    ] = None,
+    **options: Any,
+) -> None:
+    """Measure a print by ten to forty photographs of it: every dot's x, y and z with their joint covariance, and the
+    camera if it is unknown.
+
+    detect and validate then use the dots of the print. docs/calibrate.md says how to take the photographs.
+
+    \b
+    Example:
+      markergen calibrate marker.json photos/ --camera camera.yaml -o measured.json --report calibration.html
+      markergen calibrate marker.json photos/ --measured 0-2=244.1mm -o measured.json -o camera.yaml
+      markergen calibrate marker.json photos/ --geometry nominal -o camera.yaml
+    """
+    from markergen.api.calibrate import calibrate as measure
+
+    to_stdout = str(json) == "-"
+    with console.progress_bar() as progress:
+        found = measure(
+            marker, photos, camera, save=output or (), report=report, json=None if to_stdout else json,
+            progress=progress, **options,
+        )  # fmt: skip
+    console.print_found(found, to_stdout)
 
 
 @app.command(cls=GroupedCommand)

@@ -8,13 +8,14 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from markergen.calibration.calibration import Calibration
     from markergen.options import Progress
     from markergen.presentation.tables import Table
     from markergen.validation.comparison import Comparison
     from markergen.validation.validation import Validation
     from markergen.verification.verification import Verification
 
-    Found = Validation | Comparison | Verification
+    Found = Calibration | Comparison | Validation | Verification
 
 FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
 """Exit status: a check failed; unusable input; Ctrl-C."""

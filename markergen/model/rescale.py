@@ -1,6 +1,6 @@
 """Rescaling for a print of another size: the marker with its control points at their places in the print."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import degrees, isfinite
 from typing import Any
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from markergen.errors import InputError
 from markergen.maths.rotation import rigid_motion
-from markergen.model.marker import ControlPoint, Marker, check_supported
+from markergen.model.marker import ControlPoint, JointCovariance, Marker, check_supported
 from markergen.units import format_length
 
 Array = NDArray[np.float64]
@@ -183,6 +183,42 @@ def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False
     return _recorded(replace(marker, control_points=points), "points", record), tuple(said)
 
 
+def photographed(
+    marker: Marker, ids: Sequence[int], places: Array, covariance: Array, record: Mapping[str, Any]
+) -> Marker:
+    """Move dots of a marker to where photographs of the print show them.
+
+    Parameters
+    ----------
+    marker : Marker
+        As designed, rescaled, or with dots measured by hand, which took part in the adjustment.
+    ids : sequence of int
+        Ids of the k dots that were measured; the others keep their places.
+    places : array (k, 3), m
+        Places in the marker frame.
+    covariance : array (3 k, 3 k), m^2
+        Covariance of all of them together, x y z of each in turn.
+    record : mapping
+        Plain JSON values about the photographs, for the provenance.
+    """
+    found = dict(zip(ids, np.round(places, 12).tolist(), strict=True))
+
+    def moved(point: ControlPoint) -> ControlPoint:
+        if point.id not in found:
+            return replace(point, covariance=None)
+        x, y, z = found[point.id]
+        designed = point.designed or (
+            round(point.x / marker.print_scale[0], 12),
+            round(point.y / marker.print_scale[1], 12),
+        )
+        height = point.z if point.designed_z is None else point.designed_z
+        return replace(point, x=x, y=y, z=z, covariance=None, designed=designed, designed_z=height)
+
+    joint = JointCovariance(tuple(ids), "xyz", tuple(map(tuple, ((covariance + covariance.T) / 2).tolist())))
+    points = tuple(moved(point) for point in marker.control_points)
+    return _recorded(replace(marker, control_points=points, joint_covariance=joint), "photographs", record)
+
+
 def _nominal(name: str, measured: float, given: float | None, stated: float | None, force: bool) -> float:
     """Nominal length in m of a ruler: as given, as the marker states it, or as the measured length tells.
 
@@ -267,7 +303,7 @@ def _told(dots: tuple[MeasuredDot, ...], rotation: Array, moved: Array, off: Arr
 
 def _recorded(marker: Marker, kind: str, record: Mapping[str, Any]) -> Marker:
     before = marker.provenance.get("print")
-    kept = dict(before) if isinstance(before, Mapping) and kind == "points" else {}
+    kept = dict(before) if isinstance(before, Mapping) and kind != "rulers" else {}
     return replace(marker, provenance={**marker.provenance, "print": {**kept, kind: dict(record)}})
 
 

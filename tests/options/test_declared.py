@@ -5,7 +5,8 @@ from dataclasses import fields
 
 import pytest
 
-from markergen.cli.commands import TYPES, app
+from markergen.cli.commands import app
+from markergen.cli.options import TYPES
 from markergen.detect import Detector
 from markergen.detect.batch import detect_files
 from markergen.detect.video import detect_video

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from markergen.calibrate.network import CameraFreedom, Network, Views
+from markergen.calibration.network import CameraFreedom, Network, Views
 from markergen.maths.rotation import exponential, turn_z
 from markergen.model.camera import Camera, Distortion
 

@@ -7,9 +7,9 @@ import pytest
 from scipy.optimize import least_squares
 
 from benchmarks.calibration_sets import hand_held, in_gauge, layout, nees, photographed, simulate
-from markergen.calibrate.adjustment import adjust
-from markergen.calibrate.judging import NotJudged, compare_halves, cross_validate, determined
-from markergen.calibrate.network import CameraFreedom
+from markergen.calibration.adjustment import adjust
+from markergen.calibration.judging import NotJudged, compare_halves, cross_validate, determined
+from markergen.calibration.network import CameraFreedom
 from markergen.maths.rotation import exponential
 
 

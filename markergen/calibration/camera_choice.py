@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.calibrate.adjustment import Adjustment, UndeterminedError
-from markergen.calibrate.judging import (
+from markergen.calibration.adjustment import Adjustment, UndeterminedError
+from markergen.calibration.judging import (
     LEAST_JUDGED,
     LeftOut,
     NotJudged,
@@ -19,7 +19,7 @@ from markergen.calibrate.judging import (
     predictions,
     squared_length,
 )
-from markergen.calibrate.network import CameraFreedom, Network, Views
+from markergen.calibration.network import CameraFreedom, Network, Views
 from markergen.model.camera import Camera, Distortion
 
 Array = NDArray[np.float64]

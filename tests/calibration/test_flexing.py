@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from benchmarks.calibration_sets import simulate
-from markergen.calibrate.adjustment import adjust
-from markergen.calibrate.flexing import flexing
-from markergen.calibrate.judging import NotJudged
+from markergen.calibration.adjustment import adjust
+from markergen.calibration.flexing import flexing
+from markergen.calibration.judging import NotJudged
 from markergen.maths.rotation import exponential
 
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from simulated_photos import in_gauge, scene
 
-from markergen.calibrate.adjustment import adjust
-from markergen.calibrate.outliers import adjust_robustly
+from markergen.calibration.adjustment import adjust
+from markergen.calibration.outliers import adjust_robustly
 
 
 def spoiled(views, share, rng):

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.calibrate.network import Network, Views, moved_camera
+from markergen.calibration.network import Network, Views, moved_camera
 from markergen.detect.conic_projection import pose_rows
 from markergen.maths.information import apply_pose_step
 from markergen.maths.levenberg_marquardt import Arrays, Attempt, Damping, LeastSquares, Mask, levenberg_marquardt

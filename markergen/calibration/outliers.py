@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2 as chi2_distribution
 
-from markergen.calibrate.adjustment import Adjustment, UndeterminedError, adjust
-from markergen.calibrate.network import Network, Views
+from markergen.calibration.adjustment import Adjustment, UndeterminedError, adjust
+from markergen.calibration.network import Network, Views
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

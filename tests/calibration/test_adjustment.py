@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import least_squares
 from simulated_photos import CAMERA, in_gauge, nees, scene
 
-from markergen.calibrate.adjustment import UndeterminedError, adjust
-from markergen.calibrate.network import CameraFreedom, Length, moved_camera
+from markergen.calibration.adjustment import UndeterminedError, adjust
+from markergen.calibration.network import CameraFreedom, Length, moved_camera
 from markergen.maths.rotation import exponential
 
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.calibrate.adjustment import Adjustment, UndeterminedError, adjust
-from markergen.calibrate.network import CameraFreedom, Network, Views
+from markergen.calibration.adjustment import Adjustment, UndeterminedError, adjust
+from markergen.calibration.network import CameraFreedom, Network, Views
 from markergen.errors import InputError
 from markergen.model.camera import Camera
 

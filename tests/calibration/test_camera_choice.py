@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks.calibration_sets import CAMERA, simulate
-from markergen.calibrate.camera_choice import choose_camera
-from markergen.calibrate.judging import NotJudged
+from markergen.calibration.camera_choice import choose_camera
+from markergen.calibration.judging import NotJudged
 from markergen.model.camera import Distortion
 
 BASE = ("fx", "cx", "cy", "k1", "k2")

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.calibrate.adjustment import Adjustment, UndeterminedError
-from markergen.calibrate.judging import NotJudged
+from markergen.calibration.adjustment import Adjustment, UndeterminedError
+from markergen.calibration.judging import NotJudged
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.calibrate.network import Views
+from markergen.calibration.network import Views
 
 Array = NDArray[np.float64]
 

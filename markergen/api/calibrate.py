@@ -1,0 +1,168 @@
+"""``markergen.calibrate``: a print, and the camera if asked, measured by photographs."""
+
+import logging
+import re
+from collections.abc import Sequence
+from typing import Any, Unpack
+
+from markergen.api.arguments import camera_of, files_among, marker_of
+from markergen.calibration.calibration import Calibration
+from markergen.calibration.network import Length
+from markergen.calibration.run import Known
+from markergen.calibration.run import calibrate as run
+from markergen.errors import InputError
+from markergen.model.marker import Marker
+from markergen.options import (
+    CameraLike,
+    File,
+    Files,
+    MarkerLike,
+    Progress,
+    as_list,
+    check_progress,
+    settle,
+    signature_of,
+)
+from markergen.options.calibration import CalibrateKeywords
+from markergen.read.cameras.covariance import read_camera_covariance
+from markergen.units import format_length, parse_length
+
+_log = logging.getLogger(__name__)
+
+_LENGTH = re.compile(r"(?:(\d+):)?(\d+)-(\d+)=([^+±]+?)(?:(?:\+-|±)(.+))?")
+
+
+def calibrate(
+    marker: MarkerLike,
+    photos: Any,
+    camera: CameraLike | None = None,
+    *,
+    save: Files = (),
+    json: File | None = None,
+    report: File | None = None,
+    progress: Progress | None = None,
+    **options: Unpack[CalibrateKeywords],
+) -> Calibration:
+    """Measure a printed marker, and the camera if it is unknown, by photographs of it.
+
+    Every dot's x, y and z are adjusted together with the poses of all photographs, in the frame of the design; see
+    docs/calibrate.md.
+
+    Parameters
+    ----------
+    marker : Marker, path or dict
+        The marker as designed, rescaled, or with dots measured by hand, which then count as prior knowledge.
+    photos : path, folder, pattern, image, or several of these
+        Photographs of one size. An image is an array (h, w) or (h, w, 3) in BGR, as `cv2.imread` returns it.
+    camera : Camera, path, dict or None
+        None: it is estimated from the photographs, too.
+    save : path or list of paths
+        Files to write, by suffix: .json for the measured marker, .yaml, .xml or .txt for the camera, .html for the
+        report.
+    json, report : path or None
+        Files for the results as JSON, and for the report.
+    progress : callable or None
+        Called with the stage, the amount done, and the total.
+    **options
+        As on the command line, ``markergen calibrate --help``, with underscores.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong, no photograph shows the marker, or the photographs do not determine what is asked for.
+    OutputError
+        If a file cannot be written.
+
+    Examples
+    --------
+    >>> import markergen as mg
+    >>> import numpy as np
+    >>> from markergen.maths.rotation import exponential
+    >>> from markergen.render import Optics, render_view
+    >>> marker = mg.design(n=5, radius="60mm", dot="16mm", restarts=2).marker
+    >>> camera = mg.Camera(320, 240, 400, 400, 159.5, 119.5)
+    >>> tilts = [[0.5, 0, 0], [-0.5, 0, 0], [0, 0.5, 0], [0, -0.5, 0], [0.4, 0.4, 0.5], [-0.4, 0.4, 1]]
+    >>> rotations = exponential(np.array(tilts)) @ np.diag([1.0, -1.0, -1.0])
+    >>> rng, place = np.random.default_rng(0), np.array([0.0, 0.0, 0.3])
+    >>> photos = [render_view(marker, camera, rotation, place, Optics(), rng) for rotation in rotations]
+    >>> found = mg.calibrate(marker, photos, camera)
+    >>> found  # doctest: +ELLIPSIS
+    <Calibration: 5 dots in 6 views, RMS 0.00... px>
+    >>> found.after.rotation_deg < found.before.rotation_deg / 4
+    True
+    >>> found.markers[0].control_points[1].designed == (marker.control_points[1].x, marker.control_points[1].y)
+    True
+    """
+    check_progress(progress)
+    settled = settle(options, CalibrateKeywords)
+    if settled["geometry"] not in ("free", "nominal"):
+        raise InputError("the geometry free or nominal", repr(settled["geometry"]), "see markergen calibrate --help")
+    others = as_list(settled["also"] or ())
+    designs = [marker_of(each) for each in (marker, *others)]
+    taken = camera_of(camera)
+    covariance = None
+    if settled["camera_covariance"] is not None:
+        if taken is None:
+            raise InputError("a camera that the covariance belongs to", "none", "give it with --camera")
+        covariance = read_camera_covariance(settled["camera_covariance"], taken)
+    known = Known(
+        taken,
+        covariance,
+        settled["geometry"] == "free",
+        tuple(_length(text, designs, settled["ruler_sigma"]) for text in settled["measured"] or ()),
+        settled["print_sigma"],
+        settled["poses"],
+    )
+    targets = Calibration.targets(save, json=json, report=report)
+    if known.camera is not None and known.covariance is None and not known.free:
+        raise InputError("something to estimate", "dots and camera held", "leave out --camera or --geometry nominal")
+    moved = known.camera is None or known.covariance is not None
+    Calibration.check_targets(targets, len(designs), known.free, moved)
+    targets.check(files_among(marker, *others, camera, settled["camera_covariance"]))
+    found = run(designs, photos, known, settled["workers"], progress)
+    _log.info("calibrated by %d views", len(found.adjustment.views))
+    return found.saved(targets)
+
+
+def _length(text: str, designs: Sequence[Marker], sigma: float) -> Length:
+    """Parse a measured length such as 0-2=244.1mm, 0-2=244.1mm+-0.1mm or 2:0-2=244.1mm.
+
+    Raises
+    ------
+    InputError
+        If it has another form, a dot is unknown, or the length is more than 5 % off the design's.
+    """
+    match = _LENGTH.fullmatch(text.replace(" ", ""))
+    if match is None:
+        raise InputError("a length between two dots", repr(text), "write their ids, such as 0-2=244.1mm")
+    which, first, second, length, own = match.groups()
+    number = int(which or 1)
+    if not 1 <= number <= len(designs):
+        raise InputError(f"marker 1 to {len(designs)}", text, "count the marker and those given with --also")
+    before = sum(len(each) for each in designs[: number - 1])
+    ids = [point.id for point in designs[number - 1].control_points]
+    for each in (first, second):
+        if int(each) not in ids:
+            raise InputError("ids of the marker's dots", f"{each} in {text}", "the sheet numbers the dots")
+    if first == second:
+        raise InputError("two dots", text, "measure from the center of one dot to that of another")
+    places = [designs[number - 1].xyz[ids.index(int(each))] for each in (first, second)]
+    nominal = float(sum((a - b) ** 2 for a, b in zip(*places, strict=True)) ** 0.5)
+    measured = parse_length(length, "measured")
+    spread = sigma if own is None else parse_length(own, "measured")
+    if not spread > 0:
+        raise InputError("a standard deviation above 0", text, "a steel ruler is read to 0.2 mm or so")
+    if not abs(measured / nominal - 1) < 0.05:
+        raise InputError(
+            f"a length within 5 % of the design's {format_length(nominal)} between dots {first} and {second}",
+            format_length(measured),
+            "check the dots' numbers and the unit",
+        )
+    return Length(before + ids.index(int(first)), before + ids.index(int(second)), measured, spread)
+
+
+calibrate.__signature__ = signature_of(calibrate, CalibrateKeywords)  # type: ignore[attr-defined]

@@ -1,0 +1,251 @@
+"""Photographs of a calibration: the dots of the markers found in them, and a start for an unknown camera."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.calibration.adjustment import UndeterminedError
+from markergen.calibration.network import CameraFreedom, Network, Views
+from markergen.calibration.outliers import adjust_robustly
+from markergen.calibration.sightings import Sightings
+from markergen.detect.batch import detect_files
+from markergen.detect.detector import Detector, Found
+from markergen.detect.pose import fit_pose
+from markergen.errors import InputError
+from markergen.estimators.budget import ErrorSources
+from markergen.model.camera import Camera, Distortion
+from markergen.model.marker import Marker
+from markergen.options import Progress, as_list
+
+Array = NDArray[np.float64]
+
+PRINT_SIGMA = 5e-4
+"""Standard deviation in m of a printed dot while the print is unknown: no dot is to be taken for an outlier."""
+
+UNKNOWN_LENS = Distortion("radtan", (0.0,) * 5)
+
+FOCALS = np.geomspace(0.35, 5, 25)
+"""Focal lengths tried for an unknown camera, in image widths."""
+
+SCANNED = 12
+"""Maximum number of views that choose among them."""
+
+START = ("fx", "cx", "cy", "k1", "k2")
+"""Parameters estimated before an unknown camera's photographs are searched again with it."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """Labeled dots of one marker in one photograph."""
+
+    photo: int
+    marker: int
+    index: NDArray[np.intp]
+    centers: Array
+    covariance: Array
+
+
+def find_dots(
+    markers: Sequence[Marker],
+    photos: Any,
+    camera: Camera | None,
+    *,
+    camera_covariance: Array | None = None,
+    progress: Progress | None = None,
+    workers: int | None = None,
+) -> tuple[Sightings, Camera]:
+    """Find the labeled dots of all markers in photographs.
+
+    Parameters
+    ----------
+    markers : sequence of Marker
+    photos : path, folder, pattern, array (h, w[, 3]), or several of these
+    camera : Camera or None
+        None: the photographs are searched without a camera, a camera is estimated from what was found, and they are
+        searched again with it, so that a strong lens costs neither photographs nor dots.
+
+    Returns
+    -------
+    sightings : Sightings
+    camera : Camera
+        The one given, or an estimate.
+
+    Raises
+    ------
+    InputError
+        If there are no photographs, their sizes differ, or a marker cannot be looked for.
+    """
+    raised = next((marker for marker in markers if np.ptp(marker.as_designed.xyz[:, 2])), None)
+    if camera is None and raised is not None:
+        raise InputError("a camera for a marker with relief", "none", "give a rough one with --camera-covariance")
+    names, results, size, reasons = _searched(markers, photos, camera, camera_covariance, progress, workers)
+    given = camera is not None
+    if camera is None:
+        seen = _labeled(markers, results, reasons)
+        camera = _rough_camera(markers, seen, size)
+        if seen:
+            camera = _adjusted(markers, seen, camera)
+            names, results, size, reasons = _searched(markers, photos, camera, None, progress, workers)
+    seen = _labeled(markers, results, reasons)
+    if not given and seen:
+        camera = _adjusted(markers, seen, camera)
+    views, kept = _views(markers, seen, camera)
+    for lost in sorted({each.photo for each in seen} - {seen[k].photo for k in kept}):
+        reasons[lost] = "no pose sees the dots from the front"
+    photo, marker = (np.array([getattr(seen[k], name) for k in kept], dtype=np.intp) for name in ("photo", "marker"))
+    return Sightings(names, size, views, photo, marker, reasons), camera
+
+
+def _searched(
+    markers: Sequence[Marker],
+    photos: Any,
+    camera: Camera | None,
+    camera_covariance: Array | None,
+    progress: Progress | None,
+    workers: int | None,
+) -> tuple[tuple[str, ...], list[tuple[Found, ...]], tuple[int, int], dict[int, str]]:
+    """Names of the photographs, results for each, their size, and why some could not be used."""
+    sources: list[Any] = [photos] if isinstance(photos, np.ndarray) else list(as_list(photos))
+    if sources and isinstance(sources[0], np.ndarray):
+        names = tuple(f"photo {k}" for k in range(len(sources)))
+        sizes = [(image.shape[1], image.shape[0]) for image in sources]
+        _check_sizes(names, sizes)
+        detector = Detector(markers, camera, camera_covariance=camera_covariance, print_sigma=PRINT_SIGMA)
+        results: list[tuple[Found, ...]] = []
+        for k, image in enumerate(sources):
+            if progress:
+                progress("detecting", k, len(sources))
+            results.append(tuple(detector(image)))
+        return names, results, sizes[0], {}
+    found = detect_files(
+        sources, markers, camera,
+        camera_covariance=camera_covariance, print_sigma=PRINT_SIGMA, workers=workers, progress=progress,
+    )  # fmt: skip
+    names = tuple(str(each.path) for each in found)
+    reasons = {k: each.error for k, each in enumerate(found) if each.error}
+    usable = [(str(each.path), each.size) for each in found if each.size is not None]
+    if not usable:
+        raise InputError("photographs", f"{names[0]}: {reasons[0]}", "give images of the marker")
+    _check_sizes([name for name, _ in usable], [size for _, size in usable])
+    return names, [each.markers for each in found], usable[0][1], reasons
+
+
+def _check_sizes(names: Sequence[str], sizes: Sequence[tuple[int, int]]) -> None:
+    other = next((k for k, size in enumerate(sizes) if size != sizes[0]), None)
+    if other is not None:
+        (w, h), (u, v) = sizes[0], sizes[other]
+        raise InputError(
+            f"photographs of one size, {w}x{h} px as {names[0]}",
+            f"{u}x{v} px: {names[other]}",
+            "use one camera, held the same way up and not cropped or zoomed",
+        )
+
+
+def _labeled(markers: Sequence[Marker], results: Sequence[tuple[Found, ...]], reasons: dict[int, str]) -> list[_Seen]:
+    """Dots of the markers found in each photograph; fills in why a photograph has none."""
+    seen = []
+    for photo, found in enumerate(results):
+        own: list[_Seen] = []
+        for number, marker in enumerate(markers):
+            copies = [each.detection for each in found if each.ok and each.detection.marker == number]
+            if len(copies) > 1:
+                reasons[photo] = f"{len(copies)} copies of a marker: each print is calibrated alone"
+                own = []
+                break
+            if copies:
+                place = {point.id: k for k, point in enumerate(marker.control_points)}
+                index = np.array([place[int(name)] for name in copies[0].ids], dtype=np.intp)
+                own.append(_Seen(photo, number, index, copies[0].ellipse_centers, copies[0].covariance))
+        if not own and found:
+            reasons.setdefault(photo, "; ".join(dict.fromkeys(each.reason for each in found if each.reason)))
+        seen += own
+    return seen
+
+
+def _dots_of(markers: Sequence[Marker], seen: _Seen) -> tuple[Array, Array]:
+    """Designed places (m, 3) and radii (m,) of the dots seen."""
+    marker = markers[seen.marker]
+    radii = np.array([point.feature.diameter / 2 for point in marker.control_points])
+    return marker.xyz[seen.index], radii[seen.index]
+
+
+def _pose(markers: Sequence[Marker], seen: _Seen, camera: Camera) -> tuple[Array, Array, float] | None:
+    points, radii = _dots_of(markers, seen)
+    normalized = camera.from_pixels(seen.centers)
+    found = fit_pose(points, radii, normalized, seen.covariance, camera, ErrorSources(PRINT_SIGMA))
+    return None if found is None else (found.rotation, found.translation, found.chi2)
+
+
+def _rough_camera(markers: Sequence[Marker], seen: Sequence[_Seen], size: tuple[int, int]) -> Camera:
+    """Camera of the focal length that agrees best with the perspective of the views, without distortion."""
+    width, height = size
+    chosen = [seen[k] for k in np.unique(np.linspace(0, len(seen) - 1, min(SCANNED, len(seen))).astype(int))]
+    cameras = [
+        Camera(width, height, f * width, f * width, (width - 1) / 2, (height - 1) / 2, UNKNOWN_LENS) for f in FOCALS
+    ]
+    costs = []
+    for camera in cameras:
+        found = [_pose(markers, each, camera) for each in chosen]
+        each = zip(found, chosen, strict=True)
+        costs.append(sum(np.log1p(pose[2] / len(own.index)) if pose else 20.0 for pose, own in each))
+    return cameras[int(np.argmin(costs))]
+
+
+def _adjusted(markers: Sequence[Marker], seen: Sequence[_Seen], camera: Camera) -> Camera:
+    """Camera adjusted to all views with the dots as designed; as it was if the views do not determine it."""
+    views, _ = _views(markers, seen, camera)
+    network = Network(
+        np.concatenate([marker.xyz for marker in markers]),
+        np.concatenate([[point.feature.diameter / 2 for point in marker.control_points] for marker in markers]),
+        camera,
+        CameraFreedom.of_names(camera, START),
+        np.repeat(np.arange(len(markers)), [len(marker) for marker in markers]),
+        free=False,
+    )
+    # The print is off by more than the image's noise: without that, every robust cost would see outliers alone.
+    spread = views.covariance + _printed(views, camera)
+    try:
+        found = adjust_robustly(network, Views(views.pixels, spread, views.seen, views.rotation, views.translation))
+        sigma = np.sqrt(np.diag(found.adjustment.camera_covariance))
+    except UndeterminedError:
+        return camera
+    better = found.adjustment.camera
+    # Better a rough camera than one that the views hardly determine.
+    return better if sigma[0] < 0.2 * better.fx and 0.2 < better.fx / camera.fx < 5 else camera
+
+
+def _printed(views: Views, camera: Camera) -> Array:
+    """Covariance (v, 1, 2, 2) in px^2 of dots that are `PRINT_SIGMA` off."""
+    sigma = PRINT_SIGMA * camera.fx / views.translation[:, 2]
+    return np.asarray(sigma[:, None, None, None] ** 2 * np.eye(2))
+
+
+def _views(markers: Sequence[Marker], seen: Sequence[_Seen], camera: Camera) -> tuple[Views, list[int]]:
+    """Views with start poses, and which of `seen` they are."""
+    starts = np.cumsum([0, *(len(marker) for marker in markers)])
+    total = int(starts[-1])
+    pixels, spread, mask = [], [], []
+    poses, kept = [], []
+    for k, each in enumerate(seen):
+        found = _pose(markers, each, camera)
+        if found is None:
+            continue
+        place, own = np.zeros((total, 2)), np.broadcast_to(np.eye(2), (total, 2, 2)).copy()
+        taken = np.zeros(total, dtype=bool)
+        columns = starts[each.marker] + each.index
+        place[columns], own[columns], taken[columns] = each.centers, each.covariance, True
+        pixels.append(place)
+        spread.append(own)
+        mask.append(taken)
+        poses.append(found)
+        kept.append(k)
+    return Views(
+        np.array(pixels).reshape(-1, total, 2),
+        np.array(spread).reshape(-1, total, 2, 2),
+        np.array(mask, dtype=bool).reshape(-1, total),
+        np.array([pose[0] for pose in poses]).reshape(-1, 3, 3),
+        np.array([pose[1] for pose in poses]).reshape(-1, 3),
+    ), kept

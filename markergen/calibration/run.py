@@ -1,0 +1,256 @@
+"""From photographs to a calibration: dots found, network adjusted, outliers left out, result judged."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.calibration.adjustment import Adjustment, UndeterminedError
+from markergen.calibration.calibration import Calibration
+from markergen.calibration.network import CameraFreedom, Length, Network, Views
+from markergen.calibration.outliers import Cleaned, adjust_robustly
+from markergen.calibration.photos import find_dots
+from markergen.calibration.sightings import Sightings
+from markergen.calibration.working_error import ExpectedError, sensitivity
+from markergen.errors import InputError
+from markergen.model.camera import Camera
+from markergen.model.marker import Marker
+from markergen.model.poses import PoseDistribution
+from markergen.model.rescale import photographed
+from markergen.options import Progress
+from markergen.validation.validation import setting_of
+
+Array = NDArray[np.float64]
+
+BASE = ("fx", "cx", "cy", "k1", "k2")
+"""Parameters of an unknown camera that are always estimated; fy goes with fx."""
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What is known besides the photographs.
+
+    Attributes
+    ----------
+    camera : Camera or None
+    covariance : array (k, k) or None
+        Covariance of its parameters; None takes it as exact.
+    free : bool
+        True if the dots are to be measured, False if they are where they were designed.
+    lengths : tuple of Length
+        Measured lengths; dots by their index among those of all markers.
+    print_sigma : float
+        Standard deviation in m of a printed dot that nothing measures, along each axis.
+    poses : str, PoseDistribution or None
+        Working volume; None is that of the design.
+    """
+
+    camera: Camera | None = None
+    covariance: Array | None = None
+    free: bool = True
+    lengths: tuple[Length, ...] = ()
+    print_sigma: float = 1e-4
+    poses: str | PoseDistribution | None = None
+
+
+def network_of(designs: Sequence[Marker], known: Known, camera: Camera, names: Sequence[str]) -> Network:
+    """Return the network of all dots of some markers.
+
+    Dots measured by hand, with a sigma, are a prior; `names` are the parameters of an unknown camera to estimate.
+    """
+    if known.camera is None:
+        freedom = CameraFreedom.of_names(camera, names, square="fy" not in names)
+    elif known.covariance is None:
+        freedom = CameraFreedom.held(camera)
+    else:
+        freedom = CameraFreedom.of_covariance(known.covariance)
+    counts = [len(marker) for marker in designs]
+    features = [point.feature for marker in designs for point in marker.control_points]
+    return Network(
+        np.concatenate([marker.xyz for marker in designs]),
+        np.array([feature.diameter / 2 for feature in features]),
+        camera,
+        freedom,
+        np.repeat(np.arange(len(designs)), counts),
+        known.free,
+        known.lengths,
+        _prior(designs),
+    )
+
+
+def _prior(designs: Sequence[Marker]) -> Array | None:
+    """Inverse covariances (n, 3, 3) of dots measured by hand; None if there are none."""
+    if all(marker.place_covariance is None for marker in designs):
+        return None
+    blocks = []
+    for marker in designs:
+        block = np.zeros((len(marker), 3, 3))
+        if marker.place_covariance is not None:
+            known = np.isfinite(marker.place_covariance).all(axis=(1, 2))
+            block[known, :2, :2] = np.linalg.inv(marker.place_covariance[known])
+        blocks.append(block)
+    return np.concatenate(blocks)
+
+
+def part_of(network: Network, chosen: NDArray[np.intp]) -> Network:
+    """Return the network of some of its dots; lengths between others are left out."""
+    place = {int(index): k for k, index in enumerate(chosen)}
+    lengths = tuple(
+        replace(each, first=place[each.first], second=place[each.second])
+        for each in network.lengths
+        if each.first in place and each.second in place
+    )
+    prior = None if network.prior is None else network.prior[chosen]
+    return replace(
+        network,
+        design=network.design[chosen],
+        radii=network.radii[chosen],
+        marker=network.marker[chosen],
+        lengths=lengths,
+        prior=prior,
+    )
+
+
+def calibrate(
+    designs: Sequence[Marker], photos: Any, known: Known, workers: int | None = None, progress: Progress | None = None
+) -> Calibration:
+    """Measure printed markers, and the camera if it is unknown, by photographs of them.
+
+    Parameters
+    ----------
+    designs : sequence of Marker
+    photos : paths, folders, patterns or arrays
+        See `photos.find_dots`.
+    known : Known
+    workers : int or None
+        Processes for detection; None takes all processors.
+
+    Raises
+    ------
+    InputError
+        If no photograph can be used, or they do not determine what is asked for.
+    """
+    sightings, camera = find_dots(
+        designs, photos, known.camera, camera_covariance=known.covariance, progress=progress, workers=workers
+    )
+    if not len(sightings.views):
+        reasons = "; ".join(f"{sightings.photos[k]}: {reason}" for k, reason in list(sightings.unused.items())[:3])
+        raise InputError("photographs that show the marker", f"none of {len(sightings.photos)}", reasons)
+    report = progress or (lambda *_: None)
+    report("adjusting", 0, 1)
+    chosen = np.flatnonzero(sightings.views.seen.sum(axis=0) >= (2 if known.free else 1))
+    views = _columns(sightings.views, chosen)
+    names: tuple[str, ...] = () if known.camera else BASE
+    network = part_of(network_of(designs, known, camera, names), chosen)
+    try:
+        cleaned = adjust_robustly(network, views)
+        _ = cleaned.adjustment.unscaled
+    except UndeterminedError as error:
+        raise InputError(str(error), "others", "take more photographs, from other directions") from None
+    found = _result(designs, known, sightings, chosen, cleaned, names)
+    report("adjusting", 1, 1)
+    return found
+
+
+def _columns(views: Views, chosen: NDArray[np.intp]) -> Views:
+    return replace(
+        views, pixels=views.pixels[:, chosen], covariance=views.covariance[:, chosen], seen=views.seen[:, chosen]
+    )
+
+
+def _result(
+    designs: Sequence[Marker],
+    known: Known,
+    sightings: Sightings,
+    chosen: NDArray[np.intp],
+    cleaned: Cleaned,
+    names: tuple[str, ...],
+) -> Calibration:
+    adjustment = cleaned.adjustment
+    markers = tuple(designs)
+    if known.free:
+        markers = tuple(_measured(designs, k, chosen, adjustment, len(sightings.photos)) for k in range(len(designs)))
+    moved = bool(len(adjustment.network.freedom))
+    return Calibration(
+        tuple(designs),
+        markers,
+        adjustment.camera,
+        adjustment.camera_covariance if moved else None,
+        names,
+        sightings,
+        chosen,
+        adjustment,
+        cleaned.used,
+        cleaned.dropped,
+        *_expected(designs, known, adjustment),
+        _scale_source(adjustment.network),
+        (),
+    )
+
+
+def _measured(
+    designs: Sequence[Marker], which: int, chosen: NDArray[np.intp], adjustment: Adjustment, photos: int
+) -> Marker:
+    """Return a marker with the dots that were adjusted where they are in the print."""
+    own = adjustment.network.marker == which
+    if own.sum() < 2:
+        return designs[which]
+    before = sum(len(each) for each in designs[:which])
+    ids = [designs[which].control_points[int(index) - before].id for index in chosen[own]]
+    rows = np.repeat(own, 3)
+    record = {
+        "photographs": photos,
+        "views": int(adjustment.views.seen[:, own].any(axis=1).sum()),
+        "rms_px": adjustment.rms,
+        "variance_factor": adjustment.variance_factor,
+    }
+    return photographed(designs[which], ids, adjustment.places[own], adjustment.covariance[np.ix_(rows, rows)], record)
+
+
+def _expected(designs: Sequence[Marker], known: Known, adjustment: Adjustment) -> tuple[ExpectedError, ExpectedError]:
+    """Expected error of the first marker's pose with the print as designed and as measured."""
+    network = adjustment.network
+    own = network.marker == network.marker[0]
+    camera = adjustment.camera
+    try:
+        setting = setting_of(designs[network.marker[0]], known.poses, camera)
+    except InputError:
+        # The working volume is that of another camera.
+        setting = setting_of(designs[network.marker[0]], known.poses)
+    poses = setting.poses
+    # As precise in the image as the photographs themselves.
+    spread = np.trace(adjustment.views.covariance, axis1=2, axis2=3)[adjustment.weights > 0] / 2
+    noise = float(np.sqrt(adjustment.scale * np.median(spread)))
+    n, k = int(own.sum()), len(camera.parameter_names)
+    rows = np.concatenate([np.repeat(own, 3) if network.free else np.zeros(0, bool), np.ones(k, dtype=bool)])
+    joint = adjustment.joint[np.ix_(rows, rows)]
+    if not network.free:
+        joint = np.pad(joint, ((3 * n, 0), (3 * n, 0)))
+    flat = np.kron(np.eye(n), np.diag([known.print_sigma**2, known.print_sigma**2, 0.0]))
+    before = np.zeros((3 * n + k, 3 * n + k))
+    before[: 3 * n, : 3 * n] = flat
+    if known.covariance is not None:
+        before[3 * n :, 3 * n :] = known.covariance
+    told = []
+    after = joint if network.free else before
+    for covariance, places in ((before, network.design[own]), (after, adjustment.places[own])):
+        blocks = np.stack([covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(n)])
+        found = sensitivity(places, setting.camera, poses.rotation, poses.translation, noise, blocks)
+        told.append(found.expected(covariance))
+    return told[0], told[1]
+
+
+def _scale_source(network: Network) -> str:
+    if not network.free:
+        return "The scale is that of the design."
+    if network.lengths:
+        count = len(network.lengths)
+        return f"The scale is that of {count} measured length{'s' * (count > 1)}."
+    if network.scale_known(int(network.marker[0])):
+        return "The scale is that of the dots measured by hand."
+    return (
+        "The scale is that of the design: translations keep the scale error of the print. Give --measured, the "
+        "distance between two dots, to find it."
+    )

@@ -1,0 +1,123 @@
+"""Declared options as those of a command: parsers, types, and help by group."""
+
+from collections.abc import Callable, Mapping
+from functools import wraps
+from inspect import Parameter, Signature, signature
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperCommand
+
+from markergen.errors import InputError
+from markergen.options import Option, declared
+from markergen.units import parse_length
+
+Rows = list[tuple[str, str]]
+
+
+def length(text: str) -> float:
+    """Parse a length so that an error names the option."""
+    try:
+        return parse_length(text)
+    except InputError as error:
+        raise typer.BadParameter(str(error)) from None
+
+
+def or_word(word: str, read: Callable[[str], Any]) -> Callable[[str], Any]:
+    """Return a parser of an option that is one word or what another one reads."""
+    return lambda text: text if text == word else read(text)
+
+
+def number(text: str) -> int:
+    """Parse a whole number so that an error tells of the word, too."""
+    try:
+        return int(text)
+    except ValueError:
+        raise typer.BadParameter(f"expected a whole number or auto, found {text!r}; write 8, or auto") from None
+
+
+PARSERS = {"length": length, "int or auto": or_word("auto", number)}
+PARSERS |= {f"length or {word}": or_word(word, length) for word in ("auto", "fit")}
+"""Parsers for kinds that typer cannot read itself."""
+
+TYPES: dict[str, Any] = {
+    "int": int,
+    "float": float,
+    "str": str,
+    "bool": bool,
+    "length": float,
+    **dict.fromkeys(("int or auto", "length or auto", "length or fit", "shape", "camera", "poses"), str),
+    "file": Path,
+    "files": list[Path],
+    **dict.fromkeys(("texts", "shapes"), list[str]),
+}
+"""Type given to typer for each kind of value."""
+
+
+def with_options(
+    table: type, listed: Mapping[str, Callable[[], Rows]] | None = None
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Decorate a command so that its ``**options`` are those of a table; options not given are not passed on.
+
+    Parameters
+    ----------
+    table : type
+        One of `markergen.options.declarations`.
+    listed : mapping of title to callable, optional
+        Two-column rows to show in help under each title, created on demand.
+    """
+
+    def decorate(body: Callable[..., None]) -> Callable[..., None]:
+        own = [each for each in signature(body).parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
+        named = {each.name for each in own}
+        more = [_parameter(option) for name, option in declared(table).items() if name not in named]
+
+        @wraps(body)
+        def command(**given: Any) -> None:
+            # A repeatable option that is not given is None in some versions of typer and empty in others.
+            body(**{name: value for name, value in given.items() if name in named or value not in (None, [])})
+
+        command.__signature__ = Signature([*own, *more])  # type: ignore[attr-defined]
+        command.__dict__["listed"] = listed
+        command.__annotations__ = {each.name: each.annotation for each in (*own, *more)}
+        return command
+
+    return decorate
+
+
+def _parameter(option: Option) -> Parameter:
+    info = typer.Option(
+        *(option.flags.split() or [option.flag]),
+        parser=PARSERS.get(option.kind),
+        metavar=option.metavar or None,
+        help=f"{option.help} [default: {option.shown}]" if option.shown else option.help,
+        rich_help_panel=option.group,
+    )
+    kind = TYPES[option.kind]
+    return Parameter(option.name, Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind | None, info])
+
+
+class GroupedCommand(TyperCommand):
+    """A command whose help lists its options by their declared groups, then its own options."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write arguments, then each group of options."""
+        groups: dict[str, Rows] = {}
+        own = []
+        for param in self.get_params(ctx):
+            record = param.get_help_record(ctx)
+            group = getattr(param, "rich_help_panel", None)
+            if record is None:
+                continue
+            if param.param_type_name == "argument":
+                groups.setdefault("Arguments", []).append(record)
+            elif group:
+                groups.setdefault(group, []).append(record)
+            else:
+                own.append(record)
+        listed = getattr(self.callback, "listed", None) or {}
+        groups = {**{title: rows() for title, rows in listed.items()}, **groups}
+        for title, records in {**groups, "Options": own}.items():
+            with formatter.section(title):
+                formatter.write_dl(records)

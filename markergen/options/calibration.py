@@ -1,0 +1,53 @@
+"""Options of a calibration."""
+
+from typing import Annotated, TypedDict
+
+from markergen.options import ERRORS, FILES, VIEW, Files, Length, Option, Poses, Texts
+from markergen.options.shared import Calibrated, Printed, Workers
+
+
+class CalibrateKeywords(TypedDict, total=False):
+    """Options of a calibration, besides the marker, the photographs and the camera."""
+
+    poses: Annotated[
+        Poses,
+        Option(
+            VIEW,
+            "Poses over which the expected error is told, in any form of markergen validate --poses.",
+            otherwise="those of the design",
+            metavar="NAME|FILE",
+        ),
+    ]
+    geometry: Annotated[
+        str,
+        Option(
+            ERRORS,
+            "free: every dot is measured; nominal: the dots are where they were designed, as on a machined marker, and "
+            "only the camera is estimated.",
+            "free",
+            metavar="NAME",
+        ),
+    ]
+    measured: Annotated[
+        Texts,
+        Option(
+            ERRORS,
+            "Length measured between the centers of two dots, by id: 0-2=244.1mm, with a sigma 0-2=244.1mm+-0.1mm; of "
+            "the second marker 2:0-2=244.1mm; may be repeated.",
+            metavar="A-B=LENGTH",
+        ),
+    ]
+    ruler_sigma: Annotated[
+        Length, Option(ERRORS, "Standard deviation of measured lengths that state none of their own.", "0.2mm")
+    ]
+    camera_covariance: Calibrated
+    print_sigma: Printed
+    workers: Workers
+    also: Annotated[
+        Files,
+        Option(
+            FILES,
+            "Another marker in the photos, with an -o ....json of its own in the same order; may be repeated.",
+            metavar="MARKER.JSON",
+        ),
+    ]
