@@ -1,0 +1,220 @@
+"""Choice of the parameters of an unknown camera by left-out photographs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.calibration.adjustment import Adjustment, UndeterminedError
+from markergen.calibration.judging import (
+    LEAST_JUDGED,
+    LeftOut,
+    NotJudged,
+    Paired,
+    adjusted_part,
+    continued,
+    determined,
+    parameters_of,
+    predictions,
+    squared_length,
+)
+from markergen.calibration.network import CameraFreedom, Network, Views
+from markergen.model.camera import Camera, Distortion
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+CHANCE = 0.01
+"""Probability by chance alone at which a camera parameter joins, or is held."""
+
+MOST_DOTS = 120
+"""Number of dots above which every second, third... is taken: they are enough for a choice, and many take long."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A set of camera parameters that was tried.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Parameters that were estimated.
+    left_out : LeftOut or None
+        None if the photographs do not determine them.
+    gain : Paired or None
+        How many times smaller the left-out residuals are than with the set that stood then; None for the first.
+    taken : bool
+        Whether it took the place of that set.
+    """
+
+    names: tuple[str, ...]
+    left_out: LeftOut | None
+    gain: Paired | None
+    taken: bool
+
+
+@dataclass(frozen=True, eq=False)
+class CameraChoice:
+    """Camera parameters that left-out photographs justify.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Parameters to estimate.
+    camera : Camera
+        Start for the adjustment, with a lens that has all of them.
+    freedom : CameraFreedom
+    tried : tuple of Trial
+        In the order tried.
+    notes : tuple of str
+        Parameters that are held although they usually are estimated, as sentences.
+    """
+
+    names: tuple[str, ...]
+    camera: Camera
+    freedom: CameraFreedom
+    tried: tuple[Trial, ...]
+    notes: tuple[str, ...]
+
+
+def choose_camera(
+    network: Network, views: Views, photo: Index, weights: Array | None = None, seed: int = 0
+) -> CameraChoice | NotJudged:
+    """Choose the parameters of an unknown camera that left-out photographs justify.
+
+    The search starts with f (fx alone stands for fx and fy in proportion), c, k1 and k2. Then p1 and p2, k3, and fy on
+    its own join, the best one first, where left-out photographs are predicted better by more than chance. At last k2,
+    k1 and c are held where they are known so poorly that left-out photographs are predicted better with them held, and
+    their start is within the claimed errors.
+
+    Parameters
+    ----------
+    network : Network
+        Its camera is the start; the freedom of the camera is ignored.
+    views : Views
+    photo : array (v,) of int
+        Photograph of each view.
+    weights : array (v, n), optional
+        As of `adjust`.
+    seed : int
+        For the random folds.
+    """
+    weights = np.ones(views.seen.shape) if weights is None else weights
+    # Dots that take no part, as if they were never seen: a network of fewer.
+    weights = weights * (np.arange(weights.shape[1]) % -(-weights.shape[1] // MOST_DOTS) == 0)
+    network = replace(network, camera=_with_lens(network.camera))
+    trials = _Trials(network, views, weights, photo, seed)
+    tried: list[Trial] = []
+    names: tuple[str, ...] = ()
+    current, left = None, None
+    for start in _STARTS:
+        names = trials.possible(start)
+        current, left = trials.tried(names)
+        tried.append(Trial(names, left, None, left is not None))
+        if left is not None:
+            break
+    if current is None or left is None:
+        return NotJudged(f"{len(np.unique(photo))} photographs are too few for an unknown camera")
+    missing = [name for name in trials.possible(_STARTS[0]) if name not in names]
+    notes = [f"{' '.join(missing)} held: the photographs do not determine more"] if missing else []
+    groups = [group for group in _EXTRA if trials.possible(group) == group]
+    best: tuple[Adjustment, LeftOut, int] | None = (current, left, -1)
+    while best is not None:
+        best, first = None, len(tried)
+        for group in groups:
+            if set(group) <= set(names):
+                continue
+            more = (*names, *group)
+            whole, found = trials.tried(more)
+            gain = None if found is None else Paired.of(left, found)
+            tried.append(Trial(more, found, gain, False))
+            better = gain is not None and gain.chance < CHANCE
+            if better and whole is not None and found is not None and (best is None or found.rms < best[1].rms):
+                best = (whole, found, len(tried) - 1)
+        if best is not None and best[2] >= first:
+            current, left, number = best
+            tried[number] = replace(tried[number], taken=True)
+            names = tried[number].names
+    for held in _HELD:
+        fewer = tuple(name for name in names if name not in held)
+        if not set(held) <= set(names) or not _within_sigma(current, trials.network.camera, held):
+            continue
+        whole, found = trials.tried(fewer)
+        gain = None if found is None else Paired.of(left, found)
+        taken = gain is not None and gain.chance < CHANCE
+        tried.append(Trial(fewer, found, gain, taken))
+        if taken and gain is not None and found is not None and whole is not None:
+            notes.append(f"{' '.join(held)} held: left-out photographs are predicted {gain.ratio:.3g} times better so")
+            names, current, left = fewer, whole, found
+    return CameraChoice(names, network.camera, trials.freedom(names), tuple(tried), tuple(notes))
+
+
+_STARTS = (
+    ("fx", "cx", "cy", "k1", "k2"),
+    ("fx", "cx", "cy", "k1"),
+    ("fx", "cx", "cy"),
+    ("fx",),
+)
+"""Sets that the search for camera parameters may start with: the first one that the photographs determine."""
+
+_EXTRA = (("p1", "p2"), ("k3",), ("fy",))
+_HELD = (("k2",), ("k1",), ("cx", "cy"))
+
+
+@dataclass(eq=False)
+class _Trials:
+    """Left-out residuals with different camera parameters freed."""
+
+    network: Network
+    views: Views
+    weights: Array
+    photo: Index
+    seed: int
+
+    def possible(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Return those of the names that the camera's lens has."""
+        return tuple(name for name in names if name in self.network.camera.parameter_names)
+
+    def freedom(self, names: Sequence[str]) -> CameraFreedom:
+        """Return what may move; fx alone moves fy in proportion."""
+        return CameraFreedom.of_names(self.network.camera, names, square="fy" not in names)
+
+    def tried(self, names: Sequence[str]) -> tuple[Adjustment | None, LeftOut | None]:
+        """Return the adjustment of all photographs, and the left-out residuals; None where they are too few."""
+        network = replace(self.network, freedom=self.freedom(names))
+        kept = determined(network, self.views, self.weights)
+        whole = adjusted_part(
+            network, self.views, self.weights, network.design, np.ones(len(self.views), dtype=bool), kept
+        )
+        if whole is None:
+            return None, None
+        network = continued(network, whole[0].camera)
+        views = self.views
+        if len(whole[0].views) == len(views):
+            views = replace(views, rotation=whole[0].views.rotation, translation=whole[0].views.translation)
+        places = network.design.copy()
+        places[kept] = whole[0].places
+        result = predictions(network, views, self.weights, self.photo, places, self.seed, compared=False)[0]
+        return whole[0], result if np.isfinite(result.squares).sum() >= LEAST_JUDGED else None
+
+
+def _within_sigma(found: Adjustment, start: Camera, names: Sequence[str]) -> bool:
+    """Return whether parameters differ from their start by no more than their claimed errors (95 %)."""
+    from scipy.stats import chi2 as chi2_distribution
+
+    chosen = [found.camera.parameter_names.index(name) for name in names]
+    try:
+        spread = found.camera_covariance[np.ix_(chosen, chosen)]
+    except UndeterminedError:
+        return True
+    moved = (parameters_of(found.camera) - parameters_of(start))[chosen]
+    return squared_length(moved, spread, len(names)) < float(chi2_distribution.ppf(0.95, len(names)))
+
+
+def _with_lens(camera: Camera) -> Camera:
+    """Return the camera with all five coefficients of radtan, if it has none or four of them."""
+    known = camera.distortion.coefficients
+    if camera.distortion.model not in ("none", "radtan") or len(known) == 5:
+        return camera
+    return replace(camera, distortion=Distortion("radtan", (*known, *[0.0] * (5 - len(known)))))

@@ -1,0 +1,125 @@
+"""Bending of a marker between photographs, tested by the residuals of a calibration.
+
+A calibration takes the dots to be at the same places in all photographs. A sheet that bends by different amounts leaves
+residuals that quadratic heights z = a x^2 + b x y + c y^2 of each view explain, a, b, c its own. With M the information
+about all coefficients together that is left when poses, dots and camera absorb what they can, and g the gradient of the
+cost at the adjusted network, chi2 falls by g' M^+ g, to first order. Without bending
+
+    F = (g' M^+ g / rank M) / ((chi2 - g' M^+ g) / (degrees of freedom - rank M))
+
+has Fisher's F distribution, whatever the image's noise.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.calibration.adjustment import Adjustment, UndeterminedError
+from markergen.calibration.judging import NotJudged
+
+Array = NDArray[np.float64]
+
+FALSE_ALARM = 0.005
+"""Probability that a rigid marker is said to bend."""
+
+_VISIBLE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Flex:
+    """Test for bending between photographs.
+
+    Attributes
+    ----------
+    statistic : float
+        Ratio of variances; 1 is expected of a rigid marker.
+    chance : float
+        Probability of one as large if the marker is rigid.
+    amplitude : float, m
+        RMS over dots and views of the heights by which views differ, estimated by moments; 0 if the residuals have less
+        than a rigid marker's.
+    """
+
+    statistic: float
+    chance: float
+    amplitude: float
+
+    @property
+    def bends(self) -> bool:
+        """Whether the marker bends, by more than chance."""
+        return self.chance < FALSE_ALARM
+
+    @property
+    def verdict(self) -> str:
+        """The test as a sentence."""
+        if self.bends:
+            return (
+                f"the marker bends between the photographs, by {1e3 * self.amplitude:.2g} mm RMS over its dots "
+                "(or the lens model is too simple): fix it to a flat, stiff plate"
+            )
+        return "the marker does not bend between the photographs by more than the residuals of a rigid one show"
+
+
+def flexing(adjustment: Adjustment) -> Flex | NotJudged:
+    """Test whether the marker bends between photographs."""
+    from scipy.stats import f as fisher
+
+    parts, views, network = adjustment.normal, adjustment.views, adjustment.network
+    try:
+        unscaled = adjustment.unscaled
+    except UndeterminedError:
+        return NotJudged("the photographs do not determine the dots, so that bending cannot be told")
+    modes = _modes(network.design, network.marker)
+    weight = np.linalg.inv(views.covariance) * adjustment.weights[..., None, None]
+    heights = (parts.rows_pose[..., 3:] @ views.rotation[:, None, :, 2:]) * modes[:, None, :]
+    weighted = (weight @ heights).swapaxes(-1, -2)
+    v = len(views)
+    m, size, q = modes.shape[1], parts.dots, len(parts.rest)
+    own = np.einsum("vnia,vnab->vib", weighted, heights)
+    pose = np.einsum("vnia,vnab->vib", weighted, parts.rows_pose)
+    through = pose @ np.linalg.inv(parts.pose)
+    shared = np.zeros((v, m, q))
+    if size:
+        dots = parts.rows_pose[..., 3:] @ views.rotation[:, None]
+        shared[..., :size] = (weighted @ dots).transpose(0, 2, 1, 3).reshape(v, m, size)
+    shared[..., size:] = np.einsum("vnia,vnab->vib", weighted, parts.rows_camera)
+    shared = (shared - through @ parts.cross).reshape(v * m, q)
+    matrix = -shared @ unscaled @ shared.T
+    index = np.arange(v)
+    matrix.reshape(v, m, v, m)[index, :, index, :] += own - through @ pose.swapaxes(-1, -2)
+    gradient = np.einsum("vnia,vna->vi", weighted, adjustment.residual).ravel()
+    values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
+    kept = values > _VISIBLE * max(values[-1], 1e-300)
+    rank = int(kept.sum())
+    rest = adjustment.degrees_of_freedom - rank
+    if rank < 1 or rest < 1:
+        return NotJudged("too few dots and photographs to tell whether the marker bends between them")
+    along = (vectors[:, kept].T @ gradient) ** 2 / values[kept]
+    fall = float(along.sum())
+    noise = max(adjustment.chi2 - fall, 1e-300) / rest
+    statistic = fall / rank / noise
+    # Bending of variance t^2 by each mode: E g'g = s^2 tr M + t^2 tr M^2.
+    variance = (float((along * values[kept]).sum()) - noise * float(values[kept].sum())) / float(
+        (values[kept] ** 2).sum()
+    )
+    visible = float(
+        np.mean(
+            [(modes[network.marker == k] ** 2).sum() / (network.marker == k).sum() for k in np.unique(network.marker)]
+        )
+    )
+    return Flex(statistic, float(fisher.sf(statistic, rank, rest)), float(np.sqrt(max(variance, 0.0) * visible)))
+
+
+def _modes(design: Array, marker: NDArray[np.intp]) -> Array:
+    """Quadratic heights (n, 3) of each marker's dots less shift and tilt: orthogonal, of RMS 1, or 0."""
+    modes = np.zeros((len(design), 3))
+    for each in np.unique(marker):
+        own = marker == each
+        x, y = ((design[own, :2] - design[own, :2].mean(axis=0)) / np.ptp(design[own, :2], axis=0).max()).T
+        plane = np.linalg.qr(np.stack([np.ones_like(x), x, y], axis=-1))[0]
+        bent = np.stack([x * x, x * y, y * y], axis=-1)
+        left, strength, _ = np.linalg.svd(bent - plane @ (plane.T @ bent), full_matrices=False)
+        count = min(3, left.shape[1])
+        modes[np.ix_(own, range(count))] = left[:, :count] * (strength[:count] > 1e-6) * np.sqrt(len(x))
+    return modes

@@ -1,0 +1,500 @@
+"""Worth of a calibration by photographs that took no part in it: left-out photographs, and two halves compared.
+
+Residuals always fall when more is estimated. What counts is whether a photograph that was left out is predicted better,
+by dots and camera from the others and a pose of its own. Two ways to predict are compared photograph by photograph, by
+the logarithm of the ratio of their RMS residuals, since some photographs are harder than others.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from markergen.calibration.adjustment import Adjustment, UndeterminedError, adjust
+from markergen.calibration.network import CameraFreedom, Network, Views
+from markergen.errors import InputError
+from markergen.model.camera import Camera
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+FOLDS = 5
+ALONE = 10
+"""Maximum number of photographs of which each is left out alone; of more, a fifth at a time."""
+
+CHANCE = 0.01
+"""Probability by chance alone at which two halves are said to disagree."""
+
+LEAST_JUDGED = 3
+"""Minimum number of left-out photographs: fewer have no interval worth telling."""
+
+LEAST_IN_HALF = 3
+"""Minimum number of photographs in each of two halves."""
+
+LEAST_DOTS = 4
+"""Minimum number of dots of a view: fewer tell nothing but the pose."""
+
+_FLOOR_PX = 1e-6
+
+
+@dataclass(frozen=True)
+class NotJudged:
+    """Why a judgment was not possible, as a sentence."""
+
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """Residuals of p photographs that were left out.
+
+    Attributes
+    ----------
+    squares, chi2 : arrays (p,)
+        Sum of the squared residuals in px^2, and of those weighted by the image's covariance; nan where a photograph
+        could not be predicted.
+    dots, degrees_of_freedom : arrays (p,) of int
+        Dots that were seen, and twice their number less 6 for each fitted pose.
+    """
+
+    squares: Array
+    chi2: Array
+    dots: Index
+    degrees_of_freedom: Index
+
+    @property
+    def rms_each(self) -> Array:
+        """RMS (p,) over the dots of each photograph of the length of the residual, px."""
+        return np.asarray(np.sqrt(self.squares / np.maximum(self.dots, 1)))
+
+    @property
+    def rms(self) -> float:
+        """RMS over all dots of the length of the residual, px."""
+        known = np.isfinite(self.squares)
+        return float(np.sqrt(self.squares[known].sum() / max(self.dots[known].sum(), 1)))
+
+    @property
+    def variance_factor(self) -> float:
+        """chi2 per degree of freedom, over all photographs: 1 if dots and camera were exact."""
+        known = np.isfinite(self.chi2)
+        return float(self.chi2[known].sum() / max(self.degrees_of_freedom[known].sum(), 1))
+
+
+@dataclass(frozen=True)
+class Paired:
+    """Geometric mean over photographs of the ratio of two RMS residuals.
+
+    Attributes
+    ----------
+    ratio, low, high : float
+        Mean, and its 95 % interval (Student's t of the logarithms).
+    chance : float
+        Probability of a ratio as large as this one if the true one is 1.
+    photos : int
+    """
+
+    ratio: float
+    low: float
+    high: float
+    chance: float
+    photos: int
+
+    @classmethod
+    def of(cls, worse: LeftOut, better: LeftOut) -> "Paired":
+        """Compare two predictions of the same photographs; a ratio above 1 is in favor of the second."""
+        from scipy.stats import t as student
+
+        first, second = (np.maximum(each.rms_each, _FLOOR_PX) for each in (worse, better))
+        logarithm = np.log(first / second)
+        logarithm = logarithm[np.isfinite(logarithm)]
+        count = len(logarithm)
+        if count < 2:
+            return cls(float("nan"), 0.0, float("inf"), 1.0, count)
+        mean, error = float(logarithm.mean()), float(logarithm.std(ddof=1) / np.sqrt(count))
+        half = error * float(student.ppf(0.975, count - 1))
+        chance = float(student.sf(mean / max(error, 1e-12), count - 1))
+        return cls(float(np.exp(mean)), float(np.exp(mean - half)), float(np.exp(mean + half)), chance, count)
+
+
+@dataclass(frozen=True, eq=False)
+class CrossValidation:
+    """Left-out photographs, predicted with the measured print and with the designed one.
+
+    Attributes
+    ----------
+    photos : array (p,) of int
+        Photographs that were left out, as numbered by the caller.
+    measured : LeftOut
+        Dots and camera from the other photographs.
+    nominal : LeftOut
+        Designed dots, the same camera.
+    refitted : LeftOut or None
+        Designed dots, and the camera that suits them best in the other photographs; None if the camera was held.
+    gain : Paired
+        How many times smaller the residuals are with the measured print than with the design at its best.
+    """
+
+    photos: Index
+    measured: LeftOut
+    nominal: LeftOut
+    refitted: LeftOut | None
+    gain: Paired
+
+    @property
+    def best_nominal(self) -> LeftOut:
+        """Prediction by the design, with the camera that suits it if the camera was estimated."""
+        return self.nominal if self.refitted is None else self.refitted
+
+    @property
+    def better(self) -> bool:
+        """Whether the measured print predicts better, by more than chance (95 %)."""
+        return self.gain.low > 1
+
+    @property
+    def verdict(self) -> str:
+        """The comparison as a sentence."""
+        gain, rms, nominal = self.gain, self.measured.rms, self.best_nominal.rms
+        numbers = f"{rms:.3g} px RMS against {nominal:.3g} px"
+        interval = f"95 % interval {gain.low:.3g} to {gain.high:.3g}, {gain.photos} photographs"
+        if self.better:
+            factor = f"{gain.ratio:.3g} times"
+            return f"the measured print predicts left-out photographs {factor} better: {numbers} ({interval})"
+        if gain.high < 1:
+            return f"the measured print predicts left-out photographs worse than the design: {numbers} ({interval})"
+        return f"the measured print predicts left-out photographs no better than the design: {numbers} ({interval})"
+
+
+@dataclass(frozen=True, eq=False)
+class Halves:
+    """The same print measured by two halves of the photographs.
+
+    Attributes
+    ----------
+    photos : (array, array) of int
+        Photographs of each half.
+    dots : array (m,) of int
+        Dots that both halves measured.
+    difference : array (m, 3), m
+        Of their places, second half less first.
+    chi2, degrees_of_freedom : float, int
+        Of all differences together, by the claimed covariances; their expected ratio is 1.
+    chance : float
+        Probability of a chi2 as large if the claimed covariances are right.
+    chi2_each : array (m,)
+        Of each dot alone; its expected value is 3.
+    cameras : (Camera, Camera)
+    camera_chi2 : float or None
+        Of the difference of the estimated camera parameters, per degree of freedom; None if the camera was held.
+    """
+
+    photos: tuple[Index, Index]
+    dots: Index
+    difference: Array
+    chi2: float
+    degrees_of_freedom: int
+    chance: float
+    chi2_each: Array
+    cameras: tuple[Camera, Camera]
+    camera_chi2: float | None
+
+    @property
+    def rms_um(self) -> float:
+        """RMS over the dots of the length of the difference, um."""
+        return float(1e6 * np.sqrt((self.difference**2).sum(axis=1).mean())) if len(self.dots) else 0.0
+
+    @property
+    def variance_factor(self) -> float:
+        """chi2 per degree of freedom: 1 if the claimed covariances are right."""
+        return self.chi2 / self.degrees_of_freedom if self.degrees_of_freedom else float("nan")
+
+    @property
+    def verdict(self) -> str:
+        """The comparison as a sentence."""
+        if not self.degrees_of_freedom:
+            return "the dots were held, so two halves of the photographs can differ in the camera alone"
+        numbers = f"they differ by {self.rms_um:.3g} um RMS, chi2 per degree of freedom {self.variance_factor:.3g}"
+        if self.chance < CHANCE:
+            return f"two halves of the photographs disagree by more than their claimed errors: {numbers}"
+        return f"two halves of the photographs agree within their claimed errors: {numbers}"
+
+
+def cross_validate(adjustment: Adjustment, photo: Index, seed: int = 0) -> CrossValidation | NotJudged:
+    """Predict left-out photographs, with the measured print and with the design.
+
+    Every photograph is left out once, alone or with a fifth of all. Dots that fewer than two others show do not count.
+
+    Parameters
+    ----------
+    adjustment : Adjustment
+        Of all photographs.
+    photo : array (v,) of int
+        Photograph of each view.
+    seed : int
+        For the random folds.
+    """
+    network = continued(adjustment.network, adjustment.camera)
+    found = predictions(network, adjustment.views, adjustment.weights, photo, adjustment.places, seed)
+    photos, (measured, nominal, refitted) = np.unique(photo), found
+    if np.isfinite(measured.squares).sum() < LEAST_JUDGED:
+        return NotJudged(f"{len(photos)} photographs are too few for leaving some out")
+    if not len(network.freedom):
+        return CrossValidation(photos, measured, nominal, None, Paired.of(nominal, measured))
+    return CrossValidation(photos, measured, nominal, refitted, Paired.of(refitted, measured))
+
+
+def compare_halves(adjustment: Adjustment, photo: Index, seed: int = 0) -> Halves | NotJudged:
+    """Measure the print twice, by two halves of the photographs, and compare.
+
+    Photographs that are alike in tilt, roll and distance are paired, and one of each pair goes to each half. With the
+    claimed covariances C1, C2 and the information P about the unknowns before the photographs, which both halves share,
+
+        cov(x2 - x1) = C1 + C2 - C1 P C2 - C2 P C1.
+
+    Parameters
+    ----------
+    adjustment : Adjustment
+        Of all photographs.
+    photo : array (v,) of int
+        Photograph of each view.
+    seed : int
+        For which of a pair goes where.
+    """
+    from scipy.stats import chi2 as chi2_distribution
+
+    views, weights = adjustment.views, adjustment.weights
+    photos, first_view, own = np.unique(photo, return_index=True, return_inverse=True)
+    if len(photos) < 2 * LEAST_IN_HALF:
+        return NotJudged(f"two halves need {2 * LEAST_IN_HALF} photographs or more, found {len(photos)}")
+    second = _second_half(views.take(first_view), np.random.default_rng(seed))
+    sides = [~second[own], second[own]]
+    network = continued(adjustment.network, adjustment.camera)
+    kept = np.logical_and.reduce([determined(network, views.take(side), weights[side]) for side in sides])
+    found = [adjusted_part(network, views, weights, adjustment.places, side, kept) for side in sides]
+    if found[0] is None or found[1] is None:
+        return NotJudged("half of the photographs does not determine the dots")
+    halves = [each[0] for each in found if each is not None]
+    size = halves[0].normal.dots
+    try:
+        covariances = [each.unscaled for each in halves]
+    except UndeterminedError:
+        return NotJudged("half of the photographs does not determine the dots")
+    known = replace(halves[0], views=halves[0].views.take(slice(0)), weights=halves[0].weights[:0]).normal.rest
+    shared = covariances[0] @ known @ covariances[1]
+    spread = adjustment.scale * (covariances[0] + covariances[1] - shared - shared.T)
+    difference = halves[1].places - halves[0].places
+    freedom = size - halves[0].network.gauge(halves[0].network.design).shape[1] if size else 0
+    chi2 = squared_length(difference.ravel(), spread[:size, :size], freedom)
+    blocks = [slice(3 * k, 3 * k + 3) for k in range(len(difference) if size else 0)]
+    each = np.array([squared_length(difference[k], spread[block, block], 3) for k, block in enumerate(blocks)])
+    free = spread.shape[0] - size
+    moved = parameters_of(halves[1].camera) - parameters_of(halves[0].camera)
+    step: Array = np.linalg.pinv(network.freedom.directions) @ moved
+    return Halves(
+        (photos[~second], photos[second]),
+        np.flatnonzero(kept) if size else np.zeros(0, dtype=np.intp),
+        difference if size else difference[:0],
+        chi2,
+        freedom,
+        float(chi2_distribution.sf(chi2, freedom)) if freedom else 1.0,
+        each,
+        (halves[0].camera, halves[1].camera),
+        squared_length(step, spread[size:, size:], free) / free if free else None,
+    )
+
+
+def predictions(
+    network: Network, views: Views, weights: Array, photo: Index, places: Array, seed: int = 0, compared: bool = True
+) -> tuple[LeftOut, LeftOut, LeftOut]:
+    """Predict each photograph from others: with dots and camera of these; with designed dots; and their camera, too.
+
+    Parameters
+    ----------
+    network, views, weights
+        As of `adjust`.
+    photo : array (v,) of int
+        Photograph of each view.
+    places : array (n, 3), m
+        Start for the dots.
+    seed : int
+        For the random folds.
+    compared : bool
+        False leaves out the second and the third.
+    """
+    photos, own = np.unique(photo, return_inverse=True)
+    sums = [_Sums(len(photos)) for _ in range(3)]
+    for left in _folds(len(photos), seed):
+        out = np.isin(own, left)
+        found = adjusted_part(network, views, weights, places, ~out)
+        if found is None:
+            continue
+        part, kept = found
+        taken = views.seen & (weights > 0) & kept
+        index = np.flatnonzero(out & (taken.sum(axis=1) >= LEAST_DOTS))
+        if not len(index):
+            continue
+        tested = _of_dots(views.take(index), kept), weights[index][:, kept]
+        sums[0].add(own[index], _predicted(part, part.places, part.camera, *tested))
+        if compared:
+            design = part.network.design
+            sums[1].add(own[index], _predicted(part, design, part.camera, *tested))
+            if len(network.freedom):
+                held = _adjusted(replace(part.network, free=False), part.views, part.weights)
+                if held is not None:
+                    sums[2].add(own[index], _predicted(part, design, held.camera, *tested))
+    return sums[0].left_out(), sums[1].left_out(), sums[2].left_out()
+
+
+def determined(network: Network, views: Views, weights: Array) -> Mask:
+    """Mask (n,) of the dots that can be measured: seen in two views or more of their marker, with two others.
+
+    All of them if the dots are held.
+    """
+    taken = views.seen & (weights > 0)
+    if not network.free:
+        return np.ones(len(network.design), dtype=bool)
+    kept = np.ones(len(network.design), dtype=bool)
+    while True:
+        usable = (taken & kept).sum(axis=1) >= LEAST_DOTS
+        now = kept & ((taken & usable[:, None]).sum(axis=0) >= 2)
+        for marker in np.unique(network.marker[now]):
+            own = now & (network.marker == marker)
+            if own.sum() < LEAST_DOTS:
+                now &= ~own
+        if np.array_equal(now, kept):
+            return kept
+        kept = now
+
+
+def reduced_to(network: Network, kept: Mask) -> Network:
+    """Return the network of the dots `kept` (n,) alone."""
+    number = np.cumsum(kept) - 1
+    lengths = tuple(
+        replace(each, first=int(number[each.first]), second=int(number[each.second]))
+        for each in network.lengths
+        if kept[each.first] and kept[each.second]
+    )
+    return replace(
+        network,
+        design=network.design[kept],
+        radii=network.radii[kept],
+        marker=network.marker[kept],
+        lengths=lengths,
+        prior=None if network.prior is None else network.prior[kept],
+    )
+
+
+class _Sums:
+    """Sums of left-out residuals by photograph."""
+
+    def __init__(self, photos: int) -> None:
+        self.squares, self.chi2 = np.full(photos, np.nan), np.full(photos, np.nan)
+        self.dots, self.freedom = np.zeros(photos, dtype=np.intp), np.zeros(photos, dtype=np.intp)
+
+    def add(self, photo: Index, adjusted: Adjustment | None) -> None:
+        """Add the views of some photographs, adjusted with dots and camera held."""
+        if adjusted is None:
+            return
+        taken, residual = adjusted.weights > 0, adjusted.residual
+        squares = ((residual**2).sum(axis=-1) * taken).sum(axis=1)
+        inverse = np.linalg.inv(adjusted.views.covariance)
+        chi2 = np.einsum("vni,vnij,vnj,vn->v", residual, inverse, residual, adjusted.weights, optimize=True)
+        for sums, values in ((self.squares, squares), (self.chi2, chi2)):
+            sums[photo] = 0.0
+            np.add.at(sums, photo, values)
+        np.add.at(self.dots, photo, taken.sum(axis=1))
+        np.add.at(self.freedom, photo, 2 * taken.sum(axis=1) - 6)
+
+    def left_out(self) -> LeftOut:
+        """Return the sums."""
+        return LeftOut(self.squares, self.chi2, self.dots, self.freedom)
+
+
+def _folds(photos: int, seed: int) -> Iterator[Index]:
+    """Numbers of the photographs that are left out together."""
+    count = photos if photos <= ALONE else FOLDS
+    order = np.random.default_rng(seed).permutation(photos)
+    for fold in range(count):
+        yield np.sort(order[fold::count])
+
+
+def continued(network: Network, camera: Camera) -> Network:
+    """Start from the camera as adjusted, unless the network says what is known of it."""
+    return network if network.freedom.precision.any() else replace(network, camera=camera)
+
+
+def _adjusted(network: Network, views: Views, weights: Array, places: Array | None = None) -> Adjustment | None:
+    """Adjust; None if the views do not determine the network."""
+    try:
+        found = adjust(network, views, weights, places)
+    except (UndeterminedError, InputError, np.linalg.LinAlgError):
+        return None
+    return found if found.degrees_of_freedom > 0 and np.isfinite(found.chi2) else None
+
+
+def adjusted_part(
+    network: Network, views: Views, weights: Array, places: Array, chosen: Mask, kept: Mask | None = None
+) -> tuple[Adjustment, Mask] | None:
+    """Adjust the network by some of the views, and tell the dots that they determine; None if they do not."""
+    views, weights = views.take(chosen), weights[chosen]
+    if kept is None:
+        kept = determined(network, views, weights)
+    if kept.sum() < LEAST_DOTS:
+        return None
+    reduced, views = reduced_to(network, kept), _of_dots(views, kept)
+    usable = ((weights[:, kept] > 0) & views.seen).sum(axis=1) >= LEAST_DOTS
+    found = _adjusted(reduced, views.take(usable), weights[usable][:, kept], places[kept])
+    return None if found is None else (found, kept)
+
+
+def _predicted(part: Adjustment, places: Array, camera: Camera, views: Views, weights: Array) -> Adjustment | None:
+    """Fit the poses of left-out views, with dots and camera held."""
+    held = replace(
+        part.network,
+        design=places,
+        camera=camera,
+        freedom=CameraFreedom.held(camera),
+        free=False,
+        lengths=(),
+        prior=None,
+    )
+    try:
+        return adjust(held, views, weights)
+    except (UndeterminedError, np.linalg.LinAlgError):
+        return None
+
+
+def _of_dots(views: Views, kept: Mask) -> Views:
+    return replace(views, pixels=views.pixels[:, kept], covariance=views.covariance[:, kept], seen=views.seen[:, kept])
+
+
+def _second_half(views: Views, rng: np.random.Generator) -> Mask:
+    """Mask of the photographs of the second half: one of each pair that is alike in tilt, roll and distance."""
+    tilt, roll = views.rotation[:, :2, 2], views.rotation[:, :2, 0]
+    features = np.concatenate([2 * tilt, roll, np.log(views.translation[:, 2:])], axis=1)
+    apart = np.linalg.norm(features[:, None] - features, axis=-1)
+    first, second = np.triu_indices(len(views), 1)
+    single = np.ones(len(views), dtype=bool)
+    chosen = np.zeros(len(views), dtype=bool)
+    for k in np.argsort(apart[first, second], kind="stable"):
+        pair = [first[k], second[k]]
+        if single[pair].all():
+            single[pair] = False
+            chosen[pair[rng.integers(2)]] = True
+    return chosen
+
+
+def squared_length(error: Array, covariance: Array, rank: int) -> float:
+    """Squared length of an error by the `rank` largest eigenvalues of its covariance."""
+    if not rank:
+        return 0.0
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, vectors = np.linalg.eigh(covariance / scale / scale[:, None])
+    along = vectors[:, -rank:].T @ (error / scale)
+    return float((along**2 / np.maximum(values[-rank:], 1e-15)).sum())
+
+
+def parameters_of(camera: Camera) -> Array:
+    """Return the values (k,) of `Camera.parameter_names`."""
+    return np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion.coefficients])

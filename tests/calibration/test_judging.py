@@ -1,0 +1,165 @@
+"""Left-out photographs and two halves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from benchmarks.calibration_sets import hand_held, in_gauge, layout, nees, photographed, simulate
+from markergen.calibration.adjustment import adjust
+from markergen.calibration.judging import NotJudged, compare_halves, cross_validate, determined
+from markergen.calibration.network import CameraFreedom
+from markergen.maths.rotation import exponential
+
+
+def test_a_left_out_photograph_is_predicted_as_by_hand():
+    """The others adjusted, and scipy's fit of the pose alone."""
+    rng = np.random.default_rng(0)
+    made = simulate(6, 5, rng)
+    whole = adjust(made.network(), made.views)
+    found = cross_validate(whole, np.arange(5))
+    others = adjust(made.network(), whole.views.take(np.arange(5) != 3))
+    for places, part in ((others.places, found.measured), (made.design, found.nominal)):
+        start = whole.views.rotation[3], whole.views.translation[3]
+
+        def residual(step, places=places, start=start):
+            rotation, translation = exponential(step[:3]) @ start[0], start[1] + step[3:]
+            pixels = made.camera.project(places, rotation[None], translation[None])[0]
+            return (made.views.pixels[3] - pixels).ravel()
+
+        fit = least_squares(residual, np.zeros(6), x_scale=[1, 1, 1, 0.1, 0.1, 0.1], xtol=1e-14, ftol=1e-14)
+        assert part.squares[3] == pytest.approx(2 * fit.cost, rel=1e-5)
+        assert part.rms_each[3] == pytest.approx(np.sqrt(2 * fit.cost / 6), rel=1e-5)
+        assert part.chi2[3] == pytest.approx(2 * fit.cost / 0.03**2, rel=1e-5)
+    assert (found.measured.degrees_of_freedom == 6).all()
+    assert found.refitted is None
+
+
+@pytest.mark.parametrize("unknown", [False, True])
+def test_a_bad_print_is_predicted_better_when_measured(unknown):
+    made = simulate(12, 12, np.random.default_rng(1))
+    whole = adjust(made.unknown_camera() if unknown else made.network(), made.views)
+    found = cross_validate(whole, np.arange(12))
+    assert found.better
+    assert found.gain.low < found.gain.ratio < found.gain.high
+    assert "times better" in found.verdict
+    assert 1 < found.measured.variance_factor < 2 < found.nominal.variance_factor
+    assert (found.refitted is not None) is unknown
+    if unknown:
+        assert found.measured.rms < found.best_nominal.rms <= found.nominal.rms
+
+
+def test_an_exact_print_is_not_predicted_better_when_measured():
+    """Fewer unknowns predict better; and the same seed gives the same bytes."""
+    rng, design = np.random.default_rng(2), layout(8)
+    made = photographed(design, design, *hand_held(12, rng, design), rng)
+    whole = adjust(made.network(), made.views)
+    found = cross_validate(whole, np.arange(12))
+    assert not found.better
+    assert "times better" not in found.verdict
+    again = cross_validate(whole, np.arange(12))
+    assert found.measured.squares.tobytes() == again.measured.squares.tobytes()
+
+
+def test_views_of_one_photograph_stay_together():
+    """Copies of a photograph would predict it too well."""
+    made = simulate(5, 12, np.random.default_rng(3))
+    whole = adjust(made.network(), made.views)
+    twice = np.repeat(np.arange(6), 2)
+    found = cross_validate(whole, twice)
+    assert found.photos.tolist() == list(range(6))
+    assert (found.measured.dots == 10).all()
+    assert (found.measured.degrees_of_freedom == 8).all()
+    apart = adjust(made.network(), whole.views.take(twice != 4))
+    held = replace(
+        apart.network, design=apart.places, free=False, freedom=CameraFreedom.held(made.camera), camera=apart.camera
+    )
+    fitted = adjust(held, whole.views.take(twice == 4))
+    assert found.measured.chi2[4] == pytest.approx(fitted.chi2, rel=1e-9)
+
+
+def test_dots_seen_once_are_not_counted():
+    made = simulate(8, 6, np.random.default_rng(4))
+    seen = made.views.seen.copy()
+    seen[1:, 7], seen[2:, 6] = False, False
+    kept = determined(made.network(), replace(made.views, seen=seen), np.ones(seen.shape))
+    assert kept.tolist() == [True] * 7 + [False]
+    views = replace(made.views, seen=seen)
+    whole = adjust(made.network(), replace(made.views, seen=np.where(np.arange(8) == 7, True, seen)))
+    found = cross_validate(replace(whole, views=views, weights=views.seen.astype(float)), np.arange(6))
+    assert found.measured.dots.tolist() == [6] * 6
+
+
+def test_too_few_photographs_are_told():
+    made = simulate(5, 4, np.random.default_rng(5))
+    whole = adjust(made.network(), made.views)
+    assert isinstance(compare_halves(whole, np.arange(4)), NotJudged)
+    two = adjust(made.network(), made.views.take(slice(2)))
+    assert cross_validate(two, np.arange(2)) == NotJudged("2 photographs are too few for leaving some out")
+
+
+def _halves(sets, seed, freedom=None):
+    found = []
+    for k in range(sets):
+        rng = np.random.default_rng([seed, k])
+        made = simulate(5, 16, rng)
+        network = made.network()
+        if freedom is not None:
+            # The camera is known with an error, of its own sigma, that both halves share.
+            covariance = np.diag(np.array(freedom) ** 2)
+            wrong = made.camera
+            step = rng.normal(0, 1, 9) * freedom
+            wrong = replace(
+                wrong, fx=wrong.fx + step[0], fy=wrong.fy + step[1], cx=wrong.cx + step[2], cy=wrong.cy + step[3]
+            )
+            network = made.network(CameraFreedom.of_covariance(covariance), wrong)
+        found.append(compare_halves(adjust(network, made.views), np.arange(16)))
+    return found
+
+
+@pytest.mark.parametrize("freedom", [None, [4.0, 4.0, 4.0, 4.0, 0, 0, 0, 0, 0]])
+def test_two_halves_differ_by_their_claimed_errors(freedom):
+    """Mean chi2 per degree of freedom: 8 of them in each of 25 sets, so its standard deviation is 0.1."""
+    found = _halves(25, 6, freedom)
+    assert {each.degrees_of_freedom for each in found} == {8}
+    assert np.mean([each.variance_factor for each in found]) == pytest.approx(1, abs=0.35)
+    assert np.mean([each.chance < 0.01 for each in found]) < 0.15
+    assert all(set(each.photos[0]).isdisjoint(each.photos[1]) for each in found)
+    assert all(len(each.photos[0]) == len(each.photos[1]) == 8 for each in found)
+    assert "agree" in found[0].verdict
+    assert np.mean([each.camera_chi2 for each in found]) == pytest.approx(1, abs=0.5) if freedom else True
+
+
+def test_halves_that_disagree_are_told():
+    """The print changes after half of the photographs that are alike in pairs."""
+    rng = np.random.default_rng(7)
+    design = layout(6)
+    rotation, translation = hand_held(8, rng, design)
+    first = photographed(design, design, rotation, translation, rng)
+    found = None
+    whole = adjust(first.network(), first.views)
+    found = compare_halves(whole, np.arange(8))
+    moved = photographed(design, design + rng.normal(0, 5e-4, design.shape), rotation, translation, rng)
+    second = np.isin(np.arange(8), found.photos[1])
+    mixed = replace(first.views, pixels=np.where(second[:, None, None], moved.views.pixels, first.views.pixels))
+    # Taken as they are claimed: the scale of the whole would hide it.
+    told = compare_halves(replace(whole, views=replace(whole.views, pixels=mixed.pixels)), np.arange(8))
+    assert told.chance < 1e-6
+    assert "disagree" in told.verdict
+    assert told.rms_um > 5 * found.rms_um
+    assert len(told.cameras) == 2
+    assert told.camera_chi2 is None
+
+
+def test_the_true_dots_are_brought_into_the_gauge():
+    """Of the simulator: the images stay, and the gauge is met; so the error of the dots is that claimed."""
+    made = simulate(7, 12, np.random.default_rng(8))
+    network = made.network()
+    places, rotation, translation = in_gauge(network, made.true, made.rotation, made.translation)
+    gauge = network.gauge(network.design)
+    assert np.abs(gauge.T @ (places - made.design).ravel()).max() < 1e-12
+    before = made.camera.project(made.true, made.rotation, made.translation)
+    assert np.abs(made.camera.project(places, rotation, translation) - before).max() < 1e-9
+    found = adjust(network, made.views)
+    assert 0.2 < nees((found.places - places).ravel(), found.covariance, 14) < 3
