@@ -19,7 +19,6 @@ from markergen.model.boundary import Circle
 from markergen.model.feature import Feature
 from markergen.model.marker import (
     ControlPoint,
-    JointCovariance,
     Marker,
     MeasuredSize,
     Plate,
