@@ -334,7 +334,7 @@ def predictions(
         index = np.flatnonzero(out & (taken.sum(axis=1) >= LEAST_DOTS))
         if not len(index):
             continue
-        tested = _of_dots(views.take(index), kept), weights[index][:, kept]
+        tested = of_dots(views.take(index), kept), weights[index][:, kept]
         sums[0].add(own[index], _predicted(part, part.places, part.camera, *tested))
         if compared:
             design = part.network.design
@@ -442,7 +442,7 @@ def adjusted_part(
         kept = determined(network, views, weights)
     if kept.sum() < LEAST_DOTS:
         return None
-    reduced, views = reduced_to(network, kept), _of_dots(views, kept)
+    reduced, views = reduced_to(network, kept), of_dots(views, kept)
     usable = ((weights[:, kept] > 0) & views.seen).sum(axis=1) >= LEAST_DOTS
     found = _adjusted(reduced, views.take(usable), weights[usable][:, kept], places[kept])
     return None if found is None else (found, kept)
@@ -465,7 +465,8 @@ def _predicted(part: Adjustment, places: Array, camera: Camera, views: Views, we
         return None
 
 
-def _of_dots(views: Views, kept: Mask) -> Views:
+def of_dots(views: Views, kept: Mask) -> Views:
+    """Return the views of the dots `kept` (n,) alone."""
     return replace(views, pixels=views.pixels[:, kept], covariance=views.covariance[:, kept], seen=views.seen[:, kept])
 
 
