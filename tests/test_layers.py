@@ -23,6 +23,7 @@ DOORS = {
     ("model/camera.py", "Camera.load"): "read.cameras.load_camera",
     ("model/camera.py", "Camera.from_message"): "read.cameras.ros.camera_of_message",
     ("model/camera.py", "Camera.from_cv2"): "read.cameras.calibration.camera_of_arrays",
+    ("model/camera.py", "Camera.save"): "read.cameras.writing.camera_file",
     ("model/marker.py", "Marker.load"): "model.marker_json.load_marker",
     # A marker is saved by its own name, too.
     ("model/marker.py", "Marker.save"): "api.export.export",

@@ -9,7 +9,7 @@ from markergen.errors import InputError
 from markergen.estimators.budget import ErrorSources
 from markergen.options import CameraLike, File, Files, MarkerLike, Progress, check_progress, settle, signature_of
 from markergen.options.declarations import ValidateKeywords
-from markergen.read.cameras.covariance import read_camera_covariance
+from markergen.read.cameras.covariance import camera_covariance
 from markergen.render import optics_from_text
 from markergen.validation.validation import Validation, check_pictures, setting_of
 from markergen.validation.validation import validate as run
@@ -88,7 +88,7 @@ def validate(
     if not views and settled["stress"]:
         raise InputError("views to take", "--views 0", "leave out --stress, or ask for views")
     setting = setting_of(judged, settled["poses"], camera_of(camera))
-    covariance = settled["camera_covariance"] and read_camera_covariance(settled["camera_covariance"], setting.camera)
+    covariance = camera_covariance(settled["camera_covariance"], camera, setting.camera)
     series = SyntheticViews(
         judged, setting.camera, setting.poses, views, settled["seed"], optics, settled["background"], settled["hide"],
         ErrorSources(settled["print_sigma"], covariance, scale_sigma=settled["scale_sigma"]), settled["refine"],

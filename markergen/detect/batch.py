@@ -195,6 +195,8 @@ def detect_files(
     for folder in filter(Path.is_dir, map(Path, as_list(images))):
         if videos := sum(each.suffix.lower() in SUFFIXES for each in folder.iterdir()):
             warn(f"{folder}: {videos} video{'s are' if videos > 1 else ' is'} left out: give one at a time")
+    if detector.note:
+        tell(detector.note)
     tasks = [(path, drawings[number] if overlay else None) for number, path in enumerate(paths)]
     done, told = dict[int, Outcome](), 0
 

@@ -24,7 +24,8 @@ from markergen.maths.rotation import logarithm
 from markergen.model.camera import Camera
 from markergen.model.marker import Marker
 from markergen.options import CameraLike, MarkerLike, as_list
-from markergen.read.cameras.covariance import read_camera_covariance
+from markergen.read.cameras.covariance import camera_covariance as covariance_of
+from markergen.read.cameras.covariance import counted, is_exact
 from markergen.read.images import check_frame, grey_frame
 from markergen.units import parse_length
 
@@ -261,7 +262,8 @@ class Detector:
         Standard deviation of a printed dot's position along each axis: a length such as ``"0.1mm"``, or m.
     camera_covariance : array (k, k) or (k,), path, or None
         Covariance or standard deviations of the calibration's parameters: fx, fy, cx, cy and the distortion coefficients,
-        or the first four alone, in px for those. None takes the calibration as exact.
+        or the first four alone, in px for those. None takes that in the camera's file, if it has one; ``"none"`` takes
+        the calibration as exact.
     refine : str
         ``none``, or ``photometric``: align the rendered dots with the grey levels after the detection.
     copies : int
@@ -311,14 +313,15 @@ class Detector:
         check_refinement(refine)
         self._camera = camera if camera is None or isinstance(camera, Camera) else Camera.load(camera)
         covariance = None
-        if camera_covariance is not None:
-            if self._camera is None:
-                raise InputError(
-                    "a camera that the covariance belongs to",
-                    "camera_covariance alone",
-                    "give its calibration as well, with --camera, or camera= from Python",
-                )
-            covariance = read_camera_covariance(camera_covariance, self._camera)
+        if self._camera is not None:
+            covariance = covariance_of(camera_covariance, camera, self._camera)
+        elif camera_covariance is not None and not is_exact(camera_covariance):
+            raise InputError(
+                "a camera that the covariance belongs to",
+                "camera_covariance alone",
+                "give its calibration as well, with --camera, or camera= from Python",
+            )
+        self._note = counted(camera_covariance, camera, covariance)
         self._errors = ErrorSources(parse_length(print_sigma, "print_sigma"), covariance)
         sources = as_list(markers)
         named = [_marker(each, f"marker {k}" if len(sources) > 1 else "marker") for k, each in enumerate(sources)]
@@ -336,6 +339,11 @@ class Detector:
     def names(self) -> tuple[str, ...]:
         """Names of the markers: their files, where they came from one."""
         return self._names
+
+    @property
+    def note(self) -> str:
+        """Sentence on a covariance taken from the camera's file; empty without one."""
+        return self._note
 
     @property
     def camera(self) -> Camera | None:

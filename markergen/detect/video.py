@@ -156,7 +156,8 @@ def detect_video(
         video = at_the_end.enter_context(open_video(one, size))
         watched = Watched(video.name)
         at_the_end.enter_context(silent_opencv())
-        at_the_end.callback(lambda: [tell(line) for line in watched.lines(video.notes)])
+        notes = [*([detector.note] if detector.note else []), *video.notes]
+        at_the_end.callback(lambda: [tell(line) for line in watched.lines(notes)])
         sinks = _sinks(video, json, overlay, window, tell, warn)
         for sink in sinks:
             at_the_end.enter_context(sink)

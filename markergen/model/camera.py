@@ -8,7 +8,7 @@ from numbers import Real
 from typing import IO, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from markergen.errors import InputError, brief
 from markergen.maths import distortion as lens
@@ -161,6 +161,32 @@ class Camera:
         Camera(width=752, height=480, fx=460.0, fy=460.0, cx=367.0, cy=248.0)
         """
         return door("read.cameras.load_camera")(source)
+
+    def save(
+        self, path: "str | os.PathLike[str]", covariance: ArrayLike | None = None, rms: float | None = None
+    ) -> None:
+        """Write a calibration file that `load` reads, in the format that the end of its name says.
+
+        ``.yaml``, ``.xml`` and ``.json`` are OpenCV's, ``.ros.yaml`` a camera_info, ``.kalibr.yaml`` a camchain,
+        ``cameras.txt`` and ``.colmap.txt`` COLMAP's, which counts pixels from the corner; ``.toml`` holds every lens.
+
+        Parameters
+        ----------
+        path : str or path
+        covariance : array (k, k) or (k,), or None
+            Covariance or standard deviations of `parameter_names`, which ``--camera-covariance`` reads from the file;
+            other programs skip the key.
+        rms : float or None
+            RMS of the residuals in px, OpenCV's ``avg_reprojection_error``.
+
+        Raises
+        ------
+        InputError
+            If the name has no known ending, the format cannot hold the lens, or the covariance is none.
+        OutputError
+            If the file cannot be written.
+        """
+        door("read.cameras.writing.camera_file")(self, path, covariance, rms)
 
     @classmethod
     def from_message(cls, message: Any) -> "Camera":

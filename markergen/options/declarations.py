@@ -160,7 +160,7 @@ class DesignKeywords(SheetKeywords, ProcessKeyword, PlateKeywords, total=False):
         Option(
             VIEW,
             "Covariance of the camera's parameters for --n auto and --target, as for markergen validate.",
-            otherwise="an exact calibration",
+            otherwise="that in the camera's file, or an exact calibration",
             metavar="FILE",
         ),
     ]

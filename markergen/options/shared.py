@@ -6,7 +6,13 @@ from markergen.options import ERRORS, RUN, SHEET, SOLID, File, Length, Option, S
 
 Printed = Annotated[Length, Option(ERRORS, "Standard deviation of a printed dot's position along each axis.", "0.1mm")]
 Calibrated = Annotated[
-    File, Option(ERRORS, "Covariance, or a row of standard deviations, of fx, fy, cx, cy, ...", metavar="FILE")
+    File,
+    Option(
+        ERRORS,
+        "Covariance, or a row of standard deviations, of fx, fy, cx, cy, ..., or none: take the calibration as exact.",
+        otherwise="that in the camera's file, if it has one",
+        metavar="FILE",
+    ),
 ]
 Workers = Annotated[int, Option(RUN, "Number of parallel workers.", otherwise="one for each processor", metavar="N")]
 

@@ -34,7 +34,7 @@ from markergen.options import Option, declared
 from markergen.options.declarations import OUTSIDE_FILES, DesignKeywords
 from markergen.options.shared import PlateKeywords
 from markergen.read.cameras import load_camera
-from markergen.read.cameras.covariance import read_camera_covariance
+from markergen.read.cameras.covariance import camera_covariance
 from markergen.read.outlines.boundary import drawn_plate, is_drawing, parse_boundary, read_room
 from markergen.read.poses import settled
 from markergen.read.poses.rows import numbers_of_rows
@@ -277,7 +277,7 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
     if not isinstance(values, Mapping):
         raise InputError(f"a table of values in {name}", brief(values), "write for example n = 5 or radius = 0.15")
     plain = _in_spec_terms(dict(values))
-    count = plain.get("n")
+    count, calibration = plain.get("n"), plain.get("camera")
     if count == "auto":
         del plain["n"]
     try:
@@ -293,9 +293,12 @@ def spec_from_mapping(values: object, name: str = "spec", stored: bool = False) 
         raise InputError(f"at least 4 control points in {name}", f"n={AUTO}", "give 4 or more, or auto")
     if count == "auto" or (count is None and "target" in given):
         given["n"] = AUTO
-    if given.get("camera_covariance") is not None:
-        found = read_camera_covariance(given["camera_covariance"], given.get("camera", Spec.camera))
-        given["camera_covariance"] = tuple(map(tuple, found.tolist()))
+    # Other designs do not depend on it.
+    planned = not stored and (given.get("n") == AUTO or "target" in given)
+    if planned or given.get("camera_covariance") is not None:
+        own = calibration if planned else None
+        found = camera_covariance(given.get("camera_covariance"), own, given.get("camera", Spec.camera))
+        given["camera_covariance"] = None if found is None else tuple(map(tuple, found.tolist()))
     if "image_noise" in given:
         given["image_noise"] = ImageNoise(**given["image_noise"])
     if table.poses is not None:

@@ -173,7 +173,11 @@ def budget_table(results: Mapping[str, Any]) -> Table:
         [name, *(number(budget[key][source]) for source in SOURCES)]
         for name, key in (("RE, deg", "rotation_deg"), ("TE, %", "translation_pct"))
     ]
-    camera = "taken as exact, unless --camera-covariance" if budget["camera_exact"] else "as --camera-covariance"
+    camera = (
+        "taken as exact, unless --camera-covariance"
+        if budget["camera_exact"]
+        else "as --camera-covariance, or the camera's file,"
+    )
     caption = (
         f"Dot centers measured to {number(budget['image_px'])} px; dots printed to {budget['print_sigma_mm']:g} mm "
         f"per axis (--print-sigma); the camera {camera} says."

@@ -219,6 +219,20 @@ def test_calibration_and_print_count_in_the_covariance(pentagon, frame):
     assert row["camera"] == pytest.approx(5 / 800 * np.linalg.norm(POSES.translation[130]), rel=0.3)
 
 
+def test_the_covariance_in_the_file_of_the_camera_counts(pentagon, frame, tmp_path):
+    def sigma(*arguments, **options):
+        return Detector(pentagon, *arguments, **options)(frame)[0].pose.budget.translation["camera"]
+
+    path, row = tmp_path / "camera.yaml", [5.0, 5, 1, 1]
+    CAMERA.save(path, row)
+    expected = sigma(CAMERA, camera_covariance=row)
+    assert sigma(path) == sigma(CAMERA, camera_covariance=path) == pytest.approx(expected, rel=1e-6)
+    assert sigma(path, camera_covariance="none") == 0
+    assert Detector(pentagon, path).note.startswith(f"{path}: its covariance is counted")
+    assert Detector(pentagon, path, camera_covariance="none").note == ""
+    assert Detector(pentagon, camera_covariance="none").note == ""
+
+
 def test_without_a_camera(pentagon, frame):
     (found,) = Detector(pentagon)(cv2.cvtColor(look(pentagon, camera=PAPER_CAMERA), cv2.COLOR_GRAY2BGR))
     assert found.ok

@@ -32,6 +32,9 @@ SEEDS = [
     "[camera]\nwidth = 640\nheight = 480\nfx = 500.0\nfy = 500\ncx = 320\ncy = 240\n"
     '[camera.distortion]\nmodel = "equidistant"\ncoefficients = [0, 0.1, 0, 0]\n',
     '{"width": 640, "height": 480, "fx": 500.0, "fy": 5e2, "cx": 320, "cy": 240}',
+    '{"width": 640, "height": 480, "fx": 500.0, "fy": 5e2, "cx": 320, "cy": 240, "camera_parameters": ["fx", "cy"], '
+    '"camera_covariance": [[4, 1], [1, 9]]}',
+    "# camera_parameters: fx fy\n# camera_covariance: 4 1 1 9\n1 PINHOLE 640 480 500 510 320 240\n",
 ]  # fmt: skip
 TOKENS = [
     "0", "-1", "1e999", "nan", ".inf", "640", "9" * 5000, "", " ", "\n", "\t", ":", "[", "]", "{", "}", "<", ">",

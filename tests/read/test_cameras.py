@@ -340,7 +340,7 @@ BAD = [
     (COLMAP_LINE, "1000 800", "1e9 800", "an image size of 1 to 20000 pixels at camera 2"),
     (COLMAP_LINE, "0.05", "nan", "a finite number at camera 2.PARAMS in"),
     (COLMAP_LINE, " 1000 800 900.5 500 400 0.05", " 9", "MODEL WIDTH HEIGHT PARAMS at camera 2"),
-    (json.dumps(PLAIN), '"cy"', '"cz"', "only width, height, fx, fy, cx, cy, distortion in"),
+    (json.dumps(PLAIN), '"cy"', '"cz"', "only width, height, fx, fy, cx, cy, distortion, camera_parameters"),
     (json.dumps(PLAIN), "801.5", "true", "a finite number at fy in"),
     (json.dumps(PLAIN), "801.5", "1e999", "a finite number at fy in"),
     (json.dumps(PLAIN), "}", ', "distortion": 3}', "keys and values at distortion in"),

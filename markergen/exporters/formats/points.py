@@ -5,7 +5,7 @@ nor solid.
 """
 
 import csv
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from io import StringIO
 from typing import Any
 
@@ -15,6 +15,8 @@ from markergen.exporters import EXPORTERS, Exporter, ExportOptions, Output, only
 from markergen.model.marker import Marker, marker_name
 from markergen.model.marker_json import to_json
 from markergen.model.tag import FAMILIES
+from markergen.read.cameras.document import yaml_text
+from markergen.read.cameras.opencv import opencv_matrix
 
 FRAME = (
     "Frame: the marker's, x right, y up, z out of the printed face toward the viewer.",
@@ -103,9 +105,9 @@ def write_opencv(marker: Marker) -> str:
         "%YAML:1.0\n---\n",
         heading(marker, "Board for OpenCV.", *remarks, *(BOARD if marker.tag else ())),
         f'name: "{marker_name(marker)}"\nunit: "m"\n',
-        _matrix("ids", [[number] for number in ids(marker)], "i"),
-        _matrix("object_points", points(marker), "d"),
-        _matrix("diameters", [[diameter] for diameter in diameters(marker)], "d"),
+        opencv_matrix("ids", [[number] for number in ids(marker)], "i"),
+        opencv_matrix("object_points", points(marker), "d"),
+        opencv_matrix("diameters", [[diameter] for diameter in diameters(marker)], "d"),
     ]
     if marker.tag is not None:
         import cv2
@@ -114,8 +116,8 @@ def write_opencv(marker: Marker) -> str:
         parts += [
             f'tag_dictionary_name: "{dictionary}"\n',
             f"tag_dictionary: {int(getattr(cv2.aruco, dictionary))}\n",
-            _matrix("tag_ids", [[marker.tag.id]], "i"),
-            _matrix("tag_corners", tag_corners(marker), "f"),
+            opencv_matrix("tag_ids", [[marker.tag.id]], "i"),
+            opencv_matrix("tag_corners", tag_corners(marker), "f"),
         ]
     return "".join(parts)
 
@@ -270,17 +272,3 @@ def tag_corners(marker: Marker) -> list[list[float]]:
 def picometers(meters: float) -> float:
     """Length in m rounded to 1e-12, so that 0.02 is not written as 0.020000000000000004; never -0."""
     return round(float(meters), 12) + 0.0
-
-
-def yaml_text(value: Mapping[str, Any]) -> str:
-    """YAML of plain values in the given order, with the innermost lists and mappings on one line."""
-    import yaml
-
-    return str(yaml.safe_dump(dict(value), sort_keys=False, default_flow_style=None, width=110))
-
-
-def _matrix(name: str, values: Sequence[Sequence[float]], kind: str) -> str:
-    size = f"   rows: {len(values)}\n   cols: {len(values[0])}\n   dt: {kind}\n"
-    lines = [", ".join(map(repr, row)) for row in values]
-    between = ",\n       " if len(values[0]) > 1 else ", "
-    return f"{name}: !!opencv-matrix\n{size}   data: [ {between.join(lines)} ]\n"

@@ -1,18 +1,61 @@
-"""Read cameras from calibration files, in formats that are recognized by content, not by name."""
+"""Camera files: read in formats that are recognized by content, not by name, and written in that of the name."""
 
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
 from markergen.files import exists
 from markergen.guard import read
 from markergen.model.camera import Camera
-from markergen.read.cameras.document import Document, document_of
+from markergen.read.cameras.document import Document, Fields, document_of
 from markergen.registry import Registry
 
-__all__ = ["CAMERA_FORMATS", "CameraFormat", "load_camera", "read_camera"]
+__all__ = ["CAMERA_FORMATS", "CameraFormat", "CameraRecord", "load_camera", "read_camera"]
+
+NAMES, COVARIANCE, RMS = "camera_parameters", "camera_covariance", "avg_reprojection_error"
+"""Keys, in every format, of the covariance's rows by name, the covariance, and OpenCV's RMS of the residuals."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraRecord:
+    """A camera and what a calibration says of it besides.
+
+    Attributes
+    ----------
+    camera : Camera
+    covariance : array (k, k) or None
+        Covariance of `Camera.parameter_names`.
+    rms : float or None
+        RMS of the residuals in px, of points.
+    """
+
+    camera: Camera
+    covariance: NDArray[np.float64] | None = None
+    rms: float | None = None
+
+    @property
+    def extras(self) -> dict[str, Any]:
+        """Further keys of a file: plain numbers, a list of names, and an array (k, k)."""
+        extras: dict[str, Any] = {} if self.rms is None else {RMS: self.rms}
+        if self.covariance is not None:
+            extras |= {NAMES: list(self.camera.parameter_names), COVARIANCE: self.covariance}
+        return extras
+
+
+def _no_table(document: Document, choice: str | None) -> Fields:
+    del choice
+    return Fields(document.name, {})
+
+
+def _anything(record: CameraRecord) -> bool:
+    del record
+    return True
 
 
 @dataclass(frozen=True)
@@ -27,11 +70,23 @@ class CameraFormat:
         Tells whether a document has this format; true for exactly one format if a file is usable.
     read : callable
         Makes a camera from a document; the second argument names one of several cameras, or is None.
+    table : callable
+        Returns the table that `CameraRecord.extras` are in, from the same arguments.
+    endings : tuple of str
+        Endings of the names of files that are written in this format, in lower case; the longest of all formats counts.
+    holds : callable
+        Tells whether the format can hold a record: its lens, with all that is known of it.
+    write : callable or None
+        Makes the text of a file from a record that the format holds, and the ending; None if it is only read.
     """
 
     signs: str
     fits: Callable[[Document], bool]
     read: Callable[[Document, str | None], Camera]
+    table: Callable[[Document, str | None], Fields] = _no_table
+    endings: tuple[str, ...] = ()
+    holds: Callable[[CameraRecord], bool] = _anything
+    write: Callable[[CameraRecord, str], str] | None = None
 
 
 CAMERA_FORMATS: Registry[CameraFormat] = Registry("camera format", __name__, "markergen.camera_formats", CameraFormat)
@@ -65,19 +120,24 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
         If the file cannot be read, has no known format, or is incomplete or inconsistent; the message names file and
         key.
     """
-    path, choice = _split(Path(path))
+    path, choice = split(Path(path))
     return _camera_of(Document(*read(path, "camera")), choice)
 
 
+def format_of(document: Document) -> CameraFormat | None:
+    """Return the format of a document, if it is known."""
+    return next((CAMERA_FORMATS[name] for name in CAMERA_FORMATS if CAMERA_FORMATS[name].fits(document)), None)
+
+
 def _camera_of(document: Document, choice: str | None) -> Camera:
-    for name in CAMERA_FORMATS:
-        if CAMERA_FORMATS[name].fits(document):
-            return CAMERA_FORMATS[name].read(document, choice)
+    if (found := format_of(document)) is not None:
+        return found.read(document, choice)
     known = "; ".join(f"{name}: {CAMERA_FORMATS[name].signs}" for name in CAMERA_FORMATS)
     raise InputError(f"a camera in {document.name}", "an unknown format", f"known formats: {known}")
 
 
-def _split(path: Path) -> tuple[Path, str | None]:
+def split(path: Path) -> tuple[Path, str | None]:
+    """Split ``path#NAME`` into a path and the name of a camera in it, if there is one."""
     stem, mark, choice = path.name.rpartition("#")
     if not mark or not stem or exists(path):
         return path, None

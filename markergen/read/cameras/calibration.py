@@ -7,6 +7,7 @@ refused with its place in the file.
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from markergen.errors import InputError, brief
 from markergen.maths.lenses import LENSES
 from markergen.model.camera import Camera, Distortion
+from markergen.read.cameras import CameraRecord
 from markergen.read.cameras.document import Fields
 
 MATRIX = ("camera_matrix", "K", "intrinsic_matrix", "mtx")
@@ -32,8 +34,8 @@ def camera_of(table: Fields, model: str) -> Camera:
     key = table.key(*MATRIX)
     coefficients_key = table.find(*COEFFICIENTS)
     model_key = table.find(*MODEL) or coefficients_key or ""
-    matrix = _entries(table, key, (3, 3))
-    coefficients = [] if coefficients_key is None else _entries(table, coefficients_key, None)
+    matrix = entries(table, key, (3, 3))
+    coefficients = [] if coefficients_key is None else entries(table, coefficients_key, None)
     if coefficients_key is None:
         # A misspelled key must not yield a camera without distortion.
         near = [key for key in table.values if re.search("dist|coef", key, re.IGNORECASE) and key != model_key]
@@ -48,9 +50,9 @@ def camera_of(table: Fields, model: str) -> Camera:
 
 def camera_of_arrays(matrix: Any, distortion: Any, size: Any, fisheye: bool = False) -> Camera:
     """Make a camera from OpenCV's arrays; see `Camera.from_cv2`."""
-    entries = _array(matrix, "matrix")
-    if entries.shape != (3, 3):
-        raise InputError("a 3x3 camera matrix", f"an array of shape {entries.shape}", "give cv2's camera matrix")
+    square = _array(matrix, "matrix")
+    if square.shape != (3, 3):
+        raise InputError("a 3x3 camera matrix", f"an array of shape {square.shape}", "give cv2's camera matrix")
     coefficients = np.zeros(0) if distortion is None else _array(distortion, "distortion")
     if coefficients.ndim > 2 or coefficients.size != max(coefficients.shape, default=0):
         found = f"an array of shape {coefficients.shape}"
@@ -60,7 +62,7 @@ def camera_of_arrays(matrix: Any, distortion: Any, size: Any, fisheye: bool = Fa
         raise InputError("a size (width, height) in px", brief(size), "for an image, image.shape[1::-1]")
     lens = make_distortion("fisheye" if fisheye else "", coefficients.ravel().tolist(), "fisheye", "distortion")
     width, height = (int(side) for side in sides)
-    return make_camera(width, height, pinhole_of(entries.ravel().tolist(), "matrix"), lens, "matrix", "size")
+    return make_camera(width, height, pinhole_of(square.ravel().tolist(), "matrix"), lens, "matrix", "size")
 
 
 def _array(values: Any, name: str) -> "np.ndarray[Any, np.dtype[np.float64]]":
@@ -83,7 +85,7 @@ def _size(table: Fields) -> tuple[str, int, int]:
     return f"{table.key(*WIDTH)} and {table.key(*HEIGHT)}", width, height
 
 
-def _entries(table: Fields, key: str, shape: tuple[int, int] | None) -> list[float]:
+def entries(table: Fields, key: str, shape: tuple[int, int] | None) -> list[float]:
     """Entries, row by row, of a plain list or a mapping with rows, cols and data; a vector if `shape` is None."""
     if not isinstance(table.values[key], dict):
         return table.numbers(key)
@@ -207,6 +209,16 @@ def pinhole_of(matrix: Sequence[float], place: str) -> tuple[float, float, float
             "transpose it if it is Matlab's, or calibrate without skew",
         )
     return fx, fy, cx, cy
+
+
+def without_k3(record: CameraRecord) -> CameraRecord:
+    """Return a record with the four coefficients of a radtan lens whose fifth is 0 and taken as exact."""
+    lens, covariance = record.camera.distortion, record.covariance
+    known = covariance is None or not covariance[-1].any()
+    if lens.model != "radtan" or len(lens.coefficients) == 4 or lens.coefficients[4] or not known:
+        return record
+    camera = replace(record.camera, distortion=Distortion("radtan", lens.coefficients[:4]))
+    return replace(record, camera=camera, covariance=None if covariance is None else covariance[:-1, :-1])
 
 
 def no_choice(file: str, choice: str | None) -> None:

@@ -1,15 +1,18 @@
-"""Read COLMAP's cameras.txt: one camera per line, CAMERA_ID MODEL WIDTH HEIGHT PARAMS.
+"""COLMAP's cameras.txt: one camera per line, CAMERA_ID MODEL WIDTH HEIGHT PARAMS.
 
-COLMAP measures pixels from the corner of the image, so that the center of the first is at (0.5, 0.5).
+COLMAP measures pixels from the corner of the image, so that the center of the first is at (0.5, 0.5). It skips lines
+that begin with #, where a covariance is written.
 """
 
 import re
 from collections.abc import Sequence
 
+import numpy as np
+
 from markergen.errors import InputError, brief
 from markergen.model.camera import Camera, Distortion
-from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
-from markergen.read.cameras.calibration import located, make_camera
+from markergen.read.cameras import CAMERA_FORMATS, CameraFormat, CameraRecord
+from markergen.read.cameras.calibration import located, make_camera, without_k3
 from markergen.read.cameras.document import Document, Fields
 
 CORNER = 0.5
@@ -90,4 +93,47 @@ def _camera(words: Sequence[str], file: str, number: str) -> Camera:
     )
 
 
-CAMERA_FORMATS.register("colmap")(CameraFormat("lines of CAMERA_ID MODEL WIDTH HEIGHT PARAMS", _fits, _read))
+def _table(document: Document, choice: str | None) -> Fields:
+    del choice
+    comments = (line.strip().lstrip("# ").partition(":") for line in document.text.splitlines() if line[:1] == "#")
+    # With several cameras, a comment does not say whose it is.
+    values = {key: value.strip() for key, _, value in comments} if len(document.lines) == 1 else {}
+    return Fields(document.name, values)
+
+
+def _holds(record: CameraRecord) -> bool:
+    return record.camera.distortion.model in _LENGTHS
+
+
+def _write(record: CameraRecord, ending: str) -> str:
+    del ending
+    record = without_k3(record)
+    camera, lens = record.camera, record.camera.distortion
+    # Padded with zeros: a radial lens with k3 is a rational one without a denominator.
+    model = next(
+        name
+        for name, (focals, kind, places) in MODELS.items()
+        if focals == 2
+        and (kind == lens.model or (kind == "rational" and lens.model == "radtan"))
+        and len(places) >= len(lens.coefficients)
+    )
+    padding = [0.0] * (len(MODELS[model][2]) - len(lens.coefficients))
+    parameters = [camera.fx, camera.fy, camera.cx + CORNER, camera.cy + CORNER, *lens.coefficients, *padding]
+    lines = ["# Camera list with one line of data per camera:", "#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
+    for key, value in record.extras.items():
+        lines.append(f"# {key}: {' '.join(map(str, np.ravel(value).tolist()))}")
+    lines.append(f"1 {model} {camera.width} {camera.height} {' '.join(repr(float(value)) for value in parameters)}")
+    return "\n".join(lines) + "\n"
+
+
+CAMERA_FORMATS.register("colmap")(
+    CameraFormat(
+        "lines of CAMERA_ID MODEL WIDTH HEIGHT PARAMS",
+        _fits,
+        _read,
+        _table,
+        ("cameras.txt", ".colmap.txt"),
+        _holds,
+        _write,
+    )
+)

@@ -1,15 +1,20 @@
 """Uncertainty of a camera calibration: standard deviations or a covariance of its parameters."""
 
+import os
+import re
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.errors import InputError, brief
-from markergen.guard import read
+from markergen.guard import place_of, read
 from markergen.model.camera import Camera
-from markergen.read.cameras.document import Document, Fields
+from markergen.read.cameras import COVARIANCE, NAMES, format_of, split
+from markergen.read.cameras.calibration import entries
+from markergen.read.cameras.document import Document, Fields, document_of
 
 Array = NDArray[np.float64]
 
@@ -17,21 +22,73 @@ TOLERANCE = 1e-6
 """Allowed asymmetry and negative eigenvalue of a covariance, as a correlation: files round to six digits."""
 
 
+EXACT = "none"
+"""Word that stands for the covariance of an exact calibration."""
+
+
+def is_exact(given: object) -> bool:
+    """Return whether a user asks for an exact calibration, by the word for it."""
+    return isinstance(given, str | Path) and str(given) == EXACT
+
+
+def camera_covariance(given: Path | str | Array | None, source: object, camera: Camera) -> Array | None:
+    """Return the covariance to count: the one given, or the one in the camera's own file; None if there is neither.
+
+    Parameters
+    ----------
+    given : path, array or None
+        As for `read_camera_covariance`; ``none`` takes the calibration as exact.
+    source : object
+        What the camera was made from: a path or a mapping of a file's values may have its covariance.
+    camera : Camera
+    """
+    if is_exact(given):
+        return None
+    if given is not None:
+        return read_camera_covariance(given, camera)
+    if isinstance(source, Mapping):
+        return _stored(document_of(source, "the dict"), None, camera)
+    if isinstance(source, str | os.PathLike):
+        path, choice = split(Path(source))
+        return _stored(Document(*read(path, "camera")), choice, camera)
+    return None
+
+
+def counted(given: object, source: object, covariance: Array | None) -> str:
+    """Return a sentence for people where a covariance comes from the camera's own file; empty elsewhere."""
+    if given is not None or covariance is None:
+        return ""
+    name = place_of(source) if isinstance(source, str | os.PathLike) else "the camera"
+    return f"{name}: its covariance is counted; --camera-covariance {EXACT} takes the calibration as exact"
+
+
 def read_camera_covariance(source: Path | str | Array, camera: Camera) -> Array:
     """Read the covariance (k, k) of `camera.parameter_names`: fx, fy, cx, cy in px, then the distortion coefficients.
 
-    A file is text (numbers separated by blanks or commas, comments after #) or .npy. It holds one row of k standard
-    deviations or k rows of a covariance; if k is 4, the distortion is taken as exact. An array holds the same.
+    A file is a camera file with its covariance (``path#NAME`` as for `read_camera`), text (numbers separated by blanks
+    or commas, comments after #) or .npy. Text and .npy hold one row of k standard deviations or k rows of a covariance;
+    if k is 4, the distortion is taken as exact. An array holds the same.
 
     Raises
     ------
     InputError
         If the file cannot be read, has another number of parameters, or is not a covariance: not finite, not symmetric,
-        or with a negative eigenvalue.
+        or with a negative eigenvalue; or if it is a camera file without one.
     """
     if isinstance(source, Path | str):
-        name, data = read(source, "covariance")
-        values = _npy(Path(source)) if data.startswith(b"\x93NUMPY") else _text(Document(name, data))
+        path, choice = split(Path(source))
+        name, data = read(path, "covariance")
+        document = Document(name, data)
+        if data.startswith(b"\x93NUMPY"):
+            values = _npy(path)
+        elif _is_camera(document):
+            if (stored := _stored(document, choice, camera)) is None:
+                raise InputError(
+                    f"the key {COVARIANCE} in {name}", "a camera without one", "give a file with its covariance"
+                )
+            return stored
+        else:
+            values = _text(document)
     else:
         name, values = "camera_covariance", _array(source)
     names = camera.parameter_names
@@ -49,6 +106,45 @@ def read_camera_covariance(source: Path | str | Array, camera: Camera) -> Array:
         raise InputError(f"finite numbers in {name}", "nan or inf", "correct it")
     result = np.zeros((len(names), len(names)))
     result[:count, :count] = _of_sigmas(values.ravel(), name) if 1 in values.shape else _checked(values, name, names)
+    return result
+
+
+def _is_camera(document: Document) -> bool:
+    try:
+        return format_of(document) is not None
+    except InputError:
+        # Not YAML, XML or TOML: damaged, unless it is a table of numbers.
+        if document.lines and re.match(r"[-+.\d]", document.lines[0]):
+            return False
+        raise
+
+
+def _stored(document: Document, choice: str | None, camera: Camera) -> Array | None:
+    """Covariance (k, k) of the camera's parameters from its file; 0 for those that are not in it."""
+    form = format_of(document)
+    if form is None:
+        return None
+    table = form.table(document, choice)
+    key = table.find(COVARIANCE)
+    if key is None:
+        return None
+    rows, names = table.words(NAMES), camera.parameter_names
+    if len(set(rows)) < len(rows):
+        raise InputError(f"every parameter once at {table.place(NAMES)}", brief(" ".join(rows)), "correct the file")
+    values = entries(table, key, (len(rows), len(rows)))
+    if len(values) != len(rows) ** 2:
+        raise InputError(f"{len(rows)}x{len(rows)} numbers at {table.place(key)}", str(len(values)), "correct the file")
+    covariance = _checked(np.array(values).reshape(len(rows), -1), table.place(key), tuple(rows))
+    here = [row in names for row in rows]
+    if covariance[np.logical_not(here)].any():
+        raise InputError(
+            f"a covariance of {' '.join(names)} at {table.place(key)}",
+            brief(" ".join(rows)),
+            "give that of the same lens model",
+        )
+    result = np.zeros((len(names), len(names)))
+    places = [names.index(row) for row in rows if row in names]
+    result[np.ix_(places, places)] = covariance[np.ix_(here, here)]
     return result
 
 

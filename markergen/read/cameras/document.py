@@ -1,4 +1,4 @@
-"""Parse a calibration file in YAML, JSON, XML or TOML into plain values.
+"""Parse a calibration file in YAML, JSON, XML or TOML into plain values, and write YAML.
 
 Files are untrusted: none can make the parser run for long, exhaust memory, or build anything but text, lists and
 mappings. Numbers remain text until they are requested, since formats write them differently.
@@ -44,6 +44,23 @@ def _listed(value: object) -> Any:
     if callable(getattr(value, "tolist", None)):  # Of numpy, and of array.array, which is what ROS 2 has for D.
         return value.tolist()  # type: ignore[attr-defined]
     raise TypeError(f"{type(value).__name__} {brief(value)}")
+
+
+def yaml_text(values: Mapping[str, Any]) -> str:
+    """YAML of tables in the given order, with the innermost lists and mappings on one line.
+
+    Arrays (m, n) are written as ROS has them: rows, cols and data.
+    """
+    import yaml
+
+    def stored(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {key: stored(each) for key, each in value.items()}
+        if not hasattr(value, "shape"):
+            return value
+        return {"rows": value.shape[0], "cols": value.shape[1], "data": value.ravel().tolist()}
+
+    return str(yaml.safe_dump(stored(values), sort_keys=False, default_flow_style=None, width=110))
 
 
 @dataclass(frozen=True)
@@ -126,6 +143,16 @@ class Fields:
         if not isinstance(items, list):
             raise InputError(f"a list of numbers at {self.place(key)}", brief(items), "correct the file")
         return [self._number(key, item) for item in items]
+
+    def words(self, *names: str) -> list[str]:
+        """Return words from a list, or from text separated by blanks."""
+        key = self.key(*names)
+        items = self.values[key]
+        if isinstance(items, str):
+            items = items.split()
+        if not isinstance(items, list) or not items or not all(isinstance(item, str) for item in items):
+            raise InputError(f"a list of names at {self.place(key)}", brief(items), "correct the file")
+        return items
 
     def fields(self, *names: str) -> "Fields":
         """Return the mapping under a key."""

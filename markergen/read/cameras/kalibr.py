@@ -1,12 +1,12 @@
-"""Read Kalibr's camchain: one table per camera, cam0, cam1, ..."""
+"""Kalibr's camchain: one table per camera, cam0, cam1, ..."""
 
 import re
 
 from markergen.errors import InputError, brief
 from markergen.model.camera import Camera
-from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
-from markergen.read.cameras.calibration import make_camera, make_distortion
-from markergen.read.cameras.document import Document
+from markergen.read.cameras import CAMERA_FORMATS, CameraFormat, CameraRecord
+from markergen.read.cameras.calibration import make_camera, make_distortion, without_k3
+from markergen.read.cameras.document import Document, Fields, yaml_text
 
 _NAME = re.compile(r"cam\d{1,3}")
 
@@ -19,14 +19,18 @@ def _fits(document: Document) -> bool:
     return bool(_names(document))
 
 
-def _read(document: Document, choice: str | None) -> Camera:
+def _table(document: Document, choice: str | None) -> Fields:
     names = _names(document)
     name = "cam0" if choice is None else choice
     if name not in names:
         raise InputError(
             f"the camera {brief(name)} in {document.name}", ", ".join(names[:20]), f"add #{names[0]} to the path"
         )
-    table = document.fields.fields(name)
+    return document.fields.fields(name)
+
+
+def _read(document: Document, choice: str | None) -> Camera:
+    table = _table(document, choice)
     model = table.text("camera_model")
     if model != "pinhole":
         raise InputError(
@@ -50,4 +54,37 @@ def _read(document: Document, choice: str | None) -> Camera:
     )
 
 
-CAMERA_FORMATS.register("kalibr")(CameraFormat("cam0 with camera_model, intrinsics, resolution", _fits, _read))
+def _holds(record: CameraRecord) -> bool:
+    lens = without_k3(record).camera.distortion
+    return lens.model in ("none", "equidistant") or (lens.model == "radtan" and len(lens.coefficients) == 4)
+
+
+def _write(record: CameraRecord, ending: str) -> str:
+    del ending
+    record = without_k3(record)
+    camera = record.camera
+    # Kalibr takes floats alone as intrinsics, and does not read a chain without a topic.
+    table = {
+        "cam_overlaps": [],
+        "camera_model": "pinhole",
+        "distortion_coeffs": list(camera.distortion.coefficients),
+        "distortion_model": camera.distortion.model,
+        "intrinsics": [float(value) for value in (camera.fx, camera.fy, camera.cx, camera.cy)],
+        "resolution": [camera.width, camera.height],
+        "rostopic": "/cam0/image_raw",
+        **record.extras,
+    }
+    return yaml_text({"cam0": table})
+
+
+CAMERA_FORMATS.register("kalibr")(
+    CameraFormat(
+        "cam0 with camera_model, intrinsics, resolution",
+        _fits,
+        _read,
+        _table,
+        (".kalibr.yaml", ".kalibr.yml"),
+        _holds,
+        _write,
+    )
+)

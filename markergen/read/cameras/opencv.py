@@ -1,11 +1,22 @@
-"""Read OpenCV's FileStorage in YAML, XML or JSON, as written by its calibration sample and many programs."""
+"""OpenCV's FileStorage in YAML, XML or JSON, as its calibration sample and many programs write it.
+
+Written as text, because the output of FileStorage, unlike the input that it accepts, depends on OpenCV's version.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
 
 from markergen.model.camera import Camera
-from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
+from markergen.read.cameras import CAMERA_FORMATS, CameraFormat, CameraRecord
 from markergen.read.cameras.calibration import MATRIX, MODEL, camera_of, no_choice
-from markergen.read.cameras.document import Document
+from markergen.read.cameras.document import Document, Fields
 
 FISHEYE = ("fisheye_model", "fisheye")
+LENSES = ("none", "radtan", "rational", "equidistant")
+"""Models that OpenCV and ROS have."""
 
 
 def _fits(document: Document) -> bool:
@@ -21,4 +32,77 @@ def _read(document: Document, choice: str | None) -> Camera:
     return camera_of(table, "fisheye" if fisheye else "")
 
 
-CAMERA_FORMATS.register("opencv")(CameraFormat("camera_matrix, distortion_coefficients, image_width", _fits, _read))
+def _table(document: Document, choice: str | None) -> Fields:
+    no_choice(document.name, choice)
+    return document.fields
+
+
+def _holds(record: CameraRecord) -> bool:
+    return record.camera.distortion.model in LENSES
+
+
+def _write(record: CameraRecord, ending: str) -> str:
+    camera = record.camera
+    values = {
+        "image_width": camera.width,
+        "image_height": camera.height,
+        "fisheye_model": int(camera.distortion.model == "equidistant"),
+        "camera_matrix": camera.matrix,
+        "distortion_coefficients": camera.cv2_distortion[:, None],
+        **record.extras,
+    }
+    syntax = {".xml": _xml, ".json": _json}.get(ending, _yaml)
+    return syntax({key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in values.items()})
+
+
+def _is_matrix(value: Any) -> bool:
+    return isinstance(value, list) and isinstance(value[0], list)
+
+
+def opencv_matrix(name: str, values: Sequence[Sequence[float]], kind: str) -> str:
+    """Write a matrix of type `kind`, OpenCV's ``d``, ``f`` or ``i``, as YAML of FileStorage."""
+    size = f"   rows: {len(values)}\n   cols: {len(values[0])}\n   dt: {kind}\n"
+    lines = [", ".join(map(repr, row)) for row in values]
+    between = ",\n       " if len(values[0]) > 1 else ", "
+    return f"{name}: !!opencv-matrix\n{size}   data: [ {between.join(lines)} ]\n"
+
+
+def _yaml(values: Mapping[str, Any]) -> str:
+    items = values.items()
+    lines = [opencv_matrix(key, it, "d") if _is_matrix(it) else f"{key}: {json.dumps(it)}\n" for key, it in items]
+    return "%YAML:1.0\n---\n" + "".join(lines)
+
+
+def _json(values: Mapping[str, Any]) -> str:
+    def stored(value: Any) -> Any:
+        if not _is_matrix(value):
+            return value
+        size = {"type_id": "opencv-matrix", "rows": len(value), "cols": len(value[0]), "dt": "d"}
+        return {**size, "data": [entry for row in value for entry in row]}
+
+    return json.dumps({key: stored(value) for key, value in values.items()}, indent=1) + "\n"
+
+
+def _xml(values: Mapping[str, Any]) -> str:
+    lines = []
+    for key, value in values.items():
+        if _is_matrix(value):
+            size = f"<rows>{len(value)}</rows><cols>{len(value[0])}</cols><dt>d</dt>"
+            rows = "\n".join(" ".join(map(repr, row)) for row in value)
+            lines.append(f'<{key} type_id="opencv-matrix">{size}<data>\n{rows}</data></{key}>\n')
+        else:
+            lines.append(f"<{key}>{' '.join(map(str, value)) if isinstance(value, list) else repr(value)}</{key}>\n")
+    return f'<?xml version="1.0"?>\n<opencv_storage>\n{"".join(lines)}</opencv_storage>\n'
+
+
+CAMERA_FORMATS.register("opencv")(
+    CameraFormat(
+        "camera_matrix, distortion_coefficients, image_width",
+        _fits,
+        _read,
+        _table,
+        (".yaml", ".yml", ".xml", ".json"),
+        _holds,
+        _write,
+    )
+)

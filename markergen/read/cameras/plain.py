@@ -1,7 +1,9 @@
-"""Read the camera table of a design spec, alone or as [camera], in TOML, JSON or YAML."""
+"""The camera table of a design spec, alone or as [camera], in TOML, JSON or YAML; it holds every lens model."""
+
+import json
 
 from markergen.model.camera import Camera, Distortion
-from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
+from markergen.read.cameras import CAMERA_FORMATS, COVARIANCE, NAMES, RMS, CameraFormat, CameraRecord
 from markergen.read.cameras.calibration import located, make_camera, no_choice
 from markergen.read.cameras.document import Document, Fields
 
@@ -19,7 +21,7 @@ def _read(document: Document, choice: str | None) -> Camera:
     no_choice(document.name, choice)
     table = _fields(document)
     # A misspelled distortion must not yield a camera without any.
-    table.only("width", "height", "fx", "fy", "cx", "cy", "distortion")
+    table.only("width", "height", "fx", "fy", "cx", "cy", "distortion", NAMES, COVARIANCE, RMS)
     distortion = Distortion()
     if "distortion" in table.values:
         lens = table.fields("distortion")
@@ -33,4 +35,23 @@ def _read(document: Document, choice: str | None) -> Camera:
     )
 
 
-CAMERA_FORMATS.register("markergen")(CameraFormat("width, height, fx, fy, cx, cy, distortion", _fits, _read))
+def _table(document: Document, choice: str | None) -> Fields:
+    no_choice(document.name, choice)
+    return _fields(document)
+
+
+def _write(record: CameraRecord, ending: str) -> str:
+    del ending
+    values = record.camera.as_dict() | record.extras
+    lens = values.pop("distortion", None)
+    if COVARIANCE in values:
+        values[COVARIANCE] = values[COVARIANCE].tolist()
+    # Numbers, texts and lists are the same in TOML and JSON.
+    lines = [f"{key} = {json.dumps(value)}" for key, value in values.items()]
+    lines += ["", "[distortion]", *(f"{key} = {json.dumps(value)}" for key, value in lens.items())] if lens else []
+    return "\n".join(lines) + "\n"
+
+
+CAMERA_FORMATS.register("markergen")(
+    CameraFormat("width, height, fx, fy, cx, cy, distortion", _fits, _read, _table, endings=(".toml",), write=_write)
+)

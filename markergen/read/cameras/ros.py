@@ -1,20 +1,31 @@
-"""Read ROS camera_info, as saved by camera_calibration or as a printed message.
+"""ROS camera_info, as saved by camera_calibration or as a printed message.
 
-K applies to the raw image; P applies to the rectified image and is ignored.
+K applies to the raw image; P applies to the rectified image and is ignored. In files that are written the rectified
+image has the K of the raw one.
 """
 
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from markergen.errors import InputError, brief
 from markergen.model.camera import Camera
-from markergen.read.cameras import CAMERA_FORMATS, CameraFormat
+from markergen.read.cameras import CAMERA_FORMATS, CameraFormat, CameraRecord
 from markergen.read.cameras.calibration import HEIGHT, MATRIX, MODEL, WIDTH, camera_of, no_choice
-from markergen.read.cameras.document import Document, Fields, document_of
+from markergen.read.cameras.document import Document, Fields, document_of, yaml_text
 
 FIELDS = ("height", "width", "distortion_model", "D", "d", "K", "k", "binning_x", "binning_y", "roi")
 PART = ("x_offset", "y_offset", "height", "width")
 """Relevant fields of a message, in ROS 1 and 2, and of its region of interest."""
+
+MODELS = {
+    "none": "plumb_bob",
+    "radtan": "plumb_bob",
+    "rational": "rational_polynomial",
+    "equidistant": "equidistant",
+}
+"""Names that sensor_msgs has for our lens models."""
 
 
 def _message(document: Document) -> Fields:
@@ -33,6 +44,36 @@ def _fits(document: Document) -> bool:
 def _read(document: Document, choice: str | None) -> Camera:
     no_choice(document.name, choice)
     return _camera(_message(document))
+
+
+def _table(document: Document, choice: str | None) -> Fields:
+    no_choice(document.name, choice)
+    return _message(document)
+
+
+def _holds(record: CameraRecord) -> bool:
+    return record.camera.distortion.model in MODELS
+
+
+def _write(record: CameraRecord, ending: str) -> str:
+    del ending
+    camera, coefficients = record.camera, record.camera.cv2_distortion
+    if len(coefficients) == 4 and camera.distortion.model == "radtan":
+        # camera_info's plumb_bob has five coefficients.
+        coefficients = np.append(coefficients, 0.0)
+    return yaml_text(
+        {
+            "image_width": camera.width,
+            "image_height": camera.height,
+            "camera_name": "camera",
+            "camera_matrix": camera.matrix,
+            "distortion_model": MODELS[camera.distortion.model],
+            "distortion_coefficients": coefficients[None],
+            "rectification_matrix": np.eye(3),
+            "projection_matrix": np.column_stack([camera.matrix, np.zeros(3)]),
+            **record.extras,
+        }
+    )
 
 
 def camera_of_message(message: Any) -> Camera:
@@ -80,4 +121,8 @@ def _refuse_part(table: Fields, roi: Fields) -> None:
             )
 
 
-CAMERA_FORMATS.register("ros")(CameraFormat("camera_matrix or K, and distortion_model", _fits, _read))
+CAMERA_FORMATS.register("ros")(
+    CameraFormat(
+        "camera_matrix or K, and distortion_model", _fits, _read, _table, (".ros.yaml", ".ros.yml"), _holds, _write
+    )
+)

@@ -1,0 +1,73 @@
+"""Write a camera as a file of the format that its name says."""
+
+import os
+from math import isfinite
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from markergen.errors import InputError, brief
+from markergen.files import write_atomic
+from markergen.model.camera import Camera
+from markergen.read.cameras import CAMERA_FORMATS, CameraFormat, CameraRecord
+from markergen.read.cameras.covariance import read_camera_covariance
+
+
+def camera_file(
+    camera: Camera,
+    path: str | os.PathLike[str],
+    covariance: ArrayLike | None = None,
+    rms: float | None = None,
+) -> None:
+    """Write a camera to a file; see `Camera.save`."""
+    write_atomic(Path(path), camera_bytes(camera, path, covariance, rms))
+
+
+def camera_bytes(
+    camera: Camera,
+    path: str | os.PathLike[str],
+    covariance: ArrayLike | None = None,
+    rms: float | None = None,
+) -> bytes:
+    """Return what `camera_file` writes, for a caller that replaces several files together."""
+    form, ending = check_camera_path(path)
+    known = None if covariance is None else read_camera_covariance(np.asarray(covariance), camera)
+    if rms is not None and not (isfinite(rms) and rms >= 0):
+        raise InputError("the RMS of the residuals in px", brief(rms), "give 0 or more, or leave it out")
+    record = CameraRecord(camera, known, None if rms is None else float(rms))
+    assert form.write is not None
+    if not form.holds(record):
+        name = Path(path).name
+        stem = name[: -len(ending)].rstrip(".") or "camera"
+        forms = [CAMERA_FORMATS[each] for each in CAMERA_FORMATS]
+        able = [each.endings[0].lstrip(".") for each in forms if each.write and each.holds(record)]
+        raise InputError(
+            f"a lens that {name} can hold",
+            f"{camera.distortion.model} with {' '.join(camera.distortion.names)}",
+            "write " + " or ".join(each if each == "cameras.txt" else f"{stem}.{each}" for each in able),
+        )
+    return form.write(record, ending).encode()
+
+
+def check_camera_path(path: str | os.PathLike[str]) -> tuple[CameraFormat, str]:
+    """Return the format that a file name stands for, and its ending, before any work is done for it.
+
+    Raises
+    ------
+    InputError
+        If there is none; the message lists the known endings.
+    """
+    name = Path(path).name
+    for ending, form in _written():
+        if name.lower().endswith(ending):
+            return form, ending
+    known = ", ".join(sorted(ending for ending, _ in _written()))
+    raise InputError("a name for a camera file", brief(name), f"known endings: {known}")
+
+
+def _written() -> list[tuple[str, CameraFormat]]:
+    """Endings of file names with their formats, the longest first."""
+    forms = [CAMERA_FORMATS[name] for name in CAMERA_FORMATS]
+    pairs = [(ending, form) for form in forms if form.write for ending in form.endings]
+    return sorted(pairs, key=lambda pair: -len(pair[0]))
