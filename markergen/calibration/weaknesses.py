@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from markergen.calibration.adjustment import Adjustment
-from markergen.calibration.judging import of_dots, reduced_to
 from markergen.calibration.network import Network, Views
 from markergen.calibration.working_error import sensitivity
 from markergen.errors import InputError
@@ -157,7 +156,7 @@ def explain(network: Network, views: Views, names: Sequence[str] | None = None) 
     often = views.seen.sum(axis=0) >= (2 if network.free else 0)
     rare = rarely_seen(views.seen.sum(axis=0), names) if network.free else ()
     names = [name for name, kept in zip(names, often, strict=True) if kept]
-    network, views = reduced_to(network, often), of_dots(views, often)
+    network, views = network.of_dots(often), views.of_dots(often)
     views = views.take(views.seen.sum(axis=1) >= 3)
     if not len(views):
         return (Finding("poses", "no photograph shows three dots or more", "show the whole marker", True),)
