@@ -334,7 +334,7 @@ def predictions(
         index = np.flatnonzero(out & (taken.sum(axis=1) >= LEAST_DOTS))
         if not len(index):
             continue
-        tested = _of_dots(views.take(index), kept), weights[index][:, kept]
+        tested = views.take(index).of_dots(kept), weights[index][:, kept]
         sums[0].add(own[index], _predicted(part, part.places, part.camera, *tested))
         if compared:
             design = part.network.design
@@ -365,24 +365,6 @@ def determined(network: Network, views: Views, weights: Array) -> Mask:
         if np.array_equal(now, kept):
             return kept
         kept = now
-
-
-def reduced_to(network: Network, kept: Mask) -> Network:
-    """Return the network of the dots `kept` (n,) alone."""
-    number = np.cumsum(kept) - 1
-    lengths = tuple(
-        replace(each, first=int(number[each.first]), second=int(number[each.second]))
-        for each in network.lengths
-        if kept[each.first] and kept[each.second]
-    )
-    return replace(
-        network,
-        design=network.design[kept],
-        radii=network.radii[kept],
-        marker=network.marker[kept],
-        lengths=lengths,
-        prior=None if network.prior is None else network.prior[kept],
-    )
 
 
 class _Sums:
@@ -442,7 +424,7 @@ def adjusted_part(
         kept = determined(network, views, weights)
     if kept.sum() < LEAST_DOTS:
         return None
-    reduced, views = reduced_to(network, kept), _of_dots(views, kept)
+    reduced, views = network.of_dots(kept), views.of_dots(kept)
     usable = ((weights[:, kept] > 0) & views.seen).sum(axis=1) >= LEAST_DOTS
     found = _adjusted(reduced, views.take(usable), weights[usable][:, kept], places[kept])
     return None if found is None else (found, kept)
@@ -463,10 +445,6 @@ def _predicted(part: Adjustment, places: Array, camera: Camera, views: Views, we
         return adjust(held, views, weights)
     except (UndeterminedError, np.linalg.LinAlgError):
         return None
-
-
-def _of_dots(views: Views, kept: Mask) -> Views:
-    return replace(views, pixels=views.pixels[:, kept], covariance=views.covariance[:, kept], seen=views.seen[:, kept])
 
 
 def _second_half(views: Views, rng: np.random.Generator) -> Mask:

@@ -46,6 +46,10 @@ class Views:
             self.translation[chosen],
         )
 
+    def of_dots(self, kept: Mask) -> "Views":
+        """Return the views of the dots `kept` (n,) alone."""
+        return replace(self, pixels=self.pixels[:, kept], covariance=self.covariance[:, kept], seen=self.seen[:, kept])
+
 
 @dataclass(frozen=True)
 class Length:
@@ -148,6 +152,23 @@ class Network:
     free: bool = True
     lengths: tuple[Length, ...] = ()
     prior: Array | None = field(default=None)
+
+    def of_dots(self, kept: Mask) -> "Network":
+        """Return the network of the dots `kept` (n,) alone; lengths between others are left out."""
+        number = np.cumsum(kept) - 1
+        lengths = tuple(
+            replace(each, first=int(number[each.first]), second=int(number[each.second]))
+            for each in self.lengths
+            if kept[each.first] and kept[each.second]
+        )
+        return replace(
+            self,
+            design=self.design[kept],
+            radii=self.radii[kept],
+            marker=self.marker[kept],
+            lengths=lengths,
+            prior=None if self.prior is None else self.prior[kept],
+        )
 
     def scale_known(self, marker: int) -> bool:
         """Return whether measurements on the print fix the scale of a marker's dots."""

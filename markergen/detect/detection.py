@@ -419,7 +419,7 @@ def finish(
         if pose is None:
             return Detection(False, reason="no pose sees the dots from the front")
     own = chosen.blobs[used]
-    points, radii, seen = layout.points[used], layout.radii[used], ellipses.center[own]
+    points, radii, seen = layout.places[used], layout.radii[used], ellipses.center[own]
     homography = None
     if pose is None:
         corrected, planes = correct_centers(seen[None], points[:, :2], radii)
@@ -428,7 +428,7 @@ def finish(
         drawn = outlines(points, radii, pose.rotation[None], pose.translation[None])
         corrected = seen - (drawn.center - drawn.point)[0]
         if layout.flat:
-            homography = homography_of(points, corrected, camera, pose)
+            homography = homography_of(layout.points[used], corrected, camera, pose)
     index = ellipses.index[own]
     return Detection(
         True,
@@ -459,7 +459,7 @@ def _pose(
     while True:
         own = chosen.blobs[used]
         measured = (
-            chosen.layout.points[used],
+            chosen.layout.places[used],
             chosen.layout.radii[used],
             ellipses.center[own],
             blobs.covariance[ellipses.index[own]],

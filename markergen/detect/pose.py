@@ -11,7 +11,7 @@ from markergen.detect import kernel, kernel_pose
 from markergen.detect.conic_projection import SCHEDULE, mirrored_poses, outlines, pose_rows, refine_poses
 from markergen.errors import InputError
 from markergen.estimators import ESTIMATORS, Correspondences, PoseEstimator
-from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget, print_covariance
+from markergen.estimators.budget import ErrorSources, PoseBudget, pose_budget, print_covariance, together_covariance
 from markergen.maths.dlt import estimate_homography, four_in_general_position
 from markergen.maths.information import covariance as information_inverse
 from markergen.maths.projection import plane_homography
@@ -42,6 +42,9 @@ ROUGH_SIGMA = 5.0
 """Multiple of the median point's standard deviation above which a point tells nothing of the others' errors."""
 
 OUTLIER_SIGMA, OUTLIER_PX = 5.0, 0.05
+FLATNESS = 0.01
+"""Range of heights, as a share of the extent, of points that have a mirrored pose like those of a plane."""
+
 LEAST_TO_DROP = 6
 """Minimum number of points for dropping one: with fewer, the outlier could hardly be identified."""
 
@@ -180,12 +183,18 @@ def _estimated(
     rotation (0 to 2, 3, 3), translation, chi2; covariances (2, 6, 6) from image and print, without the scale; the scale
     """
     points, radii, seen, image = dots
-    flat = not np.ptp(points[:, 2])
+    flat = nearly_flat(points)
     if kernel.library() is not None:
         axes, place = 3 if points[:, 2].any() else 2, np.zeros((len(points), 3, 3))
         place[:, :axes, :axes] = errors.place_blocks(len(points), axes)
         settings = TOLERANCE, COARSE, SEARCHED, ROUGH_SIGMA
-        return kernel_pose.estimate_pose((*dots, place), flat, rotation, translation, _STEPS, settings, SCHEDULE)
+        solved = kernel_pose.estimate_pose((*dots, place), flat, rotation, translation, _STEPS, settings, SCHEDULE)
+        if errors.joint_places is not None and len(solved[2]):
+            rows = pose_rows(points, solved[0][:1], solved[1][:1])
+            printed = print_covariance(rows, points, solved[0][:1], errors)
+            gain = _gain(rows, image + printed)
+            solved[3][1] = together_covariance(gain, rows, solved[0][:1], errors)[0]
+        return solved
 
     def refined(rotation: Array, translation: Array, tolerance: float = TOLERANCE) -> tuple[Array, Array, Array]:
         return refine_weighted(points, radii, seen[None], image, rotation, translation, errors, tolerance)
@@ -206,10 +215,17 @@ def _estimated(
     rows = pose_rows(points, best_rotation, best_translation)
     printed = print_covariance(rows, points, best_rotation, errors)
     residual = seen - outlines(points, radii, best_rotation, best_translation).center[0]
-    weighted = np.linalg.inv(image + printed[0]) @ rows[0]
-    gain = weighted @ information_inverse(np.einsum("mia,mib->ab", weighted, rows[0]))
+    gain = _gain(rows, image + printed)[0]
     covariance = np.stack([np.einsum("mia,mij,mjb->ab", gain, part, gain) for part in (image, printed[0])])
+    if errors.joint_places is not None:
+        covariance[1] = together_covariance(gain[None], rows, best_rotation, errors)[0]
     return *found, covariance, residual_scale(residual, image + printed[0])
+
+
+def _gain(rows: Array, spread: Array) -> Array:
+    """Return the gain (k, m, 2, 6) of the estimate that weights points by 1/spread."""
+    weighted = np.linalg.inv(spread) @ rows
+    return weighted @ information_inverse(np.einsum("kmia,kmib->kab", weighted, rows))[:, None]
 
 
 def refine_weighted(
@@ -300,12 +316,17 @@ def outlier(
     return worst if excess[worst] > OUTLIER_SIGMA**2 else None
 
 
+def nearly_flat(points: Array) -> bool:
+    """Return whether points (m, 3) are on a plane z = const, up to the bending of a print."""
+    return bool(np.ptp(points[:, 2]) <= FLATNESS * np.ptp(points[:, :2]))
+
+
 def _starts(points: Array, seen: Array, camera: Camera) -> tuple[Array, Array]:
     """Return finite initial poses (k, 3, 3), (k, 3)."""
-    height = points[0, 2]
-    flat = not np.ptp(points[:, 2])
+    height = points[:, 2].mean()
+    flat = nearly_flat(points)
     # A flat marker is solved in the plane z = 0, wherever its plane is.
-    moved = points - [0, 0, height] if flat else points
+    moved = points * [1, 1, 0] if flat else points
     solver = ESTIMATORS["ippe" if flat else "sqpnp"]
     assert isinstance(solver, PoseEstimator)
     found = Correspondences(moved, camera.ideal.to_pixels(seen)[None], camera.ideal).once(solver)

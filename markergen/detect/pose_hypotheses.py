@@ -37,6 +37,9 @@ class DotLayout:
     Attributes
     ----------
     points : array (n, 3), m
+        Of a flat marker in one plane, even if the places measured on a print are not.
+    places : array (n, 3), m
+        Places on the print, for the pose.
     radii : array (n,), m
     rings : array (n,) of bool
     flat : bool
@@ -50,6 +53,7 @@ class DotLayout:
     """
 
     points: Array
+    places: Array
     radii: Array
     rings: NDArray[np.bool_]
     flat: bool
@@ -81,7 +85,7 @@ def layout_of(marker: Marker) -> DotLayout:
     InputError
         If its control points are fewer than four or on one line, or a dot has no size.
     """
-    points = marker.xyz
+    points = marker.search_xyz
     features = [point.feature for point in marker.control_points]
     radii = np.array([feature.diameter / 2 for feature in features])
     if len(points) < 4:
@@ -100,7 +104,7 @@ def layout_of(marker: Marker) -> DotLayout:
     reach = min(2.0, 0.5 * float((distance.min(axis=-1) / radii).min()))
     flat = not np.ptp(points[:, 2])
     near = np.argsort(distance, axis=-1, kind="stable")[:, : min(len(points) - 1, NEAR_DOTS)]
-    return DotLayout(points, radii, rings, flat, _pairs(points, rings, near), near, reach)
+    return DotLayout(points, marker.xyz, radii, rings, flat, _pairs(points, rings, near), near, reach)
 
 
 def _pairs(points: Array, rings: NDArray[np.bool_], near: Indices) -> Indices:

@@ -41,6 +41,9 @@ class ErrorSources:
     place_covariance : array (n, 2, 2) or None
         Covariance in m^2 of the positions, along x and y, of n points measured on the print, which replaces
         print_sigma; nan for points that were not measured. See `of`.
+    joint_places : array (n, 3, n, 3) or None
+        Joint covariance in m^2 of the positions of n points measured together, instead of that; nan for points that
+        were not measured. Weights are those of the single points; what their common errors do to the pose is exact.
     scale_sigma : float
         Standard deviation of the print's scale along x, and independently along y, as a fraction: 0.001 is 0.1 %.
         Measured points have none.
@@ -54,6 +57,7 @@ class ErrorSources:
     print_sigma: float = 1e-4
     camera_covariance: Array | None = None
     place_covariance: Array | None = None
+    joint_places: Array | None = None
     scale_sigma: float = 0.0
 
     def __post_init__(self) -> None:
@@ -76,33 +80,58 @@ class ErrorSources:
 
     def of(self, marker: Marker, chosen: NDArray[np.intp] | slice = slice(None)) -> "ErrorSources":
         """Sources for the chosen control points of a marker, by index, with their measured positions if any."""
-        places = marker.place_covariance
-        return replace(self, place_covariance=None if places is None else places[chosen])
+        places, joint = marker.place_covariance, marker.joint_places
+        return replace(
+            self,
+            place_covariance=None if places is None else places[chosen],
+            joint_places=None if joint is None else joint[chosen][:, :, chosen],
+        )
 
     def place_blocks(self, n: int, axes: int) -> Array:
         """Covariances (n, axes, axes) in m^2 of the positions of n points: as measured, else from print_sigma.
 
-        Heights are never measured.
+        Heights are measured only together with all other places.
         """
         blocks = np.broadcast_to(self.print_sigma**2 * np.eye(axes), (n, axes, axes)).copy()
+        known = self._measured(n)
         if self.place_covariance is not None:
-            known = np.isfinite(self.place_covariance).all(axis=(-2, -1))
             blocks[known, :2, :2] = self.place_covariance[known]
+        if self.joint_places is not None:
+            index = np.flatnonzero(known)
+            blocks[index] = self.joint_places[index, :axes, index, :axes]
         return blocks
+
+    def whole(self, n: int, axes: int) -> Array:
+        """Joint covariance (axes n, axes n) in m^2 of the positions of n points."""
+        whole = np.zeros((n, axes, n, axes))
+        if self.joint_places is not None:
+            whole[:] = np.nan_to_num(self.joint_places[:, :axes, :, :axes])
+        index = np.arange(n)
+        whole[index, :, index, :] = self.place_blocks(n, axes)
+        return whole.reshape(axes * n, axes * n)
+
+    def _measured(self, n: int) -> NDArray[np.bool_]:
+        """Return which of n points were measured."""
+        if self.joint_places is not None:
+            index = np.arange(n)
+            return np.asarray(np.isfinite(self.joint_places[index, 0, index, 0]))
+        if self.place_covariance is not None:
+            return np.asarray(np.isfinite(self.place_covariance).all(axis=(-2, -1)))
+        return np.zeros(n, dtype=bool)
 
     def scaled(self, points: Array) -> Array:
         """Displacements (n, 2, 2) in m of points (n, 2 or 3) by one sigma of the scale of x (columns: 0) and y (1)."""
         moved: Array = self.scale_sigma * points[:, :2, None] * np.eye(2)
-        if self.place_covariance is not None:
-            moved[np.isfinite(self.place_covariance).all(axis=(-2, -1))] = 0.0
+        moved[self._measured(len(points))] = 0.0
         return moved
 
     @property
     def largest_place_sigma(self) -> float:
         """Largest standard deviation in m of any point's position along any direction."""
-        if self.place_covariance is None:
+        places = self.place_covariance if self.joint_places is None else self.joint_places
+        if places is None:
             return self.print_sigma
-        blocks = self.place_blocks(len(self.place_covariance), 2)
+        blocks = self.place_blocks(len(places), 2)
         return float(np.sqrt(max(np.linalg.eigvalsh(blocks).max(initial=0.0), 0.0)))
 
 
@@ -183,6 +212,8 @@ def pose_budget(
     image, printed = (
         gain.swapaxes(-1, -2) @ _stack(part @ gain.reshape(count, n, 2, 6)) for part in (image_covariance, printing)
     )
+    if sources.joint_places is not None:
+        printed = together_covariance(gain.reshape(count, n, 2, 6), jacobian, rotation, sources)
     if sources.scale_sigma:
         together = _stack(jacobian[..., 3:] @ rotation[:, None, :, :2] @ sources.scaled(points))
         scaled = gain.swapaxes(-1, -2) @ together
@@ -222,10 +253,26 @@ def print_covariance(jacobian: Array, points: Array, rotation: Array, sources: E
     # A displaced control point moves in the camera frame as if the marker were translated by R times the displacement.
     axes = 3 if points.shape[1] == 3 and points[:, 2].any() else 2
     displaced = jacobian[..., 3:] @ rotation[:, None, :, :axes]
-    if sources.place_covariance is None:
+    if sources.place_covariance is None and sources.joint_places is None:
         displaced = sources.print_sigma * displaced
         return displaced @ displaced.swapaxes(-1, -2)
     return displaced @ sources.place_blocks(len(points), axes) @ displaced.swapaxes(-1, -2)
+
+
+def together_covariance(gain: Array, jacobian: Array, rotation: Array, sources: ErrorSources) -> Array:
+    """Covariance (P, 6, 6) of a pose due to points that were measured together: G' J R S R' J' G.
+
+    Parameters
+    ----------
+    gain : array (P, n, 2, 6)
+        G of the estimate: the pose's error is the sum over the points of G' e.
+    jacobian, rotation, sources
+        As for `print_covariance`.
+    """
+    count, n = gain.shape[:2]
+    through = gain.swapaxes(-1, -2) @ jacobian[..., 3:] @ rotation[:, None]
+    through = through.swapaxes(1, 2).reshape(count, 6, 3 * n)
+    return np.asarray(through @ sources.whole(n, 3) @ through.swapaxes(-1, -2), dtype=float)
 
 
 def point_budget(

@@ -61,7 +61,7 @@ def outputs_of(
         suffix = suffix_of(path)
         if suffix != RECORD:
             for marker in every:
-                check_supported(marker, f"for {suffix}", joint=False, light=holds_light(suffix))
+                check_supported(marker, f"for {suffix}", light=holds_light(suffix))
     return {path: EXPORTERS[suffix_of(path)](every, replace(choices, stem=stem_of(path))) for path in paths}
 
 

@@ -341,6 +341,28 @@ class Marker:
         return np.array(rows, dtype=float).reshape(-1, 2, 2)
 
     @cached_property
+    def joint_places(self) -> Array | None:
+        """Joint covariance (n, 3, n, 3) in m^2 of measured places, nan for other points; None if there is none."""
+        if self.joint_covariance is None:
+            return None
+        place = {point.id: k for k, point in enumerate(self.control_points)}
+        index = np.array([place[number] for number in self.joint_covariance.order], dtype=np.intp)
+        axes = len(self.joint_covariance.axes)
+        whole = np.full((len(self), 3, len(self), 3), np.nan)
+        whole[index[:, None, None, None], np.arange(3)[:, None, None], index[:, None], np.arange(3)] = 0.0
+        rows = index[:, None, None, None], np.arange(axes)[:, None, None], index[:, None], np.arange(axes)
+        whole[rows] = self.joint_covariance.array.reshape(len(index), axes, len(index), axes)
+        return whole
+
+    @cached_property
+    def search_xyz(self) -> Array:
+        """Control points (n, 3) in m with their designed heights: a print of a flat marker is only nearly flat."""
+        if all(point.designed_z is None for point in self.control_points):
+            return self.xyz
+        heights = [point.z if point.designed_z is None else point.designed_z for point in self.control_points]
+        return np.column_stack([self.xyz[:, :2], heights])
+
+    @cached_property
     def as_designed(self) -> "Marker":
         """The marker as designed, which is the one to draw, whatever was measured on a print of it."""
         measured = self.joint_covariance or any(
@@ -393,19 +415,17 @@ class Marker:
         return str(self.provenance.get("spec_hash", "unknown"))
 
 
-def check_supported(marker: Marker, doing: str, joint: bool = True, light: bool = True) -> None:
+def check_supported(marker: Marker, doing: str, light: bool = True) -> None:
     """Refuse a marker with features that marker.json supports and this program does not yet.
 
     Everything that reads, draws, makes or measures a marker calls this first, so that no light dot is made dark, no
-    cube is flattened, and no covariance is silently dropped.
+    cube is flattened.
 
     Parameters
     ----------
     marker : Marker
     doing : str
         Action, for the message: ``to detect``.
-    joint : bool
-        True if the action depends on how precisely the dots were measured.
     light : bool
         True if the action is possible for light dots. Light and dark dots on one marker are always refused: on no
         ground would both show.
@@ -424,10 +444,6 @@ def check_supported(marker: Marker, doing: str, joint: bool = True, light: bool 
     if marker.plates:
         names = ", ".join(plate.name for plate in marker.plates)
         raise InputError(f"a marker on one plate {doing}", f"plates: {names[:80]}", remedy)
-    if joint and marker.joint_covariance is not None:
-        raise InputError(
-            f"a covariance for each dot by itself {doing}", f"one of {len(marker.joint_covariance.order)} dots", remedy
-        )
 
 
 def light_marker(marker: Marker) -> Marker:

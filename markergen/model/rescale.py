@@ -133,6 +133,12 @@ def remeasure(marker: Marker, dots: tuple[MeasuredDot, ...], force: bool = False
         `force`. Also as `check_supported` does.
     """
     check_supported(marker, "to measure dots of")
+    if marker.joint_covariance is not None:
+        raise InputError(
+            "a marker whose dots were not measured by photographs",
+            "one that markergen calibrate wrote",
+            "measure the marker.json that was designed, and calibrate that",
+        )
     here = {point.id: point for point in marker.control_points}
     unknown = [dot.id for dot in dots if dot.id not in here]
     if unknown:

@@ -44,7 +44,7 @@ def render_view(
 
     See `render_patches`; the patches are those of `marker_patches`, with the default margin of the plate.
     """
-    check_supported(marker, "to render", joint=False)
+    check_supported(marker, "to render")
     patches = seen_patches(marker, camera, rotation, translation)
     return render_patches(patches, camera, rotation, translation, optics, rng, scenery)
 

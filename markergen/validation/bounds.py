@@ -185,7 +185,8 @@ def error_budget(series: SyntheticViews, bare_px: float = 0.0) -> dict[str, Any]
 def _outlook(series: SyntheticViews) -> str | None:
     """What more dots would bring (see `outlook`); None for a relief, bare points and measured prints."""
     marker, errors = series.marker, series.errors
-    if marker.height or not marker.dot_diameter or marker.place_covariance is not None or not len(series.poses):
+    measured = marker.place_covariance is not None or marker.joint_covariance is not None
+    if marker.height or measured or not marker.dot_diameter or not len(series.poses):
         return None
     optics = series.optics
     spec = Spec(

@@ -16,17 +16,21 @@ def displacement(
 ) -> Array:
     """Sample errors (n, axes) in m of the dots: Gaussian in the plane, with 3 axes also in height if any dot is raised.
 
-    Errors of measured dots follow their covariance, those of others ``errors.print_sigma`` along each axis and, all
-    together, ``errors.scale_sigma``. `prints` is the shape of a batch, the first axes of the result; () samples one
-    print.
+    Errors of measured dots follow their covariance, all together if they were measured together, those of others
+    ``errors.print_sigma`` along each axis and, all together, ``errors.scale_sigma``. `prints` is the shape of a batch,
+    the first axes of the result; () samples one print.
     """
     offset = rng.standard_normal((*prints, len(marker), axes))
-    if not marker.xyz[:, 2].any():
-        offset[..., 2:] = 0
     places = errors.of(marker)
+    if not marker.xyz[:, 2].any() and places.joint_places is None:
+        offset[..., 2:] = 0
     scaled = np.zeros_like(offset)
     if places.scale_sigma:
         scaled[..., :2] = (places.scaled(marker.xyz) @ rng.standard_normal((*prints, 1, 2, 1)))[..., 0]
+    if places.joint_places is not None:
+        values, vectors = np.linalg.eigh(places.whole(len(marker), axes))
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        return (offset.reshape(*prints, -1) @ root.T).reshape(offset.shape) + scaled
     if places.place_covariance is None:
         return errors.print_sigma * offset + scaled
     values, vectors = np.linalg.eigh(places.place_blocks(len(marker), axes))

@@ -145,7 +145,7 @@ def verify(marker: Marker, path: Path, tolerance: float | None = None) -> Check:
     MissingLibraryError
         If the file is STEP or BREP and the CAD kernel is missing.
     """
-    check_supported(marker, "to verify a file against", joint=False)
+    check_supported(marker, "to verify a file against")
     check_tolerance(tolerance)
     reader = reader_of(path)
     # Numbers in a file that overflow become infinite and are left out.

@@ -19,7 +19,6 @@ from markergen.model.boundary import Circle
 from markergen.model.feature import Feature
 from markergen.model.marker import (
     ControlPoint,
-    JointCovariance,
     Marker,
     MeasuredSize,
     Plate,
@@ -182,11 +181,7 @@ def on_plates(pentagon):
     return replace(pentagon, plates=(Plate("front", np.eye(3), (0, 0, 0), pentagon.boundary, (0, 1, 2, 3, 4)),))
 
 
-def jointly(pentagon):
-    return replace(pentagon, joint_covariance=JointCovariance((0, 1, 2, 3, 4), "xy", np.eye(10) * 1e-10))
-
-
-UNUSED = {"light dots": with_light, "plates": on_plates, "one of 5 dots": jointly}
+UNUSED = {"light dots": with_light, "plates": on_plates}
 
 
 @pytest.fixture(params=UNUSED)
@@ -213,19 +208,11 @@ def test_what_cannot_be_used_yet_is_refused_at_every_door(unused, setting, tmp_p
         "to compare": [lambda: line_up([str(path)])],
         "to rescale": [lambda: rescale(made, Rulers(0.199, None))],
         "to measure dots of": [lambda: remeasure(made, (MeasuredDot(0, 0, 0), MeasuredDot(1, 1, 0)))],
-    }
-    # How well dots were measured is nothing to those that draw what was designed.
-    drawn = {
         "for .svg": [lambda: outputs_of(made, [tmp_path / "m.svg"])],
         "for .csv": [lambda: outputs_of(made, [tmp_path / "m.json", tmp_path / "m.csv"])],
         "to verify a file against": [lambda: verify(made, tmp_path / "m.svg")],
         "to render": [lambda: seen(made, setting)],
     }
-    if made.joint_covariance is None:
-        doors |= drawn
-    else:
-        outputs_of(made, [tmp_path / "m.svg"])
-        seen(made, setting)
     for doing, calls in doors.items():
         for call in calls:
             with pytest.raises(InputError) as caught:
