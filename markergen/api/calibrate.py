@@ -24,7 +24,7 @@ from markergen.options import (
     signature_of,
 )
 from markergen.options.calibration import CalibrateKeywords
-from markergen.read.cameras.covariance import read_camera_covariance
+from markergen.read.cameras.covariance import camera_covariance
 from markergen.units import format_length, parse_length
 
 _log = logging.getLogger(__name__)
@@ -104,11 +104,9 @@ def calibrate(
     others = as_list(settled["also"] or ())
     designs = [marker_of(each) for each in (marker, *others)]
     taken = camera_of(camera)
-    covariance = None
-    if settled["camera_covariance"] is not None:
-        if taken is None:
-            raise InputError("a camera that the covariance belongs to", "none", "give it with --camera")
-        covariance = read_camera_covariance(settled["camera_covariance"], taken)
+    if taken is None and settled["camera_covariance"] is not None:
+        raise InputError("a camera that the covariance belongs to", "none", "give it with --camera")
+    covariance = None if taken is None else camera_covariance(settled["camera_covariance"], camera, taken)
     known = Known(
         taken,
         covariance,

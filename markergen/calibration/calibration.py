@@ -3,12 +3,16 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from os import PathLike
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from markergen.calibration.adjustment import Adjustment
+from markergen.calibration.camera_choice import CameraChoice
+from markergen.calibration.flexing import Flex
+from markergen.calibration.judging import CrossValidation, Halves, NotJudged
 from markergen.calibration.sightings import Sightings
 from markergen.calibration.working_error import ExpectedError
 from markergen.errors import InputError
@@ -18,6 +22,7 @@ from markergen.model.marker import Marker
 from markergen.model.marker_json import to_json
 from markergen.presentation.results import SavableResult, Targets, json_bytes, plain
 from markergen.presentation.tables import Table
+from markergen.read.cameras.writing import camera_bytes, check_camera_path
 
 Array = NDArray[np.float64]
 
@@ -55,6 +60,10 @@ class Calibration(SavableResult):
         What the scale of the print comes from, as a sentence.
     notes : tuple of str
         Warnings, as sentences.
+    cross_validation, halves, flex
+        What left-out photographs, two halves, and a test for bending say; `NotJudged` where there are too few.
+    camera_choice : CameraChoice, NotJudged or None
+        Which parameters of an unknown camera were tried and taken; None if the camera was given.
 
     Examples
     --------
@@ -67,6 +76,7 @@ class Calibration(SavableResult):
 
     KINDS: ClassVar[Mapping[str, str]] = {
         ".json": "marker",
+        **dict.fromkeys((".yaml", ".yml", ".xml", ".txt"), "camera"),
     }
 
     designs: tuple[Marker, ...]
@@ -83,6 +93,10 @@ class Calibration(SavableResult):
     after: ExpectedError
     scale_source: str
     notes: tuple[str, ...]
+    cross_validation: CrossValidation | NotJudged
+    halves: Halves | NotJudged
+    flex: Flex | NotJudged
+    camera_choice: CameraChoice | NotJudged | None
     written: tuple[Written, ...] = ()
 
     def parts(self) -> list[str | Table]:
@@ -116,6 +130,9 @@ class Calibration(SavableResult):
             If there is another number of files than of markers, or one for markers or a camera that were held.
         """
         kinds = [kind for kind, _ in targets.files]
+        for kind, path in targets.files:
+            if kind == "camera":
+                check_camera_path(path)
         asked = kinds.count("marker")
         if asked and not measured:
             raise InputError("no marker.json to write with --geometry nominal", "one", "leave it out")
@@ -137,6 +154,12 @@ class Calibration(SavableResult):
         }
         write_all(contents)
         return [Written(path) for path in contents]
+
+    def content(self, kind: str, path: Path) -> bytes:
+        """See `SavableResult.content`."""
+        if kind == "camera":
+            return camera_bytes(self.camera, path, self.camera_covariance, self.adjustment.rms)
+        return super().content(kind, path)
 
     def saved(self, targets: Targets) -> "Calibration":
         """Write targets that were checked before, and return the result with what was written."""
@@ -191,5 +214,20 @@ class Calibration(SavableResult):
                 for row, view in enumerate(views.tolist())
             ],
             "unused": {sightings.photos[k]: reason for k, reason in sightings.unused.items()},
+            "left_out": self._left_out(),
+            "halves": {"verdict": self.halves.verdict, "rms_um": self.halves.rms_um, "chance": self.halves.chance}
+            if isinstance(self.halves, Halves)
+            else {"reason": self.halves.reason},
+            "flex": {"verdict": self.flex.verdict, "amplitude": self.flex.amplitude, "chance": self.flex.chance}
+            if isinstance(self.flex, Flex)
+            else {"reason": self.flex.reason},
             "notes": self.notes,
         }
+
+    def _left_out(self) -> dict[str, Any]:
+        found = self.cross_validation
+        if isinstance(found, NotJudged):
+            return {"reason": found.reason}
+        rms = {"measured_px": found.measured.rms, "nominal_px": found.best_nominal.rms}
+        gain = {"gain": found.gain.ratio, "low": found.gain.low, "high": found.gain.high}
+        return {"verdict": found.verdict, **rms, **gain, "better": found.better}

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from markergen.calibration.adjustment import Adjustment, UndeterminedError
 from markergen.calibration.calibration import Calibration
+from markergen.calibration.camera_choice import CameraChoice, choose_camera
+from markergen.calibration.flexing import Flex, flexing
+from markergen.calibration.judging import NotJudged, compare_halves, cross_validate
 from markergen.calibration.network import CameraFreedom, Length, Network, Views
 from markergen.calibration.outliers import Cleaned, adjust_robustly
 from markergen.calibration.photos import find_dots
@@ -132,6 +135,8 @@ def calibrate(
     InputError
         If no photograph can be used, or they do not determine what is asked for.
     """
+    # A print that was calibrated before is measured anew, from its design.
+    designs = [marker.as_designed if marker.joint_covariance else marker for marker in designs]
     sightings, camera = find_dots(
         designs, photos, known.camera, camera_covariance=known.covariance, progress=progress, workers=workers
     )
@@ -142,16 +147,23 @@ def calibrate(
     report("adjusting", 0, 1)
     chosen = np.flatnonzero(sightings.views.seen.sum(axis=0) >= (2 if known.free else 1))
     views = _columns(sightings.views, chosen)
-    names: tuple[str, ...] = () if known.camera else BASE
-    network = part_of(network_of(designs, known, camera, names), chosen)
+    network = part_of(network_of(designs, known, camera, () if known.camera else BASE), chosen)
+    choice: CameraChoice | NotJudged | None = None
     try:
         cleaned = adjust_robustly(network, views)
+        if known.camera is None:
+            found, photo = cleaned.adjustment, sightings.photo[cleaned.used]
+            choice = choose_camera(found.network, found.views, photo, found.weights)
+            if isinstance(choice, CameraChoice) and choice.names != BASE:
+                cleaned = adjust_robustly(replace(network, camera=choice.camera, freedom=choice.freedom), views)
         _ = cleaned.adjustment.unscaled
     except UndeterminedError as error:
         raise InputError(str(error), "others", "take more photographs, from other directions") from None
-    found = _result(designs, known, sightings, chosen, cleaned, names)
     report("adjusting", 1, 1)
-    return found
+    report("judging", 0, 1)
+    result = _result(designs, known, sightings, chosen, cleaned, choice)
+    report("judging", 1, 1)
+    return result
 
 
 def _columns(views: Views, chosen: NDArray[np.intp]) -> Views:
@@ -166,9 +178,16 @@ def _result(
     sightings: Sightings,
     chosen: NDArray[np.intp],
     cleaned: Cleaned,
-    names: tuple[str, ...],
+    choice: CameraChoice | NotJudged | None,
 ) -> Calibration:
-    adjustment = cleaned.adjustment
+    adjustment, photo = cleaned.adjustment, sightings.photo[cleaned.used]
+    names = () if known.camera else choice.names if isinstance(choice, CameraChoice) else BASE
+    cross, halves, flex = cross_validate(adjustment, photo), compare_halves(adjustment, photo), flexing(adjustment)
+    notes = [flex.verdict] if isinstance(flex, Flex) and flex.bends else []
+    if isinstance(choice, CameraChoice):
+        notes += choice.notes
+    elif choice is not None:
+        notes.append(f"which parameters the camera needs was not judged: {choice.reason}")
     markers = tuple(designs)
     if known.free:
         markers = tuple(_measured(designs, k, chosen, adjustment, len(sightings.photos)) for k in range(len(designs)))
@@ -186,8 +205,16 @@ def _result(
         cleaned.dropped,
         *_expected(designs, known, adjustment),
         _scale_source(adjustment.network),
-        (),
+        tuple(_sentence(note) for note in notes),
+        cross,
+        halves,
+        flex,
+        choice,
     )
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:].rstrip(".") + "."
 
 
 def _measured(

@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+from markergen.calibration.judging import NotJudged
 from markergen.presentation.tables import Table
 from markergen.units import format_length
 
@@ -21,6 +22,11 @@ def summary(found: "Calibration") -> list[str | Table]:
         found.scale_source,
         f"{len(found.chosen)} dots in {used} of {len(sightings.photos)} photographs; residuals {adjustment.rms:.3f} px "
         f"RMS, chi2 {adjustment.variance_factor:.2f} per degree of freedom; {int(found.dropped.sum())} dots rejected.",
+    ]
+    said += [
+        each.verdict[:1].upper() + each.verdict[1:] + "."
+        for each in (found.cross_validation, found.halves)
+        if not isinstance(each, NotJudged)
     ]
     if found.camera_covariance is not None:
         said.append(f"Camera: {found.camera}.")
