@@ -5,8 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from markergen.calibration.network import CameraFreedom, Network, Views
-from markergen.maths.rotation import exponential, turn_z
+from markergen.calibration.adjustment import Adjustment, adjust
+from markergen.calibration.network import CameraFreedom, Network, Views, moved_camera
+from markergen.calibration.working_error import sensitivity
+from markergen.maths.rotation import exponential, logarithm, turn_z
 from markergen.model.camera import Camera, Distortion
 
 Array = NDArray[np.float64]
@@ -181,3 +183,32 @@ def nees(error: Array, covariance: Array, rank: int) -> float:
     values, vectors = np.linalg.eigh(covariance)
     along = vectors[:, -rank:].T @ error
     return float((along**2 / values[-rank:]).mean())
+
+
+def wrong_camera(rng: np.random.Generator, sigma: Array, camera: Camera = CAMERA) -> tuple[Camera, CameraFreedom]:
+    """Camera of an earlier calibration, off by its own `sigma` (k,), and the freedom that this leaves it."""
+    return moved_camera(camera, rng.normal(0, 1, len(sigma)) * sigma), CameraFreedom.of_covariance(np.diag(sigma**2))
+
+
+def claims(made: SimulatedSet, found: Adjustment, rng: np.random.Generator, sigma: float = 0.03) -> tuple[float, float]:
+    """NEES per degree of freedom of the measured dots, and of the pose of a fresh view that is fitted with them.
+
+    The covariance of the pose is that of its image noise, and of dots and camera together (see `working_error`).
+    """
+    network, n = found.network, len(made.design)
+    rotation, translation = hand_held(1, rng, made.design, made.camera)
+    places, rotations, translations = in_gauge(network, made.true, rotation, translation)
+    gauge = network.gauge(network.design).shape[1]
+    dots = nees((found.places - places).ravel(), found.covariance, 3 * n - gauge)
+    fresh = photographed(made.design, made.true, rotation, translation, rng, sigma, made.camera)
+    held = replace(
+        network, design=found.places, camera=found.camera, freedom=CameraFreedom.held(found.camera), free=False
+    )
+    start = replace(fresh.views, rotation=rotations, translation=translations)
+    pose = adjust(held, start).views
+    told = sensitivity(found.places, found.camera, pose.rotation, pose.translation, sigma, np.zeros((n, 3, 3)))
+    spread = told.image[0] + told.transfer[0] @ found.joint @ told.transfer[0].T
+    turned = logarithm(pose.rotation[0] @ rotations[0].T)
+    off = np.concatenate([turned, pose.translation[0] - translations[0]])
+    scale = np.sqrt(np.diag(spread))
+    return dots, nees(off / scale, spread / scale / scale[:, None], 6)
