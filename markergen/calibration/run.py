@@ -184,6 +184,7 @@ def _result(
     names = () if known.camera else choice.names if isinstance(choice, CameraChoice) else BASE
     cross, halves, flex = cross_validate(adjustment, photo), compare_halves(adjustment, photo), flexing(adjustment)
     notes = [flex.verdict] if isinstance(flex, Flex) and flex.bends else []
+    notes += sightings.doubts
     if isinstance(choice, CameraChoice):
         notes += choice.notes
     elif choice is not None:
