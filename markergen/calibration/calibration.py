@@ -229,5 +229,5 @@ class Calibration(SavableResult):
         if isinstance(found, NotJudged):
             return {"reason": found.reason}
         rms = {"measured_px": found.measured.rms, "nominal_px": found.best_nominal.rms}
-        gain = {"gain": found.gain.ratio, "low": found.gain.low, "high": found.gain.high}
-        return {"verdict": found.verdict, **rms, **gain, "better": found.better}
+        gain = found.gain and {"gain": found.gain.ratio, "low": found.gain.low, "high": found.gain.high}
+        return {"verdict": found.verdict, **rms, **(gain or {}), "better": found.better}

@@ -209,7 +209,7 @@ def _within_sigma(found: Adjustment, start: Camera, names: Sequence[str]) -> boo
     except UndeterminedError:
         return True
     moved = (parameters_of(found.camera) - parameters_of(start))[chosen]
-    return squared_length(moved, spread, len(names)) < float(chi2_distribution.ppf(0.95, len(names)))
+    return squared_length(moved, spread)[0] < float(chi2_distribution.ppf(0.95, len(names)))
 
 
 def _with_lens(camera: Camera) -> Camera:

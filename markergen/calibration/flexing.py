@@ -66,6 +66,8 @@ def flexing(adjustment: Adjustment) -> Flex | NotJudged:
     from scipy.stats import f as fisher
 
     parts, views, network = adjustment.normal, adjustment.views, adjustment.network
+    if not network.free:
+        return NotJudged("bending is not told apart from the errors of a print that is taken as designed")
     try:
         unscaled = adjustment.unscaled
     except UndeterminedError:

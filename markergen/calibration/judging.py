@@ -36,7 +36,7 @@ LEAST_IN_HALF = 3
 LEAST_DOTS = 4
 """Minimum number of dots of a view: fewer tell nothing but the pose."""
 
-_FLOOR_PX = 1e-6
+_FLOOR_PX, _SINGULAR = 1e-6, 1e-6
 
 
 @dataclass(frozen=True)
@@ -132,15 +132,16 @@ class CrossValidation:
         Designed dots, the same camera.
     refitted : LeftOut or None
         Designed dots, and the camera that suits them best in the other photographs; None if the camera was held.
-    gain : Paired
-        How many times smaller the residuals are with the measured print than with the design at its best.
+    gain : Paired or None
+        How many times smaller the residuals are with the measured print than with the design at its best; None if the
+        dots were held at the design.
     """
 
     photos: Index
     measured: LeftOut
     nominal: LeftOut
     refitted: LeftOut | None
-    gain: Paired
+    gain: Paired | None
 
     @property
     def best_nominal(self) -> LeftOut:
@@ -150,12 +151,14 @@ class CrossValidation:
     @property
     def better(self) -> bool:
         """Whether the measured print predicts better, by more than chance (95 %)."""
-        return self.gain.low > 1
+        return self.gain is not None and self.gain.low > 1
 
     @property
     def verdict(self) -> str:
         """The comparison as a sentence."""
         gain, rms, nominal = self.gain, self.measured.rms, self.best_nominal.rms
+        if gain is None:
+            return f"left-out photographs are predicted to {rms:.3g} px RMS"
         numbers = f"{rms:.3g} px RMS against {nominal:.3g} px"
         interval = f"95 % interval {gain.low:.3g} to {gain.high:.3g}, {gain.photos} photographs"
         if self.better:
@@ -239,18 +242,18 @@ def cross_validate(adjustment: Adjustment, photo: Index, seed: int = 0) -> Cross
     photos, (measured, nominal, refitted) = np.unique(photo), found
     if np.isfinite(measured.squares).sum() < LEAST_JUDGED:
         return NotJudged(f"{len(photos)} photographs are too few for leaving some out")
-    if not len(network.freedom):
-        return CrossValidation(photos, measured, nominal, None, Paired.of(nominal, measured))
-    return CrossValidation(photos, measured, nominal, refitted, Paired.of(refitted, measured))
+    best = refitted if len(network.freedom) else nominal
+    gain = Paired.of(best, measured) if network.free else None
+    return CrossValidation(photos, measured, nominal, refitted if len(network.freedom) else None, gain)
 
 
 def compare_halves(adjustment: Adjustment, photo: Index, seed: int = 0) -> Halves | NotJudged:
     """Measure the print twice, by two halves of the photographs, and compare.
 
     Photographs that are alike in tilt, roll and distance are paired, and one of each pair goes to each half. With the
-    claimed covariances C1, C2 and the information P about the unknowns before the photographs, which both halves share,
+    information N1, N2 of the halves, and P about the unknowns before the photographs, which both halves share,
 
-        cov(x2 - x1) = C1 + C2 - C1 P C2 - C2 P C1.
+        cov(x2 - x1) = C1 N1 C1 + C2 N2 C2 + (C2 - C1) P (C2 - C1),    C = (N + P)^-1 the claimed covariance.
 
     Parameters
     ----------
@@ -280,27 +283,32 @@ def compare_halves(adjustment: Adjustment, photo: Index, seed: int = 0) -> Halve
         covariances = [each.unscaled for each in halves]
     except UndeterminedError:
         return NotJudged("half of the photographs does not determine the dots")
-    known = replace(halves[0], views=halves[0].views.take(slice(0)), weights=halves[0].weights[:0]).normal.rest
-    shared = covariances[0] @ known @ covariances[1]
-    spread = adjustment.scale * (covariances[0] + covariances[1] - shared - shared.T)
+    known = [replace(each, views=each.views.take(slice(0)), weights=each.weights[:0]).normal.rest for each in halves]
+    spread: Array = covariances[0] + covariances[1]
+    if known[0].any():
+        apart = covariances[1] - covariances[0]
+        spread = apart @ known[0] @ apart
+        for half, before, each in zip(halves, known, covariances, strict=True):
+            spread += each @ (half.normal.reduced() - before) @ each
+    spread = adjustment.scale * spread
     difference = halves[1].places - halves[0].places
-    freedom = size - halves[0].network.gauge(halves[0].network.design).shape[1] if size else 0
-    chi2 = squared_length(difference.ravel(), spread[:size, :size], freedom)
-    blocks = [slice(3 * k, 3 * k + 3) for k in range(len(difference) if size else 0)]
-    each = np.array([squared_length(difference[k], spread[block, block], 3) for k, block in enumerate(blocks)])
-    free = spread.shape[0] - size
+    difference = difference[: size // 3]
+    chi2, freedom = squared_length(difference.ravel(), spread[:size, :size])
+    blocks = [slice(3 * k, 3 * k + 3) for k in range(len(difference))]
+    each = np.array([squared_length(difference[k], spread[block, block])[0] for k, block in enumerate(blocks)])
     moved = parameters_of(halves[1].camera) - parameters_of(halves[0].camera)
     step: Array = np.linalg.pinv(network.freedom.directions) @ moved
+    camera_chi2, free = squared_length(step, spread[size:, size:])
     return Halves(
         (photos[~second], photos[second]),
         np.flatnonzero(kept) if size else np.zeros(0, dtype=np.intp),
-        difference if size else difference[:0],
+        difference,
         chi2,
         freedom,
         float(chi2_distribution.sf(chi2, freedom)) if freedom else 1.0,
         each,
         (halves[0].camera, halves[1].camera),
-        squared_length(step, spread[size:, size:], free) / free if free else None,
+        camera_chi2 / free if free else None,
     )
 
 
@@ -463,14 +471,15 @@ def _second_half(views: Views, rng: np.random.Generator) -> Mask:
     return chosen
 
 
-def squared_length(error: Array, covariance: Array, rank: int) -> float:
-    """Squared length of an error by the `rank` largest eigenvalues of its covariance."""
-    if not rank:
-        return 0.0
+def squared_length(error: Array, covariance: Array) -> tuple[float, int]:
+    """Squared length of an error by its covariance, and its degrees of freedom: the directions in which it can vary."""
+    if not len(error):
+        return 0.0, 0
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     values, vectors = np.linalg.eigh(covariance / scale / scale[:, None])
-    along = vectors[:, -rank:].T @ (error / scale)
-    return float((along**2 / np.maximum(values[-rank:], 1e-15)).sum())
+    kept = values > _SINGULAR * values[-1]
+    along = vectors[:, kept].T @ (error / scale)
+    return float((along**2 / values[kept]).sum()), int(kept.sum())
 
 
 def parameters_of(camera: Camera) -> Array:

@@ -45,6 +45,7 @@ _REMEDIES = {
     "heights of the dots": _TILT,
     "depths of the dots": f"take photographs from other directions: {_TILT}",
     "places of the dots": f"take more photographs: {_TILT}",
+    "scale of the print": "measure a longer length with --measured, or measure it better",
     "focal length against distance": _TILT,
     "principal point against tilt": f"{_TILT}, and {_ROLL}",
     "fx against fy": _ROLL,
@@ -296,6 +297,13 @@ def _name(adjustment: Adjustment, pattern: Array, units: Array, names: Sequence[
     each = (dots**2).sum(axis=1)
     if each.max() > MOSTLY * each.sum():
         return names[int(np.argmax(each))]
+    grown, network = 0.0, adjustment.network
+    for marker in np.unique(network.marker):
+        own = network.marker == marker
+        centered = adjustment.places[own] - adjustment.places[own].mean(axis=0)
+        grown += float((dots[own] * centered).sum()) ** 2 / max(float((centered**2).sum()), 1e-300)
+    if grown > MOSTLY * each.sum():
+        return "scale of the print"
     if (dots[:, 2] ** 2).sum() > MOSTLY * each.sum():
         return "heights of the dots"
     views = adjustment.views

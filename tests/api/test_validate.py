@@ -134,6 +134,17 @@ def test_bad_input_is_our_own_error_in_one_line(arguments, options, said, pentag
     assert list(tmp_path.iterdir()) == []
 
 
+def test_the_covariance_in_the_file_of_the_camera_is_counted(pentagon, tmp_path):
+    path, given = tmp_path / "camera.toml", tmp_path / "sigmas.txt"
+    PAPER_CAMERA.save(path, [2, 2, 1.5, 1.5])
+    given.write_text("2 2 1.5 1.5")
+    few = FAST | {"poses": "cone:count=4"}
+    found = validate(pentagon, path, **few).results["budget"]
+    assert found == validate(pentagon, PAPER_CAMERA, camera_covariance=given, **few).results["budget"]
+    assert found["rotation_deg"]["camera"] > 0
+    assert validate(pentagon, path, camera_covariance="none", **few).results["budget"]["camera_exact"]
+
+
 def test_saving_nothing_is_refused_and_none_asks_for_nothing(proved, pentagon):
     assert not validate(pentagon, **{**FAST, "save": None}).written
     for nothing in ((), (None,)):

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.calibration_sets import hand_held, in_gauge, layout, photographed, printed
 from markergen.calibration.adjustment import UndeterminedError, adjust
-from markergen.calibration.network import CameraFreedom
+from markergen.calibration.network import CameraFreedom, Length
 from markergen.calibration.weaknesses import explain, findings, rarely_seen, refusal
 from markergen.maths.rotation import exponential, turn_z
 
@@ -90,6 +90,14 @@ def test_one_roll_leaves_the_ratio_of_the_focal_lengths_open():
     assert "turn the camera" in found[0].remedy
     assert _found(24, *_tilted(20, np.random.default_rng(0), roll=True), names=names) == ()
     assert _found(24, *_tilted(20, np.random.default_rng(0)), names=BASE) == ()
+
+
+def test_a_length_that_is_measured_poorly_leaves_the_scale_open():
+    made, network = _set(6, *hand_held(15, np.random.default_rng(0), layout(6)))
+    found = findings(adjust(replace(network, lengths=(Length(0, 1, 0.11, 5e-4),)), made.views))
+    assert [each.what for each in found] == ["scale of the print"]
+    assert "--measured" in found[0].remedy
+    assert not found[0].refuses
 
 
 def test_too_few_photographs_are_refused():

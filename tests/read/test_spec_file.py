@@ -89,6 +89,18 @@ def test_an_edge_around_an_outline_is_refused_but_in_a_marker_that_has_one(shape
     assert spec_from_mapping(rectangle, stored=True).substrate.edge == 0.005
 
 
+def test_a_design_for_all_errors_counts_the_covariance_in_the_file_of_the_camera(tmp_path):
+    path = tmp_path / "camera.toml"
+    PAPER_CAMERA.save(path, [2.0, 2, 1.5, 1.5])
+    expected = tuple(map(tuple, np.diag([4.0, 4, 2.25, 2.25]).tolist()))
+    for values in ({"n": "auto"}, {"target": "0.1deg@1.5m"}):
+        assert spec_from_mapping({**values, "camera": str(path)}).camera_covariance == expected
+        assert spec_from_mapping({**values, "camera": path, "camera_covariance": "none"}).camera_covariance is None
+    # To others it makes no difference.
+    assert spec_from_mapping({"n": 5, "camera": str(path)}).camera_covariance is None
+    assert spec_from_mapping({"n": 5, "camera_covariance": str(path)}).camera_covariance == expected
+
+
 def test_shapes_in_a_file_have_lengths_with_units(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(
