@@ -39,7 +39,7 @@ MOST_TRIED, ORDERS = 64, 4
 SIZE_SIGMA = 0.1
 """Standard deviation of the logarithm of a dot's area: of printed ink and of a rough ellipse."""
 
-SURELY = 30.0
+SURELY = 12.0
 """Difference of chi2 that settles labels by the dots' sizes alone."""
 
 
@@ -152,7 +152,7 @@ def alternatives(
         size = np.log(dots[2][own] ** 2 / np.linalg.det(drawn.shape[0]))
         size = (size - np.median(size)) / (2 * SIZE_SIGMA)
         guessed = Guess(labeled, dots[0][own], dots[1][own], rotation, translation)
-        found.append((guessed, float(np.minimum(size**2, 16).sum())))
+        found.append((guessed, float(np.minimum(size**2, 25).sum())))
     most = max(len(each.index) for each, _ in found)
     found = [each for each in found if len(each[0].index) == most]
     least = min(size for _, size in found)

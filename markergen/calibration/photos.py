@@ -214,8 +214,8 @@ def _told_apart(
             )
         if len(kept) > 1 and not settled.sure:
             doubts.append(
-                f"The photographs hardly tell the labels of the symmetric layout apart: chi2 {settled.chi2:.3g} against "
-                f"{settled.runner_up:.3g} for others; take more from one side"
+                f"The photographs hardly tell the labels of the symmetric layout apart: chi2 {settled.chi2:.3g}, for "
+                f"others {settled.runner_up:.3g}; take more from one side"
             )
         for k, guess in zip(kept, settled.guesses, strict=True):
             told[k] = replace(seen[k], index=guess.index, centers=guess.centers, covariance=guess.covariance)
