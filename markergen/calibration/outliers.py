@@ -26,7 +26,7 @@ CAUCHY = 2.385
 
 MEDIAN = float(chi2_distribution.median(2))
 
-LEAST_WEIGHT = 1e-3
+LEAST_WEIGHT = 1e-6
 """Factor on weights below which the robust cost does not go, so that every dot stays determined."""
 
 LEAST_DOTS = 4
