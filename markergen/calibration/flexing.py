@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 FALSE_ALARM = 0.005
 """Probability that a rigid marker is said to bend."""
 
+NEGLIGIBLE = 2e-5
+"""Amplitude in m of bending that is not worth telling: a fifth of a dot's usual error in a print."""
+
 _VISIBLE = 1e-6
 
 
@@ -47,8 +50,8 @@ class Flex:
 
     @property
     def bends(self) -> bool:
-        """Whether the marker bends, by more than chance."""
-        return self.chance < FALSE_ALARM
+        """Whether the marker bends, by more than chance and by an amount that matters."""
+        return self.chance < FALSE_ALARM and self.amplitude > NEGLIGIBLE
 
     @property
     def verdict(self) -> str:
@@ -58,7 +61,9 @@ class Flex:
                 f"the marker bends between the photographs, by {1e3 * self.amplitude:.2g} mm RMS over its dots "
                 "(or the lens model is too simple): fix it to a flat, stiff plate"
             )
-        return "the marker does not bend between the photographs by more than the residuals of a rigid one show"
+        if self.chance < FALSE_ALARM:
+            return f"the marker bends between the photographs by a negligible {1e3 * self.amplitude:.2g} mm RMS"
+        return "nothing shows that the marker bends between the photographs"
 
 
 def flexing(adjustment: Adjustment) -> Flex | NotJudged:

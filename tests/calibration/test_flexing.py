@@ -57,7 +57,15 @@ def test_bends_of_a_fifth_of_a_millimeter_are_noticed(unknown):
 def test_a_rigid_marker_does_not_bend():
     found = [_found(5, 20, 100 + k) for k in range(8)]
     assert not any(each.bends for each in found)
-    assert "does not bend" in found[0].verdict
+    assert "nothing shows" in found[0].verdict
+
+
+def test_a_hundredth_of_a_millimeter_is_negligible():
+    """Many dots show it, by far more than chance."""
+    found = _found(100, 20, 0, 5e-5)
+    assert found.chance < 1e-4
+    assert not found.bends
+    assert "negligible" in found.verdict
 
 
 def test_too_few_dots_cannot_tell():
