@@ -223,6 +223,14 @@ def test_verdict_says_what_to_do(both, two_markers, nominal):
     assert "from the first marker" in headline(two_markers)
 
 
+def test_only_the_print_differs_before_and_after(both, nominal):
+    """The camera that the photographs determined counts in both, apart from where the dots are."""
+    assert both.before.camera == pytest.approx(both.after.camera, rel=0.05)
+    assert both.before.print[0] > 3 * both.after.print[0]
+    assert nominal.before.camera[0] > 0
+    assert nominal.after == nominal.before
+
+
 def test_what_is_left_names_the_largest_source_first_and_what_lowers_it(both):
     error = replace(both.after, image=(0.01, 0.03), print=(0.03, 0.01), camera=(0.0, 0.0))
     assert shares(error)["print"] == pytest.approx((0.9, 0.1))
